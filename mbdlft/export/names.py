@@ -49,14 +49,7 @@ def _letter(letter: str) -> str:
 
 
 def identifiers(names: Sequence[str], where: str) -> dict[str, str]:
-    """Identifiers by name, all different.
-
-    Parameters
-    ----------
-    names : sequence of str
-    where : str
-        What they are names of, for the message.
-    """
+    """Identifiers by name, all different; `where` says in a message what they are names of."""
     by_name = {name: identifier(name) for name in names}
     check_different(by_name, where)
     return by_name

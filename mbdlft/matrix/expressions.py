@@ -7,6 +7,7 @@ arithmetic then shows that no denominator vanishes in the range of the parameter
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -39,12 +40,12 @@ from mbdlft.base.expression import (
     write,
 )
 from mbdlft.base.parameter import Parameter, exact_cosine_sine
-from mbdlft.base.unit import parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.multibody.scene.quantities import AngleSum
 
 _MOST_TURNS = 16
+_LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
 
 class MatrixForm(NamedTuple):
@@ -230,32 +231,33 @@ class _Resolver:
         cosine, sine = exact_cosine_sine(angle.constant)
         # labels have blanks or parentheses, so no name of a text is like them
         label = repr(angle.constant) if angle.constant else ""
-        parts: tuple[Expression, Expression] = (Number(cosine), Number(sine))
+        cosine_sine: tuple[Expression, Expression] = (Number(cosine), Number(sine))
         if not {cosine, sine} <= {-1.0, 0.0, 1.0}:
             constant = Number(angle.constant)
-            parts = (Call("cos", constant), Call("sin", constant))
+            cosine_sine = (Call("cos", constant), Call("sin", constant))
         for name, count in sorted(angle.multiples.items()):
-            c, s = Name(cosine_name(name)), Name(sine_name(name))
-            turn: tuple[Expression, Expression] = (c, s if count > 0 else Negative(s))
+            cosine_of, sine_of = Name(cosine_name(name)), Name(sine_name(name))
+            turn: tuple[Expression, Expression] = (
+                cosine_of,
+                sine_of if count > 0 else Negative(sine_of),
+            )
             for _ in range(abs(count)):
                 first, label = not label, f"{label} {'+' if count > 0 else '-'} {name}".lstrip(" +")
                 if first:
-                    parts = turn
+                    cosine_sine = turn
                     continue
                 # the new turn first: it acts on what the cosine and sine before it make of one signal
+                (a, b), (c, s) = turn, cosine_sine
                 rotated = (
-                    Binary("-", Binary("*", turn[0], parts[0]), Binary("*", turn[1], parts[1])),
-                    Binary("+", Binary("*", turn[1], parts[0]), Binary("*", turn[0], parts[1])),
+                    Binary("-", Binary("*", a, c), Binary("*", b, s)),
+                    Binary("+", Binary("*", b, c), Binary("*", a, s)),
                 )
                 both = (f"cos({label})", f"sin({label})")
-                for part, expression in zip(both, rotated, strict=True):
-                    self.shared.setdefault(part, expression)
-                    self.degrees[part] = degree_of(expression, self.degrees)
-                parts = (Name(both[0]), Name(both[1]))
-        return parts
-
-
-_LEAST, _MOST = 1e-150, 1e150  # their squares are floats
+                for name_of_part, expression in zip(both, rotated, strict=True):
+                    self.shared.setdefault(name_of_part, expression)
+                    self.degrees[name_of_part] = degree_of(expression, self.degrees)
+                cosine_sine = (Name(both[0]), Name(both[1]))
+        return cosine_sine
 
 
 def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
@@ -274,19 +276,7 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
         _check_size(f"matrix {problem.name!r}: parameter {p.name!r}", (p.low, p.high), _LEAST)
     for place, divisor in _divisors(problem, resolved):
         used = sorted(resolved.parameters_of(divisor) & parameters.keys())
-        shared = _needed(resolved, divisor)
-
-        def value(
-            box: Mapping[str, Interval],
-            shared: Mapping[str, Expression] = shared,
-            divisor: Expression = divisor,
-        ) -> Interval:
-            known = constants | _parts(parameters, box)
-            for name, expression in shared.items():
-                known[name] = evaluate(expression, known, decimal, FUNCTIONS)
-            zero: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
-            return zero
-
+        value = partial(_enclosure, divisor, resolved, constants, parameters)
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
         zero = find_zero(
             value, {name: (parameters[name].low, parameters[name].high) for name in used}
@@ -302,7 +292,7 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
                 "the division."
             )
     rows = [
-        matrix_values(problem, resolved, {**numbers, **_parts(parameters, box)})
+        matrix_values(problem, resolved, {**numbers, **_intervals(parameters, box)})
         for box in corners or [{}]
     ]
     for i, j in np.ndindex(problem.shape):
@@ -342,18 +332,30 @@ def _divisors(problem: MatrixProblem, resolved: Resolved) -> Iterator[tuple[str,
                 yield place, divisor
 
 
-def _needed(resolved: Resolved, expression: Expression) -> dict[str, Expression]:
-    """The shared expressions that an expression uses, in order."""
-    used = set(resolved.names_of(expression))
-    return {name: shared for name, shared in resolved.shared.items() if name in used}
+def _enclosure(
+    divisor: Expression,
+    resolved: Resolved,
+    constants: Mapping[str, Interval],
+    parameters: Mapping[str, Parameter],
+    box: Mapping[str, Interval],
+) -> Interval:
+    """A denominator over a box of parameters."""
+    known, names_used = {**constants, **_intervals(parameters, box)}, resolved.names_of(divisor)
+    for name, expression in resolved.shared.items():
+        if name in names_used:
+            known[name] = evaluate(expression, known, decimal, FUNCTIONS)
+    interval: Interval = evaluate(divisor, known, decimal, FUNCTIONS)
+    return interval
 
 
-def _parts(parameters: Mapping[str, Parameter], box: Mapping[str, Interval]) -> dict[str, Interval]:
+def _intervals(
+    parameters: Mapping[str, Parameter], box: Mapping[str, Interval]
+) -> dict[str, Interval]:
     """Parameters over intervals; an angle by its cosine and sine."""
     values = {}
     for name, item in box.items():
         if parameters[name].is_angle:
-            angle = item * parse_unit(parameters[name].unit).factor
+            angle = item * parameters[name].factor
             values[cosine_name(name)] = FUNCTIONS["cos"](angle)
             values[sine_name(name)] = FUNCTIONS["sin"](angle)
         else:

@@ -160,7 +160,9 @@ def _search(
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
     best = reduced[0]
-    closed, forms = [_in_scales(candidate) for candidate in reduced], list[LFT]()
+    # exact ones in coordinates that do not depend on kernels of linear algebra
+    closed = [c.lft if c.exact is None else in_scales(c.exact.rounded()) for c in reduced]
+    forms = list[LFT]()
     close = truth = None
     if best.form.relations.unknown.numel():
         closed, forms = closed[:1], [candidate.relations for candidate in reduced]
@@ -174,11 +176,6 @@ def _search(
         with stage(IN_PROCESS):
             smallest = find_smallest(*arguments)
     return smallest
-
-
-def _in_scales(candidate: Candidate) -> LFT:
-    """A candidate in coordinates that no kernel of linear algebra has a part in, where it is exact."""
-    return candidate.lft if candidate.exact is None else in_scales(candidate.exact.rounded())
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

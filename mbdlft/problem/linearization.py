@@ -75,12 +75,7 @@ def linearized(
     points: Array,
     efforts: Array,
 ) -> Array:
-    """The nonlinear equations, linearized at points (N, n_p) with their efforts (N, n_u).
-
-    Returns
-    -------
-    [A B ; C D] (N, ., .)
-    """
+    """[A B ; C D] (N, ., .) of the nonlinear equations at points (N, n_p) with efforts (N, n_u)."""
     e = equations
     unknown, known = (signals.numel() for signals in split(e, inputs))
     values = np.empty((len(points), len(e.states) + len(outputs), known))

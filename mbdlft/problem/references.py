@@ -52,13 +52,7 @@ def frequencies_of(A: Array) -> Array:
 
 
 def transfers(matrices: Array, states: int, frequencies: Array) -> Complex:
-    """Transfer functions (N, F, n_y, n_u) of [A B ; C D] (N, ., .).
-
-    Raises
-    ------
-    LinAlgError
-        A frequency is a pole.
-    """
+    """Transfer functions (N, F, n_y, n_u) of [A B ; C D] (N, ., .); a LinAlgError where s is a pole."""
     shift = np.eye(*matrices.shape[1:]) * (np.arange(matrices.shape[1]) < states)[:, None]
     both = matrices[:, None] - 1j * frequencies[:, None, None] * shift
     return _eliminated(both[..., :states, :], both[..., states:, :], states)
@@ -68,12 +62,8 @@ def implicit_transfers(jacobian: Array, sizes: tuple[int, int, int], frequencies
     """Transfer functions (N, F, n_y, n_u) of slopes (N, ., .) of [residual ; outputs].
 
     Their columns are by unknown signals, the derivatives of the states first, and by known ones, the
-    states first; `sizes` are the numbers of unknown and known signals and of states.
-
-    Raises
-    ------
-    LinAlgError
-        A frequency is a pole.
+    states first; `sizes` are the numbers of unknown and known signals and of states. A LinAlgError says
+    that a frequency is a pole.
     """
     unknown, known, states = sizes
     J = jacobian[:, None, :, : unknown + known]

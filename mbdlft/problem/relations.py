@@ -247,11 +247,7 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
 def needed_states(relations: LinearModel, states: int) -> Need:
     """The relations without states and signals that are not driven or not seen.
 
-    Parameters
-    ----------
-    relations : LinearModel
-    states : int
-        n_x: the first unknowns are the derivatives of the states, the first known signals the states.
+    The first unknowns are the derivatives of the n_x `states`, the first known signals the states.
     """
     m = relations
     n, known, outputs = m.unknown.numel(), m.known.numel(), m.output.numel()

@@ -48,12 +48,8 @@ def straight_line(
 ) -> StraightLine | None:
     """The program of trim and linearization; None if it would be too long, or has no pivots.
 
-    Parameters
-    ----------
-    equations : Equations
-    inputs, outputs : positions of signals
-    kept : rows and columns of [A B ; C D] that are asked for
-    longest : number of instructions that it may have
+    `kept` are the rows and columns of [A B ; C D] that are asked for, `longest` is the number of
+    instructions that the program may have.
     """
     tape = Tape(len(equations.parameters), longest)
     try:

@@ -106,12 +106,8 @@ def trim_efforts(equations: Equations, points: Array) -> tuple[Array, Array]:
 def balance(equations: Equations, points: Array) -> Balance:
     """Efforts at physical points (N, n_p), and where they do not hold the equilibrium.
 
-    Raises
-    ------
-    TrimError
-        Unknown efforts are redundant at nominal.
-    numpy.linalg.LinAlgError
-        They are at one of the points.
+    A TrimError says that unknown efforts are redundant at nominal, a LinAlgError that they are at one of
+    the points.
     """
     e = equations
     rows, unknown = list(trim_rows(e)), list(e.unknown)

@@ -39,18 +39,9 @@ class Change(NamedTuple):
 
 
 def with_ranges(model: S, ranges: Mapping[str, Sequence[float]]) -> S:
-    """The model with other ranges of parameters inside the old ones: the same at each physical value.
+    """`System.with_range`, with ranges (low, high) or (low, nominal, high) by name.
 
-    Parameters
-    ----------
-    model : System or LFTModel
-    ranges : mapping of names to (low, high) or (low, nominal, high), in the units of the parameters
-        Without a nominal value the old one stays if it lies inside, and else the middle is taken.
-
-    Returns
-    -------
-    System, or LFTModel if the model is one
-        With as many repetitions, the same bounds of them, and the error checked anew inside the range.
+    The certificate has the bounds of the old one, and the error checked anew inside the range.
     """
     changed = {name: _ranged(model, name, ends) for name, ends in ranges.items()}
     parameters = Parameters(changed.get(p.name, p) for p in model.parameters)

@@ -74,21 +74,11 @@ def composed(
     states: Sequence[Signal] | None = None,
     exchange: bool = False,
 ) -> System:
-    """The whole of wired parts, reduced; an `LFTModel` if every part with parameters is one.
+    """The whole of wired systems, reduced; an `LFTModel` if every one with parameters is.
 
-    Parameters
-    ----------
-    parts : sequence of System
-    wiring : Wiring
-        Of the inputs and outputs of the parts, in their order.
-    inputs, outputs : signals of the whole
-    operation : Operation
-    like : System, optional
-        What the whole takes its name and description from, by default the first part.
-    states : sequence of Signal, optional
-        Names of the states, by default those of the parts (`state_names`).
-    exchange : bool
-        Whether inputs and outputs of one part are exchanged, and nothing else: its bounds stay.
+    It takes its name and description from `like`, by default the first system, and the names of its
+    states from the systems (`state_names`). `exchange` says that inputs and outputs of one system are
+    exchanged, and nothing else: its bounds stay.
     """
     like = systems[0] if like is None else like
     what = f"model {like.name!r}, {operation.name}"

@@ -291,16 +291,8 @@ def value_by_program(
 ) -> Array | None:
     """Values (N, n_out, n_in) by the program that a model knows; None if another way is taken.
 
+    `lft` is that of the model or of its trim, `points` (N, n_p) are the deltas at the physical values.
     Where a pivot of the program has lost digits, and there only, the LFT may be singular.
-
-    Parameters
-    ----------
-    model : System
-    lft : LFT
-        That of the model, or of its trim.
-    values : mapping of names to numbers or arrays (N,), in the units of the parameters
-    points : array (N, n_p) [1]
-        The deltas at these values.
     """
     known = model.known_program
     if known is None or not (lft is known.lft or lft is known.trim):

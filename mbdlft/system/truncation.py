@@ -102,18 +102,9 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
 def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
     """The smallest LFT that is found within a tolerance, and the bound of its error [1].
 
-    Parameters
-    ----------
-    a : LFT
-        One that `reduce_order` cannot make smaller: useless channels have no balanced coordinates.
-    tolerance : float
-        Relative to `typical_sizes`, as in `truncate`.
-
-    Returns
-    -------
-    LFT
-        `a` itself, with the bound 0.0, if nothing can be left out.
-    float
+    Both are relative to `typical_sizes`, as in `truncate`. The LFT is one that `reduce_order` cannot make
+    smaller: useless channels have no balanced coordinates. It comes back itself, with the bound 0.0, if
+    nothing can be left out.
     """
     check_tolerance(tolerance)
     check_plain(a, "truncation")

@@ -44,7 +44,7 @@ class Values(NamedTuple):
 
 def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring:
     """Nothing wired: 0 = -u, z = 0; arrays to be filled."""
-    nu, ny = (sum(len(s) for s in signals) for signals in zip(*map(_signals, systems), strict=True))
+    nu, ny = (sum(len(getattr(s, side)) for s in systems) for side in ("inputs", "outputs"))
     return Wiring(
         np.zeros((nu, ny)),
         -np.eye(nu),
@@ -52,10 +52,6 @@ def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring
         np.zeros((outputs, ny)),
         np.zeros((outputs, nu)),
     )
-
-
-def _signals(system: System) -> tuple[Sequence[object], Sequence[object]]:
-    return system.inputs, system.outputs
 
 
 def wire(systems: Sequence[System], wiring: Wiring, what: str) -> LFT:
@@ -120,24 +116,11 @@ def _states_first(systems: Sequence[System]) -> tuple[list[int], list[int]]:
 def wired_values(
     systems: Sequence[System], values: Sequence[Array], errors: Sequence[float], wiring: Wiring
 ) -> Values:
-    """The whole by state-space formulas from the values of its parts, without the LFT.
+    """The whole by state-space formulas from the values (N, ., .) of its systems, without the LFT.
 
-    Parameters
-    ----------
-    parts : sequence of System
-    values : for each part, an array (N, nx + ny, nx + nu)
-    errors : for each part, the error of an entry relative to its largest size over the points
-    wiring : Wiring
-
-    Returns
-    -------
-    Values
-        Errors are those of first order: d whole = L dS R, with dS those of the parts.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        The loop is singular at one of the points.
+    `errors` has for each system the error of an entry relative to its largest size over the points.
+    Those of the whole are of first order: d whole = L dS R, with dS those of the systems. A LinAlgError
+    says that the loop is singular at one of the points.
     """
     S, dS = _side_by_side(systems, values, errors)
     nx = sum(len(system.states) for system in systems)

@@ -92,19 +92,11 @@ def steps(function: ca.Function) -> tuple[tuple[str, Any, Sequence[Any]], ...]:
 
 
 def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]]:
-    """Results of a function of SX in a number system.
+    """Results of a function of SX in a number system, a list of elements for each.
 
-    Parameters
-    ----------
-    function : casadi.Function
-    table : Rules
-    arguments
-        The elements of each argument, by columns: sequences, or arrays whose rows they are.
-
-    Returns
-    -------
-    list of lists
-        The elements of each result, by columns, without its structural zeros.
+    Elements stand by columns, those of results without structural zeros; arguments are sequences, or
+    arrays whose rows are elements. An operation without a rule raises what the table says, by default a
+    NotRationalError.
     """
     work: list[Any] = [None] * function.sz_w()
     results: list[list[Any]] = [[None] * function.nnz_out(k) for k in range(function.n_out())]
