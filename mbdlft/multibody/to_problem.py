@@ -29,13 +29,7 @@ _SEED = 20261124  # of the residues that stand for parameters
 
 
 def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) -> Problem:
-    """The linear relations of a scene around its equilibrium, parameters left in.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError, TrimError
-        As the stages: `assemble`, `trim_efforts`, `linearize`.
-    """
+    """The linear relations of a scene around its equilibrium, parameters left in."""
     with stage("assemble"):
         both = assembly(scene)
         equations, exact = both.equations, both.exact
@@ -79,13 +73,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
 
 
 def choose_signals(scene: Scene, equations: Equations) -> tuple[list[int], list[int]]:
-    """Positions of the inputs and outputs of a scene among the efforts and measures of its joints.
-
-    Raises
-    ------
-    SceneError
-        A name is unknown, or a motion that is an input lacks one of the inputs that are felt.
-    """
+    """Positions of the inputs and outputs of a scene among the efforts and measures of its joints."""
     e = equations
     efforts = {e.u_signals[k].name: k for k in e.inputs}
     measures = {signal.name: k for k, signal in enumerate(e.y_signals)}
@@ -144,11 +132,6 @@ def _with_motions(
     A road moves a wheel through the tire: its springs feel the displacement of the patch under it, its
     dampers the rate, and what stands on the patch by a joint feels the acceleration. The three are one
     motion. So a model has all of them that are felt: what lacks one answers another motion.
-
-    Raises
-    ------
-    SceneError
-        The inputs have a part of a motion, and lack another part that is felt.
     """
     e, chosen = equations, list(inputs)
     if not e.moved:

@@ -110,11 +110,6 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     """Which constraints are independent, and which coordinates they determine, at nominal.
 
     `evaluate` gives the values of an expression at nominal and at other points of the range.
-
-    Raises
-    ------
-    SceneError
-        The ports of a loop do not meet, or the constraints lose or gain rank in the range.
     """
     if not scene.loops:
         return Closure((), ())

@@ -67,14 +67,7 @@ class Steady:
 def steady(
     scene: Scene, links: tuple[Link, ...], symbols: Symbols, values: Mapping[str, Values]
 ) -> Steady:
-    """What turns at a steady rate.
-
-    Raises
-    ------
-    SceneError
-        What a joint with a rate carries is not symmetric about its axis, or something is held by it that
-        would make the model periodic.
-    """
+    """What turns at a steady rate."""
     if not any("rate" in values[link.owner] for link in links):
         return Steady({}, {})
     still = {

@@ -45,15 +45,8 @@ def is_regular(
 ) -> bool:
     """Whether every joint of a tree is proved to move inertia, whatever the parameters are.
 
-    False says that it was not proved.
-
-    Parameters
-    ----------
-    at_rest : Placed
-        The tree with q = v = 0 and symbols for the accelerations.
-    accelerations : SX (n,) by owner
-    parameters : sorted by name
-    symbols : p, cosine, sine (n_p,), as in `Equations`
+    False says that it was not proved. `at_rest` is the tree with q = v = 0 and symbols for the
+    accelerations (n,) by owner; `symbols` are p, cosine and sine (n_p,), as in `Equations`.
     """
     if any(isinstance(body, ElasticBody) for body in at_rest.bodies.values()):
         return False

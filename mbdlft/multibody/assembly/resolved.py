@@ -73,13 +73,7 @@ class Resolved:
 
 
 def resolve(scene: Scene) -> Resolved:
-    """Look up names, units and the tree of a scene, check it, and evaluate its quantities once.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        The joints are not a tree, or one of the quantities cannot be used; see `check`.
-    """
+    """Look up names, units and the tree of a scene, check it, and evaluate its quantities once."""
     links = links_of(scene)
     check(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))

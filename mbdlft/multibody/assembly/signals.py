@@ -255,11 +255,9 @@ def measures(
     aligned: Aligned | None,
     channels: BodyChannels,
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs: measures of all joints, the sensors that are asked for, and those of bodies.
+    """Outputs (n_y,), their signals, and the positions of the default ones.
 
-    Returns
-    -------
-    expressions (n_y,), signals (n_y), positions of the default outputs
+    They are the measures of all joints, of the sensors that are asked for, and of bodies.
     """
     entries: list[ca.SX] = []
     signals: list[Signal] = []

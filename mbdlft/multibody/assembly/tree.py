@@ -141,13 +141,7 @@ def degrees(links: tuple[Link, ...]) -> list[Degree]:
 
 
 def links_of(scene: Scene) -> tuple[Link, ...]:
-    """Links of a scene, each after the link that carries its parent; otherwise in scene order.
-
-    Raises
-    ------
-    SceneError
-        A body or port is unknown, a body has two parents, a loop closes, or a body hangs on nothing.
-    """
+    """Links of a scene, each after the link that carries its parent; otherwise in scene order."""
     bodies = all_bodies(scene)
     links: dict[str, Link] = {}
     for joint in scene.joints:
@@ -192,13 +186,7 @@ def all_bodies(scene: Scene) -> dict[str, Body]:
 
 
 def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tuple[Body, str]:
-    """Body and port that ``body`` or ``body.port`` names; `owner` and `key` say where it stands.
-
-    Raises
-    ------
-    SceneError
-        The body or the port is unknown.
-    """
+    """Body and port that ``body`` or ``body.port`` names; `owner` and `key` say where it stands."""
     name, dot, port = text.partition(".")
     if name not in bodies:
         raise SceneError(f"{owner}, {key}: " + unknown_name("body", name, bodies))

@@ -89,11 +89,8 @@ def pass_weights_inward(
 ) -> Passed:
     """As `pass_inward`, to the first order in the displacements, in a frame that does not spin.
 
-    Parameters
-    ----------
-    inertial, loads : wrenches (3, 2) by body, of the motion and of everything else
-    load : SX (3,)
-        Uniform acceleration of the ground (m/s^2): all weights come from it.
+    `inertial` and `loads` are wrenches (3, 2) by body, of the motion and of everything else; all weights
+    come from `load` (3,), the uniform acceleration of the ground (m/s^2).
     """
     fields = load_fields(placed, load)
     carried = {GROUND: Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(3, 1), ())}

@@ -338,14 +338,7 @@ Modes = tuple[Any, NDArray[np.float64]]
 def exact_modes(mass: NDArray[np.object_], stiffness: NDArray[np.object_]) -> Modes:
     """X (n, n), of FLINT, with X' M X = 1 and X' K X = diag(values), and the values (n,), ascending.
 
-    Parameters
-    ----------
-    mass, stiffness : (n, n) of Fraction, symmetric and positive definite, with distinct values
-
-    Raises
-    ------
-    AnalysisError
-        Two values are not told apart.
+    M and K (n, n) of Fraction are symmetric and positive definite, with distinct values.
     """
     M, K = _rational(mass), _rational(stiffness)
     for bits in BITS:

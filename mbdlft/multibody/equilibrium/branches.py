@@ -92,15 +92,10 @@ def values(s: System, t: Array, p: Array) -> tuple[Array, Array]:
 
 
 def newton(s: System, t: Array, p: Array) -> tuple[Array, npt.NDArray[np.bool_], Array]:
-    """Roots from starts t (N, n) at p (N, q).
+    """Roots (N, n) from starts t (N, n) at p (N, q), whether each converged, and df/dt (N, n, n).
 
-    Returns
-    -------
-    roots : Array (N, n)
-    converged : Array (N,) of bool
-        The steps shrank from the first one on, and the last is at rounding.
-    jacobian : Array (N, n, n)
-        df/dt at the last point but one.
+    It converged if the steps shrank from the first one on, and the last is at rounding. The derivatives
+    are those at the last point but one.
     """
     t, last = t.copy(), np.full(len(t), np.inf)
     good, done = np.ones(len(t), bool), np.zeros(len(t), bool)
@@ -127,13 +122,7 @@ def solve(matrices: Array, vectors: Array) -> Array:
 
 
 def start_branch(s: System, nominal: Array, start: Array) -> Array:
-    """The root (n,) at the nominal values that `start` is near to.
-
-    Raises
-    ------
-    TrimError
-        Newton's iteration does not converge, or df/dt is singular at the root.
-    """
+    """The root (n,) at the nominal values that `start` is near to."""
     roots, converged, jacobian = newton(s, start[None], nominal[None])
     if not converged[0]:
         raise TrimError(
@@ -154,11 +143,6 @@ def follow(s: System, nominal: Array, root: Array, points: Array) -> Array:
 
     Each line from the nominal values is walked in steps that are halved until Newton's iteration
     contracts from the first step on and det(df/dt) keeps its sign.
-
-    Raises
-    ------
-    TrimError
-        The branch folds or bifurcates, or the residual is not finite, on the way to a point.
     """
     count = len(points)
     way, stride = np.zeros(count), np.full(count, 0.25)
@@ -258,18 +242,8 @@ def prove(
 ) -> Proof:
     """Bounds (n,) of |fit - root| on the box [low, high] (q,), by pieces that are halved.
 
-    Parameters
-    ----------
-    s : System
-    fits : one expression of the parameters for each unknown
-    low, high : Array (q,)
-    tolerance : Array (n,)
-        Bounds above it are refined.
-    sampled : Array (n,)
-        Largest errors that are known; bounds not far above them are not refined.
-    probes : Array (N, q)
-        Points that are looked at before anything is proved, which takes longer.
-    most_pieces : int
+    `fits` are expressions of the parameters. Bounds above the `tolerance` (n,) are refined, unless they
+    are not far above the largest known errors, `sampled` (n,). The `probes` (N, q) are looked at first.
     """
     bound, none = np.zeros(s.unknowns), np.zeros((0, len(low)))
     here = _errors_at(s, fits, probes)

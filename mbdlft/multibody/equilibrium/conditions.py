@@ -67,21 +67,9 @@ def fit_conditions(
 ) -> Conditions:
     """The conditions for the coordinates whose positions in `after` have the parameters `tangents`.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene as the user declares it; `before` are its conditions.
-    after : Displaced
-        The conditions of the scene in which the new positions are declared.
-    tangents : names of the new parameters by index of the coordinate
-    nominal : positions (rad, m) at nominal by index of the coordinate
-
-    Raises
-    ------
-    TrimError
-        The equations do not determine the positions.
-    NotRationalError
-        The position depends on a parameter that is an angle.
+    `before` are the conditions of the scene as the user declares it, `after` those of the scene in which
+    the new positions are declared. `tangents` are names of the new parameters, `nominal` the positions
+    (rad, m) at nominal, by index of the coordinate.
     """
     s = _Symbols(scene, tangents)
     rows, trimmed = s.at(after, [after.rows, after.given])

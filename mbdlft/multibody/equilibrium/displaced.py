@@ -129,13 +129,7 @@ class Displaced:
 
 
 def displace(scene: Scene) -> Displaced:
-    """The conditions of equilibrium of a scene at displaced positions.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        As `assemble` raises them, except that loops need not be closed.
-    """
+    """The conditions of equilibrium of a scene at displaced positions."""
     resolved = resolve(scene)
     links, symbols, values = resolved.links, resolved.symbols, resolved.values
     view = _view_at_rest(scene, symbols, links, values)

@@ -292,26 +292,14 @@ def exponents(caps: Sequence[int], degree: int) -> Array:
 def smallest_fit(
     x: Array, t: Array, guards: Array, degree: int, tolerance: float
 ) -> tuple[Rational, float]:
-    """The cheapest fit of a total degree with an error within a tolerance, else the best one.
+    """The cheapest fit of a total degree with an error within a tolerance, else the best; and its error.
 
     A polynomial comes first, then denominators of rising degree: in an LFT one of degree 1 costs no
     more repetitions than the numerator alone, each further degree at least one. Then the highest
     power of one variable after the other is lowered as long as the error stays within the tolerance.
 
-    Parameters
-    ----------
-    x : Array (N, q)
-        Samples of the variables, in [-1, 1].
-    t : Array (N,)
-    guards : Array (number of guards, q)
-        Points at which the denominator must be clear of zero, too.
-    degree : total degree of the numerator, and the largest of the denominator
-    tolerance : float
-
-    Returns
-    -------
-    the fit, with center 0
-    largest error at the samples
+    The samples are t (N,) at x (N, q) in [-1, 1]; the denominator is clear of zero at the `guards` (.,
+    q), too. `degree` is the total degree of the numerator and the largest one of the denominator.
     """
     q = x.shape[1]
     caps = [degree] * q

@@ -120,11 +120,6 @@ def equilibrium_equations(
     """The equations of equilibrium at physical values by name, with the unknowns that are asked for.
 
     `positions` and `bounds` are those of `find_equilibrium`.
-
-    Raises
-    ------
-    TrimError
-        A name is unknown, or it names something that cannot be an unknown.
     """
     d = displaced
     at = _parameter_values(d, values)

@@ -53,18 +53,7 @@ _ROUNDING = 1e-12  # of the size at nominal: what rounding of the data may leave
 
 
 def check(scene: Scene) -> None:
-    """Raise an error for the first quantity of a scene that cannot be used.
-
-    Raises
-    ------
-    SceneError
-        A name is unknown, a unit does not fit, or a mass or inertia is not physical, or
-        gravity is not steady in the spinning frame.
-    NotRationalError
-        A quantity is not rational in the parameters.
-    WellPosednessError
-        A denominator vanishes inside the range of the parameters.
-    """
+    """Raise an error for the first quantity of a scene that cannot be used."""
     dimensions = dimensions_of(scene)
     sampled = {
         owner: _check_quantities(scene, owner, quantities, dimensions)
@@ -301,13 +290,7 @@ class Outcome(NamedTuple):
 
 
 def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
-    """What is known of the conditions that depend on parameters, after looking at so many parts of each.
-
-    Raises
-    ------
-    SceneError
-        One of them fails at a point of the range.
-    """
+    """What is known of the conditions that depend on parameters, after a look at `boxes` parts of each."""
     parameters = {p.name: p for p in scene.parameters if not p.is_angle}
     outcomes = []
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]

@@ -190,15 +190,7 @@ def value_at(
 
 
 def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
-    """Value of a quantity that is an angle (rad).
-
-    Raises
-    ------
-    SceneError
-        The quantity is not an angle, its constant is more than a full turn, or it has too many turns.
-    NotRationalError
-        Its cosine and sine are not rational in the parameters.
-    """
+    """Value of a quantity that is an angle (rad)."""
     angles = {p.name for p in scene.parameters if p.is_angle}
     others = {p.name for p in scene.parameters} - angles
     expression, arctangents = _without_arctangents(expression_at(place, expected), angles | others)
