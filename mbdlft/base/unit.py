@@ -208,6 +208,10 @@ class Signal:
     name: str
     unit: str
 
+    def of(self, owner: str) -> "Signal":
+        """The signal with the name of its owner in front, ``OWNER.NAME``."""
+        return Signal(f"{owner}.{self.name}", self.unit)
+
 
 class Freedom(NamedTuple):
     """Names of one coordinate of a joint or an elastic body.

@@ -71,9 +71,7 @@ class Sensor(Description, abc.ABC):
 
     def signals(self) -> tuple[Signal, ...]:
         """Outputs, in the order of `measure`."""
-        return tuple(
-            Signal(f"{self.name}.{component.name}", component.unit) for component in self.components
-        )
+        return tuple(component.of(self.name) for component in self.components)
 
     @abc.abstractmethod
     def measure(self, view: View) -> ca.SX:

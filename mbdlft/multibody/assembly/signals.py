@@ -69,7 +69,7 @@ def list_efforts(
     for load in scene.loads:
         value = values[owner_name(load)].get(load.magnitude_key)
         value = densities.get(load.name, value)
-        efforts.append(Effort(Signal(f"{load.name}.{load.signal.name}", load.signal.unit), value))
+        efforts.append(Effort(load.signal.of(load.name), value))
     efforts += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
     for name, entry in zip(GROUND_ACCELERATION, scene.acceleration, strict=True):
@@ -238,7 +238,7 @@ def body_channels(
 
 
 def _named(body: Body, signals: Sequence[Signal]) -> list[Signal]:
-    return [Signal(f"{body.name}.{signal.name}", signal.unit) for signal in signals]
+    return [signal.of(body.name) for signal in signals]
 
 
 def steady_angles(links: tuple[Link, ...]) -> list[int]:

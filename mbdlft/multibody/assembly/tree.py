@@ -118,13 +118,12 @@ class Degree(NamedTuple):
 
     def measure(self, order: int) -> Signal:
         """The displacement (order 0), rate (1) or acceleration (2)."""
-        measure = self.freedom.measures[order]
-        return Signal(f"{self.name}.{measure.name}", measure.unit)
+        return self.freedom.measures[order].of(self.name)
 
     @property
     def effort(self) -> Signal:
         """The effort."""
-        return Signal(f"{self.name}.{self.freedom.effort.name}", self.freedom.effort.unit)
+        return self.freedom.effort.of(self.name)
 
     def label(self, key: str) -> str:
         """Label of one of its quantities, such as ``stiffness``."""

@@ -59,7 +59,7 @@ class JointCoordinate:
     @property
     def effort(self) -> Signal:
         """Name and unit of its effort."""
-        return Signal(f"{self.joint.name}.{self.freedom.effort.name}", self.freedom.effort.unit)
+        return self.freedom.effort.of(self.joint.name)
 
     def quantity(self, key: str) -> Quantity:
         """A quantity of the coordinate, a number or an expression, as the scene gives it."""
@@ -243,13 +243,12 @@ def _coordinates(
         joint, quantities = link.joint, values.get(link.owner, {})
         imposed = bool(getattr(joint, "imposed", False))
         for freedom in joint.freedoms:
-            measure = freedom.measures[0]
             stiffness = ca.sparsify(ca.SX(quantity_of(quantities, "stiffness", freedom)))
             coordinates.append(
                 JointCoordinate(
                     joint,
                     freedom,
-                    Signal(f"{joint.name}.{measure.name}", measure.unit),
+                    freedom.measures[0].of(joint.name),
                     is_ball=coordinate_label("position", freedom) not in quantities,
                     is_passive=not imposed
                     and "rate" not in quantities

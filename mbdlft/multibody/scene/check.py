@@ -290,7 +290,7 @@ class Outcome(NamedTuple):
 
 
 def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
-    """What is known of the conditions that depend on parameters, after a look at `boxes` parts of each."""
+    """What is known of the conditions that depend on parameters after a look at `boxes` parts of each."""
     parameters = {p.name: p for p in scene.parameters if not p.is_angle}
     outcomes = []
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]

@@ -34,6 +34,15 @@ T = TypeVar("T")
 FORMAT = "mbdlft-scene/1"
 _LINEARIZE = ("inputs", "outputs", "states")
 _TOP = ("format", *(key for key in Scene.model_fields if key not in _LINEARIZE), "linearize")
+_PLAIN = ("name", "description", "gravity", "acceleration")
+_RECORDS: dict[str, type[Description]] = {"spin": Spin, "fit": Fit}
+_ITEMS: dict[str, tuple[str, Mapping[str, type[Description]]]] = {
+    "bodies": ("body", BODIES),
+    "joints": ("joint", JOINTS),
+    "loads": ("load", LOADS),
+    "sensors": ("sensor", SENSORS),
+    "loops": ("loop", dict.fromkeys(LOOPS, Loop)),
+}
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
 
 
@@ -77,20 +86,12 @@ def scene_to_toml(scene: Scene) -> str:
     if any(scene.acceleration):
         table["acceleration"] = list(scene.acceleration)
     if scene.spin:
-        table["spin"] = {"axis": list(scene.spin.axis), "rate": scene.spin.rate}
+        table["spin"] = _plain(scene.spin.model_dump())
     table |= values_table(scene.constants, scene.parameters)
-    table["bodies"] = {body.name: _kind_table(body) for body in scene.bodies}
-    table["joints"] = {joint.name: _kind_table(joint) for joint in scene.joints}
-    optional: dict[str, Sequence[Any]] = {
-        "loads": scene.loads,
-        "sensors": scene.sensors,
-        "loops": scene.loops,
-    }
-    table |= {
-        key: {item.name: _kind_table(item) for item in items}
-        for key, items in optional.items()
-        if items
-    }
+    for key in _ITEMS:
+        items = getattr(scene, key)
+        if items or key in ("bodies", "joints"):
+            table[key] = {item.name: _kind_table(item) for item in items}
     if scene.fit:
         table["fit"] = scene.fit.model_dump()
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
@@ -203,19 +204,16 @@ def _scene(table: dict[str, Any]) -> Scene:
     for key in linearize:
         if key not in _LINEARIZE:
             raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
-    plain = ("name", "description", "gravity", "acceleration")
-    spin = {"spin": Spin(**_table("spin", table["spin"]))} if "spin" in table else {}
     return Scene(
-        **{key: table[key] for key in plain if key in table},
-        **spin,
-        **({"fit": Fit(**_table("fit", table["fit"]))} if "fit" in table else {}),
+        **{key: table[key] for key in _PLAIN if key in table},
+        **{
+            key: record(**_table(key, table[key]))
+            for key, record in _RECORDS.items()
+            if key in table
+        },
         constants=read_constants(table),
         parameters=read_parameters(table),
-        bodies=_kinds("body", "bodies", table, BODIES),
-        joints=_kinds("joint", "joints", table, JOINTS),
-        loads=_kinds("load", "loads", table, LOADS),
-        sensors=_kinds("sensor", "sensors", table, SENSORS),
-        loops=_kinds("loop", "loops", table, dict.fromkeys(LOOPS, Loop)),
+        **{key: _kinds(noun, key, table, kinds) for key, (noun, kinds) in _ITEMS.items()},
         **linearize,
     )
 
@@ -368,7 +366,6 @@ Schema = dict[str, Any]
 _DRAFT = "http://json-schema.org/draft-07/schema#"
 _TEXTS = {"role": list(ROLES), "substitution": list(SUBSTITUTIONS[1:]), "unit": None}
 _NUMBERS = ("nominal", "low", "high", "percent", "plus", "minus", "reference")
-_PLAIN = ("name", "description", "gravity", "acceleration")
 
 
 def scene_schema() -> Schema:
@@ -381,19 +378,13 @@ def scene_schema() -> Schema:
     """
     definitions: Schema = {}
     scene = _of(Scene, definitions)["properties"]
-    loops = dict.fromkeys(LOOPS, Loop)
     properties: Schema = {
         "format": {"const": FORMAT},
         **{key: scene[key] for key in _PLAIN},
-        "spin": _of(Spin, definitions),
-        "fit": _of(Fit, definitions),
+        **{key: _of(record, definitions) for key, record in _RECORDS.items()},
         "constants": _named({"anyOf": [{"type": "number"}, _of(Constant, definitions)]}),
         "parameters": _named(_parameter_schema()),
-        "bodies": _named(_kinds_schema(BODIES, definitions)),
-        "joints": _named(_kinds_schema(JOINTS, definitions)),
-        "loads": _named(_kinds_schema(LOADS, definitions)),
-        "sensors": _named(_kinds_schema(SENSORS, definitions)),
-        "loops": _named(_kinds_schema(loops, definitions)),
+        **{key: _named(_kinds_schema(kinds, definitions)) for key, (_, kinds) in _ITEMS.items()},
         "linearize": _linearize_schema(),
     }
     for name in ("scene", "Scene"):
