@@ -51,7 +51,7 @@ from mbdlft.multibody.assembly.weights import (
 )
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
-from mbdlft.multibody.force import Spring
+from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.check import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
@@ -174,20 +174,33 @@ def _mechanics(r: Resolved) -> _Mechanics:
         for load in scene.loads
         if isinstance(load, Spring)
     }
-    efforts = list_efforts(scene, links, values, densities, closure)
+    efforts = list_efforts(r, densities, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    view.momenta = body_momenta(links, values)
-    view.motions = motions(view.now, ground_motion(scene, uniform, load, efforts, u))
+    inertial, loads = body_wrenches(
+        r, view, ground_motion(scene, uniform, load, efforts, u), acting(r, view, closure, u, z)
+    )
+    field = uniform_load(scene, load, efforts, u)
+    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
+
+
+def body_wrenches(
+    r: Resolved, view: View, ground: ca.SX, loads: Sequence[BodyWrench]
+) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
+    """Wrenches (3, 2) by body that the motions need, and those of loads with the other sign.
+
+    The motions, for a motion (3, 3) of the `ground`, and the momenta become those of the view.
+    """
+    view.momenta = body_momenta(r.links, r.values)
+    view.motions = motions(view.now, ground)
     inertial = inertial_wrenches(view.now, view.motions)
     for name, momentum in view.momenta.items():
         inertial[name] += turning_along(view.motions.bodies[name], momentum)
-    loads = {name: ca.SX(3, 2) for name in inertial}
-    for on in acting(scene, links, values, view, closure, u, z):
-        if on.body in loads:
-            loads[on.body] -= on.wrench
-    field = uniform_load(scene, load, efforts, u)
-    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
+    against = {name: ca.SX(3, 2) for name in inertial}
+    for load in loads:
+        if load.body in against:
+            against[load.body] -= load.wrench
+    return inertial, against
 
 
 def _is_regular(m: _Mechanics) -> bool:
@@ -220,8 +233,8 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     r, view, symbols = m.resolved, m.view, m.resolved.symbols
     scene, links = r.scene, r.links
     view.passed = passed
-    channels = body_channels(links, r.values, view, m.u, [e.signal.name for e in m.efforts])
-    efforts, deflections = static_deflections(links, r.values, m.closure, m.u)
+    channels = body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
+    efforts, deflections = static_deflections(r, m.closure, m.u)
     dynamics = _dynamics(links, symbols, r.values, view, efforts) - channels.forces
     n = symbols.q.numel()
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
@@ -230,7 +243,7 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
     moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, default = measures(scene, links, symbols, view, r.aligned, channels)
+    measured, y_signals, default = measures(r, view, channels)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)

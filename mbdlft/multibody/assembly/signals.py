@@ -15,8 +15,8 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, reactions
 from mbdlft.multibody.assembly.kinematics import View
-from mbdlft.multibody.assembly.resolved import Aligned
-from mbdlft.multibody.assembly.tree import Link, Symbols, coordinate_owners, degrees
+from mbdlft.multibody.assembly.resolved import Resolved
+from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
 from mbdlft.multibody.body import Body, ElasticBody
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.scene.quantities import owner_name
@@ -37,22 +37,17 @@ class Effort(NamedTuple):
     is_default: bool = True
 
 
-def list_efforts(
-    scene: Scene,
-    links: tuple[Link, ...],
-    values: Mapping[str, Values],
-    densities: Mapping[str, Any],
-    closure: Closure,
-) -> list[Effort]:
+def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) -> list[Effort]:
     """Entries of u: of joints, loads, the ground if it is asked for, static deflections, multipliers.
 
     `densities` are force densities of the springs by name (None: unknown). Where deformations determine
     the multipliers, static deflections are unknown: those of elastic bodies in place of the forces that
     hold them, those of passive joints beside their efforts.
     """
+    scene, values = r.scene, r.values
     efforts: list[Effort] = []
     deflections: list[Effort] = []
-    for degree in degrees(links):
+    for degree in degrees(r.links):
         moved = degree.kind == "motion"  # its three inputs are told apart by what they do
         imposed = degree.kind in ("imposed", "motion")
         value = 0.0 if imposed else values.get(degree.owner, {}).get(degree.label("preload"))
@@ -70,7 +65,7 @@ def list_efforts(
         value = values[owner_name(load)].get(load.magnitude_key)
         value = densities.get(load.name, value)
         efforts.append(Effort(load.signal.of(load.name), value))
-    efforts += [Effort(signal, 0.0) for link in links for signal in body_inputs(link.child)]
+    efforts += [Effort(signal, 0.0) for link in r.links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
     for name, entry in zip(GROUND_ACCELERATION, scene.acceleration, strict=True):
         if entry == UNKNOWN or name in asked:
@@ -78,7 +73,7 @@ def list_efforts(
             efforts.append(Effort(Signal(name, "m/s^2"), value, is_default=False))
     efforts += [
         Effort(degree.measure(order), 0.0, is_default=False)
-        for degree in degrees(links)
+        for degree in degrees(r.links)
         for order in range(2)
         if degree.kind == "motion"
     ]
@@ -100,27 +95,25 @@ def moved_coordinates(links: tuple[Link, ...], inputs: Sequence[str]) -> tuple[M
     return tuple(moved)
 
 
-def static_deflections(
-    links: tuple[Link, ...], values: Mapping[str, Values], closure: Closure, u: ca.SX
-) -> tuple[ca.SX, ca.SX]:
+def static_deflections(r: Resolved, closure: Closure, u: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Efforts (n,) of all coordinates by u, and their static deflections (n,).
 
     Only a statically indeterminate scene has deflections; the effort of an elastic coordinate is then
     that of its deflection, -K q, else it is the entry of u itself.
     """
     efforts: list[ca.SX] = []
-    k, moved = 0, ca.SX(len(degrees(links)), 1)
+    k, moved = 0, ca.SX(len(degrees(r.links)), 1)
     last = u.numel() - len(closure.rows)
     joints = [*closure.yielding]
-    bodies = {link.child.name: link.child for link in links}
-    for owned in coordinate_owners(links):
+    bodies = {link.child.name: link.child for link in r.links}
+    for owned in coordinate_owners(r.links):
         rows = slice(k, k := k + len(owned.freedoms))
         of_owner = rows_of(u, range(rows.start, rows.stop))
         body = bodies.get(owned.name)
         if owned.kind == "elastic" and closure.yielding and isinstance(body, ElasticBody):
             moved[rows] = of_owner
             joints = [j for j in joints if not rows.start <= j < rows.stop]
-            of_owner = -body.restoring(values.get(owned.owner, {}), of_owner)
+            of_owner = -body.restoring(r.values.get(owned.owner, {}), of_owner)
         efforts.append(of_owner)
     for position, j in enumerate(joints):
         moved[j] = u[last - len(joints) + position]
@@ -182,25 +175,17 @@ def ground_motion(
     return ca.horzcat(spin, ca.SX(3, 1), load)
 
 
-def acting(
-    scene: Scene,
-    links: tuple[Link, ...],
-    values: Mapping[str, Values],
-    view: View,
-    closure: Closure,
-    u: ca.SX,
-    z: ca.SX,
-) -> list[BodyWrench]:
+def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> list[BodyWrench]:
     """Wrenches on bodies of all loads and loop closures."""
     wrenches: list[BodyWrench] = []
-    for k, load in enumerate(scene.loads, start=len(degrees(links))):
+    for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
         view.owner = owner_name(load)
-        wrenches += load.wrenches(values[view.owner], u[k], view)
-    count = sum(len(loop.signals()) for loop in scene.loops)
+        wrenches += load.wrenches(r.values[view.owner], u[k], view)
+    count = sum(len(loop.signals()) for loop in r.scene.loops)
     multipliers = ca.SX(count, 1)
     for position, row in enumerate(closure.rows):
         multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
-    return wrenches + reactions(scene.loops, view, multipliers)
+    return wrenches + reactions(r.scene.loops, view, multipliers)
 
 
 class BodyChannels(NamedTuple):
@@ -213,32 +198,22 @@ class BodyChannels(NamedTuple):
 
 def body_inputs(body: Body) -> list[Signal]:
     """Inputs of a body, with its name."""
-    return _named(body, body.inputs())
+    return [signal.of(body.name) for signal in body.inputs()]
 
 
-def body_channels(
-    links: tuple[Link, ...],
-    values: Mapping[str, Values],
-    view: View,
-    u: ca.SX,
-    names: Sequence[str],
-) -> BodyChannels:
+def body_channels(r: Resolved, view: View, u: ca.SX, names: Sequence[str]) -> BodyChannels:
     """Forces and outputs of the bodies of a tree; `names` are those of the entries of u."""
     forces: list[ca.SX] = [ca.SX(0, 1)]
     outputs: list[ca.SX] = [ca.SX(0, 1)]
     signals: list[Signal] = []
-    for link in links:
-        body, quantities = link.child, values.get(owner_name(link.child), {})
+    for link in r.links:
+        body, quantities = link.child, r.values.get(owner_name(link.child), {})
         forces.append(ca.SX(len(link.joint.freedoms), 1))
         voltages = ca.vertcat(ca.SX(0, 1), *(u[names.index(s.name)] for s in body_inputs(body)))
         forces.append(body.driven(quantities, voltages))
         outputs.append(body.measure(quantities, voltages, view.coordinates[owner_name(body)]))
-        signals += _named(body, body.outputs())
+        signals += [signal.of(body.name) for signal in body.outputs()]
     return BodyChannels(ca.vertcat(*forces), ca.vertcat(*outputs), tuple(signals))
-
-
-def _named(body: Body, signals: Sequence[Signal]) -> list[Signal]:
-    return [signal.of(body.name) for signal in signals]
 
 
 def steady_angles(links: tuple[Link, ...]) -> list[int]:
@@ -248,22 +223,18 @@ def steady_angles(links: tuple[Link, ...]) -> list[int]:
 
 
 def measures(
-    scene: Scene,
-    links: tuple[Link, ...],
-    symbols: Symbols,
-    view: View,
-    aligned: Aligned | None,
-    channels: BodyChannels,
+    r: Resolved, view: View, channels: BodyChannels
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
     """Outputs (n_y,), their signals, and the positions of the default ones.
 
     They are the measures of all joints, of the sensors that are asked for, and of bodies.
     """
+    scene, symbols, aligned = r.scene, r.symbols, r.aligned
     entries: list[ca.SX] = []
     signals: list[Signal] = []
     default: list[int] = []
-    steady = steady_angles(links)
-    for row, degree in enumerate(degrees(links)):
+    steady = steady_angles(r.links)
+    for row, degree in enumerate(degrees(r.links)):
         if degree.kind not in ("elastic", "motion"):
             default.append(len(entries) + (row in steady))
         entries += [symbols.q[row], symbols.v[row], symbols.a[row]]

@@ -18,15 +18,13 @@ from mbdlft.base.description import AXES, Quantity, Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.assembly.closure import Closure
-from mbdlft.multibody.assembly.gyrostat import body_momenta
-from mbdlft.multibody.assembly.kinematics import View, inertial_wrenches, motions, pass_inward
-from mbdlft.multibody.assembly.newton_euler import without_unseen
-from mbdlft.multibody.assembly.resolved import resolve
+from mbdlft.multibody.assembly.kinematics import View, pass_inward
+from mbdlft.multibody.assembly.newton_euler import body_wrenches, without_unseen
+from mbdlft.multibody.assembly.resolved import Resolved, resolve
 from mbdlft.multibody.assembly.signals import Effort, acting, ground_motion, list_efforts
 from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees
 from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, coordinate_label
-from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -132,13 +130,13 @@ def displace(scene: Scene) -> Displaced:
     """The conditions of equilibrium of a scene at displaced positions."""
     resolved = resolve(scene)
     links, symbols, values = resolved.links, resolved.symbols, resolved.values
-    view = _view_at_rest(scene, symbols, links, values)
+    view = _view_at_rest(resolved)
     springs = [load for load in scene.loads if isinstance(load, Spring | Strut)]
     laws = {load.name: spring_law(load, values[owner_name(load)], view) for load in springs}
     every = Closure(tuple(range(sum(len(loop.signals()) for loop in scene.loops))), ())
-    listed = list_efforts(scene, links, values, laws, every)
+    listed = list_efforts(resolved, laws, every)
     u = ca.SX.sym("u", len(listed))
-    needed = _needed_efforts(scene, links, values, view, listed, u)
+    needed = _needed_efforts(resolved, view, every, listed, u)
 
     moving = [degree.kind != "elastic" for degree in degrees(links)]
     entries = [k for k, moves in enumerate(moving) if moves]
@@ -194,43 +192,31 @@ def in_physical(d: Displaced, expressions: Sequence[ca.SX]) -> tuple[ca.SX, list
     return symbols, list(ca.substitute(dense, [d.p, d.cosine, d.sine], [p, cosine, sine]))
 
 
-def _view_at_rest(
-    scene: Scene, symbols: Symbols, links: tuple[Link, ...], values: Mapping[str, Values]
-) -> View:
+def _view_at_rest(r: Resolved) -> View:
     """The bodies at displaced positions of the joints, at rest, with elastic bodies not deformed."""
-    uniform = values[f"scene {scene.name!r}"]
+    uniform = r.values[f"scene {r.scene.name!r}"]
     gravity = ca.SX(ca.vertcat(*(uniform[f"gravity.{a}"] for a in AXES)))
     at_rest = {}
     for named, at in zip(
-        coordinate_owners(links), symbols.coordinates(links).values(), strict=True
+        coordinate_owners(r.links), r.symbols.coordinates(r.links).values(), strict=True
     ):
         zero = ca.SX(at.q.numel(), 1)
         at_rest[named.owner] = Coordinate(zero if named.kind == "elastic" else at.q, zero, zero)
-    view = View(links, all_bodies(scene), values, at_rest, ca.sparsify(gravity))
+    view = View(r.links, all_bodies(r.scene), r.values, at_rest, ca.sparsify(gravity))
     view.elastic = 0.0
     return view
 
 
 def _needed_efforts(
-    scene: Scene,
-    links: tuple[Link, ...],
-    values: Mapping[str, Values],
-    view: View,
-    listed: Sequence[Effort],
-    u: ca.SX,
+    r: Resolved, view: View, closure: Closure, listed: Sequence[Effort], u: ca.SX
 ) -> Mapping[str, ca.SX]:
     """Efforts by owner (a joint or an elastic body) that hold the bodies at rest under u (n_u,)."""
-    uniform = values[f"scene {scene.name!r}"]
+    uniform = r.values[f"scene {r.scene.name!r}"]
     base = ca.SX(ca.vertcat(*(uniform[f"acceleration.{a}"] for a in AXES))) - view.gravity
-    view.motions = motions(view.now, ground_motion(scene, uniform, ca.sparsify(base), listed, u))
-    wrenches = inertial_wrenches(view.now, view.motions)
-    for name, momentum in body_momenta(links, values).items():
-        wrenches[name] += turning_along(view.motions.bodies[name], momentum)
-    rows = sum(len(loop.signals()) for loop in scene.loops)
-    closure = Closure(tuple(range(rows)), ())
-    for acted in acting(scene, links, values, view, closure, u, ca.SX(rows, 1)):
-        if acted.body in wrenches:
-            wrenches[acted.body] -= acted.wrench
+    ground = ground_motion(r.scene, uniform, ca.sparsify(base), listed, u)
+    none = ca.SX(len(closure.rows), 1)
+    inertial, loads = body_wrenches(r, view, ground, acting(r, view, closure, u, none))
+    wrenches = {name: inertial[name] + loads[name] for name in inertial}
     return pass_inward(view.now, view.motions, wrenches).efforts
 
 
