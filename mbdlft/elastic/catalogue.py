@@ -1,9 +1,8 @@
-"""A `FlexibleBody` of a modal model.
+"""Flexible bodies of scenes: of a modal model, of matrices, or of a file of the catalogue.
 
-Catalogue bodies: files of the format `mbdlft-body/1`, a description beside the data of one body.
-
-A scene file does not refer to the catalogue: it contains the table of the body, which the command
-`mbdlft body` prints. So a scene file can be read without any other file.
+A catalogue file, of the format `mbdlft-body/1`, is a description beside the data of one body. A scene
+file does not refer to the catalogue: it contains the table of the body, which the command `mbdlft body`
+prints. So a scene file can be read without any other file.
 """
 
 import warnings
@@ -172,17 +171,7 @@ def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body
 
 
 def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
-    """Modal model of a catalogue file that describes a body by matrices.
-
-    Parameters
-    ----------
-    path, choices : as in `load_body`
-
-    Raises
-    ------
-    SceneError, StructureError
-        As for `load_body`; or the file has no matrices.
-    """
+    """Modal model of a catalogue file that describes a body by matrices; arguments as of `load_body`."""
     file = Path(path)
     table = body_table(file)
     if "data" not in table:
@@ -206,10 +195,10 @@ def _checked(table: dict[str, Any]) -> dict[str, Any]:
     """The table itself, if its keys and their types are those of the format."""
     if table.get("format") != FORMAT:
         raise SceneError(f"format: expected {FORMAT!r}, got {table.get('format')!r}.")
-    own = ("body",) if "body" in table else _DATA
+    known = (*_TEXTS, *(("body",) if "body" in table else _DATA))
     for key in table:
-        if key not in (*_TEXTS, *own):
-            raise SceneError(unknown_name("key", key, (*_TEXTS, *own)))
+        if key not in known:
+            raise SceneError(unknown_name("key", key, known))
     needed = (*_TEXTS, "body") if "body" in table else (*_TEXTS, "data", "parent", "ports")
     for key in needed:
         if key not in table:
@@ -250,11 +239,11 @@ def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
     return elements
 
 
-def _interface(what: str, given: Any) -> Any:
+def _interface(what: str, entry: Any) -> Any:
     """An entry `parent` or `ports.NAME`: a node number, a list of them, or a table of nodes and point."""
-    if not isinstance(given, dict):
-        return given
-    if set(given) - {"nodes", "point"} or "nodes" not in given:
-        raise StructureError(f"{what}: expected nodes and, if need be, a point, got {given!r}.")
-    point = given.get("point")
-    return Interface(given["nodes"], tuple(point) if isinstance(point, list) else point)
+    if not isinstance(entry, dict):
+        return entry
+    if set(entry) - {"nodes", "point"} or "nodes" not in entry:
+        raise StructureError(f"{what}: expected nodes and, if need be, a point, got {entry!r}.")
+    point = entry.get("point")
+    return Interface(entry["nodes"], tuple(point) if isinstance(point, list) else point)

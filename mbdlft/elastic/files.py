@@ -1,4 +1,4 @@
-"""Files of matrices with their node table: npz, HDF5, Matrix Market.
+"""Files of matrices with their node table: npz, HDF5, Matrix Market, NASTRAN.
 
 An npz or HDF5 file has `numbers` (n,), `coordinates` (n, 3), `dof` (N, 2), `axes` (n, 3, 3) if they are
 not those of the coordinates, and for each of the two matrices `mass` and `stiffness` either a dense array
@@ -8,9 +8,8 @@ A model in the Matrix Market format is three files: the matrices NAME.mass.mtx a
 the node table NAME.nodes.txt. The table has one row `number x y z component component ...` for each node,
 in the order of the rows of the matrices.
 
-Matrices of NASTRAN: OP4 files and DMIG cards of punch files, with the GRID cards of a bulk data file.
-
-The files are read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older than 2.)
+Matrices of NASTRAN are OP4 files and DMIG cards of punch files, with the GRID cards of a bulk data file,
+read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older than 2.)
 """
 
 import importlib
@@ -36,6 +35,10 @@ _TABLE = ("numbers", "coordinates", "dof")
 _HDF5 = (".h5", ".hdf5")
 LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
 _SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100
+_GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
+_NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
+_COORDINATES = ("row", "column", "value")
+_ROW = "expected the number of a node, x, y, z and its components 1 to 6"
 
 
 def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
@@ -59,14 +62,14 @@ def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
         if file.suffix == ".npz":
             return _elements(_npz(file, limit))
         if file.suffix in _HDF5:  # the library can loop or end the process on damaged files
-            found = arrays_of(
+            arrays = arrays_of(
                 f"{__name__}:arrays_of_hdf5",
                 {"path": str(file.absolute()), "limit": limit},
                 seconds=_SECONDS + file.stat().st_size // _BYTES_PER_SECOND,
                 memory=4 * limit,
                 error=StructureError,
             )
-            return _elements(found)
+            return _elements(arrays)
         if file.name.endswith(".mass.mtx"):
             return _matrix_market(file, limit)
     except StructureError as error:
@@ -103,12 +106,7 @@ def save_matrices(path: str | Path, elements: FiniteElements) -> None:
         "axes": np.asarray(nodes.axes),
     }
     for name, matrix in zip(_MATRICES, elements[:2], strict=True):
-        lower = sp.coo_array(sp.tril(sp.csr_array(matrix)))
-        arrays |= {
-            f"{name}.row": lower.row,
-            f"{name}.column": lower.col,
-            f"{name}.value": lower.data,
-        }
+        arrays |= _in_coordinates(name, sp.tril(sp.csr_array(matrix)))
     if file.suffix == ".npz":
         np.savez_compressed(file, **arrays)
     elif file.suffix in _HDF5:
@@ -167,13 +165,7 @@ def _check_size(name: str, total: int, limit: int) -> None:
 
 
 def arrays_of_hdf5(path: str, limit: int) -> dict[str, Any]:
-    """Arrays of an HDF5 file by name, for `arrays_of`; numbers that are in the file itself only.
-
-    Raises
-    ------
-    StructureError
-        Something in the file is not an array of numbers, or all need more memory.
-    """
+    """Arrays of an HDF5 file by name, for `arrays_of`; numbers that are in the file itself only."""
     arrays, total = {}, 0
     with h5py.File(path, "r") as archive:
         for name in archive:
@@ -209,14 +201,13 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
     """The symmetric matrix (rows, rows) `name`, dense or sparse."""
     if name in arrays:
         return np.asarray(arrays[name])
-    parts = [f"{name}.{part}" for part in ("row", "column", "value")]
-    missing = [part for part in parts if part not in arrays]
+    keys = [f"{name}.{key}" for key in _COORDINATES]
+    missing = [key for key in keys if key not in arrays]
     if missing:
         raise StructureError(
             f"{name!r} (dense) or {missing[0]!r} is missing. There are: {', '.join(sorted(arrays))}."
         )
-    row, column, value = (np.asarray(arrays[part]) for part in parts)
-    lower = sp.coo_array((value, (row, column)), (rows, rows)).tocsr()
+    lower = _sparse(arrays, name, (rows, rows))
     if sp.triu(lower, 1).nnz:
         raise StructureError(
             f"{name}: expected the lower triangle, got an entry above the diagonal."
@@ -260,12 +251,6 @@ def _market(file: Path, limit: int) -> Any:
     return scipy.io.mmread(file)
 
 
-_ROW = "expected the number of a node, x, y, z and its components 1 to 6"
-
-_GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
-_NASTRAN_SECONDS, _NASTRAN_BYTES_PER_SECOND = 5, 10**6
-
-
 def load_nastran(
     matrices: str | Path,
     bulk: str | Path,
@@ -306,34 +291,27 @@ def load_nastran(
     names = {"mass": mass, "stiffness": stiffness}
     paths = {"matrices": str(Path(matrices)), "bulk": str(Path(bulk))}
     size = sum(len(content_of(Path(path), StructureError, limit)) for path in paths.values())
-    found = arrays_of(  # pyYeti believes what a file says of its sizes
+    arrays = arrays_of(  # pyYeti believes what a file says of its sizes
         f"{__name__}:arrays_of_nastran", {**paths, **names},
-        seconds=_NASTRAN_SECONDS + size // _NASTRAN_BYTES_PER_SECOND,
+        seconds=_SECONDS + size // _NASTRAN_BYTES_PER_SECOND,
         memory=2 * limit, error=StructureError,
     )  # fmt: skip
-    pair = [_sparse(found, name) for name in ("mass", "stiffness")]
-    dof, numbers, coordinates, axes = (found[key] for key in _GRID_TABLE)
-    for name, matrix in zip((mass, stiffness), pair, strict=True):
+    M, K = (_sparse(arrays, name, tuple(arrays[f"{name}.shape"].tolist())) for name in _MATRICES)
+    dof, numbers, coordinates, axes = (arrays[key] for key in _GRID_TABLE)
+    for name, matrix in ((mass, M), (stiffness, K)):
         if matrix.shape != (len(dof), len(dof)):
             raise StructureError(
                 f"{Path(matrices)}: {name} is {matrix.shape[0]} x {matrix.shape[1]}, and {Path(bulk)} "
                 f"has {len(dof)} coordinates. Give the bulk data of exactly the nodes of the matrices "
                 "(an .asm or .pch file of EXTSEOUT)."
             )
-    M, K = (sp.csr_array(matrix) for matrix in pair)
     used = np.flatnonzero((abs(M) + abs(K)).sum(axis=1))
     nodes = Nodes(numbers, coordinates, dof[used], axes)
     return FiniteElements(M[used][:, used], K[used][:, used], nodes)
 
 
 def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> dict[str, Any]:
-    """The node table and two matrices in coordinate form, for `arrays_of`.
-
-    Raises
-    ------
-    StructureError
-        A file cannot be read.
-    """
+    """The node table and two matrices in coordinate form, for `arrays_of`."""
     cards = importlib.import_module("pyyeti.nastran.bulk")
     op4 = importlib.import_module("pyyeti.nastran.op4")
     grids = importlib.import_module("pyyeti.nastran.n2p")
@@ -353,19 +331,22 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> di
         why = str(error) or type(error).__name__
         raise StructureError(f"{source}: cannot be read as NASTRAN matrices: {why}") from None
     arrays: dict[str, Any] = dict(zip(_GRID_TABLE, (dof, numbers, coordinates, axes), strict=True))
-    for name, matrix in zip(("mass", "stiffness"), pair, strict=True):
-        entries = sp.coo_array(matrix)
-        arrays |= {f"{name}.row": entries.row, f"{name}.column": entries.col}
-        arrays |= {f"{name}.value": entries.data, f"{name}.shape": np.array(entries.shape)}
+    for name, matrix in zip(_MATRICES, pair, strict=True):
+        arrays |= _in_coordinates(name, matrix) | {f"{name}.shape": np.array(matrix.shape)}
     return arrays
 
 
-def _sparse(arrays: dict[str, Any], name: str) -> Any:
-    """A matrix of `arrays_of_nastran`."""
-    row, column, value, shape = (
-        arrays[f"{name}.{part}"] for part in ("row", "column", "value", "shape")
-    )
-    return sp.coo_array((value, (row, column)), tuple(shape.tolist()))
+def _in_coordinates(name: str, matrix: Any) -> dict[str, Any]:
+    """Arrays of a sparse matrix in coordinate form."""
+    entries = sp.coo_array(matrix)
+    values = (entries.row, entries.col, entries.data)
+    return {f"{name}.{key}": array for key, array in zip(_COORDINATES, values, strict=True)}
+
+
+def _sparse(arrays: Mapping[str, Any], name: str, shape: tuple[int, int]) -> Any:
+    """The csr_array of a matrix in coordinate form."""
+    row, column, value = (np.asarray(arrays[f"{name}.{key}"]) for key in _COORDINATES)
+    return sp.coo_array((value, (row, column)), shape).tocsr()
 
 
 def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:

@@ -1,13 +1,12 @@
-"""Mass, center of mass and inertia of a body from its rigid-body mass matrix.
+"""Bodies in modal form, held at their parent, from mass and stiffness matrices of free structures.
 
-R' M R = [[m 1, -m [c]x], [m [c]x, J]]      about the origin
+The rigid properties are those of the rigid-body mass matrix about the origin,
+
+    R' M R = [[m 1, -m [c]x], [m [c]x, J]]
 
 The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
-[c]x the matrix of the cross product with c, and J the inertia about the origin.
-
-Bodies in modal form, held at their parent, from mass and stiffness matrices.
-
-Effective masses: which part of a body's mass moves in its modes, and the residual mass.
+[c]x the matrix of the cross product with c, and J the inertia about the origin. With the participation
+factors P, the effective masses of the modes are the squares of P, and R' M R - P P' is the residual mass.
 """
 
 from collections.abc import Mapping
@@ -30,7 +29,7 @@ from mbdlft.elastic.reduction import (
     candidates,
     static_correction,
 )
-from mbdlft.elastic.select import Limit, chosen, first
+from mbdlft.elastic.select import NO_MASS, Limit, chosen, first
 
 _CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
 _ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
@@ -50,13 +49,7 @@ class Rigid(NamedTuple):
 
 
 def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
-    """Rigid properties from `bodily`, R' M R (r, r) for the directions in which the structure can move.
-
-    Raises
-    ------
-    StructureError
-        No rigid body has this mass matrix, or it does not determine mass and center of mass.
-    """
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions that the structure can move in."""
     full = np.full((6, 6), np.nan)
     full[np.ix_(at.directions, at.directions)] = bodily
     moved = [d for d in at.directions if d < 3]
@@ -113,9 +106,9 @@ def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
     It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
     the nodes tell it if all of them have the same coordinate.
     """
-    told = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
-    if told:
-        return float(np.mean(told))
+    moments = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
+    if moments:
+        return float(np.mean(moments))
     along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
     if np.ptp(along) > 0.0:
         raise StructureError(
@@ -314,7 +307,7 @@ def _port_errors(
             moved = reduced.ports[rows]
             loaded = reduced.mass + mass * (moved.T @ moved)
             scale = 1.0 / np.sqrt(np.diag(reduced.stiffness))
-            scaled = [part * np.outer(scale, scale) for part in (loaded, reduced.stiffness)]
+            scaled = [matrix * np.outer(scale, scale) for matrix in (loaded, reduced.stiffness)]
             inverse = scipy.linalg.eigh(*scaled, eigvals_only=True)
             lowest.append(1.0 / np.sqrt(inverse[-kept:]))
         errors[name] = float(np.max(lowest[0] / lowest[1] - 1.0))
@@ -392,14 +385,14 @@ class EffectiveMasses:
     def kept(self) -> Array:
         """(6,) effective mass of all modes over the rigid mass of each direction; nan if that is 0."""
         total = np.diag(self.rigid)
-        has_mass = total > _NO_MASS * np.nanmax(total)
+        has_mass = total > NO_MASS * np.nanmax(total)
         share = np.sum(self.masses, axis=0) / np.where(has_mass, total, 1.0)
         return np.where(has_mass, share, np.nan)
 
     def table(self) -> str:
         """One row for each mode: frequency (Hz), effective mass in percent of the rigid one."""
         total = np.diag(self.rigid)
-        percent = 100.0 * self.masses / np.where(total > _NO_MASS * np.nanmax(total), total, np.nan)
+        percent = 100.0 * self.masses / np.where(total > NO_MASS * np.nanmax(total), total, np.nan)
         head = "".join(f"{name:>8}" for name in DIRECTIONS)
         lines = [f"{'mode':>5}{'Hz':>12}{head}   (% of the rigid mass, about the origin)"]
         for k, (w, row) in enumerate(zip(self.frequencies, percent, strict=True), start=1):
@@ -429,6 +422,3 @@ def effective_masses(model: ModalModel) -> EffectiveMasses:
 def _row(entries: Array) -> str:
     """Entries (6,) as columns of the table."""
     return "".join(f"{'-':>8}" if np.isnan(entry) else f"{entry:>8.2f}" for entry in entries)
-
-
-_NO_MASS = 1e-9  # of the largest mass: a bar has no inertia about its own axis

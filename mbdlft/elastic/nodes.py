@@ -50,16 +50,16 @@ class Nodes:
 
     def __post_init__(self) -> None:
         numbers = _integers("numbers", self.numbers, 1)
-        coordinates = _floats("coordinates", self.coordinates, (len(numbers), 3))
-        if not len(numbers):
+        n = len(numbers)
+        coordinates = finite("node table: coordinates", self.coordinates, (n, 3))
+        if not n:
             raise StructureError("node table: expected at least one node, got none.")
         unique, counts = np.unique(numbers, return_counts=True)
         if np.any(counts > 1):
             raise StructureError(f"node table: node {unique[counts > 1][0]} is given twice.")
-        given = every_dof(numbers) if self.dof is None else self.dof
-        dof = _integers("dof", given, 2)
-        axes = np.broadcast_to(np.eye(3), (len(numbers), 3, 3)) if self.axes is None else self.axes
-        axes = _floats("axes", axes, (len(numbers), 3, 3))
+        dof = _integers("dof", every_dof(numbers) if self.dof is None else self.dof, 2)
+        axes = np.broadcast_to(np.eye(3), (n, 3, 3)) if self.axes is None else self.axes
+        axes = finite("node table: axes", axes, (n, 3, 3))
         _check_dof(dof, numbers)
         turned = np.swapaxes(axes, 1, 2) @ axes
         wrong = np.max(np.abs(turned - np.eye(3)), axis=(1, 2)) > _ROUNDING
@@ -69,12 +69,8 @@ class Nodes:
                 f"node table: the axes of node {numbers[wrong][0]} are not right-handed and "
                 "orthonormal. Columns are unit vectors in the axes of the coordinates."
             )
-        for name, value in (
-            ("numbers", numbers),
-            ("coordinates", coordinates),
-            ("dof", dof),
-            ("axes", axes),
-        ):
+        table = {"numbers": numbers, "coordinates": coordinates, "dof": dof, "axes": axes}
+        for name, value in table.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
 
@@ -186,9 +182,9 @@ def _check_dof(dof: Indices, numbers: Indices) -> None:
         )
 
 
-def _integers(what: str, given: ArrayLike, dimensions: int) -> Indices:
+def _integers(what: str, values: ArrayLike, dimensions: int) -> Indices:
     """A copy of an array of whole numbers with this number of dimensions."""
-    array = np.asarray(given)
+    array = np.asarray(values)
     if array.ndim != dimensions or not (np.issubdtype(array.dtype, np.integer) or not array.size):
         raise StructureError(
             f"node table: {what}: expected whole numbers in {dimensions} dimension"
@@ -197,11 +193,14 @@ def _integers(what: str, given: ArrayLike, dimensions: int) -> Indices:
     return np.array(array, dtype=np.int64)
 
 
-def _floats(what: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
+def finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
     """A copy of an array of finite numbers of this shape."""
-    array = np.array(given, dtype=float)
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError):
+        raise StructureError(f"{what}: expected numbers of shape {shape}.") from None
     if array.shape != shape:
-        raise StructureError(f"node table: {what}: expected the shape {shape}, got {array.shape}.")
+        raise StructureError(f"{what}: expected the shape {shape}, got {array.shape}.")
     if not np.all(np.isfinite(array)):
-        raise StructureError(f"node table: {what}: expected finite numbers, got nan or inf.")
+        raise StructureError(f"{what}: expected finite numbers, got nan or inf.")
     return array

@@ -1,6 +1,4 @@
-"""Mass and stiffness matrices as they come from a finite-element program: checks, and units.
-
-The coordinates of a structure, sorted into interior, ports and parent.
+"""The coordinates of a structure, sorted into interior, ports and parent; its matrices, checked, in SI.
 
 The nodes of an interface (of a port, or of the parent) move like a rigid body. So the coordinates q (N,)
 of the structure are q = T [q_n ; u_1 ; ... ; u_k ; u_r], with the interior coordinates q_n (n,), the
@@ -71,39 +69,32 @@ def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> Fini
 
 
 def checked(what: str, matrix: Any, rows: int) -> Any:
-    """The matrix as a symmetric csr_array (rows, rows): the mean of it and its transpose.
-
-    Raises
-    ------
-    StructureError
-        The shape is not that of the node table, an entry is not finite, or the matrix and its transpose
-        differ by more than rounding.
-    """
+    """The matrix as a symmetric csr_array (rows, rows): the mean of it and its transpose."""
     try:
-        given = sp.csr_array(matrix, dtype=float)
+        full = sp.csr_array(matrix, dtype=float)
     except (TypeError, ValueError) as error:
         raise StructureError(
             f"{what} matrix: expected a matrix of real numbers: {error}."
         ) from None
-    if given.ndim != 2 or given.shape != (rows, rows):
+    if full.ndim != 2 or full.shape != (rows, rows):
         raise StructureError(
             f"{what} matrix: expected {rows} x {rows}, one row for each dof of the node table, got "
-            f"{' x '.join(map(str, given.shape))}. Give `dof` in the order of the rows."
+            f"{' x '.join(map(str, full.shape))}. Give `dof` in the order of the rows."
         )
-    if not np.all(np.isfinite(given.data)):
+    if not np.all(np.isfinite(full.data)):
         raise StructureError(f"{what} matrix: expected finite entries, got nan or inf.")
-    difference = abs(given - given.T)
-    largest = abs(given).max() if given.nnz else 0.0
+    difference = abs(full - full.T)
+    largest = abs(full).max() if full.nnz else 0.0
     if difference.nnz and difference.max() > _SYMMETRY * largest:
         entries = difference.tocoo()
         worst = int(np.argmax(entries.data))
         i, j = int(entries.row[worst]), int(entries.col[worst])
         raise StructureError(
-            f"{what} matrix: not symmetric: entry ({i + 1}, {j + 1}) is {given[i, j]:g} and "
-            f"({j + 1}, {i + 1}) is {given[j, i]:g}. A file may have one triangle only: add the "
+            f"{what} matrix: not symmetric: entry ({i + 1}, {j + 1}) is {full[i, j]:g} and "
+            f"({j + 1}, {i + 1}) is {full[j, i]:g}. A file may have one triangle only: add the "
             "transpose of what is off the diagonal."
         )
-    return sp.csr_array(0.5 * (given + given.T))
+    return sp.csr_array(0.5 * (full + full.T))
 
 
 def _factor(what: str, unit: str, si: str) -> float:
@@ -122,7 +113,7 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """The matrix T, and where its parts are.
+    """The matrix T, and where interior, ports and parent are in it.
 
     Attributes
     ----------
@@ -154,7 +145,7 @@ class Partition:
 def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
     """Partition of the coordinates; `parent` and `ports` as in `modal_model`."""
     held = _interface("parent", parent)
-    at = {name: _interface(f"port {name!r}", given) for name, given in ports.items()}
+    at = {name: _interface(f"port {name!r}", place) for name, place in ports.items()}
     dof = np.asarray(nodes.dof)
     owner: dict[int, str] = {}
     for what, interface in (("parent", held), *((f"port {name!r}", at[name]) for name in at)):
@@ -162,14 +153,16 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
             if number in owner:
                 raise StructureError(f"node {number} belongs to {owner[number]} and to {what}.")
             owner[number] = what
-    origin, own, directions, motion = _moved("parent", nodes, held)
-    blocks, positions, where = [], {}, {}
-    taken = [own]
+    origin, parent_rows, directions, motion = _moved("parent", nodes, held)
+    positions, where = {}, {}
+    blocks: list[
+        tuple[Indices, Array]
+    ] = []  # rows of the nodes of each interface, and their motion
     rows = np.flatnonzero(~np.isin(dof[:, 0], list(owner)) | (dof[:, 1] == 0))
     k = len(rows)
     rigid = [rigid_motions(nodes, origin)[rows][:, directions]]
     for name, interface in at.items():
-        point, its_own, its_directions, its_motion = _moved(f"port {name!r}", nodes, interface)
+        point, its_rows, its_directions, its_motion = _moved(f"port {name!r}", nodes, interface)
         missing = [DIRECTIONS[d] for d in directions if d not in its_directions]
         if missing:
             raise StructureError(
@@ -186,13 +179,12 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
             )
         positions[name] = point - origin
         where[name] = slice(k, k := k + len(its_directions))
-        blocks.append(its_motion)
-        taken.append(its_own)
+        blocks.append((its_rows, its_motion))
         rigid.append(transport(point - origin)[np.ix_(its_directions, directions)])
     rigid.append(np.eye(len(directions)))
     selection = sp.csr_array((np.ones(len(rows)), (rows, range(len(rows)))), (len(dof), len(rows)))
     columns = [selection]
-    for its_rows, block in zip([*taken[1:], taken[0]], [*blocks, motion], strict=True):
+    for its_rows, block in (*blocks, (parent_rows, motion)):
         placed = np.zeros((len(dof), block.shape[1]))
         placed[its_rows] = block
         columns.append(sp.csr_array(placed))
@@ -208,21 +200,21 @@ def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
     )
 
 
-def _interface(what: str, given: Any) -> Interface:
+def _interface(what: str, place: Any) -> Interface:
     """An interface from a node number, several, or an `Interface`; each node is in it once."""
-    if isinstance(given, Interface):
-        interface = given
-    elif isinstance(given, int | np.integer) and not isinstance(given, bool):
-        interface = Interface((int(given),))
+    if isinstance(place, Interface):
+        interface = place
+    elif isinstance(place, int | np.integer) and not isinstance(place, bool):
+        interface = Interface((int(place),))
     else:
-        interface = Interface(given)
+        interface = Interface(place)
     try:
         numbers = tuple(int(n) for n in interface.nodes if int(n) == n)
     except (TypeError, ValueError):
         numbers = ()
     if not numbers or len(numbers) < len(tuple(interface.nodes)):
         raise StructureError(
-            f"{what}: expected the number of a node, several numbers, or an Interface, got {given!r}."
+            f"{what}: expected the number of a node, several numbers, or an Interface, got {place!r}."
         )
     return Interface(tuple(dict.fromkeys(numbers)), interface.point)
 

@@ -1,6 +1,4 @@
-"""The lowest modes of K phi = w^2 M phi, K positive definite, M possibly singular.
-
-Component modes: reduced matrices of a structure held at its parent.
+"""Component modes: reduced matrices of a structure held at its parent.
 
 A structure has n interior coordinates, e of all ports and r of the parent; the n and e coordinates
 together are the f free ones. The methods describe the motion by
@@ -14,6 +12,8 @@ These are equations (4.21) to (4.31), (4.36) to (4.38) and (4.41) of the source 
 `tests/reference/flexible.py`. The first two methods span the same motions. The last is the residual
 flexibility of R. H. MacNeal (1971) as motions of their own. Each method gives the matrices M, K (q, q) of
 q elastic coordinates, their coupling P' (q, r) with the rigid motions, and the motion (e, q) of ports.
+
+Modes are the lowest ones of K phi = w^2 M phi with K positive definite and M possibly singular.
 """
 
 from collections.abc import Callable
@@ -35,18 +35,15 @@ _DENSE = 800  # rows; all modes of a smaller structure are computed, by a dense 
 _SINGULAR = 1e-12  # a pivot that is smaller, relative to its diagonal entry, counts as zero
 # a negative 1/w^2 above this part of the largest 1/w^2 is not rounding of the data
 _INDEFINITE = 1e-9
+_COMPLETE = 1e-9  # a smaller residual flexibility, of the whole one, is rounding of the matrices
 MASSLESS = 1e-13  # a 1/w^2 below this part of the largest counts as zero: no mass moves
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Modes:
-    """The lowest modes of a structure.
+    """The lowest modes of a structure, or all of them if `complete`.
 
-    Attributes
-    ----------
-    frequencies : (k,) rad/s, ascending
-    shapes : (n, k), scaled to unit modal mass
-    complete : whether these are all modes that the structure has
+    `frequencies` (k,) rise (rad/s), `shapes` (n, k) have unit modal mass.
     """
 
     frequencies: Array
@@ -58,18 +55,9 @@ class Modes:
 
 
 class Solver:
-    """Solutions of K x = b for a positive definite K, by one sparse factorization.
+    """Solutions of K x = b for a positive definite K, a sparse `matrix` (n, n), by one factorization.
 
-    Parameters
-    ----------
-    matrix : sparse (n, n), the stiffness matrix K
-    names : function
-        Gives the words by which an error message names a row of K.
-
-    Raises
-    ------
-    StructureError
-        K is singular or indefinite.
+    `names` gives the words by which an error message names a row of K.
     """
 
     def __init__(self, matrix: Any, names: Callable[[int], str]) -> None:
@@ -122,22 +110,12 @@ def lowest_modes(mass: Any, solver: Solver, stiffness: Any, count: int) -> Modes
 
     The eigenvalue problem is solved for 1/w^2, as M phi = (1/w^2) K phi: the lowest frequencies are then
     the most accurate ones, and a coordinate without mass has the eigenvalue 0 instead of an infinite one.
-
-    Parameters
-    ----------
-    mass, stiffness : (n, n), dense or sparse
-    solver : Solver
-        The factorization of `stiffness`.
-    count : int
-
-    Raises
-    ------
-    StructureError
-        A motion has negative kinetic energy.
+    `mass` and `stiffness` are (n, n), dense or sparse; `solver` is the factorization of `stiffness`.
     """
     n, count = solver.rows, max(count, 1)
     if n <= _DENSE or 2 * count >= n:
-        mu, shapes = scipy.linalg.eigh(_dense(mass), _dense(stiffness))
+        dense = (m.toarray() if sp.issparse(m) else m for m in (mass, stiffness))
+        mu, shapes = scipy.linalg.eigh(*dense)
         complete = True
     else:
         operator = spl.LinearOperator((n, n), matvec=solver, dtype=float)
@@ -170,11 +148,6 @@ def _mechanism(where: str) -> str:
         f"move freely ({where}). The nodes of the parent have to hold all rigid motions, and all "
         "parts have to be connected; make several nodes rigid if one has displacements only."
     )
-
-
-def _dense(matrix: Any) -> Array:
-    """The matrix as an array."""
-    return np.asarray(matrix.toarray() if sp.issparse(matrix) else matrix, dtype=float)
 
 
 class Reduced(NamedTuple):
@@ -293,20 +266,17 @@ def effective_mass(structure: Structure, modes: Modes) -> Reduced:
 def static_correction(structure: Structure, modes: Modes, deflections: Array) -> Reduced:
     """Reduced matrices as `effective_mass`, with what the modes lack of the deflections (f, e).
 
-    The rest K^-1 - phi phi'/w^2 of the flexibility is orthogonal to the modes, which stay as they are.
-    Where it is the rounding of the flexibility, nothing is lacking.
+    The residual flexibility K^-1 - phi phi'/w^2 is orthogonal to the modes, which stay as they are. Where
+    it is the rounding of the flexibility, nothing is lacking.
     """
     moved = modes.shapes[structure.at.interior :]
-    rest = deflections - modes.shapes @ (moved / modes.frequencies**2).T
+    residual = deflections - modes.shapes @ (moved / modes.frequencies**2).T
     scale = 1.0 / np.sqrt(np.diag(deflections[structure.at.interior :]))
-    flexibility = rest[structure.at.interior :] * np.outer(scale, scale)
+    flexibility = residual[structure.at.interior :] * np.outer(scale, scale)
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     lacking = values > _COMPLETE
-    own = (rest * scale) @ (vectors[:, lacking] / np.sqrt(values[lacking]))
-    return _projected(structure, np.hstack([modes.shapes, own]))
-
-
-_COMPLETE = 1e-9  # a smaller part of a flexibility is rounding of the matrices
+    correction = (residual * scale) @ (vectors[:, lacking] / np.sqrt(values[lacking]))
+    return _projected(structure, np.hstack([modes.shapes, correction]))
 
 
 def _projected(structure: Structure, basis: Array) -> Reduced:

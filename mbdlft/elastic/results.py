@@ -12,6 +12,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.elastic.model import FASTEST, SLOWEST, ModalModel, Rigid, mass_matrix
+from mbdlft.elastic.nodes import finite
 
 # negative residual mass that is rounding, of the rigid mass: printed digits are few
 _RESIDUAL = 1e-6
@@ -50,14 +51,14 @@ def model_of_results(
         Shapes of arrays do not fit, a frequency is out of range, a port has no mode shape, or the
         participation factors exceed the rigid mass.
     """
-    w = _array("frequencies", frequencies, (np.size(frequencies),))
+    w = finite("frequencies", frequencies, (np.size(frequencies),))
     n = len(w)
     if not n or np.any(w <= SLOWEST) or np.any(w >= FASTEST):
         raise StructureError(
             "frequencies: expected some between 0.0006 and 6e6 rad/s, in rad/s (not Hz, not "
             f"squares), got {w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
         )
-    masses = _array("modal_masses", np.ones(n) if modal_masses is None else modal_masses, (n,))
+    masses = finite("modal_masses", np.ones(n) if modal_masses is None else modal_masses, (n,))
     if np.any(masses <= 0.0):
         raise StructureError(f"modal_masses: expected positive masses, got {masses.min():g}.")
     for name in {*shapes} ^ {*ports}:
@@ -65,15 +66,15 @@ def model_of_results(
         raise StructureError(f"port {name!r} has no {what}.")
     scale = 1.0 / np.sqrt(masses)
     order = np.argsort(w, kind="stable")
-    participation = _array("reactions", reactions, (6, n)) * scale / w**2
+    participation = finite("reactions", reactions, (6, n)) * scale / w**2
     rigid = Rigid(
-        float(_array("mass", mass, ())),
-        _array("center", center, (3,)),
-        _array("inertia", inertia, (3, 3)),
+        float(finite("mass", mass, ())),
+        finite("center", center, (3,)),
+        finite("inertia", inertia, (3, 3)),
     )
     _check_residual(rigid, participation)
     port_shapes = {
-        name: _array(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()
+        name: finite(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()
     }
     return ModalModel(
         method="effective-mass",
@@ -81,7 +82,7 @@ def model_of_results(
         frequencies=w[order],
         participation=participation[:, order],
         shapes={name: (shape * scale)[:, order] for name, shape in port_shapes.items()},
-        ports={name: _array(f"ports of {name!r}", place, (3,)) for name, place in ports.items()},
+        ports={name: finite(f"ports of {name!r}", place, (3,)) for name, place in ports.items()},
         rigid=rigid,
         grounding=0.0,
         port_errors={},
@@ -105,16 +106,3 @@ def _check_residual(rigid: Rigid, participation: Array) -> None:
             "modal_masses), the point of the torques (the origin of the body), the units, and the "
             "mass, center and inertia."
         )
-
-
-def _array(what: str, given: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """A copy of an array of finite numbers of this shape."""
-    try:
-        array = np.array(given, dtype=float)
-    except (TypeError, ValueError):
-        raise StructureError(f"{what}: expected numbers of shape {shape}.") from None
-    if array.shape != shape or not np.all(np.isfinite(array)):
-        raise StructureError(
-            f"{what}: expected finite numbers of shape {shape}, got the shape {array.shape}."
-        )
-    return array

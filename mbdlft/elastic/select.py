@@ -16,7 +16,7 @@ _EXPECTED = {
     "effective_mass": "a fraction of the rigid mass between 0 and 1",
 }
 _MOST = 640  # most modes of a large structure that are computed for an effective mass
-_MASSLESS = 1e-9  # a smaller mass, of the largest, is none: a bar has no inertia about its own axis
+NO_MASS = 1e-9  # a smaller mass, of the largest, is none: a bar has no inertia about its own axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,17 +28,17 @@ class Limit:
     effective_mass: float | None
 
     def __post_init__(self) -> None:
-        given = {
+        limits = {
             name: value
             for name in ("modes", "frequency", "effective_mass")
             if (value := getattr(self, name)) is not None
         }
-        if len(given) != 1:
+        if len(limits) != 1:
             raise StructureError(
                 "expected one of modes (a number), frequency (rad/s) and effective_mass (a "
-                f"fraction), got {' and '.join(given) or 'none'}."
+                f"fraction), got {' and '.join(limits) or 'none'}."
             )
-        (name, value), *_ = given.items()
+        (name, value), *_ = limits.items()
         whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
         if name == "modes" and not (whole and value >= 0):
             raise StructureError(f"modes: expected a whole number, 0 or more, got {value!r}.")
@@ -49,11 +49,7 @@ class Limit:
 def chosen(candidates: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]:
     """The number of modes that `limit` asks for, and the reduced matrices with these modes.
 
-    Parameters
-    ----------
-    candidates : Candidates
-    limit : Limit
-    rigid : (r,) rigid mass of each direction, about the origin
+    `rigid` (r,) is the rigid mass of each direction, about the origin.
     """
     if limit.effective_mass is not None:
         return _by_mass(candidates, limit.effective_mass, rigid)
@@ -69,7 +65,7 @@ def chosen(candidates: Candidates, limit: Limit, rigid: Array) -> tuple[int, Red
         top = float(limit.frequency or 0.0)
         modes = _until(candidates, lambda modes: bool(modes.frequencies[-1] > top))
         count = int(np.sum(modes.frequencies <= top))
-    reduced = part(candidates.reduce(first(modes, count)), count, count)
+    reduced = candidates.reduce(first(modes, count))
     if not len(reduced.mass):
         lowest = f", the first is at {modes.frequencies[0]:g} rad/s" if len(modes) else ""
         raise StructureError(f"no mode is kept{lowest}: ask for at least one.")
@@ -81,7 +77,7 @@ def first(modes: Modes, count: int) -> Modes:
     return Modes(modes.frequencies[:count], modes.shapes[:, :count], complete=False)
 
 
-def part(reduced: Reduced, modes: int, count: int) -> Reduced:
+def _with_first(reduced: Reduced, modes: int, count: int) -> Reduced:
     """Reduced matrices with the first `count` of their `modes` modes, and all motions of the ports."""
     keep = [*range(count), *range(modes, len(reduced.mass))]
     both = np.ix_(keep, keep)
@@ -110,7 +106,7 @@ def _until(candidates: Candidates, enough: Callable[[Modes], bool]) -> Modes:
 
 def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int, Reduced]:
     """The fewest modes whose effective mass is this fraction of `rigid` (r,), and their matrices."""
-    has_mass = rigid > _MASSLESS * np.max(rigid)
+    has_mass = rigid > NO_MASS * np.max(rigid)
 
     def enough(reduced: Reduced) -> bool:
         if not len(reduced.mass):
@@ -125,7 +121,7 @@ def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int
     def with_first(count: int) -> Reduced:
         if candidates.corrects:
             return candidates.reduce(first(modes, count))
-        return part(total, len(modes), count)
+        return _with_first(total, len(modes), count)
 
     if not enough(total):
         reached = np.min(effective(total)[has_mass] / rigid[has_mass])

@@ -19,6 +19,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.parameter import exact_cosine_sine
 from mbdlft.multibody.body import GROUND
 
 Triple = tuple[float, float, float]
@@ -58,7 +59,7 @@ class RobotJoint(NamedTuple):
     position (`lower`, `upper`, rad or m), `effort` (N m or N) and `velocity` (rad/s or m/s) are None if
     the file has none. `reflected_inertia` (kg m^2 or kg) is that of an actuator, felt behind its gear.
     `stiffness` and `damping` act on every coordinate of the joint; its spring is slack at the position
-    `rest`.
+    `slack`.
     """
 
     name: str
@@ -76,7 +77,7 @@ class RobotJoint(NamedTuple):
     effort: float | None = None
     velocity: float | None = None
     stiffness: float = 0.0
-    rest: float = 0.0
+    slack: float = 0.0
     damping: float = 0.0
     reflected_inertia: float = 0.0
     friction: float = 0.0
@@ -156,15 +157,15 @@ Item = TypeVar("Item", RobotLink, RobotJoint)
 
 def unique(what: str, items: Sequence[Item]) -> dict[str, Item]:
     """The items by name; a SceneError if two have one name."""
-    found: dict[str, Item] = {}
+    by_name: dict[str, Item] = {}
     for item in items:
-        if item.name in found:
+        if item.name in by_name:
             raise SceneError(
                 f"line {item.line}: {what} {item.name!r} is given twice; first in line "
-                f"{found[item.name].line}."
+                f"{by_name[item.name].line}."
             )
-        found[item.name] = item
-    return found
+        by_name[item.name] = item
+    return by_name
 
 
 def unused(name: str, taken: Container[str]) -> str:
@@ -256,13 +257,13 @@ def of_quaternion(quaternion: Array) -> Array:
 
 
 def of_angles(rpy: Triple) -> Array:
-    """The rotation (3, 3) of roll, pitch and yaw (rad)."""
+    """R_z(yaw) R_y(pitch) R_x(roll) (3, 3) of angles in rad, exact where they are right angles."""
     turned = np.eye(3)
     for axis, angle in enumerate(rpy):
         i, j = (axis + 1) % 3, (axis + 2) % 3
+        cosine, sine = exact_cosine_sine(angle)
         turn = np.eye(3)
-        turn[[i, j], [i, j]] = math.cos(angle)
-        turn[i, j], turn[j, i] = -math.sin(angle), math.sin(angle)
+        turn[i, i], turn[i, j], turn[j, i], turn[j, j] = cosine, -sine, sine, cosine
         turned = turn @ turned
     return turned
 

@@ -1,6 +1,6 @@
-"""The reader of each format of robots: URDF, also written in xacro, SDF and MJCF.
+"""Scenes of robots: links become bodies and joints become joints; a report lists what else the file has.
 
-Scenes of robots: links become bodies and joints become joints; a report lists all the rest.
+Each format has a reader of its own: URDF, also written in xacro, SDF and MJCF.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -49,18 +49,7 @@ from mbdlft.robot.values import (
 def read_robot(path: str | Path, model: str | None = None, keyframe: str | None = None) -> Robot:
     """Read a robot from a file; errors name the file.
 
-    Parameters
-    ----------
-    path : file
-    model : str, optional
-        Which model of an SDF file that has several.
-    keyframe : str, optional
-        Which keyframe of an MJCF file gives the positions.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read, is not a robot, or has what a scene cannot have.
+    `model` chooses one of an SDF file, `keyframe` the positions of an MJCF file.
     """
     file = Path(path)
     top = top_of(file)
@@ -88,42 +77,29 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
 def top_of(file: Path) -> Element:
     """The first element of a file, expanded if it is written in xacro; errors name the file.
 
-    Raises
-    ------
-    SceneError
-        The file cannot be read, is not XML, or cannot be expanded.
+    Python evaluates the expressions of a xacro file, so its name must say that it is one.
     """
     content = content_of(file, SceneError)
     try:
         top = parse(content)
-        return parse(_expanded(file)) if _is_xacro(file, top) else top
+        is_xacro = file.suffix.lower() == ".xacro" and top.tag == "robot"
+        return parse(_expanded(file)) if is_xacro else top
     except SceneError as error:
         raise SceneError(f"{file}: {error}") from None
 
 
 def _refuse_options(top: Element, model: str | None, keyframe: str | None) -> None:
     """Raise a SceneError for an option that the format does not have."""
-    for option, given, tag, name in (
+    for option, choice, tag, name in (
         ("model", model, "sdf", "an SDF"),
         ("keyframe", keyframe, "mujoco", "an MJCF"),
     ):
-        if given is not None and top.tag != tag:
-            raise SceneError(f"{option} = {given!r}: only {name} file has this, got <{top.tag}>.")
-
-
-def _is_xacro(file: Path, top: Element) -> bool:
-    """Whether a file is one of xacro, by its name: expressions of such a file are evaluated by Python."""
-    return file.suffix.lower() == ".xacro" and top.tag == "robot"
+        if choice is not None and top.tag != tag:
+            raise SceneError(f"{option} = {choice!r}: only {name} file has this, got <{top.tag}>.")
 
 
 def _expanded(file: Path) -> bytes:
-    """The URDF text of a xacro file, with the default values of its arguments.
-
-    Raises
-    ------
-    SceneError
-        The package is not installed, or cannot expand the file.
-    """
+    """The URDF text of a xacro file, with the default values of its arguments."""
     try:
         import xacro
     except ImportError:

@@ -1,9 +1,7 @@
-"""Bodies and joints of a scene, made of a robot and of its numbers by label.
+"""Bodies, joints and what else a scene has, made of a robot and of its numbers by label.
 
 A joint connects its origin, a port of the parent link, with its anchor, a port of the child link; its
-orientation is R_z(yaw) R_y(pitch) R_x(roll).
-
-Which joints of a robot move, and whether its root does.
+orientation is R_z(yaw) R_y(pitch) R_x(roll). The user says which joints move and whether the root does.
 """
 
 import math
@@ -44,12 +42,8 @@ _ABOUT = {"yaw": _AXES["z"], "pitch": _AXES["y"], "roll": _AXES["x"]}
 class Making:
     """All data from which the scene is made.
 
-    Attributes
-    ----------
-    robot : Robot
-    values : numbers and expressions by label
-    names : names in the scene by name in the file
-    moves : names of the joints that move
+    `values` are numbers and expressions by label, `names` those in the scene by name in the file, and
+    `moves` the names of the joints that move.
     """
 
     robot: Robot
@@ -98,15 +92,15 @@ class Making:
 
     def preload(self, joint: RobotJoint) -> Quantity | None:
         """The effort of a joint with one coordinate at equilibrium; None if it is to be found."""
-        given = self.values.get(f"{joint.name}.preload")
-        if given is not None or not self.is_passive(joint):
-            return given
+        preload = self.values.get(f"{joint.name}.preload")
+        if preload is not None or not self.is_passive(joint):
+            return preload
         stiffness, position = (
             self.values[f"{joint.name}.{key}"] for key in ("stiffness", "position")
         )
         if isinstance(stiffness, float | int) and isinstance(position, float | int):
-            return -stiffness * (position - joint.rest)
-        return f"-({stiffness})*(({position}) - {joint.rest!r})"
+            return -stiffness * (position - joint.slack)
+        return f"-({stiffness})*(({position}) - {joint.slack!r})"
 
 
 def bodies(making: Making) -> list[Body]:
@@ -129,12 +123,12 @@ def bodies(making: Making) -> list[Body]:
 def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBody:
     """The body of a link."""
     entries = {entry: making.values[f"{link.name}.inertia.{entry}"] for entry in ENTRIES}
-    given = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
+    inertia = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
     return RigidBody(
         name=making.names[link.name],
         mass=making.values[f"{link.name}.mass"],
         center_of_mass=making.vector(f"{link.name}.center_of_mass"),
-        inertia=Inertia(**given),
+        inertia=Inertia(**inertia),
         ports=ports,
     )
 

@@ -1,24 +1,19 @@
-"""Contents of an MJCF file that a scene cannot have: some are refused, the rest is listed.
+"""Robots of MJCF files, as the package mujoco compiles them: defaults, includes and shapes are resolved.
 
-What the actuators of an MJCF file do to its joints.
-
-An actuator on a joint has the length gear q and exerts the torque or force
+MuJoCo turns a body by the joints of the body one after the other, each about its own point. The first
+joint stands where the body stands in its parent; links without mass are between the joints. An actuator
+on a joint has the length gear q and exerts the torque or force
 
     gear (gain control + bias_0 + bias_1 gear q + bias_2 gear qdot) - gear^2 damping qdot
 
-and the inertia gear^2 armature moves with the joint. The control is constant at rest, so that the
-effort of the joint, the input of the scene, is gear gain control up to a constant; the rest is a spring
-and a damper.
-
-Robots of MJCF files, as the package mujoco compiles them: defaults, includes and shapes are resolved.
-
-MuJoCo turns a body by the joints of the body one after the other, each about its own point. The first
-joint stands where the body stands in its parent; links without mass are between the joints. At rest
+and the inertia gear^2 armature moves with the joint. The control is constant at rest, so that the effort
+of the joint, the input of the scene, is gear gain control up to a constant. Feedback of position and
+velocity is a spring and a damper: with kp = -bias_1, kv = -bias_2,
 
     tau = M qddot + (stiffness + gear^2 kp) q + (damping + gear^2 kv) qdot + g(q)
 
-where kp and kv are the feedback of a position or velocity servo with `gear`. Source: MuJoCo
-documentation, chapters Computation (section Actuation model) and XML reference.
+Contents of a file that a scene cannot have are refused where they move or push bodies, else listed in the
+report. Source: MuJoCo documentation, chapters Computation (section Actuation model) and XML reference.
 """
 
 import math
@@ -113,8 +108,8 @@ def ignored(model: Compiled) -> tuple[str, ...]:
 def _forces(model: Compiled, tendons: Iterable[int]) -> str:
     """Words on springs and dampers of tendons, if there are any."""
     keys = ("stiffness", "damping", "armature", "frictionloss")
-    found = [key for key in keys if any(model.of(f"tendon_{key}")[k] for k in tendons)]
-    return f", with their {', '.join(found)}" if found else ""
+    forces = [key for key in keys if any(model.of(f"tendon_{key}")[k] for k in tendons)]
+    return f", with their {', '.join(forces)}" if forces else ""
 
 
 def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
@@ -203,14 +198,7 @@ def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
 
 
 def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
-    """Read a robot from an MJCF file; `top` are its elements, `keyframe` gives the positions.
-
-    Raises
-    ------
-    SceneError
-        The package mujoco is not installed or does not compile the file, or the file has what a scene
-        cannot have.
-    """
+    """Read a robot from an MJCF file; `top` are its elements, `keyframe` gives the positions."""
     model = compiled(file, top)
     refuse(model)
     positions = _positions(model, keyframe)
@@ -343,14 +331,14 @@ def _joint(model: Compiled, number: int, outer: str, child: str, positions: Arra
         upper=upper,
         effort=effort,
         stiffness=0.0 if model.disabled("SPRING") else float(model.of("jnt_stiffness")[number]),
-        rest=_rest(model, number, kind, reference),
+        slack=_slack(model, number, kind, reference),
         damping=0.0 if model.disabled("DAMPER") else float(model.of("dof_damping")[dof]),
         reflected_inertia=float(model.of("dof_armature")[dof]),
         friction=float(model.of("dof_frictionloss")[dof]),
     )
 
 
-def _rest(model: Compiled, number: int, kind: str, reference: float) -> float:
+def _slack(model: Compiled, number: int, kind: str, reference: float) -> float:
     """The position, from the reference, at which the spring of a hinge or slide is slack."""
     if kind in ("floating", "spherical"):
         return 0.0

@@ -1,9 +1,7 @@
-"""An MJCF file as the package mujoco compiles it: its arrays, with names for everything.
+"""An MJCF file as the package mujoco compiles it: arrays with names, and what stands beside the tree.
 
-Sites of an MJCF file that sensors and thrusters use, and equalities that close loops or couple joints.
-
-Such a site becomes a link without mass, welded to its body, so that what is measured and what acts
-there is in the axes of the site.
+Sites that sensors and thrusters use become links without mass, welded to their bodies, so that what is
+measured and what acts there is in the axes of the site. Equalities close loops or couple joints.
 """
 
 from collections.abc import Mapping
@@ -131,14 +129,7 @@ class Compiled:
 
 
 def compiled(file: Path, top: Element) -> Compiled:
-    """The model of a file, compiled by the package mujoco.
-
-    Raises
-    ------
-    SceneError
-        The package is not installed or cannot compile the file, the file asks for very many copies of
-        something, or a number is not finite.
-    """
+    """The model of a file, compiled by the package mujoco; `top` are its elements."""
     _refuse_many(top)
     try:
         import mujoco
@@ -284,13 +275,7 @@ def loads_of(model: Compiled, sites: Sites) -> tuple[RobotLoad, ...]:
 
 
 def mimics_of(model: Compiled) -> dict[str, Mimic]:
-    """The joints that an equality couples with another one, by name.
-
-    Raises
-    ------
-    SceneError
-        The coupling is not linear, or a joint is held by itself.
-    """
+    """The joints that an equality couples linearly with another one, by name."""
     mimics = {}
     for k in _active(model, "JOINT"):
         first, second = int(model.of("eq_obj1id")[k]), int(model.of("eq_obj2id")[k])
@@ -316,9 +301,9 @@ def loops_of(
             name = unused(model.name_of("EQUALITY", k), model.joint_names)
             (a, at_a), (b, at_b), R = _ends(model, k, word)
             ends = (_body(model, a), _body(model, b), three(at_a), three(at_b))
-            loop, own = aligned(RobotLoop(name, kind, *ends), R, model.body_names)
+            loop, carriers = aligned(RobotLoop(name, kind, *ends), R, model.body_names)
             loops.append(loop)
-            sides += own
+            sides += carriers
     return tuple(loops), tuple(sides)
 
 

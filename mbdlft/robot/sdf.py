@@ -40,14 +40,7 @@ _REFUSED = {
 
 
 def read_sdf(top: Element, model: str | None = None) -> Robot:
-    """Read a robot from the elements of an SDF file; `model` says which one of several.
-
-    Raises
-    ------
-    SceneError
-        A number or an element is missing or wrong, a name is unknown or given twice, or the model has
-        what a scene cannot have. The message names the line.
-    """
+    """Read a robot from the elements of an SDF file; `model` says which one of several."""
     version = version_of(top)
     chosen, world = chosen_model(top, model)
     frames = frames_of(chosen, version)
@@ -65,15 +58,15 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
     places, sensors = _sensors(elements, frames)
     for link, joint in (*places, *closed.sides):
         links[link.name], bases[joint.name] = link, joint
-    unsaid = [
+    unweighed = [
         link.name
         for (_, element), link in zip(elements, links.values(), strict=False)
         if element.only("inertial") is None
     ]
     assumed = []
-    if unsaid:
+    if unweighed:
         assumed.append(
-            f"links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {', '.join(unsaid)}"
+            f"links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {', '.join(unweighed)}"
         )
     if static:
         assumed.append("the model is static: none of its joints moves")
@@ -123,6 +116,9 @@ def chosen_model(top: Element, name: str | None) -> tuple[Element, Element | Non
 def _refuse(model: Element) -> None:
     """Raise a SceneError for an element that changes the motion in a way that a scene does not have."""
     for _, owner in scopes(model):
+        for link in owner.named("link"):
+            if flag(link, "kinematic"):
+                raise SceneError(f"line {link.line}: {link.called()}: <kinematic> is not read.")
         for element in (owner, *owner.named("link"), *owner.named("joint")):
             for child in element.children:
                 if child.tag in _REFUSED[element.tag] and _acts(child):
@@ -131,10 +127,6 @@ def _refuse(model: Element) -> None:
                         "part of a scene. Take it out of the file"
                         + (", or put what it includes there." if child.tag == "include" else ".")
                     )
-    for _, owner in scopes(model):
-        for link in owner.named("link"):
-            if flag(link, "kinematic"):
-                raise SceneError(f"line {link.line}: {link.called()}: <kinematic> is not read.")
 
 
 def _acts(element: Element) -> bool:

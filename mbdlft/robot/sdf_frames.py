@@ -127,11 +127,11 @@ class Frames:
     def inside(self, element: Element, link: str, scope: str, where: str) -> Pose:
         """The pose of an element of a link in the frame of the link; it may name another frame."""
         pose = element.only("pose")
-        relative, own = _relative(pose, self._version), _pose(pose, where)
+        relative, place = _relative(pose, self._version), _pose(pose, where)
         if not relative:
-            return own
+            return place
         line = pose.line if pose else element.line
-        return self.between(link, self.find(relative, scope, f"line {line}: {where}")).then(own)
+        return self.between(link, self.find(relative, scope, f"line {line}: {where}")).then(place)
 
 
 def scopes(model: Element, scope: str = "") -> Iterator[tuple[str, Element]]:
@@ -142,19 +142,13 @@ def scopes(model: Element, scope: str = "") -> Iterator[tuple[str, Element]]:
 
 
 def frames_of(model: Element, version: tuple[int, int]) -> Frames:
-    """The frames of a model.
-
-    Raises
-    ------
-    SceneError
-        A pose is wrong, is relative to an unknown frame, or two frames have one name.
-    """
+    """The frames of a model: their names differ, and each pose is relative to one of them."""
     placed = model.only("pose")
     if _relative(placed, version) not in ("", "world"):
         raise SceneError(
             f"line {model.line}: {model.called()}: <pose>: expected one relative to the world."
         )
-    found = {_WORLD: Frame(_pose(placed, model.called()), MODEL, model.line)}
+    by_name = {_WORLD: Frame(_pose(placed, model.called()), MODEL, model.line)}
     wanted: list[tuple[str, str, str]] = []
     for scope, owner in scopes(model):
         for attribute in ("placement_frame", "canonical_link"):
@@ -169,20 +163,20 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
                     f"line {element.line}: the name {name_of(element)!r} means the world or the model "
                     f"and cannot be that of a {element.tag}. Give it another name."
                 )
-            if name in found:
+            if name in by_name:
                 raise SceneError(
                     f"line {element.line}: the name {name!r} is given twice; first in line "
-                    f"{found[name].line}."
+                    f"{by_name[name].line}."
                 )
             where = f"line {element.line}: {element.called()}"
             pose = element.only("pose")
             relative = _relative(pose, version) or _default(element)
-            found[name] = Frame(_pose(pose, element.called()), relative, element.line)
+            by_name[name] = Frame(_pose(pose, element.called()), relative, element.line)
             wanted.append((name, scope, where))
-    frames = Frames(found, version)
+    frames = Frames(by_name, version)
     for name, scope, where in wanted:
-        full = frames.find(found[name].relative_to, scope, where)
-        found[name] = found[name]._replace(relative_to=full)
+        full = frames.find(by_name[name].relative_to, scope, where)
+        by_name[name] = by_name[name]._replace(relative_to=full)
     for name, _, _ in wanted:
         frames.in_model(name)
     return frames
@@ -254,13 +248,7 @@ Joints = dict[str, RobotJoint]
 def joints_of(
     model: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
 ) -> Joints:
-    """The joints of a model and its nested models.
-
-    Raises
-    ------
-    SceneError
-        A joint is of a type that a scene does not have, has no link or an unknown one, or a wrong number.
-    """
+    """The joints of a model and its nested models, by name."""
     return unique(
         "joint",
         [
@@ -281,14 +269,14 @@ def _joint(
     """The joint of an element <joint>."""
     name = f"{scope}{name_of(element)}"
     where = f"joint {name!r}"
-    given = element.attributes.get("type", "")
-    if given in _UNREAD:
+    kind = element.attributes.get("type", "")
+    if kind in _UNREAD:
         raise SceneError(
-            f"line {element.line}: {where}: joints of the type {given!r} are not read. A scene has "
+            f"line {element.line}: {where}: joints of the type {kind!r} are not read. A scene has "
             "hinges, slides and balls; write it with them, or leave it out."
         )
-    if given not in KINDS:
-        raise SceneError(f"line {element.line}: {where}: {unknown_name('type', given, KINDS)}")
+    if kind not in KINDS:
+        raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, KINDS)}")
     parent, child = (
         _end(element, side, scope, frames, links, where) for side in ("parent", "child")
     )
@@ -297,10 +285,10 @@ def _joint(
     place = frames.in_world(child) if not parent else frames.between(parent, child)
     anchor = frames.between(child, name).p
     joint = RobotJoint(
-        name, element.line, KINDS[given], parent, child,
+        name, element.line, KINDS[kind], parent, child,
         xyz=three(place.p + place.R @ anchor), rpy=angles_of(place.R), anchor=three(anchor),
     )  # fmt: skip
-    if KINDS[given] in ("fixed", "spherical"):
+    if KINDS[kind] in ("fixed", "spherical"):
         return joint
     axis = element.only("axis")
     if axis is None:
@@ -343,7 +331,7 @@ def _with_axis(
     bounded = joint.kind != "continuous" and (lower is not None or upper is not None)
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     dynamics = axis.only("dynamics")
-    damping, friction, stiffness, rest = (
+    damping, friction, stiffness, slack = (
         (child_numbers(dynamics, key, where) or (0.0,))[0]
         for key in ("damping", "friction", "spring_stiffness", "spring_reference")
     )
@@ -355,7 +343,7 @@ def _with_axis(
         effort=effort,
         velocity=velocity,
         stiffness=stiffness,
-        rest=rest,
+        slack=slack,
         damping=damping,
         friction=friction,
         mimic=mimic_of(axis, child_numbers, where, scope),
@@ -399,13 +387,7 @@ class Closed(NamedTuple):
 
 
 def closing(joints: Joints, frames: Frames) -> Closed:
-    """Part the joints: a second joint to a link closes a loop.
-
-    Raises
-    ------
-    SceneError
-        A joint that closes a loop is of a kind that cannot, or has a spring or a damper.
-    """
+    """Part the joints: a second joint to a link closes a loop, as hinge, ball or fixed joint."""
     tree: Joints = {}
     loops: list[RobotLoop] = []
     sides: list[Side] = []
@@ -424,15 +406,15 @@ def closing(joints: Joints, frames: Frames) -> Closed:
         kind = _LOOPS[joint.kind]
         axis = three(R @ np.array(joint.axis)) if kind == "revolute" else None
         ends = (joint.parent, joint.child, joint.xyz, joint.anchor)
-        loop, own = aligned(RobotLoop(joint.name, kind, *ends, axis), R, joints)
+        loop, carriers = aligned(RobotLoop(joint.name, kind, *ends, axis), R, joints)
         loops.append(loop)
-        sides += own
+        sides += carriers
     return Closed(tree, tuple(loops), tuple(sides))
 
 
 def _above(link: str, carried: Mapping[str, RobotJoint]) -> Sequence[str]:
     """A link and those that carry it."""
-    found = [link]
-    while found[-1] in carried:
-        found.append(carried[found[-1]].parent)
-    return found
+    chain = [link]
+    while chain[-1] in carried:
+        chain.append(carried[chain[-1]].parent)
+    return chain

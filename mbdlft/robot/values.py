@@ -12,8 +12,8 @@ import numpy as np
 
 from mbdlft.base.description import AXES, Quantity
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.base.parameter import Parameter, exact_cosine_sine
-from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink
+from mbdlft.base.parameter import Parameter
+from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink, of_angles
 
 Values = dict[str, Quantity]
 
@@ -106,21 +106,17 @@ def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
 
 def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mapping[str, float]:
     """Entries of the inertia matrix in the axes of the link."""
-    R_lc = np.eye(3)
-    for axis, angle in enumerate(link.rpy):  # x, then y, then z, each about the axes of the link
-        if angle and _angle(angle, right_angle, snapped) != angle:
-            angle = round(angle / (np.pi / 2.0)) * np.pi / 2.0
-        cosine, sine = exact_cosine_sine(angle)
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        turn = np.eye(3)
-        turn[j, j], turn[j, k], turn[k, j], turn[k, k] = cosine, -sine, sine, cosine
-        R_lc = turn @ R_lc
+    roll, pitch, yaw = (
+        angle if angle == 0.0 or _angle(angle, right_angle, snapped) == angle
+        else round(angle / (math.pi / 2.0)) * math.pi / 2.0
+        for angle in link.rpy
+    )  # fmt: skip
+    R_lc = of_angles((roll, pitch, yaw))
     if np.array_equal(R_lc, np.eye(3)):
         return link.inertia
     J_c = np.array([[link.inertia["".join(sorted(a + b))] for b in AXES] for a in AXES])
     J_l = R_lc @ J_c @ R_lc.T
-    place = {axis: k for k, axis in enumerate(AXES)}
-    return {name: float(J_l[place[name[0]], place[name[1]]]) + 0.0 for name in ENTRIES}
+    return {name: float(J_l[AXES.index(name[0]), AXES.index(name[1])]) + 0.0 for name in ENTRIES}
 
 
 # values that replace the numbers of the file --------------------------------------------------
@@ -130,11 +126,6 @@ def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Paramete
     """A parameter in a range of `percent` around a number of the file.
 
     Its name is the label with underscores for dots.
-
-    Raises
-    ------
-    SceneError
-        The label is unknown, or not that of a mass, an inertia or a length that is not zero.
     """
     check_label("vary", label, file)
     number, unit = file[label], _unit(label)
@@ -160,9 +151,9 @@ def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
     if label in file or (label.endswith(".preload") and f"{label[:-8]}.position" in file):
         return
     owners = {name for known in file for name in _owners(known)}
-    own = [known for known in file if any(known.startswith(f"{name}.") for name in _owners(label))]
-    if own:
-        raise SceneError(f"{what}: {unknown_name('label', label, own)}")
+    nearby = [k for k in file if any(k.startswith(f"{name}.") for name in _owners(label))]
+    if nearby:
+        raise SceneError(f"{what}: {unknown_name('label', label, nearby)}")
     owner = label.partition(".")[0]
     raise SceneError(f"{what}, {label!r}: {unknown_name('link or joint', owner, owners)}")
 

@@ -232,9 +232,9 @@ def without(**fields: Any) -> Callable[[Element], File]:
 PLANTED: dict[str, tuple[str, str, Any]] = {
     "roll before yaw": ("make._ABOUT", "so101", dict(reversed(make._ABOUT.items()))),
     "inertia in the axes of the inertial": ("values._inertia", "baxter", not_turned),
-    "no damping": ("read.read_urdf", "panda", without(damping=0.0)),
-    "axes all x": ("read.read_urdf", "ur5", without(axis=(1.0, 0.0, 0.0))),
-    "no lengths": ("read.read_urdf", "so101", without(xyz=(0.0, 0.0, 0.0))),
+    "no damping": ("load.read_urdf", "panda", without(damping=0.0)),
+    "axes all x": ("load.read_urdf", "ur5", without(axis=(1.0, 0.0, 0.0))),
+    "no lengths": ("load.read_urdf", "so101", without(xyz=(0.0, 0.0, 0.0))),
 }
 
 

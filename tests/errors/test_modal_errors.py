@@ -273,12 +273,12 @@ def results(**changes: Any) -> Any:
     [
         ({"frequencies": []}, "frequencies: expected some between"),
         ({"frequencies": [0.0]}, "in rad/s (not Hz, not squares), got [0.0]."),
-        ({"frequencies": [[1.0]]}, "frequencies: expected finite numbers of shape (1,), got the"),
-        ({"reactions": np.ones((3, 1))}, "reactions: expected finite numbers of shape (6, 1), got"),
+        ({"frequencies": [[1.0]]}, "frequencies: expected the shape (1,), got (1, 1)."),
+        ({"reactions": np.ones((3, 1))}, "reactions: expected the shape (6, 1), got (3, 1)."),
         ({"reactions": "x"}, "reactions: expected numbers of shape (6, 1)."),
         ({"shapes": {}}, "port 'tip' has no mode shapes in `shapes`."),
         ({"ports": {}}, "port 'tip' has no position in `ports`."),
-        ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected finite numbers of shape"),
+        ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected the shape (6, 1), got"),
         ({"modal_masses": [-1.0]}, "modal_masses: expected positive masses, got -1."),
         ({"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix."),
         (
