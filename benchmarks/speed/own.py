@@ -7,7 +7,7 @@ import numpy as np
 import mbdlft
 from benchmarks.speed.robots import Array, Method, Samples
 from benchmarks.speed.systems import System
-from mbdlft.batch.compiled import compiled
+from mbdlft.batch.native import compiled
 from mbdlft.batch.rows import source_of
 
 

@@ -32,27 +32,16 @@ _KINDS = {"<f8": h5t.IEEE_F64LE, "<f4": h5t.IEEE_F32LE, "i1": h5t.STD_I8LE}
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Names and units of the numbers in each row of a sweep.
-
-    Attributes
-    ----------
-    parameters, states, inputs, outputs, trim : tuples of Signal
-    poles : bool
-        Whether there are the eigenvalues of A.
-    functions : tuple of str
-        Names of numbers that a function of the user has computed.
-    single : bool
-        Whether matrices, trim, poles and these are stored in single precision.
-    """
+    """Names and units of the numbers in each row of a sweep."""
 
     parameters: tuple[Signal, ...]
     states: tuple[Signal, ...]
     inputs: tuple[Signal, ...]
     outputs: tuple[Signal, ...]
     trim: tuple[Signal, ...]
-    poles: bool = False
-    functions: tuple[str, ...] = ()
-    single: bool = False
+    poles: bool = False  # whether there are the eigenvalues of A
+    functions: tuple[str, ...] = ()  # names of numbers that a function of the user has computed
+    single: bool = False  # whether matrices, trim, poles and these numbers are in single precision
 
     @property
     def matrix_shape(self) -> tuple[int, int]:
@@ -146,20 +135,12 @@ def digests_of(rows: Array, block_rows: int) -> NDArray[np.uint8]:
 
 @dataclass(frozen=True, slots=True)
 class Places:
-    """Where the rows of a sweep are in its file.
-
-    Attributes
-    ----------
-    layout : Layout
-    count : number of rows
-    starts : bytes before the first row of each dataset that has numbers
-    sizes : bytes of each of these datasets
-    """
+    """Where the rows of a sweep are in its file."""
 
     layout: Layout
-    count: int
-    starts: dict[str, int]
-    sizes: dict[str, int]
+    count: int  # of rows
+    starts: dict[str, int]  # bytes before the first row of each dataset that has numbers
+    sizes: dict[str, int]  # bytes of each of these datasets
 
     def write(self, file: Path, first: int, rows: Array) -> None:
         """Write rows (n, width), of which the first has the number `first`, to their places."""

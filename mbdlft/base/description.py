@@ -137,39 +137,33 @@ class Description(BaseModel):
         return "\n".join(lines)
 
 
-_TEXTS = ("parent", "child", "about", "port", "joint", "frame")
-_VECTORS = ("gravity", "acceleration", "center_of_mass")
+def _words_of(*fields: tuple[str, str]) -> dict[str, str]:
+    return {name: words for names, words in fields for name in names.split()}
+
+
+_EXPECTED = _words_of(
+    ("gravity acceleration center_of_mass", "three numbers or expressions"),
+    ("axis axis1 axis2 direction", "three numbers"),
+    ("ports", "a table of positions, three numbers or expressions each"),
+    ("inertia", "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"),
+    ("orientation", "a list of rotations, each with axis and angle"),
+    ("imposed", "true, false or 'motion'"),
+    ("constants", "numbers by name, or tables with value and unit"),
+    ("inputs outputs", "a list of signal names"),
+    ("expressions", "numbers or expressions by name"),
+    ("parent child about port joint frame name kind description unit", "a text"),
+    ("unchecked", "true or false"),
+)
+_LISTS = ("parameters", "bodies", "joints", "loads", "sensors", "loops")
 
 
 def _expected(field: str, owner: type[BaseModel]) -> str:
     """The values that a field takes, in words."""
-    if field in _VECTORS:
-        return "three numbers or expressions"
-    if field in ("axis", "axis1", "axis2", "direction"):
-        return "three numbers"
-    if field == "ports":
-        return "a table of positions, three numbers or expressions each"
-    if field == "inertia":
-        return "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"
-    if field in ("parameters", "bodies", "joints", "loads", "sensors", "loops"):
+    if field in _LISTS:
         return f"a list of {field}"
-    if field == "orientation":
-        return "a list of rotations, each with axis and angle"
-    if field == "imposed":
-        return "true, false or 'motion'"
-    if field == "constants":
-        return "numbers by name, or tables with value and unit"
-    if field in ("inputs", "outputs"):
-        return "a list of signal names"
-    if field == "expressions":
-        return "numbers or expressions by name"
     if field == "states":
         return "a text" if owner.model_fields[field].annotation is str else "a list of names"
-    if field in (*_TEXTS, "name", "kind", "description", "unit"):
-        return "a text"
-    if field == "unchecked":
-        return "true or false"
-    return _expected_type(owner.model_fields.get(field))
+    return _EXPECTED.get(field) or _expected_type(owner.model_fields.get(field))
 
 
 def _expected_type(field: FieldInfo | None) -> str:

@@ -214,16 +214,9 @@ class Signal:
 
 
 class Freedom(NamedTuple):
-    """Names of one coordinate of a joint or an elastic body.
+    """Names of one coordinate of a joint or an elastic body."""
 
-    Attributes
-    ----------
-    label : the ending of labels of quantities, such as ``x`` of ``stiffness.x``; empty if there is one
-    only effort : its generalized force measures : its displacement, velocity and acceleration turns :
-    whether it is an angle
-    """
-
-    label: str
-    effort: Signal
-    measures: tuple[Signal, Signal, Signal]
-    turns: bool
+    label: str  # the ending of labels of quantities, such as x of stiffness.x; empty for one alone
+    effort: Signal  # its generalized force
+    measures: tuple[Signal, Signal, Signal]  # its displacement, velocity and acceleration
+    turns: bool  # whether it is an angle

@@ -1,8 +1,8 @@
-from .compiled import Compiled as Compiled
-from .compiled import Linearizations as Linearizations
-from .compiled import compile as compile
-from .compiled import with_program as with_program
 from .extra import SweepPart as SweepPart
+from .native import Compiled as Compiled
+from .native import Linearizations as Linearizations
+from .native import compile as compile
+from .native import with_program as with_program
 from .run import SweepReport as SweepReport
 from .run import sweep as sweep
 from .samples import GridSamples as GridSamples

@@ -66,23 +66,12 @@ Function = Callable[[SweepPart], Mapping[str, ArrayLike]]
 
 @dataclass(frozen=True, slots=True)
 class Extra:
-    """What is asked for besides: as it is written into the plan of a sweep, and sent to workers.
-
-    Attributes
-    ----------
-    poles : bool
-    function : str
-        ``module:name``, or nothing.
-    names : tuple of str
-        Names of the numbers that the function gives.
-    single : bool
-        Whether numbers are stored in single precision.
-    """
+    """What is asked for besides: as it is written into the plan of a sweep, and sent to workers."""
 
     poles: bool = False
-    function: str = ""
-    names: tuple[str, ...] = ()
-    single: bool = False
+    function: str = ""  # module:name, or nothing
+    names: tuple[str, ...] = ()  # of the numbers that the function gives
+    single: bool = False  # whether numbers are stored in single precision
 
     def layout(self, layout: Layout) -> Layout:
         """The layout of rows with this."""

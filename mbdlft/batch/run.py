@@ -18,8 +18,8 @@ from mbdlft.archive.sweep import finish_sweep
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.worker import Pool
-from mbdlft.batch.compiled import fastest
 from mbdlft.batch.extra import Extra, Function, asked_of
+from mbdlft.batch.native import fastest
 from mbdlft.batch.rows import Source, source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (

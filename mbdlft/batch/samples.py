@@ -45,13 +45,7 @@ class RandomSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GivenSamples:
-    """Samples that the user gives as values.
-
-    Attributes
-    ----------
-    points : array (N, n_p)
-        Physical values in the units and the order of the parameters.
-    """
+    """Physical values (N, n_p) of a user, in the units and the order of the parameters."""
 
     points: Array = field(repr=False)
 
@@ -62,14 +56,7 @@ Samples = GridSamples | RandomSamples | GivenSamples
 def samples_of(
     parameters: Sequence[Parameter], samples: GridSamples | RandomSamples | Mapping[str, ArrayLike]
 ) -> Samples:
-    """Check the samples of a user.
-
-    Parameters
-    ----------
-    parameters : sequence of Parameter
-    samples : GridSamples, RandomSamples, or a mapping of names to numbers or arrays (N,)
-        Values in the units of the parameters; a parameter that is not named is nominal.
-    """
+    """Check the samples of a user; arrays (N,) by name are in the units of the parameters."""
     names = [p.name for p in parameters]
     if isinstance(samples, GridSamples):
         check_known("parameter", samples.counts, names, "sweep, grid", AnalysisError)

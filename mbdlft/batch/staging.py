@@ -55,23 +55,13 @@ _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "sample
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Work:
-    """The data from which shards are computed.
+    """The data from which shards are computed."""
 
-    Attributes
-    ----------
-    source : EquationSource or ModelSource
-        The definition; `fastest` of it computes.
-    samples : Samples
-    extra : Extra
-        What is computed besides.
-    block_rows, shard_rows : rows of a block, which has a digest, and of a shard, which has whole blocks
-    """
-
-    source: EquationSource | ModelSource
+    source: EquationSource | ModelSource  # the definition; `fastest` of it computes
     samples: Samples
-    extra: Extra
-    block_rows: int
-    shard_rows: int
+    extra: Extra  # what is computed besides
+    block_rows: int  # a block has a digest
+    shard_rows: int  # a shard has whole blocks
 
     @property
     def layout(self) -> Layout:

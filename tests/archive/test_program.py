@@ -168,7 +168,7 @@ def test_other_values_than_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:
     other = replace(model, lft=replace(model.lft, M22=2.0 * model.lft.M22))
     with says(StructureError, "the equations of its scene have other values than the model"):
         mbdlft.with_program(other)
-    monkeypatch.setattr("mbdlft.batch.compiled._LONGEST", 3)
+    monkeypatch.setattr("mbdlft.batch.native._LONGEST", 3)
     with says(StructureError, "no program of at most 200000 instructions"):
         mbdlft.with_program(model)
 

@@ -8,7 +8,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import MbdlftError
-from mbdlft.batch.compiled import compiled
+from mbdlft.batch.native import compiled
 from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.multibody.assembly import assembly
 from mbdlft.problem.digits import matrices_in_digits

@@ -20,8 +20,8 @@ import pytest
 import mbdlft
 from mbdlft import MbdlftWarning
 from mbdlft.base.samples import check_points
-from mbdlft.batch import compiled as module
-from mbdlft.batch.compiled import Compiled
+from mbdlft.batch import native as module
+from mbdlft.batch.native import Compiled
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program import native as engine
 from mbdlft.lft.program.elimination import solve, sparse

@@ -13,8 +13,8 @@ import pytest
 import mbdlft
 from mbdlft import Parameter, TrimError
 from mbdlft.base.samples import check_points
-from mbdlft.batch import compiled as module
-from mbdlft.batch import remembered
+from mbdlft.batch import native as module
+from mbdlft.batch import program_cache
 from mbdlft.batch.rows import source_of
 from mbdlft.lft.program.native import Cache
 from mbdlft.problem import trim
@@ -44,7 +44,7 @@ def nothing(*_: object) -> None:
 def test_the_second_time_nothing_is_assembled(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     first = mbdlft.compile(scene(name), threads=1)
     with monkeypatch.context() as patch:
-        for where in (module, remembered):
+        for where in (module, program_cache):
             patch.setattr(where, "source_of", nothing)
         second = mbdlft.compile(scene(name), threads=1)
         assert (second.computes, second.reason) == ("equations", "")
@@ -62,7 +62,7 @@ def test_samples_without_a_solution() -> None:
     values = {"f": np.array([0.0, 0.0, 0.5, 1.0, 0.0]), "m": np.array([0.0, 1.0, 1.0, 0.0, 0.5])}
     given = cart("m", [force, mass], {"preload": "f"})
     first, second = (mbdlft.compile(given) for _ in range(2))
-    assert isinstance(second.source, remembered.SceneSource)
+    assert isinstance(second.source, program_cache.SceneSource)
     rows = second(values)
     assert rows.status.tolist() == [1, 0, 2, 2, 0]
     for part, other in zip(rows, first(values), strict=True):
@@ -71,7 +71,7 @@ def test_samples_without_a_solution() -> None:
 
 def test_loads_through_elastic_bodies_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     first, second = (mbdlft.compile(scene("solar_arrays"), threads=1) for _ in range(2))
-    assert isinstance(second.source, remembered.SceneSource)
+    assert isinstance(second.source, program_cache.SceneSource)
     at = check_points(second.parameters, 3)[:20]
     for found in (first, second):
         found.rows(at)
@@ -100,19 +100,19 @@ def test_what_is_another_program(cache: Path, monkeypatch: pytest.MonkeyPatch) -
     mbdlft.compile(cart(0.8))
     assert kept(cache) == 2
     with monkeypatch.context() as patch:
-        patch.setattr(remembered, "_package", lambda: "changed")
+        patch.setattr(program_cache, "_package", lambda: "changed")
         mbdlft.compile(cart())
     assert kept(cache) == 3
     with monkeypatch.context() as patch:
-        patch.setattr(remembered, "_file", lambda _: __file__)  # a kind of a user
+        patch.setattr(program_cache, "_file", lambda _: __file__)  # a kind of a user
         mbdlft.compile(cart())
     assert kept(cache) == 4
     # a line for each file of the package
-    files = len(list(Path(remembered.__file__).parents[1].rglob("*.py")))
-    assert remembered._package().count("\n") + 1 == files
-    assert remembered._file(type(cart().bodies[0])) is None
-    assert remembered._file(Path) is not None
-    monkeypatch.setattr(remembered, "version", lambda _: "9")
+    files = len(list(Path(program_cache.__file__).parents[1].rglob("*.py")))
+    assert program_cache._package().count("\n") + 1 == files
+    assert program_cache._file(type(cart().bodies[0])) is None
+    assert program_cache._file(Path) is not None
+    monkeypatch.setattr(program_cache, "version", lambda _: "9")
     mbdlft.compile(cart())
     assert kept(cache) == 5
 
@@ -123,7 +123,7 @@ def test_what_is_not_as_it_was_written(cache: Path) -> None:
     whole = file.read_bytes()
     for damage in (b"", whole[:50], whole[:-1], whole[:60] + b"!" + whole[61:]):
         file.write_bytes(damage)
-        assert remembered.remembered(cart()) is None
+        assert program_cache.remembered(cart()) is None
         found = mbdlft.compile(cart(), threads=1)
         assert file.read_bytes() == whole
         for part, other in zip(found.rows(np.zeros((3, 0))), expected, strict=True):
@@ -131,10 +131,10 @@ def test_what_is_not_as_it_was_written(cache: Path) -> None:
     # whole, of this user, and nonsense
     for image in (b"nonsense", whole[32:90], b"PK\x05\x06" + bytes(18)):
         Cache(cache).put(file.stem, image, "program")
-        assert remembered.remembered(cart()) is None
+        assert program_cache.remembered(cart()) is None
     file.write_bytes(whole)
     file.chmod(0o666)
-    assert remembered.remembered(cart()) is None
+    assert program_cache.remembered(cart()) is None
 
 
 def test_code_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -149,4 +149,4 @@ def test_code_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBDLFT_CACHE", "")
     for _ in range(2):
-        assert not isinstance(mbdlft.compile(cart()).source, remembered.SceneSource)
+        assert not isinstance(mbdlft.compile(cart()).source, program_cache.SceneSource)

@@ -18,7 +18,7 @@ from mbdlft.archive.rows import SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError, StructureError
 from mbdlft.base.parameter import Parameter
-from mbdlft.batch.remembered import SceneSource, remember, remembered
+from mbdlft.batch.program_cache import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
 from mbdlft.lft.program.elimination import closed

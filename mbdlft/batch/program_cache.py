@@ -35,16 +35,10 @@ _NOT_READ = (ArchiveError, ValueError, KeyError, TypeError, OSError, zipfile.Bad
 
 @dataclass(eq=False)
 class SceneSource:
-    """The source of rows of a scene that is assembled when it is asked for rows.
-
-    Attributes
-    ----------
-    scene : Scene
-    layout, chunk : as its `definition` has them
-    """
+    """The source of rows of a scene that is assembled when it is asked for rows."""
 
     scene: Scene
-    layout: Layout
+    layout: Layout  # that of its `definition`, as is the chunk
     chunk: int
     parameters: tuple[Parameter, ...] = field(init=False)
 
