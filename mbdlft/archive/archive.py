@@ -36,6 +36,8 @@ from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
 
 Made = TypeVar("Made")
+_PATIENCE = 120.0  # s; a writer that has not ended by then does not end
+_ENDING = ".part"
 LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
 
 
@@ -246,10 +248,6 @@ def names_in(file: Path, parent: str) -> tuple[str, ...]:
 def _size(file: Path) -> int:
     """Size of a file in bytes; 0 if it does not exist."""
     return file.stat().st_size if file.exists() else 0
-
-
-_PATIENCE = 120.0  # s; a writer that has not ended by then does not end
-_ENDING = ".part"
 
 
 def target_of(file: Path) -> Path:

@@ -51,7 +51,7 @@ _NUMBERS = (
 )
 _FILTERS = (h5z.FILTER_DEFLATE, h5z.FILTER_SHUFFLE, h5z.FILTER_FLETCHER32)
 _STORED = (h5d.COMPACT, h5d.CONTIGUOUS, h5d.CHUNKED)
-_MOST_LINKS, _DEEPEST = 100_000, 16
+_MOST_LINKS, _DEEPEST = 100_000, 16  # a model has 100 objects, four deep
 
 
 class LongTextError(Exception):

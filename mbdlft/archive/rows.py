@@ -24,7 +24,7 @@ from mbdlft.base.errors import ArchiveError
 from mbdlft.base.unit import Signal
 
 SOLVED, SINGULAR, NO_EQUILIBRIUM, FUNCTION_FAILED = 0, 1, 2, 3
-_CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096
+_CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096  # a chunk fits into the cache of HDF5 (1 MB)
 GROUP = "mbdlft rows of an unfinished sweep"  # in the root, until it has its name
 _WHOLE = ("samples", "residual", "status")  # never in single precision
 _KINDS = {"<f8": h5t.IEEE_F64LE, "<f4": h5t.IEEE_F32LE, "i1": h5t.STD_I8LE}

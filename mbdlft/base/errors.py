@@ -4,8 +4,12 @@ import re
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
-_LONGEST, _END = 2000, 400  # bytes of a message, and of its end, where the advice is
-_LISTED, _COMPARED, _LETTERS = 40, 1000, 100  # names listed, compared; their letters
+_LONGEST, _END = (
+    2000,
+    400,
+)  # bytes of a message, a page of a terminal, and of its end, with the advice
+_LISTED, _COMPARED = 40, 1000  # names in a message; names compared, which takes 10 ms
+_LETTERS = 100  # of a name: no name that somebody means is longer
 _QUANTITIES = ("position", "rotation", "angle", "force", "torque")  # with components
 _SAME = (  # words for one thing, of a translation and of a rotation
     ("position", "angle", "rotation", "displacement", "theta", "q"),

@@ -32,9 +32,9 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "cos": math.cos,
     "atan": math.atan,
 }
-_MAX_EXPONENT = 64
-_MAX_DEPTH = 100
-_MOST_DIGITS = 1000
+_MAX_EXPONENT = 64  # as many factors in a product; each is a channel of a model
+_MAX_DEPTH = 100  # of parentheses: each takes five calls of the thousand that Python allows
+_MOST_DIGITS = 1000  # of a number: exact arithmetic carries all of them
 _NOT_BLANK = re.compile(r"\S")
 _TOKEN = re.compile(
     r"""(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)

@@ -26,8 +26,9 @@ Substitution = Literal["identity", "half-angle", "quarter-angle"]
 
 ROLES: tuple[str, ...] = get_args(Role)[:3]  # of parameters that somebody declares
 SUBSTITUTIONS: tuple[str, ...] = get_args(Substitution)
-_NEAREST = 1e-8  # least distance of the nominal value from either bound, of the width of the range
-# least distance from a singular point, of the reach: nearer, digits are lost
+# least distance of the nominal value from either bound, of the width of the range: half of 16 digits stay
+_NEAREST = 1e-8
+# least distance from a singular point, of the reach: the tangent is then up to 1e5, and 11 digits stay
 _NEAREST_SINGULAR = 1e-5
 # the internal value is the tangent of the angle divided by this
 DIVISORS = {"identity": 1.0, "half-angle": 2.0, "quarter-angle": 4.0}

@@ -5,7 +5,7 @@ A budget is an upper limit: work may end before it. Nothing depends on whether s
 
 import gc
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -50,66 +50,61 @@ Listener = Callable[[float, float], None]  # units that are done, and the most t
 
 
 class _Heard(NamedTuple):
-    """Who listens, what was done before this part of the work, and the most there may be."""
+    """Who listens to a budget."""
 
     listener: Listener
-    before: float
-    most: float
+    before: float  # units that were done before
+    most: float  # units there may be; 0 before a budget begins
 
 
 _HEARD: ContextVar[_Heard | None] = ContextVar("_HEARD", default=None)
 
 
 @contextmanager
-def heard(listener: Listener) -> Iterator[None]:
-    """Whatever works inside tells this function."""
-    token = _HEARD.set(_Heard(listener, 0.0, 0.0))
+def _hearing(heard: _Heard) -> Iterator[None]:
+    token = _HEARD.set(heard)
     try:
         yield
     finally:
         _HEARD.reset(token)
+
+
+def heard(listener: Listener) -> AbstractContextManager[None]:
+    """In this context `listener` is told what is done of a budget."""
+    return _hearing(_Heard(listener, 0.0, 0.0))
 
 
 @contextmanager
 def budget(most: float) -> Iterator[None]:
-    """A work of at most so many units begins; that of which it is a part has told its own."""
+    """In this context at most `most` units of work are done; inside another budget, that one counts."""
     around = _HEARD.get()
     if around is None or around.most > 0.0:
         yield
         return
-    token = _HEARD.set(around._replace(most=most))
-    try:
+    with _hearing(around._replace(most=most)):
         tell(0.0)
         yield
-    finally:
-        _HEARD.reset(token)
 
 
-@contextmanager
-def after(done: float) -> Iterator[None]:
-    """What is told inside comes after so many units of the work around."""
+def after(done: float) -> AbstractContextManager[None]:
+    """In this context `tell` counts from `done` units of the work around it."""
     around = _HEARD.get()
-    if around is None:
-        yield
-        return
-    token = _HEARD.set(around._replace(before=around.before + done))
-    try:
-        yield
-    finally:
-        _HEARD.reset(token)
+    return (
+        nullcontext() if around is None else _hearing(around._replace(before=around.before + done))
+    )
 
 
 def tell(done: float) -> None:
-    """So many units of this part of the work are done."""
-    listening = _HEARD.get()
-    if listening is not None and listening.most > 0.0:
-        listening.listener(min(listening.before + done, listening.most), listening.most)
+    """Tell the listener that `done` units are done, beside those before `after`."""
+    around = _HEARD.get()
+    if around is not None and around.most > 0.0:
+        around.listener(min(around.before + done, around.most), around.most)
 
 
 def pass_on(done: float, most: float) -> None:
-    """Another process has done so many units of at most so many."""
-    listening = _HEARD.get()
-    if listening is not None and listening.most > 0.0:
+    """Tell the listener what another process has done of its own budget `most`."""
+    around = _HEARD.get()
+    if around is not None and around.most > 0.0:
         tell(done)
-    elif listening is not None:
-        listening.listener(min(done, most), most)
+    elif around is not None:
+        around.listener(min(done, most), most)

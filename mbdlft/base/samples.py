@@ -10,7 +10,7 @@ from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
 
 SEED = 0  # of the points at which models are checked
-_MOST = 2**22  # points of a grid
+_MOST = 2**22  # points of a grid: 32 MB for each parameter
 
 
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:

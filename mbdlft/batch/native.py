@@ -45,12 +45,12 @@ from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
 from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
-_CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows, in memory at a time
-_AT_ONCE = 2**16  # samples whose arguments are in memory at a time
+_CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows (32 MB), at a time
+_AT_ONCE = 2**16  # samples at a time, so that their arguments stay near a core
 _LONGEST = LONGEST
 _LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
-_ROUNDING = 1e-9  # of the largest entry
+_ROUNDING = 1e-9  # part of the largest entry below which rows are zero but for rounding
 
 
 class Linearizations(NamedTuple):
@@ -150,7 +150,7 @@ class Compiled:
         count, entries = len(points), int(np.prod(self.line.shape))
         values = np.empty((count, len(self.line.row)))
         lost = np.zeros(count, dtype=bool)
-        for start in range(0, count, _AT_ONCE):  # deltas and the like stay near a core
+        for start in range(0, count, _AT_ONCE):
             at_once = slice(start, start + _AT_ONCE)
             arguments = self._arguments(points[at_once])
             lost[at_once] = run_natively(

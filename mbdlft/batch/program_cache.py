@@ -29,7 +29,7 @@ from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.sample_program import StraightLine
 
-_FORM = "1"
+_FORM = "1"  # of what is kept: another one is not read
 _NOT_READ = (ArchiveError, ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError)
 
 

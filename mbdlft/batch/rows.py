@@ -30,7 +30,7 @@ from mbdlft.system.model import LFTModel
 from mbdlft.system.points import deltas_of
 
 Indices = NDArray[np.intp]
-_CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # most samples and matrix entries that are in memory at a time
+_CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # most samples, and matrix entries (16 MB), at a time
 
 
 class Source(Protocol):

@@ -12,7 +12,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
 
-_OUTSIDE = 1e-9  # how far rounding may put a value outside of its range, of the width of the range
+_OUTSIDE = 1e-9  # part of the width of a range by which rounding of a file may miss it
 
 
 @dataclass(frozen=True, slots=True)

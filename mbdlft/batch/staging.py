@@ -48,8 +48,8 @@ from mbdlft.batch.samples import (
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
 
-_SHARD_ROWS, _SHARD_BYTES = 16384, 2**25
-_BLOCK_ROWS = 4096
+_SHARD_ROWS, _SHARD_BYTES = 16384, 2**25  # of a shard: seconds of work at most, 32 MB of memory
+_BLOCK_ROWS = 4096  # a digest (32 bytes) for each so many rows
 _PLAN, _SCENE, _MODEL, _SAMPLES = "plan.json", "scene.toml", "model.h5", "samples.npy"
 
 
