@@ -68,6 +68,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         singular=_singular_mass_matrix,
         trim=trim,
         is_regular=both.is_regular,
+        constraints=both.constraints,
         fit_error_bound=equations.fit_error_bound,
     )
 

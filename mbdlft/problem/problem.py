@@ -113,5 +113,8 @@ class Problem:
     # whether the relations are proved to determine the unknown signals
     # at every value of the parameters; False says that it was not proved
     is_regular: Callable[[], bool] = lambda: False
+    # of closed loops with constraints G: relations 0 = G y - s of the coordinates that follow, which are
+    # regular only where 0 = G G' y - s of all are, and these where the constraints are independent
+    constraints: Callable[[], tuple[LinearModel, LinearModel] | None] = lambda: None
     # guaranteed bound of the error of equilibrium positions that are fits; 0.0 if there are none
     fit_error_bound: float = 0.0

@@ -180,6 +180,28 @@ def trim_relations(equations: Equations) -> LinearModel:
     return LinearModel(rows_of(residual, rows), ca.SX(0, 1), unknown, unit, symbols, e.parameters)
 
 
+def constraint_relations(
+    equations: Equations, rows: Sequence[int], followers: Sequence[int]
+) -> tuple[LinearModel, LinearModel] | None:
+    """Relations 0 = G y - s of the coordinates that follow, and 0 = G G' y - s of all; None without rows.
+
+    `rows` are those of the residual that hold the displacements of closed loops, G q = 0.
+    """
+    if not rows:
+        return None
+    e, n = equations, equations.degrees_of_freedom
+    symbols, p, cosine, sine = exact_symbols(e.parameters)
+    held = ca.jacobian(rows_of(e.residual, rows), e.x[:n])
+    old, new = ca.vertcat(e.p, e.cosine, e.sine), ca.densify(ca.vertcat(p, cosine, sine))
+    G = ca.sparsify(ca.substitute(held, old, new))
+    y, s = ca.SX.sym("y", len(rows)), ca.SX.sym("s", len(rows))
+    none = ca.SX(0, 1)
+    follow = ca.mtimes(G[:, list(followers)], y) - s
+    whole = ca.mtimes(G, ca.mtimes(G.T, y)) - s
+    square, every = (LinearModel(r, none, y, s, symbols, e.parameters) for r in (follow, whole))
+    return square, every
+
+
 Mask = NDArray[np.bool_]
 
 

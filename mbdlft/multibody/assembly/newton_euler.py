@@ -58,6 +58,7 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate, column
 from mbdlft.problem.equations import Equations, rounded, rows_of
+from mbdlft.problem.relations import LinearModel, constraint_relations
 
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
@@ -77,12 +78,15 @@ class Assembly:
     is_regular : function without arguments
         Whether the accelerations are proved to be determined at every value of the parameters; False
         says that it was not proved.
+    constraints : function without arguments
+        What has to be regular for the constraints of closed loops to be independent; see `Problem`.
     """
 
     equations: Equations
     exact: Equations
     second_order: Callable[[], Equations | None]
     is_regular: Callable[[], bool] = lambda: False
+    constraints: Callable[[], tuple[LinearModel, LinearModel] | None] = lambda: None
 
 
 def assemble(scene: Scene) -> Equations:
@@ -111,6 +115,7 @@ def assembly(scene: Scene) -> Assembly:
         exact,
         partial(_second_order, mechanics),
         partial(_is_regular, mechanics),
+        partial(_constraints, mechanics, exact),
     )
 
 
@@ -217,6 +222,13 @@ def _is_regular(m: _Mechanics) -> bool:
     accelerations = {owner: at.a for owner, at in m.view.coordinates.items()}
     symbols = (r.symbols.p, r.symbols.cosine, r.symbols.sine)
     return is_regular(at_rest, accelerations, r.parameters, symbols)
+
+
+def _constraints(m: _Mechanics, exact: Equations) -> tuple[LinearModel, LinearModel] | None:
+    """Relations of the closures, whose displacements stand behind the dynamics in the residual."""
+    first = 2 * exact.degrees_of_freedom
+    rows = range(first, first + len(m.closure.rows))
+    return constraint_relations(exact, rows, m.closure.dependent)
 
 
 def _second_order(m: _Mechanics) -> Equations | None:
