@@ -7,8 +7,8 @@
 
 The line that begins with `>` heads rows: each stands in its braces, and its class and text are before
 the messages of the rows. ` … ` stands between fragments, which are in the message in this order; `=~`
-has a regular expression behind it. A row without a message has that of its head, and one that goes on
-is indented. A line that begins with `#` says why rows are there."""
+has a regular expression behind it; {f|g}(x) asks f(x) and g(x). A row without a message has that of
+its head, and one that goes on is indented. A line that begins with `#` says why rows are there."""
 
 import builtins
 import re
@@ -57,9 +57,13 @@ def _rows(table: str) -> Iterator[tuple[str, str, str, str]]:
             call, head = asked[2:], _class_and_text(message)
         elif not line.startswith("#"):
             error, text = _class_and_text(message, head[0])
-            match = text if sign == "=~" else _regex(f"{head[1]} {text}".strip())
+            match = text if sign == "=~" else _regex(f"{head[1]} {text}".strip(" …"))
             match = text if text == "accepted" else f"(?s){match}"
-            yield asked, call.replace("{}", asked), error, match
+            whole = call.replace("{}", asked)
+            several = re.search(r"\{(\w+(?:\| ?\w+)+)\}", whole)
+            for name in several[1].split("|") if several else [""]:
+                expression = whole.replace(several[0], name.strip()) if several else whole
+                yield f"{asked} {name}".strip(), expression, error, match
 
 
 def _class_and_text(message: str, error: str = "SceneError") -> tuple[str, str]:
