@@ -36,6 +36,7 @@ def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
     return image.getvalue()
 
 
+@pytest.mark.usefixtures("read_here")
 def test_npz(tmp_path: Path) -> None:
     file = tmp_path / "a.npz"
     packed(file, "mass.npy", header((2**40,)))
@@ -67,6 +68,7 @@ def test_npz(tmp_path: Path) -> None:
         load_matrices(file)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_hdf5(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     for make, text in (
@@ -89,11 +91,16 @@ def test_hdf5(tmp_path: Path) -> None:
             make(archive)
         with says(StructureError, f"{file}: ", text):
             load_matrices(file)
+
+
+def test_hdf5_that_hangs(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
     file.write_bytes((ROOT / "tests/archive/damaged/hang9.h5").read_bytes())
     with says(StructureError, f"{file}: "):
         load_matrices(file)
 
 
+@pytest.mark.usefixtures("read_here")
 def test_matrix_market(tmp_path: Path) -> None:
     file = tmp_path / "a.mass.mtx"
     (tmp_path / "a.nodes.txt").write_text("1 0 0 0 1\n")

@@ -24,6 +24,8 @@ from mbdlft import (
 from tests.errors.table import refused, says
 from tests.reference.frames import frame, straight, tee
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 ROOT = Path(__file__).parents[2]
 N = 30  # coordinates of the beam of `broken`: 5 nodes, 10 to 50
 
