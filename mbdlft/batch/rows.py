@@ -27,7 +27,7 @@ from mbdlft.problem.relations import Need
 from mbdlft.problem.sx.evaluation import MANY
 from mbdlft.problem.trim import balance, check_prestress
 from mbdlft.system.model import LFTModel
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 
 Indices = NDArray[np.intp]
 _CHUNK, _CHUNK_ENTRIES = 4096, 2**21  # most samples, and matrix entries (16 MB), at a time

@@ -17,7 +17,7 @@ from mbdlft.dae.structure import Structure, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
 from mbdlft.problem.sx.constants import in_doubles
-from mbdlft.system.points import matrices_at
+from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
 TOLERANCE = 1e-11  # of the integrators, relative and absolute

@@ -28,16 +28,15 @@ from mbdlft.export.julia import julia_text
 from mbdlft.export.matlab import (
     cells,
     column,
-    evaluation_text,
     items_of_matlab,
+    m_texts,
     matlab_image,
-    script_text,
     signals,
 )
 from mbdlft.export.matlab_theta import items_of_theta_matlab, rates_text
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
-from mbdlft.system.points import matrices_at, trim_at
+from mbdlft.system.sampled import matrices_at, trim_at
 from mbdlft.system.theta import DeltaThetaModel
 
 if TYPE_CHECKING:
@@ -135,19 +134,15 @@ def _matlab(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
             f"{file}: {stem!r} cannot name a script of MATLAB, which is written beside it: ASCII "
             f"letters, digits and underscores, a letter first. Call it {identifier(stem)}.mat."
         )
-    rates: dict[Path, bytes] = {}
     linear: System = model.linear if isinstance(model, DeltaThetaModel) else model
+    script, evaluation = m_texts(linear, stem)
+    texts = {file.with_suffix(".m"): script, file.with_name(f"{stem}_at.m"): evaluation}
     if isinstance(model, DeltaThetaModel):
         items = items_of_theta_matlab(model)
-        rates = {file.with_name(f"{stem}_rates.m"): rates_text(model, stem).encode()}
+        texts[file.with_name(f"{stem}_rates.m")] = rates_text(model, stem)
     else:
         items = items_of_matlab(linear)
-    return {
-        file: matlab_image(items),
-        file.with_suffix(".m"): script_text(linear, stem).encode(),
-        file.with_name(f"{stem}_at.m"): evaluation_text(linear, stem).encode(),
-        **rates,
-    }
+    return {file: matlab_image(items), **{path: t.encode() for path, t in texts.items()}}
 
 
 def _c(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import DIVISORS, Parameter, to_internal
-from mbdlft.base.unit import Signal, parse_unit
+from mbdlft.base.unit import Signal
 from mbdlft.export.names import check_different, identifier, identifiers, one_line
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel, System
@@ -110,7 +110,7 @@ def _parameters(model: System, names: dict[str, str]) -> dict[str, Any]:
     return {
         **table,
         # what one unit is inside the tangent, rad; 1 without a substitution
-        "factor": column([parse_unit(p.unit).factor if p.is_angle else 1.0 for p in parameters]),
+        "factor": column([p.factor if p.is_angle else 1.0 for p in parameters]),
         "divisor": column([DIVISORS[p.substitution] for p in parameters]),
         "internal": np.array(internal).reshape(-1, 3),
         "map": np.array(maps).reshape(-1, 3),
@@ -118,21 +118,15 @@ def _parameters(model: System, names: dict[str, str]) -> dict[str, Any]:
     }
 
 
-def script_text(model: System, stem: str) -> str:
-    """The script that makes an uncertain system of the .mat file, or plain matrices."""
-    return _filled(SCRIPT, model, stem)
+def m_texts(model: System, stem: str) -> tuple[str, str]:
+    """The script of the .mat file, and the function that evaluates it at physical values.
 
-
-def evaluation_text(model: System, stem: str) -> str:
-    """The function that evaluates the .mat file at physical values."""
-    return _filled(EVALUATION, model, stem)
-
-
-def _filled(template: str, model: System, stem: str) -> str:
-    """A text with the names of a model; the numbers are in the .mat file."""
-    return Template(template).substitute(
-        stem=stem, model=one_line(model.name), table="\n".join(table_of(model, "%   "))
-    )
+    The script makes an uncertain system, or plain matrices.
+    """
+    table = "\n".join(table_of(model, "%   "))
+    entries = {"stem": stem, "model": one_line(model.name), "table": table}
+    script, evaluation = (Template(text).substitute(entries) for text in (SCRIPT, EVALUATION))
+    return script, evaluation
 
 
 def table_of(model: System, begin: str, shown: dict[str, str] | None = None) -> list[str]:

@@ -180,8 +180,6 @@ def _signals(names: Sequence[str]) -> tuple[Signal, ...]:
 
 
 FORMAT = "mbdlft-matrix/1"
-_PLAIN = ("name", "description", "expressions", "matrix", "states", "inputs", "outputs")
-_TOP = ("format", *_PLAIN, "constants", "parameters")
 
 
 def load_matrix(path: str | Path) -> MatrixProblem:
@@ -226,9 +224,6 @@ def matrix_to_toml(problem: MatrixProblem) -> str:
 
 
 def _problem(table: dict[str, Any]) -> MatrixProblem:
-    check_keys(table, FORMAT, _TOP)
-    return MatrixProblem(
-        **{key: table[key] for key in _PLAIN if key in table},
-        constants=read_constants(table),
-        parameters=read_parameters(table),
-    )
+    check_keys(table, FORMAT, ("format", *MatrixProblem.model_fields))
+    values = {"constants": read_constants(table), "parameters": read_parameters(table)}
+    return MatrixProblem(**{key: table[key] for key in table if key != "format"} | values)

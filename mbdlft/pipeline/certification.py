@@ -15,7 +15,6 @@ from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
-from mbdlft.system.points import at_values
 from mbdlft.system.regular import (
     PROVED,
     SAMPLED,
@@ -23,6 +22,7 @@ from mbdlft.system.regular import (
     physical_boxes,
     regularity,
 )
+from mbdlft.system.sampled import at_values
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 

@@ -26,7 +26,7 @@ from mbdlft.response.modes import (
     without_integrators,
 )
 from mbdlft.system.model import System
-from mbdlft.system.points import StateMatrices
+from mbdlft.system.sampled import StateMatrices
 
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)

@@ -17,7 +17,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.system.model import System
-from mbdlft.system.points import StateMatrices, matrices_at
+from mbdlft.system.sampled import StateMatrices, matrices_at
 
 Names = str | Sequence[str] | None  # of channels; None: all
 Stability = Literal["stable", "marginal", "unstable"]

@@ -23,7 +23,7 @@ from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
 from mbdlft.response.staircase import Plant, scaled, seen
 from mbdlft.system.model import System
-from mbdlft.system.points import StateMatrices
+from mbdlft.system.sampled import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
 _EPS = float(np.finfo(float).eps)

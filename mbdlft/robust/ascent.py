@@ -33,7 +33,7 @@ from mbdlft.response.staircase import Plant
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.realization import realization
 from mbdlft.system.model import System
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 
 Complex = NDArray[np.complex128]
 _FIRST, _LARGEST, _SMALLEST = 0.25, 2.0, 1e-3  # half sizes of the box of a step, in delta

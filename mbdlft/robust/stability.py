@@ -60,7 +60,7 @@ from mbdlft.robust.realization import (
 )
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
-from mbdlft.system.points import at_values
+from mbdlft.system.sampled import at_values
 
 SAMPLES = (
     300  # at random: what is unstable in a hundredth of the box is missed once in twenty times

@@ -13,9 +13,9 @@ from .model import Certificate as Certificate
 from .model import LFTModel as LFTModel
 from .model import Parameters as Parameters
 from .model import System as System
-from .points import computed_by as computed_by
-from .points import matrices_at as matrices_at
-from .points import trim_at as trim_at
+from .sampled import computed_by as computed_by
+from .sampled import matrices_at as matrices_at
+from .sampled import trim_at as trim_at
 from .theta import DeltaThetaModel as DeltaThetaModel
 from .theta import Table as Table
 from .theta import ThetaFunction as ThetaFunction

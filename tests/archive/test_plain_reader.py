@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbdlft import matrices_at, random, save
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 from tests.archive import models, plain_reader
 from tests.close import roundoff
 

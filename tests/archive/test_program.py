@@ -23,7 +23,7 @@ from mbdlft.archive import program as stored
 from mbdlft.batch.rows import ModelSource
 from mbdlft.lft import sampling as lft_values
 from mbdlft.lft.program.tape import Pivot
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 from tests.archive import models, plain_program
 from tests.archive.plain_digest import edit, put_text
 from tests.close import exact, roundoff
@@ -226,7 +226,7 @@ def test_where_digits_are_lost_the_lft_may_be_singular(monkeypatch: pytest.Monke
         asked.append(len(deltas))
         raise mbdlft.WellPosednessError("singular")
 
-    monkeypatch.setattr("mbdlft.system.points.check_regular_at", singular)
+    monkeypatch.setattr("mbdlft.system.sampled.check_regular_at", singular)
     mbdlft.matrices_at(none, values)
     assert not asked
     sampled = replace(model.certificate, well_posed="sampled")

@@ -8,7 +8,7 @@ import numpy as np
 import mbdlft
 from mbdlft import ArchiveError
 from mbdlft.lft.sampling import values_and_sizes
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 from tests.archive import models
 from tests.archive.plain_digest import edit
 from tests.close import roundoff

@@ -18,7 +18,7 @@ from benchmarks.cases.lagrangian import Reference, lagrangian, state_space
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.problem.references import NEGLIGIBLE
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 from tests import close
 from tests.strategies import random_scene, scenes
 

@@ -38,7 +38,7 @@ from mbdlft.lft.lft import LFT, Block
 from mbdlft.multibody.scene import check
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.problem import Nouns
-from mbdlft.system.points import check_regular_at
+from mbdlft.system.sampled import check_regular_at
 from tests.errors.scenes import cart
 from tests.errors.table import refused, says
 

@@ -94,7 +94,7 @@ def test_a_wrong_digit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: an angle with a relative error of 1e-12."""
     reading = mbdlft.base.parameter.to_delta
     monkeypatch.setattr(
-        "mbdlft.system.points.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
+        "mbdlft.system.sampled.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
     )
     assert measure(mass_ratio(1e9, 1.0)).lft_factor > HARD
 

@@ -15,8 +15,8 @@ from benchmarks.cases.hub import hub
 from benchmarks.elastic_transfers import Case, measured
 from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.system import points as evaluated
-from mbdlft.system.points import lost, with_digits
+from mbdlft.system import sampled as evaluated
+from mbdlft.system.sampled import lost, with_digits
 from scenarios import two_link_arm
 
 CASE = Case(1, 5, "E rho L")

@@ -24,7 +24,7 @@ from mbdlft.lft.program import tape as runs
 from mbdlft.lft.program.elimination import program
 from mbdlft.lft.program.tape import plan, run
 from mbdlft.lft.sampling import MANY, evaluate_at
-from mbdlft.system.points import deltas_of
+from mbdlft.system.sampled import deltas_of
 from tests.close import EVALUATION, error, exact, roundoff
 from tests.laws.lfts import lfts
 

@@ -7,7 +7,7 @@ import pytest
 
 from mbdlft import LFTModel, Parameter, realize
 from mbdlft.lft.lft import LFT, Block, add, constant, delta, inverse, multiply
-from mbdlft.system import points, regular
+from mbdlft.system import regular, sampled
 from mbdlft.system.regular import Box, physical_boxes, regularity
 from tests.laws.planted_singular import RADIUS, planted
 
@@ -144,4 +144,4 @@ def test_values_of_a_model_that_is_not_proved() -> None:
     found = np.linspace(-1.0, 1.0, 9)[:, None]
     lft = multiply(inverse(a), constant([[1.0]]))
     some = np.abs(1.0 - 2.0 * found[:, 0]) > 0.1
-    points.check_regular_at(lft, found[some], parameters, "model 'm'")
+    sampled.check_regular_at(lft, found[some], parameters, "model 'm'")

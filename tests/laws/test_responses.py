@@ -24,7 +24,7 @@ from mbdlft.response import frequency, norms
 from mbdlft.response.frequency import peaks
 from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
-from mbdlft.system.points import StateMatrices
+from mbdlft.system.sampled import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import (
     matrices,

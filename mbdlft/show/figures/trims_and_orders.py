@@ -13,7 +13,7 @@ from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.samples import grid, random
 from mbdlft.show.figures.figures import COLORS, WORST, check_figure, draw_grid, write_figure
 from mbdlft.system.model import LFTModel, System
-from mbdlft.system.points import trim_at
+from mbdlft.system.sampled import trim_at
 
 _WIDE, _NARROW = 0.8, 0.46  # heights of the bars
 _BEFORE = "#d5d9e0"

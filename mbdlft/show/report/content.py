@@ -16,7 +16,7 @@ from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.stability import check_stability
 from mbdlft.system.model import Certificate, LFTModel, System
-from mbdlft.system.points import trim_at
+from mbdlft.system.sampled import trim_at
 
 _EPS = sys.float_info.epsilon
 _MOST_SAMPLES, _FEWEST, _STATES = 100, 20, 2e4  # samples; the most states^2 times samples: seconds
