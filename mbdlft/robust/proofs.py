@@ -15,8 +15,8 @@ import numpy as np
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.running import one_thread
 from mbdlft.robust.bisect.boxes import replayed
-from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz, is_stable_at, polynomials
-from mbdlft.robust.evidence import Bounds, BoxProof, IntervalProof, MotionProof
+from mbdlft.robust.bisect.characteristic import is_hurwitz, is_stable_at, polynomials
+from mbdlft.robust.evidence import Bounds, BoxProof, IntervalProof, MotionProof, Proof
 from mbdlft.robust.moving.varying import checked, rates_of
 from mbdlft.robust.mu.coverage import GAIN, loop_of
 from mbdlft.robust.mu.mixed import wrong_in
@@ -84,14 +84,15 @@ def _claimed(bounds: Bounds, proof: BoxProof) -> str:
     return ""
 
 
-def _model_of(system: System, bounds: Bounds, proof: BoxProof | MotionProof) -> Realization:
+def _signals(system: System, proof: Proof) -> tuple[list[int], list[int]]:
+    """Positions of the inputs and outputs of a gain."""
     inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
-    return realization(system, inputs, outputs, bounds.leave_out)
+    return inputs, outputs
 
 
 def _of_motions(system: System, bounds: Bounds, proof: MotionProof) -> str:
-    model = _model_of(system, bounds, proof)
+    model = realization(system, *_signals(system, proof), bounds.leave_out)
     rates = rates_of(system, bounds.rates, "verify")
     if bounds.kind == "worst-case gain":
         is_right = proof.k >= 1.0 and 0.0 < proof.gain <= bounds.upper
@@ -105,7 +106,7 @@ def _of_motions(system: System, bounds: Bounds, proof: MotionProof) -> str:
 
 
 def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
-    model = _model_of(system, bounds, proof)
+    model = realization(system, *_signals(system, proof), bounds.leave_out)
     wrong = _claimed(bounds, proof)
     if wrong:
         return wrong
@@ -122,8 +123,7 @@ def _of_boxes(system: System, bounds: Bounds, proof: BoxProof) -> str:
 
 
 def _of_intervals(system: System, bounds: Bounds, proof: IntervalProof) -> str:
-    inputs = positions_of(list(proof.inputs), [s.name for s in system.inputs], "verify: inputs")
-    outputs = positions_of(list(proof.outputs), [s.name for s in system.outputs], "verify: outputs")
+    inputs, outputs = _signals(system, proof)
     stay = states_that_stay(system, bounds.leave_out, outputs)
     loop = loop_of(system, stay, proof.fixed, inputs, outputs)
     fixed, names = set(proof.fixed), {block.name for block in loop.blocks}

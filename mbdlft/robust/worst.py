@@ -179,10 +179,10 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
         raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
     aim = _aim(kind)
 
-    def told(state: State[_Pole]) -> tuple[float, float]:
+    def shown(state: State[_Pole]) -> tuple[float, float]:
         return (state.lower, state.upper) if aim is RIGHT else (-state.upper, -state.lower)
 
-    state = last_of(asked, _no_pole(len(model.sizes)), _edges(asked, model, kind), told)
+    state = last_of(asked, _no_pole(len(model.sizes)), _edges(asked, model, kind), shown)
     pole, delta = state.worst
     moving = moving_at(model, delta)[0]
     k = int(np.argmin(np.abs(moving.poles - pole)))

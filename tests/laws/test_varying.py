@@ -109,7 +109,7 @@ def test_nothing_grows_inside_a_proved_margin(seed: int) -> None:
 def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
     """Steps of k; steps of m, or lines, that are cut into short steps here."""
     loop, fine = random_loop_with_channels(), 20
-    found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2)
+    found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2, work=0.3)
     assert found.motion is not None
     times, deltas = found.motion[:, 0], found.motion[:, 1:]
     roundoff(np.max(np.abs(deltas)), found.upper)

@@ -97,16 +97,16 @@ def last_of(
     asked: Asked,
     start: State[Worst],
     search: Search[Worst],
-    told: Callable[[State[Worst]], tuple[float, float]] = lambda state: (state.lower, state.upper),
+    shown: Callable[[State[Worst]], tuple[float, float]] = lambda state: (state.lower, state.upper),
 ) -> State[Worst]:
-    """The state when a search has ended, or was interrupted; `told` is what the user is told of each."""
+    """The state when a search has ended, or was interrupted; `shown` are the bounds that a user sees."""
     state = start
     try:
         with budget(asked.work):
             while True:
                 state = next(search)
                 if asked.progress is not None:
-                    asked.progress(*told(state))
+                    asked.progress(*shown(state))
     except StopIteration as end:
         state = end.value
     except KeyboardInterrupt:

@@ -117,7 +117,10 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     )
     loop = Loop(plain, np.ones(size), structure, blocks, grows)
     pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
-    sizes = [np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *_frequencies(whole.A))]
+    sizes = [
+        np.abs(channels_matrix(plain, w)[0])
+        for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
+    ]
     scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[loop.owner]
     B, C = plain.B * scale, plain.C / scale[:, None]
     return loop._replace(
@@ -143,18 +146,8 @@ def _pieces(blocks: Sequence[Block]) -> list[Block]:
         most -= 1
 
 
-def _frequencies(A: Array) -> list[float]:
-    """Sizes of the poles (rad/s)."""
-    return [float(w) for w in np.abs(np.linalg.eigvals(A))] if len(A) else []
-
-
-def unscaled(found: Multipliers, scale: Array) -> Multipliers:
-    """Multipliers of the channels as they are, of those of balanced ones."""
-    return scaled(found, 1.0 / scale)
-
-
 def scaled(multipliers: Multipliers, scale: Array) -> Multipliers:
-    """Multipliers of balanced channels, of those of the channels as they are."""
+    """Multipliers of balanced channels, of those of the channels as they are; 1/scale: the way back."""
     both = np.outer(scale, scale)
     return multipliers._replace(D=multipliers.D * both, G=multipliers.G * both)
 

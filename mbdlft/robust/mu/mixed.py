@@ -53,7 +53,6 @@ from mbdlft.robust.mu.coverage import (
     matrix_at,
     scaled,
     shrunk,
-    unscaled,
 )
 from mbdlft.robust.mu.intervals import holds
 from mbdlft.robust.mu.multipliers import best_square, fits
@@ -209,7 +208,7 @@ def proof_of(
     def add(cover: Cover, cut: int) -> None:
         log.extend((len(cover.intervals), cut + 1))
         intervals.extend(cover.intervals)
-        multipliers.extend(unscaled(multiplier, loop.scale) for multiplier in cover.multipliers)
+        multipliers.extend(scaled(multiplier, 1.0 / loop.scale) for multiplier in cover.multipliers)
 
     waiting = [tree] if isinstance(tree, _Node) else []
     if isinstance(tree, Cover):

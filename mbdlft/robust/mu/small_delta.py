@@ -111,7 +111,8 @@ def delta_near(
     for _ in range(starts):
         unit = _iterated(M / size, places, random)
         if real is not None:
-            for value, place in zip(real, _real(places), strict=True):
+            of_real = [place for place in places if place.block.kind == "real"]
+            for value, place in zip(real, of_real, strict=True):
                 place.put(unit, value)
             _turn(M, unit, places)
         reached = _enlarged(at, places, unit, omega)
@@ -151,10 +152,6 @@ def _places_of(
     return [place for place in places if place.block.inputs and place.block.outputs]
 
 
-def _real(places: Sequence[_Place]) -> list[_Place]:
-    return [place for place in places if place.block.kind == "real"]
-
-
 def _random(places: Sequence[_Place], shape: tuple[int, int], random: Any) -> Complex:
     """A Delta of norm 1, real deltas at their ends."""
     delta = np.zeros((shape[1], shape[0]), dtype=complex)
@@ -167,7 +164,7 @@ def _random(places: Sequence[_Place], shape: tuple[int, int], random: Any) -> Co
         else:
             u, v = (random.standard_normal(2 * n) for n in (block.outputs, block.inputs))
             u, v = (x[::2] + 1j * x[1::2] for x in (u, v))
-            place.put(delta, np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v)))
+            place.put(delta, _unit_dyad(u, v))
     return delta
 
 
@@ -194,8 +191,7 @@ def _iterated(M: Complex, places: Sequence[_Place], random: Any) -> Complex:
         elif place.block.kind == "complex":
             place.put(delta, _phase(np.vdot(z_block, w_block)))
         else:
-            size = max(float(np.linalg.norm(w_block)) * float(np.linalg.norm(z_block)), _TINY)
-            place.put(delta, np.outer(w_block, z_block.conj()) / size)
+            place.put(delta, _unit_dyad(w_block, z_block))
     return delta
 
 
@@ -244,6 +240,12 @@ def _normed(x: Complex) -> Complex:
     return np.asarray(x / max(float(np.linalg.norm(x)), _TINY))
 
 
+def _unit_dyad(a: Complex, b: Complex) -> Complex:
+    """a b'/(|a||b|)."""
+    size = max(float(np.linalg.norm(a)) * float(np.linalg.norm(b)), _TINY)
+    return np.asarray(np.outer(a, b.conj()) / size)
+
+
 def _vectors(x: Array, block: Block) -> tuple[Complex, Complex]:
     """The vectors a and b of a full block a b'/(|a||b|)."""
     n = block.outputs
@@ -275,9 +277,7 @@ def _delta_of(places: Sequence[_Place], x: Sequence[Array], shape: tuple[int, ..
         elif place.block.kind == "complex":
             place.put(delta, np.exp(1j * here[0]))
         else:
-            a, b = _vectors(here, place.block)
-            size = max(float(np.linalg.norm(a) * np.linalg.norm(b)), _TINY)
-            place.put(delta, np.outer(a, b.conj()) / size)
+            place.put(delta, _unit_dyad(*_vectors(here, place.block)))
     return delta
 
 
