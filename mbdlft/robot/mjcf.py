@@ -27,6 +27,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import (
     WORLD,
+    ZERO,
     Robot,
     RobotJoint,
     RobotLink,
@@ -89,9 +90,11 @@ def ignored(model: Compiled) -> tuple[str, ...]:
     for count, what in (("ngeom", "shapes"), ("npair", "pairs of contacts")):
         if model.count(count):
             said.append(f"{model.count(count)} {what}: there are no contacts")
-    tendons = [k for k in range(model.count("ntendon"))]
-    if tendons:
-        said.append(f"tendons {_names(model, 'TENDON', tendons)}" + _forces(model, tendons))
+    if tendons := range(model.count("ntendon")):
+        keys = ("stiffness", "damping", "armature", "frictionloss")
+        forces = [key for key in keys if np.any(model.of(f"tendon_{key}"))]
+        also = f", with their {', '.join(forces)}" if forces else ""
+        said.append(f"tendons {_names(model, 'TENDON', tendons)}{also}")
     off = [k for k in range(model.count("neq")) if not model.of("eq_active0")[k]]
     if off:
         said.append(f"equalities that do not act at first: {_names(model, 'EQUALITY', off)}")
@@ -103,13 +106,6 @@ def ignored(model: Compiled) -> tuple[str, ...]:
     if model.count("nmocap"):
         said.append(f"{model.count('nmocap')} mocap bodies are fixed on the ground")
     return tuple(said)
-
-
-def _forces(model: Compiled, tendons: Iterable[int]) -> str:
-    """Words on springs and dampers of tendons, if there are any."""
-    keys = ("stiffness", "damping", "armature", "frictionloss")
-    forces = [key for key in keys if any(model.of(f"tendon_{key}")[k] for k in tendons)]
-    return f", with their {', '.join(forces)}" if forces else ""
 
 
 def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
@@ -285,11 +281,12 @@ def _joints(model: Compiled, positions: Array, actuators: Driven) -> dict[str, R
         for number, child in zip(numbers, inner, strict=False):
             made = _joint(model, number, outer, child, positions)
             anchor = np.array(made.anchor)
+            start = positions[model.of("jnt_qposadr")[number] :]
+            turned = R
             if made.kind == "floating":  # its coordinates are the place of the body in the world
-                start = positions[model.of("jnt_qposadr")[number] :]
                 at, turned = start[:3], of_quaternion(start[3:7])
-            else:
-                turned = R @ _ball(model, number, positions) if made.kind == "spherical" else R
+            elif made.kind == "spherical":
+                turned = R @ of_quaternion(start[:4])
             drive = actuators.joints.get(made.name)
             if drive:
                 made = made._replace(
@@ -302,56 +299,35 @@ def _joints(model: Compiled, positions: Array, actuators: Driven) -> dict[str, R
     return joints
 
 
-def _ball(model: Compiled, number: int, positions: Array) -> Array:
-    """The rotation (3, 3) of a ball joint."""
-    start = model.of("jnt_qposadr")[number]
-    return of_quaternion(positions[start : start + 4])
-
-
 def _joint(model: Compiled, number: int, outer: str, child: str, positions: Array) -> RobotJoint:
-    """A joint without its place in its parent."""
+    """A joint without its place in its parent; positions are counted from the reference of the file."""
     kind = model.kind(number)
-    address = model.of("jnt_qposadr")[number]
-    dof = model.of("jnt_dofadr")[number]
-    free = kind == "floating"
-    reference = 0.0 if kind in ("floating", "spherical") else float(model.of("qpos0")[address])
-    lower, upper, effort = _limits(model, number, kind, reference)
+    address, dof = model.of("jnt_qposadr")[number], model.of("jnt_dofadr")[number]
+    position = slack = 0.0
+    lower = upper = effort = None
+    if kind in ("revolute", "prismatic"):
+        reference = float(model.of("qpos0")[address])
+        position = float(positions[address]) - reference
+        slack = float(model.of("qpos_spring")[address]) - reference
+        if model.of("jnt_limited")[number]:
+            lower, upper = (float(end) - reference for end in model.of("jnt_range")[number])
+    if model.of("jnt_actfrclimited")[number]:
+        effort = float(np.max(np.abs(model.of("jnt_actfrcrange")[number])))
     return RobotJoint(
         name=model.joint(number),
         line=0,
         kind="continuous" if kind == "revolute" and lower is None else kind,
         parent=outer,
         child=child,
-        anchor=(0.0, 0.0, 0.0) if free else three(model.of("jnt_pos")[number]),
+        anchor=ZERO if kind == "floating" else three(model.of("jnt_pos")[number]),
         axis=three(model.of("jnt_axis")[number]),
-        position=0.0
-        if kind in ("floating", "spherical")
-        else float(positions[address]) - reference,
+        position=position,
         lower=lower,
         upper=upper,
         effort=effort,
         stiffness=0.0 if model.disabled("SPRING") else float(model.of("jnt_stiffness")[number]),
-        slack=_slack(model, number, kind, reference),
+        slack=slack,
         damping=0.0 if model.disabled("DAMPER") else float(model.of("dof_damping")[dof]),
         reflected_inertia=float(model.of("dof_armature")[dof]),
         friction=float(model.of("dof_frictionloss")[dof]),
     )
-
-
-def _slack(model: Compiled, number: int, kind: str, reference: float) -> float:
-    """The position, from the reference, at which the spring of a hinge or slide is slack."""
-    if kind in ("floating", "spherical"):
-        return 0.0
-    return float(model.of("qpos_spring")[model.of("jnt_qposadr")[number]]) - reference
-
-
-def _limits(
-    model: Compiled, number: int, kind: str, reference: float
-) -> tuple[float | None, float | None, float | None]:
-    """Lower and upper limit of the position from the reference, and the largest effort."""
-    lower = upper = effort = None
-    if model.of("jnt_limited")[number] and kind in ("revolute", "prismatic"):
-        lower, upper = (float(end) - reference for end in model.of("jnt_range")[number])
-    if model.of("jnt_actfrclimited")[number]:
-        effort = float(np.max(np.abs(model.of("jnt_actfrcrange")[number])))
-    return lower, upper, effort

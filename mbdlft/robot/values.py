@@ -37,37 +37,37 @@ def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
     snapped: list[float] = []
     for link in robot.links.values():
         values[f"{link.name}.mass"] = link.mass
-        for axis, entry in zip(AXES, link.center, strict=True):
-            values[f"{link.name}.center_of_mass.{axis}"] = entry
-        for name, value in _inertia(link, right_angle, snapped).items():
-            values[f"{link.name}.inertia.{name}"] = value
+        values |= _labelled(f"{link.name}.center_of_mass", AXES, link.center)
+        inertia = _inertia(link, right_angle, snapped)
+        values |= _labelled(f"{link.name}.inertia", inertia, inertia.values())
     for joint in robot.joints.values():
-        for axis, entry in zip(AXES, joint.xyz, strict=True):
-            values[f"{joint.name}.origin.{axis}"] = entry
-        for turn, angle in zip(TURNS, joint.rpy, strict=True):
-            values[f"{joint.name}.origin.{turn}"] = _angle(angle, right_angle, snapped)
-        values |= {
-            f"{joint.name}.anchor.{axis}": entry
-            for axis, entry in zip(AXES, joint.anchor, strict=True)
-        }
-        if joint.kind in AXIAL:
-            values[f"{joint.name}.position"] = joint.position
-        if joint.kind in SPRUNG:
-            values |= _springs(joint)
-        if joint.kind == "planar":
-            values |= {f"{joint.name}.{key}": 0.0 for key in PLANAR}
+        turns = [_angle(angle, right_angle, snapped) for angle in joint.rpy]
+        values |= _labelled(f"{joint.name}.origin", (*AXES, *TURNS), (*joint.xyz, *turns))
+        values |= _labelled(f"{joint.name}.anchor", AXES, joint.anchor)
+        values |= {f"{joint.name}.{key}": value for key, value in _of_kind(joint).items()}
     _tell(robot, snapped, assumed)
     return values
 
 
-def _springs(joint: RobotJoint) -> Values:
-    """Stiffness, damping and inertia of the actuator of a joint, by label."""
-    values: Values = {"stiffness": joint.stiffness, "damping": joint.damping}
+def _labelled(owner: str, names: Iterable[str], entries: Iterable[Quantity]) -> Values:
+    """Entries by the names that they have in an owner."""
+    return {f"{owner}.{name}": entry for name, entry in zip(names, entries, strict=True)}
+
+
+def _of_kind(joint: RobotJoint) -> Values:
+    """Positions, springs, dampers and actuator inertias that the coordinates of a joint have."""
+    values: Values = {}
+    if joint.kind in AXIAL:
+        values["position"] = joint.position
+    if joint.kind in SPRUNG:
+        values |= {"stiffness": joint.stiffness, "damping": joint.damping}
     if joint.kind in HINGES:
         values |= {"actuator_inertia": 0.0, "reflected_inertia": joint.reflected_inertia}
-    elif joint.kind != "floating":
+    elif joint.kind in ("prismatic", "spherical"):
         values["actuator_inertia"] = joint.reflected_inertia
-    return {f"{joint.name}.{key}": value for key, value in values.items()}
+    elif joint.kind == "planar":
+        values |= dict.fromkeys(PLANAR, 0.0)
+    return values
 
 
 def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:

@@ -170,7 +170,7 @@ def coordinate(signal: str) -> str:
     return re.sub(r"\.(torque|force)$", "", signal).replace(".", "_")
 
 
-LARGE = ("talos", "pr2", "baxter")  # others of their kind are there
+LARGE = ("talos", "talos_free", "pr2", "baxter")  # others of their kind are there
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,7 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
     if certificate.frequencies:
         low, high = min(certificate.frequencies), max(certificate.frequencies)
         yield (
-            f"largest error of transfer functions {certificate.transfer_error:.1e} of their row, at "
+            f"transfer functions: largest error {certificate.transfer_error:.1e}, relative to the row, at "
             f"{len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
         )
     yield from (f"nearly: {text}" for text in certificate.near)
@@ -96,7 +96,7 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
         named = [f"{rows[i]} by {columns[j]}" for i, j in certificate.by_terms]
         more = f" and {len(named) - _MOST_BOXES} more" if len(named) > _MOST_BOXES else ""
         yield (
-            f"nothing but rounding of terms that cancel, and compared with these: "
+            "entries that are only rounding of terms that cancel, and compared with these: "
             f"{', '.join(named[:_MOST_BOXES])}{more}"
         )
 
@@ -130,8 +130,8 @@ def conditioning(certificate: Certificate) -> str:
         text = f"ill-conditioned, {text}"
     if certificate.sign_changes:
         text += (
-            f"; {certificate.sign_changes} entries change their sign in the range, and near there have "
-            "digits relative to their largest size only"
+            f"; {certificate.sign_changes} entries change their sign in the range: near their zeros their "
+            "errors are relative to their largest size"
         )
     return text
 
