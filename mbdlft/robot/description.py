@@ -84,6 +84,21 @@ class RobotJoint(NamedTuple):
     mimic: Mimic | None = None
 
 
+class JointLimit(NamedTuple):
+    """Limits of a joint; None where the file has none.
+
+    `lower` and `upper` limit the position in `unit` (rad or m), `effort` the effort (N m or N) and `rate`
+    the velocity (rad/s or m/s).
+    """
+
+    joint: str
+    unit: str
+    lower: float | None
+    upper: float | None
+    effort: float | None
+    rate: float | None
+
+
 class RobotLoad(NamedTuple):
     """A load that acts on a link: a `force`, a `torque`, or `buoyancy`.
 

@@ -29,8 +29,15 @@ from mbdlft.multibody.joint import (
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
 from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
-from mbdlft.robot.description import ENTRIES, WORLD, Robot, RobotJoint, RobotLink, RobotLoad
-from mbdlft.robot.report import JointLimit
+from mbdlft.robot.description import (
+    ENTRIES,
+    WORLD,
+    JointLimit,
+    Robot,
+    RobotJoint,
+    RobotLink,
+    RobotLoad,
+)
 from mbdlft.robot.values import AXIAL, HINGES, PLANAR, SPRINGS, Values
 
 _BUILT_IN_PORTS = ("origin", "center_of_mass")

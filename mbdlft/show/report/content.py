@@ -86,8 +86,8 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
     if certificate.frequencies:
         low, high = min(certificate.frequencies), max(certificate.frequencies)
         yield (
-            f"transfer functions: largest error {certificate.transfer_error:.1e}, relative to the row, at "
-            f"{len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
+            f"transfer functions: largest error {certificate.transfer_error:.1e}, relative to their row, "
+            f"at {len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
         )
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
@@ -130,7 +130,7 @@ def conditioning(certificate: Certificate) -> str:
         text = f"ill-conditioned, {text}"
     if certificate.sign_changes:
         text += (
-            f"; {certificate.sign_changes} entries change their sign in the range: near their zeros their "
+            f"; {certificate.sign_changes} entries change their sign in the range: near their zeros the "
             "errors are relative to their largest size"
         )
     return text
