@@ -28,7 +28,7 @@ from mbdlft.cli.options import (
     check_paths,
     numbers_by_name,
 )
-from mbdlft.cli.output import console, finite, print_json, progress_of, say, table
+from mbdlft.cli.output import console, print_json, progress_of, say, table
 from mbdlft.cli.responses import chosen_channels
 from mbdlft.cli.sources import stored_system
 
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from mbdlft.system.model import System
 
 _WITH = " with "  # in the name of a loop
+_PRINTED = (
+    *("kind", "lower", "upper", "frequency", "worst", "fixed", "rates", "proved"),
+    *("sensitivity", "work", "reason"),
+)
 _RATE = "NAME=BOUND, such as mass=0.1 or mass=inf."
 
 
@@ -165,10 +169,9 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             system, bounds = load_analysis(archive, name)
             start = time.perf_counter()
             wrong = check(system, bounds)
-            ends = {"lower": finite(bounds.lower), "upper": finite(bounds.upper)}
-            verdict = {"proved": not wrong, "reason": wrong}
-            seconds = {"seconds": time.perf_counter() - start}
-            checked.append({"name": name, **ends, **verdict, **seconds})
+            entry = {"name": name, "lower": bounds.lower, "upper": bounds.upper}
+            entry |= {"proved": not wrong, "reason": wrong, "seconds": time.perf_counter() - start}
+            checked.append(entry)
     if as_json:
         print_json(checked)
     else:
@@ -249,7 +252,7 @@ def _answer(
 
         save_analysis(archive, system, bounds)
     if as_json:
-        print_json(_data(bounds, seconds))
+        print_json({**{name: getattr(bounds, name) for name in _PRINTED}, "seconds": seconds})
     else:
         _print(system, bounds)
     return bounds
@@ -296,19 +299,3 @@ def _sentence(bounds: "Bounds") -> str:
     bound = f"at most {bounds.upper:.6g}" if _is_largest(bounds) else f"at least {bounds.lower:.6g}"
     unit = " rad/s" if bounds.kind == "largest real part" else ""
     return f"{bound}{unit} for all values in the ranges: proved {how}"
-
-
-def _data(bounds: "Bounds", seconds: float) -> dict[str, Any]:
-    """Bounds as plain data."""
-    return {
-        "kind": bounds.kind,
-        **{name: finite(getattr(bounds, name)) for name in ("lower", "upper", "frequency")},
-        "worst": dict(bounds.worst),
-        "fixed": list(bounds.fixed),
-        "rates": {name: finite(rate) for name, rate in bounds.rates.items()},
-        "proved": bounds.proved,
-        "sensitivity": dict(bounds.sensitivity),
-        "work": bounds.work,
-        "reason": bounds.reason,
-        "seconds": seconds,
-    }

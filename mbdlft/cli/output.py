@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -62,12 +62,16 @@ def print_json(data: object) -> None:
     """Print plain data as one JSON object, with the warnings that the command has shown."""
     if isinstance(data, dict):
         data = {**data, "warnings": list(WARNINGS)}
-    sys.stdout.write(json.dumps(data, indent=2, ensure_ascii=False) + "\n")
+    sys.stdout.write(json.dumps(_plain(data), indent=2, ensure_ascii=False) + "\n")
 
 
-def finite(number: float) -> float | None:
-    """A number that JSON has; None for inf and NaN."""
-    return number if math.isfinite(number) else None
+def _plain(data: Any) -> Any:
+    """Data as JSON has it: null for inf and NaN, which it has not."""
+    if isinstance(data, float):
+        return data if math.isfinite(data) else None
+    if isinstance(data, Mapping):
+        return {key: _plain(value) for key, value in data.items()}
+    return [_plain(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, Any]]:

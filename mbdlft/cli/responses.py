@@ -4,7 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -23,7 +23,7 @@ from mbdlft.cli.options import (
     check_paths,
     values_of,
 )
-from mbdlft.cli.output import console, finite, print_json, progress_of, say, table
+from mbdlft.cli.output import console, print_json, progress_of, say, table
 from mbdlft.cli.sources import load_system
 
 if TYPE_CHECKING:
@@ -35,23 +35,6 @@ if TYPE_CHECKING:
 KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
 OVER = ("poles", "trim")  # kinds that may be over one parameter
 _SHORT = 8  # rows of the table of poles that comes with a model
-
-
-class Point(NamedTuple):
-    """Norms at one point: bounds of the H-infinity norm, its frequency, the H2 norm, and reasons.
-
-    The highest peak at `frequency_of_peak` (rad/s) is there where norms are infinite, too.
-    """
-
-    what: str
-    values: Mapping[str, float]
-    lower: float
-    upper: float
-    frequency: float
-    h2: float
-    reasons: tuple[str, str]
-    peak: float
-    frequency_of_peak: float
 
 
 def response(
@@ -76,14 +59,15 @@ def response(
     _check(figure, kind, frequencies)
     system = chosen_channels(load_system(source, model), outputs, inputs)
     point = values_of(assignments, _known(system))
-    points = [_point_of(system, "as set" if point else "nominal", point)]
+    points = [_gains(system, "as set" if point else "nominal", point)]
     worst = _worst(system, samples, seed)
     if worst is not None:
-        points.append(_point_of(system, f"worst of {samples} samples", worst))
+        points.append(_gains(system, f"worst of {samples} samples", worst))
     values = _values_at(system, point, samples, seed, frequencies or [])
     try:
         if as_json:
-            print_json(_summary(system, points, values))
+            names = {key: [s.name for s in getattr(system, key)] for key in ("inputs", "outputs")}
+            print_json({"name": system.name, **names, "points": points, "values": values})
         else:
             _print(system, points, values)
     finally:  # a figure that fails takes nothing away
@@ -141,24 +125,27 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
     check_paths(None, figure)
 
 
-def _point_of(system: "System", what: str, values: Mapping[str, float]) -> Point:
-    """Norms at one point."""
+def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str, Any]:
+    """Norms at one point, and the highest peak, which is there where norms are infinite, too."""
     from mbdlft.response.frequency import peaks
     from mbdlft.response.norms import h2_norm, hinf_norm
 
-    peak = hinf_norm(system, values)
+    hinf = hinf_norm(system, values)
     try:
-        energy = h2_norm(system, values)
-        h2, reason = float(energy.value[0]), energy.reason[0]
+        norm = h2_norm(system, values)
+        h2 = {"value": float(norm.value[0]), "reason": norm.reason[0]}
     except AnalysisError as error:  # what is known of the peak is worth printing
-        h2, reason = math.nan, str(error)
-    bounds = float(peak.lower[0]), float(peak.upper[0])
+        h2 = {"value": math.nan, "reason": str(error)}
     omega, largest = _largest(system, values)
     k = int(np.argmax(peaks(largest)[0]))
-    return Point(
-        what, values, *bounds, float(peak.frequency[0]), h2, (peak.reason[0], reason),
-        float(largest[0, k]), float(omega[0, k]),
-    )  # fmt: skip
+    bounds = {name: float(getattr(hinf, name)[0]) for name in ("lower", "upper", "frequency")}
+    return {
+        "what": what,
+        "values": dict(values),
+        "hinf": {**bounds, "reason": hinf.reason[0]},
+        "h2": h2,
+        "peak": {"gain": float(largest[0, k]), "frequency": float(omega[0, k])},
+    }
 
 
 def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None:
@@ -213,7 +200,7 @@ def _values_at(
     ]
 
 
-def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) -> None:
+def _print(system: "System", points: list[dict[str, Any]], values: list[dict[str, Any]]) -> None:
     """Tables, and sentences on what is infinite."""
     from mbdlft.response.frequency import gain_unit
 
@@ -222,18 +209,19 @@ def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) 
         "at (rad/s) >", "H2 >", "peak >", "at (rad/s) >",
     )  # fmt: skip
     for point in points:
-        numbers = [point.lower, point.upper, point.frequency, point.h2]
-        numbers += [point.peak, point.frequency_of_peak]
-        rows.add_row(point.what, *(f"{number:.7g}" for number in numbers))
+        hinf, h2, peak = point["hinf"], point["h2"], point["peak"]
+        numbers = [*(hinf[name] for name in ("lower", "upper", "frequency")), h2["value"]]
+        numbers += [peak["gain"], peak["frequency"]]
+        rows.add_row(point["what"], *(f"{number:.7g}" for number in numbers))
     console().print(rows)
     for point in points:
-        for norm, reason in zip(("H-infinity", "H2"), point.reasons, strict=True):
-            if reason:
-                how = "not known" if norm == "H2" and math.isnan(point.h2) else "infinite"
-                say(f"{point.what}: {norm} norm {how}: {reason}")
+        how = "not known" if math.isnan(point["h2"]["value"]) else "infinite"
+        for norm, key, verdict in (("H-infinity", "hinf", "infinite"), ("H2", "h2", how)):
+            if point[key]["reason"]:
+                say(f"{point['what']}: {norm} norm {verdict}: {point[key]['reason']}")
     for point in points[1:]:
-        at = ", ".join(f"{name} = {value:.6g}" for name, value in point.values.items())
-        say(f"{point.what}: {at}")
+        at = ", ".join(f"{name} = {value:.6g}" for name, value in point["values"].items())
+        say(f"{point['what']}: {at}")
     if values:
         rows = table(
             "values", "at (rad/s) >", "transfer", "size >", "phase (deg) >", "lowest >", "highest >",
@@ -246,33 +234,6 @@ def _print(system: "System", points: list[Point], values: list[dict[str, Any]]) 
                 f"{each['size']:.6g}", f"{each['phase_deg']:.2f}", *span, each["unit"],
             )  # fmt: skip
         console().print(rows)
-
-
-def _summary(
-    system: "System", points: list[Point], values: list[dict[str, Any]]
-) -> dict[str, object]:
-    """Everything as plain data; what is infinite is null, with a reason."""
-    return {
-        "name": system.name,
-        "inputs": [u.name for u in system.inputs],
-        "outputs": [y.name for y in system.outputs],
-        "points": [
-            {
-                "what": point.what,
-                "values": dict(point.values),
-                "hinf": {
-                    "lower": finite(point.lower),
-                    "upper": finite(point.upper),
-                    "frequency": finite(point.frequency),
-                    "reason": point.reasons[0],
-                },
-                "h2": {"value": finite(point.h2), "reason": point.reasons[1]},
-                "peak": {"gain": point.peak, "frequency": point.frequency_of_peak},
-            }
-            for point in points
-        ],
-        "values": values,
-    }
 
 
 def poles(
@@ -397,12 +358,12 @@ def poles_data(system: "System") -> dict[str, Any]:
 
 
 def _modes_data(modes: "DampingTable") -> dict[str, Any]:
-    """Poles as plain data; what is no number is null."""
+    """Poles as plain data."""
     numbers = ("natural_frequency", "frequency", "damping", "time_constant")
     poles = [
         {
             **_parts(row.pole),
-            **{name: finite(getattr(row, name)) for name in numbers},
+            **{name: getattr(row, name) for name in numbers},
             "on_axis": row.on_axis,
         }
         for row in modes.rows()

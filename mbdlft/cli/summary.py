@@ -1,5 +1,6 @@
 """The printed form of a model and of an archive: one JSON object, or tables and sentences; `show`."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,7 +9,7 @@ import typer
 from rich.table import Table
 
 from mbdlft.cli.options import Archive, AsJson
-from mbdlft.cli.output import console, finite, parameters_data, print_json, say, signals_data, table
+from mbdlft.cli.output import console, parameters_data, print_json, say, signals_data, table
 from mbdlft.cli.responses import poles_data, print_poles
 from mbdlft.show.report.content import (
     checked_beside,
@@ -59,7 +60,7 @@ def show(
         sweeps = list(sweep_names(archive))
         for key in analysis_names(archive):
             _, bounds = load_analysis(archive, key)
-            ends = {"lower": finite(bounds.lower), "upper": finite(bounds.upper)}
+            ends = {"lower": bounds.lower, "upper": bounds.upper}
             analyses.append({"name": key, "kind": bounds.kind, **ends})
     if as_json:
         beside = {} if name else {"sweeps": sweeps, "analyses": analyses}
@@ -71,7 +72,8 @@ def show(
         say(f"sweeps: {', '.join(sweeps)}")
     for entry in analyses:
         lower, upper = (
-            "unbounded" if end is None else f"{end:.6g}" for end in (entry["lower"], entry["upper"])
+            f"{entry[end]:.6g}" if math.isfinite(entry[end]) else "unbounded"
+            for end in ("lower", "upper")
         )
         say(f"analysis {entry['name']}: {entry['kind']} {lower} to {upper}")
 
