@@ -41,7 +41,8 @@ from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
 
 _NO_LIMIT = Fraction(10) ** 30  # libraries write 1e60 for what has no limit
-_NAME = re.compile(r"\W+")
+_NOT_OF_NAMES = re.compile(r"\W+")
+_RANGE = frozenset(("percent", "plus", "minus", "low", "high"))
 
 
 class Parameters(NamedTuple):
@@ -77,24 +78,14 @@ def read_values(
     for name in _ordered(declared, place):
         d = declared[name]
         try:
-            parameters.values[name] = _value(name, d, table, evaluator)
+            parameters.values[name] = _value(d, table, evaluator)
             if d.type == "Real":
-                _keep(name, d, table, evaluator, parameters)
+                _keep(d, table.parameters.get(name), evaluator, parameters)
             elif table.parameters.get(name):
                 raise SceneError(f"it is of type {d.type}; only numbers of type Real can stay.")
         except SceneError as error:
             raise SceneError(f"{place(d)}: {error}") from None
     return parameters
-
-
-def nominal_values(parameters: Parameters) -> dict[str, Fraction]:
-    """Nominal values of the parameters that stay, by the name of their symbol."""
-    return {p.name: decimal(p.nominal) for p in parameters.kept.values()}
-
-
-def identifier(name: str) -> str:
-    """The name of a parameter, such as ``load_J`` of ``load.J``."""
-    return _NAME.sub("_", name).strip("_")
 
 
 def _no_derivative(value: Value) -> Value:
@@ -130,15 +121,15 @@ def _binding(d: Declaration) -> Expression | None:
     return d.attributes.get("start") if d.binding is None else d.binding
 
 
-def _value(name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
-    if name in table.values:
+def _value(d: Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
+    if d.name in table.values:
         if d.sizes or d.type != "Real":
             raise SceneError("the table gives a value to it; that is for numbers of type Real.")
-        return decimal(table.values[name])
+        return decimal(table.values[d.name])
     if d.attributes.get("fixed") == Truth(value=False):
         raise SceneError("fixed = false: initial equations give its value. Give it a number.")
     binding = _binding(d)
-    entry = table.parameters.get(name)
+    entry = table.parameters.get(d.name)
     if binding is None and isinstance(entry, Mapping) and "nominal" in entry:
         return decimal(float(entry["nominal"]))
     if binding is None:
@@ -153,18 +144,18 @@ def _value(name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator
     return value
 
 
-def _keep(
-    name: str, d: Declaration, table: ModelicaTable, evaluator: Evaluator, parameters: Parameters
-) -> None:
-    """Let a parameter stay if it is one of those that do; its value becomes a symbol."""
-    entry = table.parameters.get(name)
+def _keep(d: Declaration, entry: Any, evaluator: Evaluator, parameters: Parameters) -> None:
+    """Let a parameter stay if it is one of those that do; its value becomes a symbol.
+
+    `entry` is what the table says of it, or None.
+    """
     limits = _limits(d, evaluator)
     asked = isinstance(entry, Mapping) or bool(d.annotation)
     if entry is False or d.variability != "parameter" or not (asked or limits):
         if asked:
             raise SceneError("it is a constant; only a parameter can stay.")
         return
-    value = parameters.values[name]
+    value = parameters.values[d.name]
     if not isinstance(value, Fraction):
         if asked:
             raise SceneError(
@@ -174,50 +165,47 @@ def _keep(
         return
     if not asked and not (d.top or "nominal" in d.attributes):
         parameters.notes.append(
-            f"{name} has min and max, and is the number {float(value):g}; to keep it, name it in "
+            f"{d.name} has min and max, and is the number {float(value):g}; to keep it, name it in "
             "the table"
         )
         return
     if not asked and not min(limits.values()) < value < max(limits.values()):
         raise SceneError(
             f"its value {float(value):g} is not inside of its range from {float(limits['low']):g} to "
-            f"{float(limits['high']):g}. Move one of them, or keep it a number: {name} = false in the "
+            f"{float(limits['high']):g}. Move one of them, or keep it a number: {d.name} = false in the "
             "table."
         )
-    annotated = {key: evaluator.value(entry) for key, entry in d.annotation.items()}
+    annotated = {key: evaluator.value(annotation) for key, annotation in d.annotation.items()}
     fields: dict[str, Any] = {"nominal": value, **limits, **annotated}
     entries = dict(entry) if isinstance(entry, Mapping) else {}
-    if entries.keys() & {"percent", "plus", "minus", "low", "high"}:
-        for key in ("low", "high", "percent", "plus", "minus"):
-            fields.pop(key, None)
+    if entries.keys() & _RANGE:
+        fields = {key: x for key, x in fields.items() if key not in _RANGE}
     fields |= entries
-    label = fields.pop("name", identifier(name))
-    fields["unit"] = _unit(name, d, fields, parameters.notes)
+    label = fields.pop("name", _NOT_OF_NAMES.sub("_", d.name).strip("_"))  # load_J of load.J
+    fields["unit"] = _unit(d, fields, parameters.notes)
     plain = {key: float(x) if isinstance(x, Fraction) else x for key, x in fields.items()}
     (parameter,) = read_parameters({"parameters": {label: plain}})
     if any(parameter.name == other.name for other in parameters.kept.values()):
         raise SceneError(f"two parameters would have the name {parameter.name}; give one a name.")
-    parameters.kept[name] = parameter
-    parameters.symbols[name] = parameters.values[name] = ca.SX.sym(parameter.name)
+    parameters.kept[d.name] = parameter
+    parameters.symbols[d.name] = parameters.values[d.name] = ca.SX.sym(parameter.name)
 
 
 def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
     """low and high of a declaration that has both."""
     if d.sizes or not {"min", "max"} <= d.attributes.keys():
         return {}
-    limits = [number_of(evaluator.value(d.attributes[key])) for key in ("min", "max")]
-    if any(limit is None or abs(limit) >= _NO_LIMIT for limit in limits):
+    low, high = (number_of(evaluator.value(d.attributes[key])) for key in ("min", "max"))
+    if low is None or high is None or max(abs(low), abs(high)) >= _NO_LIMIT:
         return {}
-    return {
-        key: limit for key, limit in zip(("low", "high"), limits, strict=True) if limit is not None
-    }
+    return {"low": low, "high": high}
 
 
-def _unit(name: str, d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
+def _unit(d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
     """The unit of a parameter that stays; an angle is one only if a substitution is asked for."""
     if "unit" in fields:
         return str(fields["unit"])
-    unit = declared_unit(name, d, notes)
+    unit = _declared_unit(d, notes)
     if unit not in ANGLE_UNITS:
         return unit
     if "substitution" not in fields:
@@ -227,14 +215,16 @@ def _unit(name: str, d: Declaration, fields: Mapping[str, Any], notes: list[str]
     return unit
 
 
-def declared_unit(name: str, d: Declaration, notes: list[str]) -> str:
+def _declared_unit(d: Declaration, notes: list[str]) -> str:
     """The unit of a declaration; "1" and a note if it is not known here."""
     attribute = d.attributes.get("unit")
     if not isinstance(attribute, Text) or not attribute.text.strip():
         return "1"
     unit = unit_of(attribute.text)
     if unit is None:
-        notes.append(f"the unit {attribute.text!r} of {name} is not known here; it is not checked")
+        notes.append(
+            f"the unit {attribute.text!r} of {d.name} is not known here; it is not checked"
+        )
         return "1"
     return unit
 
@@ -270,7 +260,7 @@ class Variables:
             raise SceneError(f"{self.place(d)}: it is declared twice.")
         try:
             sizes = [self.evaluator.size(size) for size in d.sizes]
-            unit = declared_unit(d.name, d, self.parameters.notes)
+            unit = _declared_unit(d, self.parameters.notes)
             self.values[d.name] = self._symbols(d, unit, sizes, ())
         except SceneError as error:
             raise SceneError(f"{self.place(d)}: {error}") from None
@@ -306,10 +296,10 @@ class Variables:
         expression = in_doubles(v.to_sx(value))
         for x in self.of(expression):
             raise SceneError(f"it depends on the variable {x.name}.")
-        nominal = nominal_values(self.parameters) | {"time": Fraction(0)}
+        nominal = {p.name: p.nominal for p in self.parameters.kept.values()} | {"time": 0.0}
         symbols = ca.symvar(expression)
         function = ca.Function("nominal", [column_of(symbols)], [expression])
-        return float(function([float(nominal[symbol.name()]) for symbol in symbols]))
+        return float(function([nominal[symbol.name()] for symbol in symbols]))
 
     def _symbols(
         self, d: Declaration, unit: str, sizes: Sequence[int], entry: tuple[int, ...]
