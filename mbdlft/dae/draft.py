@@ -11,7 +11,6 @@ import numpy as np
 
 from mbdlft.base.errors import SceneError, check_known, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import parse_unit
 from mbdlft.dae.description import Dae, Equation, Output, Variable
 from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.text import column_of, with_literals
@@ -234,86 +233,56 @@ def from_casadi(
         The builder has what is not supported (events, quadratures, time); a parameter is not one of it;
         as `Dae`.
     """
-    reader = _Builder(builder, {p.name: p for p in parameters}, dict(units or {}))
-    symbols = {kind: ca.SX.sym(kind, len(getattr(builder, kind)())) for kind in "xzup"}
-    names = {kind: list(getattr(builder, kind)()) for kind in symbols}
-    p = ca.SX(symbols["p"].numel(), 1)
-    for k, name in enumerate(names["p"]):
-        p[k] = symbols["p"][k] if name in reader.parameters else literal(reader.number(name))
-    right = builder.create("model", ["x", "z", "u", "p"], ["ode", "alg", "y"])
-    values = right(symbols["x"], symbols["z"], symbols["u"], p)
-    ode, alg, y = (ca.SX(kind) for kind in values)
-    rates = [ca.SX.sym(f"der({name})") for name in names["x"]]
-    variables = [
-        *(reader.variable(n, symbols["x"][k], rates[k]) for k, n in enumerate(names["x"])),
-        *(reader.variable(n, symbols["z"][k]) for k, n in enumerate(names["z"])),
+    owner, d = f"model {builder.name()!r}", DaeDraft(builder.name())
+    for member, what in (("q", "quadratures"), ("zero", "events")):
+        if len(getattr(builder, member)()):
+            raise SceneError(f"{owner}: has {what}, which are not supported here.")
+    if builder.has_t():
+        raise SceneError(f"{owner}: depends on time. Make an input of what depends on it.")
+    chosen = {p.name: p for p in parameters}
+    check_known("parameter", chosen, list(builder.p()), owner)
+
+    def unit_of(name: str) -> str:
+        return (units or {}).get(name) or builder.unit(name) or "1"
+
+    def start_of(name: str) -> float:  # CasADi gives a number, or a list of one
+        return float(np.ravel(builder.start(name))[0])
+
+    def fields(name: str) -> dict[str, Any]:
+        return {
+            "unit": unit_of(name),
+            "start": start_of(name),
+            "nominal": abs(float(builder.nominal(name))) or 1.0,
+            "minimum": float(builder.min(name)),
+            "maximum": float(builder.max(name)),
+            "comment": str(builder.description(name)),
+        }
+
+    def parameter(name: str) -> ca.SX:
+        """The symbol of a parameter that stays, or its number."""
+        low, high, start = float(builder.min(name)), float(builder.max(name)), start_of(name)
+        ranged = math.isfinite(low) and math.isfinite(high)
+        if name not in chosen and not math.isfinite(start) and not ranged:
+            raise SceneError(f"{owner}: parameter {name!r} has neither a range nor a value.")
+        if name in chosen:
+            return d.parameter(chosen[name])
+        if not ranged:
+            return ca.SX(literal(start))
+        nominal = float(builder.nominal(name))
+        nominal = nominal if low < nominal < high else start
+        return d.parameter(Parameter(name, nominal, low, high, unit=unit_of(name)))
+
+    arguments = [
+        column_of(d.variable(name, **fields(name)) for name in builder.x()),
+        column_of(d.variable(name, **fields(name)) for name in builder.z()),
+        column_of(d.input(name, **fields(name)) for name in builder.u()),
+        column_of(parameter(name) for name in builder.p()),
     ]
-    ordered = sorted(reader.parameters)
-    return Dae(
-        builder.name(),
-        tuple(variables),
-        tuple(reader.variable(n, symbols["u"][k]) for k, n in enumerate(names["u"])),
-        tuple(reader.parameters[name] for name in ordered),
-        column_of(symbols["p"][names["p"].index(name)] for name in ordered),
-        tuple(Output(n, with_literals(y[k]), reader.unit(n)) for k, n in enumerate(builder.y())),
-        (
-            *(
-                Equation(f"der({n})", rates[k] - with_literals(ode[k]), unit=None)
-                for k, n in enumerate(names["x"])
-            ),
-            *(Equation(f"alg[{k}]", with_literals(alg[k])) for k in range(alg.numel())),
-        ),
-    )
-
-
-class _Builder:
-    """What a builder says of its variables."""
-
-    def __init__(
-        self, builder: ca.DaeBuilder, parameters: Mapping[str, Parameter], units: Mapping[str, str]
-    ) -> None:
-        self.builder, self.units = builder, units
-        self.owner = f"model {builder.name()!r}"
-        for kind, what in (("q", "quadratures"), ("zero", "events")):
-            if len(getattr(builder, kind)()):
-                raise SceneError(f"{self.owner}: has {what}, which are not supported here.")
-        if builder.has_t():
-            raise SceneError(f"{self.owner}: depends on time. Make an input of what depends on it.")
-        names = list(builder.p())
-        check_known("parameter", parameters, names, self.owner)
-        self.parameters = dict(parameters)
-        for name in names:
-            low, high = float(builder.min(name)), float(builder.max(name))
-            if name not in parameters and math.isfinite(low) and math.isfinite(high):
-                nominal = float(builder.nominal(name))
-                nominal = nominal if low < nominal < high else self.number(name)
-                self.parameters[name] = Parameter(name, nominal, low, high, unit=self.unit(name))
-
-    def unit(self, name: str) -> str:
-        return self.units.get(name) or self.builder.unit(name) or "1"
-
-    def _start(self, name: str) -> float:
-        """Its start value; CasADi gives a number, or a list of one."""
-        return float(np.ravel(self.builder.start(name))[0])
-
-    def number(self, name: str) -> float:
-        value = self._start(name)
-        if not math.isfinite(value):
-            raise SceneError(f"{self.owner}: parameter {name!r} has neither a range nor a value.")
-        return value
-
-    def variable(self, name: str, symbol: ca.SX, rate: ca.SX | None = None) -> Variable:
-        b = self.builder
-        parse_unit(self.unit(name))
-        nominal = abs(float(b.nominal(name)))
-        return Variable(
-            name,
-            symbol,
-            self.unit(name),
-            start=self._start(name),
-            nominal=nominal if nominal > 0.0 else 1.0,
-            minimum=float(b.min(name)),
-            maximum=float(b.max(name)),
-            comment=str(b.description(name)),
-            derivative=rate,
-        )
+    ode, alg, y = builder.create("model", ["x", "z", "u", "p"], ["ode", "alg", "y"])(*arguments)
+    for k, name in enumerate(builder.x()):
+        d.equation(d.der(name), f"der({name})", equals=ode[k])
+    for k in range(alg.numel()):
+        d.equation(alg[k], f"alg[{k}]")
+    for k, name in enumerate(builder.y()):
+        d.output(name, y[k], unit_of(name))
+    return d.dae()

@@ -5,10 +5,11 @@ with values at the breakpoints. So the Delta-Theta form finds tables in expressi
 `table_expression` writes them.
 """
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Literal, NamedTuple
 
 import casadi as ca
@@ -90,11 +91,7 @@ def _slope(p: Polynomial, at: Fraction) -> Fraction:
 
 
 def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
-    size = max(len(a), len(b))
-    zero = Fraction(0)
-    return _trimmed(
-        [(a[k] if k < len(a) else zero) + (b[k] if k < len(b) else zero) for k in range(size)]
-    )
+    return _trimmed([x + y for x, y in zip_longest(a, b, fillvalue=Fraction(0))])
 
 
 def _product(a: Polynomial, b: Polynomial) -> Polynomial:
@@ -130,23 +127,26 @@ def _refined(f: Piecewise, breaks: tuple[Fraction, ...]) -> Piecewise:
     return Piecewise(breaks, tuple(pieces), tuple(at))
 
 
-def _together(a: Piecewise, b: Piecewise) -> tuple[Piecewise, Piecewise]:
-    if a.breaks == b.breaks:
-        return a, b
-    breaks = tuple(sorted({*a.breaks, *b.breaks}))
-    return _refined(a, breaks), _refined(b, breaks)
+def _together(
+    a: Piecewise,
+    b: Piecewise,
+    of_polynomials: Callable[[Polynomial, Polynomial], Polynomial],
+    of_numbers: Callable[[Fraction, Fraction], Fraction],
+) -> Piecewise:
+    """An operation of two functions, on the breakpoints of both."""
+    if a.breaks != b.breaks:
+        breaks = tuple(sorted({*a.breaks, *b.breaks}))
+        a, b = _refined(a, breaks), _refined(b, breaks)
+    pieces, at = map(of_polynomials, a.pieces, b.pieces), map(of_numbers, a.at, b.at)
+    return Piecewise(a.breaks, tuple(pieces), tuple(at))
 
 
 def _add(a: Piecewise, b: Piecewise) -> Piecewise:
-    a, b = _together(a, b)
-    pieces = tuple(map(_plus, a.pieces, b.pieces))
-    return Piecewise(a.breaks, pieces, tuple(x + y for x, y in zip(a.at, b.at, strict=True)))
+    return _together(a, b, _plus, operator.add)
 
 
 def _times(a: Piecewise, b: Piecewise) -> Piecewise:
-    a, b = _together(a, b)
-    pieces = tuple(map(_product, a.pieces, b.pieces))
-    return Piecewise(a.breaks, pieces, tuple(x * y for x, y in zip(a.at, b.at, strict=True)))
+    return _together(a, b, _product, operator.mul)
 
 
 def _negative(a: Piecewise) -> Piecewise:

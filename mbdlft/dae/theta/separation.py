@@ -41,6 +41,7 @@ from mbdlft.problem.sx.tapes import Rules, fold
 
 Arrange = Literal["fewest", "blocks"]
 _PRODUCTS = ("mul", "div")
+_OPERATIONS = {**ARITHMETIC_OF_SX, **FUNCTIONS}
 
 
 class Separation:
@@ -72,9 +73,7 @@ class Separation:
         self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
         self.values: dict[int, Mixed] = {}  # of replaced unknowns, by the hash of their symbol
         self.place = self.hint = ""
-        self._operations = {
-            name: partial(self.apply, name) for name in (*ARITHMETIC_OF_SX, *FUNCTIONS)
-        }
+        self._operations = {name: partial(self.apply, name) for name in _OPERATIONS}
 
     def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
         """The value of an expression; `place` is for messages, `hint` names its functions."""
@@ -196,7 +195,7 @@ class Separation:
         if all(map(is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
-            near = numbers_of({**ARITHMETIC_OF_SX, **FUNCTIONS}[operation](*values))
+            near = numbers_of(_OPERATIONS[operation](*values))
             return coefficient(ca.SX(literal(float(near[0, 0]))))
         if operation in ("sin", "cos") and values[0].is_symbolic():
             pair = self.angles.get(values[0].element_hash())
@@ -240,7 +239,7 @@ class Separation:
             elif ratio is not None:
                 expression = ratio * expression
             expressions.append(expression)
-        made = {**ARITHMETIC_OF_SX, **FUNCTIONS}[operation](*expressions)
+        made = _OPERATIONS[operation](*expressions)
         return term(self.registry.function(self._reduced(made), self.hint), factor)
 
     def _expression(self, value: Mixed) -> tuple[ca.SX, ca.SX | None]:
