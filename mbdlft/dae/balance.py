@@ -107,12 +107,15 @@ _MOST_POWER = 4
 
 
 class Balance(NamedTuple):
-    """0 = residual(z, p), and what z are."""
+    """0 = residual(z, p): equations with their places for messages, and the quantities z."""
 
     residual: ca.SX
     places: tuple[str, ...]
     quantities: tuple[Quantity, ...]
-    z: ca.SX
+
+    @property
+    def z(self) -> ca.SX:
+        return column_of(q.symbol for q in self.quantities)
 
 
 def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
@@ -145,34 +148,30 @@ def solved_exactly(
     to `unsolved`; without it that is an error.
     """
     solved: dict[str, ca.SX] = {}
-    pattern = ca.jacobian_sparsity(problem.residual, problem.z) if problem.z.numel() else None
-    if pattern is None:
+    if not problem.quantities:
         return solved
-    for block in blocks_of(pattern):
-        quantities = [problem.quantities[j] for j in block.columns]
+    for block in blocks_of(ca.jacobian_sparsity(problem.residual, problem.z)):
         known = [q for q in problem.quantities if q.name in solved]
-        block_residual = ca.substitute(
-            problem.residual[list(block.rows)],
-            column_of([q.symbol for q in known]),
-            column_of([solved[q.name] for q in known]),
+        old, new = column_of(q.symbol for q in known), column_of(solved[q.name] for q in known)
+        part = Balance(
+            ca.substitute(problem.residual[list(block.rows)], old, new),
+            tuple(problem.places[i] for i in block.rows),
+            tuple(problem.quantities[j] for j in block.columns),
         )
-        z = column_of([q.symbol for q in quantities])
-        places = [problem.places[i] for i in block.rows]
-        values = solution[:, list(block.columns)]
+        pairs = list(zip(block.rows, block.columns, strict=True))
         if unsolved is not None and any(
-            ca.depends_on(block_residual, problem.quantities[j].symbol) for _, j in unsolved
+            ca.depends_on(part.residual, problem.quantities[j].symbol) for _, j in unsolved
         ):
-            unsolved += zip(block.rows, block.columns, strict=True)
+            unsolved += pairs
             continue
         try:
-            exact = _block(s, block_residual, z, values, places, quantities)
+            values = _block(s, part, solution[:, list(block.columns)])
         except NotRationalError:
             if unsolved is None:
                 raise
-            unsolved += zip(block.rows, block.columns, strict=True)
+            unsolved += pairs
             continue
-        for q, value in zip(quantities, exact, strict=True):
-            solved[q.name] = value
+        solved |= {q.name: value for q, value in zip(part.quantities, values, strict=True)}
     return solved
 
 
@@ -189,18 +188,12 @@ def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) 
     return np.array(rows)
 
 
-def _block(
-    s: Structure,
-    residual: ca.SX,
-    z: ca.SX,
-    values: Array,
-    places: Sequence[str],
-    quantities: Sequence[Quantity],
-) -> list[ca.SX]:
-    slopes = ca.jacobian(residual, z)
-    n = z.numel()
-    if not ca.depends_on(slopes, z):
-        offset = ca.substitute(residual, z, ca.SX.zeros(n))
+def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
+    """The unknowns of one block as expressions of the parameters; `values` (points, n) are theirs."""
+    residual, places, quantities = block
+    slopes, n = ca.jacobian(residual, block.z), len(quantities)
+    if not ca.depends_on(slopes, block.z):
+        offset = ca.substitute(residual, block.z, ca.SX.zeros(n))
         if not ca.sparsify(offset).nnz():
             return [ca.SX(0)] * n
         if n == 1:
@@ -208,7 +201,7 @@ def _block(
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
             return [_number(x, q) for x, q in zip(values[0], quantities, strict=True)]
         return solved_linear(slopes, -offset)
-    guessed = _guessed(s, residual, z, values, quantities, places)
+    guessed = _guessed(s, block, values)
     if guessed is not None:
         return guessed
     names = listed(q.name for q in quantities)
@@ -220,18 +213,12 @@ def _block(
     )
 
 
-def _guessed(
-    s: Structure,
-    residual: ca.SX,
-    z: ca.SX,
-    values: Array,
-    quantities: Sequence[Quantity],
-    places: Sequence[str],
-) -> list[ca.SX] | None:
+def _guessed(s: Structure, block: Balance, values: Array) -> list[ca.SX] | None:
     """Unknowns that are numbers or monomials of parameters by their values, and what follows from them.
 
     The equations have to hold with them, at many points and to rounding.
     """
+    residual, places, quantities = block
     p = np.array(parameter_points(s.dae, len(values)))
     guesses = {q.name: _monomial(s, values[:, k], p, q) for k, q in enumerate(quantities)}
     known = {name: value for name, value in guesses.items() if value is not None}
@@ -241,28 +228,20 @@ def _guessed(
             return None
         old = column_of([q.symbol for q in quantities if q.name in known])
         reduced = ca.substitute(residual, old, column_of(known.values()))
-        unknown = z[missing]
-        J = _numbers(ca.jacobian(reduced, unknown), z, s.dae.p, values[0], p[0])
+        slopes = in_doubles(ca.jacobian(reduced, block.z[missing]))
+        function = ca.Function("slopes", [block.z, s.dae.p], [ca.densify(slopes)])
+        J = function(values[0], p[0]).full()
         rows = independent(J.T, np.zeros(len(J), dtype=int))
         if len(rows) < len(missing):
             return None
-        problem = Balance(
-            reduced[rows],
-            tuple(places[i] for i in rows),
-            tuple(quantities[k] for k in missing),
-            unknown,
-        )
+        chosen = tuple(quantities[k] for k in missing)
+        problem = Balance(reduced[rows], tuple(places[i] for i in rows), chosen)
         try:
             known |= solved_exactly(s, problem, values[:, missing])
         except NotRationalError:
             return None
-    chosen = [known[q.name] for q in quantities]
-    return chosen if _holds(s, residual, z, chosen, quantities) else None
-
-
-def _numbers(expression: ca.SX, z: ca.SX, p: ca.SX, at: Array, values: Array) -> Array:
-    function = ca.Function("numbers", [z, p], [ca.densify(in_doubles(expression))])
-    return np.asarray(function(at, values).full())
+    solution = [known[q.name] for q in quantities]
+    return solution if _holds(s, block, solution) else None
 
 
 def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX | None:
@@ -289,18 +268,16 @@ def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX 
     return ca.SX(expression)
 
 
-def _holds(
-    s: Structure, residual: ca.SX, z: ca.SX, chosen: Sequence[ca.SX], quantities: Sequence[Quantity]
-) -> bool:
+def _holds(s: Structure, block: Balance, solution: Sequence[ca.SX]) -> bool:
     """Whether equations hold at values of the parameters that were not looked at before."""
-    expressions = column_of(chosen)
-    missed = ca.substitute(residual, z, expressions)
-    slopes = ca.substitute(ca.jacobian(residual, z), z, expressions)
-    functions = [ca.densify(in_doubles(expression)) for expression in (missed, slopes, expressions)]
-    function = ca.Function("left", [s.dae.p], functions)
+    expressions, z = column_of(solution), block.z
+    missed = ca.substitute(block.residual, z, expressions)
+    slopes = ca.substitute(ca.jacobian(block.residual, z), z, expressions)
+    results = [ca.densify(in_doubles(x)) for x in (missed, slopes, expressions)]
+    function = ca.Function("missed", [s.dae.p], results)
     for p in parameter_points(s.dae, 4 * POINTS)[1:]:
-        r, J, at = (np.abs(expression.full()) for expression in function(p))
-        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in quantities])
+        r, J, at = (np.abs(result.full()) for result in function(p))
+        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in block.quantities])
         if not np.all(r[:, 0] <= _MISSED * np.max(J * sizes, axis=1)):
             return False
     return True

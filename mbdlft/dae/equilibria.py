@@ -96,7 +96,7 @@ def trim(
         )
     fixed = _of_aliases(s, dict(at or {}))
     _check_names(s, fixed, free)
-    problem = _square(s, *_posed(s, fixed, free, moving), fixed)
+    problem = _square(s, _posed(s, fixed, free, moving), fixed)
     points = at_points(s, problem, fixed)
     unsolved: list[tuple[int, int]] | None = None if fit is None else []
     values: dict[str, ca.SX] = solved_exactly(s, problem, points, unsolved)
@@ -184,7 +184,7 @@ def _posed(
     fixed: Mapping[str, float | str],
     free: Sequence[str],
     moving: Sequence[str],
-) -> tuple[ca.SX, list[str], list[Quantity]]:
+) -> Balance:
     """Equations with rates of zero and what is given, and what is unknown in them."""
     inputs = {q.name for q in s.inputs}
     unknown, old, new = [], [], []
@@ -198,26 +198,19 @@ def _posed(
         else:
             unknown.append(q)
     residual = ca.substitute(s.residual, column_of(old), column_of(new))
-    places = [place for place, _ in s.equations]
-    return residual, places, unknown
+    return Balance(residual, tuple(place for place, _ in s.equations), tuple(unknown))
 
 
-def _square(
-    s: Structure,
-    residual: ca.SX,
-    places: list[str],
-    unknown: list[Quantity],
-    fixed: Mapping[str, float | str],
-) -> Balance:
+def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> Balance:
     """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
-    z = column_of([q.symbol for q in unknown])
-    points = parameter_points(s.dae, POINTS)
+    residual, places, unknown = posed
+    point = parameter_points(s.dae, 1)[0]
     start, sizes = start_of(unknown)
-    system = System(residual, z, s.dae.p)
-    at = solve(system, start, points[0], sizes)
+    system = System(residual, posed.z, s.dae.p)
+    at = solve(system, start, point, sizes)
     if not at.is_solution:
         raise no_equilibrium(s, places, at, fixed)
-    J = system.jacobian(at.values, points[0]) * sizes
+    J = system.jacobian(at.values, point) * sizes
     J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
     states = {q.name for q in s.states}
@@ -228,13 +221,8 @@ def _square(
         old = column_of([q.symbol for q in held])
         new = column_of([_given_value(s, q, fixed) for q in held])
         residual = ca.substitute(residual, old, new)
-    chosen = [q for k, q in enumerate(unknown) if k in columns]
-    problem = Balance(
-        residual[kept] if kept else ca.SX(0, 1),
-        tuple(places[i] for i in kept),
-        tuple(chosen),
-        column_of([q.symbol for q in chosen]),
-    )
+    chosen = tuple(q for k, q in enumerate(unknown) if k in columns)
     if len(kept) < len(places):  # the equations that are left out have to hold as well
-        at_points(s, problem._replace(residual=residual, places=tuple(places)), fixed)
-    return problem
+        at_points(s, Balance(residual, places, chosen), fixed)
+    rows = residual[kept] if kept else ca.SX(0, 1)
+    return Balance(rows, tuple(places[i] for i in kept), chosen)

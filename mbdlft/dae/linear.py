@@ -14,7 +14,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import without_switches
 from mbdlft.dae.points import System, solve
-from mbdlft.dae.structure import Quantity, Structure, in_symbols
+from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
@@ -94,7 +94,8 @@ class _Linear:
     def trimmed(self) -> TrimRelations | None:
         """What of the equilibrium depends on parameters, as relations that are solved already."""
         at, dae = self.at, self.s.dae
-        chosen = [q for q in self._named() if not self._is_number(at.values[q.name])]
+        named = [q for q in (*self.s.states, *self.s.unknowns, *self.s.inputs) if not q.order]
+        chosen = [q for q in named if not self._is_number(at.values[q.name])]
         unknown, one = ca.SX.sym("trim", len(chosen)), ca.SX.sym("one")
         rows = []
         for k, q in enumerate(chosen):
@@ -126,9 +127,6 @@ class _Linear:
             return is_zero(ca.SX(ca.substitute(ca.SX(value), dae.p, numbers)))
         except NotRationalError:  # a function of numbers
             return False
-
-    def _named(self) -> list[Quantity]:
-        return [q for q in (*self.s.states, *self.s.unknowns, *self.s.inputs) if not q.order]
 
 
 def _linear(value: Mixed) -> ca.SX:

@@ -45,11 +45,6 @@ ARITHMETIC_OF_SX: Mapping[str, Rule] = {
 }
 
 
-def sx_rules(constant: Callable[[float], Any] = ca.SX) -> Rules:
-    """SX as a number system: what is folded stays; `constant` makes its constants."""
-    return Rules(constant, {**FUNCTIONS, **ARITHMETIC_OF_SX}, _unknown)
-
-
 def _unknown(operation: str, where: str, *operands: Any) -> Any:
     raise NotRationalError(f"{where}: operation {operation!r} is not supported in a DAE.")
 
@@ -58,7 +53,7 @@ def with_literals(expression: ca.SX) -> ca.SX:
     """An expression with the decimals that its numbers print as, not rounded when they meet others."""
     free = column_of(ca.symvar(expression))
     function = ca.Function("written", [free], [expression])
-    (rewritten,) = fold(function, sx_rules(_literal), ca.vertsplit(free))
+    (rewritten,) = fold(function, _WITH_LITERALS, ca.vertsplit(free))
     return ca.SX(rewritten[0]) if rewritten else ca.SX(1, 1)
 
 
@@ -78,6 +73,7 @@ def _literal(value: float) -> ca.SX:
     return ca.SX(literal(value))
 
 
+_WITH_LITERALS = Rules(_literal, {**FUNCTIONS, **ARITHMETIC_OF_SX}, _unknown)
 _SHORT = 12  # characters; longer parts that are used twice get a name
 _TABLE = 3  # breakpoints from which on a part is a table, or two where its text is long:
 _LONG = 16  # operations and operands; a saturation has five

@@ -122,7 +122,8 @@ def compiled_model(
             f"{file.name}: a {MODEL} file needs the compiler rumoca: pip install 'mbdlft[modelica]'. "
             f"Flat text, as OpenModelica or Dymola write it, needs nothing more: a file NAME{FLAT}."
         ) from None
-    folders = _folders() if roots is None else [str(root) for root in roots]
+    named = os.environ.get(ROOTS, "").split(os.pathsep) if roots is None else map(str, roots)
+    folders = [folder for folder in named if folder]
     try:
         loaded = rumoca.Session(roots=folders).load(str(file), model=model)
         tables = loaded.to_dict("flat")
@@ -135,11 +136,6 @@ def compiled_model(
         ) from None
     sources = Sources(_files(file, folders), tables["variables"])
     return model_of_tables(tables, loaded.name, sources)
-
-
-def _folders() -> list[str]:
-    """Folders of libraries that the environment names."""
-    return [path for path in os.environ.get(ROOTS, "").split(os.pathsep) if path]
 
 
 def _files(file: Path, folders: Iterable[str]) -> Iterator[Path]:

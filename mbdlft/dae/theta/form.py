@@ -325,7 +325,10 @@ def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple
 def _units(s: Structure, form: ThetaForm) -> tuple[list[str], list[str]]:
     """Units of zeta and of omega."""
     known: dict[int, str] = {q.symbol.element_hash(): q.unit for q in s.quantities}
-    known |= {rate.element_hash(): _rate(q.unit) for q, rate in zip(s.states, s.rates, strict=True)}
+    known |= {
+        rate.element_hash(): "1" if q.unit == "1" else f"{q.unit}/s"
+        for q, rate in zip(s.states, s.rates, strict=True)
+    }
     symbols = ca.vertsplit(form.relations.p)
     known |= {
         symbol.element_hash(): "1" if p.is_angle else p.unit
@@ -344,10 +347,6 @@ def _units(s: Structure, form: ThetaForm) -> tuple[list[str], list[str]]:
         if zeta == before:
             break
     return zeta, omega
-
-
-def _rate(unit: str) -> str:
-    return f"{unit}/s" if unit != "1" else "1"
 
 
 def _unit(expression: ca.SX, known: Mapping[int, str]) -> str:

@@ -8,7 +8,6 @@ becomes an argument of its own.
 Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 """
 
-from collections.abc import Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -179,15 +178,12 @@ class Separation:
                 if is_constant(condition):
                     return operands[1] if numbers_of(condition)[0, 0] else NOTHING
             case "div" if operands[1].is_coefficient:
-                return self._over(operands[0], operands[1])
+                if operands[1].constant is None:
+                    raise NotRationalError(f"{self.owner}, {self.place}: divides by zero.")
+                return times(operands[0], 1 / operands[1].constant)
         if all(m.is_coefficient for m in operands):
             return self._of_coefficients(operation, *operands)
         return self._function(operation, *operands)
-
-    def _over(self, a: Mixed, b: Mixed) -> Mixed:
-        if b.constant is None:
-            raise NotRationalError(f"{self.owner}, {self.place}: divides by zero.")
-        return times(a, 1 / b.constant)
 
     def _of_coefficients(self, operation: str, *operands: Mixed) -> Mixed:
         """A function of parameters and numbers."""
@@ -202,11 +198,12 @@ class Separation:
             if pair is not None:
                 return coefficient(pair[operation == "sin"])
         text = f"{operation}({', '.join(map(str, values))})"
+        names = sorted({s.name() for value in values for s in free_symbols(value)})
         raise NotRationalError(
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
-            f"{_names(values)}. Either declare the value of {text} as a parameter of its own, with which "
-            "the others are rational, which is exact; or replace it by a rational fit with a guaranteed "
-            "bound (DaeDraft.fit, fit_coefficient)."
+            f"{', '.join(names)}. Either declare the value of {text} as a parameter of its own, with "
+            "which the others are rational, which is exact; or replace it by a rational fit with a "
+            "guaranteed bound (DaeDraft.fit, fit_coefficient)."
         )
 
     def _check_angles(self, value: Mixed) -> None:
@@ -308,8 +305,3 @@ def _hoisted(value: Mixed) -> tuple[ca.SX, Mixed]:
         (factor,) = factors.values()
         return factor, Mixed({}, None, dict.fromkeys(value.terms, ca.SX(1)))
     return ca.SX(1), value
-
-
-def _names(values: Sequence[ca.SX]) -> str:
-    names = sorted({s.name() for value in values for s in free_symbols(value)})
-    return ", ".join(names)
