@@ -6,6 +6,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base import Parameter
+from mbdlft.base.errors import SceneError
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, trim
 from mbdlft.dae.linear import linearized, trimmed_points
 from mbdlft.pipeline import linearize_dae
@@ -155,3 +156,12 @@ def test_derivatives_of_inputs_can_be_inputs() -> None:
     assert [q.name for q in s.inputs] == ["u", "der(u)", "der(u, 2)"]
     D = mbdlft.matrices_at(linearize_dae(s), {"m": 2.1}).D
     target(D, [[0.0, 0.0, 4.2]], CROSS)
+
+
+def test_a_number_takes_the_unit_of_what_it_is_added_to() -> None:
+    d = DaeDraft("units")
+    x, t = d.variable("x", "m"), d.variable("t", "s")
+    d.equation(3 + x, "sum", equals=t)
+    d.equation(d.der(x), "rate", equals=1)
+    with pytest.raises(SceneError, match=r"equation 'sum': m and s are added"):
+        reduce_index(d.dae())
