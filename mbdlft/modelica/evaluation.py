@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import partial, reduce
 from typing import Any
 
 from mbdlft.base.errors import SceneError
@@ -206,18 +207,14 @@ class Evaluator:
         function = name.removeprefix(_LIBRARY)
         if function in _SAME and arguments:
             return self.value(arguments[0])
-        if function == "smooth" and len(arguments) == 2:
-            return self.value(arguments[1])
         values = [self.value(argument) for argument in arguments]
         if function == "der" and len(values) == 1:
             return v.each(self.derivative, values[0])
-        if function in v.UNARY and len(values) == 1:
-            return v.applied(function, values[0])
-        if function in ("floor", "ceil", "integer") and len(values) == 1:
-            return v.rounded(function, values[0])
-        if (function, len(values)) in _OTHERS:
+        if (function, len(values)) in _FUNCTIONS:
             try:
-                return _OTHERS[function, len(values)](*values)
+                return _FUNCTIONS[function, len(values)](*values)
+            except SceneError:
+                raise
             except (TypeError, IndexError, ValueError, RuntimeError):
                 listed = ", ".join(v.described(value) for value in values)
                 raise SceneError(f"{function} does not take {listed}.") from None
@@ -278,27 +275,21 @@ def _diagonal(entries: Value) -> Value:
     return tuple(tuple(entries[i] if i == j else Fraction(0) for j in range(n)) for i in range(n))
 
 
-def _extreme_of(*, largest: bool) -> Callable[[Value], Value]:
-    def of(values: Value) -> Value:
-        extreme = values[0]
-        for entry in values[1:]:
-            extreme = v.extreme(extreme, entry, largest=largest)
-        return extreme
-
-    return of
-
-
 def _size(array: Value, dimension: Value = Fraction(1)) -> Value:
     for _ in range(int(dimension) - 1):
         array = array[0]
     return Fraction(len(array))
 
 
-_OTHERS: Mapping[tuple[str, int], Callable[..., Value]] = {
-    ("max", 2): lambda a, b: v.extreme(a, b, largest=True),
-    ("min", 2): lambda a, b: v.extreme(a, b, largest=False),
-    ("max", 1): _extreme_of(largest=True),
-    ("min", 1): _extreme_of(largest=False),
+_larger, _smaller = (partial(v.extreme, largest=largest) for largest in (True, False))
+_FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and number of arguments
+    **{(name, 1): partial(v.applied, name) for name in v.UNARY},
+    **{(name, 1): partial(v.rounded, name) for name in ("floor", "ceil", "integer")},
+    ("smooth", 2): lambda order, value: value,
+    ("max", 2): _larger,
+    ("min", 2): _smaller,
+    ("max", 1): lambda values: reduce(_larger, values),
+    ("min", 1): lambda values: reduce(_smaller, values),
     ("atan2", 2): v.arctangent,
     ("sum", 1): v.total,
     ("semiLinear", 3): _semi_linear,
