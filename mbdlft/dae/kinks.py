@@ -8,7 +8,6 @@ two slopes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from fractions import Fraction
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -17,12 +16,11 @@ import numpy as np
 
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.equilibria import DaeTrim
-from mbdlft.dae.structure import in_symbols, parameter_points
-from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of
+from mbdlft.dae.structure import at_odd_parameters, in_symbols, parameter_points
+from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
 from mbdlft.exact.interval import Interval, decimal, find_zero
-from mbdlft.exact.numbers import decimal as exact_decimal
-from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, literal, numbers_of
+from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, numbers_of
 from mbdlft.problem.sx.tapes import Rules, arithmetic, fold
 
 Side = Literal["below", "above", "at", "open"]
@@ -116,13 +114,9 @@ def _branches(
     }
     free = column_of(ca.symvar(stacked))
     function = ca.Function("switches", [free], [ca.densify(stacked)])
-    table = Rules(ca.SX, operations, _unknown)
+    table = Rules(ca.SX, operations, unsupported)
     (entries,) = fold(function, table, ca.vertsplit(free))
     return column_of(ca.SX(x) for x in entries)
-
-
-def _unknown(operation: str, where: str, *operands: ca.SX) -> ca.SX:
-    raise NotRationalError(f"{where}: operation {operation!r} is not supported in a DAE.")
 
 
 class _Equilibrium:
@@ -136,10 +130,6 @@ class _Equilibrium:
             p.name: (np.nextafter(low, -np.inf), np.nextafter(high, np.inf))  # angles are in rad
             for p, low, high in zip(self.dae.parameters, *in_symbols(self.dae, ends), strict=True)
         }
-        self.odd = column_of(
-            ca.SX(literal(exact_decimal(p.nominal) + Fraction(k + 1, 9973)))
-            for k, p in enumerate(self.dae.parameters)
-        )
 
     def there(self, expression: ca.SX) -> ca.SX:
         """An expression at the equilibrium, in terms of the parameters."""
@@ -168,12 +158,10 @@ class _Equilibrium:
     def vanishes(self, expression: ca.SX) -> bool:
         """Whether an expression is zero at the equilibrium for all values of the parameters."""
         value = self.there(expression)
-        exact = ca.SX(ca.substitute(value, self.dae.p, self.odd)) if self.dae.parameters else value
         try:
-            return is_zero(ca.densify(exact))
-        except (
-            NotRationalError
-        ):  # a function of numbers: in doubles, relative to what signals make of it
+            return is_zero(ca.densify(at_odd_parameters(self.dae, value)))
+        except NotRationalError:
+            # a function of numbers: in doubles, relative to what signals make of it
             slopes = self.there(ca.densify(ca.jacobian(expression, self.symbols)))
             sizes = [q.variable.nominal for q in self.at.structure.quantities]
             terms = sum(abs(self.number(slopes[j])) * size for j, size in enumerate(sizes))

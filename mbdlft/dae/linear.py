@@ -2,7 +2,6 @@
 
 from contextlib import nullcontext
 from dataclasses import replace
-from fractions import Fraction
 from functools import partial
 
 import casadi as ca
@@ -14,16 +13,15 @@ from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import without_switches
 from mbdlft.dae.points import System, solve
-from mbdlft.dae.structure import Structure, in_symbols
+from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
-from mbdlft.exact.numbers import decimal
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
 from mbdlft.problem.relations import LinearModel
-from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, literal
+from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero
 from mbdlft.problem.sx.evaluation import evaluate_many
 
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
@@ -121,10 +119,8 @@ class _Linear:
         dae = self.s.dae
         if any(q.is_angle for q in dae.parameters):
             return False
-        odd = [decimal(q.nominal) + Fraction(k + 1, 9973) for k, q in enumerate(dae.parameters)]
-        numbers = column_of([ca.SX(literal(x)) for x in odd])
         try:
-            return is_zero(ca.SX(ca.substitute(ca.SX(value), dae.p, numbers)))
+            return is_zero(at_odd_parameters(dae, ca.SX(value)))
         except NotRationalError:  # a function of numbers
             return False
 

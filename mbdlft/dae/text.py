@@ -45,7 +45,8 @@ ARITHMETIC_OF_SX: Mapping[str, Rule] = {
 }
 
 
-def _unknown(operation: str, where: str, *operands: Any) -> Any:
+def unsupported(operation: str, where: str, *operands: Any) -> Any:
+    """The rule of operations that no DAE may have: an error."""
     raise NotRationalError(f"{where}: operation {operation!r} is not supported in a DAE.")
 
 
@@ -73,7 +74,7 @@ def _literal(value: float) -> ca.SX:
     return ca.SX(literal(value))
 
 
-_WITH_LITERALS = Rules(_literal, {**FUNCTIONS, **ARITHMETIC_OF_SX}, _unknown)
+_WITH_LITERALS = Rules(_literal, {**FUNCTIONS, **ARITHMETIC_OF_SX}, unsupported)
 _SHORT = 12  # characters; longer parts that are used twice get a name
 _TABLE = 3  # breakpoints from which on a part is a table, or two where its text is long:
 _LONG = 16  # operations and operands; a saturation has five
