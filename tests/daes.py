@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.cases.mass_chain import chain as chain
 from mbdlft.base import Parameter
 from mbdlft.dae import Dae, DaeDraft, Structure
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles
 

@@ -6,7 +6,7 @@ code, and followed in any number system: numpy, CasADi, intervals.
 
 import ast
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
 
@@ -16,33 +16,20 @@ from mbdlft.base.errors import SceneError, unknown_name
 
 Functions = Mapping[str, Callable[..., Any]]
 _LONGEST = 200_000  # characters: to parse them takes two seconds and 70 MB
-_OPERATORS: dict[type, str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-    ast.Pow: "**",
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.Eq: "==",
-    ast.NotEq: "!=",
+_SIGNS: Mapping[type, tuple[str, Callable[..., Any]]] = {
+    ast.Add: ("+", operator.add),
+    ast.Sub: ("-", operator.sub),
+    ast.Mult: ("*", operator.mul),
+    ast.Div: ("/", operator.truediv),
+    ast.Pow: ("**", operator.pow),
+    ast.Lt: ("<", operator.lt),
+    ast.LtE: ("<=", operator.le),
+    ast.Gt: (">", operator.gt),
+    ast.GtE: (">=", operator.ge),
+    ast.Eq: ("==", operator.eq),
+    ast.NotEq: ("!=", operator.ne),
 }
-ARITHMETIC: Functions = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "**": operator.pow,
-    "neg": operator.neg,
-    "<": operator.lt,
-    "<=": operator.le,
-    ">": operator.gt,
-    ">=": operator.ge,
-    "==": operator.eq,
-    "!=": operator.ne,
-}
+ARITHMETIC: Functions = {"neg": operator.neg, **dict(_SIGNS.values())}
 # names of functions, and what they are for arrays of numpy
 NUMPY: Functions = {
     **ARITHMETIC,
@@ -115,7 +102,7 @@ def _check_node(text: str, node: ast.AST) -> None:
         is_plain = not isinstance(node, ast.Call) or (
             isinstance(node.func, ast.Name) and not node.keywords
         )
-        known = not isinstance(node, ast.operator | ast.cmpop) or type(node) in _OPERATORS
+        known = not isinstance(node, ast.operator | ast.cmpop) or type(node) in _SIGNS
         if is_number and is_plain and known:
             return
     raise SceneError(
@@ -128,7 +115,7 @@ def _value(text: str, node: ast.expr, known: Mapping[str, Any], functions: Funct
     """The value of one part; long sums and products nest to the left, and need no recursion."""
     spine: list[tuple[str, ast.expr]] = []
     while isinstance(node, ast.BinOp):
-        spine.append((_OPERATORS[type(node.op)], node.right))
+        spine.append((_SIGNS[type(node.op)][0], node.right))
         node = node.left
     result = _single(text, node, known, functions)
     for sign, right in reversed(spine):
@@ -148,16 +135,10 @@ def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Func
             return functions["neg"](_value(text, operand, known, functions))
         case ast.Compare(left=left, ops=[sign], comparators=[right]):
             operands = [_value(text, part, known, functions) for part in (left, right)]
-            return functions[_OPERATORS[type(sign)]](*operands)
+            return functions[_SIGNS[type(sign)][0]](*operands)
         case ast.Call(func=ast.Name(id=name), args=arguments) if name in functions:
-            return functions[name](*_values(text, arguments, known, functions))
+            return functions[name](*(_value(text, a, known, functions) for a in arguments))
         case ast.Call(func=ast.Name(id=name)):
             named = [key for key in functions if key[0].isalpha()]
             raise SceneError(f"formula {text!r}: " + unknown_name("function", name, named))
     raise SceneError(f"formula {text!r}: compares more than two values.")
-
-
-def _values(
-    text: str, nodes: Sequence[ast.expr], known: Mapping[str, Any], functions: Functions
-) -> list[Any]:
-    return [_value(text, node, known, functions) for node in nodes]

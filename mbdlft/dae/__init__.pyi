@@ -1,7 +1,7 @@
-from .description import Dae as Dae
-from .description import Equation as Equation
-from .description import Output as Output
-from .description import Variable as Variable
+from .dae import Dae as Dae
+from .dae import Equation as Equation
+from .dae import Output as Output
+from .dae import Variable as Variable
 from .draft import DaeDraft as DaeDraft
 from .draft import from_casadi as from_casadi
 from .equilibria import DaeTrim as DaeTrim

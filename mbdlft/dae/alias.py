@@ -12,7 +12,7 @@ from typing import NamedTuple
 import casadi as ca
 
 from mbdlft.base.errors import StructureError
-from mbdlft.dae.description import Dae, Equation, Variable
+from mbdlft.dae.dae import Dae, Equation, Variable
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.sx.constants import constants_in, is_constant, literal

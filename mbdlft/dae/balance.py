@@ -15,7 +15,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.alias import rational
 from mbdlft.dae.index import blocks_of, independent, listed
-from mbdlft.dae.points import Found, System, solve
+from mbdlft.dae.newton import Found, System, solve
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal

@@ -23,7 +23,7 @@ from mbdlft.dae.balance import (
 )
 from mbdlft.dae.fit import Fitted, fitted
 from mbdlft.dae.index import independent
-from mbdlft.dae.points import System, divided, solve, values_of
+from mbdlft.dae.newton import System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles, literal

@@ -16,7 +16,7 @@ from mbdlft.base.errors import NotRationalError, SceneError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.balance import Balance
-from mbdlft.dae.points import values_of
+from mbdlft.dae.newton import values_of
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium

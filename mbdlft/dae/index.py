@@ -26,8 +26,8 @@ from scipy.optimize import linear_sum_assignment
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
-from mbdlft.dae.description import Dae, Variable
-from mbdlft.dae.points import divided, singular_part
+from mbdlft.dae.dae import Dae, Variable
+from mbdlft.dae.newton import divided, singular_part
 from mbdlft.dae.text import column_of
 from mbdlft.problem.sx.constants import in_doubles
 

@@ -12,7 +12,7 @@ from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import without_switches
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.newton import System, solve
 from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed

@@ -10,9 +10,9 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.unit import Signal
-from mbdlft.dae.description import Dae
+from mbdlft.dae.dae import Dae
 from mbdlft.dae.index import blocks_of
-from mbdlft.dae.points import System, solve
+from mbdlft.dae.newton import System, solve
 from mbdlft.dae.structure import Structure, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point

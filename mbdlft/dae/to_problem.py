@@ -15,7 +15,7 @@ from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.dae.balance import start_of
-from mbdlft.dae.points import System, solve, values_of
+from mbdlft.dae.newton import System, solve, values_of
 from mbdlft.dae.structure import Structure, in_symbols
 from mbdlft.dae.text import column_of, formula_of
 from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form

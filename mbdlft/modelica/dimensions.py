@@ -11,8 +11,9 @@ from functools import reduce
 
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import dimension_name, parse_unit
-from mbdlft.dae.description import OPEN, plain
+from mbdlft.dae.dae import OPEN, plain
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS, Dimension
+from mbdlft.modelica.printer import shorter, write
 from mbdlft.modelica.tree import (
     RELATIONS,
     Array,
@@ -32,7 +33,6 @@ from mbdlft.modelica.tree import (
     Unary,
     spine,
 )
-from mbdlft.modelica.write import shorter, write
 
 _FACTOR = re.compile(r"([^\W\d_]+|%|1)([+-]?\d+)?")
 

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mbdlft.base.errors import SceneError, StructureError
-from mbdlft.dae.description import Dae
+from mbdlft.dae.dae import Dae
 from mbdlft.dae.equilibria import DaeTrim, trim
 from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.modelica.rumoca import Sources, model_of_tables

@@ -98,47 +98,35 @@ class Sources:
         )
 
 
+_OF_ENTRIES = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^"}
 _OPERATORS = {
-    "Add": "+",
-    "Sub": "-",
-    "Mul": "*",
-    "Div": "/",
-    "Exp": "^",
-    "AddElem": ".+",
-    "SubElem": ".-",
-    "MulElem": ".*",
-    "DivElem": "./",
-    "ExpElem": ".^",
-    "Lt": "<",
-    "Le": "<=",
-    "Gt": ">",
-    "Ge": ">=",
-    "Eq": "==",
-    "Neq": "<>",
-    "And": "and",
-    "Or": "or",
+    **_OF_ENTRIES,
+    **{f"{name}Elem": f".{sign}" for name, sign in _OF_ENTRIES.items()},
+    **{
+        "Lt": "<",
+        "Le": "<=",
+        "Gt": ">",
+        "Ge": ">=",
+        "Eq": "==",
+        "Neq": "<>",
+        "And": "and",
+        "Or": "or",
+    },
 }
-_READ = {
-    *(
-        "variables",
-        "equations",
-        "assert_equations",
-        "initial_equations",
-        "algorithms",
-        "is_partial",
-    ),
-    *("initial_algorithms", "when_chains", "structured_equations", "initial_structured_equations"),
-    *("initial_assert_equations", "parameter_branch_selections", "enum_literal_ordinals"),
-    *("variable_final_flags", "top_level_input_components", "model_description", "effective_types"),
-    *("predefined_types",),
-}
+_TABLES = (
+    "variables equations assert_equations initial_equations algorithms is_partial initial_algorithms "
+    "when_chains structured_equations initial_structured_equations initial_assert_equations "
+    "parameter_branch_selections enum_literal_ordinals variable_final_flags "
+    "top_level_input_components model_description effective_types predefined_types"
+)
 # types and origins of what is in the tables above; a function is refused where it is called
-_BESIDE = {
-    *("predefined_string_declaration", "enumeration_types", "type_ids_by_def_id", "functions"),
-    *("enumeration_type_roots", "record_instances", "record_types", "variable_type_names"),
-    *("class_type", "definite_roots", "branches", "optional_edges", "potential_roots"),
-    *("top_level_connectors", "oc_break_edge_scalar_count", "instance_relations"),
-}
+_ORIGINS = (
+    "predefined_string_declaration enumeration_types type_ids_by_def_id functions "
+    "enumeration_type_roots record_instances record_types variable_type_names class_type "
+    "definite_roots branches optional_edges potential_roots top_level_connectors "
+    "oc_break_edge_scalar_count instance_relations"
+)
+_KNOWN = frozenset((*_TABLES.split(), *_ORIGINS.split()))
 _TYPES = ("real", "integer", "boolean", "string")
 
 
@@ -157,9 +145,7 @@ class _Reader:
 
     def model(self) -> FlatModel:
         """The syntax tree."""
-        strange = [
-            key for key, table in self.tables.items() if table and key not in _READ | _BESIDE
-        ]
+        strange = [key for key, table in self.tables.items() if table and key not in _KNOWN]
         if strange:
             raise self._unknown(f"the table {strange[0]!r}")
         if self.tables["is_partial"]:

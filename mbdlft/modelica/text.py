@@ -12,6 +12,7 @@ from types import MappingProxyType
 
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica.expression import ExpressionParser, Token
+from mbdlft.modelica.printer import write
 from mbdlft.modelica.tree import (
     Check,
     Choice,
@@ -25,7 +26,6 @@ from mbdlft.modelica.tree import (
     Statement,
     Text,
 )
-from mbdlft.modelica.write import write
 
 _TYPES = ("Real", "Integer", "Boolean", "String")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")

@@ -8,10 +8,11 @@ from typing import TypeVar
 import casadi as ca
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.dae.description import Dae, Equation, Output
+from mbdlft.dae.dae import Dae, Equation, Output
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import check_units
+from mbdlft.modelica.printer import flat_text, shorter, write
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import (
     Check,
@@ -27,7 +28,6 @@ from mbdlft.modelica.tree import (
 from mbdlft.modelica.tree import Equation as WrittenEquation
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in, read_values
-from mbdlft.modelica.write import flat_text, shorter, write
 
 T = TypeVar("T")
 

@@ -18,12 +18,13 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import ANGLE_UNITS
-from mbdlft.dae.description import Variable
+from mbdlft.dae.dae import Variable
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import unit_of
 from mbdlft.modelica.evaluation import Evaluator
+from mbdlft.modelica.printer import write
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import (
     Declaration,
@@ -36,7 +37,6 @@ from mbdlft.modelica.tree import (
     references,
 )
 from mbdlft.modelica.values import Value, described, number_of
-from mbdlft.modelica.write import write
 from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
 

@@ -9,7 +9,7 @@ from typing import Any
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
-from mbdlft.dae.description import Dae
+from mbdlft.dae.dae import Dae
 from mbdlft.dae.equilibria import DaeTrim, trim
 from mbdlft.dae.linear import problem_of_trim
 from mbdlft.dae.structure import Structure, reduce_index

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from mbdlft.dae.description import Dae
+from mbdlft.dae.dae import Dae
 from mbdlft.modelica import ModelicaReport, ModelicaTable, load_modelica, load_modelica_table
 
 ROOT = Path(__file__).parents[2]

@@ -16,9 +16,9 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.unit import Signal, dimension_name, parse_unit
-from mbdlft.dae.description import dimension_of, open_unit
+from mbdlft.dae.dae import dimension_of, open_unit
 from mbdlft.dae.index import blocks_of
-from mbdlft.dae.points import singular_part
+from mbdlft.dae.newton import singular_part
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import (

@@ -15,7 +15,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.alias import rational
-from mbdlft.dae.description import Dae
+from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
 from mbdlft.dae.theta.arguments import (
