@@ -70,15 +70,10 @@ def transfers_at(
 
 
 class Spectrum(NamedTuple):
-    """Poles of one matrix A.
+    """Poles (n,) of one matrix A, in rad/s.
 
-    Attributes
-    ----------
-    poles : complex array (n,), rad/s
-    on_axis : bool array (n,)
-        A change of A by rounding may bring the pole onto the imaginary axis: its side is not known.
-    at_zero : bool array (n,)
-        A change of A by rounding may bring it to zero: that of an integrator. It is on the axis, too.
+    A change of A by rounding may bring those `on_axis` onto the imaginary axis: their side is not known.
+    It may bring those `at_zero` to zero, as of an integrator; they are on the axis, too.
     """
 
     poles: NDArray[np.complex128]

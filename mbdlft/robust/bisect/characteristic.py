@@ -35,16 +35,9 @@ _ENOUGH, _NOTHING = 2.0**-60, 2.0**-120
 class Realization(NamedTuple):
     """A system without signals: xdot = A x + B w + E u, z = C x + D w + F u, y = G x + H w + J u.
 
-    Attributes
-    ----------
-    names : tuple of str
-    sizes : tuple of int
-        Parameters and their repetitions, none of which is 0.
-    A, B, C, D : array (n, n), (n, N), (N, n), (N, N)
-    E, F, G, H, J : arrays of the inputs u and outputs y whose gain is asked for; none of stability
-    shift, slope : float
-        Where poles are asked for: left of s = shift + (j - slope) omega and of its mirror image. Both
-        are 0 for stability; the shift is in rad/s.
+    Names and sizes are those of the parameters and their repetitions, none of which is 0. Inputs u and
+    outputs y are those whose gain is asked for; stability has none. Poles are asked for left of
+    s = shift + (j - slope) omega (rad/s) and of its mirror image: both numbers are 0 for stability.
     """
 
     names: tuple[str, ...]
