@@ -12,7 +12,7 @@ from mbdlft.dae.linear import linearized, trim_sizes, trimmed_points
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import in_doubles
-from tests.close import CLOSED_FORM, target
+from tests.close import CLOSED_FORM, Method, target
 from tests.daes import pendulum
 
 
@@ -169,7 +169,7 @@ def test_a_block_of_eight_is_exact() -> None:
     names = [q.name for q in (*s.unknowns, *s.states, *s.inputs)]
     value = ca.Function("v4", [s.dae.p], [in_doubles(ca.SX(at.values["v4"]))])
     z = trimmed_points(at, points)
-    target([float(value(p)) for p in points], z[:, names.index("v4")], 1e-10)
+    target([float(value(p)) for p in points], z[:, names.index("v4")], Method(1e-10))
 
 
 def test_a_trimmed_quantity_is_as_large_as_its_terms() -> None:
