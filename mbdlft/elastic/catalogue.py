@@ -20,6 +20,14 @@ from mbdlft.elastic.partition import FiniteElements, to_si
 from mbdlft.multibody.body import Body, FlexibleBody, Inertia, Mode
 from mbdlft.multibody.scene.toml import read_body, read_file, read_table
 
+FORMAT = "mbdlft-body/1"
+LIMITS = ("modes", "frequency", "effective_mass")
+_CHOICES = (*LIMITS, "method", "damping", "prestress")
+_NASTRAN = ("bulk", "mass_matrix", "stiffness_matrix")
+_UNITS = ("length_unit", "mass_unit")
+_TEXTS = ("format", "description", "source")
+_DATA = ("data", "parent", "ports", *_CHOICES, *_NASTRAN, *_UNITS)
+
 
 def flexible_body(
     name: str,
@@ -126,15 +134,6 @@ def modal_body(
         modes=tuple(modes),
         prestress=prestress,
     )
-
-
-FORMAT = "mbdlft-body/1"
-LIMITS = ("modes", "frequency", "effective_mass")
-_CHOICES = (*LIMITS, "method", "damping", "prestress")
-_NASTRAN = ("bulk", "mass_matrix", "stiffness_matrix")
-_UNITS = ("length_unit", "mass_unit")
-_TEXTS = ("format", "description", "source")
-_DATA = ("data", "parent", "ports", *_CHOICES, *_NASTRAN, *_UNITS)
 
 
 def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body:

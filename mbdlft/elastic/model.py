@@ -35,6 +35,16 @@ _CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: file
 _ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
 # rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
 _CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
+METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
+SLOWEST, FASTEST = 6e-4, 6e6  # rad/s: 0.0001 Hz and 1 MHz; no structure is beyond
+_GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, of the first mode
+# a smaller participation factor, of the largest possible one, adds an effective mass below the rounding
+# of the rigid mass
+_NOTHING = float(np.sqrt(np.finfo(float).eps))
+_MASSLESS = 1e-10  # a smaller inertia, of the rigid mass, is none: a bar about its own axis
+_RIGHT = 0.01  # a smaller error of a frequency is that of any truncation
+# rounding of the energy of a rigid motion, of the terms that cancel in it
+_CANCELLED = 1e3 * float(np.finfo(float).eps)
 
 
 class Rigid(NamedTuple):
@@ -46,90 +56,6 @@ class Rigid(NamedTuple):
     mass: float
     center: Array
     inertia: Array
-
-
-def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
-    """Rigid properties from `bodily`, R' M R (r, r) for the directions that the structure can move in."""
-    full = np.full((6, 6), np.nan)
-    full[np.ix_(at.directions, at.directions)] = bodily
-    moved = [d for d in at.directions if d < 3]
-    if not moved:
-        raise StructureError(
-            "the structure has no displacements at its parent, so its mass is not determined. Keep "
-            "them in the matrices."
-        )
-    masses = full[moved, moved]
-    mass = float(np.mean(masses))
-    if not mass > 0.0:
-        raise StructureError(
-            f"mass matrix: the mass of the structure is {mass:g} kg; expected more."
-        )
-    if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
-        listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
-        raise StructureError(
-            f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
-            "of the rows, and that no coordinate with mass was left out."
-        )
-    center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
-    size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
-    center[np.abs(center) < _ROUNDING * size] = 0.0
-    inertia = full[3:, 3:]
-    inertia[np.abs(inertia) < _ROUNDING * mass * size**2] = 0.0
-    rigid = Rigid(mass, center, inertia)
-    expected = mass_matrix(rigid)
-    length = max(
-        float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass)
-    )
-    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
-    difference = (full - expected) / (mass * np.outer(scale, scale))
-    if np.nanmax(np.abs(difference)) > _CONSISTENT:
-        i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
-        raise StructureError(
-            f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
-            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
-            "order of the rows, the coordinates and the axes of the nodes."
-        )
-    return rigid
-
-
-def mass_matrix(rigid: Rigid) -> Array:
-    """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
-    matrix = rigid.mass * transport(rigid.center)
-    matrix[3:, :3] = matrix[:3, 3:].T
-    matrix[3:, 3:] = rigid.inertia
-    return matrix
-
-
-def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
-    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
-
-    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
-    the nodes tell it if all of them have the same coordinate.
-    """
-    moments = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
-    if moments:
-        return float(np.mean(moments))
-    along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
-    if np.ptp(along) > 0.0:
-        raise StructureError(
-            "the structure has no displacements that tell where its center of mass is along "
-            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
-            "the nodes in the matrices."
-        )
-    mass = np.nanmean(np.diag(full)[:3])
-    return float(mass * along[0])
-
-
-METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
-SLOWEST, FASTEST = 6e-4, 6e6  # rad/s: 0.0001 Hz and 1 MHz; no structure is beyond
-_GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, of the first mode
-# a smaller participation factor, of the largest possible one, adds an effective mass below the rounding
-# of the rigid mass
-_NOTHING = float(np.sqrt(np.finfo(float).eps))
-_MASSLESS = 1e-10  # a smaller inertia, of the rigid mass, is none: a bar about its own axis
-_RIGHT = 0.01  # a smaller error of a frequency is that of any truncation
-# rounding of the energy of a rigid motion, of the terms that cancel in it
-_CANCELLED = 1e3 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -364,6 +290,78 @@ def _modal(reduced: Reduced) -> tuple[Array, Array, Array]:
     return w, coupling * sign, ports * sign
 
 
+def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions that the structure can move in."""
+    full = np.full((6, 6), np.nan)
+    full[np.ix_(at.directions, at.directions)] = bodily
+    moved = [d for d in at.directions if d < 3]
+    if not moved:
+        raise StructureError(
+            "the structure has no displacements at its parent, so its mass is not determined. Keep "
+            "them in the matrices."
+        )
+    masses = full[moved, moved]
+    mass = float(np.mean(masses))
+    if not mass > 0.0:
+        raise StructureError(
+            f"mass matrix: the mass of the structure is {mass:g} kg; expected more."
+        )
+    if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
+        listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
+        raise StructureError(
+            f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
+            "of the rows, and that no coordinate with mass was left out."
+        )
+    center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
+    size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
+    center[np.abs(center) < _ROUNDING * size] = 0.0
+    inertia = full[3:, 3:]
+    inertia[np.abs(inertia) < _ROUNDING * mass * size**2] = 0.0
+    rigid = Rigid(mass, center, inertia)
+    expected = mass_matrix(rigid)
+    length = max(
+        float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass)
+    )
+    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
+    difference = (full - expected) / (mass * np.outer(scale, scale))
+    if np.nanmax(np.abs(difference)) > _CONSISTENT:
+        i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
+        raise StructureError(
+            f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
+            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
+            "order of the rows, the coordinates and the axes of the nodes."
+        )
+    return rigid
+
+
+def mass_matrix(rigid: Rigid) -> Array:
+    """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
+    matrix = rigid.mass * transport(rigid.center)
+    matrix[3:, :3] = matrix[:3, 3:].T
+    matrix[3:, 3:] = rigid.inertia
+    return matrix
+
+
+def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
+    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
+
+    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
+    the nodes tell it if all of them have the same coordinate.
+    """
+    moments = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
+    if moments:
+        return float(np.mean(moments))
+    along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
+    if np.ptp(along) > 0.0:
+        raise StructureError(
+            "the structure has no displacements that tell where its center of mass is along "
+            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
+            "the nodes in the matrices."
+        )
+    mass = np.nanmean(np.diag(full)[:3])
+    return float(mass * along[0])
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EffectiveMasses:
     """Effective masses of the modes of a body, about its origin; `table()` writes them as a text.
@@ -382,23 +380,26 @@ class EffectiveMasses:
     residual: Array
 
     @property
+    def _shares(self) -> Array:
+        """(n, 6) effective masses over the rigid mass of each direction; nan if that is 0."""
+        total = np.diag(self.rigid)
+        return np.asarray(self.masses / np.where(total > NO_MASS * np.nanmax(total), total, np.nan))
+
+    @property
     def kept(self) -> Array:
         """(6,) effective mass of all modes over the rigid mass of each direction; nan if that is 0."""
-        total = np.diag(self.rigid)
-        has_mass = total > NO_MASS * np.nanmax(total)
-        share = np.sum(self.masses, axis=0) / np.where(has_mass, total, 1.0)
-        return np.where(has_mass, share, np.nan)
+        return np.asarray(np.sum(self._shares, axis=0))
 
     def table(self) -> str:
         """One row for each mode: frequency (Hz), effective mass in percent of the rigid one."""
-        total = np.diag(self.rigid)
-        percent = 100.0 * self.masses / np.where(total > NO_MASS * np.nanmax(total), total, np.nan)
         head = "".join(f"{name:>8}" for name in DIRECTIONS)
         lines = [f"{'mode':>5}{'Hz':>12}{head}   (% of the rigid mass, about the origin)"]
-        for k, (w, row) in enumerate(zip(self.frequencies, percent, strict=True), start=1):
+        for k, (w, row) in enumerate(
+            zip(self.frequencies, 100.0 * self._shares, strict=True), start=1
+        ):
             lines.append(f"{k:>5}{w / (2.0 * np.pi):>12.5g}{_row(row)}")
         lines.append(f"{'sum':>5}{'':>12}{_row(100.0 * self.kept)}")
-        values = "".join(f"{entry:>10.4g}" for entry in total)
+        values = "".join(f"{entry:>10.4g}" for entry in np.diag(self.rigid))
         lines.append(f"rigid mass (kg, kg m^2):{values}")
         return "\n".join(lines)
 

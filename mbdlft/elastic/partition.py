@@ -28,6 +28,8 @@ from mbdlft.elastic.nodes import (
 )
 
 _SYMMETRY = 1e-8  # asymmetry that is rounding, of the largest entry: files have few digits
+# a smaller singular value is none: nodes on a line do not determine the rotation about it
+_ROUNDING = 1e-9
 
 
 class FiniteElements(NamedTuple):
@@ -105,10 +107,6 @@ def _factor(what: str, unit: str, si: str) -> float:
             f"to_si: {what}: expected a unit of {what} such as {si!r}, got {unit!r}."
         )
     return parsed.factor
-
-
-# a smaller singular value is none: nodes on a line do not determine the rotation about it
-_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)

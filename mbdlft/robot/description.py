@@ -26,6 +26,7 @@ Triple = tuple[float, float, float]
 WORLD = ""  # the parent of joints on the ground; no link has this name
 ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 ZERO: Triple = (0.0, 0.0, 0.0)
+_STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
 
 
 class RobotLink(NamedTuple):
@@ -249,9 +250,6 @@ def aligned(loop: RobotLoop, R_pc: Array, taken: Container[str]) -> tuple[RobotL
     at = np.array(loop.at_child)
     side = welded(name, unused(f"weld_{name}", taken), loop.child, at, R_pc.T)
     return loop._replace(child=name, at_child=ZERO), [side]
-
-
-_STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
 
 
 def of_quaternion(quaternion: Array) -> Array:

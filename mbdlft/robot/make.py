@@ -43,6 +43,7 @@ from mbdlft.robot.values import AXIAL, HINGES, PLANAR, SPRINGS, Values
 _BUILT_IN_PORTS = ("origin", "center_of_mass")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _ABOUT = {"yaw": _AXES["z"], "pitch": _AXES["y"], "roll": _AXES["x"]}
+_INERTIAS = ("actuator_inertia", "reflected_inertia")
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,9 +271,6 @@ def unchecked(body: Body) -> Body:
         return body
     inertia = body.inertia.model_copy(update={"unchecked": True})
     return body.model_copy(update={"inertia": inertia})
-
-
-_INERTIAS = ("actuator_inertia", "reflected_inertia")
 
 
 def on_the_ground(robot: Robot, base: str | None) -> Robot:

@@ -33,6 +33,13 @@ from mbdlft.robot.elements import Element
 _MOST = 10_000  # copies that a file may ask for
 _COPIES = ("replicate", "composite", "flexcomp")
 _KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}
+_MEASURED: Mapping[str, str] = {
+    "body_mass": "body", "body_inertia": "body", "body_pos": "body", "body_quat": "body",
+    "body_ipos": "body", "body_iquat": "body", "jnt_pos": "joint", "jnt_axis": "joint",
+    "jnt_stiffness": "joint", "jnt_range": "joint",
+}  # fmt: skip
+Sites = dict[int, Side]
+_INERTIAL = {"ACCELEROMETER": "accelerometer", "GYRO": "gyro"}
 
 
 @dataclass(frozen=True)
@@ -171,13 +178,6 @@ def _refuse_many(top: Element) -> None:
             )
 
 
-_MEASURED: Mapping[str, str] = {
-    "body_mass": "body", "body_inertia": "body", "body_pos": "body", "body_quat": "body",
-    "body_ipos": "body", "body_iquat": "body", "jnt_pos": "joint", "jnt_axis": "joint",
-    "jnt_stiffness": "joint", "jnt_range": "joint",
-}  # fmt: skip
-
-
 def _refuse_not_finite(model: Compiled) -> None:
     """Raise a SceneError for a number that is not finite."""
     for array, owner in _MEASURED.items():
@@ -186,10 +186,6 @@ def _refuse_not_finite(model: Compiled) -> None:
             name = getattr(model, owner)(int(np.argmax(bad)))
             what = array.partition("_")[2]
             raise SceneError(f"{owner} {name!r}: its {what} is not finite.")
-
-
-Sites = dict[int, Side]
-_INERTIAL = {"ACCELEROMETER": "accelerometer", "GYRO": "gyro"}
 
 
 def sites_of(model: Compiled) -> Sites:

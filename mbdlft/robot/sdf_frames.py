@@ -43,6 +43,18 @@ from mbdlft.robot.elements import (
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
 MODEL = "__model__"
 _WORLD = ""  # the key of the pose of the model in the world
+KINDS = {
+    "ball": "spherical", "continuous": "continuous", "fixed": "fixed", "prismatic": "prismatic",
+    "revolute": "revolute",
+}  # fmt: skip
+_UNREAD = ("gearbox", "revolute2", "screw", "universal")
+_LOOPS = {
+    "spherical": "spherical",
+    "revolute": "revolute",
+    "continuous": "revolute",
+    "fixed": "fixed",
+}
+Joints = dict[str, RobotJoint]
 
 
 class Pose(NamedTuple):
@@ -231,20 +243,6 @@ def flag(owner: Element, tag: str, default: bool = False) -> bool:  # noqa: FBT0
     return _WORDS[word]
 
 
-KINDS = {
-    "ball": "spherical", "continuous": "continuous", "fixed": "fixed", "prismatic": "prismatic",
-    "revolute": "revolute",
-}  # fmt: skip
-_UNREAD = ("gearbox", "revolute2", "screw", "universal")
-_LOOPS = {
-    "spherical": "spherical",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "fixed": "fixed",
-}
-Joints = dict[str, RobotJoint]
-
-
 def joints_of(
     model: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
 ) -> Joints:
@@ -373,9 +371,6 @@ def _limit(axis: Element, key: str, where: str) -> float | None:
     (value,) = child_numbers(axis.only("limit"), key, where) or (NO_LIMIT,)
     none = abs(value) >= NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
     return None if none else value
-
-
-# loops ---------------------------------------------------------------------------------------
 
 
 class Closed(NamedTuple):

@@ -119,9 +119,6 @@ def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mappi
     return {name: float(J_l[AXES.index(name[0]), AXES.index(name[1])]) + 0.0 for name in ENTRIES}
 
 
-# values that replace the numbers of the file --------------------------------------------------
-
-
 def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Parameter:
     """A parameter in a range of `percent` around a number of the file.
 

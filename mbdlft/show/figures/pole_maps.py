@@ -37,6 +37,10 @@ from mbdlft.system.model import System
 
 _STEPS = 201  # values of a parameter
 _ROOM = 0.08  # of the width and height, around the poles
+_SIZES = 12  # boxes, by default: each is a search of its own
+_DECADE = 10.0  # a larger range of values is drawn in logarithms
+_IS_LOWER = ("smallest damping", "smallest disk margin")  # what is proved is the lower bound
+_DECADES = 1.5  # beyond the poles
 
 
 def save_pole_map(
@@ -111,11 +115,6 @@ def _frame(axes: Axes, drawn: NDArray[np.complex128]) -> None:
     axes.axvspan(0.0, right, color=WORST, alpha=0.08, linewidth=0.0)
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.axhline(0.0, color="black", linewidth=0.4)
-
-
-_SIZES = 12  # boxes, by default: each is a search of its own
-_DECADE = 10.0  # a larger range of values is drawn in logarithms
-_IS_LOWER = ("smallest damping", "smallest disk margin")  # what is proved is the lower bound
 
 
 def save_growth(
@@ -209,9 +208,6 @@ def _scaled(model: System, size: float) -> System:
 def _finite(values: Sequence[float] | Array) -> Array:
     """Values, with nan, which is not drawn, for what is infinite."""
     return np.where(np.isfinite(values), values, np.nan)
-
-
-_DECADES = 1.5  # beyond the poles
 
 
 def save_mu(

@@ -17,6 +17,10 @@ from mbdlft.system.sampled import trim_at
 
 _WIDE, _NARROW = 0.8, 0.46  # heights of the bars
 _BEFORE = "#d5d9e0"
+_STEPS = 81  # values of the parameter
+_OTHERS = 60  # random samples of the other parameters
+_MOST = 12  # signals that one figure has room for
+_STILL = 1e-9  # of the largest of its unit: what changes less is called constant
 
 
 def save_orders(path: str | Path, model: System) -> None:
@@ -72,12 +76,6 @@ def orders_figure(model: LFTModel) -> Figure:
     axes.grid(visible=True, axis="x", linewidth=0.3, alpha=0.5)
     figure.legend(loc="outside lower center", ncols=3, fontsize="small")
     return figure
-
-
-_STEPS = 81  # values of the parameter
-_OTHERS = 60  # random samples of the other parameters
-_MOST = 12  # signals that one figure has room for
-_STILL = 1e-9  # of the largest of its unit: what changes less is called constant
 
 
 class TrimCurves(NamedTuple):

@@ -23,6 +23,24 @@ _MOST_SAMPLES, _FEWEST, _STATES = 100, 20, 2e4  # samples; the most states^2 tim
 _MOST_BOXES = 4  # that are listed
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
+_MOST_CORNERS = 10  # parameters, whose corners are tried
+_SAMPLES = 300
+_ROUNDING = 1e-12  # of the largest value: what is less is none
+_PROVED = {
+    "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
+    "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",
+    "worst-case gain": "The gain is at most {high} for all values in the ranges{how}.",
+    "largest real part": "No pole has a real part above {high} rad/s, for all values in the ranges{how}.",
+    "smallest damping": "No pole is damped less than {low}, for all values in the ranges{how}.",
+    "smallest disk margin": "The disk margin is at least {low} for all values in the ranges{how}.",
+}
+_FROM_ABOVE = ("worst-case gain", "largest real part")  # others prove `lower`
+_KINDS = {
+    "BoxProof": "boxes of values",
+    "IntervalProof": "intervals of frequency",
+    "MotionProof": "a function that falls along all motions",
+}
+_SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
 
 
 def order_sentences(model: LFTModel) -> Iterator[str]:
@@ -140,26 +158,6 @@ def _upward(error: float) -> str:
     """A bound as a text of three digits, which is never rounded down."""
     text = f"{error:.2e}"
     return text if float(text) >= error else f"{error + 0.01 * 10.0 ** int(text[-3:]):.2e}"
-
-
-_MOST_CORNERS = 10  # parameters, whose corners are tried
-_SAMPLES = 300
-_ROUNDING = 1e-12  # of the largest value: what is less is none
-_PROVED = {
-    "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
-    "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",
-    "worst-case gain": "The gain is at most {high} for all values in the ranges{how}.",
-    "largest real part": "No pole has a real part above {high} rad/s, for all values in the ranges{how}.",
-    "smallest damping": "No pole is damped less than {low}, for all values in the ranges{how}.",
-    "smallest disk margin": "The disk margin is at least {low} for all values in the ranges{how}.",
-}
-_FROM_ABOVE = ("worst-case gain", "largest real part")  # others prove `lower`
-_KINDS = {
-    "BoxProof": "boxes of values",
-    "IntervalProof": "intervals of frequency",
-    "MotionProof": "a function that falls along all motions",
-}
-_SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
 
 
 class ParameterRow(NamedTuple):
