@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from mbdlft.archive.analysis import analysis_names, load_analysis
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import Bounds
 from mbdlft.show.figures.pole_maps import save_pole_map
@@ -157,8 +158,6 @@ def _pictures(model: System) -> list[tuple[object, str]]:
 
 def _analyses(model: System, archive: str | Path | None) -> Sequence[tuple[str, System, Bounds]]:
     """The analyses of an archive that are of this model, or of loops with it."""
-    from mbdlft.archive.analysis import analysis_names, load_analysis
-
     if archive is None:
         return ()
     stored = [(name, *load_analysis(archive, name)) for name in analysis_names(archive)]

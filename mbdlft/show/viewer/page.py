@@ -15,7 +15,9 @@ from typing import Any
 from mbdlft.archive.archive import target_of
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.scene.toml import scene_from_toml
 from mbdlft.show.viewer.data import view_data
+from mbdlft.system.model import LFTModel
 
 _FOLDER = Path(__file__).parent / "assets"
 _SCRIPTS = ("interpret.js", "shapes.js", "world.js", "main.js")
@@ -151,9 +153,6 @@ def scene_of(model: object) -> Scene:
     SceneError
         The model was made of a matrix or of other models, or is none.
     """
-    from mbdlft.multibody.scene import scene_from_toml
-    from mbdlft.system.model import LFTModel
-
     if not isinstance(model, LFTModel):
         raise SceneError(
             f"view: a {type(model).__name__} has no scene; a model of a scene has one."
