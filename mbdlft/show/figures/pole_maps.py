@@ -58,10 +58,8 @@ def save_pole_map(
     model : System or LFTModel
     parameter : str, optional
         Its name; the color of a pole is its value. Without it: random samples of all parameters.
-    seed : int
-        Seed of the samples.
-    most_samples : int
-        How many there are, at most.
+    seed, most_samples : int
+        Seed of the random samples, and how many there are at most.
 
     Raises
     ------

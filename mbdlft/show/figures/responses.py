@@ -91,10 +91,8 @@ def save_bode(
     ----------
     path : file, whose ending is that of a figure, such as .png
     model : System or LFTModel
-    seed : int
-        Seed of the samples.
-    most_samples : int
-        How many there are, at most.
+    seed, most_samples : int
+        Seed of the random samples, and how many there are at most.
     outputs, inputs : names of channels; all by default
 
     Raises
@@ -161,10 +159,8 @@ def save_singular_values(
     ----------
     path : file, whose ending is that of a figure, such as .png
     model : System or LFTModel
-    seed : int
-        Seed of the samples.
-    most_samples : int
-        How many there are, at most.
+    seed, most_samples : int
+        Seed of the random samples, and how many there are at most.
     worst : mapping of names to physical values, optional
         A worst case to draw, that is known from elsewhere; by default the sample of the highest peak.
     bound : float, optional

@@ -60,22 +60,19 @@ def placed(R: Array, r: Array) -> Array:
 
 def triangles_of(file: Path, name: str, notes: list[str]) -> Array | None:
     """Corners (n, 3, 3) of the triangles of a mesh that `file` names, or None and a note."""
-    mesh = _mesh_file(file, name)
-    if mesh is None:
-        notes.append(f"The mesh {name!r} is not there.")
-        return None
-    try:
-        corners = _read(mesh)
-    except ImportError:
-        notes.append("Meshes need the package trimesh: pip install 'mbdlft[viewer]'.")
-        return None
-    except Exception as error:  # a reader of ten formats has its own errors
-        notes.append(f"The mesh {name!r} cannot be read: {error}.")
-        return None
-    if not len(corners) or not np.isfinite(corners).all():
-        notes.append(f"The mesh {name!r} has no triangles.")
-        return None
-    return corners
+    mesh, problem = _mesh_file(file, name), f"The mesh {name!r} is not there."
+    if mesh is not None:
+        try:
+            corners = _read(mesh)
+            if len(corners) and np.isfinite(corners).all():
+                return corners
+            problem = f"The mesh {name!r} has no triangles."
+        except ImportError:
+            problem = "Meshes need the package trimesh: pip install 'mbdlft[viewer]'."
+        except Exception as error:  # a reader of ten formats has its own errors
+            problem = f"The mesh {name!r} cannot be read: {error}."
+    notes.append(problem)
+    return None
 
 
 @lru_cache(maxsize=64)  # legs and wheels have one mesh
@@ -88,18 +85,14 @@ def _read(file: Path) -> Array:
 
 def _mesh_file(file: Path, name: str) -> Path | None:
     """The file of a mesh: beside the robot, or in a folder above it that has the package."""
-    plain = name.removeprefix("file://")
-    if not name.startswith(_SCHEMES):
-        at = file.parent / plain
-        return at if at.is_file() else None
-    inside = name.partition("://")[2]
-    package, _, in_package = inside.partition("/")
-    for folder in file.resolve().parents:
-        places = [folder / inside] + ([folder / in_package] if folder.name == package else [])
-        for place in places:
-            if place.is_file():
-                return place
-    return None
+    places = [file.parent / name.removeprefix("file://")]
+    if name.startswith(_SCHEMES):
+        inside = name.partition("://")[2]
+        package, _, in_package = inside.partition("/")
+        places = []
+        for folder in file.resolve().parents:
+            places += [folder / inside] + [folder / in_package] * (folder.name == package)
+    return next((place for place in places if place.is_file()), None)
 
 
 def thinned(corners: Array, most: int) -> Array:
