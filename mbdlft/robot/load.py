@@ -53,7 +53,7 @@ from mbdlft.robot.values import (
     varied,
 )
 
-GRAVITY = (0.0, 0.0, -9.81)
+GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
 RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
 _ROUNDING = 1e-12  # a position may leave a limit by this part of it
 

@@ -19,17 +19,17 @@ from mbdlft.response.modes import Names, chosen
 from mbdlft.system.model import System
 
 Lines = Literal["major", "minor", "both"]  # of a grid
-SAMPLES = 300
+SAMPLES = 300  # of random values: lines of a cloud that the eye can still tell apart
 COLORS = ("#4477aa", "#cc6677", "#228833", "#aa7711", "#66ccee", "#aa3377")
 WORST = "#d62728"
-_WORK = 4e9  # products that the responses of all samples may take: a minute or two
+_WORK = 4e9  # products that the responses of all samples may take
 _EACH = 500  # frequencies of a sample, about
 _IN_A_DECADE, _EVENLY = 100, (100, 500)  # evenly spaced frequencies; all of them, by pixels
 _SUPERSCRIPTS = str.maketrans(
     "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 )
 _DOTS = 150  # in an inch
-_FLOOR = 160.0  # dB below the highest value, where rounding of doubles begins: what is lower is cut
+_FLOOR = 160.0  # dB below the highest value: what is lower is cut, so that a zero leaves room for the curves
 _ROOM = 0.04  # of the height of the axes, above and below the curves
 
 

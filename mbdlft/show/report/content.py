@@ -24,8 +24,8 @@ _MOST_BOXES = 4  # that are listed
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 _MOST_CORNERS = 10  # parameters, whose corners are tried
-_SAMPLES = 300
-_ROUNDING = 1e-12  # of the largest value: what is less is none
+_SAMPLES = 300  # of the trim, as many as figures have
+_ROUNDING = 1e-12  # of the largest value: what is less is rounding and shown as 0
 _PROVED = {
     "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
     "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",

@@ -40,7 +40,7 @@ OPERATIONS = (
 _MOST_CORNERS = 6  # parameters of which all corners are samples: 64 of them
 _RANDOM = 24  # other samples
 _MOST_NUMBERS = 120_000  # of all modes together: 1 MB of a page
-_MOST_MODES = 40
+_MOST_MODES = 40  # in a list that a reader scrolls
 _INDEPENDENT = (
     1e-3  # of a shape at zero: less outside the span of the others is rounding of eigenvectors
 )
