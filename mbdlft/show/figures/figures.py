@@ -29,7 +29,7 @@ _SUPERSCRIPTS = str.maketrans(
     "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
 )
 _DOTS = 150  # in an inch
-_FLOOR = 160.0  # dB below the highest value: what is lower is cut, so that a zero leaves room for the curves
+_FLOOR = 160.0  # dB below the highest value: what is lower, such as a zero, is cut
 _ROOM = 0.04  # of the height of the axes, above and below the curves
 
 
