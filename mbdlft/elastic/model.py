@@ -20,7 +20,7 @@ import scipy.sparse as sp
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes, transport
-from mbdlft.elastic.partition import Partition, checked, partition
+from mbdlft.elastic.partition import Partition, checked, partitioned
 from mbdlft.elastic.reduction import (
     MASSLESS,
     Candidates,
@@ -191,7 +191,7 @@ def _structure(
     """Checked matrices in the coordinates of the partition, from the arguments of `modal_model`."""
     rows = len(np.asarray(nodes.dof))
     matrices = (checked("mass", mass_matrix, rows), checked("stiffness", stiffness_matrix, rows))
-    at = partition(nodes, parent, ports)
+    at = partitioned(nodes, parent, ports)
     if not at.interior:
         raise StructureError(
             "all nodes belong to interfaces; nothing is left to deform. Refine the mesh."

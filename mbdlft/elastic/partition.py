@@ -140,7 +140,7 @@ class Partition:
         return int(self.rigid.shape[0]) - len(self.directions)
 
 
-def partition(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
+def partitioned(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partition:
     """Partition of the coordinates; `parent` and `ports` as in `modal_model`."""
     held = _interface("parent", parent)
     at = {name: _interface(f"port {name!r}", place) for name, place in ports.items()}

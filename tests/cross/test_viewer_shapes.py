@@ -14,7 +14,7 @@ from mbdlft.robot.description import between
 from mbdlft.show.viewer.data import reach, view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.looks import robot_looks
-from mbdlft.show.viewer.poses import poses
+from mbdlft.show.viewer.poses import scene_poses
 from tests import random_mjcf
 from tests.browser import browser
 from tests.close import CROSS, PAGE, target
@@ -192,7 +192,7 @@ def test_a_scene_is_as_large_as_its_shapes(tmp_path: Path) -> None:
         '<geom type="box" size="1 .5 1.5" euler="0 90 0"/></body></worldbody></mujoco>'
     )
     scene, _ = load_robot(file)
-    assert reach(draw(poses(scene), np.zeros(0))) == 1.0
+    assert reach(draw(scene_poses(scene), np.zeros(0))) == 1.0
     target(view_data(scene, robot=file)["size"], 3.0, CROSS)
 
 

@@ -13,7 +13,7 @@ from mbdlft.show.viewer.data import _modes, view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.picture import scene_picture
-from mbdlft.show.viewer.poses import poses
+from mbdlft.show.viewer.poses import scene_poses
 from tests.errors.table import refused
 from tests.scenarios.test_cli import run
 
@@ -27,7 +27,7 @@ def pendulum() -> mbdlft.Scene:
 
 test_messages = refused(
     r"""
-draw(poses(pendulum()), np.array([np.inf, 2.0])) => a position is not finite at nominal
+draw(scene_poses(pendulum()), np.array([np.inf, 2.0])) => a position is not finite at nominal
 _modes("pendulum", np.array([[0.0, 1.0], [np.inf, 0.0]]), [0])
     => WellPosednessError: 'pendulum': an entry of the linear model is not
 _filled({"name": "far", "size": float("nan")}, "", "") => 'far': a number of the page is not finite

@@ -17,7 +17,7 @@ from mbdlft.elastic import partition as partition_module
 from mbdlft.elastic import reduction
 from mbdlft.elastic.model import mass_matrix
 from mbdlft.elastic.nodes import transport
-from mbdlft.elastic.partition import partition
+from mbdlft.elastic.partition import partitioned
 from mbdlft.elastic.reduction import Solver, Structure, candidates
 from mbdlft.multibody.body.elastic import dense
 from tests.close import roundoff
@@ -84,7 +84,7 @@ def breaks(law: Callable[[], None]) -> None:
 def blocks_vanish() -> None:
     """(4.29): K^ = diag(w^2, Kee^, 0), Mnn^ = 1; the rows of the rigid motions vanish."""
     fe = tee(COUNT)
-    at = partition(fe.nodes, PARENT, PORTS)
+    at = partitioned(fe.nodes, PARENT, PORTS)
     M, K = (at.expand.T @ matrix @ at.expand for matrix in fe[:2])
     structure = Structure(sp.csr_array(M), sp.csr_array(K), at)
     found = candidates(structure, "hurty", fe.nodes)

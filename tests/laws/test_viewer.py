@@ -18,7 +18,7 @@ from mbdlft.multibody.scene import scene_from_toml
 from mbdlft.problem.trim import solve_trim
 from mbdlft.show.viewer import page as page_of_scene
 from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
-from mbdlft.show.viewer.poses import poses
+from mbdlft.show.viewer.poses import scene_poses
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import plant
@@ -269,7 +269,7 @@ def test_the_scene_of_a_model() -> None:
 def test_axes_turn_the_way_they_point() -> None:
     """For each coordinate that turns: a small turn moves the body about the drawn axis."""
     scene = mbdlft.load_scene(ROOT / "scenarios" / "gimbal.toml")
-    found = poses(scene)
+    found = scene_poses(scene)
     p = np.array([parameter.nominal for parameter in found.resolved.parameters])
     for k, joint in enumerate(scene.joints):
         child = joint.child.partition(".")[0]

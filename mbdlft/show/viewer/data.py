@@ -28,7 +28,7 @@ from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
 from mbdlft.response.modes import balancing, spectrum
 from mbdlft.show.viewer.drawing import Drawing, Item, draw
 from mbdlft.show.viewer.looks import robot_looks
-from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, poses
+from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, scene_poses
 
 # the operations that `interpret` of assets/interpret.js knows, by their place in this list
 OPERATIONS = (
@@ -217,7 +217,7 @@ def view_data(
     A scene without an equilibrium, or without a linear model, is shown without loads and modes; the
     reason is among the `notes`.
     """
-    placed = poses(scene)
+    placed = scene_poses(scene)
     parameters = placed.resolved.parameters
     chosen = chosen_point(parameters, values or {})
     drawing = draw(placed, np.array([p.nominal for p in parameters]))

@@ -12,7 +12,7 @@ from mbdlft.base.array import Array
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.show.viewer.data import reach, up_direction
 from mbdlft.show.viewer.drawing import Drawing, Shape, draw
-from mbdlft.show.viewer.poses import poses
+from mbdlft.show.viewer.poses import scene_poses
 
 _COLORS = ("#4477aa", "#aa7711", "#228833", "#aa3377", "#777777", "#cc6677", "#2a9d8f", "#8a7a2a")
 _AXIS, _FORCE, _TORQUE, _SENSOR, _GROUND = "#1f4f9f", "#c0501a", "#9a2a6a", "#107040", "#6a40b0"
@@ -121,7 +121,7 @@ def scene_picture(
 
 def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
     """As `scene_picture`, from several sides."""
-    placed = poses(scene)
+    placed = scene_poses(scene)
     nominal = np.array([p.nominal for p in placed.resolved.parameters])
     drawing = draw(placed, nominal)
     count = sum(len(owned.freedoms) for owned in placed.owned)

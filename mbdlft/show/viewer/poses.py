@@ -103,7 +103,7 @@ class Poses:
         return ca.Function(name, [physical, q], [normalized(p, cosine, sine, q)])
 
 
-def poses(scene: Scene) -> Poses:
+def scene_poses(scene: Scene) -> Poses:
     """The frames of a scene as functions of its parameters and positions; errors as of `resolve`."""
     r = resolve(scene)
     values = r.values[f"scene {scene.name!r}"]
