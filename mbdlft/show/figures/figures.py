@@ -116,9 +116,14 @@ class Channels(NamedTuple):
 
 
 def channel_panels(
-    model: System, outputs: Names, inputs: Names, most: int, heights: Sequence[float]
+    model: System,
+    outputs: Names,
+    inputs: Names,
+    most: int,
+    height: float,
+    ratios: Sequence[int] = (1,),
 ) -> Channels:
-    """Panels of these heights (inches), one below the other, for each channel; all without names.
+    """Panels for each channel, `height` (inches) in all, one below the other; all without names.
 
     There is an AnalysisError for more than `most` channels, for none, and for unknown names.
     """
@@ -129,13 +134,13 @@ def channel_panels(
             f"model {model.name!r}: {len(rows)} x {len(columns)} channels are more than the {most} that "
             "a figure has room for. Choose some outputs and inputs."
         )
-    size = (max(6.0, 4.2 * len(columns)), 1.0 + sum(heights) * len(rows))
+    size = (max(6.0, 4.2 * len(columns)), 1.0 + height * len(rows))
     figure = Figure(figsize=size, layout="constrained")
     panels = figure.subplots(
-        len(heights) * len(rows), len(columns), sharex=True, squeeze=False,
-        height_ratios=[*heights] * len(rows),
+        len(ratios) * len(rows), len(columns), sharex=True, squeeze=False,
+        height_ratios=[*ratios] * len(rows),
     )  # fmt: skip
-    shape = (len(rows), len(heights), len(columns))
+    shape = (len(rows), len(ratios), len(columns))
     return Channels(figure, rows, columns, panels.reshape(shape))
 
 

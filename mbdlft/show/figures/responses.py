@@ -102,7 +102,7 @@ def save_bode(
         are more than 16 channels, or a name is unknown.
     """
     check_figure(path)
-    channels = channel_panels(model, outputs, inputs, _MOST_BODE, (2.4, 1.2))
+    channels = channel_panels(model, outputs, inputs, _MOST_BODE, 3.6, (2, 1))
     r = _responses(model, seed, most_samples)
     for i, row in enumerate(channels.rows):
         for k, column in enumerate(channels.columns):
@@ -257,7 +257,7 @@ def save_step(
         are more than 25 channels, or a name is unknown.
     """
     check_figure(path)
-    channels = channel_panels(model, outputs, inputs, _MOST_STEPS, (2.4,))
+    channels = channel_panels(model, outputs, inputs, _MOST_STEPS, 2.4)
     values, count = drawn_samples(model, seed)
     names = {
         "outputs": [model.outputs[k].name for k in channels.rows],
