@@ -120,7 +120,7 @@ def _of_a_body(scene: Scene, name: str) -> str:
         return ""
     port = port.removesuffix(".origin")
     return (
-        f" What a body does is told by a sensor: [sensors.NAME] with kind = 'position' and "
+        f" What a body does is measured by a sensor: [sensors.NAME] with kind = 'position' and "
         f"port = {port!r} has the outputs NAME.x, NAME.y, NAME.z."
     )
 

@@ -20,7 +20,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
-from mbdlft.multibody.scene.check import check
+from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.robot.description import JointLimit, Robot, body_name

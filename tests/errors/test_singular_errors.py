@@ -35,7 +35,7 @@ from mbdlft import (
 from mbdlft.base.errors import MbdlftWarning
 from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.multibody.scene import check
+from mbdlft.multibody.scene import checks
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.problem import Nouns
 from mbdlft.system.sampled import check_regular_at
@@ -195,12 +195,12 @@ def test_a_spring_that_pushes_is_a_warning() -> None:
 
 
 def test_a_mass_that_is_open_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = check.check_positive
+    right = checks.check_positive
 
-    def in_two_parts(scene: Scene) -> tuple[check.Outcome, ...]:
+    def in_two_parts(scene: Scene) -> tuple[checks.Outcome, ...]:
         return right(scene, 2)
 
-    monkeypatch.setattr(check, "check_positive", in_two_parts)
+    monkeypatch.setattr(checks, "check_positive", in_two_parts)
     parameters = [Parameter(n, 0.5, 0.0, 1.0) for n in "ab"]
     mass = "(a - 0.31)*(a - 0.31) + (b - 0.72)*(b - 0.72) + 0.01*(1 + a)"
     with pytest.warns(MbdlftWarning, match="not proved: whether mass .kg. is negative is open in"):

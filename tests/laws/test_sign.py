@@ -10,8 +10,8 @@ from mbdlft import Constant, Inertia, Parameter, PointMass, Revolute, RigidBody,
 from mbdlft.base.expression import Number, evaluate
 from mbdlft.exact import taylor
 from mbdlft.exact.taylor import lowest, not_negative
-from mbdlft.multibody.scene import check
-from mbdlft.multibody.scene.check import check_positive
+from mbdlft.multibody.scene import checks
+from mbdlft.multibody.scene.checks import check_positive
 from tests.close import roundoff
 
 
@@ -178,7 +178,7 @@ def test_minors_are_those_of_the_second_moments(seed: int) -> None:
     J = random.standard_normal((3, 3))
     J = J + J.T + 5.0 * np.eye(3)
     entries = {a + b: Number(J[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz")}
-    found = [float(evaluate(one, {})) for _, one, _ in check._second_moments(entries)]
+    found = [float(evaluate(one, {})) for _, one, _ in checks._second_moments(entries)]
     P = np.trace(J) * np.eye(3) - 2.0 * J
     minors = [np.linalg.det(np.delete(np.delete(P, k, 0), k, 1)) for k in (2, 1, 0)]
     roundoff(np.array(found), np.array([*np.diag(P), *minors, np.linalg.det(P)]), scale=1e3)

@@ -53,7 +53,7 @@ from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint.move import turning_along
-from mbdlft.multibody.scene.check import check_fit
+from mbdlft.multibody.scene.checks import check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate, column

@@ -27,7 +27,7 @@ from mbdlft.multibody.assembly.kinematics import (
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import PRODUCTS
-from mbdlft.multibody.scene.check import LABELS
+from mbdlft.multibody.scene.checks import LABELS
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.problem.sx.constants import in_doubles, is_constant
 from mbdlft.problem.sx.tapes import arithmetic, fold

@@ -25,7 +25,7 @@ from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
 from mbdlft.multibody.force import Buoyancy, DirectedLoad, Spring
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
 from mbdlft.multibody.joint.kinds import AxisJoint
-from mbdlft.multibody.scene.check import check
+from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
 
 Evaluate = Callable[[ca.SX], Sequence[Array]]

@@ -26,8 +26,8 @@ from mbdlft.multibody.equilibrium.displaced import (
     displace,
     in_physical,
 )
+from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
-from mbdlft.multibody.equilibrium.points import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Fit, Scene
