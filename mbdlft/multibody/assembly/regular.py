@@ -58,7 +58,11 @@ def is_regular(
     ):
         return False
     return all(
-        range_.keeps_positive(_pivots(_own_inertia(at_rest, link, accelerations[link.owner])))
+        range_.keeps_positive(
+            _pivots(
+                ca.jacobian(in_doubles(_efforts_alone(at_rest, link)), accelerations[link.owner])
+            )
+        )
         for link in at_rest.links
         if link.joint.freedoms and not getattr(link.joint, "imposed", False)
     )
@@ -124,11 +128,6 @@ def _has_energy(values: Values, range_: _Range) -> bool:
     else:
         entries += [values[label] for label in of_inertia]
     return not entries or range_.keeps_positive(ca.vertcat(*entries))
-
-
-def _own_inertia(at_rest: Placed, link: Link, acceleration: ca.SX) -> ca.SX:
-    """H_j (n, n)."""
-    return ca.jacobian(in_doubles(_efforts_alone(at_rest, link)), acceleration)
 
 
 def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:

@@ -22,6 +22,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import random
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.body import GROUND, Body, ElasticBody, Ground
+from mbdlft.multibody.body.elastic import times, times_transposed
 from mbdlft.multibody.joint import Joint, Move, Turn, coordinate_label
 from mbdlft.multibody.joint.move import Deformed, shifted
 from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
@@ -61,10 +62,10 @@ class PortJoint(Joint):
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         """The place in the undeformed body, then the deformation; `values` are those of the body."""
-        shape = partial(self.body.shape, self.port, values)
-        transposed = partial(self.body.shape_transposed, self.port, values)
+        shapes = self.body.shapes(self.port, values)
         place = self.body.port_position(self.port, values)
-        return (*shifted(place), Deformed(shape, transposed, at))
+        deformed = Deformed(partial(times, shapes), partial(times_transposed, shapes), at)
+        return (*shifted(place), deformed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -163,19 +163,12 @@ class Beam(ElasticBody):
     def port_position(self, port: str, values: Values) -> ca.SX:
         if port == "origin":
             return ca.SX(3, 1)
-        return ca.sparsify(ca.vertcat(ca.SX(self._at(port) * values["length"]), ca.SX(2, 1)))
+        along = self._node(port) / self.elements * values["length"]
+        return ca.sparsify(ca.vertcat(ca.SX(along), ca.SX(2, 1)))
 
     def _node(self, port: str) -> int:
         """Number of the node at a port."""
         return self.elements if port == "tip" else self.stations[port]
-
-    def _at(self, port: str) -> float:
-        """Position of a port along the beam, over its length."""
-        return self._node(port) / self.elements
-
-    def _order(self) -> list[str]:
-        """Names of the deformations in the order of their coordinates."""
-        return [name for name in DEFORMATIONS if name in self.deformations]
 
     def _breaks(self) -> tuple[int, ...]:
         """Nodes inside at which the shapes of modes have jumps of some derivative, ascending."""
@@ -190,7 +183,7 @@ class Beam(ElasticBody):
     def blocks(self) -> list[tuple[str, Deformation, slice]]:
         """Deformations, and their slices of the coordinates of the body."""
         blocks, k = [], 0
-        for name in self._order():
+        for name in (name for name in DEFORMATIONS if name in self.deformations):
             d = self.deformation(name)
             blocks.append((name, d, slice(k, k := k + size(d))))
         return blocks

@@ -136,14 +136,6 @@ class ElasticBody(Body, abc.ABC):
         """
         return ca.SX(len(self.freedoms()), 1)
 
-    def shape(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Phi q: small displacement and rotation (6,) of a port for coordinates q (n,), `vector`."""
-        return times(self.shapes(port, values), vector)
-
-    def shape_transposed(self, port: str, values: Values, vector: ca.SX) -> ca.SX:
-        """Phi' w: generalized forces (n,) of a force and torque w (6,) at a port, `vector`."""
-        return times_transposed(self.shapes(port, values), vector)
-
 
 def elastic_freedom(label: str, unit: str, effort: str, *, turns: bool = False) -> Freedom:
     """A coordinate of a deformation in the unit `unit`, with its generalized force in `effort`."""

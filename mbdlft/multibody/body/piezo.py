@@ -30,7 +30,6 @@ from mbdlft.base.unit import Signal
 from mbdlft.multibody.body.beam import Beam
 from mbdlft.multibody.body.beam_elements import (
     ONE,
-    Deformation,
     cross_products,
     products,
     strain,
@@ -231,7 +230,9 @@ class PiezoBeam(Beam):
             p, section = self._of(k, values), self._section(k, values)
             line = p["density"] * section.area * L
             span = self._span(k)
-            for name, d, columns in self._patch_blocks():
+            for name, d, columns in self.blocks():
+                if name == "torsion":  # patches add no stiffness there
+                    continue
                 mass.append(
                     Term(line, self._placed(columns, products(d, "displacement", ONE, *span)))
                 )
@@ -260,10 +261,6 @@ class PiezoBeam(Beam):
     def _breaks(self) -> tuple[int, ...]:
         ends = {node for k in range(len(self.patches)) for node in self._span(k)}
         return tuple(sorted({*super()._breaks(), *(ends - {0, self.elements})}))
-
-    def _patch_blocks(self) -> list[tuple[str, Deformation, slice]]:
-        """The same as `blocks` without torsion."""
-        return [block for block in self.blocks() if block[0] != "torsion"]
 
     def _stretch_and_bend(self, k: int) -> NDArray[np.float64]:
         """A symmetric matrix (n, n): minus the integrals of N_axial' N_bending'' over patch k.

@@ -64,11 +64,6 @@ class JointCoordinate:
         return self.joint.quantities()[coordinate_label(key, self.freedom)].source
 
     @property
-    def is_steady(self) -> bool:
-        """Whether this angle grows at a steady rate."""
-        return getattr(self.joint, "rate", None) is not None
-
-    @property
     def is_imposed(self) -> bool:
         """Whether the position of this coordinate is given."""
         return bool(getattr(self.joint, "imposed", False))

@@ -283,7 +283,7 @@ def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: fl
     name, where = c.signal.name, f"scene {d.name!r}, positions: joint {c.joint.name!r}"
     if c.is_imposed:
         raise TrimError(f"{where} is imposed, so its position is given. Leave it out.")
-    if c.is_steady:
+    if getattr(c.joint, "rate", None) is not None:
         raise TrimError(f"{where} turns at a steady rate, so it has no position. Leave it out.")
     if c.is_ball and c.is_sprung:
         raise TrimError(

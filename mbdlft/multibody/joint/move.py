@@ -199,7 +199,7 @@ class Slide(Move):
         return ca.SX(_slide_motion()(motion, self.axis, *self.at))
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
-        return ca.SX(_slide_wrench()(wrench, self.axis, self.at.q))
+        return move_wrench(wrench, self.offset())
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         return ca.mtimes(self.axis.T, carried[:, 0]) + self.inertia * self.at.a
@@ -333,13 +333,6 @@ def _slide_motion() -> ca.Function:
     omega, alpha, acceleration = ca.horzsplit(move_motion(motion, axis * q))
     child = ca.horzcat(omega, alpha, acceleration + 2 * ca.cross(omega, axis * v) + axis * a)
     return ca.Function("slide_motion", [motion, axis, q, v, a], [child])
-
-
-@cache
-def _slide_wrench() -> ca.Function:
-    """(wrench in c (3, 2), axis (3,), q) -> wrench in p (3, 2)."""
-    wrench, axis, q = ca.SX.sym("wrench", 3, 2), ca.SX.sym("axis", 3), ca.SX.sym("q")
-    return ca.Function("slide_wrench", [wrench, axis, q], [move_wrench(wrench, axis * q)])
 
 
 @cache
