@@ -16,7 +16,7 @@ from mbdlft.lft.lft import delta
 from mbdlft.system import System
 from tests.archive.models import arm, numbers
 from tests.errors.table import refused
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import run
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.show.viewer.poses import scene_poses
 from tests.errors.table import refused
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import run
 
 ROOT = Path(__file__).parents[2]
 PENDULUM = ROOT / "scenarios" / "pendulum.toml"

@@ -15,7 +15,7 @@ from mbdlft.multibody import scene_from_toml, scene_schema, scene_to_toml
 from tests.attack.scenes import texts
 from tests.attack.structures import as_toml, restructured
 from tests.mechanisms import random_mechanism
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import run
 
 ROOT = Path(__file__).parents[2]
 SCENES = [

@@ -11,7 +11,7 @@ import pytest
 import mbdlft
 from tests.close import CLOSED_FORM, target
 from tests.rules.walk import walk
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import run
 
 ROOT = Path(__file__).parents[2]
 # pages that are walked through from top to bottom; blocks of the others stand for themselves

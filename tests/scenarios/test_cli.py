@@ -1,7 +1,6 @@
 """The command line in one process: tables, JSON, figures, exit codes."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,10 @@ import pytest
 
 import mbdlft
 from mbdlft.cli import options
-from mbdlft.cli.commands import main
 from mbdlft.order import search
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
+from tests.scenarios.commands import Call
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
@@ -20,22 +19,7 @@ MISSILE = str(ROOT / "scenarios" / "missile.toml")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def run(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str
-) -> tuple[int, str, str]:
-    monkeypatch.setattr(sys, "argv", ["mbdlft", *arguments])
-    code = 0
-    try:
-        main()
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
-
-
-def test_figure_of_an_undamped_system(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figure_of_an_undamped_system(tmp_path: Path, call: Call) -> None:
     """m = k = 1 rings at 1 rad/s without end: all figures are drawn, and the table says it."""
     scene, figure = tmp_path / "scene.toml", tmp_path / "figure.png"
     scene.write_text(
@@ -54,9 +38,7 @@ stiffness = 1.0
     )
     files = [f"bode={figure}.b.png", f"poles={figure}.p.png", f"step={figure}.s.png", str(figure)]
     plots = [word for file in files for word in ("--plot", file)]
-    code, out, err = run(
-        monkeypatch, capsys, "linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots
-    )
+    code, out, err = call("linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots)
     assert (code, err) == (0, "")
     for file in files:
         assert Path(file.rpartition("=")[2]).read_bytes().startswith(PNG)
@@ -69,7 +51,7 @@ stiffness = 1.0
 
 
 def test_figure_that_fails_takes_neither_table_nor_archive_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
 
@@ -78,39 +60,35 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
 
     monkeypatch.setattr("mbdlft.show.figures.responses.frequency_response", fails)
     command = ("linearize", ARM, "--search", "0", "-o", str(archive), "--plot", str(figure))
-    code, out, err = run(monkeypatch, capsys, *command)
+    code, out, err = call(*command)
     assert (code, err) == (2, "mbdlft: the figure cannot be drawn.\n")
     assert "lower bound 16" in out
     assert mbdlft.load(archive).order == 17
-    code, out, err = run(monkeypatch, capsys, *command, "--json")
+    code, out, err = call(*command, "--json")
     assert (code, json.loads(out)["order"]) == (2, 17)
     command = ("response", str(archive), "-o", str(figure), "--samples", "20", "--json")
-    code, out, err = run(monkeypatch, capsys, *command)
+    code, out, err = call(*command)
     assert (code, len(json.loads(out)["points"])) == (2, 2)
 
 
-def test_linearize_stores_a_program(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_linearize_stores_a_program(tmp_path: Path, call: Call) -> None:
     archive = tmp_path / "arm.h5"
     command = ("linearize", ARM, "--search", "0", "--program")
-    code, _, err = run(monkeypatch, capsys, *command)
+    code, _, err = call(*command)
     assert code == 2
     assert "--program: it is stored in an archive; give one with -o" in err
-    code, _, _ = run(monkeypatch, capsys, *command, "-o", str(archive))
+    code, _, _ = call(*command, "-o", str(archive))
     assert code == 0
     model = mbdlft.load(archive)
     assert model.known_program is not None
-    _, out, _ = run(monkeypatch, capsys, "show", str(archive))
+    _, out, _ = call("show", str(archive))
     assert f"stored program: {model.known_program.length} instructions" in out
 
 
-def test_a_figure_that_fails_takes_no_other_away(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_figure_that_fails_takes_no_other_away(tmp_path: Path, call: Call) -> None:
     first, second = tmp_path / "first.png", tmp_path / "second.png"
     plots = ("--plot", f"trim:theta={first}", "--plot", f"order={second}")
-    code, out, err = run(monkeypatch, capsys, "linearize", ARM, "--search", "0", *plots)
+    code, out, err = call("linearize", ARM, "--search", "0", *plots)
     assert code == 2
     assert "unknown parameter 'theta'" in err
     assert "lower bound 16" in out
@@ -119,13 +97,9 @@ def test_a_figure_that_fails_takes_no_other_away(
     assert second.read_bytes().startswith(PNG)
 
 
-def test_linearize_writes_archive_figure_and_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_linearize_writes_archive_figure_and_table(tmp_path: Path, call: Call) -> None:
     archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
-    code, out, err = run(
-        monkeypatch, capsys, "linearize", ARM, "-o", str(archive), "--plot", str(figure)
-    )
+    code, out, err = call("linearize", ARM, "-o", str(archive), "--plot", str(figure))
     assert (code, err) == (0, "")
     for word in (
         "shoulder.angle (rad)",
@@ -141,7 +115,7 @@ def test_linearize_writes_archive_figure_and_table(
     assert "UNSTABLE at nominal: 2 of 4 modes grow, the fastest by e in 0.3221 s" in out
     assert figure.read_bytes().startswith(PNG)
     assert mbdlft.load(archive).order == 16
-    code, shown, err = run(monkeypatch, capsys, "show", str(archive))
+    code, shown, err = call("show", str(archive))
     assert (code, err) == (0, "")
     assert "order 16, lower bound 16: minimal: proved" in shown
     assert "condition " in shown
@@ -150,10 +124,8 @@ def test_linearize_writes_archive_figure_and_table(
     assert "made 20" in shown
 
 
-def test_json_has_the_promised_keys(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, "linearize", ARM, "--json", "--search", "0")
+def test_json_has_the_promised_keys(call: Call) -> None:
+    code, out, _ = call("linearize", ARM, "--json", "--search", "0")
     found = json.loads(out)
     assert code == 0
     assert (found["order"], found["lower_bound"]) == (17, 16)
@@ -188,13 +160,9 @@ def test_default_budget_is_that_of_the_package() -> None:
     assert options.SEARCH == search.SEARCH
 
 
-def test_realize_writes_archive_and_table(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_realize_writes_archive_and_table(tmp_path: Path, call: Call) -> None:
     archive = tmp_path / "missile.h5"
-    code, out, err = run(
-        monkeypatch, capsys, "realize", MISSILE, "-o", str(archive), "--search", "20"
-    )
+    code, out, err = call("realize", MISSILE, "-o", str(archive), "--search", "20")
     assert (code, err) == (0, "")
     assert "order 10, lower bound 10: minimal: proved (bound in exact arithmetic)" in out
     assert "against the matrix itself at 109 points and corners" in out
@@ -202,10 +170,10 @@ def test_realize_writes_archive_and_table(
     model = mbdlft.load(archive)
     assert model.certificate.exact_bound
     assert [signal.name for signal in model.states] == ["alpha", "q"]
-    code, shown, _ = run(monkeypatch, capsys, "show", str(archive))
+    code, shown, _ = call("show", str(archive))
     assert code == 0
     assert "minimal: proved (bound in exact arithmetic)" in shown
-    code, out, _ = run(monkeypatch, capsys, "realize", MISSILE, "--json", "--search", "0")
+    code, out, _ = call("realize", MISSILE, "--json", "--search", "0")
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
@@ -227,74 +195,62 @@ m = { nominal = 0.6, percent = 20 }
 """
 
 
-def test_bound_by_pairs_is_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bound_by_pairs_is_printed(tmp_path: Path, call: Call) -> None:
     file, archive = tmp_path / "pair.toml", str(tmp_path / "pair.h5")
     file.write_text(PAIR, encoding="utf-8")
     arguments = ("realize", str(file), "--search", "0.5")
-    _, out, _ = run(monkeypatch, capsys, *arguments, "-o", archive)
+    _, out, _ = call(*arguments, "-o", archive)
     words = "order 5, lower bound 5 (4 one by one, 1 more together): minimal: proved"
     words += " (the 4 in exact arithmetic)"
     assert words in out
-    assert words in run(monkeypatch, capsys, "show", archive)[1]
-    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    assert words in call("show", archive)[1]
+    found = json.loads(call(*arguments, "--json")[1])
     assert (found["order"], found["lower_bound"], found["order_bound"]) == (5, 4, 5)
     assert found["minimal"] is True
 
 
-def test_realize_says_what_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_realize_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
     text = Path(MISSILE).read_text(encoding="utf-8")
     file = tmp_path / "spare.toml"
     file.write_text(text.replace("K1 = 1.4", "K1 = 1.4\nspare = 2.0"), encoding="utf-8")
-    code, out, _ = run(monkeypatch, capsys, "realize", str(file))
+    code, out, _ = call("realize", str(file))
     assert code == 0
     assert out.count("is declared and not used") == 1
     assert "'spare' is declared and not used" in out
 
 
-def test_truncate_says_that_the_model_is_not_exact(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_truncate_says_that_the_model_is_not_exact(tmp_path: Path, call: Call) -> None:
     archive = tmp_path / "arm.h5"
     command = ("linearize", ARM, "--search", "60", "--truncate", "0.1", "-o", str(archive))
-    code, out, err = run(monkeypatch, capsys, *command)
+    code, out, err = call(*command)
     assert (code, err) == (0, "")
     assert "not exact: values differ by at most" in out
     assert ", truncate " in out
     assert "minimal: proved" not in out
-    assert "not exact" in run(monkeypatch, capsys, "show", str(archive))[1]
-    found = json.loads(run(monkeypatch, capsys, *command, "--json")[1])
+    assert "not exact" in call("show", str(archive))[1]
+    found = json.loads(call(*command, "--json")[1])
     assert found["order"] < found["lower_bound"] == 16
     assert (found["exact"], found["minimal"]) == (False, False)
     assert 0.0 < found["truncation_error"] <= 0.1
 
 
-def test_truncate_says_that_nothing_can_be_left_out(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_truncate_says_that_nothing_can_be_left_out(call: Call) -> None:
     command = ("linearize", ARM, "--search", "0", "--truncate")
-    code, out, _ = run(monkeypatch, capsys, *command, "1e-9")
+    code, out, _ = call(*command, "1e-9")
     assert code == 0
     assert "note: no channel can be left out within 1e-09; nothing is truncated." in out
-    assert "no channel can be left out" not in run(monkeypatch, capsys, *command, "0.1")[1]
+    assert "no channel can be left out" not in call(*command, "0.1")[1]
 
 
-def test_trim_prints_the_torques(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, "trim", ARM, "--set", "theta1=90", "--set", "theta2=90")
+def test_trim_prints_the_torques(call: Call) -> None:
+    code, out, _ = call("trim", ARM, "--set", "theta1=90", "--set", "theta2=90")
     assert code == 0
     assert "-58.86" in out
     assert "N m" in out
 
 
-def test_check_says_what_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, "check", ARM)
+def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
+    code, out, _ = call("check", ARM)
     assert code == 0
     assert "note" not in out
     text = (
@@ -306,7 +262,7 @@ def test_check_says_what_is_not_used(
     )
     scene = tmp_path / "spare.toml"
     scene.write_text(text, encoding="utf-8")
-    code, out, _ = run(monkeypatch, capsys, "check", str(scene))
+    code, out, _ = call("check", str(scene))
     assert code == 0
     assert "'spare' is declared and not used" in out
 
@@ -343,33 +299,26 @@ def test_check_says_what_is_not_used(
         ("linearize", ARM, "--truncate", "nan"),
     ],
 )
-def test_bad_input_is_one_message_and_exit_code_2(
-    arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, err = run(monkeypatch, capsys, *arguments)
+def test_bad_input_is_one_message_and_exit_code_2(arguments: tuple[str, ...], call: Call) -> None:
+    code, _, err = call(*arguments)
     assert code == 2
     assert err.startswith("mbdlft: ")
     assert err.count("\n") == 1
     assert "Traceback" not in err
 
 
-def test_version_and_help(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run(monkeypatch, capsys, "--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
-    code, out, _ = run(monkeypatch, capsys, "--help")
+def test_version_and_help(call: Call) -> None:
+    assert call("--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
+    code, out, _ = call("--help")
     assert code == 0
     for command in ("check", "trim", "linearize", "realize", "show", "poles", "response"):
         assert command in out
 
 
-def test_import_of_a_robot(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_import_of_a_robot(tmp_path: Path, call: Call) -> None:
     """The scene that is written is that of `load_robot`, and the report is printed."""
     file, scene = written(tmp_path), tmp_path / "crane.toml"
-    code, out, err = run(
-        monkeypatch, capsys, "import", str(file), "-o", str(scene),
+    code, out, err = call("import", str(file), "-o", str(scene),
         "--parameter", "load=1,2,3,kg", "--parameter", "theta=40,60,80,deg",
         "--set", "tip.left.mass=load", "--set", "swing.position=theta", "--vary", "arm.mass=20",
         "--moving", "slide", "--moving", "swing",
@@ -389,10 +338,10 @@ def test_import_of_a_robot(
         moving=["slide", "swing"],
     )
     assert mbdlft.load_scene(scene) == expected
-    code, out, err = run(monkeypatch, capsys, "check", str(scene))
+    code, out, err = call("check", str(scene))
     assert (code, err) == (0, "")
     assert "slide.force" in out
     free = [str(file), "-o", str(scene), "--free-base", "--keep-unphysical"]
-    code, out, err = run(monkeypatch, capsys, "import", *free)
+    code, out, err = call("import", *free)
     assert (code, err) == (0, "")
     assert mbdlft.load_scene(scene).joints[0].kind == "free"

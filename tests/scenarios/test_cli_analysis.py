@@ -10,7 +10,7 @@ from scipy.io import savemat
 import mbdlft
 from mbdlft.show import save_growth
 from tests.laws.test_margins import random_loop_with_channels
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 KEYS = {"lower", "upper", "frequency", "worst", "proved", "seconds"}
 
@@ -21,79 +21,69 @@ def archive(tmp_path: Path) -> Path:
     return tmp_path / "a.h5"
 
 
-def test_margin_gain_and_their_proofs(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, "margin", str(archive), "--json")
+def test_margin_gain_and_their_proofs(archive: Path, call: Call) -> None:
+    code, out, _ = call("margin", str(archive), "--json")
     assert code == 0
     found = json.loads(out)
     assert set(found) >= KEYS
     assert found["proved"] is True
     assert 0.99 * found["upper"] <= found["lower"] <= found["upper"]
     assert set(found["worst"]) == {"k", "m"}
-    code, out, _ = run(monkeypatch, capsys, "wcgain", str(archive), "--input", "f", "--output", "x")
+    code, out, _ = call("wcgain", str(archive), "--input", "f", "--output", "x")
     assert code == 0
     assert "at most" in out
     assert "proved" in out
-    code, out, _ = run(monkeypatch, capsys, "verify", str(archive), "--json")
+    code, out, _ = call("verify", str(archive), "--json")
     assert code == 0
     assert [entry["proved"] for entry in json.loads(out)] == [True, True]
-    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    code, out, _ = call("verify", str(archive))
     assert (code, out.count(": proved")) == (0, 2)
 
 
-def test_a_controller_of_a_mat_file(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_controller_of_a_mat_file(archive: Path, call: Call) -> None:
     none = np.zeros((0, 0))
     gain = np.array([[0.0, 1.0], [0.0, 0.0]])
     K = archive.parent / "K.mat"
     savemat(K, {"A": none, "B": np.zeros((0, 2)), "C": np.zeros((2, 0)), "D": gain})
     arguments = ("margin", str(archive), "--controller", str(K), "--json")
-    first, second = (json.loads(run(monkeypatch, capsys, *arguments)[1]) for _ in range(2))
+    first, second = (json.loads(call(*arguments)[1]) for _ in range(2))
     assert first["lower"] == second["lower"]
     assert mbdlft.model_names(archive) == ("matrix", "matrix with K")
     loop = mbdlft.feedback(random_loop_with_channels(), gain)
     assert first["lower"] == mbdlft.robust_stability(loop).lower
     savemat(K, {"A": none})
-    code, _, err = run(monkeypatch, capsys, *arguments)
+    code, _, err = call(*arguments)
     assert code == 2
     assert "B, C, D missing" in err
 
 
-def test_a_proof_that_is_none_ends_with_1(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, _, err = run(monkeypatch, capsys, "verify", str(archive))
+def test_a_proof_that_is_none_ends_with_1(archive: Path, call: Call) -> None:
+    code, _, err = call("verify", str(archive))
     assert code == 2
     assert "there is no analysis" in err
-    run(monkeypatch, capsys, "margin", str(archive), "--work", "1e-6")
-    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    call("margin", str(archive), "--work", "1e-6")
+    code, out, _ = call("verify", str(archive))
     assert code == 1
     assert "NOT PROVED: there is no proof" in out
 
 
-def test_rates_of_parameters(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rates_of_parameters(archive: Path, call: Call) -> None:
     arguments = ("margin", str(archive), "--rate", "k=inf", "--gap", "0.2")
-    code, out, _ = run(monkeypatch, capsys, *arguments)
+    code, out, _ = call(*arguments)
     assert code == 0
     assert "proved for rates up to k inf per second" in out
     assert "not stable at a motion of" in out
-    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    found = json.loads(call(*arguments, "--json")[1])
     assert found["rates"] == {"k": None}
     assert 0.0 < found["lower"] <= found["upper"]
-    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    code, out, _ = call("verify", str(archive))
     assert (code, out.count(": proved")) == (0, 1)
-    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "--rate", "k")
+    code, _, err = call("margin", str(archive), "--rate", "k")
     assert code == 2
     assert "--rate k: expected NAME=BOUND" in err
 
 
-def test_worst_cases(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_worst_cases(archive: Path, call: Call) -> None:
     """Each property, stored beside the model; words for what is proved."""
     said = {
         "real-part": "rad/s for all values in the ranges: proved",
@@ -104,10 +94,10 @@ def test_worst_cases(
     channel = ("--input", "f", "--output", "x")
     for what, words in said.items():
         arguments = ("worst", str(archive), "--of", what, *channel)
-        code, out, _ = run(monkeypatch, capsys, *arguments)
+        code, out, _ = call(*arguments)
         assert code == 0
         assert words in out
-    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    found = json.loads(call(*arguments, "--json")[1])
     assert set(found) >= KEYS
     assert found["proved"] is False
     assert found["frequency"] is None
@@ -117,28 +107,24 @@ def test_worst_cases(
         "matrix: smallest disk margin",
         "matrix: worst-case H2 norm",
     )
-    code, _, err = run(monkeypatch, capsys, "worst", str(archive), "--of", "speed")
+    code, _, err = call("worst", str(archive), "--of", "speed")
     assert code == 2
     assert "real-part" in err
 
 
-def test_fixed_parameters(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fixed_parameters(archive: Path, call: Call) -> None:
     arguments = ("margin", str(archive), "--fixed", "m")
-    code, out, _ = run(monkeypatch, capsys, *arguments)
+    code, out, _ = call(*arguments)
     assert code == 0
     assert "times the ranges, m in theirs: proved" in " ".join(out.split())
-    found = json.loads(run(monkeypatch, capsys, *arguments, "--json")[1])
+    found = json.loads(call(*arguments, "--json")[1])
     assert found["fixed"] == ["m"]
     assert found["lower"] <= 2.0 <= found["upper"] * (1.0 + 1e-9)  # k = 0
-    code, out, _ = run(monkeypatch, capsys, "verify", str(archive))
+    code, out, _ = call("verify", str(archive))
     assert (code, out.count(": proved")) == (0, 1)
 
 
-def test_figures_of_bounds(
-    archive: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_figures_of_bounds(archive: Path, call: Call) -> None:
     figure = archive.with_name("f.png")
     own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0)]
     matrix = [["0", "1", "0"], ["-k", "-1", "1"], ["1", "0", "0"]]
@@ -147,10 +133,10 @@ def test_figures_of_bounds(
     for words in (("margin",), ("wcgain", "--input", "f", "--output", "x")):
         name, *more = words
         arguments = (name, str(archive), *more, "--no-save", "--plot", str(figure))
-        assert run(monkeypatch, capsys, *arguments)[0] == 0
+        assert call(*arguments)[0] == 0
         assert figure.read_bytes().startswith(b"\x89PNG")
         figure.unlink()
-    code, _, err = run(monkeypatch, capsys, "margin", str(archive), "-o", "f.abc")
+    code, _, err = call("margin", str(archive), "-o", "f.abc")
     assert code == 2
     assert "expected the ending" in err
     loop = random_loop_with_channels()

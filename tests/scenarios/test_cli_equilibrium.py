@@ -9,7 +9,7 @@ import pytest
 import mbdlft
 from scenarios import sagging_arm
 from tests.close import roundoff
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 
 @pytest.fixture
@@ -40,16 +40,9 @@ damping = DAMPING
 """
 
 
-def test_positions_and_the_scene_there(
-    sagging: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, call: Call) -> None:
     written = tmp_path / "there.toml"
-    code, out, err = run(
-        monkeypatch, capsys, "trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written)
-    )
+    code, out, err = call("trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written))
     assert (code, err) == (0, "")
     assert "sagging_arm: equilibrium 1" in out
     assert "hinge.angle" in out
@@ -59,60 +52,47 @@ def test_positions_and_the_scene_there(
     scene = mbdlft.load_scene(written)
     point = mbdlft.find_equilibrium(scene, {"m": 2.4})
     roundoff(point.positions["hinge.angle"], 0.5266409894615065)
-    code, out, err = run(monkeypatch, capsys, "trim", str(written), "--set", "m=2.4")
+    code, out, err = call("trim", str(written), "--set", "m=2.4")
     assert (code, err) == (0, "")
 
 
-def test_all_equilibria(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_all_equilibria(tmp_path: Path, call: Call) -> None:
     file = tmp_path / "pendulum.toml"
     file.write_text(PENDULUM.replace("DAMPING", "0.1"), encoding="utf-8")
-    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--all", "--starts", "10")
+    code, out, err = call("trim", str(file), "--all", "--starts", "10")
     assert (code, err) == (0, "")
     assert "equilibrium 2" in out
     assert "equilibrium 3" not in out
     assert out.count("; stable: decays with") == 1
     assert out.count("; unstable: grows with") == 1
     file.write_text(PENDULUM.replace("DAMPING", "0.0"), encoding="utf-8")
-    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    code, out, err = call("trim", str(file), "--positions")
     assert "neither stable nor unstable: something moves without damping" in out
     weightless = PENDULUM.replace("-9.81", "0.0").replace("DAMPING", "0.1")
     file.write_text(weightless, encoding="utf-8")
-    code, out, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    code, out, err = call("trim", str(file), "--positions")
     assert "not determined: hinge.angle" in out
 
 
-def test_errors_say_where(
-    sagging: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_errors_say_where(sagging: str, tmp_path: Path, call: Call) -> None:
     file = tmp_path / "pendulum.toml"
     text = PENDULUM.replace("DAMPING", "0.1").replace("preload = 0", "preload = 25.0")
     file.write_text(text, encoding="utf-8")
-    code, _, err = run(monkeypatch, capsys, "trim", str(file), "--positions")
+    code, _, err = call("trim", str(file), "--positions")
     assert code == 2
     assert "no equilibrium found from 30 starts" in err
     assert "hinge.torque misses -5.38 N m" in err
-    code, _, err = run(
-        monkeypatch, capsys, "trim", sagging, "--positions", "-o", str(tmp_path / "no" / "x.toml")
-    )
+    code, _, err = call("trim", sagging, "--positions", "-o", str(tmp_path / "no" / "x.toml"))
     assert code == 2
     assert "x.toml: cannot be written: No such file" in err
 
 
-def test_fit_is_shown(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fit_is_shown(tmp_path: Path, call: Call) -> None:
     """`linearize` says that positions are fits, and so does the archive, by an attribute."""
     fitted = mbdlft.fit_positions(sagging_arm.scene(), ["hinge"], 1e-4)
     file, archive = tmp_path / "fitted.toml", tmp_path / "fitted.h5"
     file.write_text(mbdlft.scene_to_toml(fitted), encoding="utf-8")
-    code, out, err = run(
-        monkeypatch, capsys, "linearize", str(file), "-o", str(archive), "--search", "0"
-    )
+    code, out, err = call("linearize", str(file), "-o", str(archive), "--search", "0")
     assert (code, err) == (0, "")
     assert "not exact: positions are fits, within 7.71e-05 rad or m of the equilibrium" in out
     assert "minimal" not in out

@@ -13,7 +13,7 @@ from typer.main import get_command
 import mbdlft
 from mbdlft.cli.commands import app
 from mbdlft.cli.output import time_left
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 ROOT = Path(__file__).parents[2]
 ARM = "scenarios/two_link_arm.toml"
@@ -70,13 +70,10 @@ def test_every_command_is_tried() -> None:
 
 @pytest.mark.parametrize("name", RUNS)
 def test_command_prints_json(
-    place: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
+    place: Path, monkeypatch: pytest.MonkeyPatch, name: str, call: Call
 ) -> None:
     monkeypatch.chdir(place)
-    code, out, _ = run(monkeypatch, capsys, name, *RUNS[name], "--json")
+    code, out, _ = call(name, *RUNS[name], "--json")
     assert code == 0
     found = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert found
@@ -89,17 +86,17 @@ def test_the_package_is_a_command() -> None:
 
 
 def test_show_says_what_is_stored_and_from_when(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    place: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     monkeypatch.chdir(place)
     model = mbdlft.load("mass.h5")
     mbdlft.save_analysis("mass.h5", model, mbdlft.robust_stability(model))
-    _, out, _ = run(monkeypatch, capsys, "show", "mass.h5", "--json")
+    _, out, _ = call("show", "mass.h5", "--json")
     found = json.loads(out)
     assert isinstance(model, mbdlft.LFTModel)
     assert found["models"][0]["created"] == model.provenance.created
     assert "robust stability" in [entry["kind"] for entry in found["analyses"]]
-    _, out, _ = run(monkeypatch, capsys, "show", "mass.h5")
+    _, out, _ = call("show", "mass.h5")
     assert f"made {model.provenance.created}" in out
     assert "analysis" in out
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import mbdlft
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 POLE = """
 format = "mbdlft-scene/1"
@@ -60,10 +60,8 @@ def written(tmp_path: Path, text: str = POLE) -> str:
 
 
 @pytest.mark.parametrize("command", ["check", "linearize"])
-def test_a_leaning_pole_is_held_by_something(
-    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, command, written(tmp_path))
+def test_a_leaning_pole_is_held_by_something(command: str, tmp_path: Path, call: Call) -> None:
+    code, out, _ = call(command, written(tmp_path))
     out = " ".join(out.split())
     assert code == 0
     assert HELD in out
@@ -82,16 +80,14 @@ def test_a_leaning_pole_is_held_by_something(
         ('position = "20*deg"', 'position = "20*deg"\nstiffness = 30'),  # its static load
     ],
 )
-def test_no_note_where_all_is_said(
-    old: str, new: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
-    code, out, _ = run(monkeypatch, capsys, "check", written(tmp_path, POLE.replace(old, new)))
+def test_no_note_where_all_is_said(old: str, new: str, tmp_path: Path, call: Call) -> None:
+    code, out, _ = call("check", written(tmp_path, POLE.replace(old, new)))
     assert code == 0
     assert "holds the equilibrium" not in out.replace("efforts that hold", "")
 
 
-def test_json_has_notes_and_warnings(tmp_path: Path, monkeypatch: Patch, capsys: Capture) -> None:
-    code, out, _ = run(monkeypatch, capsys, "linearize", written(tmp_path), "--json")
+def test_json_has_notes_and_warnings(tmp_path: Path, call: Call) -> None:
+    code, out, _ = call("linearize", written(tmp_path), "--json")
     found = json.loads(out)
     assert code == 0
     assert any(note.startswith(HELD) for note in found["notes"])
@@ -117,15 +113,13 @@ def test_notes_in_python(tmp_path: Path) -> None:
         ) is pushed
 
 
-def test_what_is_used_and_changes_nothing(
-    tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_what_is_used_and_changes_nothing(tmp_path: Path, call: Call) -> None:
     """A parameter that cancels, a sensor that is no output."""
     text = POLE.replace("xx = 0.01", 'xx = "0.01 + 0*p"')
     text += 'outputs = ["pivot.angle"]\n[parameters]\n'
     text += 'p = { nominal = 1, percent = 5, unit = "kg m^2" }\n'
     text += "unused = { nominal = 1, percent = 5 }\n"
-    code, out, _ = run(monkeypatch, capsys, "linearize", written(tmp_path, text))
+    code, out, _ = call("linearize", written(tmp_path, text))
     out = " ".join(out.split())
     assert code == 0
     assert "parameter 'p' has no effect on this model." in out
@@ -136,29 +130,25 @@ def test_what_is_used_and_changes_nothing(
 
 @pytest.mark.filterwarnings("always::mbdlft.base.errors.MbdlftWarning")
 @pytest.mark.parametrize("command", ["check", "trim", "poles", "response", "linearize"])
-def test_json_of_every_command_has_warnings(
-    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_json_of_every_command_has_warnings(command: str, tmp_path: Path, call: Call) -> None:
     text = POLE.replace('position = "20*deg"', "preload = 0\ndamping = -2.0")
-    code, out, err = run(monkeypatch, capsys, command, written(tmp_path, text), "--json")
+    code, out, err = call(command, written(tmp_path, text), "--json")
     said = "joint 'pivot': damping is negative in the range: -2 N m s/rad."
     assert code == 0
     assert f"mbdlft: warning: {said}" in err
     assert json.loads(out)["warnings"][0] == said
 
 
-def test_sweep_says_that_it_replaces_rows(
-    tmp_path: Path, monkeypatch: Patch, capsys: Capture
-) -> None:
+def test_sweep_says_that_it_replaces_rows(tmp_path: Path, call: Call) -> None:
     text = (
         POLE.replace("mass = 0.1", 'mass = "m"')
         + '[parameters]\nm = { nominal = 0.1, percent = 5, unit = "kg" }\n'
     )
     file, archive = written(tmp_path, text), str(tmp_path / "rows.h5")
     wanted = ("sweep", file, "--random", "3", "-o", archive, "--workers", "1")
-    code, _, err = run(monkeypatch, capsys, *wanted)
+    code, _, err = call(*wanted)
     assert (code, "replaced" in err) == (0, False)
-    code, out, err = run(monkeypatch, capsys, *wanted, "--seed", "1", "--json")
+    code, out, err = call(*wanted, "--seed", "1", "--json")
     assert code == 0
     assert "mbdlft: warning:" in err
     assert "the sweep 'pole' that is stored there is replaced" in err

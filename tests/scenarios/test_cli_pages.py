@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import mbdlft
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -18,14 +18,12 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_view_of_scene_robot_and_archive(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_of_scene_robot_and_archive(place: Path, call: Call) -> None:
     """The name of the page is that of the source; an archive has the scene of its model."""
     arm = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
     mbdlft.save("arm.h5", mbdlft.to_lft(arm, search=0.0, prove=0.0))
     for source in (SCENARIOS / "pendulum.toml", SCENARIOS / "desk_arm.urdf", Path("arm.h5")):
-        code, said, _ = run(monkeypatch, capsys, "view", str(source))
+        code, said, _ = call("view", str(source))
         assert (code, said.strip()) == (0, f"page: {source.stem}.html")
     text = (place / "arm.html").read_text(encoding="utf-8")
     assert "<title>two_link_arm</title>" in text
@@ -34,9 +32,7 @@ def test_view_of_scene_robot_and_archive(
     assert '"name":"shoulder"' in page
 
 
-def test_view_of_a_robot_and_of_a_scene_with_its_shapes(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_of_a_robot_and_of_a_scene_with_its_shapes(place: Path, call: Call) -> None:
     """One of two models of an SDF file; the scene that was made of it has the same page."""
     text = '<sdf version="1.9"><world name="w"><gravity>0 0 -3</gravity>'
     for name, shape in (("a", "<sphere><radius>1</radius></sphere>"), ("b", CAPSULE)):
@@ -46,56 +42,50 @@ def test_view_of_a_robot_and_of_a_scene_with_its_shapes(
             "<axis><xyz>0 0 1</xyz></axis></joint></model>"
         )
     Path("two.sdf").write_text(text + "</world></sdf>", encoding="utf-8")
-    code, _, said = run(monkeypatch, capsys, "view", "two.sdf")
+    code, _, said = call("view", "two.sdf")
     assert (code, "two.sdf: line 1: the file has 2 models: a, b" in said) == (2, True)
-    assert run(monkeypatch, capsys, "view", "two.sdf", "--model", "b")[0] == 0
+    assert call("view", "two.sdf", "--model", "b")[0] == 0
     page = (place / "two.html").read_text(encoding="utf-8")
     assert '"capsule":[1.0,2.0]' in page
     assert '"sphere"' not in page.partition('id="data"')[2]
     command = ["import", "two.sdf", "--model", "a", "-o", "a.toml"]
-    assert run(monkeypatch, capsys, *command)[0] == 0
-    assert run(monkeypatch, capsys, "view", "a.toml")[0] == 0
+    assert call(*command)[0] == 0
+    assert call("view", "a.toml")[0] == 0
     assert '"sphere":1.0' not in (place / "a.html").read_text(encoding="utf-8")
     one = text.partition("<model name='b'>")[0] + "</world></sdf>"
     Path("one.sdf").write_text(one, encoding="utf-8")
-    assert run(monkeypatch, capsys, "view", "a.toml", "--robot", "one.sdf")[0] == 0
+    assert call("view", "a.toml", "--robot", "one.sdf")[0] == 0
     assert '"sphere":1.0' in (place / "a.html").read_text(encoding="utf-8")
 
 
-def test_values_of_view(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_values_of_view(place: Path, call: Call) -> None:
     command = ["view", str(SCENARIOS / "pendulum.toml"), "--set", "m=2.5", "-o", "p.html"]
-    assert run(monkeypatch, capsys, *command)[0] == 0
+    assert call(*command)[0] == 0
     text = (place / "p.html").read_text(encoding="utf-8")
     assert '"value":2.5' in text
     assert '"point":[0.8,2.5]' in text
 
 
-def test_report_of_an_archive_and_of_a_matrix(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_report_of_an_archive_and_of_a_matrix(place: Path, call: Call) -> None:
     pendulum = mbdlft.load_scene(SCENARIOS / "pendulum.toml")
     mbdlft.save("p.h5", mbdlft.to_lft(pendulum, search=0.0, prove=0.0))
-    code, said, _ = run(monkeypatch, capsys, "report", "p.h5", "-o", "told.html")
+    code, said, _ = call("report", "p.h5", "-o", "told.html")
     assert (code, said.strip()) == (0, "page: told.html")
     text = (place / "told.html").read_text(encoding="utf-8")
     assert "None is stored in p.h5" in text
-    code, said, _ = run(monkeypatch, capsys, "report", str(SCENARIOS / "missile.toml"))
+    code, said, _ = call("report", str(SCENARIOS / "missile.toml"))
     assert (code, said.strip()) == (0, "page: missile.html")
 
 
 @pytest.mark.usefixtures("place")
-def test_reports_that_cannot_be(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_reports_that_cannot_be(call: Call) -> None:
     missile = str(SCENARIOS / "missile.toml")
     for command, words in (
         (["report", "nowhere.h5"], "nowhere.h5"),
         (["report", missile, "-o", "told.pdf"], "expected the ending .html of a page, got '.pdf'"),
         (["view", missile], "expected 'mbdlft-scene/1', got 'mbdlft-matrix/1'"),
     ):
-        code, _, said = run(monkeypatch, capsys, *command)
+        code, _, said = call(*command)
         assert code == 2
         assert words in said
     assert not list(Path().glob("*.html"))

@@ -7,7 +7,7 @@ import pytest
 
 from mbdlft.multibody.scene import load_scene
 from tests.errors.test_robot_format_errors import MJCF, SDF
-from tests.scenarios.test_cli import run
+from tests.scenarios.commands import Call
 
 FILES = {"two.sdf": SDF, "one.xml": MJCF}
 
@@ -22,38 +22,28 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("command", ["check", "trim", "linearize"])
-def test_robot_is_taken_as_it_stands(
-    place: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    name: str,
-    command: str,
-) -> None:
+def test_robot_is_taken_as_it_stands(place: Path, name: str, command: str, call: Call) -> None:
     if name.endswith(".xml"):
         pytest.importorskip("mujoco", reason="MJCF needs mujoco")
-    code, out, err = run(monkeypatch, capsys, command, name, "--json")
+    code, out, err = call(command, name, "--json")
     assert code == 0, err
     assert json.loads(out)["name"] == name.partition(".")[0]
     assert "ignored: 1 shapes" in err if name.endswith(".xml") else "assumed: gravity" in err
 
 
-def test_import_takes_the_base_and_the_model(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_import_takes_the_base_and_the_model(place: Path, call: Call) -> None:
     arguments = ["import", "two.sdf", "-o", "two.toml", "--fixed-base", "--model", "two"]
-    assert run(monkeypatch, capsys, *arguments)[0] == 0
+    assert call(*arguments)[0] == 0
     assert [joint.kind for joint in load_scene("two.toml").joints] == ["fixed", "revolute"]
-    assert run(monkeypatch, capsys, "import", "two.sdf", "-o", "two.toml")[0] == 0
+    assert call("import", "two.sdf", "-o", "two.toml")[0] == 0
     assert load_scene("two.toml").joints[0].kind == "free"
-    code, _, err = run(monkeypatch, capsys, "check", "two.sdf", "--model", "tow")
+    code, _, err = call("check", "two.sdf", "--model", "tow")
     assert code == 2
     assert "model: unknown model 'tow'. Did you mean 'two'?" in err
 
 
-def test_view_shows_a_robot(
-    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_view_shows_a_robot(place: Path, call: Call) -> None:
     pytest.importorskip("k3d", reason="pages need k3d: '.[viewer]'")
-    code, _, err = run(monkeypatch, capsys, "view", "two.sdf", "-o", "two.html")
+    code, _, err = call("view", "two.sdf", "-o", "two.html")
     assert (code, err) == (0, "")
     assert "two" in (place / "two.html").read_text(encoding="utf-8")
