@@ -181,10 +181,7 @@ class _Closed:
         symbols = [symbol for _, symbol, _ in form.arguments]
         zeta = [expression for _, expression, _ in form.functions]
         self.free = ca.vertcat(s.unknown, s.x, s.u, m.p)
-        self.zeta, self.symbols = (
-            column_of(form.zeta),
-            column_of(symbols),
-        )
+        self.zeta, self.symbols = column_of(form.zeta), column_of(symbols)
         knowns = ca.vertcat(self.free, form.one)
         self.psi = ca.Function("psi", [knowns, self.zeta], [ca.densify(in_doubles(column_of(psi)))])
         self.theta = ca.Function("theta", [self.symbols], [ca.densify(in_doubles(column_of(zeta)))])

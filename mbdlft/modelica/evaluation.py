@@ -29,13 +29,8 @@ _EVENTS = (
     *("pre", "edge", "change", "sample", "reinit", "initial", "terminal", "delay"),
     *("spatialDistribution", "div", "mod", "rem"),
 )
-_SAME = (
-    "noEvent",
-    "homotopy",
-    "scalar",
-    "vector",
-    "pure",
-)  # their first argument, for what is here
+# their value here is their first argument
+_SAME = ("noEvent", "homotopy", "scalar", "vector", "pure")
 _LIBRARY = "Modelica.Math."  # whose functions have the names of those of the language
 _MOST_ENTRIES = 10_000
 _LONG, _MOST_FACTORS = 50, 1000

@@ -228,11 +228,11 @@ class _TextParser(ExpressionParser):
             kind = "enumeration"
             list(self._inside())
         else:
-            first_word = self.word
-            kind = self.take().text
+            word_of_type = self.take()
+            kind = word_of_type.text
             if kind not in _TYPES:
                 raise SceneError(
-                    f"{self.source}, line {first_word.line}: {first_word} is no type of flat text. "
+                    f"{self.source}, line {word_of_type.line}: {word_of_type} is no type of flat text. "
                     f"{_ADVICE}"
                 )
         sizes = self._subscripts() if self.is_at("[") else ()
@@ -247,26 +247,22 @@ class _TextParser(ExpressionParser):
         self, name: str, kind: str, fields: Mapping[str, object], sizes: tuple[Expression, ...]
     ) -> Declaration:
         """A declaration behind its name: modification, value, comment, annotation."""
-        attributes: dict[str, Expression] = {}
+        attributes = self._modification() if self.is_at("(") else {}
         binding: Expression | None = None
-        if self.is_at("("):
-            attributes = self._modification()
         if self.skip("=") or self.skip(":="):
             binding = self.expression()
             if kind == "enumeration" and isinstance(binding, Reference):
                 binding = Text(binding.name.rpartition(".")[2])
         if self.is_at("if"):
             raise self.error("no condition: flat text has no conditional declarations")
-        comment = self.comment()
-        annotation = self.annotation()
         return Declaration(
             **{"name": name, "type": kind, **fields},  # type: ignore[arg-type]
             sizes=sizes,
             top="." not in name,
             attributes=MappingProxyType(attributes),
             binding=binding,
-            comment=comment,
-            annotation=MappingProxyType(annotation),
+            comment=self.comment(),
+            annotation=MappingProxyType(self.annotation()),
         )
 
     def _modification(self) -> dict[str, Expression]:

@@ -178,9 +178,8 @@ class _Form:
         symbols = column_of([registry.arguments[a].symbol for a in function.arguments])
         values = np.array([self._value(a) for a in function.arguments])
         slopes = ca.jacobian(function.expression, symbols)
-        numbers = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])(values).full()[
-            0
-        ]
+        slopes_at = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])
+        numbers = slopes_at(values).full()[0]
         least = _NEGLIGIBLE * np.max(np.abs(numbers), initial=0.0)
         return {
             a: number(decimal(float(f"{x:.{_DIGITS}g}")))
