@@ -243,7 +243,7 @@ class System:
             With the names of the signals; python-control does not allow dots, so ``shoulder.torque``
             is named ``shoulder_torque``.
         """
-        numeric: StateSpace = _above("points").state_space_at(self, {**(values or {}), **named})
+        numeric: StateSpace = _above("sampled").state_space_at(self, {**(values or {}), **named})
         return numeric
 
 
