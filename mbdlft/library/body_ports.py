@@ -178,7 +178,7 @@ def _scene(
         for kind, axis in _split(axes, _ACCELERATIONS)
     ]
     wrench = [f"{_WRENCH}.{kind}.{axis}" for kind, axis in _split(axes, _LOADS)]
-    own = [[signal.name for signal in signals] for signals in _own(body)]
+    body_names = [[signal.name for signal in signals] for signals in _own(body)]
     return Scene(
         name=body.name,
         description=f"two-port of the body {body.name}",
@@ -188,8 +188,8 @@ def _scene(
         joints=(Free(name=_HOLD, parent=GROUND, child=f"{body.name}.{parent}", imposed=True),),
         loads=tuple(loads),
         sensors=tuple(sensors),
-        inputs=(*(f"{load.name}.{load.kind}" for load in loads), *imposed, *own[0]),
-        outputs=(*measured, *wrench, *own[1]),
+        inputs=(*(f"{load.name}.{load.kind}" for load in loads), *imposed, *body_names[0]),
+        outputs=(*measured, *wrench, *body_names[1]),
     )
 
 

@@ -126,8 +126,8 @@ def _error_of(
 ) -> tuple[float, tuple[tuple[int, int], ...]]:
     """As `error_of_values`, of values (N, ., .) from true ones, which may be known in 50 digits.
 
-    Doubles do not tell what is nothing but rounding, and whatever is far off may be; of 50 digits only
-    what is zero has no size.
+    An entry that is far off is taken for rounding if the true values are doubles, as these may have
+    lost it; if they are known in 50 digits, only one that is zero.
     """
     differences = values - truth
     error = max(at.omitted, largest(differences, at.scale))

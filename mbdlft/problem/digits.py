@@ -125,7 +125,7 @@ def _of_equations(
 ) -> list[Balls]:
     """[A B ; C D] of the exact equations at physical points (N, n_p)."""
     trim, slopes = _tapes(exact, tuple(inputs), tuple(outputs))
-    unknown, known = (part.numel() for part in split(exact, inputs))
+    unknown, known = (signals.numel() for signals in split(exact, inputs))
     matrices = []
     for point in points:
         physical = [flint.arb(float(x)) for x in point]

@@ -120,7 +120,7 @@ def _solved(matrix: Array, right: Array) -> Array:
 
     The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
     """
-    pattern, acted = (np.any(part != 0.0, axis=0) for part in (matrix, right))
+    pattern, acted = (np.any(entries != 0.0, axis=0) for entries in (matrix, right))
     rows = np.flatnonzero(pattern.sum(axis=1) == 1)
     alone = pattern[rows].argmax(axis=1)
     pivots = matrix[:, rows, alone]
@@ -186,7 +186,7 @@ def _at_rest(
     symbols, p, cosine, sine = arguments
     values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], rows_of(values[1], outputs))
-    by = [ca.jacobian(stacked, part) for part in (*split(e, inputs), rows_of(e.u, e.unknown))]
+    by = [ca.jacobian(stacked, entries) for entries in (*split(e, inputs), rows_of(e.u, e.unknown))]
     around = ca.vertcat(e.xdot, e.x, e.z)
     results = [ca.densify(ca.horzcat(*by)), ca.densify(values[0])]
     at_rest = ca.Function("at_rest", [around, e.u, symbols], results, WITH_CONSTANTS)

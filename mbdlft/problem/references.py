@@ -147,14 +147,14 @@ def reference_of(
         return conditioning_of(need.of(matrices), sizes, len(need.states), at.floor)
 
     def trim_if_cancelled() -> Array:
-        n, nk = (part.numel() for part in split(e, inputs))
+        n, nk = (signals.numel() for signals in split(e, inputs))
         by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
         stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
         scale: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
         return scale
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
-        unknown, known = (part.numel() for part in split(e, inputs))
+        unknown, known = (signals.numel() for signals in split(e, inputs))
         return implicit_transfers(
             at.linear.jacobian[list(some)], (unknown, known, states), frequencies
         )

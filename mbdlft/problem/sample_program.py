@@ -73,7 +73,7 @@ def _written(
     slopes = slope_function(e, inputs, outputs)
     (values,) = evaluate_many(slopes, points, held.efforts_at)
     entries = _folded(slopes, tape, registers, held.efforts)[0]
-    unknown, known = (part.numel() for part in split(e, inputs))
+    unknown, known = (signals.numel() for signals in split(e, inputs))
     top, bottom = entries[:unknown], entries[unknown:]
     right: Sparse = [_shifted(row, unknown, unknown + known, tape) for row in top]
     solved = solve(

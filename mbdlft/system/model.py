@@ -316,8 +316,8 @@ class Certificate:
         `max_relative_error`. An entry that changes its sign is relative to its largest size over the
         points, others to themselves. 0.0: not recorded.
     sign_changes : int
-        Number of entries that change their sign between the check points, or vanish at some: near there
-        they have digits relative to their largest size only.
+        Number of entries that change their sign between the check points, or vanish at some. Near their
+        zeros the digits of such entries are those of their largest size over the points.
     order_bound : int
         Proved minimum of the sum of all repetitions. Pairs of parameters that cannot both have their
         lower bound make it larger than the sum of these, which stands for 0.
@@ -410,8 +410,8 @@ class LFTModel(System):
     @property
     def known_program(self) -> ModelProgram | None:
         """Its program; that of a model that this one was made from is not its own."""
-        found = self.program
-        return found if found is not None and found.is_of(self.lft, self.trim.lft) else None
+        program = self.program
+        return program if program is not None and program.is_of(self.lft, self.trim.lft) else None
 
     @property
     def is_proved_regular(self) -> bool:

@@ -64,7 +64,7 @@ def _called(function: ca.Function, *points: Array) -> list[Array]:
     # CasADi's matrices are by columns
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
     outputs = [np.empty((len(points[0]), *shape)) for shape in shapes]
-    arguments = [np.empty(part.shape[1]) for part in points]
+    arguments = [np.empty(column.shape[1]) for column in points]
     results = [np.empty(shape) for shape in shapes]
     buffer: Any = function.buffer()
     memory, call = buffer
@@ -73,8 +73,8 @@ def _called(function: ca.Function, *points: Array) -> list[Array]:
     for k, result in enumerate(results):
         memory.set_res(k, result.ravel().data)
     for k in range(len(points[0])):
-        for argument, part in zip(arguments, points, strict=True):
-            argument[:] = part[k]
+        for argument, column in zip(arguments, points, strict=True):
+            argument[:] = column[k]
         call()
         for output, result in zip(outputs, results, strict=True):
             output[k] = result
@@ -183,7 +183,7 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
     The arguments are columns, each (N, rows); the columns of a result stand one below the other. A root
     has the root of the size; another function of a number has the size of its own value.
     """
-    arguments = [[_of_itself(x) for x in np.ascontiguousarray(part.T)] for part in points]
+    arguments = [[_of_itself(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
     sizes = np.empty((tape.numel_out(0), len(points[0])))
     for row, (_, size) in zip(sizes, fold(tape, _SIZES, *arguments)[0], strict=True):
         row[:] = size
