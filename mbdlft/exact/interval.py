@@ -90,8 +90,8 @@ def _power(a: Interval, exponent: float) -> Interval:
 def _sqrt(a: Interval) -> Interval:
     if a.high < 0.0:
         raise SceneError(f"sqrt of negative numbers, {a.low} to {a.high}.")
-    found = outward(math.sqrt(max(a.low, 0.0)), math.sqrt(a.high))
-    return Interval(max(found.low, 0.0), found.high)
+    root = outward(math.sqrt(max(a.low, 0.0)), math.sqrt(a.high))
+    return Interval(max(root.low, 0.0), root.high)
 
 
 def _of_library(low: float, high: float) -> Interval:
@@ -104,8 +104,8 @@ def _wave(function: Callable[[float], float], a: Interval, phase: float) -> Inte
     if turns is None:
         return Interval(-1.0, 1.0)
     values = [function(a.low), function(a.high), *(-1.0 if k % 2 else 1.0 for k in turns)]
-    found = _of_library(min(values), max(values))
-    return Interval(max(found.low, -1.0), min(found.high, 1.0))
+    enclosure = _of_library(min(values), max(values))
+    return Interval(max(enclosure.low, -1.0), min(enclosure.high, 1.0))
 
 
 def _turns(a: Interval, phase: float) -> range | None:
@@ -130,17 +130,10 @@ def find_zero(
     function: Callable[[Mapping[str, Interval]], Interval],
     bounds: Mapping[str, tuple[float, float]],
 ) -> tuple[dict[str, float], bool] | None:
-    """Where a function may vanish in a box; None if it is shown not to.
+    """Where a function of intervals by name may vanish in a box (low, high); None if it is shown not to.
 
-    Parameters
-    ----------
-    function : from intervals by name to the interval of its values
-    bounds : (low, high) by name
-
-    Returns
-    -------
-    middle of a part of the box in which a zero could not be excluded, by name
-    whether that part is as small as rounding allows; if not, there were too many parts to tell
+    The middle of a part of the box in which a zero could not be excluded, and whether that part is as
+    small as rounding allows; if not, there were too many parts to tell.
     """
     boxes = [tuple(bounds.values())]
     sizes = [

@@ -27,14 +27,7 @@ class TooFewBitsError(AnalysisError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExactMatrix:
-    """A matrix (n, m) as residues modulo `prime` and as balls.
-
-    Attributes
-    ----------
-    residues : int64 array (n, m), 0 <= entry < prime
-    balls : object array (n, m) of arb; exactly zero where the residue is
-    prime : int
-    """
+    """A matrix (n, m) as residues, 0 <= entry < prime, and as balls, zero where the residue is."""
 
     residues: Residues
     balls: Balls
@@ -60,15 +53,15 @@ class ExactMatrix:
         inner = self.residues.any(axis=0) & other.residues.any(axis=1)
         left, right = self[:, inner], other[inner]
         rows, columns = left.residues.any(axis=1), right.residues.any(axis=0)
-        found = zeros(self.shape[0], other.shape[1], self.prime)
+        product = zeros(self.shape[0], other.shape[1], self.prime)
         if not (rows.any() and columns.any()):
-            return found
+            return product
         left, right, place = left[rows], right[:, columns], np.ix_(rows, columns)
         residues = multiplied(left.residues, right.residues, self.prime)
-        found.residues[place] = residues
+        product.residues[place] = residues
         balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
-        found.balls[place] = _cleared(residues, balls)
-        return found
+        product.balls[place] = _cleared(residues, balls)
+        return product
 
     def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
         residues = (self.residues + other.residues) % self.prime
@@ -85,12 +78,8 @@ class ExactMatrix:
     def solve(self, right: "ExactMatrix") -> "ExactMatrix":
         """self^-1 right.
 
-        Raises
-        ------
-        ZeroDivisionError
-            The matrix is singular.
-        TooFewBitsError
-            It is not, but too near to it for the bits of the balls.
+        A ZeroDivisionError if the matrix is singular, a TooFewBitsError if it is not, but too near to it
+        for the bits of the balls.
         """
         n, m = right.shape
         if n == 0 or m == 0:
@@ -106,26 +95,23 @@ class ExactMatrix:
     def values(self) -> Array:
         """The nearest doubles (n, m), or those next to them; 0.0 exactly where the residue is.
 
-        Raises
-        ------
-        TooFewBitsError
-            A ball is too wide.
+        A TooFewBitsError if a ball is too wide.
         """
-        found = np.zeros(self.shape)
+        values = np.zeros(self.shape)
         for place in zip(*np.nonzero(self.residues), strict=True):
             ball = self.balls[place]
             if ball.rel_accuracy_bits() < _ENOUGH_BITS:
                 raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
-            found[place] = float(ball.mid())
-        return found
+            values[place] = float(ball.mid())
+        return values
 
 
 def rough_values(a: ExactMatrix) -> Array:
     """Doubles (n, m) of any accuracy, for the choice of scales and pivots."""
-    found = np.zeros(a.shape)
+    values = np.zeros(a.shape)
     some = a.residues != 0
-    found[some] = [float(ball) for ball in a.balls[some]]
-    return found
+    values[some] = [float(ball) for ball in a.balls[some]]
+    return values
 
 
 def zeros(n: int, m: int, prime: int) -> ExactMatrix:
@@ -136,29 +122,29 @@ def zeros(n: int, m: int, prime: int) -> ExactMatrix:
 
 def identity(n: int, prime: int) -> ExactMatrix:
     """The identity."""
-    found = zeros(n, n, prime)
+    one = zeros(n, n, prime)
     diagonal = np.arange(n)
-    found.residues[diagonal, diagonal] = 1
-    found.balls[diagonal, diagonal] = flint.arb(1)
-    return found
+    one.residues[diagonal, diagonal] = 1
+    one.balls[diagonal, diagonal] = flint.arb(1)
+    return one
 
 
 def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:
     """A matrix of sparse rows: numbers by column."""
-    found = zeros(len(rows), width, prime)
+    matrix = zeros(len(rows), width, prime)
     for k, row in enumerate(rows):
         for column, value in row.items():
             if value.residue:
-                found.residues[k, column] = int(value.residue)
-                found.balls[k, column] = value.ball
-    return found
+                matrix.residues[k, column] = int(value.residue)
+                matrix.balls[k, column] = value.ball
+    return matrix
 
 
-def stacked(parts: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
+def stacked(blocks: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
     """A matrix of blocks, as `numpy.block` of at least one."""
-    residues = np.vstack([np.hstack([part.residues for part in row]) for row in parts])
-    balls = np.vstack([np.hstack([part.balls for part in row]) for row in parts])
-    return ExactMatrix(residues, balls, parts[0][0].prime)
+    residues = np.vstack([np.hstack([block.residues for block in row]) for row in blocks])
+    balls = np.vstack([np.hstack([block.balls for block in row]) for row in blocks])
+    return ExactMatrix(residues, balls, blocks[0][0].prime)
 
 
 def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
@@ -190,11 +176,11 @@ def times(a: Residues, b: Array, prime: int) -> Residues:
         )
         return np.asarray((first + second) % prime)
     C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
-    found: Residues = C[2, 2] % prime
+    total_so_far: Residues = C[2, 2] % prime
     for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
-        quotient = (found * (2.0**_LIMB / prime)).astype(np.int64)
-        found = ((found << _LIMB) - quotient * prime + total) % prime
-    return found
+        quotient = (total_so_far * (2.0**_LIMB / prime)).astype(np.int64)
+        total_so_far = ((total_so_far << _LIMB) - quotient * prime + total) % prime
+    return total_so_far
 
 
 def solved(a: Residues, b: Residues, prime: int) -> Residues:
@@ -213,10 +199,10 @@ def null_space(a: Residues, prime: int) -> Residues:
     """Independent columns (columns of a, nullity) that span the null space modulo a prime."""
     rows, pivots = row_echelon(a, prime)
     free = [k for k in range(a.shape[1]) if k not in set(pivots)]
-    found = np.zeros((a.shape[1], len(free)), dtype=np.int64)
-    found[free, np.arange(len(free))] = 1
-    found[pivots] = -rows[:, free] % prime
-    return found
+    basis = np.zeros((a.shape[1], len(free)), dtype=np.int64)
+    basis[free, np.arange(len(free))] = 1
+    basis[pivots] = -rows[:, free] % prime
+    return basis
 
 
 def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
@@ -241,16 +227,16 @@ def _residues(matrix: Any) -> Residues:
 
 def balls_of(a: Array) -> Balls:
     """Doubles (n, m) as balls."""
-    found = np.empty(a.size, dtype=object)
-    found[:] = [flint.arb(x) for x in a.ravel().tolist()]
-    return found.reshape(a.shape)
+    balls = np.empty(a.size, dtype=object)
+    balls[:] = [flint.arb(x) for x in a.ravel().tolist()]
+    return balls.reshape(a.shape)
 
 
 def entries_of(matrix: Any) -> Balls:
     """The entries of a matrix of FLINT, as they are, in an array."""
-    found = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
-    found[:] = matrix.entries()
-    return found.reshape(matrix.nrows(), matrix.ncols())
+    balls = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
+    balls[:] = matrix.entries()
+    return balls.reshape(matrix.nrows(), matrix.ncols())
 
 
 def ball_matrix(a: Balls) -> Any:

@@ -42,7 +42,7 @@ LARGEST_ANGLE = 1e4  # rad; doubles beyond are not dense enough to tell a billio
 _SEED = 12345678910111213141
 _NEAR = (
     4.0 * 2.0**-52
-)  # an angle in radians this near to one of nine decimals of a degree is that one
+)  # of an angle (rad): this near to one of nine decimals of a degree it is that
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -143,9 +143,9 @@ def _degrees(angle: float) -> Fraction | None:
     """The angle in degrees if it has at most nine decimals there."""
     if abs(angle) > LARGEST_ANGLE:
         return None
-    found = Fraction(round(angle * 180.0 / pi * 1e9), 10**9)
-    near = abs(float(found) * pi / 180.0 - angle) <= _NEAR * max(1.0, abs(angle))
-    return found if near else None
+    degrees = Fraction(round(angle * 180.0 / pi * 1e9), 10**9)
+    near = abs(float(degrees) * pi / 180.0 - angle) <= _NEAR * max(1.0, abs(angle))
+    return degrees if near else None
 
 
 @contextmanager
@@ -211,9 +211,9 @@ class Field:
         """An element of order 360 10^9, the residue of exp(i 1e-9 deg)."""
         generator = 2
         while True:
-            found = pow(generator, (self.prime - 1) // _TURN, self.prime)
-            if all(pow(found, _TURN // q, self.prime) != 1 for q in (2, 3, 5)):
-                return found
+            element = pow(generator, (self.prime - 1) // _TURN, self.prime)
+            if all(pow(element, _TURN // q, self.prime) != 1 for q in (2, 3, 5)):
+                return element
             generator += 1
 
     def _cosine(self, degrees: Fraction, *, of_sine: bool = False) -> int:
@@ -244,26 +244,26 @@ class Field:
     def _unit(self, constant: Constant) -> Exact:
         radicand, k = constant.radicand, int(constant.argument)
         assert radicand is not None
-        rest = radicand.numerator * radicand.denominator
+        cofactor = radicand.numerator * radicand.denominator
         for factor in self.base:
-            while rest % factor == 0:
-                rest //= factor
-        if isqrt(rest) ** 2 == rest:
+            while cofactor % factor == 0:
+                cofactor //= factor
+        if isqrt(cofactor) ** 2 == cofactor:
             return self.rational(constant.direction[k]) / self._root(radicand)
         return self.rational(_rational_unit(constant.direction)[k])
 
     def _root(self, radicand: Fraction) -> Exact:
         ball = flint.arb(flint.fmpq(radicand.numerator, radicand.denominator)).sqrt()
         # sqrt(a / b) = sqrt(a b) / b
-        rest, residue = radicand.numerator * radicand.denominator, self.residue(1)
+        cofactor, residue = radicand.numerator * radicand.denominator, self.residue(1)
         for factor in self.base:
             power = 0
-            while rest % factor == 0:
-                rest, power = rest // factor, power + 1
+            while cofactor % factor == 0:
+                cofactor, power = cofactor // factor, power + 1
             residue *= self.residue(factor ** (power // 2))
             if power % 2:
                 residue *= self._root_of_factor(factor)
-        residue *= self.residue(isqrt(rest))
+        residue *= self.residue(isqrt(cofactor))
         return Exact(ball, residue / self.residue(radicand.denominator))
 
     def _root_of_factor(self, factor: int) -> Any:
@@ -293,7 +293,7 @@ def _coprime_base(radicands: Iterable[Fraction]) -> list[int]:
             if common > 1:
                 del base[k]
                 waiting += [
-                    part for part in (common, number // common, other // common) if part > 1
+                    factor for factor in (common, number // common, other // common) if factor > 1
                 ]
                 break
         else:
@@ -305,12 +305,12 @@ def _coprime_base(radicands: Iterable[Fraction]) -> list[int]:
 def _rational_unit(direction: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
     """A rational vector of length one along a direction but for 2^-240: a stereographic projection."""
     with precision(2 * BITS):
-        parts = [flint.arb(flint.fmpq(x.numerator, x.denominator)) for x in direction]
-        length = sum((x * x for x in parts), flint.arb(0)).sqrt()
+        components = [flint.arb(flint.fmpq(x.numerator, x.denominator)) for x in direction]
+        length = sum((x * x for x in components), flint.arb(0)).sqrt()
         pole = length if direction[2] <= 0 else -length  # the farther one
         s, t = (
-            Fraction(int((x / (pole - parts[2]) * 2**240).mid().floor().fmpz()), 2**240)
-            for x in parts[:2]
+            Fraction(int((x / (pole - components[2]) * 2**240).mid().floor().fmpz()), 2**240)
+            for x in components[:2]
         )
     square = s * s + t * t
     z = (square - 1) / (square + 1) * (1 if direction[2] <= 0 else -1)

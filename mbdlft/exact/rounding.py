@@ -43,31 +43,20 @@ def solution_size(inverse: Array, matrix: Any, solution: Array, right: Array) ->
 def conditioning(values: Array, sizes: Array, scale: Array, least: Array) -> tuple[float, int]:
     """How much rounding of the data changes entries relative to themselves, and where that means little.
 
-    Parameters
-    ----------
-    values : array (N, ., .)
-        At N values of the parameters.
-    sizes : array (N, ., .)
-        If nothing cancelled.
-    scale : array (., .)
-        The largest sizes of the entries; where one is larger than that, the entry is negligible.
-    least : array (., .)
-        A smaller value at one of the points is negligible there.
+    `values` (N, ., .) are at N values of the parameters, `sizes` those if nothing cancelled. Where one
+    of these is larger than `scale` (., .), the entry is negligible; a value below `least` (., .) is, at
+    a point.
 
-    Returns
-    -------
-    float
-        Largest size relative to the entry itself; relative to `scale` for entries that are negligible or
-        change their sign. At least 1.
-    int
-        Number of entries that change their sign, or vanish at some of the points.
+    The first is the largest size relative to the entry itself, at least 1; relative to `scale` for
+    entries that are negligible or change their sign. The second is the number of entries that change
+    their sign, or vanish at some of the points.
     """
-    parts = np.abs(values)
-    clear = parts > NOISE * sizes
+    magnitudes = np.abs(values)
+    clear = magnitudes > NOISE * sizes
     some, everywhere = np.any(clear, axis=0), np.all(clear, axis=0)
     one_sign = everywhere & (np.all(values > 0.0, axis=0) | np.all(values < 0.0, axis=0))
-    counts = np.max(parts, axis=0, initial=0.0) >= scale
-    itself = np.maximum(np.where(clear, parts, 1.0), least)
+    counts = np.max(magnitudes, axis=0, initial=0.0) >= scale
+    itself = np.maximum(np.where(clear, magnitudes, 1.0), least)
     condition = np.max((sizes / np.where(one_sign & counts, itself, scale))[:, some], initial=1.0)
     return float(condition), int(np.sum(some & ~one_sign & counts))
 
@@ -117,17 +106,17 @@ def slices(matrix: Twofold, axis: int) -> list[Array]:
     bits = bits_of(matrix.high.shape[axis])
     largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
     unit = np.ldexp(1.0, np.frexp(largest)[1])
-    rest, found = matrix.high, []
+    remainder, pieces = matrix.high, []
     for k in range(_SLICES):
         unit = np.ldexp(unit, -bits)
-        part = np.rint(rest / unit) * unit
-        rest = rest - part
+        piece = np.rint(remainder / unit) * unit
+        remainder = remainder - piece
         if k == 1:  # by now there is room for what is below the rounding
-            rest = rest + matrix.low
-        found.append(part)
-    while found and not found[-1].any():
-        found.pop()
-    return found
+            remainder = remainder + matrix.low
+        pieces.append(piece)
+    while pieces and not pieces[-1].any():
+        pieces.pop()
+    return pieces
 
 
 def add_product(base: Twofold, left: list[Array], right: list[Array]) -> Twofold:
@@ -154,18 +143,13 @@ def solve_twofold(matrix: Array, right: Array) -> Twofold:
 
     Iterative refinement with residuals and a solution of twice the working precision (Demmel, Hida,
     Kahan, Li, Mukherjee, Riedy 2006): only the rounding of the data is left.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        The matrix is singular.
     """
     # powers of two change nothing, and make rows and columns of one size
     rows = _power(np.max(np.abs(matrix), axis=1, initial=0.0))
     scaled = matrix / rows[:, None]
     columns = _power(np.max(np.abs(scaled), axis=0, initial=0.0))
     scaled = scaled / columns
-    parts = slices(Twofold(-scaled, np.zeros_like(scaled)), 1)
+    pieces = slices(Twofold(-scaled, np.zeros_like(scaled)), 1)
     nothing = np.zeros_like(right)
     residual, solution = Twofold(right / rows[:, None], nothing), Twofold(nothing, nothing)
     settled: Array | float = 0.0
@@ -176,7 +160,7 @@ def solve_twofold(matrix: Array, right: Array) -> Twofold:
         settled = _SETTLED * np.max(np.abs(high), axis=0, initial=0.0)
         if np.all(np.abs(step) <= settled):
             break
-        residual = add_product(residual, parts, slices(Twofold(step, nothing), 0))
+        residual = add_product(residual, pieces, slices(Twofold(step, nothing), 0))
     # what is smaller than the last step is nothing: an imposed coordinate takes no part in the rest
     kept = np.abs(solution.high) > settled
     high, low = (np.where(kept, part / columns[:, None], 0.0) for part in solution)
@@ -218,8 +202,8 @@ def _twofold_sum(base: Array, left: Array, solved: Twofold) -> Array:
     """base + left solved; twofold numbers are real, so a complex factor is two of them."""
     if base.dtype.kind != "c" and left.dtype.kind != "c":
         return multiply_add(base, left, solved)
-    parts = [multiply_add(f(base), f(left), solved) for f in (np.real, np.imag)]
-    return np.asarray(parts[0] + 1j * parts[1])
+    sums = [multiply_add(f(base), f(left), solved) for f in (np.real, np.imag)]
+    return np.asarray(sums[0] + 1j * sums[1])
 
 
 def solve_nominal(matrix: Array, right: Array, what: str) -> Array:

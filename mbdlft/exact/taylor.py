@@ -94,16 +94,7 @@ def _bernstein(degree: int, index: int, power: int) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Taylor(Operators):
-    """Enclosures of one function on N boxes.
-
-    Attributes
-    ----------
-    space : monomials
-    c : Array (M, N)
-        Coefficients of the M monomials.
-    r : Array (N,)
-        Radius, not negative.
-    """
+    """Enclosures of one function on N boxes: coefficients c (M, N) of M monomials, and radii r (N,)."""
 
     space: Space
     c: Array
@@ -185,20 +176,20 @@ def sqrt(a: Taylor) -> Taylor:
 def sine_and_cosine(a: Taylor) -> tuple[Taylor, Taylor]:
     """Enclosures of sine and cosine: Taylor polynomials about the value at the middle of the box."""
     order, middle = a.space.order, a.c[0]
-    rest = Taylor(a.space, np.vstack([0 * middle, a.c[1:]]), a.r)
+    varying = Taylor(a.space, np.vstack([0 * middle, a.c[1:]]), a.r)
     sine, cosine = np.sin(middle), np.cos(middle)
-    found = [constant(a.space, sine, len(a.r)), constant(a.space, cosine, len(a.r))]
-    power, factorial = rest, 1.0
+    sums = [constant(a.space, sine, len(a.r)), constant(a.space, cosine, len(a.r))]
+    power, factorial = varying, 1.0
     derivatives = [sine, cosine, -sine, -cosine]
     for k in range(1, order + 1):
         factorial *= k
         for which in (0, 1):
-            found[which] = found[which] + power * (derivatives[(k + which) % 4] / factorial)
-        power = power * rest
-    reach = up(size(rest.c) + rest.r)
+            sums[which] = sums[which] + power * (derivatives[(k + which) % 4] / factorial)
+        power = power * varying
+    reach = up(size(varying.c) + varying.r)
     # the derivatives are rounded three times: in the library, by the factorial, by the quotient
     dropped = up(reach ** (order + 1) / math.factorial(order + 1) + 2 * _LIBRARY * np.exp(reach))
-    s, c = (Taylor(a.space, f.c, up(f.r + dropped)) for f in found)
+    s, c = (Taylor(a.space, f.c, up(f.r + dropped)) for f in sums)
     return s, c
 
 
@@ -215,8 +206,8 @@ def _polynomial(a: Taylor) -> Taylor:
 
 def _least(a: Taylor) -> Array:
     """Lower bound (N,) of u."""
-    rest = up(np.abs(a.c[1:]).sum(axis=0) + a.r)
-    return np.asarray(np.nextafter(a.c[0] - rest, -np.inf))
+    varying = up(np.abs(a.c[1:]).sum(axis=0) + a.r)
+    return np.asarray(np.nextafter(a.c[0] - varying, -np.inf))
 
 
 def _product(a: Taylor, b: Taylor) -> Taylor:
@@ -237,10 +228,10 @@ def _product(a: Taylor, b: Taylor) -> Taylor:
 
 def _quotient(a: Taylor, b: Taylor) -> Taylor:
     """y from the recursion of power series, then |u/v - y| <= |u - y v| / |v|."""
-    rest, y = a.c.copy(), np.zeros_like(a.c)
+    remainder, y = a.c.copy(), np.zeros_like(a.c)
     for k, where in enumerate(a.space.products):
-        y[k] = rest[k] / b.c[0]
-        rest[where.targets[1:]] -= y[k] * b.c[where.factors[1:]]
+        y[k] = remainder[k] / b.c[0]
+        remainder[where.targets[1:]] -= y[k] * b.c[where.factors[1:]]
     quotient = Taylor(a.space, y, np.zeros_like(a.r))
     defect = a - quotient * b
     least = _least(Taylor(b.space, b.c * np.sign(b.c[0]), b.r))
@@ -259,14 +250,8 @@ Part = tuple[tuple[float, float], ...]  # (low, high) of each variable
 class Sign(NamedTuple):
     """What is known of the sign of a function in a box.
 
-    Attributes
-    ----------
-    point : mapping of names to values, or None
-        Where the function is negative by more than the slack.
-    value : float
-        Its value there; 0.0 without a point.
-    open_parts : tuple of parts
-        In which it was not shown to be above the slack; empty where that is proved everywhere.
+    A point where it is negative by more than the slack, with its value there, or boxes (low, high) of
+    each variable in which it was not shown to be above the slack; neither if that is proved everywhere.
     """
 
     point: Mapping[str, float] | None = None
@@ -289,12 +274,12 @@ def not_negative(
     monomials = space(len(bounds), _order(len(bounds)))
     low, high = (np.array([[ends[k] for ends in bounds.values()]]) for k in (0, 1))
     width = high - low
-    left = boxes
+    boxes_left = boxes
     ended: list[Part] = []
     while len(low):
-        if left < len(low):
+        if boxes_left < len(low):
             return Sign(open_parts=(*_parts(low, high), *ended))
-        left -= len(low)
+        boxes_left -= len(low)
         middles = 0.5 * (low + high)
         values = np.broadcast_to(function(dict(zip(bounds, middles.T, strict=True))), len(low))
         worst = int(np.argmin(np.where(np.isnan(values), np.inf, values)))
@@ -324,11 +309,11 @@ def _enclosed(
     count = len(low)
     models = {name: variable(monomials, k, low[:, k], high[:, k]) for k, name in enumerate(names)}
     with np.errstate(all="ignore"):  # a quotient by zero has an infinite radius
-        found = function(models)
-        if not isinstance(found, Taylor):
-            found = constant(monomials, found, count)
-        least = lowest(found)
-    sizes = np.abs(found.c)
+        model = function(models)
+        if not isinstance(model, Taylor):
+            model = constant(monomials, model, count)
+        least = lowest(model)
+    sizes = np.abs(model.c)
     shares = np.stack(
         [sizes[monomials.exponents[:, k] > 0].sum(axis=0) for k in range(len(names))], axis=1
     )
@@ -340,8 +325,7 @@ def _enclosed(
 def lowest(a: Taylor) -> Array:
     """Lower bound (N,) of u: the lowest control point of the Bernstein form, less the radius."""
     if (a.space.order + 1) ** a.space.variables > _MOST_CONTROL_POINTS:
-        rest = up(np.abs(a.c[1:]).sum(axis=0) + a.r)
-        return np.asarray(np.nextafter(a.c[0] - rest, -np.inf))
+        return _least(a)
     points = (a.space.bernstein @ a.c).min(axis=0)
     rounding = (len(a.space) + a.space.variables + 2) * _UNIT * size(a.c)
     return np.asarray(np.nextafter(points - up(rounding + a.r), -np.inf))

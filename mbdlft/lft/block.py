@@ -5,7 +5,8 @@
 A block has as many inputs as it reads of z, and as many outputs as it writes of w.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,13 +65,7 @@ class ComplexBlock(_OtherBlock):
 class FullBlock(_OtherBlock):
     """A complex matrix Delta (outputs, inputs) of which only the norm is known, ||Delta|| <= 1.
 
-    Parameters
-    ----------
-    name : str
-    inputs : int
-        Entries of z that it reads; `size` is the same number.
-    outputs : int, optional
-        Entries of w that it writes; as many as inputs if not given.
+    It reads so many entries of z, its `size`, and writes as many of w if not told otherwise.
     """
 
     def __new__(cls, name: str, inputs: int, outputs: int | None = None) -> "FullBlock":
@@ -103,41 +98,39 @@ def is_square(blocks: Sequence[Block]) -> bool:
     return not any([type(block) is FullBlock for block in blocks])
 
 
+def consecutive(sizes: Iterable[int]) -> list[slice]:
+    """Slices of these sizes, one after the other."""
+    return [slice(start, stop) for start, stop in pairwise([0, *accumulate(sizes)])]
+
+
 def spans(names: Sequence[str], sizes: Sequence[int]) -> dict[str, slice]:
     """Consecutive slices of these sizes by name."""
-    ends = np.cumsum([0, *sizes]).tolist()
-    return {name: slice(a, b) for name, a, b in zip(names, ends[:-1], ends[1:], strict=True)}
+    return dict(zip(names, consecutive(sizes), strict=True))
 
 
 def matrix_of(entries: ArrayLike) -> Array:
     """A copy with two axes; complex only if an entry is."""
-    given: Any = np.asarray(entries)
-    if given.dtype.kind == "c" and given.imag.any():
-        return np.array(given, ndmin=2)
-    return np.array(given.real if given.dtype.kind == "c" else given, dtype=float, ndmin=2)
+    array: Any = np.asarray(entries)
+    if array.dtype.kind == "c" and array.imag.any():
+        return np.array(array, ndmin=2)
+    return np.array(array.real if array.dtype.kind == "c" else array, dtype=float, ndmin=2)
 
 
 def block_value(block: Block, value: ArrayLike) -> Any:
-    """A number for a repeated block, a matrix (..., outputs, inputs) for a full one, checked.
-
-    Raises
-    ------
-    StructureError
-        The value of a real delta is complex, or that of a full block has another shape.
-    """
-    found = np.asarray(value)
-    if found.dtype.kind not in "biufc":  # the text of an array takes longer than its value
+    """A number for a repeated block, a matrix (..., outputs, inputs) for a full one, checked."""
+    number = np.asarray(value)
+    if number.dtype.kind not in "biufc":  # the text of an array takes longer than its value
         raise StructureError(f"LFT: {block.name}: expected a number, got {value!r}.")
     if block.kind == "real":
-        if found.dtype.kind == "c":
+        if number.dtype.kind == "c":
             raise StructureError(f"LFT: {block.name} is a real delta, got {value!r}.")
-        return np.asarray(found, dtype=float)
+        return np.asarray(number, dtype=float)
     shape = (block.outputs, block.inputs)
     check(
-        block.kind != "full" or found.shape[-2:] == shape,
-        f"{block.name} is a full block and needs shape {shape}, got {found.shape}",
+        block.kind != "full" or number.shape[-2:] == shape,
+        f"{block.name} is a full block and needs shape {shape}, got {number.shape}",
     )
-    return found
+    return number
 
 
 def gathered(a: Block, b: Block) -> Block:

@@ -66,29 +66,19 @@ class Bound(NamedTuple):
 def gain_bound(a: LFT, limit: float = np.inf, boxes: int = 1) -> float:
     """Upper bound of the largest singular value of the value of an LFT on the box |delta_k| <= 1.
 
-    Parameters
-    ----------
-    a : LFT
-    limit : float
-        The bound that is wanted: no box is cut whose bound is not above it, and a larger bound may be
-        given as inf.
-    boxes : int
-        How many boxes may be looked at, the first one included.
-
-    Returns
-    -------
-    float
-        inf if no bound was found; otherwise I - M11 Delta is proved to be invertible on the box.
+    `limit` is the bound that is wanted: no box is cut whose bound is not above it, and a larger bound
+    may be given as inf. So many boxes may be looked at, the first included. It is inf if no bound was
+    found; otherwise I - M11 Delta is proved to be invertible on the box.
     """
     check_plain(a, "the bound of the gain")
-    found, waiting = 0.0, [a]
+    gain, waiting = 0.0, [a]
     for _ in range(boxes):
         if not waiting:
-            return found
+            return gain
         box = waiting.pop()
         bound = box_bound(box, _NEAR * limit)
         if bound.gain <= limit:
-            found = max(found, bound.gain)
+            gain = max(gain, bound.gain)
             continue
         sizes = [block.size for block in a.blocks]
         worst = int(np.argmax(bound.slope)) if sizes else 0
@@ -98,7 +88,7 @@ def gain_bound(a: LFT, limit: float = np.inf, boxes: int = 1) -> float:
             center, half = np.zeros(len(sizes)), np.ones(len(sizes))
             center[worst], half[worst] = side, 0.5
             waiting.append(restrict(box, center, half))
-    return np.inf if waiting else found
+    return np.inf if waiting else gain
 
 
 def restrict(a: LFT, center: Array, half: Array) -> LFT:
@@ -215,12 +205,12 @@ def _center(form: _Form, X: Array, g: float, weight: float) -> tuple[Array, floa
         R = np.linalg.inv(X + X.T)
         UP, VP = form.U @ P, form.V @ P
         cross = (VP @ form.U.T)[np.ix_(j, i)]
-        own = R[np.ix_(j, i)]
+        diagonal_blocks = R[np.ix_(j, i)]
         count = len(i)
         H = np.zeros((count + 1, count + 1))
         H[:count, :count] = 0.5 * (
             cross * cross.T + (UP @ form.U.T)[np.ix_(i, i)] * (VP @ form.V.T)[np.ix_(j, j)]
-        ) + 2.0 * (own * own.T + R[np.ix_(i, i)] * R[np.ix_(j, j)])
+        ) + 2.0 * (diagonal_blocks * diagonal_blocks.T + R[np.ix_(i, i)] * R[np.ix_(j, j)])
         H[np.arange(count), np.arange(count)] += spring
         slope = np.zeros(count + 1)
         slope[:count] = ((UP @ form.V.T) - 2.0 * R + spring * X)[i, j]
@@ -269,7 +259,7 @@ def _slope(a: LFT, X: Array, P: Array) -> Array:
     W = np.eye(a.order, len(P))
     D, G = 0.5 * (X + X.T), 0.5 * (X - X.T)
     share = np.sum((D @ Z) * (Z @ P), axis=1) + np.sum((G @ W) * (Z @ P), axis=1)
-    return np.array([float(np.sum(share[part])) for part in a.slices().values()])
+    return np.array([float(np.sum(share[rows])) for rows in a.slices().values()])
 
 
 def _cholesky(matrix: Array) -> Array | None:

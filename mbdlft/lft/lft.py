@@ -294,8 +294,8 @@ def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
 
     def closed(left: Array) -> Array:
         """left (., w) times Delta."""
-        parts = spans([b.name for b in gone], [b.outputs for b in gone]).values()
-        pairs = [(left[:, part], s) for part, s in zip(parts, scale, strict=True)]
+        blocks = spans([b.name for b in gone], [b.outputs for b in gone]).values()
+        pairs = [(left[:, block], s) for block, s in zip(blocks, scale, strict=True)]
         products = [matrix @ s if s.ndim else matrix * s for matrix, s in pairs]
         return np.hstack([np.zeros((len(left), 0)), *products])
 
@@ -352,8 +352,8 @@ def _uncoupled(a: LFT, b: LFT) -> Array:
     return np.zeros((a.M11.shape[0], b.M11.shape[1]))
 
 
-def _indices(parts: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int64]:
-    ranges = [np.arange(parts[name].start, parts[name].stop) for name in names]
+def _indices(slices_of: Mapping[str, slice], names: Sequence[str]) -> NDArray[np.int64]:
+    ranges = [np.arange(slices_of[name].start, slices_of[name].stop) for name in names]
     return np.concatenate([*ranges, np.zeros(0, dtype=int)]).astype(int)
 
 
@@ -376,7 +376,7 @@ def check_name(a: LFT, name: str) -> None:
 
 def open_blocks(a: LFT, names: Sequence[str]) -> LFT:
     """The LFT whose last inputs and outputs are w and z of the named blocks, in that order."""
-    z, w = (_indices(parts, names) for parts in (a.slices(), a.columns()))
+    z, w = (_indices(slices_of, names) for slices_of in (a.slices(), a.columns()))
     kept_z, kept_w = (
         np.setdiff1d(np.arange(n), k) for n, k in zip(a.M11.shape, (z, w), strict=True)
     )

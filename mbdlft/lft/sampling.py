@@ -46,9 +46,7 @@ _LONGEST = 20_000  # instructions of another one; making it takes microseconds f
 _MUCH = 4  # times as many columns as rows are worth the digits that the left side may lose
 _CHUNK, _CHUNK_ENTRIES = 512, 2**22  # samples and matrix entries that are held at once
 _PROBES = 32  # samples at which a program is compared with the dense definition
-_DIFFERENT = (
-    1e-9  # of a row and column: what rounding of the equations and of the LFT may differ by
-)
+_DIFFERENT = 1e-9  # of a row and column: what rounding of equations and of an LFT may differ by
 _ROUNDING = 64.0 * float(np.finfo(float).eps)  # times the order: what the two may differ by
 _MERGED = 48  # channels: smaller blocks cost more calls than operations
 _ALONE = 64  # channels from which on points are solved for one by one, with one factorization each
@@ -174,10 +172,10 @@ def way(a: LFT, count: int, known: ModelProgram | None = None) -> str:
     """How so many values are computed: by `DENSE` matrices, the `OWN` program, or a `KNOWN` one."""
     if count < MANY or a.is_complex or any(block.kind != "real" for block in a.blocks):
         return DENSE
-    own = _plan(a)
-    if known is not None and (own is None or known.length < len(own[0].instructions)):
+    planned = _plan(a)
+    if known is not None and (planned is None or known.length < len(planned[0].instructions)):
         return KNOWN
-    return DENSE if own is None else OWN
+    return DENSE if planned is None else OWN
 
 
 def _again(a: LFT, points: Array, values: Array, lost: NDArray[np.bool_]) -> None:
@@ -352,35 +350,40 @@ def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDAr
     return values.reshape(count, *a.shape), lost
 
 
-def diagonal_blocks(matrix: Array) -> list[Channels]:
-    """Diagonal blocks of a square matrix in an order that makes it block lower triangular."""
-    n = len(matrix)
-    if n <= _MERGED:
-        return [np.arange(n)] if n else []
+def components(readers: Channels, sources: Channels, count: int) -> list[Channels]:
+    """Nodes that read from each other, in any number of steps; each after all that it reads from."""
     # imported here: values are read without scipy, too
-    from scipy.sparse import csr_array
+    from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    count, label = connected_components(csr_array(matrix != 0.0), connection="strong")
-    linked = np.zeros((count, count), dtype=bool)
-    readers, sources = np.nonzero(matrix)
-    linked[label[readers], label[sources]] = True
-    np.fill_diagonal(linked, val=False)
-    readers, sources = np.nonzero(linked)
-    depth = np.zeros(count, dtype=int)
-    while True:  # a component comes after all that it reads from
+    graph = coo_array((np.ones(len(readers)), (readers, sources)), shape=(count, count))
+    number, label = connected_components(graph.tocsr(), connection="strong")
+    others = label[readers] != label[sources]
+    readers, sources = label[readers[others]], label[sources[others]]
+    depth = np.zeros(number, dtype=int)
+    while True:
         deeper = depth.copy()
         np.maximum.at(deeper, readers, depth[sources] + 1)
         if np.array_equal(deeper, depth):
             break
         depth = deeper
     order = np.lexsort((label, depth[label]))
-    ends = [*(np.flatnonzero(np.diff(label[order])) + 1).tolist(), n]
-    cuts = [0]
-    for end, after in pairwise(ends):  # whole components, several small ones together
-        if after - cuts[-1] > _MERGED:
-            cuts.append(end)
-    return [order[a:b] for a, b in pairwise([*cuts, n])]
+    return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+
+
+def diagonal_blocks(matrix: Array) -> list[Channels]:
+    """Diagonal blocks of a square matrix in an order that makes it block lower triangular."""
+    n = len(matrix)
+    if n <= _MERGED:
+        return [np.arange(n)] if n else []
+    blocks = [np.zeros(0, dtype=int)]
+    readers, sources = np.nonzero(matrix)
+    for component in components(readers, sources, n):
+        if len(blocks[-1]) + len(component) <= _MERGED:  # several small ones together
+            blocks[-1] = np.concatenate([blocks[-1], component])
+        else:
+            blocks.append(component)
+    return [block for block in blocks if len(block)]
 
 
 def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
@@ -401,15 +404,15 @@ def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
         d = spread[chunk]
         signals = np.empty((a.order, len(d) * width))  # Delta z, all points side by side
         for start, stop in pairwise(ends):
-            part = slice(start, stop)
-            right = np.broadcast_to(first[part], (len(d), stop - start, width))
-            used = np.flatnonzero(inner[part, :start].any(axis=0))
+            rows = slice(start, stop)
+            right = np.broadcast_to(first[rows], (len(d), stop - start, width))
+            used = np.flatnonzero(inner[rows, :start].any(axis=0))
             if len(used):
-                read = inner[part, used] @ signals[used]
+                read = inner[rows, used] @ signals[used]
                 right = right + read.reshape(stop - start, len(d), width).transpose(1, 0, 2)
-            z, sign = _solved(inner[part, part], d[:, part], right)
+            z, sign = _solved(inner[rows, rows], d[:, rows], right)
             signs[chunk] *= sign
-            signals[part] = (d[:, part, None] * z).transpose(1, 0, 2).reshape(stop - start, -1)
+            signals[rows] = (d[:, rows, None] * z).transpose(1, 0, 2).reshape(stop - start, -1)
         changes = (sides.last[:, order] @ signals).reshape(len(sides.last), len(d), width)
         sides.add(values[chunk], changes.transpose(1, 0, 2))
     return values, signs

@@ -30,27 +30,21 @@ _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that la
 def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     """The LFT in doubles; in balanced coordinates if its values are nearer to the exact ones in these.
 
-    Parameters
-    ----------
-    a : ExactLFT
-    deltas : array (N, number of blocks)
-        Where conditions are looked at.
-    most : float
-        Condition up to which the channels stay as they are, with their zeros.
+    `most` is the condition, at `deltas` (N, number of blocks), up to which channels keep their zeros.
     """
     rough = a.rounded()
     plain = in_scales(rough)
     if _condition(plain, deltas) <= most:
         return plain
-    found = [plain, *_balanced(a, rough, deltas, most)]
+    choices = [plain, *_balanced(a, rough, deltas, most)]
     truth = _values(a, deltas[-1:])
-    return min(found, key=lambda one: _error(one, truth, deltas[-1:]))
+    return min(choices, key=lambda lft: _error(lft, truth, deltas[-1:]))
 
 
 def _values(a: ExactLFT, deltas: Array) -> Array:
     """Values (N, ., .) at some deltas, computed in balls."""
     n, sizes, balls = a.order, [block.size for block in a.blocks], a.M.balls
-    found = []
+    values = []
     for at in deltas:
         delta = balls_of(np.repeat(at, sizes))
         loop = -balls[:n, :n] * delta
@@ -59,22 +53,22 @@ def _values(a: ExactLFT, deltas: Array) -> Array:
             z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
         except ZeroDivisionError:
             raise TooFewBitsError("A loop is not invertible in balls.") from None
-        found.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
-    return np.array(found)
+        values.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
+    return np.array(values)
 
 
-def _error(one: LFT, truth: Array, deltas: Array) -> float:
+def _error(a: LFT, truth: Array, deltas: Array) -> float:
     """Largest error of an entry of the value at some deltas, relative to its largest size there.
 
     It is infinite where doubles do not tell the loop from a singular one.
     """
-    spread = np.repeat(deltas, [block.size for block in one.blocks], axis=1)[:, None, :]
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, None, :]
     try:
-        inner = np.linalg.solve(np.eye(one.order) - one.M11 * spread, one.M12)
+        inner = np.linalg.solve(np.eye(a.order) - a.M11 * spread, a.M12)
     except np.linalg.LinAlgError:
         return float("inf")
     size = or_one(np.max(np.abs(truth), axis=0))
-    return float(np.max(np.abs(one.M22 + (one.M21 * spread) @ inner - truth) / size))
+    return float(np.max(np.abs(a.M22 + (a.M21 * spread) @ inner - truth) / size))
 
 
 def _condition(a: LFT, deltas: Array) -> float:
@@ -102,21 +96,21 @@ def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[L
             return
 
 
-def _in_coordinates(M: Balls, T: Array, parts: Sequence[slice]) -> Balls:
+def _in_coordinates(M: Balls, T: Array, blocks: Sequence[slice]) -> Balls:
     """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
     M = M.copy()
-    for part in parts:
-        if part.start == part.stop:
+    for rows in blocks:
+        if rows.start == rows.stop:
             continue
-        block = ball_matrix(balls_of(T[part, part]))
+        block = ball_matrix(balls_of(T[rows, rows]))
         try:
             inverse = block.inv()
         except ZeroDivisionError:
             raise TooFewBitsError(
                 "the balls of a change of coordinates contain a singular one."
             ) from None
-        M[part] = entries_of(inverse * ball_matrix(M[part]))
-        M[:, part] = entries_of(ball_matrix(M[:, part]) * block)
+        M[rows] = entries_of(inverse * ball_matrix(M[rows]))
+        M[:, rows] = entries_of(ball_matrix(M[:, rows]) * block)
     return M
 
 
@@ -129,10 +123,10 @@ def _transformation(a: LFT) -> Array:
         inputs = or_one(np.linalg.norm(M12, axis=0))
         outputs = or_one(np.linalg.norm(M21, axis=1))[:, None]
         T: Array = np.eye(a.order)
-        for part in a.slices().values():
-            into = np.hstack([M11[part], M12[part] / inputs])
-            out = np.vstack([M11[:, part], M21[:, part] / outputs])
-            T[part, part] = _of_block(into @ into.T, out.T @ out)
+        for rows in a.slices().values():
+            into = np.hstack([M11[rows], M12[rows] / inputs])
+            out = np.vstack([M11[:, rows], M21[:, rows] / outputs])
+            T[rows, rows] = _of_block(into @ into.T, out.T @ out)
         M11 = np.asarray(np.linalg.solve(T, M11 @ T), dtype=float)
         M12 = np.asarray(np.linalg.solve(T, M12), dtype=float)
         M21 = np.asarray(M21 @ T, dtype=float)
@@ -151,16 +145,10 @@ def _of_block(P: Array, Q: Array) -> Array:
 
 
 def rough_balls(product: Any, constant: Any) -> Array:
-    """The sum of a matrix of FLINT and an array of balls, in doubles.
-
-    Raises
-    ------
-    TooFewBitsError
-        A ball is wide beside the largest entry.
-    """
+    """The sum of a matrix of FLINT and an array of balls, in doubles; none is wide beside the largest."""
     total = (entries_of(product) + constant).ravel()
-    found = np.array([float(x) for x in total])
+    values = np.array([float(x) for x in total])
     widest = max((float(x.rad()) for x in total), default=0.0)
-    if not widest <= _WIDE * np.max(np.abs(found), initial=0.0):
+    if not widest <= _WIDE * np.max(np.abs(values), initial=0.0):
         raise TooFewBitsError(f"a value is known up to {widest:.1e} only.")
-    return found.reshape(constant.shape)
+    return values.reshape(constant.shape)

@@ -37,14 +37,10 @@ _BALANCES = 3  # of rows and columns in turn
 
 
 class CircleValues(NamedTuple):
-    """Values on circles, for rows and columns of size one.
+    """Values (count, rows, columns), without those for delta = 0, for rows and columns of size one.
 
-    Attributes
-    ----------
-    points : (count, deltas), of absolute value one
-    radii : of the circle of each delta
-    values : (count, rows, columns), without those for delta = 0
-    rows, columns : which of the LFT are there, and what they are multiplied with
+    `points` (count, deltas) are of absolute value one, `radii` those of the circles. `rows` and
+    `columns` are those of the LFT that are there, and what they are multiplied with.
     """
 
     points: Complex
@@ -83,10 +79,7 @@ def pole_distance(loop: Array, largest: float) -> float:
 def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work) -> CircleValues:
     """Values at random points of the circles, enough for so many real unknowns.
 
-    Raises
-    ------
-    LinAlgError
-        A pole is at one of the points.
+    A LinAlgError if a pole is at one of the points.
     """
     rows = np.flatnonzero(np.any(a.M21, axis=1))
     columns = np.flatnonzero(np.any(a.M12, axis=0))
@@ -122,9 +115,9 @@ def scaled(a: LFT, truth: CircleValues) -> Array:
     root = np.sqrt(np.repeat(truth.radii, [block.size for block in a.blocks]))
     (rows, high), (columns, wide) = truth.rows, truth.columns
     inner = a.M11 * root * root[:, None]
-    right = a.M12[:, columns] * root[:, None] * wide
-    left = a.M21[rows] * root * high[:, None]
-    return np.block([[inner, right], [left, np.zeros((len(rows), len(columns)))]])
+    first = a.M12[:, columns] * root[:, None] * wide
+    last = a.M21[rows] * root * high[:, None]
+    return np.block([[inner, first], [last, np.zeros((len(rows), len(columns)))]])
 
 
 def unscaled(M: Array, kept: tuple[Block, ...], a: LFT, truth: CircleValues) -> LFT:
@@ -138,13 +131,7 @@ def unscaled(M: Array, kept: tuple[Block, ...], a: LFT, truth: CircleValues) -> 
 
 
 def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
-    """An M with the blocks `kept`, its Y and its W.
-
-    Raises
-    ------
-    LinAlgError
-        A pole is at one of the points.
-    """
+    """An M with the blocks `kept`, its Y and its W; a LinAlgError if a pole is at one of the points."""
     deltas = np.repeat(truth.points, [block.size for block in kept], axis=1)
     n = deltas.shape[1]
     count, outputs, inputs = truth.values.shape
@@ -249,10 +236,10 @@ def _dependences(
     if not count:
         return None
     pivots = np.sort(qr(null[outputs:].T, mode="r", pivoting=True)[1][:count])
-    part = null[outputs + pivots]
-    if np.linalg.cond(part) > _WORST:
+    square = null[outputs + pivots]
+    if np.linalg.cond(square) > _WORST:
         return None
-    change = null @ np.linalg.inv(part)
+    change = null @ np.linalg.inv(square)
     change[np.abs(change) <= _NOISE] = 0.0
     # again, where they are not zero
     for column, pivot in zip(change.T, outputs + pivots, strict=True):

@@ -38,13 +38,9 @@ from mbdlft.order.reduction_in_doubles import balance
 
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it
-_UNLUCKY = (
-    2.0**-46
-)  # of the terms of an entry of L: its error is no less, whatever cancels in the twin
+_UNLUCKY = 2.0**-46  # of the terms of an entry of L: the least error, whatever cancels in the twin
 _CLEAR = 64.0  # a singular value counts from this many times the error on; the error is one sample
-_ROUNDING = (
-    1.0 / 16.0
-)  # below this part of the error it is rounding; between the two it is in doubt
+_ROUNDING = 1.0 / 16.0  # of the error: below it is rounding, and between the two it is in doubt
 _MORE_POINTS = 2  # on the circle than the degree needs
 _CENTER = 0.6  # of the range of a delta, where generic values are taken
 _INSIDE = 0.9  # radius of the circle over the distance of the nearest pole
@@ -94,19 +90,19 @@ def degree_bounds(a: LFT, twin: LFT | None = None, seed: int = 0) -> dict[str, B
         with np.errstate(all="ignore"):  # what overflows is not finite, and proves nothing
             expanded = [
                 _expanded(
-                    one,
+                    realization,
                     np.repeat([values[b.name] for b in item.blocks], [b.size for b in item.blocks]),
                 )
-                for item, one in zip(lfts, realizations, strict=True)
+                for item, realization in zip(lfts, realizations, strict=True)
             ]
             for name in doubtful:
                 alone = [
-                    _alone(one, item.slices()[name], values[name])
-                    for item, one in zip(lfts, expanded, strict=True)
+                    _alone(realization, item.slices()[name], values[name])
+                    for item, realization in zip(lfts, expanded, strict=True)
                 ]
-                if all(np.all(np.isfinite(one.A)) for one in alone):
+                if all(np.all(np.isfinite(realization.A)) for realization in alone):
                     try:
-                        first, second = (_triangular(one) for one in alone)
+                        first, second = (_triangular(realization) for realization in alone)
                         bound = _bound(first, second, random)
                     except np.linalg.LinAlgError:  # the iteration has no end; it proves nothing
                         continue
@@ -126,8 +122,8 @@ def moved(a: LFT, seed: int = 0, error: float = 0.0) -> LFT:
     exact = np.block([[core.M11, core.M12], [core.M21, a.M22 / outputs[:, None] / inputs]])
     rows, columns = (np.sqrt(np.sum(exact**2, axis=axis)) for axis in (1, 0))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], exact.shape)
-    part = max(_UNCERTAIN, error)
-    M = exact + np.where(exact != 0.0, part * np.minimum(rows[:, None], columns) * signs, 0.0)
+    share = max(_UNCERTAIN, error)
+    M = exact + np.where(exact != 0.0, share * np.minimum(rows[:, None], columns) * signs, 0.0)
     M[n:] *= outputs[:, None]
     M[:, n:] *= inputs
     return LFT(M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:], a.blocks)
@@ -139,42 +135,46 @@ def _realization(a: LFT) -> _Realization:
     return _Realization(core.M11, core.M12 * inputs, core.M21 * outputs[:, None])
 
 
-def _expanded(one: _Realization, center: Array) -> _Realization:
+def _expanded(realization: _Realization, center: Array) -> _Realization:
     """The same in the distances of all deltas from a center (n)."""
     n = len(center)
     try:
-        solved = np.linalg.solve(np.eye(n) - one.A * center, np.hstack([one.A, one.B]))
+        solved = np.linalg.solve(
+            np.eye(n) - realization.A * center, np.hstack([realization.A, realization.B])
+        )
     except np.linalg.LinAlgError:  # the center is a pole
-        solved = np.full((n, n + one.B.shape[1]), np.nan)
-    return _Realization(solved[:, :n], solved[:, n:], one.C + (one.C * center) @ solved[:, :n])
+        solved = np.full((n, n + realization.B.shape[1]), np.nan)
+    return _Realization(
+        solved[:, :n], solved[:, n:], realization.C + (realization.C * center) @ solved[:, :n]
+    )
 
 
-def _alone(one: _Realization, part: slice, center: float) -> _Realization:
+def _alone(realization: _Realization, rows: slice, center: float) -> _Realization:
     """One delta with the others at the center; it is itself counted from 0 again."""
-    alone = _Realization(one.A[part, part], one.B[part], one.C[:, part])
+    alone = _Realization(realization.A[rows, rows], realization.B[rows], realization.C[:, rows])
     return _expanded(alone, np.full(len(alone.A), -center))
 
 
-def _triangular(one: _Realization) -> _Realization:
+def _triangular(realization: _Realization) -> _Realization:
     """The same in coordinates in which A is upper triangular.
 
     The iteration of LAPACK for complex matrices may turn in a circle, where that for real ones ends.
     """
     try:
-        A, Q = schur(one.A, output="complex")
+        A, Q = schur(realization.A, output="complex")
     except np.linalg.LinAlgError:
-        A, Q = rsf2csf(*schur(one.A))
-    return _Realization(A, Q.conj().T @ one.B, one.C @ Q)
+        A, Q = rsf2csf(*schur(realization.A))
+    return _Realization(A, Q.conj().T @ realization.B, realization.C @ Q)
 
 
-def _bound(one: _Realization, twin: _Realization, random: np.random.Generator) -> Bound:
+def _bound(realization: _Realization, twin: _Realization, random: np.random.Generator) -> Bound:
     """What the first points without a doubt prove, or else the best ones."""
-    found = []
-    for points in _points(one.A, random):
-        found.append(_degree(one, twin, points, random))
-        if not found[-1].doubtful:
+    bounds = []
+    for points in _points(realization.A, random):
+        bounds.append(_degree(realization, twin, points, random))
+        if not bounds[-1].doubtful:
             break
-    return max(found, key=preference)
+    return max(bounds, key=preference)
 
 
 def preference(bound: Bound) -> tuple[int, int]:
@@ -193,8 +193,8 @@ def _points(A: NDArray[Any], random: np.random.Generator) -> Iterator[NDArray[An
     for size in (poles, norm):
         yield _circle(_INSIDE / size if size > _UNCERTAIN else 1.0, count, random)
     yield _circle(1.0, count, random)
-    for part in _RINGS:
-        rings = _rings(np.diagonal(A), part)
+    for share in _RINGS:
+        rings = _rings(np.diagonal(A), share)
         circles = [c + _circle(radius, m + _MORE_POINTS, random) for c, radius, m in rings]
         yield np.concatenate(circles)
 
@@ -204,7 +204,7 @@ def _circle(radius: float, count: int, random: np.random.Generator) -> NDArray[A
     return np.asarray(radius * np.exp(1j * angles))
 
 
-def _rings(reciprocals: NDArray[Any], part: float) -> list[tuple[complex, float, int]]:
+def _rings(reciprocals: NDArray[Any], share: float) -> list[tuple[complex, float, int]]:
     """Center and radius of circles, each about poles that are close to each other, and their number.
 
     The poles are given by their reciprocals; the radius is a part of the distance to the next ones. Those
@@ -222,7 +222,7 @@ def _rings(reciprocals: NDArray[Any], part: float) -> list[tuple[complex, float,
     for k, group in enumerate(groups):
         away = np.append(np.delete(np.abs(centers - centers[k]), k), np.abs(centers[k]))
         spread = np.max(np.abs(group - centers[k]))
-        radius = max(part * float(np.min(away)), _AROUND * float(spread))
+        radius = max(share * float(np.min(away)), _AROUND * float(spread))
         rings.append((complex(centers[k]), radius, len(group)))
     if not np.all(near):
         largest = 2.0 * float(np.max(np.abs(centers), initial=0.0)) or 1.0
@@ -231,19 +231,19 @@ def _rings(reciprocals: NDArray[Any], part: float) -> list[tuple[complex, float,
 
 
 def _degree(
-    one: _Realization, twin: _Realization, points: NDArray[Any], random: np.random.Generator
+    realization: _Realization, twin: _Realization, points: NDArray[Any], random: np.random.Generator
 ) -> Bound:
     """What the Loewner matrix at points lambda, mu in turn proves."""
-    most, count = len(one.A), len(points) // 2
-    rows, columns = _noise_scales(*_sizes(one, twin, points[:: max(1, count // 2)]))
-    left = rows[:, None] * random.standard_normal((len(rows), count))
-    right = columns[:, None] * random.standard_normal((len(columns), count))
+    most, count = len(realization.A), len(points) // 2
+    rows, columns = _noise_scales(*_sizes(realization, twin, points[:: max(1, count // 2)]))
+    outputs = rows[:, None] * random.standard_normal((len(rows), count))
+    inputs = columns[:, None] * random.standard_normal((len(columns), count))
     factors = [
         (
-            _left(item.A, points[::2], item.C.T @ left).T,
-            _right(item.A, points[1::2], item.B @ right),
+            _left(item.A, points[::2], item.C.T @ outputs).T,
+            _right(item.A, points[1::2], item.B @ inputs),
         )
-        for item in (one, twin)
+        for item in (realization, twin)
     ]
     L, other = (X @ Y for X, Y in factors)
     # where terms cancel, so may their errors in one twin
@@ -260,21 +260,23 @@ def _degree(
     return Bound(degree, possible - degree)
 
 
-def _sizes(one: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple[Array, Array]:
+def _sizes(
+    realization: _Realization, twin: _Realization, points: NDArray[Any]
+) -> tuple[Array, Array]:
     """Largest size and error, over some points, of the entries (n_out, n_in) of the derivative of H."""
-    first, second = (_derivatives(item, points) for item in (one, twin))
+    first, second = (_derivatives(item, points) for item in (realization, twin))
     return np.max(np.abs(first), axis=0), np.max(np.abs(second - first), axis=0)
 
 
-def _derivatives(one: _Realization, points: NDArray[Any]) -> NDArray[Any]:
+def _derivatives(realization: _Realization, points: NDArray[Any]) -> NDArray[Any]:
     """C (I - z A)^-2 B at each point z, (number of points, n_out, n_in)."""
-    left, right = (
-        solve(one.A, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
+    from_outputs, from_inputs = (
+        solve(realization.A, np.repeat(points, columns.shape[1]), np.tile(columns, len(points)))
         .reshape(len(columns), len(points), columns.shape[1])
         .swapaxes(0, 1)
-        for solve, columns in ((_left, one.C.T), (_right, one.B))
+        for solve, columns in ((_left, realization.C.T), (_right, realization.B))
     )
-    return np.asarray(left.swapaxes(1, 2) @ right)
+    return np.asarray(from_outputs.swapaxes(1, 2) @ from_inputs)
 
 
 def _noise_scales(size: Array, error: Array) -> tuple[Array, Array]:

@@ -72,11 +72,11 @@ class Triple(NamedTuple):
 def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
     M, n = at_random(a, seed), a.order
-    found = {}
-    for block, part in zip(a.blocks, a.parts, strict=True):
-        channels = np.arange(part.start, part.stop)
-        found[block.name] = sum(minimal(_restricted(M, channels, n), [block.size], a.M.prime)[1])
-    return found
+    degrees = {}
+    for block, rows in zip(a.blocks, a.parts, strict=True):
+        channels = np.arange(rows.start, rows.stop)
+        degrees[block.name] = sum(minimal(_restricted(M, channels, n), [block.size], a.M.prime)[1])
+    return degrees
 
 
 @lru_cache(maxsize=1)  # pairs and triples of the same LFT are asked for one after the other
@@ -92,9 +92,9 @@ def at_random(a: ExactLFT, seed: int = 0) -> Residues:
     loop = np.asarray((np.eye(n, dtype=object) - M[:n, :n] * values) % prime, dtype=np.int64)
     z = solved(loop, M[:n], prime)
     outside = np.asarray(M[n:, :n] * values % prime, dtype=np.int64)
-    found = np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
-    found.setflags(write=False)
-    return found
+    shifted = np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
+    shifted.setflags(write=False)
+    return shifted
 
 
 def _restricted(M: Residues, channels: Residues, n: int) -> Residues:
@@ -121,12 +121,7 @@ def minimal(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[i
 class JointBound:
     """The bound by pairs and triples of the deltas of one LFT; each of them is looked at once.
 
-    Parameters
-    ----------
-    a : ExactLFT
-        Residues are enough.
-    degrees : mapping of names to McMillan degrees
-        As from `exact_degrees`.
+    Of the LFT residues are enough; the degrees are those of `exact_degrees`.
     """
 
     def __init__(self, a: ExactLFT, degrees: Mapping[str, int]) -> None:
@@ -136,7 +131,7 @@ class JointBound:
 
     def pairs(self, first: str, second: str, work: Work) -> list[Pair]:
         """What is proved for two deltas, for H and for its transpose, until the work is over."""
-        found = []
+        proved = []
         for side in (False, True):
             key = (first, second, side)
             if key not in self._pairs and not work.is_over:
@@ -145,8 +140,8 @@ class JointBound:
                     self._pairs[key] = Pair(first, second, *more, side)
                 elif not work.is_over:  # it was looked at to the end
                     self._pairs[key] = None
-            found.append(self._pairs.get(key))
-        return [pair for pair in found if pair is not None]
+            proved.append(self._pairs.get(key))
+        return [pair for pair in proved if pair is not None]
 
     def of_all(self, work: Work) -> int:
         """Proved minimum of the order of any LFT of the same matrix, by all pairs and triples.
@@ -251,18 +246,18 @@ class _Function(NamedTuple):
 
     def at(self, points: Sequence[Mapping[str, int]]) -> Residues:
         """Values (N, outputs, inputs), without the constant part."""
-        n, p, found = self.order, self.shape[0], []
+        n, p, values = self.order, self.shape[0], []
         self.work.add(exact_solutions(len(points), n + self.shape[1]))
-        M, one = self.M[:, :n].astype(object), np.eye(n, dtype=object)
+        M, identity = self.M[:, :n].astype(object), np.eye(n, dtype=object)
         sizes = [part.stop - part.start for part in self.parts.values()]
         B = self.M[:n, n:]
         for point in points:
             delta = np.repeat([point[name] for name in self.parts], sizes)
             columns = M * delta.astype(object)
-            loop = np.asarray((one - columns[:n]) % self.prime, dtype=np.int64)
+            loop = np.asarray((identity - columns[:n]) % self.prime, dtype=np.int64)
             C = np.asarray(columns[n:] % self.prime, dtype=np.int64)
-            found.append(multiplied(C, solved(loop, B, self.prime), self.prime))
-        return np.array(found, dtype=np.int64).reshape(len(points), p, -1)
+            values.append(multiplied(C, solved(loop, B, self.prime), self.prime))
+        return np.array(values, dtype=np.int64).reshape(len(points), p, -1)
 
 
 class _Span(NamedTuple):
@@ -373,9 +368,9 @@ def _span(
     count = count or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
     names = (first, *lengths)
     points = [dict(zip(names, at, strict=True)) for at in draw(count, len(names)).tolist()]
-    left, powers = draw(count, p), _monomials(points, lengths, prime)
-    all_Hu = _times(_seen(H.at(points), left, prime), powers, prime)
-    all_y = _times(left, powers, prime)
+    directions, powers = draw(count, p), _monomials(points, lengths, prime)
+    all_Hu = _times(_seen(H.at(points), directions, prime), powers, prime)
+    all_y = _times(directions, powers, prime)
     E = np.zeros((count, 0), dtype=np.int64)
     for k, alpha in enumerate(draw(2 * degrees[first] + 2).tolist()):
         if H.work.is_over:
@@ -423,8 +418,9 @@ def _monomials(
     return np.array(
         [
             [
-                prod(pow(at[name], k, prime) for name, k in zip(lengths, one, strict=True)) % prime
-                for one in powers
+                prod(pow(at[name], k, prime) for name, k in zip(lengths, exponents, strict=True))
+                % prime
+                for exponents in powers
             ]
             for at in points
         ],
@@ -434,14 +430,14 @@ def _monomials(
 
 def _interpolation(axes: Mapping[str, list[int]], prime: int) -> Residues:
     """Values on a grid to coefficients of polynomials."""
-    found = np.ones((1, 1), dtype=np.int64)
+    inverses = np.ones((1, 1), dtype=np.int64)
     for nodes in axes.values():
         vandermonde = np.array(
             [[pow(x, k, prime) for k in range(len(nodes))] for x in nodes], dtype=np.int64
         )
         inverse = solved(vandermonde, np.eye(len(nodes), dtype=np.int64), prime)
-        found = _kronecker(found, inverse, prime)
-    return found
+        inverses = _kronecker(inverses, inverse, prime)
+    return inverses
 
 
 def _kronecker(a: Residues, b: Residues, prime: int) -> Residues:
@@ -455,14 +451,16 @@ def _modes(
 ) -> tuple[Residues, Residues]:
     """From values on the grid to coefficients beyond the degrees of u, zero for it; to the others."""
     places = product(*(range(len(nodes)) for nodes in axes.values()))
-    below = [all(k < n for k, n in zip(one, lengths.values(), strict=True)) for one in places]
+    below = [
+        all(k < n for k, n in zip(exponents, lengths.values(), strict=True)) for exponents in places
+    ]
     is_low, all_modes = np.array(below), _interpolation(axes, prime)
     return all_modes[~is_low], all_modes[is_low]
 
 
-def _seen(values: Residues, left: Residues, prime: int) -> Residues:
+def _seen(values: Residues, directions: Residues, prime: int) -> Residues:
     """left' values (N, inputs) for values (N, outputs, inputs)."""
-    products = left.astype(object)[:, :, None] * values.astype(object)
+    products = directions.astype(object)[:, :, None] * values.astype(object)
     return np.asarray(np.sum(products, axis=1) % prime, dtype=np.int64)
 
 

@@ -57,27 +57,12 @@ def lower_ranks(
     seed: int,
     work: Work,
 ) -> Iterator[LFT]:
-    """LFTs with fewer repetitions of an affine delta, as far as they are found.
+    """LFTs with fewer repetitions of an affine delta, as far as they are found; none below `least`.
 
-    Parameters
-    ----------
-    a : LFT
-    bound : mapping of names to the lower bounds of the repetitions
-        A delta that meets its bound is left as it is; those far above it come first.
-    least : int
-        No smaller order is looked for.
-    entries : int
-        Of E at most. The null space takes a time like their cube, some seconds for 2000; a delta with
-        more than these next to it is left as it is.
-    seed : int
-    work : Work
-        Asked before each start whether it is over.
-
-    Yields
-    ------
-    LFT
-        Of equal slope where that delta is zero, and of equal value if its channels do not feed
-        themselves: to be compared with `a`.
+    A delta that meets its bound is left as it is; those far above it come first. So is one with more than
+    so many entries of E next to it: the null space takes a time like their cube, some seconds for 2000.
+    An LFT has equal slope where that delta is zero, and equal value if its channels do not feed
+    themselves: it is to be compared with `a`.
     """
     random, more = np.random.default_rng(seed), above_bound(a, bound)
     for name in sorted(more, key=lambda name: -more[name]):
@@ -108,14 +93,14 @@ def _smaller(
     sites = _sites(a, name, most_entries)
     if sites is None:
         return
-    part = a.slices()[name]
-    count = part.stop - part.start
+    block = a.slices()[name]
+    count = block.stop - block.start
     truth = circle_values(a, int(np.prod([np.sum(side) for side in sites])), random, work)
     M = scaled(a, truth)
-    rows, columns = (np.delete(np.arange(side), part) for side in M.shape)
+    rows, columns = (np.delete(np.arange(side), block) for side in M.shape)
     others = tuple(Block(b.name, 0 if b.name == name else b.size) for b in a.blocks)
-    left = fit_of(M[np.ix_(rows, columns)], others, truth, work)
-    family = _family(left, M[rows, part] @ M[part][:, columns], sites, work)
+    others_alone = fit_of(M[np.ix_(rows, columns)], others, truth, work)
+    family = _family(others_alone, M[rows, block] @ M[block][:, columns], sites, work)
     members: list[tuple[int, Array]] = []
     starts = max(_STARTS, int(_PER_ENTRY * family.start.size))
     for rank in range(count - 1, count - 1 - fewer, -1):
@@ -139,15 +124,15 @@ def _with_channels(
     truth: CircleValues,
 ) -> LFT:
     """The LFT with B C = E as the channels of a delta."""
-    part = a.slices()[name]
+    block = a.slices()[name]
     left, sizes, right = np.linalg.svd(E)
-    roots, channels = np.sqrt(sizes[:rank]), np.arange(part.start, part.start + rank)
+    roots, channels = np.sqrt(sizes[:rank]), np.arange(block.start, block.start + rank)
     ends, begins = others[0][family.rows[0]], others[1][family.columns[0]]
     M = M.copy()
-    M[part], M[:, part] = 0.0, 0.0
+    M[block], M[:, block] = 0.0, 0.0
     M[np.ix_(ends, channels)] = left[:, :rank] * roots / family.rows[1][:, None]
     M[np.ix_(channels, begins)] = roots[:, None] * right[:rank] / family.columns[1]
-    gone = range(part.start + rank, part.stop)
+    gone = range(block.start + rank, block.stop)
     M = np.delete(np.delete(M, gone, axis=0), gone, axis=1)
     kept = tuple(Block(b.name, rank if b.name == name else b.size) for b in a.blocks)
     return unscaled(M, kept, a, truth)
@@ -159,9 +144,9 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
     They begin where they depend on what is there, and end where something depends on them. Of the deltas
     that least goes through all other channels are added, as long as E does not get too large.
     """
-    part = a.slices()[name]
+    block = a.slices()[name]
     own = np.zeros(a.order, dtype=bool)
-    own[part] = True
+    own[block] = True
     depends = a.M11 != 0.0
     before, after = _reached(depends, own), _reached(depends.T, own)
     ports = int(np.sum(np.any(a.M21, axis=1))), int(np.sum(np.any(a.M12, axis=0)))
@@ -185,7 +170,7 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
 
     near = sorted((own for other, own in a.slices().items() if other != name), key=others_through)
     ends, begins, chosen = after.copy(), before.copy(), None
-    for added in (part, *near):
+    for added in (block, *near):
         ends[added], begins[added] = True, True
         more = sites(ends, begins)
         if np.sum(more[0]) * np.sum(more[1]) > most_entries:
@@ -249,8 +234,8 @@ def _of_rank(family: _Family, rank: int, random: np.random.Generator, work: Work
     size = np.linalg.norm(family.start) * 10.0 ** random.uniform(*_SPREAD) / np.sqrt(count)
     E = family.start + np.tensordot(size * random.standard_normal(count), family.free, 1)
     U, sizes, Vt = np.linalg.svd(E)
-    rest, damping = float(np.linalg.norm(sizes[rank:])), _DAMPING
-    rests = [rest]
+    tail, damping = float(np.linalg.norm(sizes[rank:])), _DAMPING
+    rests = [tail]
     high, wide = E.shape
     of_try = product(count, count, count) + product(count, high, wide) + singular_values(high, wide)
     of_slopes = count * ((high - rank) * (high + count * (wide - rank)) * wide)
@@ -259,21 +244,21 @@ def _of_rank(family: _Family, rank: int, random: np.random.Generator, work: Work
         slopes = ((U[:, rank:].T @ family.free) @ Vt[rank:].T).reshape(count, -1)
         normal, slope = slopes @ slopes.T, slopes @ (U[:, rank:].T @ E @ Vt[rank:].T).ravel()
         for _ in range(_RAISES):
-            ridge = (damping * rest + _RIDGE) * np.eye(count)
+            ridge = (damping * tail + _RIDGE) * np.eye(count)
             after = E - np.tensordot(np.linalg.solve(normal + ridge, slope), family.free, 1)
             U_after, sizes_after, Vt_after = np.linalg.svd(after)
             work.add(of_try)
             rest_after = float(np.linalg.norm(sizes_after[rank:]))
-            if rest_after < rest:
+            if rest_after < tail:
                 break
             damping *= _RAISED
         else:
             break
-        E, U, sizes, Vt, rest = after, U_after, sizes_after, Vt_after, rest_after
+        E, U, sizes, Vt, tail = after, U_after, sizes_after, Vt_after, rest_after
         damping = max(_EASED * damping, _LEAST_DAMPING)
-        rests.append(rest)
-        if rest < _EXACT * sizes[0]:
+        rests.append(tail)
+        if tail < _EXACT * sizes[0]:
             return E
-        if len(rests) > _STALLED and rests[-_STALLED] < _GAIN * rest:
+        if len(rests) > _STALLED and rests[-_STALLED] < _GAIN * tail:
             break
     return None

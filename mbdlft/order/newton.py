@@ -66,17 +66,8 @@ def refit(
 ) -> LFT:
     """The smallest of some LFTs of one value, and of those that have repetitions less.
 
-    Parameters
-    ----------
-    forms : LFTs of one value
-        Those not much larger than the smallest are taken in turn; each has its part of the work.
-    bound : mapping of names to the lower bounds of the repetitions
-    least : int
-        Order that ends it.
-    keeps : function of an LFT
-        Whether it has the value.
-    seed : int
-    work : Work
+    Forms not much larger than the smallest are taken in turn; each has its share of the work. The order
+    `least` ends it, and `keeps` tells whether an LFT has the value.
     """
     forms = sorted(forms, key=lambda form: form.order)
     close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
@@ -90,9 +81,9 @@ def refit(
         if close[k].order <= least:
             return close[k]
     for k, form in enumerate(close):
-        own = work.part(1.0 / (len(close) - k))
-        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, work=own)
-        close[k] = _followed(form, less, least, keeps, own)
+        of_form = work.part(1.0 / (len(close) - k))
+        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, work=of_form)
+        close[k] = _followed(form, less, least, keeps, of_form)
         if close[k].order <= least:
             return close[k]
     return min(close, key=lambda form: form.order)
@@ -111,7 +102,7 @@ def _followed(
         a = smaller
         if a.order <= least or work.is_over:
             break
-        smaller = next((one for one in candidates(a) if keeps(one)), None)
+        smaller = next((candidate for candidate in candidates(a) if keeps(candidate)), None)
     return a
 
 
@@ -127,16 +118,16 @@ def _lower(
     random, sizes = np.random.default_rng(seed), dict(a.blocks)
     for candidate in lower_ranks(a, bound, least, entries, seed, work):
         yield candidate
-        (part,) = (
+        (block,) = (
             candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
         )
-        unknowns = (part.stop - part.start) * (2 * candidate.order + sum(a.shape))
+        unknowns = (block.stop - block.start) * (2 * candidate.order + sum(a.shape))
         if unknowns > _MOST_UNKNOWNS or work.is_over:
             continue
         try:
             truth = circle_values(a, unknowns, random, work)
             start = fit_of(scaled(candidate, truth), candidate.blocks, truth, work)
-            fit = _descend(start, candidate.blocks, part, truth, work)
+            fit = _descend(start, candidate.blocks, block, truth, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
         if fit.size < _EXACT:
@@ -144,23 +135,11 @@ def _lower(
 
 
 def one_less(a: LFT, bound: Mapping[str, int], tries: int, seed: int, work: Work) -> Iterator[LFT]:
-    """LFTs of equal value with one repetition less, as far as they are found.
+    """LFTs with one repetition less, as far as they are found until the work is over.
 
-    Parameters
-    ----------
-    a : LFT
-    bound : mapping of names to the lower bounds of the repetitions
-        A delta that meets its bound is left as it is; those far above it come first.
-    tries : int
-        Directions that are left out, by chance, for each repetition above the bound.
-    seed : int
-    work : Work
-        Asked before each step whether it is over.
-
-    Yields
-    ------
-    LFT
-        Equal to `a` up to rounding on circles around delta = 0; to be compared with it.
+    A delta that meets its bound is left as it is; those far above it come first. For each repetition
+    above the bound so many directions are left out by chance. The LFTs are equal to `a` up to rounding
+    on circles around delta = 0: they are to be compared with it.
     """
     random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
     names = sorted(more, key=lambda name: bound[name] / sizes[name])
@@ -178,18 +157,18 @@ def one_less(a: LFT, bound: Mapping[str, int], tries: int, seed: int, work: Work
 
 def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
     """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
-    part = a.slices()[name]
-    last = part.stop - 1
-    unknowns = (last - part.start) * (2 * a.order + sum(a.shape))
+    block = a.slices()[name]
+    last = block.stop - 1
+    unknowns = (last - block.start) * (2 * a.order + sum(a.shape))
     if unknowns > _MOST_UNKNOWNS:
         return None
     truth = circle_values(a, unknowns, random, work)
     M = scaled(a, truth)
-    turn = np.linalg.qr(random.standard_normal((last + 1 - part.start,) * 2))[0]
-    M[part] = turn.T @ M[part]
-    M[:, part] = M[:, part] @ turn
+    turn = np.linalg.qr(random.standard_normal((last + 1 - block.start,) * 2))[0]
+    M[block] = turn.T @ M[block]
+    M[:, block] = M[:, block] @ turn
     M = np.delete(np.delete(M, last, axis=0), last, axis=1)
-    return _fitted(a, name, truth, M, slice(part.start, last), random, work)
+    return _fitted(a, name, truth, M, slice(block.start, last), random, work)
 
 
 def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
@@ -227,21 +206,21 @@ def _fitted(
 
 
 def _descend(
-    fit: Fit, kept: tuple[Block, ...], part: slice, truth: CircleValues, work: Work
+    fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work
 ) -> Fit:
     """Newton's method, damped, until nothing is gained."""
     damping, sizes = _DAMPING, [fit.size]
     for _ in range(_STEPS):
         if work.is_over or fit.size < _ROUNDING:
             break
-        normal, slope = _normal_equations(fit, part, work)
+        normal, slope = _normal_equations(fit, block, work)
         for _ in range(_RAISES):
             ridge = damping * fit.size + _RIDGE
             try:
                 work.add(product(len(normal), len(normal), len(normal)) / 3.0)
                 factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
                 after = fit_of(
-                    fit.M - _spread(cho_solve(factor, slope), fit, part), kept, truth, work
+                    fit.M - _spread(cho_solve(factor, slope), fit, block), kept, truth, work
                 )
             except (LinAlgError, np.linalg.LinAlgError):
                 damping *= _RAISED
@@ -258,12 +237,12 @@ def _descend(
     return fit
 
 
-def _normal_equations(fit: Fit, part: slice, work: Work) -> tuple[Array, Array]:
-    """J^T J and J^T r for the rows `part` of M, all columns, then its columns, all other rows."""
+def _normal_equations(fit: Fit, block: slice, work: Work) -> tuple[Array, Array]:
+    """J^T J and J^T r for the rows `block` of M, all columns, then its columns, all other rows."""
     Y, W = fit.Y, fit.W
-    others = np.delete(np.arange(Y.shape[2]), part)
-    rows, columns = (Y[:, :, part], W), (Y[:, :, others], W[:, part])
-    blocks = [[_products(one, two) for two in (rows, columns)] for one in (rows, columns)]
+    others = np.delete(np.arange(Y.shape[2]), block)
+    rows, columns = (Y[:, :, block], W), (Y[:, :, others], W[:, block])
+    blocks = [[_products(factors, two) for two in (rows, columns)] for factors in (rows, columns)]
     slopes = [
         np.sum(_adjoint(y) @ fit.difference @ _adjoint(w), axis=0).real.ravel()
         for y, w in (rows, columns)
@@ -279,20 +258,22 @@ def _products(one: tuple[Complex, Complex], two: tuple[Complex, Complex]) -> Arr
     left = _adjoint(one[0]) @ two[0]
     right = np.conj(one[1]) @ np.swapaxes(two[1], 1, 2)
     (_, i, j), (_, b, c) = left.shape, right.shape
-    first = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
-    second = np.concatenate([right.real, right.imag]).reshape(-1, b * c)
-    return np.asarray((first.T @ second).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c))
+    real_left = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
+    real_right = np.concatenate([right.real, right.imag]).reshape(-1, b * c)
+    return np.asarray(
+        (real_left.T @ real_right).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c)
+    )
 
 
 def _adjoint(values: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(np.conj(np.swapaxes(values, 1, 2)))
 
 
-def _spread(step: Array, fit: Fit, part: slice) -> Array:
+def _spread(step: Array, fit: Fit, block: slice) -> Array:
     """A step of the unknowns, as a change of M."""
     change = np.zeros_like(fit.M)
-    count = part.stop - part.start
-    change[part] = step[: count * fit.M.shape[1]].reshape(count, -1)
-    others = np.delete(np.arange(len(fit.M)), part)
-    change[others, part] = step[count * fit.M.shape[1] :].reshape(len(others), count)
+    count = block.stop - block.start
+    change[block] = step[: count * fit.M.shape[1]].reshape(count, -1)
+    others = np.delete(np.arange(len(fit.M)), block)
+    change[others, block] = step[count * fit.M.shape[1] :].reshape(len(others), count)
     return change

@@ -27,20 +27,16 @@ from mbdlft.exact.matrices import (
     times,
     zeros,
 )
-from mbdlft.lft.block import Block
+from mbdlft.lft.block import Block, consecutive
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction_in_doubles import channel_scales
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExactLFT:
-    """value = M22 + M21 Delta (I - M11 Delta)^-1 M12, in exact numbers.
+    """value = M22 + M21 Delta (I - M11 Delta)^-1 M12, in exact numbers: M is [M11 M12 ; M21 M22].
 
-    Attributes
-    ----------
-    M : ExactMatrix (n + n_out, n + n_in)
-        [M11 M12 ; M21 M22].
-    blocks : tuple of Block, sorted by name
+    Blocks are sorted by name.
     """
 
     M: ExactMatrix
@@ -54,8 +50,7 @@ class ExactLFT:
     @property
     def parts(self) -> list[slice]:
         """Rows of each block."""
-        ends = np.cumsum([0, *(block.size for block in self.blocks)]).tolist()
-        return [slice(a, b) for a, b in pairwise(ends)]
+        return consecutive(block.size for block in self.blocks)
 
     def rounded(self) -> LFT:
         """The LFT in doubles; see `ExactMatrix.values`."""
@@ -69,26 +64,17 @@ def transposed(a: ExactLFT) -> ExactLFT:
 
 
 def eliminated(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
-    """The LFT with the first `count` inputs solved for such that the first `count` outputs vanish.
+    """The LFT with the first `count` inputs u solved for such that the first outputs vanish.
 
-    Parameters
-    ----------
-    a : ExactLFT
-        0 = a u + b v, y = c u + d v for u the first inputs.
-    rows
-        Of [u ; y], those that the result has as outputs.
-
-    Raises
-    ------
-    ZeroDivisionError
-        The inner matrix is singular at nominal.
+    With 0 = a u + b v, y = c u + d v the result has those of [u ; y] in `rows` as outputs. A
+    ZeroDivisionError if a is singular at nominal.
     """
     n, M = a.order, a.M
     inner, others = slice(n, n + count), [*range(n), *range(n + count, M.shape[1])]
     solution = -M[inner, inner].solve(M[inner, others])  # of u, in w and v
     outside = [*range(n), *range(n + count, M.shape[0])]
-    rest = M[outside][:, others] + M[outside][:, inner] @ solution
-    both = stacked([[rest[:n]], [solution], [rest[n:]]])
+    reduced = M[outside][:, others] + M[outside][:, inner] @ solution
+    both = stacked([[reduced[:n]], [solution], [reduced[n:]]])
     return ExactLFT(both[[*range(n), *(n + k for k in rows)]], a.blocks)
 
 
@@ -109,12 +95,8 @@ def reduce_exactly(a: ExactLFT) -> ExactLFT:
 class Space:
     """A subspace that grows: its reduced echelon form, and which candidates were taken at each step.
 
-    Attributes
-    ----------
-    basis : residues (dimension, n)
-        The identity in the columns `pivots`.
-    taken : list of lists
-        For each step, numbers of the candidates that were independent of all before.
+    The basis (dimension, n) is the identity in the columns `pivots`; `taken` are, for each step, the
+    candidates that were independent of all before.
     """
 
     def __init__(self, size: int, prime: int) -> None:
@@ -129,17 +111,17 @@ class Space:
         if len(self.pivots) == self.size or not len(used):
             self.taken.append([])
             return candidates[:0]
-        rest = candidates[used]
+        outside = candidates[used]
         if self.pivots:
-            inside = multiplied(rest[:, self.pivots], self.basis, self.prime)
-            rest = (rest - inside) % self.prime
-            some = np.any(rest != 0, axis=1)
-            used, rest = used[some], rest[some]
-        _, which = row_echelon(np.ascontiguousarray(rest.T), self.prime)
+            inside = multiplied(outside[:, self.pivots], self.basis, self.prime)
+            outside = (outside - inside) % self.prime
+            some = np.any(outside != 0, axis=1)
+            used, outside = used[some], outside[some]
+        _, which = row_echelon(np.ascontiguousarray(outside.T), self.prime)
         taken = used[which]
         self.taken.append(taken.tolist())
         if len(which):
-            fresh, pivots = row_echelon(rest[which], self.prime)
+            fresh, pivots = row_echelon(outside[which], self.prime)
             if self.pivots:
                 inside = multiplied(self.basis[:, pivots], fresh, self.prime)
                 self.basis = (self.basis - inside) % self.prime
@@ -150,45 +132,45 @@ class Space:
 
 def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> list[Space]:
     """The smallest subspaces S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
-    parts = _parts(sizes)
+    blocks = consecutive(sizes)
     spaces = [Space(size, prime) for size in sizes]
     fresh = [
-        space.extend(np.ascontiguousarray(M12[part].T))
-        for space, part in zip(spaces, parts, strict=True)
+        space.extend(np.ascontiguousarray(M12[block].T))
+        for space, block in zip(spaces, blocks, strict=True)
     ]
     rows: dict[int, tuple[NDArray[np.intp], Array]] = {}  # of M11', by block: used in many steps
-    while sources := [k for k, one in enumerate(fresh) if len(one)]:
+    while sources := [k for k, columns in enumerate(fresh) if len(columns)]:
         ends = np.cumsum([0, *(len(fresh[k]) for k in sources)]).tolist()
         candidates = np.zeros((ends[-1], len(M11)), dtype=np.int64)
         for k, (first, end) in zip(sources, pairwise(ends), strict=True):
             if k not in rows:
-                used = np.flatnonzero(M11[:, parts[k]].any(axis=1))
-                rows[k] = used, limbs(M11[used, parts[k]].T)
-            used, own = rows[k]
+                used = np.flatnonzero(M11[:, blocks[k]].any(axis=1))
+                rows[k] = used, limbs(M11[used, blocks[k]].T)
+            used, read = rows[k]
             if len(used):
-                candidates[first:end, used] = times(fresh[k], own, prime)
+                candidates[first:end, used] = times(fresh[k], read, prime)
         fresh = [
-            space.extend(candidates[:, part]) for space, part in zip(spaces, parts, strict=True)
+            space.extend(candidates[:, block]) for space, block in zip(spaces, blocks, strict=True)
         ]
     return spaces
 
 
 def _krylov(a: ExactLFT, spaces: list[Space]) -> list[ExactMatrix]:
     """The candidates that were taken, (n_k, dimension) for each block; no other is computed."""
-    n, parts, prime = a.order, a.parts, a.M.prime
-    fresh = [a.M[part, n:][:, space.taken[0]] for part, space in zip(parts, spaces, strict=True)]
+    n, blocks, prime = a.order, a.parts, a.M.prime
+    fresh = [a.M[block, n:][:, space.taken[0]] for block, space in zip(blocks, spaces, strict=True)]
     bases = fresh
     for step in range(1, max((len(space.taken) for space in spaces), default=0)):
         sources = [k for k, one in enumerate(fresh) if one.shape[1]]
         ends = np.cumsum([0, *(fresh[k].shape[1] for k in sources)]).tolist()
         following = []
-        for part, space in zip(parts, spaces, strict=True):
+        for block, space in zip(blocks, spaces, strict=True):
             taken = np.array(space.taken[step], dtype=int)
-            columns = [zeros(part.stop - part.start, 0, prime)]
+            columns = [zeros(block.stop - block.start, 0, prime)]
             for k, (first, end) in zip(sources, pairwise(ends), strict=True):
-                own = taken[(taken >= first) & (taken < end)] - first
-                if len(own):
-                    columns.append(a.M[part, parts[k]] @ fresh[k][:, own])
+                mine = taken[(taken >= first) & (taken < end)] - first
+                if len(mine):
+                    columns.append(a.M[block, blocks[k]] @ fresh[k][:, mine])
             following.append(stacked([columns]))
         fresh = following
         bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
@@ -204,7 +186,7 @@ class _Graph(NamedTuple):
 
 def _compressed(a: ExactLFT) -> ExactLFT:
     """Restrict each delta to its reachable subspace."""
-    n, parts, prime = a.order, a.parts, a.M.prime
+    n, channels, prime = a.order, a.parts, a.M.prime
     residues = a.M.residues
     sizes = [block.size for block in a.blocks]
     spaces = reachable_bases(residues[:n, :n], residues[:n, n:], sizes, prime)
@@ -214,13 +196,13 @@ def _compressed(a: ExactLFT) -> ExactLFT:
     scale = channel_scales(M[:n, :n], M[:n, n:], M[n:, :n])
     graphs = [
         _graph(space, krylov, scale[part])
-        for space, krylov, part in zip(spaces, _krylov(a, spaces), parts, strict=True)
+        for space, krylov, part in zip(spaces, _krylov(a, spaces), channels, strict=True)
     ]
-    kept = [part.start + row for part, g in zip(parts, graphs, strict=True) for row in g.chosen]
-    rest = a.M[[*kept, *range(n, a.M.shape[0])]]
-    columns = [_in_basis(rest[:, part], g) for part, g in zip(parts, graphs, strict=True)]
+    kept = [part.start + row for part, g in zip(channels, graphs, strict=True) for row in g.chosen]
+    kept_rows = a.M[[*kept, *range(n, a.M.shape[0])]]
+    columns = [_in_basis(kept_rows[:, part], g) for part, g in zip(channels, graphs, strict=True)]
     blocks = [Block(block.name, len(g.chosen)) for block, g in zip(a.blocks, graphs, strict=True)]
-    return ExactLFT(stacked([[*columns, rest[:, n:]]]), tuple(blocks))
+    return ExactLFT(stacked([[*columns, kept_rows[:, n:]]]), tuple(blocks))
 
 
 def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
@@ -266,12 +248,7 @@ def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
             break
         rows[column] = row
         basis[:, column] /= basis[row, column]
-        rest = basis[row].copy()
-        rest[column] = 0.0
-        basis -= np.outer(basis[:, column], rest)
+        pivot_row = basis[row].copy()
+        pivot_row[column] = 0.0
+        basis -= np.outer(basis[:, column], pivot_row)
     return rows
-
-
-def _parts(sizes: list[int]) -> list[slice]:
-    ends = np.cumsum([0, *sizes]).tolist()
-    return [slice(a, b) for a, b in pairwise(ends)]

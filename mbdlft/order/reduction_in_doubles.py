@@ -12,7 +12,6 @@ direction too many is harmless, one too few would be an error.
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 from math import sqrt
 from typing import NamedTuple
 
@@ -23,6 +22,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 from mbdlft.base.array import Array
 from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import product
+from mbdlft.lft.block import consecutive
 from mbdlft.lft.lft import LFT, Block, check_plain, eliminate
 
 _EPS = float(np.finfo(float).eps)
@@ -82,7 +82,7 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
     errors = [
         tuple(
             _EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0)
-            for part in _parts(sizes)
+            for part in consecutive(sizes)
         )
         for size in (into, out)
     ]
@@ -141,19 +141,19 @@ def _compress(core: Core) -> Core:
     matrices are rows of the old ones times T, so zeros, units and scales survive, and with them the
     accuracy.
     """
-    parts = _parts(core.sizes)
+    blocks = consecutive(core.sizes)
     chosen, bases = [], []
-    for basis, part in zip(_reachable(core), parts, strict=True):
+    for basis, block in zip(_reachable(core), blocks, strict=True):
         rows, graph = _as_graph(basis)
-        chosen.append(part.start + rows)
+        chosen.append(block.start + rows)
         bases.append(graph)
     kept = np.concatenate([*chosen, np.zeros(0, dtype=int)]).astype(int)
 
     def restricted(matrix: Array) -> Array:
         # T is block diagonal: one product for each block
         columns = [
-            matrix[:, part] if len(T) == T.shape[1] else product(matrix[:, part], T)
-            for part, T in zip(parts, bases, strict=True)
+            matrix[:, block] if len(T) == T.shape[1] else product(matrix[:, block], T)
+            for block, T in zip(blocks, bases, strict=True)
         ]
         return np.hstack([*columns, np.zeros((len(matrix), 0))])
 
@@ -175,52 +175,46 @@ def _as_graph(basis: Array) -> tuple[NDArray[np.int64], Array]:
     factor, pivots, _, _, _ = dgeqp3(basis.T)
     rows = pivots[:size].astype(int) - 1
     others = pivots[size:].astype(int) - 1
-    rest, _ = dtrtrs(factor[:, :size], factor[:, size:])
+    factors, _ = dtrtrs(factor[:, :size], factor[:, size:])
     graph = np.zeros_like(basis)
     graph[rows] = np.eye(size)
-    rest[np.abs(rest) < _ZERO * np.max(np.abs(rest), initial=1.0)] = 0.0
-    graph[others] = rest.T
+    factors[np.abs(factors) < _ZERO * np.max(np.abs(factors), initial=1.0)] = 0.0
+    graph[others] = factors.T
     order = np.argsort(rows)
     return rows[order], graph[:, order]
 
 
-def _parts(sizes: tuple[int, ...]) -> list[slice]:
-    """Rows of each block."""
-    ends = [0, *accumulate(sizes)]
-    return [slice(a, b) for a, b in pairwise(ends)]
-
-
 def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
-    parts = _parts(core.sizes)
-    bases = [_Basis(part.stop - part.start) for part in parts]
+    blocks = consecutive(core.sizes)
+    bases = [_Basis(rows.stop - rows.start) for rows in blocks]
     norms: dict[tuple[int, int], float] = {}
 
     def norm(into: int, out_of: int) -> float:
         """Frobenius norm of a block of M11; many of them are never asked for."""
         if (into, out_of) not in norms:
-            block = core.M11[parts[into], parts[out_of]]
+            block = core.M11[blocks[into], blocks[out_of]]
             norms[into, out_of] = sqrt((block**2).sum()) if block.any() else 0.0
         return norms[into, out_of]
 
     # candidates of each delta: columns, and the error of each column
     fresh = [
-        basis.extend(core.M12[part], np.full(core.M12.shape[1], level))
-        for basis, part, level in zip(bases, parts, core.error_in, strict=True)
+        basis.extend(core.M12[rows], np.full(core.M12.shape[1], level))
+        for basis, rows, level in zip(bases, blocks, core.error_in, strict=True)
     ]
     while sources := [k for k, (_, error) in enumerate(fresh) if len(error)]:
-        moved = np.hstack([core.M11[:, parts[k]] @ fresh[k][0] for k in sources])
+        moved = np.hstack([core.M11[:, blocks[k]] @ fresh[k][0] for k in sources])
         error = np.concatenate([fresh[k][1] for k in sources])
         counts = [len(fresh[k][1]) for k in sources]
         fresh = []
-        for k, (basis, part) in enumerate(zip(bases, parts, strict=True)):
+        for k, (basis, rows) in enumerate(zip(bases, blocks, strict=True)):
             if basis.full:
                 fresh.append(basis.nothing)
                 continue
             gain = np.repeat([norm(k, source) for source in sources], counts)
             coupled = gain.nonzero()[0]
             errors = core.error_in[k] + gain[coupled] * error[coupled]
-            fresh.append(basis.extend(moved[part, coupled], errors))
+            fresh.append(basis.extend(moved[rows, coupled], errors))
     return [basis.vectors for basis in bases]
 
 
@@ -274,13 +268,7 @@ def _directions(columns: Array, most: int) -> tuple[Array, Sequence[float]]:
 
 @dataclass(frozen=True, slots=True)
 class Closing:
-    """How relations are solved for their unknown signals, in doubles.
-
-    Attributes
-    ----------
-    unknown, derivatives, outputs : int
-        Numbers of unknown signals, of the derivatives among them, which come first, and of outputs.
-    """
+    """How relations are solved in doubles for unknown signals, of which derivatives come first."""
 
     unknown: int
     derivatives: int

@@ -31,9 +31,11 @@ from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft.lft import (
     LFT,
     Block,
+    close_blocks,
     constant,
     fix,
     inverse,
+    open_blocks,
     select,
     stack_columns,
     stack_diagonal,
@@ -59,20 +61,8 @@ def move_affine(
 ) -> LFT | None:
     """The same value, with affine deltas on one side of all but the deltas outside.
 
-    Parameters
-    ----------
-    a : LFT
-    outside : names of deltas that stay outside of the moved ones
-    moved : names of deltas; those that do not enter affinely stay where they are
-    work : Work
-        Asked before each delta whether it is over; then None is returned.
-    most : int
-        Channels: None is returned where what is left on the way has more.
-
-    Raises
-    ------
-    WellPosednessError
-        As `fix`.
+    Deltas that do not enter affinely stay where they are. None is returned if the work is over before all
+    are moved, or if an LFT on the way has more than `most` channels.
     """
     opened: list[Block] = []
     for name in outside:
@@ -95,34 +85,21 @@ def move_affine(
 
 def open_block(a: LFT, name: str) -> LFT:
     """The LFT in the other deltas, (w, u) -> (z, y)."""
-    part = a.slices()[name]
-    k = np.arange(part.start, part.stop)
-    rest = np.setdiff1d(np.arange(a.order), k)
-    return LFT(
-        a.M11[np.ix_(rest, rest)],
-        np.hstack([a.M11[np.ix_(rest, k)], a.M12[rest]]),
-        np.vstack([a.M11[np.ix_(k, rest)], a.M21[:, rest]]),
-        np.block([[a.M11[np.ix_(k, k)], a.M12[k]], [a.M21[:, k], a.M22]]),
-        tuple(block for block in a.blocks if block.name != name),
-    )
+    opened, (n_out, n_in) = open_blocks(a, [name]), a.shape
+    rows, columns = np.arange(opened.shape[0]), np.arange(opened.shape[1])
+    return select(opened, np.roll(rows, -n_out), np.roll(columns, -n_in))
 
 
 def close_block(opened: LFT, block: Block) -> LFT:
     """The inverse of `open_block`: the first inputs and outputs become the block."""
-    before = sum(other.size for other in opened.blocks if other.name < block.name)
-    n, r = opened.order, block.size
-    order = np.r_[np.arange(before), n + np.arange(r), np.arange(before, n)].astype(int)
-    M11 = np.block([[opened.M11, opened.M12[:, :r]], [opened.M21[:r], opened.M22[:r, :r]]])
-    M12 = np.vstack([opened.M12[:, r:], opened.M22[:r, r:]])
-    M21 = np.hstack([opened.M21[r:], opened.M22[r:, :r]])
-    blocks = tuple(sorted((*opened.blocks, block)))
-    return LFT(M11[np.ix_(order, order)], M12[order], M21[:, order], opened.M22[r:, r:], blocks)
+    rows, columns = (np.roll(np.arange(n), -block.size) for n in opened.shape)
+    return close_blocks(select(opened, rows, columns), [block])
 
 
 def is_polynomial(a: LFT, name: str) -> bool:
     """Whether a delta alone has no poles, as its channels do not feed themselves back."""
-    part = a.slices()[name]
-    paths = reach = (a.M11[part, part] != 0.0).astype(int)
+    block = a.slices()[name]
+    paths = reach = (a.M11[block, block] != 0.0).astype(int)
     for _ in range(len(reach)):
         paths = np.minimum(paths @ reach, 1)
     return not paths.any()
@@ -206,7 +183,7 @@ _CENTER = 0.7  # of the range, where generic points are
 _SHIFT = (
     0.1,
     0.3,
-)  # of the range: blocks are opened around a point where nothing vanishes by chance
+)  # of the range: of the point around which blocks are opened, where nothing vanishes
 _WAYS = (0.1, 0.1, 0.8)  # how often a delta is moved to one side, left as it is, restricted
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _GROWTH, _MORE = 2, 30  # channels of LFTs on the way: so many times those at the start, and more
@@ -215,31 +192,21 @@ _GROWTH, _MORE = 2, 30  # channels of LFTs on the way: so many times those at th
 def rewritten(a: LFT, smallest: int, random: np.random.Generator, work: Work) -> Iterator[LFT]:
     """LFTs of equal value, one for each block that is opened, in an order of chance.
 
-    Parameters
-    ----------
-    a : LFT
-    smallest : int
-        Order from which on an LFT is looked at for dependent channels.
-    random : Generator
-    work : Work
-
-    Yields
-    ------
-    LFT
-        Most of them are larger than `a`. Ranks are numerical: to be compared with `a`.
+    Most of them are larger than `a`. From the order `smallest` on they are looked at for dependent
+    channels. Ranks are numerical: they are to be compared with `a`.
     """
     shift = random.uniform(*_SHIFT, len(a.blocks)) * random.choice([-1.0, 1.0], len(a.blocks))
     names = [a.blocks[k].name for k in random.permutation(len(a.blocks))]
     if random.random() < 0.5:
         names.sort(key=lambda name: dict(a.blocks)[name])
-    left, opened = _around(a, shift), list[Block]()
+    opened_lft, opened = _around(a, shift), list[Block]()
     most = _GROWTH * a.order + _MORE
     for name in names:
-        if work.is_over or left.order + sum(block.size for block in opened) > 2 * most:
+        if work.is_over or opened_lft.order + sum(block.size for block in opened) > 2 * most:
             return
-        left, size = _opened(left, name, random, most, work)
+        opened_lft, size = _opened(opened_lft, name, random, most, work)
         opened.append(Block(name, size))
-        closed = left
+        closed = opened_lft
         for block in reversed(opened):
             closed = close_block(closed, block)
         work.add(3.0 * reduction(closed.order))
@@ -257,18 +224,18 @@ def _opened(
     way = random.choice(3, p=_WAYS)
     moved = at_one_side(a, name, work) if way == 0 else None
     if moved is not None:
-        size, left = moved
-        return left, size
+        size, opened_lft = moved
+        return opened_lft, size
     plain, size = open_block(a, name), dict(a.blocks)[name]
     if way == 1:
         return reduce_order(plain), size
     is_transposed = random.random() < 0.5
     try:
         side = transpose(plain) if is_transposed else plain
-        left, fewer = restricted(side, size, random, most, work)
+        opened_lft, fewer = restricted(side, size, random, most, work)
     except (WellPosednessError, np.linalg.LinAlgError):  # not invertible, or too large on the way
         return reduce_order(plain), size
-    return reduce_order(transpose(left) if is_transposed else left), fewer
+    return reduce_order(transpose(opened_lft) if is_transposed else opened_lft), fewer
 
 
 def _around(a: LFT, shift: Array) -> LFT:
@@ -287,23 +254,10 @@ def _around(a: LFT, shift: Array) -> LFT:
 def restricted(
     opened: LFT, size: int, random: np.random.Generator, most: int, work: Work
 ) -> tuple[LFT, int]:
-    """An opened LFT in a basis of what its block reaches, and the size of the block then.
+    """An LFT in a basis of what its block reaches, and the size of the block then.
 
-    Parameters
-    ----------
-    opened : LFT
-        Of (w, u) to (z, y), the first `size` of each are the block.
-    size : int
-    random : Generator
-        Says in which order columns are taken.
-    most : int
-        Channels of the LFTs on the way.
-    work : Work
-
-    Raises
-    ------
-    WellPosednessError
-        The rows are dependent at delta = 0, or an LFT on the way has too many channels.
+    It is opened, (w, u) to (z, y), and the first `size` of each are the block. A WellPosednessError if
+    the rows are dependent at delta = 0, or an LFT on the way has more than `most` channels.
     """
     points = random.uniform(-_CENTER, _CENTER, (_POINTS, len(opened.blocks)))
     columns = _independent_columns(evaluate_at(opened, points)[0], size, random)
@@ -337,11 +291,11 @@ def _independent_columns(
             length = np.linalg.norm(column)
             if length == 0.0:
                 continue
-            rest = column / length
+            direction = column / length
             for _ in range(2):
-                rest = rest - basis @ (basis.T @ rest)
-            if np.linalg.norm(rest) > _INDEPENDENT:
-                basis = np.column_stack([basis, rest / np.linalg.norm(rest)])
+                direction = direction - basis @ (basis.T @ direction)
+            if np.linalg.norm(direction) > _INDEPENDENT:
+                basis = np.column_stack([basis, direction / np.linalg.norm(direction)])
                 chosen.append((c, power))
                 following.append((c, power + 1, A @ column))
         current = following
@@ -351,12 +305,12 @@ def _independent_columns(
 def _krylov(a: LFT, size: int, columns: Sequence[tuple[int, int]], most: int, work: Work) -> LFT:
     """The columns A^power B_input, as an LFT (size, number of columns)."""
     A = reduce_order(select(a, range(size), range(size)))
-    parts: dict[tuple[int, int], LFT] = {}
+    powers: dict[tuple[int, int], LFT] = {}
     for c, power in sorted(columns, key=lambda column: column[1]):
-        source = A @ parts[c, power - 1] if power else select(a, range(size), [size + c])
-        parts[c, power] = reduce_order(_limited(source, most))
+        source = A @ powers[c, power - 1] if power else select(a, range(size), [size + c])
+        powers[c, power] = reduce_order(_limited(source, most))
         work.add(reduction(source.order))
-    return reduce_order(_limited(stack_columns(*(parts[column] for column in columns)), most))
+    return reduce_order(_limited(stack_columns(*(powers[column] for column in columns)), most))
 
 
 def _changed(a: LFT, S: LFT, T: LFT, most: int) -> LFT:

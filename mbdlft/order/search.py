@@ -81,13 +81,7 @@ class Smallest(NamedTuple):
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
-    """The budget of a search.
-
-    Raises
-    ------
-    SceneError
-        One of the two is not a size.
-    """
+    """The budget of a search; a SceneError if one of the two is not a size."""
     if not isinstance(search, int | float) or not search >= 0.0:
         raise SceneError(f"search: expected units of work, 0 for no search, got {search!r}.")
     if seconds is not None and (not isinstance(seconds, int | float) or not seconds >= 0.0):
@@ -109,10 +103,8 @@ def find_smallest(
     Parameters
     ----------
     closed : LFTs of one value, with the same blocks but for their sizes
-        Ways to write the model. Different ones lead to different results; with work 0 the smallest of
-        them is the result.
+        Ways to write the model; the result has the names of the smallest, in their order.
     bound : mapping of names to the lower bounds of the repetitions
-    budget : Budget
     relations : LFTs of one value, with the same blocks but for their sizes
         What the model was closed from, if it was: there masses and lengths are polynomial, and closing
         them can hide that parameters cancel.
@@ -122,12 +114,7 @@ def find_smallest(
         The closed model before it was reduced; it shows which entries are only what is left of terms
         that cancel. By default the smallest of `closed`.
     exact : ExactLFT, optional
-        The model in exact numbers: bounds by pairs count only if residues prove them.
-
-    Returns
-    -------
-    Smallest
-        `lft` has the names of the blocks of the smallest of `closed`, in their order.
+        The model in exact numbers, for bounds by pairs and triples; without it there are none.
     """
     with running.budget(budget.work):
         return _found(closed, bound, budget, relations, close, truth, exact)
@@ -157,8 +144,12 @@ def _found(
         assert close is not None
         share = _FEW if best.order < min(form.order for form in relations) else _MOST
         opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-        found = close(_search(relations, opened, proof, work.part(share)))
-        best = found if found.order < best.order and proof.allows(found) else best
+        closed_result = close(_search(relations, opened, proof, work.part(share)))
+        best = (
+            closed_result
+            if closed_result.order < best.order and proof.allows(closed_result)
+            else best
+        )
     if best.order > proof.order_bound and not work.is_over:
         forms = [best, *(form for form in closed if form is not best)]
         best = min(best, _search(forms, level, proof, work), key=_order)
@@ -216,11 +207,7 @@ class _Proof:
 class Truth:
     """Values at random points and corners of the unit box; not computed before there is a candidate.
 
-    Parameters
-    ----------
-    form : function that makes the LFT
-    floor : function of values (N, rows, columns)
-        What an entry is compared with at least, (rows, columns) or one for all.
+    `floor` tells from values what an entry is compared with at least, (rows, columns) or one for all.
     """
 
     def __init__(self, form: Callable[[], LFT], floor: Callable[[Array], Array | float]) -> None:
@@ -315,13 +302,13 @@ class _Level(NamedTuple):
         if not self.proof.allows(candidate):
             return False
         for truth, largest, is_closed in checks:
-            one = candidate
+            form = candidate
             if is_closed:
                 work.add(reduction(candidate.order))
-                one = self.close(candidate)
-                if not self.proof.allows(one):
+                form = self.close(candidate)
+                if not self.proof.allows(form):
                     return False
-            if not is_same(one, truth, work, largest):
+            if not is_same(form, truth, work, largest):
                 return False
         return True
 
@@ -332,9 +319,9 @@ def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
     if truth is None:
         exact = _Check(Truth(lambda: form, part_of_largest), SAME)
         return _Level((exact,), (_Check(rounded, FITTED),), _itself, proof)
-    given = Truth(lambda: truth, part_of_either)
-    fitted = (_Check(rounded, SAME), _Check(given, FITTED))
-    return _Level((_Check(given, SAME),), fitted, _itself, proof)
+    unreduced = Truth(lambda: truth, part_of_either)
+    fitted = (_Check(rounded, SAME), _Check(unreduced, FITTED))
+    return _Level((_Check(unreduced, SAME),), fitted, _itself, proof)
 
 
 def _level_of_relations(
@@ -343,21 +330,21 @@ def _level_of_relations(
     """Of the smallest LFT of the relations; closing makes rounding larger, so results are closed too."""
     plain = Truth(lambda: form, part_of_largest)
     rounded = Truth(lambda: form, part_of_either)
-    given = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
+    unreduced = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
     return _Level(
-        (_Check(plain, SAME, is_closed=False), _Check(given, SAME)),
-        (_Check(rounded, SAME, is_closed=False), _Check(given, FITTED)),
+        (_Check(plain, SAME, is_closed=False), _Check(unreduced, SAME)),
+        (_Check(rounded, SAME, is_closed=False), _Check(unreduced, FITTED)),
         close,
         proof,
     )
 
 
-def _itself(one: LFT) -> LFT:
-    return one
+def _itself(a: LFT) -> LFT:
+    return a
 
 
-def _order(one: LFT) -> int:
-    return one.order
+def _order(a: LFT) -> int:
+    return a.order
 
 
 def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) -> LFT:

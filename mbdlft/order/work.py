@@ -14,16 +14,10 @@ _SINGULAR_VALUES = 12.0  # per entry and row: they take several sweeps
 
 
 class Work:
-    """A count of operations with an end.
+    """A count of operations that ends after so many units.
 
-    Parameters
-    ----------
-    most : float
-        Units after which the work is over.
-    is_late : function
-        Another reason to stop, asked for whenever `is_over` is; the result then depends on it.
-    tell : function
-        It is told the units that are spent.
+    `is_late` is another reason to stop, asked for whenever `is_over` is; the result then depends on it.
+    `tell` is told the units that are spent.
     """
 
     def __init__(
@@ -45,8 +39,8 @@ class Work:
     @property
     def left(self) -> float:
         """Units that are left, here and of what this is a part of."""
-        own = max(0.0, self.most - self.spent)
-        return own if self._whole is None else min(own, self._whole.left)
+        here = max(0.0, self.most - self.spent)
+        return here if self._whole is None else min(here, self._whole.left)
 
     @property
     def is_over(self) -> bool:

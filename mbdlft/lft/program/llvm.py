@@ -43,16 +43,11 @@ _CALLED = {
 
 
 class Code(NamedTuple):
-    """What LLVM compiles.
+    """What LLVM compiles: text, the constants in the order of their table, and the number of slots.
 
-    Attributes
-    ----------
-    text : str
-        The function `samples(blocks, inputs, numbers, slots, row, values, lost)` for blocks of `LANES`
-        samples: inputs (blocks, inputs, LANES), numbers (constants,), slots (slots, LANES), the row of
-        `size` entries that each sample starts from, values (samples, size), lost (samples,) of bytes.
-    numbers : the constants, in the order of their table
-    slots : int
+    The function is `samples(blocks, inputs, numbers, slots, row, values, lost)` for blocks of `LANES`
+    samples: inputs (blocks, inputs, LANES), numbers (constants,), slots (slots, LANES), the row of
+    `size` entries that each sample starts from, values (samples, size), lost (samples,) of bytes.
     """
 
     text: str
@@ -66,13 +61,13 @@ def code(program: Program, size: int) -> Code:
     There are no cosines and sines: they are inputs by now.
     """
     kept = needed(program)
-    parts = [kept[start : start + _LENGTH] for start in range(0, len(kept), _LENGTH)]
+    pieces = [kept[start : start + _LENGTH] for start in range(0, len(kept), _LENGTH)]
     numbers = _Numbers()
-    slots = _slots(program, parts)
-    names = [f"part{k}" for k in range(len(parts))]
+    slots = _slots(program, pieces)
+    names = [f"part{k}" for k in range(len(pieces))]
     functions = [
-        _part(name, part, program.inputs, slots, numbers)
-        for name, part in zip(names, parts, strict=True)
+        _part(name, piece, program.inputs, slots, numbers)
+        for name, piece in zip(names, pieces, strict=True)
     ]
     places = [(place, slots.get(register), register) for (_, place), register in program.entries]
     writers = [
@@ -107,14 +102,12 @@ class _Numbers:
         return self._places[key]
 
 
-def _slots(program: Program, parts: Sequence[Sequence[Instruction]]) -> dict[int, int]:
+def _slots(program: Program, pieces: Sequence[Sequence[Instruction]]) -> dict[int, int]:
     """A slot for each register that another function reads; free again after its last reader."""
-    final = len(parts)
-    made: dict[int, int] = {}
+    final = len(pieces)
     last: dict[int, int] = {}
-    for k, part in enumerate(parts):
-        for instruction in part:
-            made[instruction.target] = k
+    for k, piece in enumerate(pieces):
+        for instruction in piece:
             for operand in registers(instruction):
                 last[operand] = k
     for register in results(program):
@@ -123,9 +116,9 @@ def _slots(program: Program, parts: Sequence[Sequence[Instruction]]) -> dict[int
     free: list[int] = []
     freed: list[list[int]] = [[] for _ in range(final + 1)]
     count = 0
-    for k, part in enumerate(parts):
+    for k, piece in enumerate(pieces):
         free += freed[k]
-        for instruction in part:
+        for instruction in piece:
             register = instruction.target
             until = last.get(register, k)
             if until == k:
@@ -141,7 +134,7 @@ def _slots(program: Program, parts: Sequence[Sequence[Instruction]]) -> dict[int
 
 def _part(
     name: str,
-    part: Sequence[Instruction],
+    instructions: Sequence[Instruction],
     inputs: int,
     slots: Mapping[int, int],
     numbers: _Numbers,
@@ -165,14 +158,10 @@ def _part(
                 f"{text}p = getelementptr double, ptr %numbers, i64 {numbers.place(operand)}"
             )
             lines.append(f"{text}s = load double, ptr {text}p, align 8")
-            lines.append(f"{text}i = insertelement {_VECTOR} poison, double {text}s, i64 0")
-            lines.append(
-                f"{text} = shufflevector {_VECTOR} {text}i, {_VECTOR} poison, "
-                f"<{LANES} x i32> zeroinitializer"
-            )
+            lines.extend(_spread(text, f"{text}s", f"{text}i"))
         return text
 
-    for operation, target, left, right in part:
+    for operation, target, left, right in instructions:
         formula: str
         if operation in _BINARY:
             formula = f"{_BINARY[operation]} {_VECTOR} {value(left)}, {value(right)}"
@@ -187,9 +176,21 @@ def _part(
             place = f"{text}o"
             lines.append(f"{place} = getelementptr {_VECTOR}, ptr %slots, i64 {slots[target]}")
             lines.append(f"store {_VECTOR} {text}, ptr {place}, align {_BYTES}")
-    body = "\n  ".join(lines)
     head = "ptr noalias readonly %in, ptr noalias readonly %numbers, ptr noalias %slots"
+    return _function(name, head, lines)
+
+
+def _function(name: str, head: str, lines: Sequence[str]) -> str:
+    body = "\n  ".join(lines)
     return f"define internal void @{name}({head}) noinline {{\n  {body}\n  ret void\n}}\n"
+
+
+def _spread(text: str, number: str, first: str) -> list[str]:
+    """A vector of one number."""
+    return [
+        f"{first} = insertelement {_VECTOR} poison, double {number}, i64 0",
+        f"{text} = shufflevector {_VECTOR} {first}, {_VECTOR} poison, <{LANES} x i32> zeroinitializer",
+    ]
 
 
 def _loaded(text: str, pointer: str, place: int) -> list[str]:
@@ -203,27 +204,22 @@ def _writer(name: str, places: Sequence[tuple[int, int | None, int]]) -> str:
     """A function that writes entries of one sample, a lane of the vectors."""
     lines = []
     for k, (place, slot, register) in enumerate(places):
-        pointer, own = ("%in", register) if slot is None else ("%slots", slot)
+        pointer, place_of_vector = ("%in", register) if slot is None else ("%slots", slot)
         lines += [
-            f"%e{k}b = getelementptr {_VECTOR}, ptr {pointer}, i64 {own}",
+            f"%e{k}b = getelementptr {_VECTOR}, ptr {pointer}, i64 {place_of_vector}",
             f"%e{k}p = getelementptr double, ptr %e{k}b, i64 %lane",
             f"%e{k} = load double, ptr %e{k}p, align 8",
             f"%e{k}q = getelementptr double, ptr %row, i64 {place}",
             f"store double %e{k}, ptr %e{k}q, align 8",
         ]
-    body = "\n  ".join(lines)
     head = "ptr noalias readonly %in, ptr noalias readonly %slots, ptr noalias %row, i64 %lane"
-    return f"define internal void @{name}({head}) noinline {{\n  {body}\n  ret void\n}}\n"
+    return _function(name, head, lines)
 
 
 def _check(program: Program, slots: Mapping[int, int]) -> str:
     """A function that tells at which samples a pivot is too small."""
     bits = f"<{LANES} x i1>"
-    lines = [
-        f"%least0 = insertelement {_VECTOR} poison, double {LOST:e}, i64 0",
-        f"%least = shufflevector {_VECTOR} %least0, {_VECTOR} poison, "
-        f"<{LANES} x i32> zeroinitializer",
-    ]
+    lines = _spread("%least", f"{LOST:e}", "%least0")
     good = "splat (i1 true)"
     for k, pivot in enumerate(program.pivots):
         for text, register in ((f"%a{k}", pivot.value), (f"%b{k}", pivot.size)):
@@ -242,9 +238,8 @@ def _check(program: Program, slots: Mapping[int, int]) -> str:
         f"%bytes = zext {bits} %bad to <{LANES} x i8>",
         f"store <{LANES} x i8> %bytes, ptr %lost, align 1",
     ]
-    body = "\n  ".join(lines)
     head = "ptr noalias readonly %in, ptr noalias readonly %slots, ptr noalias %lost"
-    return f"define internal void @check({head}) noinline {{\n  {body}\n  ret void\n}}\n"
+    return _function("check", head, lines)
 
 
 def _loop(inputs: int, size: int, computing: int, calls: Sequence[str]) -> str:

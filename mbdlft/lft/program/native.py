@@ -52,11 +52,11 @@ class Cache:
         try:
             if not (_is_private(self.folder) and _is_private(path)):
                 return None
-            found = path.read_bytes()
+            image = path.read_bytes()
         except OSError:
             return None
-        code = found[_DIGEST:]
-        return code if code and found[:_DIGEST] == _digest(key, code) else None
+        code = image[_DIGEST:]
+        return code if code and image[:_DIGEST] == _digest(key, code) else None
 
     def put(self, key: str, code: bytes, kind: str = "o") -> bool:
         """Keep code; whether that was possible."""
@@ -98,12 +98,12 @@ def user_cache() -> Cache | None:
     return Cache(base / "mbdlft")
 
 
-def key_of(*parts: str) -> str:
+def key_of(*texts: str) -> str:
     """The key of a text and of what it is compiled for."""
-    found = hashlib.sha256()
-    for part in parts:
-        found.update(f"{len(part)}:".encode() + part.encode())
-    return found.hexdigest()
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(f"{len(text)}:".encode() + text.encode())
+    return digest.hexdigest()
 
 
 def _digest(key: str, code: bytes) -> bytes:
@@ -114,9 +114,9 @@ def _is_private(path: Path) -> bool:
     """Whether a file or folder is this user's, and nobody else may write to it."""
     if not hasattr(os, "getuid"):  # Windows: its folders of users are private
         return True
-    found = path.stat(follow_symlinks=False)
-    kind = stat.S_ISDIR(found.st_mode) or stat.S_ISREG(found.st_mode)
-    return kind and found.st_uid == os.getuid() and not found.st_mode & 0o022
+    status = path.stat(follow_symlinks=False)
+    kind = stat.S_ISDIR(status.st_mode) or stat.S_ISREG(status.st_mode)
+    return kind and status.st_uid == os.getuid() and not status.st_mode & 0o022
 
 
 def is_available() -> bool:
@@ -194,13 +194,13 @@ def _call(
     lost: NDArray[np.uint8],
 ) -> None:
     """Call the native code for whole vectors of samples."""
-    given, blocks = points.shape[1], len(points) // LANES
+    count, blocks = points.shape[1], len(points) // LANES
     packed = _aligned(len(points) * program.inputs).reshape(blocks, program.inputs, LANES)
-    packed[:, :given] = points.reshape(blocks, LANES, given).transpose(0, 2, 1)
+    packed[:, :count] = points.reshape(blocks, LANES, count).transpose(0, 2, 1)
     if program.first is not None:
-        circles = np.empty((len(points), 1, program.inputs - given))
+        circles = np.empty((len(points), 1, program.inputs - count))
         run(program.first, points, circles)
-        packed[:, given:] = circles.reshape(blocks, LANES, -1).transpose(0, 2, 1)
+        packed[:, count:] = circles.reshape(blocks, LANES, -1).transpose(0, 2, 1)
     arrays = (packed, numbers, _aligned(program.code.slots * LANES), row, values, lost)
     program.call(blocks, *(array.ctypes.data for array in arrays))
 

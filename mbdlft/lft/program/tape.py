@@ -39,14 +39,9 @@ class Pivot(NamedTuple):
 class Program:
     """Entries of a matrix from numbers, such as the values of an LFT from its deltas.
 
-    Attributes
-    ----------
-    inputs : number of inputs; they are registers 0, 1, ...
-    instructions : tuple of Instruction
-    entries : tuple of ((row, column), register)
-        Entries that depend on an input; the others are constants that the program does not know.
-    pivots : tuple of Pivot
-        Where one of them is small beside its size, digits are lost.
+    Inputs are the registers 0, 1, ... The entries ((row, column), register) depend on an input; the
+    others are constants that the program does not know. Where a pivot is small beside its size, digits
+    are lost.
     """
 
     inputs: int

@@ -7,25 +7,22 @@ structure is zero exactly. Numbers are exact.
 """
 
 from collections import Counter
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.errors import NotRationalError, StructureError, WellPosednessError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.exact.matrices import ExactMatrix, Residues, from_rows, identity
+from mbdlft.exact.matrices import ExactMatrix, from_rows, identity
 from mbdlft.exact.numbers import Constant, Exact, Field, constant_of, decimal
 from mbdlft.lft.block import Block
+from mbdlft.lft.sampling import components
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.pipeline.extract.graph import Element, Scaled, SignalGraph
 from mbdlft.pipeline.extract.noncommuting import (
-    Item,
     Row,
     Term,
     Words,
@@ -51,16 +48,10 @@ class Extraction(NamedTuple):
 def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
     """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
 
-    `maps` are those of the deltas to the symbols p, if these are not the internal values.
-
-    Raises
-    ------
-    NotRationalError
-        An operation on a coefficient is not rational, or one on a signal is not linear.
-    StructureError
-        Products are nested too deeply.
-    WellPosednessError
-        A denominator vanishes at the nominal values.
+    `maps` are those of the deltas to the symbols p, if these are not the internal values. A
+    NotRationalError if an operation on a coefficient is not rational, or one on a signal is not linear;
+    a StructureError if products are nested too deeply; a WellPosednessError if a denominator vanishes
+    at the nominal values.
     """
     signals = ca.vertcat(model.unknown, model.known)
     outputs = ca.vertcat(model.residual, model.output)
@@ -89,8 +80,8 @@ def walk(tape: ca.Function, names: list[str], numbers: Sequence[Constant] = ()) 
     signals = [Scaled(field.one, k) for k in range(graph.inputs)]
     parameters = [graph.node("parameter", float(k)) for k in range(tape.size1_in(1))]
     constants = [graph.constant(field.of(number)) for number in numbers]
-    (found,) = fold(tape, _graph_rules(graph, names), signals, parameters, constants)
-    graph.outputs = [_output(graph, element, row) for row, element in enumerate(found)]
+    (outputs,) = fold(tape, _graph_rules(graph, names), signals, parameters, constants)
+    graph.outputs = [_output(graph, element, row) for row, element in enumerate(outputs)]
     return graph
 
 
@@ -137,11 +128,6 @@ def close(
     """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
     With `all_kept`, every channel of the graph that something depends on is one of the LFT.
-
-    Raises
-    ------
-    WellPosednessError
-        A denominator vanishes at the nominal values.
     """
     small = graph if all_kept else condensed(graph)
     words, quotients = opened(small), len(small.quotients)
@@ -167,17 +153,15 @@ class _Channels:
     ) -> None:
         self.words, self.quotients, self.field = words, quotients, words.field
         self.inputs = words.inputs - quotients
-        letters = [_letter(item) for item in words.items]
+        letters = [item.letter for item in words.items if item.letter is not None]
         self.order = sorted(range(len(letters)), key=lambda k: names[letters[k]])
         self.column = [0] * len(letters)  # of w' of each item
         for k, item in enumerate(self.order):
             self.column[item] = k
-        exact = [tuple(_number(self.field, x) for x in (m.b0, m.gain, m.a1)) for m in maps]
+        exact = [[self.field.rational(decimal(x)) for x in (m.b0, m.gain, m.a1)] for m in maps]
         self.b0, self.gain, self.a1 = ([exact[k][j] for k in letters] for j in range(3))
-        counts = {name: 0 for name in names}
-        for letter in letters:
-            counts[names[letter]] += 1
-        self.blocks = tuple(sorted(Block(name, count) for name, count in counts.items()))
+        counts = Counter(names[letter] for letter in letters)
+        self.blocks = tuple(Block(name, counts[name]) for name in sorted(names))
         self.count = len(letters)
         self.rows: list[Row] = [{} for _ in range(quotients + self.count)]
         self.inverses: dict[bytes, ExactMatrix] = {}  # many loops are those of one divisor
@@ -203,9 +187,10 @@ class _Channels:
         place = {column: k for k, column in enumerate(columns)}
         dense = [{place[c]: value for c, value in row.items()} for row in right]
         inverse = self._inverse(from_rows(matrix, size, prime))
-        found = inverse @ from_rows(dense, len(columns), prime)
-        for u, row in zip(unknowns, _sparse(found, self.field), strict=True):
-            self.rows[u] = {columns[k]: value for k, value in row.items()}
+        solution = inverse @ from_rows(dense, len(columns), prime)
+        for k, column in zip(*np.nonzero(solution.residues), strict=True):
+            residue = self.field.residue(int(solution.residues[k, column]))
+            self.rows[unknowns[k]][columns[column]] = Exact(solution.balls[k, column], residue)
 
     def lft(self) -> ExactLFT:
         """The LFT, once all unknowns are solved for."""
@@ -254,25 +239,7 @@ class _Channels:
         return self.inverses[key]
 
 
-def _number(field: Field, value: float) -> Exact:
-    return field.rational(decimal(value))
-
-
-def _sparse(matrix: ExactMatrix, field: Field) -> list[Row]:
-    found: list[Row] = [{} for _ in range(len(matrix.residues))]
-    residues: Residues = matrix.residues
-    for k, column in zip(*np.nonzero(residues), strict=True):
-        residue = field.residue(int(residues[k, column]))
-        found[k][int(column)] = Exact(matrix.balls[k, column], residue)
-    return found
-
-
-def _letter(item: Item) -> int:
-    assert item.letter is not None
-    return item.letter
-
-
-def _components(words: Words, quotients: int) -> Iterator[list[int]]:
+def _components(words: Words, quotients: int) -> list[list[int]]:
     """Unknowns that depend on each other, after all that they need; numbered as in `_Channels`."""
     inputs = words.inputs - quotients
     needs = [
@@ -280,27 +247,7 @@ def _components(words: Words, quotients: int) -> Iterator[list[int]]:
         for terms in (*words.outputs[:quotients], *(item.terms for item in words.items))
     ]
     if not quotients:
-        yield from ([k] for k in range(len(needs)))
-        return
-    ends = np.cumsum([0, *(len(need) for need in needs)])
-    columns: NDArray[np.int64] = np.array([k for need in needs for k in need], dtype=int)
-    graph = csr_array((np.ones(len(columns)), columns, ends), shape=(len(needs), len(needs)))
-    count, label = connected_components(graph, connection="strong")
-    members: list[list[int]] = [[] for _ in range(count)]
-    for k, owner in enumerate(label.tolist()):
-        members[owner].append(k)
-    # depth first: a component comes after all that it reads from
-    done = [False] * count
-    for start in range(count):
-        waiting = [start]
-        while waiting:
-            current = waiting[-1]
-            before = {int(label[k]) for u in members[current] for k in needs[u]} - {current}
-            open_ = [component for component in before if not done[component]]
-            if open_:
-                waiting += open_
-                continue
-            waiting.pop()
-            if not done[current]:
-                done[current] = True
-                yield members[current]
+        return [[k] for k in range(len(needs))]
+    readers = np.repeat(np.arange(len(needs)), [len(need) for need in needs])
+    sources = np.array([k for need in needs for k in need], dtype=int)
+    return [loop.tolist() for loop in components(readers, sources, len(needs))]

@@ -147,14 +147,14 @@ class SignalGraph:
 
     def _terms(self, number: int) -> list[int]:
         """Terms of a sum of coefficients, however it is nested."""
-        found, pending = [], [number]
+        terms, pending = [], [number]
         while pending:
             operation, arguments = self.nodes[current := pending.pop()]
             if operation == "add":
                 pending += [int(arguments[1]), int(arguments[0])]
             else:
-                found.append(current)
-        return found
+                terms.append(current)
+        return terms
 
     def divide(self, number: int, signal: Scaled) -> Scaled:
         """y with apply(number, y) = signal."""

@@ -69,14 +69,14 @@ def reached(words: Words, *, all_kept: bool = False) -> Words:
     def added(terms: Sequence[Term]) -> Row:
         values: Row = {}
         for factor, number in terms:
-            found = held[number]
-            assert found is not None
+            row = held[number]
+            assert row is not None
             used[number] -= 1
             if not used[number]:
                 held[number] = None
             if len(terms) == 1 and factor is one:
-                return found
-            add(values, found, factor)
+                return row
+            add(values, row, factor)
         return values
 
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
@@ -139,14 +139,14 @@ def condensed(graph: SignalGraph) -> SignalGraph:
         items[signal - graph.inputs] = Item(-1 - divisor, _given(z))
     outputs = [_given(output) for output in graph.outputs]
     words = smallest(Words(graph.inputs, items, outputs, graph.field))
-    found = graph.without_signals()
+    small = graph.without_signals()
     signals = [Scaled(graph.field.one, k) for k in range(words.inputs)]
     for item in words.items:
         assert item.letter is not None
-        z, number = _combined(found, signals, item.terms), item.letter
-        signals.append(found.divide(-1 - number, z) if number < 0 else found.apply(number, z))
-    found.outputs = [_combined(found, signals, output) for output in words.outputs]
-    return found if len(found.channels) < len(graph.channels) else graph
+        z, number = _combined(small, signals, item.terms), item.letter
+        signals.append(small.divide(-1 - number, z) if number < 0 else small.apply(number, z))
+    small.outputs = [_combined(small, signals, output) for output in words.outputs]
+    return small if len(small.channels) < len(graph.channels) else graph
 
 
 def _given(*terms: Scaled) -> list[Term]:
@@ -166,8 +166,8 @@ def opened(graph: SignalGraph) -> Words:
     renumbered = {signal: k for k, signal in enumerate(order)}
     first = graph.inputs + len(quotients)
 
-    def terms(*given: Scaled) -> list[Term]:
-        return [(factor, renumbered[number]) for factor, number in _given(*given)]
+    def terms(*scaled: Scaled) -> list[Term]:
+        return [(factor, renumbered[number]) for factor, number in _given(*scaled)]
 
     items: list[Item] = [Item(None, ())] * len(others)
     for signal, summed in graph.equations:
@@ -197,49 +197,43 @@ class Dependence:
         self.rests: list[tuple[int, int, Row, Row]] = []  # pivot, number, what is left, factors
 
     def combination(self, number: int, row: Row) -> Row | None:
-        """Factors of earlier rows that add up to this one; None if there are none: then it is added.
-
-        Parameters
-        ----------
-        number : of this row
-        row : entries by column
-        """
+        """Factors of earlier rows that add up to this one; None if there are none: then it is added."""
         new = row.keys() - self.seen
         if new:
-            own = max(new)
-            self.owner[own] = (len(self.owner), number)
+            pivot = max(new)
+            self.owner[pivot] = (len(self.owner), number)
         else:
-            left, factors = self._subtracted(row)
-            if not left:
+            remainder, factors = self._subtracted(row)
+            if not remainder:
                 return factors
-            self.rests.append((max(left), number, left, factors))
+            self.rests.append((max(remainder), number, remainder, factors))
         self.rows[number] = row
         self.seen.update(row)
         return None
 
     def _subtracted(self, row: Row) -> tuple[Row, Row]:
         """What is left of a row, and factors of the rows that were subtracted."""
-        owner, left = self.owner, dict(row)
+        owner, remainder = self.owner, dict(row)
         factors: Row = {}
         waiting = [(-owner[c][0], c) for c in row if c in owner]
         heapq.heapify(waiting)
         while waiting:
             _, column = heapq.heappop(waiting)
-            if column not in left:  # met twice, or cancelled
+            if column not in remainder:  # met twice, or cancelled
                 continue
             number = owner[column][1]
             entries = self.rows[number]
-            factors[number] = factor = left[column] / entries[column]
-            for c in subtract(left, entries, factor):
+            factors[number] = factor = remainder[column] / entries[column]
+            for c in subtract(remainder, entries, factor):
                 if c in owner:
                     heapq.heappush(waiting, (-owner[c][0], c))
-        for pivot, number, rest, made_of in self.rests:
-            if pivot in left:
-                factor = left[pivot] / rest[pivot]
-                subtract(left, rest, factor)
+        for pivot, number, echelon_row, made_of in self.rests:
+            if pivot in remainder:
+                factor = remainder[pivot] / echelon_row[pivot]
+                subtract(remainder, echelon_row, factor)
                 subtract(factors, made_of, factor)
                 factors[number] = factor
-        return left, factors
+        return remainder, factors
 
 
 def subtract(row: Row, other: Row, factor: Exact) -> list[int]:
