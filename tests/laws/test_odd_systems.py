@@ -45,6 +45,7 @@ def test_a_gain_that_is_zero_is_proved_with_little_work() -> None:
     assert found.lower == 0.0
     assert found.upper < 1e-299
     assert found.work < 0.1
+    assert found.reason == ""
     assert verify(system, found) == ""
 
 
