@@ -23,6 +23,9 @@ ROOM = 10.0
 class Method(float):
     """A promise of what a method, mesh, table or other tool leaves, which no kernel changes."""
 
+    def __rmul__(self, factor: float) -> "Method":
+        return Method(factor * float(self))
+
 
 EVALUATION = 1e-14
 MESH = Method(4e-2)  # extents of meshes that were thinned
