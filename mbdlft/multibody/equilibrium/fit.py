@@ -18,6 +18,8 @@ from mbdlft.base.errors import StructureError, TrimError
 from mbdlft.base.expression import parse
 from mbdlft.multibody.equilibrium.branches import Proof, System, follow, prove, start_branch, system
 
+__all__ = ["EquilibriumFit", "fit_equilibrium"]
+
 _MARGIN = 0.9  # of the tolerance, for the samples: the error between them may be larger
 _FEWEST = {1: 33, 2: 13, 3: 8}  # samples along each parameter, by the number of parameters
 _GUARDS = {1: 257, 2: 41, 3: 13}  # points along each parameter where poles are looked for
