@@ -269,7 +269,7 @@ def body(
 ) -> None:
     """Print the table of a catalogue body, to be pasted into a scene file."""
     from mbdlft.elastic.catalogue import body_table, load_body, reduced_body
-    from mbdlft.elastic.model import effective_masses
+    from mbdlft.elastic.modal import effective_masses
     from mbdlft.multibody.scene.toml import body_to_toml
 
     options = {"method": method, "modes": modes, "frequency": frequency}

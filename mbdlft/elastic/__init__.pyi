@@ -4,10 +4,10 @@ from .catalogue import modal_body as modal_body
 from .files import load_matrices as load_matrices
 from .files import load_nastran as load_nastran
 from .files import save_matrices as save_matrices
-from .model import EffectiveMasses as EffectiveMasses
-from .model import ModalModel as ModalModel
-from .model import effective_masses as effective_masses
-from .model import modal_model as modal_model
+from .modal import EffectiveMasses as EffectiveMasses
+from .modal import ModalModel as ModalModel
+from .modal import effective_masses as effective_masses
+from .modal import modal_model as modal_model
 from .nodes import Interface as Interface
 from .nodes import Nodes as Nodes
 from .nodes import every_dof as every_dof

@@ -14,7 +14,7 @@ import numpy as np
 
 from mbdlft.base.errors import MbdlftError, MbdlftWarning, SceneError, StructureError, unknown_name
 from mbdlft.elastic.files import load_matrices, load_nastran
-from mbdlft.elastic.model import ModalModel, modal_model
+from mbdlft.elastic.modal import ModalModel, modal_model
 from mbdlft.elastic.nodes import Interface, Nodes
 from mbdlft.elastic.partition import FiniteElements, to_si
 from mbdlft.multibody.body import Body, FlexibleBody, Inertia, Mode

@@ -11,7 +11,7 @@ import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError
-from mbdlft.elastic.model import FASTEST, SLOWEST, ModalModel, Rigid, mass_matrix
+from mbdlft.elastic.modal import FASTEST, SLOWEST, ModalModel, Rigid, mass_matrix
 from mbdlft.elastic.nodes import finite
 
 # negative residual mass that is rounding, of the rigid mass: printed digits are few

@@ -3,7 +3,7 @@
 n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and four steps use
 it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
 functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by the smallest
-rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.newton`).
+rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.refit`).
 Pairs and triples of deltas (`mbdlft.order.lower_bound`) show how small the order can be: then the search
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
@@ -24,8 +24,8 @@ from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.lower_bound import JointBound, allows
-from mbdlft.order.newton import refit
 from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.refit import refit
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
 from mbdlft.order.work import Work, reduction, singular_values, solutions
 

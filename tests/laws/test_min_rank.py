@@ -17,9 +17,9 @@ from mbdlft.base.running import one_thread
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order import min_rank as module
-from mbdlft.order import newton as newton
+from mbdlft.order import refit as newton
 from mbdlft.order.min_rank import lower_ranks
-from mbdlft.order.newton import refit
+from mbdlft.order.refit import refit
 from mbdlft.order.rewriting import open_block
 from mbdlft.order.work import Work
 from tests.close import roundoff

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 import mbdlft
 from mbdlft import FiniteElements, ModalModel, Nodes, modal_model
-from mbdlft.elastic import model as model_module
+from mbdlft.elastic import modal as model_module
 from mbdlft.elastic import partition as partition_module
 from mbdlft.elastic import reduction
-from mbdlft.elastic.model import mass_matrix
+from mbdlft.elastic.modal import mass_matrix
 from mbdlft.elastic.nodes import transport
 from mbdlft.elastic.partition import partitioned
 from mbdlft.elastic.reduction import Solver, Structure, candidates
