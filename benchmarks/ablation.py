@@ -78,9 +78,7 @@ def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
         for name, nothing in left_out.items():
             stack.enter_context(patch.object(search, name, nothing))
         models = {name: make(work) for name, make in cases()}
-    return {
-        name: Result(model.order, model.certificate.order_bound) for name, model in models.items()
-    }
+    return {name: Result(model.order, model.certificate.order_bound) for name, model in models.items()}
 
 
 def table(results: dict[str, dict[str, Result]], work: float) -> str:
@@ -95,11 +93,7 @@ def table(results: dict[str, dict[str, Result]], work: float) -> str:
         orders, bounds = (sum(side) for side in zip(*found.values(), strict=True))
         minimal = sum(order == bound for order, bound in found.values())
         lines.append(f"| {variant} | {orders} | {bounds} | {minimal} |")
-    lines += [
-        "",
-        f"| case, order / bound | {' | '.join(results)} |",
-        "|---" * (len(results) + 1) + "|",
-    ]
+    lines += ["", f"| case, order / bound | {' | '.join(results)} |", "|---" * (len(results) + 1) + "|"]
     for case in next(iter(results.values())):
         row = [found[case] for found in results.values()]
         if len(set(row)) > 1 or row[0].order > row[0].bound:

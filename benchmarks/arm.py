@@ -51,16 +51,11 @@ def arm_rows(repeats: int) -> list[Row]:
     """Exactness, order and seconds of the arm."""
     text = SCENE.read_text(encoding="utf-8")
     model = mbdlft.to_lft(mbdlft.scene_from_toml(text), search=0.0)
-    inside, corners = (
-        mbdlft.random(model.parameters, 1000, seed=11),
-        mbdlft.corners(model.parameters),
-    )
+    inside, corners = (mbdlft.random(model.parameters, 1000, seed=11), mbdlft.corners(model.parameters))
     values = {name: np.concatenate([inside[name], corners[name]]) for name in NAMES}
     expected, _ = closed_form(values)
     size = np.max(np.abs(expected), axis=(1, 2))
-    error = float(
-        np.max(np.max(np.abs(state_and_input(model, values) - expected), axis=(1, 2)) / size)
-    )
+    error = float(np.max(np.max(np.abs(state_and_input(model, values) - expected), axis=(1, 2)) / size))
     if not error <= CLOSED_FORM:
         raise SystemExit(f"the arm is wrong: relative error {error:.1e}; no times are printed.")
     total, without = [], []
@@ -104,24 +99,13 @@ def arm_rows(repeats: int) -> list[Row]:
             f"{all_in:.0f} ms",
             all_in <= 60,
         ),
-        Row(
-            "of which the reduced LFT without certificate",
-            "30 ms",
-            f"{bare:.0f} ms",
-            bare <= 30,
-        ),
+        Row("of which the reduced LFT without certificate", "30 ms", f"{bare:.0f} ms", bare <= 30),
     ]
 
 
 def process_row(repeats: int) -> Row:
     """The command as a whole process, figure not drawn."""
-    command = [
-        sys.executable,
-        "-c",
-        _MAIN,
-        "linearize",
-        str(SCENE),
-    ]
+    command = [sys.executable, "-c", _MAIN, "linearize", str(SCENE)]
     seconds = []
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(repeats + 1):
@@ -237,9 +221,7 @@ def rows(repeats: int = 20, step: float = 5.0) -> list[Row]:
 def table(found: list[Row]) -> str:
     """The rows in Markdown."""
     lines = ["| what | target | measured |", "|---|---|---|"]
-    lines += [
-        f"| {r.what} | {r.target} | {r.measured}{'' if r.met else ' (missed)'} |" for r in found
-    ]
+    lines += [f"| {r.what} | {r.target} | {r.measured}{'' if r.met else ' (missed)'} |" for r in found]
     return "\n".join([*lines, "", machine()])
 
 

@@ -93,9 +93,7 @@ def measured(case: Case) -> Row:
     names = [p.name for p in problem.parameters]
     at = {name: points[some, k] for k, name in enumerate(names)}
     A, B, C, D = (np.asarray(part) for part in mbdlft.matrices_at(model, at))
-    own = np.concatenate(
-        [np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2
-    )
+    own = np.concatenate([np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2)
     states = A.shape[-1]
     error, rounded = (
         largest(in_digits(values.reshape(exact.shape), states), truth) for values in (own, exact)

@@ -73,13 +73,7 @@ JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist
 PIN = Case("rotatory_spacecraft", ("pin.angle",), ("pin.torque",), (50.0,), (20.0,), 0.01)
 CASES = (
     Case(
-        "launcher_slosh",
-        ("flight.angle",),
-        ("gimbal.torque",),
-        (-6e5,),
-        (-6e5,),
-        0.02,
-        _flight("x", "y"),
+        "launcher_slosh", ("flight.angle",), ("gimbal.torque",), (-6e5,), (-6e5,), 0.02, _flight("x", "y")
     ),
     Case(
         "balloon_gondola",

@@ -67,9 +67,7 @@ def moves_between(calls: Iterable[Call]) -> Counter[tuple[str, str]]:
 
 def both_ways(moves: Counter[tuple[str, str]]) -> Counter[tuple[str, str]]:
     """The moves of all pairs of files, both directions together, where both directions occur."""
-    return Counter(
-        {(a, b): n + moves[b, a] for (a, b), n in moves.items() if a < b and (b, a) in moves}
-    )
+    return Counter({(a, b): n + moves[b, a] for (a, b), n in moves.items() if a < b and (b, a) in moves})
 
 
 def figures(calls: list[Call]) -> str:
@@ -82,9 +80,7 @@ def figures(calls: list[Call]) -> str:
         ("moves between files", moves.total(), f"<= {TARGET_MOVES}", moves.total() <= TARGET_MOVES),
         ("pairs of files that call each other both ways", len(both_ways(moves)), "", True),
     ]
-    lines = [
-        f"| {what} | {target} | {n}{'' if met else ' (missed)'} |" for what, n, target, met in rows
-    ]
+    lines = [f"| {what} | {target} | {n}{'' if met else ' (missed)'} |" for what, n, target, met in rows]
     return "\n".join(["| what | target | measured |", "|---|---|---|", *lines])
 
 

@@ -148,9 +148,7 @@ def transfers(names: Sequence[str], repeats: int) -> list[Cost]:
             response = mbdlft.frequency_response(model, values, FREQUENCIES)
             responses.append(response[:, :, output, source])
         for response in responses[1:]:
-            if not np.max(np.abs(response - responses[0])) <= BALANCE * np.max(
-                np.abs(responses[0])
-            ):
+            if not np.max(np.abs(response - responses[0])) <= BALANCE * np.max(np.abs(responses[0])):
                 raise SystemExit(f"{name}: the transfer is not the same in all models.")
     return rows
 
@@ -195,13 +193,9 @@ def turned(scene: mbdlft.Scene, Q: Any) -> mbdlft.Scene:
             update["center_of_mass"] = turned_vector(Q, body.center_of_mass)
             update["inertia"] = turned_inertia(Q[:, 0], body.inertia.xx)
         bodies.append(body.model_copy(update=update))
-    joints = [
-        joint.model_copy(update={"axis": turned_vector(Q, joint.axis)}) for joint in scene.joints
-    ]
+    joints = [joint.model_copy(update={"axis": turned_vector(Q, joint.axis)}) for joint in scene.joints]
     gravity = turned_vector(Q, scene.gravity)
-    return scene.model_copy(
-        update={"bodies": tuple(bodies), "joints": tuple(joints), "gravity": gravity}
-    )
+    return scene.model_copy(update={"bodies": tuple(bodies), "joints": tuple(joints), "gravity": gravity})
 
 
 def turned_vector(Q: Any, vector: Sequence[Any]) -> tuple[Any, ...]:
@@ -228,9 +222,7 @@ def import_seconds(repeats: int) -> float:
     """Least seconds of `import mbdlft` in a new process."""
     program = "import time; s = time.perf_counter(); import mbdlft; print(time.perf_counter() - s)"
     return min(
-        float(
-            subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout
-        )
+        float(subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout)
         for _ in range(repeats)
     )
 

@@ -35,16 +35,7 @@ _SEARCH = 20.0  # s; it ends at the bound, or when nothing new is found
 _CHECKED = 200
 
 
-_CHAINS = (
-    (False, 2),
-    (False, 3),
-    (False, 4),
-    (False, 6),
-    (True, 2),
-    (True, 3),
-    (True, 4),
-    (True, 6),
-)
+_CHAINS = ((False, 2), (False, 3), (False, 4), (False, 6), (True, 2), (True, 3), (True, 4), (True, 6))
 _CHAIN_SEARCH = 60.0  # s
 _LONG_CHAIN, _LONG_SEARCH = 4, 300.0  # links and s: pairs of 18 parameters take a minute
 

@@ -58,9 +58,7 @@ def page(command: str, source: Path, folder: Path, load: Load | None) -> Page | 
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     words = [sys.executable, "-m", "mbdlft", command, str(source), "-o", str(output)]
     # as for a user: modules are compiled once
-    around = {
-        name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"
-    }
+    around = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=around)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     if done.returncode:

@@ -170,9 +170,7 @@ def main(show: Callable[[str], None] = print) -> None:
         start = time.perf_counter()
         item = outcome(file)
         found.append(item)
-        detail = (
-            f"{item.error:.1e} {item.reason}" if item.came in ("equal", "differs") else item.reason
-        )
+        detail = f"{item.error:.1e} {item.reason}" if item.came in ("equal", "differs") else item.reason
         seconds = time.perf_counter() - start
         show(f"{item.came:8} {item.format:4} {item.states:4} {seconds:5.1f} s  {file}: {detail}")
     show(table(found))

@@ -93,9 +93,7 @@ def measure(shape: str, count: int, few: bool) -> dict[str, Any]:  # noqa: FBT00
         "order": built.model.order,
         "bound": certificate.order_bound,
         "error": certificate.max_relative_error,
-        "megabytes": max(
-            _PAGE, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start) / 1024
-        ),
+        "megabytes": max(_PAGE, (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start) / 1024),
         "seconds": sum(spent.values()),
         "stages": {stage: spent.get(stage, 0.0) for stage in STAGES},
         "wall": built.seconds["total"],
@@ -141,9 +139,7 @@ def families(rows: Sequence[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
     """Rows by shape and number of parameters."""
     found: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        found.setdefault(f"{row['shape']}, {'5' if row['few'] else '3n'} parameters", []).append(
-            row
-        )
+        found.setdefault(f"{row['shape']}, {'5' if row['few'] else '3n'} parameters", []).append(row)
     return found
 
 
@@ -165,9 +161,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     for name, family in families(rows).items():
         counts = [r["bodies"] for r in family]
         slopes = [slope(counts, [r["stages"][stage] for r in family]) for stage in STAGES]
-        slopes += [
-            slope(counts, [r[key] for r in family]) for key in ("seconds", "megabytes", "order")
-        ]
+        slopes += [slope(counts, [r[key] for r in family]) for key in ("seconds", "megabytes", "order")]
         cells = ["-" if np.isnan(value) else f"{value:.1f}" for value in slopes]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     return "\n".join([*lines, "", machine()])

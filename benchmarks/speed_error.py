@@ -201,9 +201,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     lines = []
     own = [c.name for c in CANDIDATES if c.own]
     for title, names in [("all ways of this package", own), *((f"`{n}`", [n]) for n in own)]:
-        found = [
-            f"{', '.join(b)} ({s})" for s, g in groups(rows).items() if (b := beaten(g, names))
-        ]
+        found = [f"{', '.join(b)} ({s})" for s, g in groups(rows).items() if (b := beaten(g, names))]
         lines.append(f"- Faster and more accurate than {title}: {'; '.join(found) or 'none'}.")
     arm = next((r for r in rows if r["method"] == own[0] and r["system"] == "two-link arm"), None)
     if arm is not None:

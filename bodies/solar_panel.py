@@ -56,9 +56,7 @@ def elements(cuts: int = 1) -> FiniteElements:
     """Matrices and node table, with three displacements at each node."""
     basis = skfem.Basis(mesh(cuts), skfem.ElementHex2())
     mass = skfem.BilinearForm(lambda u, v, w: _field(w, "density") * u * v).assemble(basis)
-    blocks = [
-        [skfem.BilinearForm(_stiffness(i, j)).assemble(basis) for j in range(3)] for i in range(3)
-    ]
+    blocks = [[skfem.BilinearForm(_stiffness(i, j)).assemble(basis) for j in range(3)] for i in range(3)]
     count = mass.shape[0]
     # the rows are sorted by node, with three displacements each
     order = np.arange(3 * count).reshape(3, count).T.ravel()

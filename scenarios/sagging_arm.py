@@ -48,9 +48,7 @@ def main() -> None:
     for mass in (1.4, 2.0, 2.6):
         point = find_equilibrium(arm, {"m": mass})
         decay = -eigenvalues_at(arm, point)[0].real
-        print(
-            f"m = {mass} kg: {point.positions['hinge.angle']:.4f} rad, decays with {decay:.3f} rad/s"
-        )
+        print(f"m = {mass} kg: {point.positions['hinge.angle']:.4f} rad, decays with {decay:.3f} rad/s")
     there = at_equilibrium(arm, find_equilibrium(arm))
     hinge = there.joints[0]
     assert isinstance(hinge, Revolute)

@@ -11,17 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mbdlft import (
-    Angle,
-    Parameter,
-    Scene,
-    grid,
-    load_robot,
-    matrices_at,
-    scene_to_toml,
-    to_lft,
-    trim_at,
-)
+from mbdlft import Angle, Parameter, Scene, grid, load_robot, matrices_at, scene_to_toml, to_lft, trim_at
 
 TOML = Path(__file__).with_name("ur5.toml")
 HEADER = """\

@@ -13,9 +13,7 @@ from benchmarks.targets import HARD_NUMERIC as HARD_NUMERIC
 from benchmarks.targets import PINOCCHIO as PINOCCHIO
 from benchmarks.targets import SCENARIO as SCENARIO
 
-_ROUNDOFF = (
-    200.0  # times eps, condition and scale; right results stay far below, wrong ones far above
-)
+_ROUNDOFF = 200.0  # times eps, condition and scale; right results stay far below, wrong ones far above
 # between a promise of rounding and what is measured: no kernel, compiler or build of numpy is near it
 ROOM = 10.0
 
@@ -44,9 +42,7 @@ ARM_TABLE = Method(1e-4)
 LENGTH_TABLE = Method(1e-3)
 MAST_TABLE = Method(3e-3)
 SIMULATED = Method(1e-7)  # two simulations of the same equations
-EXTRAPOLATED = Method(
-    1e-8
-)  # central differences, extrapolated twice (Richardson), of the largest entry
+EXTRAPOLATED = Method(1e-8)  # central differences, extrapolated twice (Richardson), of the largest entry
 CORES = 1e-12  # values with the kernels of other processors
 ATTACKED = 1e-11  # values of what is drawn by chance, of each entry
 ACCELERATION = 1e-7  # of beams on a hub, of the largest of a row, against 50 digits
@@ -99,9 +95,7 @@ def roundoff(
     assert found <= _ROUNDOFF * EPS * max(kappa, 1.0), f"relative error {found:.2e}"
 
 
-def target(
-    actual: ArrayLike, expected: ArrayLike, bound: float, scale: float | None = None
-) -> None:
+def target(actual: ArrayLike, expected: ArrayLike, bound: float, scale: float | None = None) -> None:
     """A promised relative error, one of the names above; promises of rounding keep their room."""
     found = error(actual, expected, scale)
     assert found <= bound, f"relative error {found:.2e}, promised {bound:.0e}"

@@ -19,11 +19,7 @@ from mbdlft.pipeline import stages
 os.environ["MBDLFT_CACHE"] = ""
 
 settings.register_profile(
-    "fast",
-    max_examples=25,
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.too_slow],
+    "fast", max_examples=25, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("deep", max_examples=500, deadline=None, print_blob=True)
 settings.load_profile(os.environ.get("MBDLFT_HYPOTHESIS", "fast"))

@@ -149,9 +149,7 @@ class _Random:
         count = int(self.r.integers(1, 4))
         self.p = [
             self.d.parameter(
-                Parameter(
-                    f"p{k}", float(self.r.integers(1, 5)), percent=float(self.r.integers(5, 30))
-                )
+                Parameter(f"p{k}", float(self.r.integers(1, 5)), percent=float(self.r.integers(5, 30)))
             )
             for k in range(count)
         ]
@@ -171,9 +169,7 @@ class _Random:
         return [*functions, ca.sqrt(1 + a * a) - 1][int(self.r.integers(7))]
 
     def right_side(self) -> ca.SX:
-        terms = [
-            self.number() * x * (self.coefficient() if self.r.random() < 0.5 else 1) for x in self.x
-        ]
+        terms = [self.number() * x * (self.coefficient() if self.r.random() < 0.5 else 1) for x in self.x]
         factor = self.coefficient() if self.r.random() < 0.5 else 1
         return sum(terms, self.number() * self.u) + factor * self.nonlinear(self.x)
 

@@ -126,8 +126,7 @@ def _joint(rng: np.random.Generator, k: int, parent: str, kinds: tuple[str, ...]
         ]
         # slides have springs: gravity alone does not hold them in place
         fields["stiffness"] = [
-            float(rng.uniform(30.0, 200.0)) if not turn or rng.random() < 0.3 else 0.0
-            for turn in turns
+            float(rng.uniform(30.0, 200.0)) if not turn or rng.random() < 0.3 else 0.0 for turn in turns
         ]
         for key in ("position", "stiffness"):
             fields[key] = tuple(fields[key]) if len(turns) > 1 else fields[key][0]

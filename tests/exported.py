@@ -172,9 +172,7 @@ save('-v6', 'found.mat');
 """
 
 
-def octave(
-    model: System, folder: Path, stem: str, rows: np.ndarray, more: str = ""
-) -> dict[str, Any]:
+def octave(model: System, folder: Path, stem: str, rows: np.ndarray, more: str = "") -> dict[str, Any]:
     """Variables of Octave after it has evaluated exported m-files at samples."""
     if OCTAVE is None:
         pytest.skip("there is no octave-cli")

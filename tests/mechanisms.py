@@ -227,9 +227,7 @@ class _Mechanism(Draft):
         for k in (1, 2):
             old = np.array(self.loads[first + k].direction)
             x, y, z = (float(value) for value in old - 0.9 * np.dot(old, up) * up)
-            self.loads[first + k] = self.loads[first + k].model_copy(
-                update={"direction": (x, y, z)}
-            )
+            self.loads[first + k] = self.loads[first + k].model_copy(update={"direction": (x, y, z)})
         old = self.loads[first]
         self.loads[first] = mbdlft.Buoyancy(name=old.name, port=old.port)
 
@@ -260,11 +258,7 @@ class _Mechanism(Draft):
             self.sensors.append(mbdlft.JointWrench(name=name, joint=joint.name))
             return
         cls = self.one_of(
-            *_PORT_SENSORS,
-            mbdlft.Accelerometer,
-            mbdlft.Gyro,
-            mbdlft.Momentum,
-            mbdlft.CenterOfMass,
+            *_PORT_SENSORS, mbdlft.Accelerometer, mbdlft.Gyro, mbdlft.Momentum, mbdlft.CenterOfMass
         )
         if cls in (mbdlft.Momentum, mbdlft.CenterOfMass):
             self.sensors.append(cls(name=name))

@@ -27,10 +27,7 @@ def spring_and_mass(c: str = "0.02") -> LFTModel:
     """m q'' + c q' + k q = force with k and m in ranges."""
     return realize(
         [["0", "1", "0"], ["-k/m", f"-({c})/m", "1/m"], ["1", "0", "0"]],
-        [
-            Parameter("k", 4.0, 3.0, 6.0, unit="N/m"),
-            Parameter("m", 1.0, 0.8, 1.5, unit="kg"),
-        ],
+        [Parameter("k", 4.0, 3.0, 6.0, unit="N/m"), Parameter("m", 1.0, 0.8, 1.5, unit="kg")],
         states=2,
         inputs=["force"],
         outputs=["position"],

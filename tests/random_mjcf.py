@@ -23,9 +23,7 @@ def written(seed: int) -> str:
     for joint in re.findall(r'name="(j\d+_\d+)"', bodies):
         gear = f'gear="{random.uniform(0.5, 3.0):.3g}"'
         if random.random() < 0.4:
-            actuators += (
-                f'<position joint="{joint}" kp="{random.uniform(1, 9):.3g}" kv=".3" {gear}/>'
-            )
+            actuators += f'<position joint="{joint}" kp="{random.uniform(1, 9):.3g}" kv=".3" {gear}/>'
         if random.random() < 0.2:
             actuators += f'<motor joint="{joint}" armature=".01" {gear}/>'
     gravity = numbers(random, 3, 9)

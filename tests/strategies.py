@@ -57,10 +57,7 @@ class Drawn(NamedTuple):
 
 
 def random_scene(
-    seed: int,
-    joints: int | None = None,
-    parameters: int | None = None,
-    edge: str | None = None,
+    seed: int, joints: int | None = None, parameters: int | None = None, edge: str | None = None
 ) -> mbdlft.Scene:
     """A random scene; `joints` that move (1 to 6), most `parameters`, and `edge` are drawn if not given.
 
@@ -193,9 +190,7 @@ class Draft:
             length = self._measured(whole, kind, 0.5 * spread)
         else:
             length, unit = f"c{len(self.constants)}", self.one_of(*kind)
-            self.constants[length] = mbdlft.Constant(
-                value=whole / parse_unit(unit).factor, unit=unit
-            )
+            self.constants[length] = mbdlft.Constant(value=whole / parse_unit(unit).factor, unit=unit)
         unit = self.one_of("1", "%")
         rho = self._new(value / whole / parse_unit(unit).factor, unit, "rho", 0.5 * spread)
         return f"{rho}*{length}"
@@ -335,15 +330,11 @@ class Draft:
             entries = {"xx": entries["xx"]}
         if about == "center_of_mass" and isinstance(mass.source, str) and self.chance(0.3):
             unit = " [m^2]" if self._is_in_units(mass.source) else ""
-            with_mass = {
-                name: f"{J / value!r}{unit}*({mass.source})" for name, J in entries.items()
-            }
+            with_mass = {name: f"{J / value!r}{unit}*({mass.source})" for name, J in entries.items()}
             return mbdlft.Inertia(**with_mass, about=about)
         # six entries that move by less than a fifth of the smallest moment leave P positive
         drawn = {
-            name: self.quantity(
-                J, INERTIA, min(0.3, 0.15 * min(moments) / abs(J)), 0.06, reuse=False
-            )
+            name: self.quantity(J, INERTIA, min(0.3, 0.15 * min(moments) / abs(J)), 0.06, reuse=False)
             for name, J in entries.items()
         }
         return mbdlft.Inertia(**{name: item.source for name, item in drawn.items()}, about=about)

@@ -69,8 +69,7 @@ def closed_form(values: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     acceleration = np.linalg.solve(
         M,
         np.concatenate(
-            [-K, np.tile(-DAMPING * np.eye(2), (count, 1, 1)), np.tile(np.eye(2), (count, 1, 1))],
-            -1,
+            [-K, np.tile(-DAMPING * np.eye(2), (count, 1, 1)), np.tile(np.eye(2), (count, 1, 1))], -1
         ),
     )
     velocity = np.tile(np.hstack([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))]), (count, 1, 1))
@@ -109,7 +108,5 @@ def worst_response_error(
         loop = 1j * w * np.eye(4) - state[:, :, :4]
         expected = np.linalg.solve(loop, state[:, :, 4:].astype(complex))[:, :2]
         size = np.max(np.abs(expected), axis=(1, 2))
-        worst = max(
-            worst, float(np.max(np.max(np.abs(actual[:, k] - expected), axis=(1, 2)) / size))
-        )
+        worst = max(worst, float(np.max(np.max(np.abs(actual[:, k] - expected), axis=(1, 2)) / size)))
     return worst

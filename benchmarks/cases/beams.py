@@ -90,8 +90,7 @@ def joined(meshes: Sequence[Mesh]) -> Mesh:
     for second in meshes[1:]:
         n = len(first.M)
         places = [
-            dict(zip(second.root, first.tip, strict=True)).get(k, n + k)
-            for k in range(len(second.M))
+            dict(zip(second.root, first.tip, strict=True)).get(k, n + k) for k in range(len(second.M))
         ]
         kept = sorted({*range(n), *places})
         total = []

@@ -9,12 +9,7 @@ from typing import Any
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # software draws: machines of tests have no graphics; root needs no sandbox
-_OPTIONS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-]
+_OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 _WIDE, _HIGH = 1300, 800
 
 
@@ -57,9 +52,7 @@ def browser(program: str) -> Iterator[Any]:
 
         def load(file: Path, *more: str) -> Loaded:
             if more not in running:
-                running[more] = tool.chromium.launch(
-                    executable_path=program, args=[*_OPTIONS, *more]
-                )
+                running[more] = tool.chromium.launch(executable_path=program, args=[*_OPTIONS, *more])
             page = running[more].new_page(viewport={"width": _WIDE, "height": _HIGH})
             loaded = Loaded(page)
             page.goto(file.resolve().as_uri())

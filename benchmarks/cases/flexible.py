@@ -293,17 +293,8 @@ def chain(fractions: list[float], elements: int) -> Scene:
 def mast(elements: int = 4) -> Scene:
     """Satellite with a mast of three segments (table 9.1), free in the plane."""
     count, segment, hub = 3, 4.06, Inertia(zz=250.0, xz=0, yz=0)
-    bodies: list[Body] = [
-        RigidBody(
-            name="hub",
-            mass=500.0,
-            inertia=hub,
-            ports={"side": (1.0, 0, 0)},
-        )
-    ]
-    joints: list[Joint] = [
-        mbdlft.Planar(name="flight", parent="ground", child="hub", axis=(0, 0, 1))
-    ]
+    bodies: list[Body] = [RigidBody(name="hub", mass=500.0, inertia=hub, ports={"side": (1.0, 0, 0)})]
+    joints: list[Joint] = [mbdlft.Planar(name="flight", parent="ground", child="hub", axis=(0, 0, 1))]
     for k in range(count):
         bodies.append(
             Beam(

@@ -91,9 +91,7 @@ def mass_ratio(first: float, last: float) -> Case:
         [parameter("m", first), parameter("L", 1.0), mbdlft.Angle("t", 40.0, 0.0, 80.0)],
         inertia=[0.1 * first, 0.1 * last],
     )
-    return Case(
-        f"masses {first:.0e} and {last:.0e} kg", scene, {"m": 0.9 * first, "L": 1.1, "t": 63.0}
-    )
+    return Case(f"masses {first:.0e} and {last:.0e} kg", scene, {"m": 0.9 * first, "L": 1.1, "t": 63.0})
 
 
 def sizes(first: float = 1.0, last: float = 1e-6) -> Case:
@@ -171,9 +169,7 @@ def half_angle(distance: float, substitution: Substitution = "half-angle") -> Ca
     angle = mbdlft.Angle("t", 0.0, -reach, reach, substitution=substitution)
     scene = links("half", ["m", 1.0], [1.0, 0.8], ["0.5", "t"], [parameter("m", 1.0), angle])
     return Case(
-        f"angle {distance:.0e} deg from the singular point",
-        scene,
-        {"m": 1.1, "t": 180.0 - distance},
+        f"angle {distance:.0e} deg from the singular point", scene, {"m": 1.1, "t": 180.0 - distance}
     )
 
 
@@ -223,11 +219,7 @@ def wide(percent: float) -> Case:
         ["m", 1.0],
         ["L", 0.8],
         ["0.5", "t"],
-        [
-            parameter("m", 1.0, percent),
-            parameter("L", 1.0, percent),
-            mbdlft.Angle("t", 40.0, 0.0, 80.0),
-        ],
+        [parameter("m", 1.0, percent), parameter("L", 1.0, percent), mbdlft.Angle("t", 40.0, 0.0, 80.0)],
     )
     low = 1.0 - 0.01 * percent
     return Case(f"ranges of +-{percent:g} %", scene, {"m": low, "L": low, "t": 80.0})
@@ -237,9 +229,7 @@ def bifurcation(distance: float) -> Case:
     """An inverted pendulum whose spring balances gravity but for `distance`."""
     bodies = [mbdlft.PointMass(name="bob", mass="m", ports={"foot": (0, 0, -1.0)})]
     joints = [
-        mbdlft.Revolute(
-            name="pivot", parent="ground", child="bob.foot", axis=(1, 0, 0), stiffness="k"
-        )
+        mbdlft.Revolute(name="pivot", parent="ground", child="bob.foot", axis=(1, 0, 0), stiffness="k")
     ]
     parameters = [parameter("m", 1.0), parameter("k", 9.81)]
     scene = mbdlft.Scene(
@@ -312,10 +302,7 @@ def long_chain(count: int = 100, *, inverted: bool = False) -> Case:
         outboard = [m + (count - 1 - k) for k in range(count)]
         # relative angles: sums over all absolute ones that follow
         M = _tails(
-            [
-                [lengths[i] * lengths[j] * outboard[max(i, j)] for j in range(count)]
-                for i in range(count)
-            ]
+            [[lengths[i] * lengths[j] * outboard[max(i, j)] for j in range(count)] for i in range(count)]
         )
         K = _tails(
             [
@@ -359,9 +346,7 @@ def decades() -> Case:
         parameters=[parameter("J", 10.0), parameter("w", 1.0)],
         bodies=[panel],
         joints=[
-            mbdlft.Revolute(
-                name="hinge", parent="ground", child="panel", axis=(1, 0, 0), stiffness=5.0
-            )
+            mbdlft.Revolute(name="hinge", parent="ground", child="panel", axis=(1, 0, 0), stiffness=5.0)
         ],
     )
 
@@ -378,10 +363,7 @@ def decades() -> Case:
 
     data = (10.9, 5.0, 1e-2, 1.07, 1e3, 1e6, *participation)
     return Case(
-        "flexible body, frequencies of 1e-2 to 1e6 rad/s",
-        scene,
-        {"J": 10.9, "w": 1.07},
-        (motion, data),
+        "flexible body, frequencies of 1e-2 to 1e6 rad/s", scene, {"J": 10.9, "w": 1.07}, (motion, data)
     )
 
 
@@ -403,17 +385,10 @@ def absorber(mass: float) -> mbdlft.Scene:
     return mbdlft.Scene(
         name="absorber",
         parameters=[parameter("m", 1.0)],
-        bodies=[
-            mbdlft.PointMass(name="block", mass="m"),
-            mbdlft.PointMass(name="light", mass=mass),
-        ],
+        bodies=[mbdlft.PointMass(name="block", mass="m"), mbdlft.PointMass(name="light", mass=mass)],
         joints=[
-            mbdlft.Prismatic(
-                name="slide", parent="ground", child="block", axis=(1, 0, 0), stiffness=2.0
-            ),
-            mbdlft.Prismatic(
-                name="tuned", parent="block", child="light", axis=(1, 0, 0), stiffness=mass
-            ),
+            mbdlft.Prismatic(name="slide", parent="ground", child="block", axis=(1, 0, 0), stiffness=2.0),
+            mbdlft.Prismatic(name="tuned", parent="block", child="light", axis=(1, 0, 0), stiffness=mass),
         ],
         inputs=["slide.force"],
         outputs=["slide.position"],

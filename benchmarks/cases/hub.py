@@ -15,9 +15,7 @@ NOMINAL = {  # an aluminium beam of 1 m
 _PERCENT = 20
 
 
-def hub(
-    beams: int, elements: int, uncertain: Sequence[str] = (), *, is_spatial: bool = False
-) -> Scene:
+def hub(beams: int, elements: int, uncertain: Sequence[str] = (), *, is_spatial: bool = False) -> Scene:
     """Torques in, accelerations and position of the tip out; each beam has a length of its own.
 
     Parameters

@@ -200,9 +200,7 @@ class Energy:
         """Of a frame relative to the ground, in the frame: R'Rdot is its cross product."""
         rotation = frame[:3, :3]
         spin = rotation.T @ self.rate(rotation)
-        return 0.5 * ca.vertcat(
-            spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1]
-        )
+        return 0.5 * ca.vertcat(spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1])
 
     def sizes(self) -> tuple[ca.SX, ca.SX]:
         """Bounds `force` and `stiff` of `Reference`, from the total length."""

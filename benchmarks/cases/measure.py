@@ -38,9 +38,7 @@ class Errors(NamedTuple):
 def _own_scale(model: mbdlft.LFTModel, values: np.ndarray) -> np.ndarray:
     """What an entry of [A B] is relative to, by the definition of the condition of the certificate."""
     points = check_points(model.parameters, model.certificate.seed)
-    sampled = mbdlft.matrices_at(
-        model, {p.name: points[:, k] for k, p in enumerate(model.parameters)}
-    )
+    sampled = mbdlft.matrices_at(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
     samples = np.concatenate([sampled.A, sampled.B], axis=2)
     scale = entry_scale(samples, len(model.states))
     one_sign = np.all(samples > 0.0, axis=0) | np.all(samples < 0.0, axis=0)

@@ -39,10 +39,7 @@ class Case(NamedTuple):
     def problem(self, matrix: Rows | None = None) -> MatrixProblem:
         """The case as a matrix problem; with another way of writing its entries if given."""
         return MatrixProblem(
-            name=self.name,
-            matrix=matrix or self.matrix,
-            parameters=self.parameters,
-            states=self.states,
+            name=self.name, matrix=matrix or self.matrix, parameters=self.parameters, states=self.states
         )
 
 
@@ -62,11 +59,7 @@ def missile(dp: str) -> Rows:
     """[A B ; C D] of the derivatives by angle of attack, pitch rate and fin."""
     cz = CZ.format(dp=dp)
     return [
-        [
-            f"7/5*Ma*({SLOPE_Z}*(1 - Al^2/2) - {cz}*Al)",
-            "1",
-            "-7/5*34/1000*Ma*(1 - Al^2/2)",
-        ],
+        [f"7/5*Ma*({SLOPE_Z}*(1 - Al^2/2) - {cz}*Al)", "1", "-7/5*34/1000*Ma*(1 - Al^2/2)"],
         [f"49/3*Ma^2*{SLOPE_M}", "0", f"49/3*{M0}*Ma^2"],
         [f"11/8*Ma^2*{SLOPE_Z}", "0", "-11/8*34/1000*Ma^2"],
     ]
@@ -121,14 +114,7 @@ CASES = (
         15,
         "26 as written, 39 tree, 156 expanded and then 17",
     ),
-    Case(
-        "O3",
-        [["d1*d2*d3"], ["d2*d3*d1"], ["d3*d1*d2"]],
-        parameters("d1", "d2", "d3"),
-        3,
-        3,
-        "9",
-    ),
+    Case("O3", [["d1*d2*d3"], ["d2*d3*d1"], ["d3*d1*d2"]], parameters("d1", "d2", "d3"), 3, 3, "9"),
     Case("O4", [["d1*d2"], ["d1*d2"]], parameters("d1", "d2"), 2, 2, "2"),
     Case(
         "O5",
@@ -146,20 +132,10 @@ CASES = (
         4,
         "4",
     ),
-    Case(
-        "O7",
-        [["d1^2*s^2 + d1*d3*s + d1^2*d3^2"]],
-        parameters("d1", "d3", "s"),
-        6,
-        7,
-        "7",
-    ),
+    Case("O7", [["d1^2*s^2 + d1*d3*s + d1^2*d3^2"]], parameters("d1", "d3", "s"), 6, 7, "7"),
     Case(
         "O8",
-        [
-            ["s*x^2*z^3 + 3*x*y*z", "x^2*y^2*z^3", "1"],
-            ["0", "s^2*x^3*y*z", "x*y^2*z - x^2*y*z"],
-        ],
+        [["s*x^2*z^3 + 3*x*y*z", "x^2*y^2*z^3", "1"], ["0", "s^2*x^3*y*z", "x*y^2*z - x^2*y*z"]],
         parameters("s", "x", "y", "z"),
         16,
         17,
@@ -187,23 +163,11 @@ CASES = (
         6,
         "6",
     ),
-    Case(
-        "O11",
-        missile("dp"),
-        (*MISSILE_RANGE, Parameter("dp", -0.1, -0.3, 0.2)),
-        10,
-        10,
-        "12",
-        2,
-    ),
+    Case("O11", missile("dp"), (*MISSILE_RANGE, Parameter("dp", -0.1, -0.3, 0.2)), 10, 10, "12", 2),
     Case("O12", missile(TRIMMED), MISSILE_RANGE, 9, 9, "11", 2),
     Case(
         "O13",
-        [
-            ["-1 + 5*a", "-10*(1 + b)", "1 + b"],
-            ["10*(1 + c^2)", "-1 - a*b*c", "c"],
-            ["1", "1", "0"],
-        ],
+        [["-1 + 5*a", "-10*(1 + b)", "1 + b"], ["10*(1 + c^2)", "-1 - a*b*c", "c"], ["1", "1", "0"]],
         parameters("a", "b", "c"),
         6,
         6,
@@ -227,9 +191,7 @@ def points(case: Case, inside: int) -> list[dict[str, float]]:
     generator = np.random.default_rng(3)
     low = np.array([p.low for p in case.parameters])
     high = np.array([p.high for p in case.parameters])
-    corners = (
-        np.array(np.meshgrid(*[(0.0, 1.0)] * min(len(low), 7))).reshape(min(len(low), 7), -1).T
-    )
+    corners = np.array(np.meshgrid(*[(0.0, 1.0)] * min(len(low), 7))).reshape(min(len(low), 7), -1).T
     if len(low) > 7:
         corners = generator.integers(0, 2, (_MOST_CORNERS, len(low))).astype(float)
     weights = np.vstack([generator.random((inside, len(low))), corners])

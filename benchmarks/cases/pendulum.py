@@ -14,6 +14,5 @@ def pendulum(position: str) -> mbdlft.LFTModel:
     text = SCENE.read_text(encoding="utf-8")
     assert "position = 0.0\n" in text
     return mbdlft.to_lft(
-        mbdlft.scene_from_toml(text.replace("position = 0.0\n", f'position = "{position}"\n')),
-        search=0.0,
+        mbdlft.scene_from_toml(text.replace("position = 0.0\n", f'position = "{position}"\n')), search=0.0
     )

@@ -118,9 +118,7 @@ def by_mujoco_of(file: Path, scene: Scene, start: np.ndarray | None = None) -> A
     for k, direction in enumerate(np.eye(n)):
         for steps, weight in _WEIGHTS:
             h = steps * _STEP
-            K[:, k] += weight * (
-                held(moved(direction, h), still) - held(moved(direction, -h), still)
-            )
+            K[:, k] += weight * (held(moved(direction, h), still) - held(moved(direction, -h), still))
             D[:, k] += weight * (held(rest, h * direction) - held(rest, -h * direction))
     K, D = K / _STEP, D / _STEP
     load = held(rest, still)
@@ -149,9 +147,7 @@ def _only_rigid(model: Any) -> None:
     model.tendon_dampingpoly[:] = 0.0
     model.tendon_stiffnesspoly[:] = 0.0
     model.actuator_dampingpoly[:] = 0.0
-    on_joints = [
-        int(kind) for kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
-    ]
+    on_joints = [int(kind) for kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     kinds = [int(kind) for kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)]
     affine = [int(kind) for kind in (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)]
     for k in range(model.nactuator):
@@ -236,17 +232,12 @@ def _drake_rest(plant: Any, scene: Scene) -> Answer:
     N = np.column_stack([plant.MapVelocityToQDot(values, e) for e in np.eye(n)])
     seeds = np.hstack([N, np.zeros((len(q), n))])
     plant_ad.SetPositions(context, InitializeAutoDiff(q, gradient=seeds).ravel())
-    still = InitializeAutoDiff(
-        np.zeros(n), gradient=np.hstack([np.zeros((n, n)), np.eye(n)])
-    ).ravel()
+    still = InitializeAutoDiff(np.zeros(n), gradient=np.hstack([np.zeros((n, n)), np.eye(n)])).ravel()
     plant_ad.SetVelocities(context, still)
     forces = MultibodyForces_[AutoDiffXd](plant_ad)
     plant_ad.CalcForceElementsContribution(context, forces)
     held = plant_ad.CalcInverseDynamics(context, np.zeros(n), forces)
-    both, load = (
-        ExtractGradient(held.reshape(-1, 1)),
-        ExtractValue(held.reshape(-1, 1)).ravel(),
-    )
+    both, load = (ExtractGradient(held.reshape(-1, 1)), ExtractValue(held.reshape(-1, 1)).ravel())
     K, D = both[:, :n], both[:, n:]
     M = plant.CalcMassMatrix(values)
     T = np.eye(n)

@@ -155,14 +155,7 @@ def by_compiled_c(system: System) -> Method:
         points = np.stack([samples[name] for name in symbols], axis=-1)
         values = np.empty((len(points), *shape))
         library.samples(
-            len(points),
-            points.shape[1],
-            len(index),
-            values[0].size,
-            points,
-            constant,
-            index,
-            values,
+            len(points), points.shape[1], len(index), values[0].size, points, constant, index, values
         )
         return values
 

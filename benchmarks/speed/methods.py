@@ -6,14 +6,7 @@ from importlib.util import find_spec
 from shutil import which
 from typing import NamedTuple
 
-from benchmarks.speed.formulas import (
-    COMPILER,
-    NoDeviceError,
-    SlowError,
-    by_compiled_c,
-    by_jax,
-    by_sympy,
-)
+from benchmarks.speed.formulas import COMPILER, NoDeviceError, SlowError, by_compiled_c, by_jax, by_sympy
 from benchmarks.speed.own import (
     TooLongError,
     by_compiled_equations,
@@ -52,11 +45,7 @@ CANDIDATES = (
     Candidate("pinocchio", by_pinocchio, module="pinocchio", rigid=True),
     Candidate("MuJoCo, one-sided", by_mujoco, DIFFERENCES, module="mujoco", rigid=True),
     Candidate(
-        "MuJoCo, central",
-        partial(by_mujoco, central=True),
-        DIFFERENCES,
-        module="mujoco",
-        rigid=True,
+        "MuJoCo, central", partial(by_mujoco, central=True), DIFFERENCES, module="mujoco", rigid=True
     ),
     Candidate("Drake", by_drake, module="pydrake", rigid=True),
     Candidate("SymPy", by_sympy, module="sympy"),

@@ -121,10 +121,7 @@ def chain_motion(links: Sequence[Link], circle: Circle) -> Motion:
         seen = [[dot(column, axis) for column in zip(*turn, strict=True)] for axis in axes]
         for body in link.bodies:
             arms = [
-                [
-                    less(add(x, dot(row, body.center)), y)
-                    for x, row, y in zip(point, turn, p, strict=True)
-                ]
+                [less(add(x, dot(row, body.center)), y) for x, row, y in zip(point, turn, p, strict=True)]
                 for p in points
             ]
             moved = [cross(axis, arm) for axis, arm in zip(axes, arms, strict=True)]
@@ -190,8 +187,6 @@ def solved(matrix: Matrix, right: Matrix) -> Matrix:
             b[i] = [less(x, times(factor, y)) for x, y in zip(b[i], b[k], strict=True)]
     found: Matrix = []
     for k in range(n):
-        rest = [
-            less(x, dot(a[k][:k], [row[column] for row in found])) for column, x in enumerate(b[k])
-        ]
+        rest = [less(x, dot(a[k][:k], [row[column] for row in found])) for column, x in enumerate(b[k])]
         found.append([0 if known_zero(x) else x / a[k][k] for x in rest])
     return found

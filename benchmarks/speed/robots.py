@@ -126,9 +126,7 @@ def by_pinocchio(system: System) -> Method:
         slope, mass = np.empty((count, n, n)), np.empty((count, n, n))
         heavier, longer = now.changes()
         moments = {k: now.rigid[k].inertia[:, :, None] * np.eye(3) for k in heavier}
-        given = [
-            (k + 1, now.rigid[k].mass.tolist(), now.rigid[k].center, moments[k]) for k in heavier
-        ]
+        given = [(k + 1, now.rigid[k].mass.tolist(), now.rigid[k].center, moments[k]) for k in heavier]
         places = [(k + 1, now.rigid[k].offset) for k in longer]
         Inertia, derivatives = pin.Inertia, pin.computeRNEADerivatives
         inertias, placements, angles = model.inertias, model.jointPlacements, now.angles
@@ -224,12 +222,7 @@ def by_drake(system: System) -> Method:
     from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
     from pydrake.math import RigidTransform, RollPitchYaw
     from pydrake.multibody.plant import MultibodyPlant
-    from pydrake.multibody.tree import (
-        FixedOffsetFrame,
-        RevoluteJoint,
-        RotationalInertia,
-        SpatialInertia,
-    )
+    from pydrake.multibody.tree import FixedOffsetFrame, RevoluteJoint, RotationalInertia, SpatialInertia
 
     start = nominal(system)
     plant = MultibodyPlant(0.0)
@@ -241,9 +234,7 @@ def by_drake(system: System) -> Method:
         )
 
     def placed(body: Rigid, quarter: bool, s: int) -> Any:  # noqa: FBT001
-        return RigidTransform(
-            RollPitchYaw(0.0, np.pi / 2.0 if quarter else 0.0, 0.0), body.offset[s]
-        )
+        return RigidTransform(RollPitchYaw(0.0, np.pi / 2.0 if quarter else 0.0, 0.0), body.offset[s])
 
     before = plant.world_body()
     for k, (link, body) in enumerate(zip(start.links, start.rigid, strict=True)):

@@ -40,10 +40,7 @@ class System:
     def in_radians(self, values: Values, degree: Any) -> dict[str, Any]:
         """The values with angles in rad; `degree` is one degree."""
         units = {p.name: p.unit for p in self.parameters}
-        return {
-            name: value * degree if units[name] == "deg" else value
-            for name, value in values.items()
-        }
+        return {name: value * degree if units[name] == "deg" else value for name, value in values.items()}
 
 
 def chain(name: str, scene: mbdlft.Scene, links: Callable[[Values], list[Link]]) -> System:
@@ -145,7 +142,5 @@ def systems() -> tuple[System, ...]:
         chain("two-link arm", load(SCENARIOS / "two_link_arm.toml"), arm_links),
         chain("spatial chain of 4", scaling.scene("spatial chain", 4, few=True), chain_links),
         chain("UR5", ur5.scene(urdf()), ur5_links),
-        System(
-            "flexible satellite", load(SCENARIOS / "rotatory_spacecraft.toml"), spacecraft_motion
-        ),
+        System("flexible satellite", load(SCENARIOS / "rotatory_spacecraft.toml"), spacecraft_motion),
     )

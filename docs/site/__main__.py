@@ -38,18 +38,7 @@ def build(target: Path) -> int:
     prepare(source)
     settings = Path(__file__).parent
     return build_main(
-        [
-            "-W",
-            "--keep-going",
-            "-q",
-            "-E",
-            "-c",
-            str(settings),
-            "-b",
-            "html",
-            str(source),
-            str(target),
-        ]
+        ["-W", "--keep-going", "-q", "-E", "-c", str(settings), "-b", "html", str(source), str(target)]
     )
 
 

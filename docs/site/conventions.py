@@ -129,9 +129,7 @@ def _draw_joint(axes: Axes, motions: list[Motion]) -> None:
         short, step = 0.7 * point, 0.5 * moves
         _line(axes, [(0, 0, 0), short], _CHILD, 3.0)
         if motion.kind == "planar" and motion.output == "angle":
-            _write(
-                axes, np.add(0.62 * np.asarray(motion.axes["axis"]), (0, 0.25, 0)), "+angle", _MOVE
-            )
+            _write(axes, np.add(0.62 * np.asarray(motion.axes["axis"]), (0, 0.25, 0)), "+angle", _MOVE)
             continue
         if "angle" in motion.output:
             turned = short * np.cos(0.5) + 0.7 * moves * np.sin(0.5)
@@ -174,10 +172,7 @@ def _draw_efforts(axes: Axes) -> None:
     axes.plot(*on_paper((0, 0, 0)), ".", color=_AXIS, markersize=5)
     _write(axes, (0, 0.0, -0.25), "axis x, toward you", _AXIS, "center")
     for side, word in ((1.0, "on the child"), (-1.0, "on the parent")):
-        bent = [
-            (0, side * (0.2 + 0.45 * np.cos(t)), 0.5 * np.sin(t))
-            for t in np.linspace(0.3, 1.35, 20)
-        ]
+        bent = [(0, side * (0.2 + 0.45 * np.cos(t)), 0.5 * np.sin(t)) for t in np.linspace(0.3, 1.35, 20)]
         _line(axes, list(bent), _MOVE, 2.0)
         _arrow(axes, bent[-2], bent[-1], _MOVE, 2.0)
         _write(axes, (0, side * 0.62, 0.62), word, _MOVE, "center")

@@ -121,12 +121,7 @@ def modelica_entry(path: Path, known: dict[str, tuple[int, int]]) -> str:
     _figure(model, path.stem)
     where = f"scenarios/modelica/{path.name}"
     return _entry(
-        path.stem,
-        f"{path.stem}.webp",
-        dae.description,
-        _size(*known[path.stem]),
-        model.parameters,
-        where,
+        path.stem, f"{path.stem}.webp", dae.description, _size(*known[path.stem]), model.parameters, where
     )
 
 
@@ -170,8 +165,7 @@ def _entry(
     name: str, picture: str, about: str, size: str, parameters: Sequence[Parameter], file: str
 ) -> str:
     ranges = ", ".join(
-        f"`{p.name}` {p.low:g} to {p.high:g}{'' if p.unit == '1' else ' ' + p.unit}"
-        for p in parameters
+        f"`{p.name}` {p.low:g} to {p.high:g}{'' if p.unit == '1' else ' ' + p.unit}" for p in parameters
     )
     about = about.rstrip(".")
     text = f"{about}. {size} ({f'Parameters: {ranges}' if ranges else 'No parameters'}; `{file}`.)"

@@ -49,9 +49,7 @@ _PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof}
 _INSIDE = 1.0 - 1e-15  # a margin is not above 1/beta, however it was rounded
 
 
-def save_analysis(
-    path: str | Path, system: System, bounds: Bounds, name: str | None = None
-) -> None:
+def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | None = None) -> None:
     """Write an analysis under /analyses/<name>, and its system under /models, if it is not there.
 
     Parameters
@@ -181,8 +179,7 @@ def _delta_values(bounds: Bounds) -> dict[str, Any]:
     return {
         "delta/name": list(bounds.delta),
         "delta/kind": [
-            "full" if delta.ndim else "complex" if delta.dtype.kind == "c" else "real"
-            for delta in deltas
+            "full" if delta.ndim else "complex" if delta.dtype.kind == "c" else "real" for delta in deltas
         ],
         "delta/rows": [rows for rows, _ in shapes],
         "delta/columns": [columns for _, columns in shapes],
@@ -228,9 +225,7 @@ def _delta(items: Items) -> dict[str, Any]:
 
 def _proof(items: Items) -> Proof | None:
     groups = [
-        group
-        for group in _PROOFS
-        if any(path.startswith((f"{group}/", f"{group}@")) for path in items)
+        group for group in _PROOFS if any(path.startswith((f"{group}/", f"{group}@")) for path in items)
     ]
     if not groups:
         return None

@@ -104,13 +104,7 @@ def check_file(file: Path) -> None:
         raise ArchiveError(f"{file}: cannot be written: {parent} is not a folder.")
 
 
-def rewrite(
-    file: Path,
-    fill: Callable[[Any], None],
-    replaced: str,
-    *,
-    made: Path | None = None,
-) -> None:
+def rewrite(file: Path, fill: Callable[[Any], None], replaced: str, *, made: Path | None = None) -> None:
     """Put a new archive in place of a file: the old contents, with the group that `fill` writes.
 
     The group `replaced` of the old contents is left out. If there is a file `made`, it has that group
@@ -180,9 +174,7 @@ def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
         ) from None
 
 
-def load(
-    path: str | Path, name: str | None = None, *, limit: int = LIMIT, isolated: bool = False
-) -> Any:
+def load(path: str | Path, name: str | None = None, *, limit: int = LIMIT, isolated: bool = False) -> Any:
     """Read a model or a system from an archive.
 
     Parameters

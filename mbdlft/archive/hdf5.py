@@ -89,15 +89,7 @@ def read_group(
     *,
     long_text: bool,
 ) -> Part:
-    """The items of a group such as ``/models/arm``; of a sweep, whole blocks that have the `rows`.
-
-    Raises
-    ------
-    ArchiveError
-        The group is not as specified, or needs more than `limit` bytes.
-    LongTextError
-        There is text of variable length, and `long_text` is false.
-    """
+    """The items of a group such as ``/models/arm``; of a sweep, whole blocks that have the `rows`."""
     group = member(member(archive, parent), name)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
@@ -136,15 +128,7 @@ def read_group(
 
 
 def check_whole(archive: Any, *, long_text: bool) -> None:
-    """Find all that is in a file.
-
-    Raises
-    ------
-    ArchiveError
-        Something cannot be found, or leads out of the file.
-    LongTextError
-        There is text of variable length, and `long_text` is false.
-    """
+    """Find all that is in a file."""
     for _, item in _walk(archive, "", {}, 0, strict=False):
         kinds = [h5a.open(item.id, name.encode()).get_type() for name in attribute_names(item)]
         if isinstance(item, h5py.Dataset):
@@ -161,15 +145,7 @@ def _has_long(kind: Any) -> bool:
 
 
 def check_format(archive: Any, *, long_text: bool = True) -> None:
-    """Raise an ArchiveError unless this is an archive of a version that can be read.
-
-    Raises
-    ------
-    ArchiveError
-        It is none, or of a newer version.
-    LongTextError
-        There is text of variable length, and `long_text` is false.
-    """
+    """Raise an ArchiveError unless this is an archive of a version that can be read."""
     form, text = (_root_text(archive, name, long_text) for name in ("format", "format_version"))
     if form != FORMAT:
         raise ArchiveError(

@@ -27,10 +27,7 @@ TEXT = "text"
 # names of the types in digests and messages, by the character and the size of numpy's
 TYPES = {"f8": "float64", "f4": "float32", "i8": "int64", "i1": "int8", "u1": "uint8", "b1": "bool"}
 _CODES = {name: code for code, name in TYPES.items()}
-_FLOATS = (
-    "float64",
-    "float32",
-)  # where the table says float; all such items of a group have one type
+_FLOATS = ("float64", "float32")  # where the table says float; all such items of a group have one type
 ROWS = (
     *("samples", "A", "B", "C", "D", "trim/value", "residual", "status"),
     *("poles/real", "poles/imaginary", "function/value"),
@@ -234,11 +231,7 @@ _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
             "trim/lft/": _TRIM_LFT,
             **_MODEL_PARTS,
         },
-        (MODEL_TYPE, VERSION): {
-            "": _MODEL_1_1,
-            "trim/lft/": _TRIM_LFT + _TRIM_BLOCKS,
-            **_MODEL_PARTS,
-        },
+        (MODEL_TYPE, VERSION): {"": _MODEL_1_1, "trim/lft/": _TRIM_LFT + _TRIM_BLOCKS, **_MODEL_PARTS},
         (SYSTEM_TYPE, VERSION): {"": _SYSTEM_1_1},
         (SWEEP_TYPE, FIRST): {"": _SWEEP, **_SWEEP_PARTS},
         (SWEEP_TYPE, VERSION): {"": _SWEEP_1_1, **_SWEEP_PARTS},
@@ -256,15 +249,9 @@ def encode(kind: str, values: Mapping[str, Any]) -> Items:
         Such as ``"lft-model"``.
     values : mapping of paths to texts, numbers, or (nested) sequences of them
     """
-    layout = {
-        path: w for section in _LAYOUTS[kind, VERSION].values() for path, w in section.items()
-    }
+    layout = {path: w for section in _LAYOUTS[kind, VERSION].values() for path, w in section.items()}
     values = {"@encoding_type": kind, "@encoding_version": VERSION, **values}
-    return {
-        path: _item(path, layout[path], value)
-        for path, value in values.items()
-        if value is not None
-    }
+    return {path: _item(path, layout[path], value) for path, value in values.items() if value is not None}
 
 
 def _item(path: str, wanted: Wanted, value: Any) -> NDArray[Any]:

@@ -163,9 +163,7 @@ def _parameters(items: Items) -> tuple[Parameter, ...]:
         texts: dict[str, Any] = dict(zip(_TEXTS, labels, strict=True))
         p = Parameter(**texts, nominal=nominal, low=low, high=high, reference=reference)
         expected = np.array(_row(p))
-        if not np.all(
-            np.abs(row - expected) <= _ULPS * np.finfo(float).eps * np.max(np.abs(expected))
-        ):
+        if not np.all(np.abs(row - expected) <= _ULPS * np.finfo(float).eps * np.max(np.abs(expected))):
             raise ArchiveError(
                 f"parameters/map of {p.name!r} is {row.tolist()}, but its range gives "
                 f"{expected.tolist()}."
@@ -194,9 +192,7 @@ def _blocks(items: Items, group: str, parameters: Sequence[Parameter]) -> tuple[
         counts = np.bincount(rows, minlength=len(parameters))
         return tuple(Block(p.name, int(count)) for p, count in zip(parameters, counts, strict=True))
     sizes = (items[f"{group}/{name}"].tolist() for name in ("rows", "columns"))
-    blocks = tuple(
-        map(_block, words(items, f"{group}/name"), words(items, f"{group}/kind"), *sizes)
-    )
+    blocks = tuple(map(_block, words(items, f"{group}/name"), words(items, f"{group}/kind"), *sizes))
     heights = [block.outputs for block in blocks]
     if min(heights, default=0) < 0 or sum(heights) != len(rows):
         raise ArchiveError(f"{group}/rows: expected {len(rows)} together, as many as channels.")
@@ -292,9 +288,7 @@ def _certificate(items: Items, sizes: tuple[int, ...]) -> Certificate:
         raise ArchiveError(f"is not whole: {absent[has_frequencies]} is missing.")
     if not items["certificate@exact"] and "truncation_error" not in attributes:
         # the first files do not have it; what is in them is exact
-        raise ArchiveError(
-            "is not whole: the attribute 'truncation_error' of 'certificate' is missing."
-        )
+        raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []
     certificate = record(Certificate, items, "certificate", open_boxes=nested(boxes))
     _check(certificate, sizes)
@@ -346,10 +340,7 @@ def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
         all(a < b for a, b in itertools.pairwise(ends)),
         f"frequencies are {c.frequencies}, expected larger and larger ones",
     )
-    needs(
-        all(row >= 0 and column >= 0 for row, column in c.by_terms),
-        "by_terms has a negative number",
-    )
+    needs(all(row >= 0 and column >= 0 for row, column in c.by_terms), "by_terms has a negative number")
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

@@ -218,9 +218,7 @@ def theta_of_items(items: Items, linear: LFTModel) -> DeltaThetaModel:
             names, units, formulas, _behind(counts), _tables(items, len(names)), strict=True
         )
     )
-    initial, at_start = (
-        tuple(items[f"theta/{name}"].tolist()) for name in ("initial", "zeta_at_start")
-    )
+    initial, at_start = (tuple(items[f"theta/{name}"].tolist()) for name in ("initial", "zeta_at_start"))
     has_one = any(signal.name == ONE for signal in linear.inputs)
     return DeltaThetaModel(linear, functions, has_one, initial, at_start)
 

@@ -148,15 +148,7 @@ def items_apart(request: Request, image: bytes | Path) -> dict[str, NDArray[Any]
 
 
 def perform(request: Request, image: bytes | Path, *, long_text: bool = True) -> Answer:
-    """The answer to a request, for a file or its content.
-
-    Raises
-    ------
-    ArchiveError
-        The file is damaged, foreign or newer, or has not what is asked for.
-    LongTextError
-        There is text of variable length, and `long_text` is false.
-    """
+    """The answer to a request, for a file or its content."""
     try:
         with opened(image) as archive:
             check_format(archive, long_text=long_text)
@@ -200,9 +192,7 @@ def chosen_name(kind: str, names: tuple[str, ...], name: str | None) -> str:
     """The name itself, or the only one of `names` if it is None."""
     if name is None:
         if len(names) != 1:
-            raise ArchiveError(
-                f"give the name of a {kind}. Existing: {', '.join(names) or 'none'}."
-            )
+            raise ArchiveError(f"give the name of a {kind}. Existing: {', '.join(names) or 'none'}.")
         return names[0]
     if name not in names:
         raise ArchiveError(unknown_name(kind, name, names))
@@ -211,9 +201,7 @@ def chosen_name(kind: str, names: tuple[str, ...], name: str | None) -> str:
 
 def said_of(subject: str, message: str) -> str:
     """A message about a model or a sweep, as a sentence."""
-    return (
-        f"{subject} {message}" if message.startswith(("is ", "needs ")) else f"{subject}: {message}"
-    )
+    return f"{subject} {message}" if message.startswith(("is ", "needs ")) else f"{subject}: {message}"
 
 
 def _size(image: bytes | Path) -> int:

@@ -46,21 +46,13 @@ class Layout:
     @property
     def matrix_shape(self) -> tuple[int, int]:
         """Shape of [A B ; C D]."""
-        return (
-            len(self.states) + len(self.outputs),
-            len(self.states) + len(self.inputs),
-        )
+        return (len(self.states) + len(self.outputs), len(self.states) + len(self.inputs))
 
     def parts(self, matrices: Array) -> dict[str, Array]:
         """A, B, C, D (N, ., .) by name, of [A B ; C D] (N, ., .): views of them."""
         n = len(self.states)
         above, below = matrices[:, :n], matrices[:, n:]
-        return {
-            "A": above[:, :, :n],
-            "B": above[:, :, n:],
-            "C": below[:, :, :n],
-            "D": below[:, :, n:],
-        }
+        return {"A": above[:, :, :n], "B": above[:, :, n:], "C": below[:, :, :n], "D": below[:, :, n:]}
 
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:

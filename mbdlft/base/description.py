@@ -81,9 +81,7 @@ class Expected(NamedTuple):
 
 def vector_quantities(label: str, vector: Vector, unit: str) -> dict[str, Expected]:
     """The three components of a vector as labeled quantities: ``label.x`` and so on."""
-    return {
-        f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)
-    }
+    return {f"{label}.{axis}": Expected(entry, unit) for axis, entry in zip(AXES, vector, strict=True)}
 
 
 class Description(BaseModel):
@@ -101,9 +99,7 @@ class Description(BaseModel):
 
     def __dir__(self) -> list[str]:
         """Fields and properties of the record, without those of every pydantic model."""
-        return [
-            name for name in super().__dir__() if name[0] != "_" and not hasattr(BaseModel, name)
-        ]
+        return [name for name in super().__dir__() if name[0] != "_" and not hasattr(BaseModel, name)]
 
     @classmethod
     def __pydantic_init_subclass__(cls, **kwargs: Any) -> None:

@@ -4,10 +4,7 @@ import re
 from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
-_LONGEST, _END = (
-    2000,
-    400,
-)  # bytes of a message, a page of a terminal, and of its end, with the advice
+_LONGEST, _END = (2000, 400)  # bytes of a message, a page of a terminal, and of its end, with the advice
 _LISTED, _COMPARED = 40, 1000  # names in a message; names compared, which takes 10 ms
 _LETTERS = 100  # of a name: no name that somebody means is longer
 _QUANTITIES = ("position", "rotation", "angle", "force", "torque")  # with components
@@ -102,9 +99,7 @@ def _of_the_same_item(name: str, known: list[str]) -> list[str]:
         return [other for same in _SAME if name in same for other in same if other in known][:1]
     meant = [[quantity, *quantities] for quantity in _QUANTITIES]
     meant += [[other, *quantities[1:]] for same in _SAME if quantities[0] in same for other in same]
-    return [same_signal for words in meant if (same_signal := ".".join((item, *words))) in known][
-        :1
-    ]
+    return [same_signal for words in meant if (same_signal := ".".join((item, *words))) in known][:1]
 
 
 def check_known(

@@ -175,9 +175,7 @@ class _Parser:
     def _sum(self) -> Expression:
         self.depth += 1
         if self.depth > _MAX_DEPTH:
-            raise SceneError(
-                f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep."
-            )
+            raise SceneError(f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep.")
         tree = self._term()
         while self.token in ("+", "-"):
             operator = self.token

@@ -146,9 +146,7 @@ class Parameter:
     @property
     def map(self) -> BilinearMap:
         """The bilinear map between delta and the internal value."""
-        low, nominal, high = (
-            float(x) for x in to_internal(self, [self.low, self.nominal, self.high])
-        )
+        low, nominal, high = (float(x) for x in to_internal(self, [self.low, self.nominal, self.high]))
         excess = 2.0 * nominal - low - high
         if abs(excess) <= 4.0 * np.finfo(float).eps * max(abs(low), abs(nominal), abs(high)):
             return BilinearMap(nominal, 0.5 * (high - low), 0.0)  # centered: affine
@@ -194,8 +192,7 @@ def Angle(
         raise SceneError(f"{where}: an angle has unit 'deg' or 'rad', got {unit!r}.")
     if not isinstance(substitution, str) or substitution not in SUBSTITUTIONS[1:]:
         raise SceneError(
-            f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', "
-            f"got {substitution!r}."
+            f"{where}: substitution of an angle is 'half-angle' or 'quarter-angle', got {substitution!r}."
         )
     label, center = ("nominal", nominal) if reference is None else ("reference", reference)
     _check_number(where, label, center)

@@ -89,9 +89,7 @@ def budget(most: float) -> Iterator[None]:
 def after(done: float) -> AbstractContextManager[None]:
     """In this context `tell` counts from `done` units of the work around it."""
     around = _HEARD.get()
-    return (
-        nullcontext() if around is None else _hearing(around._replace(before=around.before + done))
-    )
+    return nullcontext() if around is None else _hearing(around._replace(before=around.before + done))
 
 
 def tell(done: float) -> None:

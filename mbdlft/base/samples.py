@@ -81,9 +81,7 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     _check_parameters("grid", parameters)
     check_known("parameter", counts, [p.name for p in parameters], "grid", AnalysisError)
     if any(not isinstance(n, int | np.integer) or n < 1 for n in counts.values()):
-        raise AnalysisError(
-            f"grid: counts must be whole numbers of at least 1, got {dict(counts)}."
-        )
+        raise AnalysisError(f"grid: counts must be whole numbers of at least 1, got {dict(counts)}.")
     size = float(np.prod([float(count) for count in counts.values()]))
     if size > _MOST:
         raise AnalysisError(f"grid: {size:.3g} points are more than {_MOST}; use random points.")

@@ -107,26 +107,10 @@ _WORDS = {
     **dict.fromkeys(("turn", "revolution", "cycle"), "rev"),
     **dict.fromkeys(("hertz", "hz"), "Hz"),
     **{"newton": "N", "pascal": "Pa", "pa": "Pa", "joule": "J", "watt": "W", "nm": "N m"},
-    **{
-        "volt": "V",
-        "ampere": "A",
-        "amp": "A",
-        "kelvin": "K",
-        "ohm": "Ohm",
-        "kg": "kg",
-        "percent": "%",
-    },
+    **{"volt": "V", "ampere": "A", "amp": "A", "kelvin": "K", "ohm": "Ohm", "kg": "kg", "percent": "%"},
     **{"newtonmeter": "N m", "kilo": "kg", "dimensionles": "1", "none": "1"},
 }
-_PREFIX_WORDS = {
-    "": "",
-    "kilo": "k",
-    "mega": "M",
-    "milli": "m",
-    "micro": "u",
-    "centi": "c",
-    "nano": "n",
-}
+_PREFIX_WORDS = {"": "", "kilo": "k", "mega": "M", "milli": "m", "micro": "u", "centi": "c", "nano": "n"}
 _MORE_DIGITS = 60  # those of factors, and of what has no end, such as 1/60
 ANGLE_UNITS = ("deg", "rad")
 
@@ -174,9 +158,7 @@ def _unknown(text: str, symbol: str) -> SceneError:
     word = symbol.lower().removesuffix("s")
     for prefix, letter in _PREFIX_WORDS.items():
         if word.removeprefix(prefix) in _WORDS and word != prefix:
-            meant = letter * (word not in _WORDS) + _WORDS.get(
-                word, _WORDS[word.removeprefix(prefix)]
-            )
+            meant = letter * (word not in _WORDS) + _WORDS.get(word, _WORDS[word.removeprefix(prefix)])
             return SceneError(f"unit {text!r}: unknown symbol {symbol!r}. Did you mean {meant!r}?")
     near = [known for known in _BASE if len(symbol) > 2 or known.lower() == symbol.lower()]
     said = unknown_name("symbol", symbol, near or ["kg", "m", "s", "N", "rad", "deg", "Hz"])

@@ -96,18 +96,8 @@ class Worker:
         process = self._processes.get(os.getpid())
         return process if process is not None and process.poll() is None else None
 
-    def call(
-        self, target: str, /, *arguments: Any, limits: Limits | None = None, **named: Any
-    ) -> Any:
-        """What the function `target`, as ``module:function``, returns for these arguments.
-
-        Raises
-        ------
-        NoProcessError
-            The process does not start, or has ended: by itself, or as it went beyond the limits.
-        Exception
-            What the function raises; from a `plain` process a MbdlftError.
-        """
+    def call(self, target: str, /, *arguments: Any, limits: Limits | None = None, **named: Any) -> Any:
+        """What the function `target`, as ``module:function``, returns for these arguments."""
         with self._locks.setdefault(os.getpid(), threading.Lock()):
             process = self.process or self._start()
             assert process.stdin is not None
@@ -115,10 +105,7 @@ class Worker:
             receive = _receive_arrays if self._plain else _receive_pickle
             try:
                 with _killed_after(process, limits.clock if limits else 0.0) as late:
-                    _send(
-                        process.stdin,
-                        pickle.dumps((target, arguments, named, limits and limits[:2])),
-                    )
+                    _send(process.stdin, pickle.dumps((target, arguments, named, limits and limits[:2])))
                     kind, answer = receive(process.stdout)
                     while kind == "done so far":
                         pass_on(*answer)
@@ -142,13 +129,7 @@ class Worker:
         known = {"PYTHONPATH": _search_path(), **_SINGLE, **self._environment}
         try:
             process = subprocess.Popen(
-                [
-                    sys.executable,
-                    "-P",
-                    "-m",
-                    "mbdlft.base.worker",
-                    "plain" if self._plain else "pickled",
-                ],
+                [sys.executable, "-P", "-m", "mbdlft.base.worker", "plain" if self._plain else "pickled"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL if self._quiet else None,
@@ -218,9 +199,7 @@ def arrays_of(
             f"the processor and {memory // 2**20} MB of memory. Is the file damaged?"
         ) from None
     except NoProcessError as failure:
-        raise error(
-            f"cannot be read: the process that reads it does not start: {failure}."
-        ) from None
+        raise error(f"cannot be read: the process that reads it does not start: {failure}.") from None
     except MbdlftError as failure:
         raise error(str(failure)) from None
     finally:
@@ -285,8 +264,7 @@ class Pool:
         path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
         self._workers = [Worker({"PYTHONPATH": path}, quiet=False) for _ in range(workers)]
         self._threads = [
-            threading.Thread(target=self._drive, args=(worker,), daemon=True)
-            for worker in self._workers
+            threading.Thread(target=self._drive, args=(worker,), daemon=True) for worker in self._workers
         ]
 
     def __enter__(self) -> "Pool":
@@ -295,10 +273,7 @@ class Pool:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
         for worker in self._workers:
@@ -311,15 +286,7 @@ class Pool:
             thread.join()
 
     def run(self, tasks: Mapping[int, tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
-        """Yield number and result of each task, given by its arguments, as soon as it is finished.
-
-        Raises
-        ------
-        AnalysisError
-            Processes died again and again over one task, or do not start.
-        Exception
-            What the function raises.
-        """
+        """Yield number and result of each task, given by its arguments, as soon as it is finished."""
         for task in tasks.items():
             self._tasks.put(task)
         for _ in tasks:

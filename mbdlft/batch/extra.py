@@ -122,12 +122,8 @@ def function_of(text: str) -> Function:
         ) from None
     for attribute in name.split("."):
         if not hasattr(member, attribute):
-            known = [
-                key for key, value in vars(member).items() if callable(value) and key[0] != "_"
-            ]
-            raise AnalysisError(
-                f"sweep: function {text}: " + unknown_name("name", attribute, known)
-            )
+            known = [key for key, value in vars(member).items() if callable(value) and key[0] != "_"]
+            raise AnalysisError(f"sweep: function {text}: " + unknown_name("name", attribute, known))
         member = getattr(member, attribute)
     if not callable(member):
         raise AnalysisError(f"sweep: {text} is no function, but {type(member).__name__}.")
@@ -146,12 +142,7 @@ def source_digest(text: str) -> str:
 
 
 def asked_of(
-    source: Source,
-    samples: Samples,
-    *,
-    poles: bool,
-    function: str | Function,
-    single: bool,
+    source: Source, samples: Samples, *, poles: bool, function: str | Function, single: bool
 ) -> Extra:
     """Check what is asked for; calls of the function at some samples give the names of its numbers."""
     text = name_of(function)
@@ -166,9 +157,7 @@ def asked_of(
             continue
         alone.append(checked(text, numbers, 1))
     if not alone:
-        raise AnalysisError(
-            f"sweep: function {text} raised {raised}, and at all others of some samples."
-        )
+        raise AnalysisError(f"sweep: function {text} raised {raised}, and at all others of some samples.")
     names = tuple(alone[0])
     if any(tuple(probe) != names for probe in alone):
         raise AnalysisError(
@@ -184,16 +173,12 @@ def _probed(source: Source, samples: Samples, text: str) -> SweepPart:
     count = count_of(samples)
     for probes in (_PROBES, 32 * _PROBES):
         rows = np.unique(np.linspace(0, count - 1, probes).astype(int))
-        points = np.concatenate(
-            [points_of(samples, source.parameters, int(k), int(k) + 1) for k in rows]
-        )
+        points = np.concatenate([points_of(samples, source.parameters, int(k), int(k) + 1) for k in rows])
         matrices, trim, _, status = source.rows(points)
         some = np.flatnonzero(status == SOLVED)[:_PROBES]
         if len(some):
             return part_of(source.layout, points[some], matrices[some], trim[some])
-    raise AnalysisError(
-        f"sweep: function {text} cannot be tried: none of {len(rows)} samples is solved."
-    )
+    raise AnalysisError(f"sweep: function {text} cannot be tried: none of {len(rows)} samples is solved.")
 
 
 def part_of(layout: Layout, points: Array, matrices: Array, trim: Array) -> SweepPart:
@@ -234,9 +219,7 @@ def checked(text: str, answer: Any, count: int, names: tuple[str, ...] = ()) -> 
     return numbers
 
 
-def _check_independent(
-    text: str, together: dict[str, Array], alone: list[dict[str, Array]]
-) -> None:
+def _check_independent(text: str, together: dict[str, Array], alone: list[dict[str, Array]]) -> None:
     """Raise an AnalysisError if what a function gives at a sample depends on the other samples."""
     if len(alone) != len(next(iter(together.values()))):
         return

@@ -29,15 +29,7 @@ from mbdlft.lft.program.native import (
     run_natively,
     user_cache,
 )
-from mbdlft.lft.program.tape import (
-    Operand,
-    Pivot,
-    Program,
-    Tape,
-    TooLongError,
-    compact,
-    rows_of_numbers,
-)
+from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, compact, rows_of_numbers
 from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram, agrees, values_by
 from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.sample_program import StraightLine, straight_line
@@ -226,9 +218,7 @@ def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled
         remember(source, rows, code.line)
     if code.reason:
         warnings.warn(
-            f"compile: {source.name!r} is computed by numpy: {code.reason}",
-            MbdlftWarning,
-            stacklevel=2,
+            f"compile: {source.name!r} is computed by numpy: {code.reason}", MbdlftWarning, stacklevel=2
         )
     return code
 
@@ -269,9 +259,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
         return Compiled(source, None, None, reason)
     code = Compiled(source, line, program, "", threads, stored is not None)
     if not _agrees(code, source):
-        return Compiled(
-            source, None, None, "its program differs from the definition; please report it."
-        )
+        return Compiled(source, None, None, "its program differs from the definition; please report it.")
     return code
 
 

@@ -87,9 +87,7 @@ def remember(scene: Scene, source: EquationSource, line: StraightLine) -> None:
     if cache is None:
         return
     names = ("parameters", "states", "inputs", "outputs", "trim")
-    layout = [
-        (name, [list(asdict(s).values()) for s in getattr(source.layout, name)]) for name in names
-    ]
+    layout = [(name, [list(asdict(s).values()) for s in getattr(source.layout, name)]) for name in names]
     head = {
         "layout": layout,
         "shape": list(line.shape),
@@ -107,9 +105,7 @@ def remember(scene: Scene, source: EquationSource, line: StraightLine) -> None:
 def _key(scene: Scene) -> str:
     """What a program depends on: the text of the scene, and all that makes a program of it."""
     kinds = {
-        type(item)
-        for items in (scene.bodies, scene.joints, scene.loads, scene.sensors)
-        for item in items
+        type(item) for items in (scene.bodies, scene.joints, scene.loads, scene.sensors) for item in items
     }
     outside = sorted(_stamp(Path(file)) for file in map(_file, kinds) if file)
     made_of = (_FORM, scene_to_toml(scene), _package(), *outside)

@@ -162,9 +162,7 @@ class ModelSource:
             values = _values(m, m.lft, points[some], deltas[some])
             if m.trim.lft is not None:
                 trim[some] = _values(m, m.trim.lft, points[some], deltas[some])[:, :, 0]
-            finite = np.all(np.isfinite(values), axis=(1, 2)) & np.all(
-                np.isfinite(trim[some]), axis=1
-            )
+            finite = np.all(np.isfinite(values), axis=(1, 2)) & np.all(np.isfinite(trim[some]), axis=1)
             kept = some[finite]
             trim[some[~finite]] = np.nan
             matrices[kept], residual[kept] = values[finite], m.certificate.max_relative_error

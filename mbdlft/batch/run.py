@@ -191,12 +191,7 @@ def _put_together(
 
 
 def _computed(
-    folder: Path,
-    source: Scene | LFTModel,
-    work: Work,
-    todo: list[int],
-    workers: int | None,
-    client: Any,
+    folder: Path, source: Scene | LFTModel, work: Work, todo: list[int], workers: int | None, client: Any
 ) -> Iterator[int]:
     """Compute shards and put them into the folder; yield each when it is there."""
     at = places(folder, work)
@@ -278,9 +273,7 @@ def shard_rows(definition: str | LFTModel, count: int, extra: Extra, points: Arr
 @lru_cache(maxsize=4)
 def _source(definition: str | LFTModel, count: int) -> tuple[Source, int]:
     """The source of rows, and its chunk; a worker makes it once for all of its shards."""
-    known = source_of(
-        definition if isinstance(definition, LFTModel) else scene_from_toml(definition)
-    )
+    known = source_of(definition if isinstance(definition, LFTModel) else scene_from_toml(definition))
     return fastest(known, count), known.chunk
 
 

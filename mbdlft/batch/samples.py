@@ -168,9 +168,7 @@ def read_samples(path: str | Path) -> dict[str, Array]:
 
 def _points(parameters: Sequence[Parameter], samples: Mapping[str, ArrayLike]) -> Array:
     """Checked values (N, n_p) of all parameters."""
-    columns = {
-        name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in samples.items()
-    }
+    columns = {name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in samples.items()}
     lengths = {len(column) for column in columns.values() if column.ndim == 1}
     if any(column.ndim != 1 for column in columns.values()) or len(lengths - {1}) > 1:
         raise AnalysisError(

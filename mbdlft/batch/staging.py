@@ -22,29 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import load, save
-from mbdlft.archive.rows import (
-    Layout,
-    Places,
-    digests_of,
-    make_rows,
-    pack,
-    places_in,
-    reserve,
-    restore,
-)
+from mbdlft.archive.rows import Layout, Places, digests_of, make_rows, pack, places_in, reserve, restore
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.running import one_thread
 from mbdlft.batch.extra import Extra, extras, source_digest
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
-from mbdlft.batch.samples import (
-    GivenSamples,
-    Samples,
-    count_of,
-    described,
-    from_description,
-    points_of,
-)
+from mbdlft.batch.samples import GivenSamples, Samples, count_of, described, from_description, points_of
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
 
@@ -323,12 +307,7 @@ def _fingerprint(definition: Scene | LFTModel, samples: Samples) -> str:
     if isinstance(definition, LFTModel):
         digest.update(
             repr(
-                (
-                    definition.parameters,
-                    definition.states,
-                    definition.inputs,
-                    definition.outputs,
-                )
+                (definition.parameters, definition.states, definition.inputs, definition.outputs)
             ).encode()
         )
         for lft in (definition.lft, definition.trim.lft):

@@ -62,9 +62,7 @@ def margin(
     rate: Rate = None,
     fixed: Annotated[
         Texts,
-        typer.Option(
-            "--fixed", help="Parameter or block that stays in its range; may be repeated."
-        ),
+        typer.Option("--fixed", help="Parameter or block that stays in its range; may be repeated."),
     ] = None,
     leave_out: LeaveOut = None,
     workers: Workers = 1,
@@ -106,12 +104,7 @@ def wcgain(
 
     check_paths(None, figure)
     system = _loop(archive, model, controller)
-    asked: dict[str, Any] = {
-        "gap": gap,
-        "work": work,
-        "leave_out": leave_out or (),
-        "workers": workers,
-    }
+    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
     asked |= {"rates": numbers_by_name("--rate", rate, _RATE)}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     bounds = _answer(archive, system, worst_case_gain, asked, store=not no_save, as_json=as_json)
@@ -141,12 +134,7 @@ def worst(
     from mbdlft.robust.worst import worst_case
 
     system = _loop(archive, model, controller)
-    asked: dict[str, Any] = {
-        "gap": gap,
-        "work": work,
-        "leave_out": leave_out or (),
-        "workers": workers,
-    }
+    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
     asked |= {"what": "H2 norm" if what == Property.H2_NORM else what.replace("-", " ")}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     _answer(archive, system, worst_case, asked, store=not no_save, as_json=as_json)
@@ -159,9 +147,7 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
 
     names = analysis_names(archive)
     if not names:
-        raise AnalysisError(
-            f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one."
-        )
+        raise AnalysisError(f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one.")
     checked: list[dict[str, Any]] = []
     with progress_of(archive.stem) as progress:
         for count, name in enumerate(names):
@@ -207,9 +193,7 @@ def _same(a: "System", b: "System") -> bool:
     """Whether two systems have the same numbers and names."""
     import numpy as np
 
-    same = all(
-        np.array_equal(getattr(a.lft, M), getattr(b.lft, M)) for M in ("M11", "M12", "M21", "M22")
-    )
+    same = all(np.array_equal(getattr(a.lft, M), getattr(b.lft, M)) for M in ("M11", "M12", "M21", "M22"))
     return same and a.parameters == b.parameters and a.inputs == b.inputs and a.outputs == b.outputs
 
 

@@ -9,14 +9,7 @@ import typer
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli.options import AsJson, Model, Page, Texts, by_name, values_of
 from mbdlft.cli.output import print_files, print_json, progress_of, say, warn
-from mbdlft.cli.sources import (
-    is_archive,
-    is_robot,
-    load_model,
-    load_system,
-    scene_in,
-    stored_system,
-)
+from mbdlft.cli.sources import is_archive, is_robot, load_model, load_system, scene_in, stored_system
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,19 +24,15 @@ if TYPE_CHECKING:
 Grid = Annotated[
     Texts,
     typer.Option(
-        "--grid",
-        help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated.",
+        "--grid", help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated."
     ),
 ]
 SampleFile = Annotated[
-    Path | None,
-    typer.Option("--file", help="Samples: names in the first line, numbers in the others."),
+    Path | None, typer.Option("--file", help="Samples: names in the first line, numbers in the others.")
 ]
 OwnFunction = Annotated[
     str | None,
-    typer.Option(
-        "--function", help="MODULE:NAME of a function of samples that gives numbers by name."
-    ),
+    typer.Option("--function", help="MODULE:NAME of a function of samples that gives numbers by name."),
 ]
 
 
@@ -55,13 +44,9 @@ def sweep(
             "archive, an HDF5 file: its model is evaluated."
         ),
     ],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")
-    ],
+    output: Annotated[Path, typer.Option("-o", "--output", help="Archive to write the sweep into.")],
     grid: Grid = None,
-    random: Annotated[
-        int | None, typer.Option("--random", help="Number of random samples.")
-    ] = None,
+    random: Annotated[int | None, typer.Option("--random", help="Number of random samples.")] = None,
     file: SampleFile = None,
     seed: Annotated[int | None, typer.Option(help="Of --random; 0 by default.")] = None,
     name: Annotated[str | None, typer.Option(help="Of the sweep in the archive.")] = None,
@@ -72,9 +57,7 @@ def sweep(
     restart: Annotated[
         bool, typer.Option("--restart", help="Throw away what an unfinished sweep has left.")
     ] = False,
-    poles: Annotated[
-        bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")
-    ] = False,
+    poles: Annotated[bool, typer.Option("--poles", help="Compute the eigenvalues of A, too.")] = False,
     function: OwnFunction = None,
     float32: Annotated[
         bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
@@ -217,22 +200,18 @@ def _counts(texts: Texts) -> "Counts | None":
 
 def view(
     source: Annotated[
-        Path,
-        typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model."),
+        Path, typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model.")
     ],
     output: Page = None,
     assignments: Annotated[
-        Texts,
-        typer.Option("--set", help="name=value at which the page begins; may be repeated."),
+        Texts, typer.Option("--set", help="name=value at which the page begins; may be repeated.")
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Model of an archive, or of an SDF file, that has several.")
     ] = None,
     robot: Annotated[
         Path | None,
-        typer.Option(
-            help="Robot (URDF, SDF, MJCF) of which the scene was made: its shapes are shown."
-        ),
+        typer.Option(help="Robot (URDF, SDF, MJCF) of which the scene was made: its shapes are shown."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -272,8 +251,7 @@ def _page(file: Path) -> Path:
 
 def report(
     source: Annotated[
-        Path,
-        typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized."),
+        Path, typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized.")
     ],
     output: Page = None,
     model: Model = None,

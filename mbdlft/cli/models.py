@@ -9,16 +9,7 @@ import numpy as np
 import typer
 
 from mbdlft.base.errors import AnalysisError, MbdlftError
-from mbdlft.cli.options import (
-    SEARCH,
-    AsJson,
-    Output,
-    Prove,
-    Search,
-    Seconds,
-    Texts,
-    check_paths,
-)
+from mbdlft.cli.options import SEARCH, AsJson, Output, Prove, Search, Seconds, Texts, check_paths
 from mbdlft.cli.output import (
     console,
     parameters_data,
@@ -30,14 +21,7 @@ from mbdlft.cli.output import (
 )
 from mbdlft.cli.responses import KINDS, OVER, draw
 from mbdlft.cli.scenes import efforts_data, efforts_table
-from mbdlft.cli.sources import (
-    SUFFIXES,
-    is_modelica,
-    is_robot,
-    modelica_model,
-    read_modelica,
-    scene_in,
-)
+from mbdlft.cli.sources import SUFFIXES, is_modelica, is_robot, modelica_model, read_modelica, scene_in
 from mbdlft.cli.summary import report_model
 from mbdlft.system.model import LFTModel
 
@@ -62,10 +46,7 @@ ModelName = Annotated[
 
 
 def check(
-    file: ModelFile,
-    table_file: TableFile = None,
-    model_name: ModelName = None,
-    as_json: AsJson = False,
+    file: ModelFile, table_file: TableFile = None, model_name: ModelName = None, as_json: AsJson = False
 ) -> None:
     """Check a scene, a robot or a Modelica model, and trim it at nominal."""
     if is_modelica(file):
@@ -100,9 +81,7 @@ def check(
     say(*notes, "The scene is usable.")
 
 
-def _check_modelica(
-    file: Path, table_file: Path | None, name: str | None, *, as_json: bool
-) -> None:
+def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as_json: bool) -> None:
     """Print the structure of a Modelica model, its parameters and its equilibrium."""
     from mbdlft.modelica import operating_point
 
@@ -140,8 +119,7 @@ Plots = Annotated[
     ),
 ]
 StoreProgram = Annotated[
-    bool,
-    typer.Option("--program", help="Store a straight-line program, too: many samples are fast."),
+    bool, typer.Option("--program", help="Store a straight-line program, too: many samples are fast.")
 ]
 
 
@@ -170,9 +148,7 @@ def linearize(
         show = progress.stage
         if is_modelica(file):
             if truncate is not None:
-                raise AnalysisError(
-                    "--truncate is for scenes; truncate a finished model in Python."
-                )
+                raise AnalysisError("--truncate is for scenes; truncate a finished model in Python.")
             model, seconds, notes = modelica_model(
                 file, table_file, model_name,
                 search=search, seconds=most_seconds, prove=prove, progress=show,
@@ -264,9 +240,7 @@ def _of_scene(
     """The linear model of a scene, the seconds of its stages, and notes."""
     from mbdlft.pipeline.models import build
 
-    built = build(
-        scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate
-    )
+    built = build(scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate)
     seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
     notes = _notes(scene, trim.signals, [float(value) for value in trim.nominal])

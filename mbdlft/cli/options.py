@@ -12,15 +12,11 @@ SEARCH = 4.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 Texts = list[str] | None
 Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]
 Source = Annotated[
-    Path,
-    typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized."),
+    Path, typer.Argument(help="Archive (HDF5), or a scene or a matrix (TOML), to be linearized.")
 ]
-Output = Annotated[
-    Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")
-]
+Output = Annotated[Path | None, typer.Option("-o", "--output", help="Archive to write the model into.")]
 Page = Annotated[
-    Path | None,
-    typer.Option("-o", "--output", help="Page to write; the name of the source by default."),
+    Path | None, typer.Option("-o", "--output", help="Page to write; the name of the source by default.")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 Model = Annotated[str | None, typer.Option("--model", help="Model of an archive that has several.")]
@@ -28,14 +24,10 @@ Values = Annotated[
     Texts, typer.Option("--set", help="name=value in the unit of the parameter; may be repeated.")
 ]
 Inputs = Annotated[Texts, typer.Option("--input", help="Input; all by default; may be repeated.")]
-Outputs = Annotated[
-    Texts, typer.Option("--output", help="Output; all by default; may be repeated.")
-]
+Outputs = Annotated[Texts, typer.Option("--output", help="Output; all by default; may be repeated.")]
 Samples = Annotated[int, typer.Option("--samples", min=0, help="Number of random samples.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the samples.")]
-Figure = Annotated[
-    Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")
-]
+Figure = Annotated[Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")]
 # of commands that make models
 Search = Annotated[
     float,
@@ -46,8 +38,7 @@ Search = Annotated[
     ),
 ]
 Seconds = Annotated[
-    float | None,
-    typer.Option("--seconds", min=0.0, help="Upper limit of the time of the search (s)."),
+    float | None, typer.Option("--seconds", min=0.0, help="Upper limit of the time of the search (s).")
 ]
 Prove = Annotated[
     float,

@@ -191,6 +191,4 @@ def time_left(seconds: float, done: float, count: float) -> str:
     if left < 60:
         return f"about {left} s left"
     minutes, hours = left // 60, left // 3600
-    return (
-        f"about {minutes} min left" if left < 3600 else f"about {hours} h {minutes % 60} min left"
-    )
+    return f"about {minutes} min left" if left < 3600 else f"about {hours} h {minutes % 60} min left"

@@ -100,9 +100,7 @@ def _known(system: "System") -> str:
     return f" Parameters: {', '.join(system.parameters.names) or 'none'}."
 
 
-def chosen_channels(
-    system: "System", outputs: list[str] | None, inputs: list[str] | None
-) -> "System":
+def chosen_channels(system: "System", outputs: list[str] | None, inputs: list[str] | None) -> "System":
     """The system with some of its outputs and inputs; all states stay."""
     from mbdlft.response.modes import chosen
 
@@ -319,13 +317,7 @@ def _print_poles_json(
     }
     zeros = None if at_zero is None else [_parts(z) for z in at_zero]
     print_json(
-        {
-            "name": system.name,
-            "point": point,
-            **_modes_data(modes),
-            "zeros": zeros,
-            "verdict": proof,
-        }
+        {"name": system.name, "point": point, **_modes_data(modes), "zeros": zeros, "verdict": proof}
     )
 
 
@@ -361,11 +353,7 @@ def _modes_data(modes: "DampingTable") -> dict[str, Any]:
     """Poles as plain data."""
     numbers = ("natural_frequency", "frequency", "damping", "time_constant")
     poles = [
-        {
-            **_parts(row.pole),
-            **{name: getattr(row, name) for name in numbers},
-            "on_axis": row.on_axis,
-        }
+        {**_parts(row.pole), **{name: getattr(row, name) for name in numbers}, "on_axis": row.on_axis}
         for row in modes.rows()
     ]
     return {"poles": poles, "stability": modes.stability()}

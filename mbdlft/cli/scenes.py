@@ -114,8 +114,7 @@ def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, ob
     unknowns = {**point.positions, **point.efforts}
     return {
         "found": [
-            {"name": name, "value": value, "unit": point.units[name]}
-            for name, value in unknowns.items()
+            {"name": name, "value": value, "unit": point.units[name]} for name, value in unknowns.items()
         ],
         "residual": point.residual,
         "stability": _stability(scene, point),
@@ -165,8 +164,7 @@ Vary = Annotated[
 FreeBase = Annotated[
     bool | None,
     typer.Option(
-        "--free-base/--fixed-base",
-        help="Leave the root free, or clamp it; by default as the file says.",
+        "--free-base/--fixed-base", help="Leave the root free, or clamp it; by default as the file says."
     ),
 ]
 
@@ -178,8 +176,7 @@ def import_robot(
     parameters: Declared = None,
     vary: Vary = None,
     moving: Annotated[
-        Texts,
-        typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
+        Texts, typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated.")
     ] = None,
     free_base: FreeBase = None,
     keep_unphysical: Annotated[
@@ -189,8 +186,7 @@ def import_robot(
         str | None, typer.Option("--model", help="Which model of an SDF file with several.")
     ] = None,
     keyframe: Annotated[
-        str | None,
-        typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken."),
+        str | None, typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -201,10 +197,7 @@ def import_robot(
         robot_file,
         parameters=[_parameter(text) for text in parameters or []],
         values=_pairs("--set", assignments),
-        vary={
-            label: _number("--vary", label, value)
-            for label, value in _pairs("--vary", vary).items()
-        },
+        vary={label: _number("--vary", label, value) for label, value in _pairs("--vary", vary).items()},
         moving=moving,
         base=None if free_base is None else "free" if free_base else "fixed",
         keep_unphysical=keep_unphysical,

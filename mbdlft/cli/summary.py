@@ -108,9 +108,7 @@ def print_model(model: System) -> None:
             efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)
             say(f"trim at nominal: {efforts}")
     else:
-        blocks = ", ".join(
-            f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks
-        )
+        blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
         say(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")
     print_poles(model)
 

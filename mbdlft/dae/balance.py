@@ -137,10 +137,7 @@ def no_equilibrium(
 
 
 def solved_exactly(
-    s: Structure,
-    problem: Balance,
-    solution: Array,
-    unsolved: list[tuple[int, int]] | None = None,
+    s: Structure, problem: Balance, solution: Array, unsolved: list[tuple[int, int]] | None = None
 ) -> dict[str, ca.SX]:
     """Each unknown as an expression of the parameters; `solution` are its values at points.
 

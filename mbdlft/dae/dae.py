@@ -265,9 +265,7 @@ def check_units(dae: Dae) -> None:
             dimensions[v.derivative.element_hash()] = open_unit(v.unit) / second
     for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
         dimensions[symbol.element_hash()] = open_unit(p.unit)
-    residuals = [
-        (f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)
-    ]
+    residuals = [(f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)]
     residuals += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
     for what, expression, unit in residuals:
         try:
@@ -305,7 +303,7 @@ def plain(value: Dimension, function: str = "a function") -> Dimension:
 
 
 def _compared(a: Dimension, b: Dimension) -> Dimension:
-    a + b  # noqa: B018: an error unless both have the same
+    a + b  # an error unless both have the same
     return OPEN
 
 

@@ -124,9 +124,7 @@ class DaeDraft:
         """
         name = variable if isinstance(variable, str) else _name_of(variable)
         known = self._variables.get(name)
-        is_it = isinstance(variable, str) or (
-            known is not None and ca.is_equal(known.symbol, variable)
-        )
+        is_it = isinstance(variable, str) or (known is not None and ca.is_equal(known.symbol, variable))
         if known is None or not is_it:
             raise SceneError(
                 f"model {self.name!r}, der: "
@@ -160,8 +158,7 @@ class DaeDraft:
         if expression is None:
             if name not in self._variables:
                 raise SceneError(
-                    f"model {self.name!r}, output: "
-                    + unknown_name("variable", name, self._variables)
+                    f"model {self.name!r}, output: " + unknown_name("variable", name, self._variables)
                 )
             expression = self._variables[name].symbol
         if unit is None:
@@ -211,9 +208,7 @@ def _name_of(expression: ca.SX) -> str:
 
 
 def from_casadi(
-    builder: ca.DaeBuilder,
-    parameters: Sequence[Parameter] = (),
-    units: Mapping[str, str] | None = None,
+    builder: ca.DaeBuilder, parameters: Sequence[Parameter] = (), units: Mapping[str, str] | None = None
 ) -> Dae:
     """The description of a model that a `casadi.DaeBuilder` holds.
 

@@ -12,15 +12,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import SceneError, TrimError, check_known
-from mbdlft.dae.balance import (
-    POINTS,
-    SAME,
-    Balance,
-    at_points,
-    no_equilibrium,
-    solved_exactly,
-    start_of,
-)
+from mbdlft.dae.balance import POINTS, SAME, Balance, at_points, no_equilibrium, solved_exactly, start_of
 from mbdlft.dae.fit import Fitted, fitted
 from mbdlft.dae.index import independent
 from mbdlft.dae.newton import System, divided, solve, values_of
@@ -128,9 +120,7 @@ def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, flo
             translated[name] = value
             continue
         if alias.of is None or (isinstance(value, str) and alias.factor != 1):
-            raise SceneError(
-                f"{s.owner}, trim: {alias}, which is no free variable. Give another one."
-            )
+            raise SceneError(f"{s.owner}, trim: {alias}, which is no free variable. Give another one.")
         translated[alias.of] = value if isinstance(value, str) else value / float(alias.factor)
     return translated
 
@@ -140,9 +130,7 @@ def _check_names(s: Structure, fixed: Mapping[str, Any], free: Sequence[str]) ->
     for name, value in fixed.items():
         check_known("variable", [name], names, where)
         if isinstance(value, str):
-            check_known(
-                "parameter", [value], [p.name for p in s.dae.parameters], f"{where}, {name}"
-            )
+            check_known("parameter", [value], [p.name for p in s.dae.parameters], f"{where}, {name}")
     check_known("input", free, [q.name for q in s.inputs], where)
 
 
@@ -180,10 +168,7 @@ def _given_value(s: Structure, q: Quantity, fixed: Mapping[str, float | str]) ->
 
 
 def _posed(
-    s: Structure,
-    fixed: Mapping[str, float | str],
-    free: Sequence[str],
-    moving: Sequence[str],
+    s: Structure, fixed: Mapping[str, float | str], free: Sequence[str], moving: Sequence[str]
 ) -> Balance:
     """Equations with rates of zero and what is given, and what is unknown in them."""
     inputs = {q.name for q in s.inputs}

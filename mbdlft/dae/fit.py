@@ -75,9 +75,7 @@ def fit_coefficient(
         if s.element_hash() not in known:
             raise SceneError(f"fit of {expression}: {s.name()!r} is no parameter.")
         if known[s.element_hash()].is_angle:
-            raise NotRationalError(
-                f"fit of {expression}: {s.name()!r} is an angle, in sin and cos only."
-            )
+            raise NotRationalError(f"fit of {expression}: {s.name()!r} is an angle, in sin and cos only.")
     if not free:
         raise SceneError(f"fit of {expression}: it has no parameters, and is a number.")
     used = [known[s.element_hash()] for s in free]

@@ -161,9 +161,7 @@ def listed(names: Iterable[object]) -> str:
     return ", ".join(map(str, every[:_LISTED])) + more
 
 
-def _offsets(
-    dae: Dae, sigma: Pattern, matched: Sequence[int]
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _offsets(dae: Dae, sigma: Pattern, matched: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """The smallest c and d with d_j - c_i >= sigma_ij, and = on the assignment."""
     n = len(sigma)
     counts = np.zeros(n, dtype=int)
@@ -236,9 +234,7 @@ def blocks_of(pattern: ca.Sparsity) -> tuple[Block, ...]:
     if not pattern.size1():
         return ()
     count, rows, columns, r, c, _, _ = pattern.btf()
-    blocks = [
-        Block(tuple(rows[r[k] : r[k + 1]]), tuple(columns[c[k] : c[k + 1]])) for k in range(count)
-    ]
+    blocks = [Block(tuple(rows[r[k] : r[k + 1]]), tuple(columns[c[k] : c[k + 1]])) for k in range(count)]
     return tuple(blocks)
 
 
@@ -277,9 +273,7 @@ def dummy_derivatives(
         matrix = jacobian[list(block.rows), list(block.columns)]
         alone = len(block.rows) == 1 and matrix.nnz() and not ca.symvar(ca.SX(matrix.nz[0]))
         if not alone:
-            _check_regular(
-                d, matrix, highest, points, [rows[i] for i in block.rows], block, entries
-            )
+            _check_regular(d, matrix, highest, points, [rows[i] for i in block.rows], block, entries)
         if any(d.counts[i] for i in block.rows):
             at = [m[np.ix_(block.rows, block.columns)] for m in matrices()]
             chosen = [(rows[i].order) for i in block.rows]

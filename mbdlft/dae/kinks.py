@@ -63,11 +63,6 @@ def without_switches(at: DaeTrim, stacked: ca.SX, places: Sequence[str]) -> ca.S
 
     `places` (n,) name the expressions. Functions whose argument may change its sign in the range of the
     parameters stay as they are.
-
-    Raises
-    ------
-    TrimError
-        A function switches at the equilibrium, and its branches have different values or slopes.
     """
     near = _Equilibrium(at)
     decided: list[_Decided] = []
@@ -80,10 +75,7 @@ def without_switches(at: DaeTrim, stacked: ca.SX, places: Sequence[str]) -> ca.S
 
 
 def _branches(
-    stacked: ca.SX,
-    side_of: Callable[[ca.SX], Side],
-    decided: list[_Decided],
-    chosen: Mapping[int, Side],
+    stacked: ca.SX, side_of: Callable[[ca.SX], Side], decided: list[_Decided], chosen: Mapping[int, Side]
 ) -> ca.SX:
     """The expressions with branches; those at a zero are below it, unless `chosen` says otherwise."""
 

@@ -98,17 +98,13 @@ class _Linear:
         rows = []
         for k, q in enumerate(chosen):
             try:
-                value = self.separation.follow(
-                    ca.SX(at.values[q.name]), f"trim of {q.name}", "trim"
-                )
+                value = self.separation.follow(ca.SX(at.values[q.name]), f"trim of {q.name}", "trim")
             except NotRationalError:  # an angle that is a parameter
                 continue
             rows.append(unknown[k] - (value.constant if value.constant is not None else 0) * one)
         if len(rows) < len(chosen) or not rows:
             return None
-        relations = LinearModel(
-            column_of(rows), ca.SX(0, 1), unknown, one, self.internal, dae.parameters
-        )
+        relations = LinearModel(column_of(rows), ca.SX(0, 1), unknown, one, self.internal, dae.parameters)
         signals = tuple(Signal(q.name, q.unit) for q in chosen)
         return TrimRelations(relations, signals, tuple(at.nominal[q.name] for q in chosen))
 
@@ -155,9 +151,7 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     for row, q in zip(values, p, strict=True):
         now = solve(system, start, np.concatenate([row[held], q]), sizes[free])
         if not now.is_solution:
-            raise TrimError(
-                f"{s.owner}: no equilibrium was found at a point of the parameter range."
-            )
+            raise TrimError(f"{s.owner}: no equilibrium was found at a point of the parameter range.")
         row[free] = now.values
     return values
 
@@ -226,9 +220,7 @@ def _reference(
     names = [q.name for q in s.quantities]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
-    return replace(
-        reference, trimmed=numbers[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0)
-    )
+    return replace(reference, trimmed=numbers[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:

@@ -50,9 +50,7 @@ class System:
     of equations, too.
     """
 
-    def __init__(
-        self, residual: ca.SX, unknown: ca.SX, knowns: ca.SX, held: Array | None = None
-    ) -> None:
+    def __init__(self, residual: ca.SX, unknown: ca.SX, knowns: ca.SX, held: Array | None = None) -> None:
         residual = ca.densify(in_doubles(residual))
         jacobian = ca.jacobian(residual, unknown)
         self.held = np.zeros(0) if held is None else held
@@ -135,9 +133,7 @@ def _smallest_step(J: Array, r: Array) -> Array:
             step = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
         except RuntimeError:  # equations that depend on each other
             step = np.full(n, np.nan)
-        if np.all(np.isfinite(step)) and np.max(np.abs(J @ step - r)) <= _SOLVED * np.max(
-            np.abs(r)
-        ):
+        if np.all(np.isfinite(step)) and np.max(np.abs(J @ step - r)) <= _SOLVED * np.max(np.abs(r)):
             return np.asarray(step)
     return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
 
@@ -150,9 +146,7 @@ def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> A
 
 
 _SEED_OF_RANKS = 20230917  # of the residues that stand for parameters
-_SMALL = (
-    1e-10  # of the largest singular value of scaled rows: below it, a matrix is taken for singular
-)
+_SMALL = 1e-10  # of the largest singular value of scaled rows: below it, a matrix is taken for singular
 
 
 class Singular(NamedTuple):
@@ -164,10 +158,7 @@ class Singular(NamedTuple):
 
 
 def singular_part(
-    matrix: ca.SX,
-    signals: ca.SX,
-    parameters: ca.SX,
-    points: Callable[[], Sequence[Array]],
+    matrix: ca.SX, signals: ca.SX, parameters: ca.SX, points: Callable[[], Sequence[Array]]
 ) -> Singular | None:
     """What is singular in a square matrix (n, n), or None.
 

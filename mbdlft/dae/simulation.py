@@ -220,9 +220,7 @@ def _closed(
     count = len(model.outputs)
     omega = {s.name: read[count + k] for k, s in enumerate(model.linear.outputs[count:])}
     values = [
-        formula_function("theta", f.arguments, f.text, f.tables)(
-            *(omega[name] for name in f.signals)
-        )
+        formula_function("theta", f.arguments, f.text, f.tables)(*(omega[name] for name in f.signals))
         for f in model.functions
     ]
     return rates, read[:count], column_of([omega[name] for name in model.omega]), column_of(values)
@@ -330,8 +328,6 @@ def _held(owner: str, signals: Sequence[Signal], asked: _Asked) -> Array:
     return held
 
 
-def _initial(
-    owner: str, names: Sequence[str], values: Array, initial: Mapping[str, float]
-) -> Array:
+def _initial(owner: str, names: Sequence[str], values: Array, initial: Mapping[str, float]) -> Array:
     check_known("state", initial, names, f"{owner}, simulate")
     return np.array([float(initial.get(name, x)) for name, x in zip(names, values, strict=True)])

@@ -184,9 +184,7 @@ def reduce_index(
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
     # what may be the state that a name asks for: its alias, or the derivative that it is
     remaining, written = {a.name: a.of for a in aliases}, _written_rates(reduced)
-    wanted = {
-        name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states
-    }
+    wanted = {name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states}
     dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values())})
     return _assembled(dae, aliases, d, dummies, inputs, wanted)
 
@@ -200,9 +198,7 @@ def _written_rates(dae: Dae) -> dict[str, str]:
     """Variables that an equation w = der(x) gives: the names of these derivatives, ``der(x)``."""
     variables = {v.symbol.element_hash(): v.name for v in dae.variables}
     rates = {
-        v.derivative.element_hash(): name_of(v.name, 1)
-        for v in dae.variables
-        if v.derivative is not None
+        v.derivative.element_hash(): name_of(v.name, 1) for v in dae.variables if v.derivative is not None
     }
     rate_of = {}
     for e in dae.equations:
@@ -234,9 +230,7 @@ def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Ar
     """Values of all symbols, inputs and parameters, at nominal and at some other parameters."""
     dae = d.dae
     entries = list(d.symbols)
-    start = np.array(
-        [(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries]
-    )
+    start = np.array([(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries])
     sizes = np.array([dae.variables[j].nominal for j, _ in entries])
     knowns = column_of([*(q.symbol for q in inputs), *ca.vertsplit(dae.p)])
     residual = column_of(d.residuals.values())

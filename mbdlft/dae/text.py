@@ -80,9 +80,7 @@ _TABLE = 3  # breakpoints from which on a part is a table, or two where its text
 _LONG = 16  # operations and operands; a saturation has five
 _BINARY = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2)}
 _CALLS = {
-    **{
-        name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")
-    },
+    **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")},
     **{name: name for name in ("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1", "sqrt")},
     **{name: name for name in ("sign", "floor", "ceil", "atan2", "hypot", "copysign")},
     "fabs": "abs",
@@ -157,9 +155,7 @@ class _Piece:
 
     __slots__ = ("level", "of", "parts", "piecewise", "size", "write")
 
-    def __init__(
-        self, write: Callable[..., str], level: int, operands: Sequence["_Piece"] = ()
-    ) -> None:
+    def __init__(self, write: Callable[..., str], level: int, operands: Sequence["_Piece"] = ()) -> None:
         self.write, self.level, self.parts = write, level, tuple(operands)
         self.size: int = 1 + sum(operand.size for operand in self.parts)
         self.of: _Piece | None = self
@@ -259,11 +255,7 @@ def _constant(number: Constant) -> _Piece:
     if number.kind != "rational":
         text = repr(double(number))
     elif float(value) == value or Fraction(repr(float(value))) == value:
-        text = (
-            repr(int(value))
-            if value.denominator == 1 and abs(value) < 10**15
-            else repr(float(value))
-        )
+        text = repr(int(value)) if value.denominator == 1 and abs(value) < 10**15 else repr(float(value))
     else:
         text = f"{value.numerator}/{value.denominator}"
     level = 1 if text.startswith("-") else 2 if "/" in text else 9
@@ -312,6 +304,4 @@ _OPERATIONS: Mapping[str, Callable[..., _Piece]] = {
         for name, sign in _COMPARED.items()
     },
 }
-_RULES = Rules(
-    _number, {name: _followed(name, rule) for name, rule in _OPERATIONS.items()}, _refused
-)
+_RULES = Rules(_number, {name: _followed(name, rule) for name, rule in _OPERATIONS.items()}, _refused)

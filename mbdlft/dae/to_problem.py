@@ -238,9 +238,7 @@ class _Closed:
         return float(np.max(np.abs(residual) / np.maximum(scale, _LEAST), initial=0.0))
 
 
-def theta_functions(
-    s: Structure, form: ThetaForm, units: Mapping[str, str]
-) -> tuple[ThetaFunction, ...]:
+def theta_functions(s: Structure, form: ThetaForm, units: Mapping[str, str]) -> tuple[ThetaFunction, ...]:
     """The functions as texts, with ranges of arguments that are variables."""
     variables = {q.name: q.variable for q in s.quantities if not q.order}
     functions = []
@@ -248,12 +246,8 @@ def theta_functions(
         arguments = [form.arguments[a] for a in used]
         names = _identifiers([omega for omega, _, _ in arguments])
         text, tables = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
-        argument_variables = [
-            variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments
-        ]
-        ranges = [
-            (-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in argument_variables
-        ]
+        argument_variables = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
+        ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in argument_variables]
         functions.append(
             ThetaFunction(
                 name,

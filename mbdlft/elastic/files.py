@@ -140,10 +140,7 @@ def _npz(file: Path, limit: int) -> dict[str, Any]:
 
 def _header(name: str, stream: Any) -> tuple[tuple[int, ...], bool, "np.dtype[Any]"]:
     """Shape, whether columns come first, and type of an array in the format npy."""
-    formats = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }
+    formats = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     version = np.lib.format.read_magic(stream)
     if version not in formats:
         raise StructureError(f"{name}: has npy version {version}, expected 1.0 or 2.0.")
@@ -209,9 +206,7 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
         )
     lower = _sparse(arrays, name, (rows, rows))
     if sp.triu(lower, 1).nnz:
-        raise StructureError(
-            f"{name}: expected the lower triangle, got an entry above the diagonal."
-        )
+        raise StructureError(f"{name}: expected the lower triangle, got an entry above the diagonal.")
     return lower + sp.tril(lower, -1).T
 
 
@@ -357,9 +352,7 @@ def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
         motions = np.asarray(grids.rbgeom_uset(uset)).reshape(-1, 6, 6)
         numbers = np.asarray(uset.index.get_level_values("id"), dtype=np.int64)[::6]
     except Exception as error:  # pyYeti raises what it meets
-        raise StructureError(
-            f"{table}: cannot be read as bulk data with GRID cards: {error}"
-        ) from None
+        raise StructureError(f"{table}: cannot be read as bulk data with GRID cards: {error}") from None
     # motions[:, :3, :3] are the displacements of each node, in its own axes, for unit displacements of
     # the structure in the basic system: the transposed axes
     return numbers, entries[:, 0], np.swapaxes(motions[:, :3, :3], 1, 2)

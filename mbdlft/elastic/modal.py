@@ -151,9 +151,7 @@ def modal_model(
     bodily = at.rigid.T @ (structure.mass @ at.rigid)
     rigid = rigid_properties(nodes, at, bodily)
     grounding = _grounding(structure, bodily, lowest)
-    candidate_modes = (
-        free_ports if method == "effective-mass" else candidates(structure, method, nodes)
-    )
+    candidate_modes = free_ports if method == "effective-mass" else candidates(structure, method, nodes)
     kept, reduced = chosen(candidate_modes, limit, np.diag(bodily))
     w, coupling, ports_move = _modal(reduced)
     size = np.sqrt(np.maximum(np.diag(bodily), 0.0))[:, None]
@@ -220,10 +218,7 @@ def _port_errors(
 ) -> dict[str, float]:
     """`ModalModel.port_errors` of the lowest modes with free ports; `mass` is that of the body (kg)."""
     at, modes = structure.at, first(free_ports.modes(kept), kept)
-    both = (
-        free_ports.reduce(modes),
-        static_correction(structure, modes, free_ports.deflections()),
-    )
+    both = (free_ports.reduce(modes), static_correction(structure, modes, free_ports.deflections()))
     errors = {}
     for name, place in at.ports.items():
         moving = sum(direction < 3 for direction in at.directions)
@@ -303,9 +298,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
     masses = full[moved, moved]
     mass = float(np.mean(masses))
     if not mass > 0.0:
-        raise StructureError(
-            f"mass matrix: the mass of the structure is {mass:g} kg; expected more."
-        )
+        raise StructureError(f"mass matrix: the mass of the structure is {mass:g} kg; expected more.")
     if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
         listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
         raise StructureError(
@@ -319,9 +312,7 @@ def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
     inertia[np.abs(inertia) < _ROUNDING * mass * size**2] = 0.0
     rigid = Rigid(mass, center, inertia)
     expected = mass_matrix(rigid)
-    length = max(
-        float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass)
-    )
+    length = max(float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass))
     scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
     difference = (full - expected) / (mass * np.outer(scale, scale))
     if np.nanmax(np.abs(difference)) > _CONSISTENT:
@@ -394,9 +385,7 @@ class EffectiveMasses:
         """One row for each mode: frequency (Hz), effective mass in percent of the rigid one."""
         head = "".join(f"{name:>8}" for name in DIRECTIONS)
         lines = [f"{'mode':>5}{'Hz':>12}{head}   (% of the rigid mass, about the origin)"]
-        for k, (w, row) in enumerate(
-            zip(self.frequencies, 100.0 * self._shares, strict=True), start=1
-        ):
+        for k, (w, row) in enumerate(zip(self.frequencies, 100.0 * self._shares, strict=True), start=1):
             lines.append(f"{k:>5}{w / (2.0 * np.pi):>12.5g}{_row(row)}")
         lines.append(f"{'sum':>5}{'':>12}{_row(100.0 * self.kept)}")
         values = "".join(f"{entry:>10.4g}" for entry in np.diag(self.rigid))

@@ -177,9 +177,7 @@ def _check_dof(dof: Indices, numbers: Indices) -> None:
     rows, counts = np.unique(at_nodes, axis=0, return_counts=True)
     if np.any(counts > 1):
         node, component = rows[counts > 1][0]
-        raise StructureError(
-            f"node table: dof: component {component} of node {node} is there twice."
-        )
+        raise StructureError(f"node table: dof: component {component} of node {node} is there twice.")
 
 
 def _integers(what: str, values: ArrayLike, dimensions: int) -> Indices:

@@ -17,15 +17,7 @@ import scipy.sparse as sp
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.unit import parse_unit
-from mbdlft.elastic.nodes import (
-    DIRECTIONS,
-    Indices,
-    Interface,
-    Nodes,
-    places,
-    rigid_motions,
-    transport,
-)
+from mbdlft.elastic.nodes import DIRECTIONS, Indices, Interface, Nodes, places, rigid_motions, transport
 
 _SYMMETRY = 1e-8  # asymmetry that is rounding, of the largest entry: files have few digits
 # a smaller singular value is none: nodes on a line do not determine the rotation about it
@@ -75,9 +67,7 @@ def checked(what: str, matrix: Any, rows: int) -> Any:
     try:
         full = sp.csr_array(matrix, dtype=float)
     except (TypeError, ValueError) as error:
-        raise StructureError(
-            f"{what} matrix: expected a matrix of real numbers: {error}."
-        ) from None
+        raise StructureError(f"{what} matrix: expected a matrix of real numbers: {error}.") from None
     if full.ndim != 2 or full.shape != (rows, rows):
         raise StructureError(
             f"{what} matrix: expected {rows} x {rows}, one row for each dof of the node table, got "
@@ -103,9 +93,7 @@ def _factor(what: str, unit: str, si: str) -> float:
     """The unit over the SI unit `si` of the same dimension."""
     parsed = parse_unit(unit)
     if parsed.dimension != parse_unit(si).dimension:
-        raise StructureError(
-            f"to_si: {what}: expected a unit of {what} such as {si!r}, got {unit!r}."
-        )
+        raise StructureError(f"to_si: {what}: expected a unit of {what} such as {si!r}, got {unit!r}.")
     return parsed.factor
 
 
@@ -153,9 +141,7 @@ def partitioned(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partitio
             owner[number] = what
     origin, parent_rows, directions, motion = _moved("parent", nodes, held)
     positions, where = {}, {}
-    blocks: list[
-        tuple[Indices, Array]
-    ] = []  # rows of the nodes of each interface, and their motion
+    blocks: list[tuple[Indices, Array]] = []  # rows of the nodes of each interface, and their motion
     rows = np.flatnonzero(~np.isin(dof[:, 0], list(owner)) | (dof[:, 1] == 0))
     k = len(rows)
     rigid = [rigid_motions(nodes, origin)[rows][:, directions]]
@@ -217,9 +203,7 @@ def _interface(what: str, place: Any) -> Interface:
     return Interface(tuple(dict.fromkeys(numbers)), interface.point)
 
 
-def _moved(
-    what: str, nodes: Nodes, interface: Interface
-) -> tuple[Array, Indices, list[int], Array]:
+def _moved(what: str, nodes: Nodes, interface: Interface) -> tuple[Array, Indices, list[int], Array]:
     """Point of an interface, the rows of its nodes, its directions, and the motion of the rows (., d)."""
     try:
         at = places(nodes, interface.nodes)
@@ -228,9 +212,7 @@ def _moved(
     coordinates = np.asarray(nodes.coordinates)[at]
     point = np.mean(coordinates, axis=0) if interface.point is None else np.array(interface.point)
     if point.shape != (3,) or not np.all(np.isfinite(point)):
-        raise StructureError(
-            f"{what}: point: expected three coordinates (m), got {interface.point!r}."
-        )
+        raise StructureError(f"{what}: point: expected three coordinates (m), got {interface.point!r}.")
     dof = np.asarray(nodes.dof)
     rows = np.flatnonzero(np.isin(dof[:, 0], interface.nodes) & (dof[:, 1] > 0))
     if not len(rows):

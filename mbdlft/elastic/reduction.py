@@ -78,10 +78,7 @@ class Solver:
         scaled = sp.csc_array(sp.diags_array(self._scale) @ matrix @ sp.diags_array(self._scale))
         try:
             self._factor = spl.splu(
-                scaled,
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
+                scaled, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
             )
         except RuntimeError:
             raise StructureError(_mechanism("singular")) from None
@@ -206,9 +203,7 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
     return Candidates(modes, reduce, none)
 
 
-def _computed(
-    structure: Structure, nodes: Nodes, rows: int
-) -> tuple[Callable[[int], Modes], Solver]:
+def _computed(structure: Structure, nodes: Nodes, rows: int) -> tuple[Callable[[int], Modes], Solver]:
     """A function that computes modes of the first `rows` coordinates with the others fixed, and K^-1.
 
     The function remembers the modes of its last call and computes new ones only where these are too few.
@@ -253,9 +248,7 @@ def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Redu
     rigid = np.vstack([np.zeros((k, structure.at.rigid.shape[1])), structure.at.rigid[n:]])
     elastic = slice(k + free - n)
     ports = np.hstack([np.zeros((free - n, k)), np.eye(free - n)])
-    return Reduced(
-        mass[elastic, elastic], stiffness[elastic, elastic], (mass @ rigid)[elastic], ports
-    )
+    return Reduced(mass[elastic, elastic], stiffness[elastic, elastic], (mass @ rigid)[elastic], ports)
 
 
 def effective_mass(structure: Structure, modes: Modes) -> Reduced:

@@ -73,9 +73,7 @@ def model_of_results(
         finite("inertia", inertia, (3, 3)),
     )
     _check_residual(rigid, participation)
-    port_shapes = {
-        name: finite(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()
-    }
+    port_shapes = {name: finite(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()}
     return ModalModel(
         method="effective-mass",
         kept=n,

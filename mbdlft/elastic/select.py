@@ -113,9 +113,7 @@ def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int
             return False
         return bool(np.all(effective(reduced)[has_mass] >= fraction * rigid[has_mass]))
 
-    modes = _until(
-        candidates, lambda modes: len(modes) >= _MOST or enough(candidates.reduce(modes))
-    )
+    modes = _until(candidates, lambda modes: len(modes) >= _MOST or enough(candidates.reduce(modes)))
     total = candidates.reduce(modes)
 
     def with_first(count: int) -> Reduced:

@@ -57,9 +57,7 @@ class Interval(Operators):
         o = Interval.of(other)
         if o.low <= 0.0 <= o.high:
             return UNKNOWN
-        ends = [
-            0.0 if math.isinf(b) else a / b for a in (self.low, self.high) for b in (o.low, o.high)
-        ]
+        ends = [0.0 if math.isinf(b) else a / b for a in (self.low, self.high) for b in (o.low, o.high)]
         return outward(min(ends), max(ends))
 
 
@@ -127,8 +125,7 @@ FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 
 
 def find_zero(
-    function: Callable[[Mapping[str, Interval]], Interval],
-    bounds: Mapping[str, tuple[float, float]],
+    function: Callable[[Mapping[str, Interval]], Interval], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], bool] | None:
     """Where a function of intervals by name may vanish in a box (low, high); None if it is shown not to.
 
@@ -137,8 +134,7 @@ def find_zero(
     """
     boxes = [tuple(bounds.values())]
     sizes = [
-        max(_SMALLEST * (high - low), _ROUNDING * max(abs(low), abs(high)))
-        for low, high in boxes[0]
+        max(_SMALLEST * (high - low), _ROUNDING * max(abs(low), abs(high))) for low, high in boxes[0]
     ]
     examined = 0
     while boxes:

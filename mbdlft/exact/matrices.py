@@ -170,10 +170,7 @@ def times(a: Residues, b: Array, prime: int) -> Residues:
     """
     if a.shape[1] > _MOST_SUMMED:
         half = a.shape[1] // 2
-        first, second = (
-            times(a[:, :half], b[:, :half], prime),
-            times(a[:, half:], b[:, half:], prime),
-        )
+        first, second = (times(a[:, :half], b[:, :half], prime), times(a[:, half:], b[:, half:], prime))
         return np.asarray((first + second) % prime)
     C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
     total_so_far: Residues = C[2, 2] % prime

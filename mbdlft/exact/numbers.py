@@ -40,9 +40,7 @@ _FEW_BITS = 2**20  # odd factor of the numerator of a binary fraction
 _SIMPLE, _ROUNDINGS = 10**5, Fraction(2, 2**52)  # most of a denominator, and distance to it
 LARGEST_ANGLE = 1e4  # rad; doubles beyond are not dense enough to tell a billionth of a degree
 _SEED = 12345678910111213141
-_NEAR = (
-    4.0 * 2.0**-52
-)  # of an angle (rad): this near to one of nine decimals of a degree it is that
+_NEAR = 4.0 * 2.0**-52  # of an angle (rad): this near to one of nine decimals of a degree it is that
 
 
 @dataclass(slots=True, eq=False, repr=False)
@@ -323,10 +321,7 @@ def _prime(base: Sequence[int]) -> int:
     """A prime above 2^60, 1 modulo 360 10^9, modulo which all of the numbers are squares."""
     for k in range(_FIRST + 1, _FIRST + _MOST_PRIMES):
         p = k * _TURN + 1
-        if (
-            all(pow(number % p, (p - 1) // 2, p) == 1 for number in base)
-            and flint.fmpz(p).is_prime()
-        ):
+        if all(pow(number % p, (p - 1) // 2, p) == 1 for number in base) and flint.fmpz(p).is_prime():
             return p
     raise AnalysisError(
         f"exact numbers: no prime was found modulo which {len(base)} square roots exist. Write some "

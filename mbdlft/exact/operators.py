@@ -81,9 +81,7 @@ class Dimension(Operators):
 
     def _times(self, other: "Dimension | float", sign: int) -> "Dimension":
         first, second = self.exponents, Dimension.of(other).exponents
-        exponents = tuple(
-            a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True)
-        )
+        exponents = tuple(a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True))
         # a number still carries any unit if nothing beside it has one
         open_ = (first is None or second is None) and not any(exponents)
         has_units = any(first or _NONE) or any(second or _NONE)

@@ -175,9 +175,7 @@ def _power(sizes: Array) -> Array:
 _WELL_CONDITIONED = 2.0**10  # double precision is enough: the square of this leaves ten digits
 
 
-def through(
-    base: Array, left: Array, matrix: Array, right: Array, what: str
-) -> tuple[Array, Array]:
+def through(base: Array, left: Array, matrix: Array, right: Array, what: str) -> tuple[Array, Array]:
     """base + left matrix^-1 right, and matrix^-1 right.
 
     What is solved in twice the working precision stays as it is, however small beside its terms: it is

@@ -58,9 +58,7 @@ class Space:
         for row, degree in zip(self.exponents, self.degrees, strict=True):
             factors = np.flatnonzero(self.degrees <= order - degree)
             sums = row + self.exponents[factors]
-            self.products.append(
-                Products(factors, np.array([place[tuple(s)] for s in sums], dtype=int))
-            )
+            self.products.append(Products(factors, np.array([place[tuple(s)] for s in sums], dtype=int)))
 
     def __len__(self) -> int:
         return len(self.exponents)
@@ -265,10 +263,7 @@ class Sign(NamedTuple):
 
 
 def not_negative(
-    function: Function,
-    bounds: Mapping[str, tuple[float, float]],
-    slack: float = 0.0,
-    boxes: int = BOXES,
+    function: Function, bounds: Mapping[str, tuple[float, float]], slack: float = 0.0, boxes: int = BOXES
 ) -> Sign:
     """Whether function >= -slack in the box of `bounds`, (low, high) by name, by at most `boxes`."""
     monomials = space(len(bounds), _order(len(bounds)))

@@ -26,14 +26,7 @@ from mbdlft.base.formula import formula_value
 from mbdlft.base.parameter import DIVISORS, Parameter
 from mbdlft.dae.text import SYMBOLIC
 from mbdlft.export.matlab import table_of
-from mbdlft.export.names import (
-    check_plain_model,
-    identifier,
-    identifiers,
-    listed,
-    one_line,
-    places_of,
-)
+from mbdlft.export.names import check_plain_model, identifier, identifiers, listed, one_line, places_of
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel, Parameters, System
 from mbdlft.system.theta import DeltaThetaModel, Table, ThetaFunction, named_tables
@@ -329,11 +322,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
         functions.append(_value_function(f"{name}_f_trim", linear.parameters, trim))
     if isinstance(model, DeltaThetaModel):
         more, theta_tables, theta_entries = _theta(name, model)
-        functions, tables, entries = (
-            functions + more,
-            tables + theta_tables,
-            entries | theta_entries,
-        )
+        functions, tables, entries = (functions + more, tables + theta_tables, entries | theta_entries)
     work = max(f.sz_w() for f in functions) + 1
     entries |= {
         "work": work,
@@ -418,9 +407,7 @@ def _table(declaration: str, numbers: Sequence[float]) -> str:
     return f"{declaration}[{len(texts)}] = {{\n{body}\n}};"
 
 
-def _theta(
-    name: str, model: DeltaThetaModel
-) -> tuple[list[ca.Function], list[str], dict[str, Any]]:
+def _theta(name: str, model: DeltaThetaModel) -> tuple[list[ca.Function], list[str], dict[str, Any]]:
     """Functions, tables and entries of Theta.
 
     The functions: Theta and its slopes; a step of Newton's method for its values; derivatives and
@@ -480,9 +467,7 @@ def _looked_up(table: Table) -> Any:
 
     def value(a: ca.MX) -> ca.MX:
         k = ca.low(ca.MX(ca.DM(b)), a)
-        H, R, S, E, B, V = (
-            ca.MX(ca.DM(column))[k] for column in (h, rise, start, end, b[:-1], v[:-1])
-        )
+        H, R, S, E, B, V = (ca.MX(ca.DM(column))[k] for column in (h, rise, start, end, b[:-1], v[:-1]))
         t = (a - B) / H
         inside = V + t * R
         if table.slopes:

@@ -25,14 +25,7 @@ from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError, chec
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.c import c_texts
 from mbdlft.export.julia import julia_text
-from mbdlft.export.matlab import (
-    cells,
-    column,
-    items_of_matlab,
-    m_texts,
-    matlab_image,
-    signals,
-)
+from mbdlft.export.matlab import cells, column, items_of_matlab, m_texts, matlab_image, signals
 from mbdlft.export.matlab_theta import items_of_theta_matlab, rates_text
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
@@ -367,10 +360,7 @@ def grid_mat(model: System, grid: Grid) -> bytes:
     items["axes"] = {names[name]: column(values.tolist()) for name, values in axes.items()}
     if grid.trim is not None and isinstance(model, LFTModel):
         shaped = grid.trim.reshape(*grid.counts, len(model.trim.signals))
-        items["trim"] = {
-            **signals(model.trim.signals),
-            "value": np.moveaxis(shaped, -1, 0),
-        }
+        items["trim"] = {**signals(model.trim.signals), "value": np.moveaxis(shaped, -1, 0)}
     return matlab_image(items)
 
 

@@ -170,10 +170,7 @@ def _theta(model: DeltaThetaModel, stem: str) -> str:
         initial=_vector(model.initial),
         start=_vector(model.zeta_at_start),
         names=", ".join(map(_literal, parameters.names)),
-        **{
-            key: _vector([getattr(p, key) for p in parameters])
-            for key in ("low", "nominal", "high")
-        },
+        **{key: _vector([getattr(p, key) for p in parameters]) for key in ("low", "nominal", "high")},
         nz=len(places.zeta),
         no=len(places.omega),
         nx=len(model.linear.states),

@@ -140,9 +140,7 @@ def table_of(model: System, begin: str, shown: dict[str, str] | None = None) -> 
             size = f"{block.outputs} x {block.inputs}"
             rows.append((identifier(block.name), block.name, "", "0", "", f"{block.kind}, {size}"))
     widths = [max(map(len, entries)) + 2 for entries in zip(*rows, strict=True)]
-    lines = [
-        "".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in rows
-    ]
+    lines = ["".join(text.ljust(width) for text, width in zip(row, widths, strict=True)) for row in rows]
     if len(rows) == 1:
         lines = ["(no parameters)"]
     kinds = [("states", model.states), ("inputs", model.inputs), ("outputs", model.outputs)]

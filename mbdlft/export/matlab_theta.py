@@ -214,9 +214,7 @@ def _bodies(model: DeltaThetaModel) -> list[str]:
     return lines
 
 
-def _body(
-    function: ThetaFunction, columns: Sequence[int], first_table: int
-) -> list[tuple[str, str]]:
+def _body(function: ThetaFunction, columns: Sequence[int], first_table: int) -> list[tuple[str, str]]:
     """Names and texts: of a function, ``value``, and of its slopes, ``d1`` and so on.
 
     Its arguments are entries of omega, from 1 on; its tables are numbered from `first_table` on.
@@ -227,10 +225,7 @@ def _body(
     for k, (number, argument) in enumerate(symbolic.tables):
         place, table = f"p{k + 1}", f"table({first_table + number + 1})"
         statements += _statements(argument, symbols, names, f"{place}_", place)
-        for kind, values, is_slope in (
-            ("v", symbolic.values, "false"),
-            ("s", symbolic.slopes, "true"),
-        ):
+        for kind, values, is_slope in (("v", symbolic.values, "false"), ("s", symbolic.slopes, "true")):
             names.append(f"{kind}{k + 1}")
             symbols.append(values[k])
             statements.append((names[-1], f"table_value({table}, {place}, {is_slope})"))
@@ -288,11 +283,7 @@ def _total_slopes(symbolic: _Parts) -> list[ca.SX]:
 
 
 def _statements(
-    expression: ca.SX,
-    symbols: Sequence[ca.SX],
-    names: Sequence[str],
-    prefix: str,
-    result: str,
+    expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str], prefix: str, result: str
 ) -> list[tuple[str, str]]:
     """Statements that give an expression the name `result`; parts of it have names with a prefix."""
     plain = [f"x{k}" for k in range(len(names))]  # names of formulas

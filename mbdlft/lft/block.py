@@ -157,11 +157,7 @@ def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Bloc
     if square:
         m = n
     n_out, n_in = M22.shape
-    for name, matrix, shape in (
-        ("M11", M11, (n, m)),
-        ("M12", M12, (n, n_in)),
-        ("M21", M21, (n_out, m)),
-    ):
+    for name, matrix, shape in (("M11", M11, (n, m)), ("M12", M12, (n, n_in)), ("M21", M21, (n_out, m))):
         if matrix.shape != shape:
             return f"{name} needs shape {shape}, got {matrix.shape}."
     if any([block.size < 0 or block.outputs < 0 for block in blocks]):

@@ -71,9 +71,7 @@ class LFT:
 
     def __repr__(self) -> str:
         blocks = ", ".join(f"{name} {size}" for name, size in self.blocks)
-        return (
-            f"<LFT {self.shape[0]} x {self.shape[1]}; order {self.order}: {blocks or 'constant'}>"
-        )
+        return f"<LFT {self.shape[0]} x {self.shape[1]}; order {self.order}: {blocks or 'constant'}>"
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -133,9 +131,7 @@ class LFT:
 def constant(matrix: ArrayLike) -> LFT:
     """LFT without deltas: value = matrix."""
     value = matrix_of(matrix)
-    return LFT(
-        np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value
-    )
+    return LFT(np.zeros((0, 0)), np.zeros((0, value.shape[1])), np.zeros((value.shape[0], 0)), value)
 
 
 def delta(name: str | Block, size: int = 1) -> LFT:
@@ -159,9 +155,7 @@ def add(a: LFT, b: LFT) -> LFT:
 def multiply(a: LFT, b: LFT) -> LFT:
     """Product: value(a @ b) = value(a) value(b)."""
     check(a.shape[1] == b.shape[0], f"cannot multiply shapes {a.shape} and {b.shape}")
-    return _merge(
-        a, b, a.M12 @ b.M21, (a.M12 @ b.M22, b.M12), (a.M21, a.M22 @ b.M21), a.M22 @ b.M22
-    )
+    return _merge(a, b, a.M12 @ b.M21, (a.M12 @ b.M22, b.M12), (a.M21, a.M22 @ b.M21), a.M22 @ b.M22)
 
 
 def inverse(a: LFT) -> LFT:
@@ -231,10 +225,7 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
         (outputs, min(upper.shape[0], lower.shape[1])),
         (inputs, min(upper.shape[1], lower.shape[0])),
     ):
-        check(
-            0 <= size <= limit,
-            f"cannot close {size} signals between {upper.shape} and {lower.shape}",
-        )
+        check(0 <= size <= limit, f"cannot close {size} signals between {upper.shape} and {lower.shape}")
     both = stack_diagonal(upper, lower)
     n_out, n_in = both.shape
     a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
@@ -243,9 +234,7 @@ def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
     columns = [*range(upper.shape[1], upper.shape[1] + outputs), *range(c, upper.shape[1])]
     k = len(rows)
     relation = select(
-        both,
-        [*rows, *range(a), *range(a + k, n_out)],
-        [*columns, *range(c), *range(c + k, n_in)],
+        both, [*rows, *range(a), *range(a + k, n_out)], [*columns, *range(c), *range(c + k, n_in)]
     )
     loop = np.zeros(relation.shape)
     loop[:k, :k] = -np.eye(k)
@@ -377,9 +366,7 @@ def check_name(a: LFT, name: str) -> None:
 def open_blocks(a: LFT, names: Sequence[str]) -> LFT:
     """The LFT whose last inputs and outputs are w and z of the named blocks, in that order."""
     z, w = (_indices(slices_of, names) for slices_of in (a.slices(), a.columns()))
-    kept_z, kept_w = (
-        np.setdiff1d(np.arange(n), k) for n, k in zip(a.M11.shape, (z, w), strict=True)
-    )
+    kept_z, kept_w = (np.setdiff1d(np.arange(n), k) for n, k in zip(a.M11.shape, (z, w), strict=True))
     return LFT(
         a.M11[np.ix_(kept_z, kept_w)],
         np.hstack([a.M12[kept_z], a.M11[np.ix_(kept_z, w)]]),

@@ -96,9 +96,7 @@ def evaluate(a: LFT, deltas: Mapping[str, ArrayLike]) -> Array:
     if any(block.kind != "real" for block in a.blocks):
         return _of_all_kinds(a, deltas)
     try:
-        columns = np.broadcast_arrays(
-            *(np.asarray(value, dtype=float) for value in deltas.values())
-        )
+        columns = np.broadcast_arrays(*(np.asarray(value, dtype=float) for value in deltas.values()))
     except ValueError:
         raise StructureError("evaluate: the arrays of deltas have different lengths.") from None
     single = not columns or columns[0].ndim == 0
@@ -199,9 +197,7 @@ def _of_all_kinds(a: LFT, deltas: Mapping[str, Any]) -> Array:
     Delta = np.zeros((max(lengths, default=1), a.M11.shape[1], a.order), dtype=complex)
     for name, value in deltas.items():
         full = known[name].kind == "full"
-        Delta[:, w[name], z[name]] = (
-            value if full else value[..., None, None] * np.eye(known[name].size)
-        )
+        Delta[:, w[name], z[name]] = value if full else value[..., None, None] * np.eye(known[name].size)
     try:
         inner = np.linalg.solve(np.eye(a.order) - a.M11 @ Delta, np.tile(a.M12, (len(Delta), 1, 1)))
     except np.linalg.LinAlgError:
@@ -264,10 +260,7 @@ class _Sides:
     """
 
     def __init__(self, a: LFT) -> None:
-        self.rows, self.columns = (
-            np.flatnonzero(a.M21.any(axis=1)),
-            np.flatnonzero(a.M12.any(axis=0)),
-        )
+        self.rows, self.columns = (np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0)))
         self.wide = _MUCH * len(self.rows) < len(self.columns)
         first, last = a.M12[:, self.columns], a.M21[self.rows]
         self.inner = a.M11.T if self.wide else a.M11
@@ -289,9 +282,7 @@ def _add_dense(a: LFT, points: Array, values: Array, sizes: Array | None = None)
         d = spread[chunk]
         loop = np.eye(a.order) - sides.inner * d[:, None, :]
         try:
-            solved = np.linalg.solve(
-                loop, np.broadcast_to(sides.first, (len(d), *sides.first.shape))
-            )
+            solved = np.linalg.solve(loop, np.broadcast_to(sides.first, (len(d), *sides.first.shape)))
         except np.linalg.LinAlgError:
             raise WellPosednessError("I - M11 Delta is singular at one of the points.") from None
         outer = sides.last * d[:, None, :]

@@ -116,11 +116,7 @@ def band_pass(
 
 
 def delay(
-    time: float | str,
-    order: int = 2,
-    parameters: Sequence[Parameter] = (),
-    *,
-    name: str = "delay",
+    time: float | str, order: int = 2, parameters: Sequence[Parameter] = (), *, name: str = "delay"
 ) -> LFTModel:
     """The Pade approximation [n/n] of exp(-s T): its response has gain 1 and the phase of 2 n + 1 terms.
 
@@ -144,9 +140,7 @@ def delay(
         The time is not positive or the order is not such a number.
     """
     if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= _MOST:
-        raise SceneError(
-            f"{name}, order: expected a whole number from 1 to {_MOST}, got {order!r}."
-        )
+        raise SceneError(f"{name}, order: expected a whole number from 1 to {_MOST}, got {order!r}.")
     quantities = {"time": Expected(time, "s")}
     return _filter(name, quantities, parameters, lambda v: _ladder(order, 2.0 / v["time"]), order)
 
@@ -281,10 +275,7 @@ def linear_block(
 
 
 def _dimensions(parameters: Sequence[Parameter]) -> dict[str, Any]:
-    return {
-        **BUILTIN_CONSTANTS,
-        **{p.name: Dimension(parse_unit(p.unit).dimension) for p in parameters},
-    }
+    return {**BUILTIN_CONSTANTS, **{p.name: Dimension(parse_unit(p.unit).dimension) for p in parameters}}
 
 
 def _check_dimension(value: Any, unit: str) -> None:

@@ -30,12 +30,7 @@ from mbdlft.system.model import LFTModel
 
 DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
 _HOLD, _WRENCH = "hold", "wrench"
-_UNITS = {
-    "force": "N",
-    "torque": "N m",
-    "acceleration": "m/s^2",
-    "angular_acceleration": "rad/s^2",
-}
+_UNITS = {"force": "N", "torque": "N m", "acceleration": "m/s^2", "angular_acceleration": "rad/s^2"}
 _ACCELERATIONS = ("acceleration", "angular_acceleration")
 _LOADS = ("force", "torque")
 
@@ -95,16 +90,8 @@ def two_port(
         model,
         lft=_without_rigid_motion(model, [signal.name for signal in model.outputs]),
         states=tuple(s for s in model.states if not _is_rigid(s)),
-        inputs=(
-            *(s for port in ports for s in loads[port]),
-            *accelerations[parent],
-            *body_signals[0],
-        ),
-        outputs=(
-            *(s for port in ports for s in accelerations[port]),
-            *loads[parent],
-            *body_signals[1],
-        ),
+        inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *body_signals[0]),
+        outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *body_signals[1]),
     )
 
 
@@ -121,8 +108,7 @@ def _ports(body: Body, children: Sequence[str] | None, parent: str) -> tuple[str
     for port in (*children, parent):
         if port not in body.port_names():
             raise SceneError(
-                f"two_port of body {body.name!r}: "
-                + unknown_name("port", str(port), body.port_names())
+                f"two_port of body {body.name!r}: " + unknown_name("port", str(port), body.port_names())
             )
     if len({*children, parent}) < len(children) + 1:
         raise SceneError(
@@ -165,17 +151,13 @@ def _scene(
         for kind, axis in _split(axes, _LOADS):
             cls = Force if kind == "force" else Torque
             direction = tuple(float(axis == other) for other in AXES)
-            loads.append(
-                cls(name=f"{kind}_{k}_{axis}", port=at, direction=direction, magnitude=0.0)
-            )
+            loads.append(cls(name=f"{kind}_{k}_{axis}", port=at, direction=direction, magnitude=0.0))
         sensors.append(Acceleration(name=f"{_ACCELERATIONS[0]}_{k}", port=at))
         sensors.append(AngularAcceleration(name=f"{_ACCELERATIONS[1]}_{k}", port=at))
     sensors.append(JointWrench(name=_WRENCH, joint=_HOLD))
     imposed = [f"{_HOLD}.{kind}.{axis}" for kind, axis in _split(axes, _ACCELERATIONS)]
     measured = [
-        f"{kind}_{k}.{axis}"
-        for k in range(len(ports))
-        for kind, axis in _split(axes, _ACCELERATIONS)
+        f"{kind}_{k}.{axis}" for k in range(len(ports)) for kind, axis in _split(axes, _ACCELERATIONS)
     ]
     wrench = [f"{_WRENCH}.{kind}.{axis}" for kind, axis in _split(axes, _LOADS)]
     body_names = [[signal.name for signal in signals] for signals in _own(body)]

@@ -310,9 +310,7 @@ def slosh_tank(
     top = center + data.height
     if acceleration is None:
         hinge = settled.model_copy(update={"ports": {"hinge": (0.0, 0.0, top + data.length)}})
-        bob = PointMass(
-            name=f"{name}_liquid", mass=moving, ports={"hinge": (0.0, 0.0, data.length)}
-        )
+        bob = PointMass(name=f"{name}_liquid", mass=moving, ports={"hinge": (0.0, 0.0, data.length)})
         swing = Universal(
             name=name,
             parent=f"{settled.name}.hinge",
@@ -329,13 +327,7 @@ def slosh_tank(
     bob = PointMass(name=f"{name}_liquid", mass=moving)
     along = {"stiffness": stiffness, "damping": damping, "preload": 0.0}
     first = Prismatic(
-        name=f"{name}_x",
-        parent=f"{settled.name}.surface",
-        child=between.name,
-        axis=(1, 0, 0),
-        **along,
+        name=f"{name}_x", parent=f"{settled.name}.surface", child=between.name, axis=(1, 0, 0), **along
     )
-    second = Prismatic(
-        name=f"{name}_y", parent=between.name, child=bob.name, axis=(0, 1, 0), **along
-    )
+    second = Prismatic(name=f"{name}_y", parent=between.name, child=bob.name, axis=(0, 1, 0), **along)
     return SloshTank((placed, between, bob), (held, first, second))

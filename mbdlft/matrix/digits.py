@@ -14,13 +14,7 @@ from mbdlft.base.expression import Number
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.numbers import decimal, precision
 from mbdlft.exact.operators import Operators
-from mbdlft.matrix.expressions import (
-    Resolved,
-    cosine_name,
-    entry_place,
-    matrix_values,
-    sine_name,
-)
+from mbdlft.matrix.expressions import Resolved, cosine_name, entry_place, matrix_values, sine_name
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.problem.digits import BITS, Balls, ball, rounded, transfers_of
 
@@ -114,11 +108,7 @@ def _bits_of(balls: Balls) -> NDArray[np.int64]:
 
 
 def _in_balls(
-    problem: MatrixProblem,
-    resolved: Resolved,
-    parameters: Sequence[Parameter],
-    points: Array,
-    bits: int,
+    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array, bits: int
 ) -> Balls:
     """Values (N, ., .) with so many bits."""
     with precision(bits):
@@ -133,9 +123,7 @@ def _in_balls(
                 known[sine_name(p.name)] = np.array([x.sin() for x in angles], dtype=object)
         rows = matrix_values(problem, resolved, known, lambda x: ball(decimal(x)), _FUNCTIONS)
         balls = _stacked(rows, len(points), object)
-    is_finite = np.vectorize(lambda x: x.is_finite() and abs(float(x)) < np.inf, otypes=[bool])(
-        balls
-    )
+    is_finite = np.vectorize(lambda x: x.is_finite() and abs(float(x)) < np.inf, otypes=[bool])(balls)
     if not np.all(is_finite):
         k, i, j = np.argwhere(~is_finite)[0]
         raise WellPosednessError(
@@ -161,9 +149,7 @@ def _sizes(
             known[sine_name(p.name)] = Sized.of(np.sin(angle))
     with np.errstate(all="ignore"):
         rows = matrix_values(problem, resolved, known, float)
-        return _stacked(
-            [[Sized.of(entry).size for entry in row] for row in rows], len(points), float
-        )
+        return _stacked([[Sized.of(entry).size for entry in row] for row in rows], len(points), float)
 
 
 def _check_sizes(problem: MatrixProblem, largest: Array, terms: Array) -> None:

@@ -14,13 +14,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.base.errors import (
-    MbdlftError,
-    NotRationalError,
-    SceneError,
-    WellPosednessError,
-    unknown_name,
-)
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, WellPosednessError, unknown_name
 from mbdlft.base.expression import (
     Binary,
     Call,
@@ -143,9 +137,7 @@ class _Resolver:
             self.depends[name] = self._parameters(expression)
             self.degrees[name] = degree_of(expression, self.degrees)
         rows = tuple(
-            tuple(
-                self._read(entry_place(self.problem, i, j), source) for j, source in enumerate(row)
-            )
+            tuple(self._read(entry_place(self.problem, i, j), source) for j, source in enumerate(row))
             for i, row in enumerate(self.problem.matrix)
         )
         return Resolved(self.shared, rows)
@@ -237,10 +229,7 @@ class _Resolver:
             cosine_sine = (Call("cos", constant), Call("sin", constant))
         for name, count in sorted(angle.multiples.items()):
             cosine_of, sine_of = Name(cosine_name(name)), Name(sine_name(name))
-            turn: tuple[Expression, Expression] = (
-                cosine_of,
-                sine_of if count > 0 else Negative(sine_of),
-            )
+            turn: tuple[Expression, Expression] = (cosine_of, sine_of if count > 0 else Negative(sine_of))
             for _ in range(abs(count)):
                 first, label = not label, f"{label} {'+' if count > 0 else '-'} {name}".lstrip(" +")
                 if first:
@@ -278,9 +267,7 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
         used = sorted(resolved.parameters_of(divisor) & parameters.keys())
         value = partial(_enclosure, divisor, resolved, constants, parameters)
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
-        zero = find_zero(
-            value, {name: (parameters[name].low, parameters[name].high) for name in used}
-        )
+        zero = find_zero(value, {name: (parameters[name].low, parameters[name].high) for name in used})
         if zero is not None and zero[1]:
             near = ", ".join(
                 f"{name} = {at:g} {parameters[name].unit}".removesuffix(" 1")
@@ -348,9 +335,7 @@ def _enclosure(
     return interval
 
 
-def _intervals(
-    parameters: Mapping[str, Parameter], box: Mapping[str, Interval]
-) -> dict[str, Interval]:
+def _intervals(parameters: Mapping[str, Parameter], box: Mapping[str, Interval]) -> dict[str, Interval]:
     """Parameters over intervals; an angle by its cosine and sine."""
     values = {}
     for name, item in box.items():

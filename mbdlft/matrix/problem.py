@@ -87,8 +87,7 @@ class MatrixProblem(Description):
         for i, row in enumerate(rows):
             if len(row) != len(rows[0]):
                 raise SceneError(
-                    f"row {i} has {len(row)} entries, row 0 has {len(rows[0])}. All rows need one "
-                    "length."
+                    f"row {i} has {len(row)} entries, row 0 has {len(rows[0])}. All rows need one length."
                 )
             for j, entry in enumerate(row):
                 check_quantity(f"entry ({i}, {j})", entry)

@@ -24,13 +24,7 @@ from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Num
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.numbers import decimal
 from mbdlft.exact.operators import Operators
-from mbdlft.matrix.expressions import (
-    MatrixForm,
-    Resolved,
-    cosine_name,
-    matrix_values,
-    sine_name,
-)
+from mbdlft.matrix.expressions import MatrixForm, Resolved, cosine_name, matrix_values, sine_name
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS, literal, pi_times
@@ -91,16 +85,12 @@ def matrix_problem(
 
 
 def written_matrix(
-    problem: MatrixProblem,
-    resolved: Resolved,
-    factors: NDArray[np.float64],
+    problem: MatrixProblem, resolved: Resolved, factors: NDArray[np.float64]
 ) -> MatrixForm:
     """The matrix as it is written, with entries times `factors` (rows, columns), powers of two."""
     q = ca.SX.sym("q", len(problem.parameters))
     cosine, sine = cosines_sines(problem.parameters, q)
-    values: dict[str, Any] = {
-        name: literal(value) for name, value in problem.constant_values().items()
-    }
+    values: dict[str, Any] = {name: literal(value) for name, value in problem.constant_values().items()}
     values |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
     for k, parameter in enumerate(problem.parameters):
         if parameter.is_angle:
@@ -156,8 +146,7 @@ class _Texts:
         for name in symbols:
             if name not in self.parameters:
                 raise SceneError(
-                    f"matrix {self.name!r}, symbols: "
-                    + unknown_name("parameter", name, self.parameters)
+                    f"matrix {self.name!r}, symbols: " + unknown_name("parameter", name, self.parameters)
                 )
         free, used = [], []
         for symbol in ca.symvar(matrix):
@@ -342,9 +331,7 @@ def expanded_matrix(
     def number(value: float) -> Polynomial:
         return Polynomial({(0,) * count: decimal(value)})
 
-    values: dict[str, Any] = {
-        name: number(value) for name, value in problem.constant_values().items()
-    }
+    values: dict[str, Any] = {name: number(value) for name, value in problem.constant_values().items()}
     for place, k in enumerate(order):
         exponents = tuple(int(place == other) for other in range(count))
         values[problem.parameters[k].name] = Polynomial({exponents: Fraction(1)})
@@ -354,9 +341,7 @@ def expanded_matrix(
         return None
     q = ca.SX.sym("q", count)
     symbols = [q[k] for k in order]
-    matrix = ca.vertcat(
-        *(ca.horzcat(*(_horner(item.terms, symbols) for item in row)) for row in rows)
-    )
+    matrix = ca.vertcat(*(ca.horzcat(*(_horner(item.terms, symbols) for item in row)) for row in rows))
     return MatrixForm(q, ca.DM(factors) * matrix)
 
 

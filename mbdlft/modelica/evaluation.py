@@ -83,9 +83,7 @@ class Evaluator:
     def _chain(self, first: Expression, operations: list[tuple[str, Expression]]) -> Value:
         """first (operator) right ...; a long sum is added in pairs: CasADi does not take deep graphs."""
         total = self.value(first)
-        if len(operations) <= _LONG or any(
-            operator not in ("+", "-") for operator, _ in operations
-        ):
+        if len(operations) <= _LONG or any(operator not in ("+", "-") for operator, _ in operations):
             if len(operations) > _MOST_FACTORS:
                 raise SceneError(f"a product has at most {_MOST_FACTORS} factors.")
             for operator, right in operations:
@@ -182,9 +180,7 @@ class Evaluator:
             raise SceneError(f"{name!r} has {len(value)} entries, and no entry {position}.")
         return value[position - 1]
 
-    def _if(
-        self, branches: tuple[tuple[Expression, Expression], ...], otherwise: Expression
-    ) -> Value:
+    def _if(self, branches: tuple[tuple[Expression, Expression], ...], otherwise: Expression) -> Value:
         made: list[tuple[Value, Expression]] = []
         for condition, then in branches:
             truth = self.value(condition)
@@ -258,11 +254,7 @@ def _cross(a: Value, b: Value) -> Value:
 def _skew(a: Value) -> Value:
     zero = Fraction(0)
     x, y, z = a
-    return (
-        (zero, v.negative(z), y),
-        (z, zero, v.negative(x)),
-        (v.negative(y), x, zero),
-    )
+    return ((zero, v.negative(z), y), (z, zero, v.negative(x)), (v.negative(y), x, zero))
 
 
 def _diagonal(entries: Value) -> Value:

@@ -72,9 +72,7 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
     """
     words: list[Token] = []
     position, line, begin, depth = 0, first_line, 0, 0
-    while position < len(text) and not (
-        statement and depth == 0 and words and words[-1].text == ";"
-    ):
+    while position < len(text) and not (statement and depth == 0 and words and words[-1].text == ";"):
         match = _TOKEN.match(text, position)
         column = position - begin + 1
         if match is None or match.lastgroup is None:
@@ -126,9 +124,7 @@ T = TypeVar("T")
 class ExpressionParser:
     """The words of a text and the place in it; reads expressions."""
 
-    def __init__(
-        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
-    ) -> None:
+    def __init__(self, text: str, source: str, first_line: int = 1, *, statement: bool = False) -> None:
         self.source = source
         self.words = tokens(text, source, first_line, statement=statement)
         self.place, self.depth = 0, 0
@@ -307,9 +303,7 @@ class ExpressionParser:
         """One or several texts that are joined by ``+``."""
         text = ""
         while self.word.kind == "text":
-            text += _ESCAPED.sub(
-                lambda match: _ESCAPES.get(match[1], match[1]), self.take().text[1:-1]
-            )
+            text += _ESCAPED.sub(lambda match: _ESCAPES.get(match[1], match[1]), self.take().text[1:-1])
             if not (self.is_at("+") and self.words[self.place + 1].kind == "text"):
                 break
             self.take()

@@ -131,9 +131,7 @@ def compiled_model(
         raise
     except BaseException as error:  # those of its language, too, which are no Exception
         several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
-        raise SceneError(
-            f"{file.name}: the compiler rumoca does not take it: {error}{several}"
-        ) from None
+        raise SceneError(f"{file.name}: the compiler rumoca does not take it: {error}{several}") from None
     sources = Sources(_files(file, folders), tables["variables"])
     return model_of_tables(tables, loaded.name, sources)
 

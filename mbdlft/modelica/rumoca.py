@@ -63,9 +63,7 @@ class Sources:
                 break
             text = file.read_bytes()
             for source, places in names.items():
-                if source not in self._texts and all(
-                    text[a:b].endswith(name) for a, b, name in places
-                ):
+                if source not in self._texts and all(text[a:b].endswith(name) for a, b, name in places):
                     self._texts[source] = text
 
     def line(self, span: Any) -> int:
@@ -93,25 +91,14 @@ class Sources:
         if text is None or _ANNOTATION not in text[span["end"] :]:
             return _NOTHING
         first = text[span["start"] : span["end"]].rfind(b" ") + 1 + span["start"]
-        return declared_annotation(
-            text[first:].decode("utf-8", "replace"), self.name, self.line(span)
-        )
+        return declared_annotation(text[first:].decode("utf-8", "replace"), self.name, self.line(span))
 
 
 _OF_ENTRIES = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^"}
 _OPERATORS = {
     **_OF_ENTRIES,
     **{f"{name}Elem": f".{sign}" for name, sign in _OF_ENTRIES.items()},
-    **{
-        "Lt": "<",
-        "Le": "<=",
-        "Gt": ">",
-        "Ge": ">=",
-        "Eq": "==",
-        "Neq": "<>",
-        "And": "and",
-        "Or": "or",
-    },
+    **{"Lt": "<", "Le": "<=", "Gt": ">", "Ge": ">=", "Eq": "==", "Neq": "<>", "And": "and", "Or": "or"},
 }
 _TABLES = (
     "variables equations assert_equations initial_equations algorithms is_partial initial_algorithms "
@@ -156,10 +143,7 @@ class _Reader:
                     raise self._unknown("a loop that is not written out")
         refused = [
             *(self._algorithm(a, "the algorithm") for a in self.tables["algorithms"]),
-            *(
-                self._algorithm(a, "the initial algorithm")
-                for a in self.tables["initial_algorithms"]
-            ),
+            *(self._algorithm(a, "the initial algorithm") for a in self.tables["initial_algorithms"]),
             *(self._when(chain) for chain in self.tables["when_chains"]),
         ]
         checks = (*self.tables["assert_equations"], *self.tables["initial_assert_equations"])
@@ -284,8 +268,7 @@ class _Reader:
                 return Call(body["name"]["name"], self._all(body["args"]))
             case "If":
                 branches = tuple(
-                    (self._expression(when), self._expression(then))
-                    for when, then in body["branches"]
+                    (self._expression(when), self._expression(then)) for when, then in body["branches"]
                 )
                 return If(branches, self._expression(body["else_branch"]))
             case "Array":

@@ -70,9 +70,7 @@ def declared_annotation(text: str, source: str, line: int) -> Mapping[str, Expre
 class _TextParser(ExpressionParser):
     """Reads a model; what is refused is collected in `refused`."""
 
-    def __init__(
-        self, text: str, source: str, first_line: int = 1, *, statement: bool = False
-    ) -> None:
+    def __init__(self, text: str, source: str, first_line: int = 1, *, statement: bool = False) -> None:
         super().__init__(text, source, first_line, statement=statement)
         self.declarations: list[Declaration] = []
         self.refused: list[Refused] = []

@@ -129,9 +129,7 @@ class _Translation:
                     )
                 )
         self.variables = Variables(self.parameters, self._of_declaration)
-        self.declared = [
-            d for d in model.declarations if d.variability not in ("parameter", "constant")
-        ]
+        self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 
     def result(self) -> tuple[Dae, ModelicaReport]:
         """The description and the report."""
@@ -220,9 +218,7 @@ class _Translation:
         )
         pairs = self._at(written.line, repr(name), lambda: list(_pairs(left, right)))
         return [
-            Equation(
-                name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None
-            )
+            Equation(name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None)
             for k, residual in enumerate(pairs)
         ]
 
@@ -231,9 +227,7 @@ class _Translation:
         text = f"assert({shorter(write(check.condition))})"
         value = self._value(check.line, text, check.condition)
         if value is False:
-            raise SceneError(
-                self._place(check.line, f"{text} does not hold. {check.message}".strip())
-            )
+            raise SceneError(self._place(check.line, f"{text} does not hold. {check.message}".strip()))
         if value is not True:
             self.parameters.notes.append(f"{text} in line {check.line} is not checked")
 
@@ -260,9 +254,7 @@ class _Translation:
                 )
             chosen = [
                 replace(
-                    a,
-                    name=f"{a.name}, or {b.name}",
-                    residual=v.chosen(value, a.residual, b.residual),
+                    a, name=f"{a.name}, or {b.name}", residual=v.chosen(value, a.residual, b.residual)
                 )
                 for a, b in zip(equations, chosen, strict=True)
             ]
@@ -284,9 +276,7 @@ class _Translation:
                 others.append(e)
                 continue
             variables = self.variables.of(e.residual)
-            slope = (
-                ca.jacobian(e.residual, variables[0].symbol) if len(variables) == 1 else ca.SX(0)
-            )
+            slope = ca.jacobian(e.residual, variables[0].symbol) if len(variables) == 1 else ca.SX(0)
             plain = slope.is_constant() and abs(float(slope)) == 1.0
             if not plain or ca.depends_on(e.residual, rates):
                 raise SceneError(

@@ -89,9 +89,7 @@ def binary(operator: str, left: Value, right: Value) -> Value:
     if operator in ("/", "^") and isinstance(right, tuple):
         raise SceneError(f"{operator} by an array; write .{operator} for that of its entries.")
     if operator in ("+", "-") and isinstance(left, tuple) != isinstance(right, tuple):
-        raise SceneError(
-            f"an array {operator} a number; write .{operator} for that of its entries."
-        )
+        raise SceneError(f"an array {operator} a number; write .{operator} for that of its entries.")
     if operator in _RELATIONS:
         return _relation(operator, left, right)
     if operator in ("and", "or"):

@@ -222,9 +222,7 @@ def _declared_unit(d: Declaration, notes: list[str]) -> str:
         return "1"
     unit = unit_of(attribute.text)
     if unit is None:
-        notes.append(
-            f"the unit {attribute.text!r} of {d.name} is not known here; it is not checked"
-        )
+        notes.append(f"the unit {attribute.text!r} of {d.name} is not known here; it is not checked")
         return "1"
     return unit
 
@@ -301,9 +299,7 @@ class Variables:
         function = ca.Function("nominal", [column_of(symbols)], [expression])
         return float(function([nominal[symbol.name()] for symbol in symbols]))
 
-    def _symbols(
-        self, d: Declaration, unit: str, sizes: Sequence[int], entry: tuple[int, ...]
-    ) -> Value:
+    def _symbols(self, d: Declaration, unit: str, sizes: Sequence[int], entry: tuple[int, ...]) -> Value:
         if sizes:
             entries = range(1, sizes[0] + 1)
             return tuple(self._symbols(d, unit, sizes[1:], (*entry, k)) for k in entries)

@@ -115,9 +115,7 @@ class Load(Description, abc.ABC):
 
     def ports(self) -> dict[str, str]:
         """The ports at which the load acts, by the name of the field."""
-        return {
-            key: getattr(self, key) for key in ("port", "parent", "child") if hasattr(self, key)
-        }
+        return {key: getattr(self, key) for key in ("port", "parent", "child") if hasattr(self, key)}
 
     @abc.abstractmethod
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
@@ -217,10 +215,7 @@ class SpringLoad(Load, abc.ABC):
     damping: Quantity = 0.0
 
     def quantities(self) -> dict[str, Expected]:
-        law = {
-            "stiffness": Expected(self.stiffness, "N/m"),
-            "damping": Expected(self.damping, "N s/m"),
-        }
+        law = {"stiffness": Expected(self.stiffness, "N/m"), "damping": Expected(self.damping, "N s/m")}
         return law | super().quantities()
 
 
@@ -251,9 +246,7 @@ class Spring(SpringLoad):
 
     def quantities(self) -> dict[str, Expected]:
         length = self.rest_length
-        return super().quantities() | (
-            {} if length is None else {"rest_length": Expected(length, "m")}
-        )
+        return super().quantities() | ({} if length is None else {"rest_length": Expected(length, "m")})
 
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         wrenches = []

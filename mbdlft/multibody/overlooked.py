@@ -65,9 +65,7 @@ def _pushed(scene: Scene, trimmed: Mapping[Signal, float]) -> list[str]:
     """Springs between two ports that carry a load by being pushed together."""
     densities = {signal.name: value for signal, value in trimmed.items()}
     names = [load.name for load in scene.loads if isinstance(load, Spring)]
-    pushed = [
-        name for name in names if densities.get(f"{name}.{Spring.signal.name}", 0.0) < -_NOTHING
-    ]
+    pushed = [name for name in names if densities.get(f"{name}.{Spring.signal.name}", 0.0) < -_NOTHING]
     if not pushed:
         return []
     return [

@@ -194,10 +194,7 @@ class Momentum(Sensor):
     """
 
     kind: ClassVar[str] = "momentum"
-    components: ClassVar[tuple[Signal, ...]] = (
-        *by_axis("N s", "linear."),
-        *by_axis("N m s", "angular."),
-    )
+    components: ClassVar[tuple[Signal, ...]] = (*by_axis("N s", "linear."), *by_axis("N m s", "angular."))
 
     def measure(self, view: View) -> ca.SX:
         return ca.vec(view.momentum(1))

@@ -81,9 +81,7 @@ def _rotate_across(columns: int) -> ca.Function:
     back = ca.SX.sym("back", 3, 2)
     cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
     first, second = ca.vertsplit(ca.mtimes(across.T, vectors))
-    more = ca.vertcat(
-        cosine * first - sine * second - first, sine * first + cosine * second - second
-    )
+    more = ca.vertcat(cosine * first - sine * second - first, sine * first + cosine * second - second)
     return ca.Function(
         "rotate_across", [across, back, cosine, sine, vectors], [vectors + ca.mtimes(back, more)]
     )

@@ -144,11 +144,7 @@ def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues, work: Work) -
         raise LinAlgError
     ones = [np.broadcast_to(np.eye(side), (len(Y), side, side)) for side in difference.shape[1:]]
     return Fit(
-        M,
-        size,
-        difference,
-        np.concatenate([Y, ones[0]], axis=2),
-        np.concatenate([W, ones[1]], axis=1),
+        M, size, difference, np.concatenate([Y, ones[0]], axis=2), np.concatenate([W, ones[1]], axis=1)
     )
 
 
@@ -221,9 +217,7 @@ def _functions(a: LFT, work: Work) -> Array:
     return np.vstack([rows.real, rows.imag])
 
 
-def _dependences(
-    functions: Array, outputs: int, work: Work
-) -> tuple[NDArray[np.intp], Array] | None:
+def _dependences(functions: Array, outputs: int, work: Work) -> tuple[NDArray[np.intp], Array] | None:
     """Channels that depend on the others, and (functions, dependences) that vanish, one in these."""
     rows, columns = functions.shape
     work.add(product(rows, columns, columns) + singular_values(columns, columns))

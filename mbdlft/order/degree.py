@@ -239,10 +239,7 @@ def _degree(
     outputs = rows[:, None] * random.standard_normal((len(rows), count))
     inputs = columns[:, None] * random.standard_normal((len(columns), count))
     factors = [
-        (
-            _left(item.A, points[::2], item.C.T @ outputs).T,
-            _right(item.A, points[1::2], item.B @ inputs),
-        )
+        (_left(item.A, points[::2], item.C.T @ outputs).T, _right(item.A, points[1::2], item.B @ inputs))
         for item in (realization, twin)
     ]
     L, other = (X @ Y for X, Y in factors)
@@ -260,9 +257,7 @@ def _degree(
     return Bound(degree, possible - degree)
 
 
-def _sizes(
-    realization: _Realization, twin: _Realization, points: NDArray[Any]
-) -> tuple[Array, Array]:
+def _sizes(realization: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple[Array, Array]:
     """Largest size and error, over some points, of the entries (n_out, n_in) of the derivative of H."""
     first, second = (_derivatives(item, points) for item in (realization, twin))
     return np.max(np.abs(first), axis=0), np.max(np.abs(second - first), axis=0)

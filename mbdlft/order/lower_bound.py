@@ -39,10 +39,7 @@ from mbdlft.order.work import Work, exact_elimination, exact_solutions
 
 _EXTRA = 2  # samples more than needed
 _SURPLUS = 4  # dimensions of E above degree times coefficients, at first: h is rarely larger
-_MOST_COEFFICIENTS = {
-    1: 300,
-    2: 200,
-}  # of u in so many deltas: more take many seconds, and are left open
+_MOST_COEFFICIENTS = {1: 300, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
 
 
 class Pair(NamedTuple):
@@ -269,13 +266,7 @@ class _Span(NamedTuple):
 
 
 def more_needed(
-    a: ExactLFT,
-    first: str,
-    second: str,
-    degrees: Mapping[str, int],
-    work: Work,
-    *,
-    is_transposed: bool,
+    a: ExactLFT, first: str, second: str, degrees: Mapping[str, int], work: Work, *, is_transposed: bool
 ) -> tuple[int, int]:
     """Repetitions that each of two deltas needs above its degree if the other has none.
 
@@ -332,9 +323,7 @@ def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> 
     E = _span(H, first, {second: length}, degrees, 1)
     if E is None or E.columns.shape[1] - _inside(E, H.prime, {second: 1}) != degrees[first]:
         return 0
-    dimensions = takewhile(
-        bool, (_inside(E, H.prime, {second: length + j}) for j in range(_EXTRA + 1))
-    )
+    dimensions = takewhile(bool, (_inside(E, H.prime, {second: length + j}) for j in range(_EXTRA + 1)))
     return max((ceil(h / E.k) + before for before, h in enumerate(dimensions)), default=0)
 
 
@@ -410,16 +399,13 @@ def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:
     return int(size * (1 + len(moves)) - rank(np.vstack(rows), prime))
 
 
-def _monomials(
-    points: Sequence[Mapping[str, int]], lengths: Mapping[str, int], prime: int
-) -> Residues:
+def _monomials(points: Sequence[Mapping[str, int]], lengths: Mapping[str, int], prime: int) -> Residues:
     """Values (points, coefficients) of the products of powers below `lengths`."""
     powers = list(product(*(range(n) for n in lengths.values())))
     return np.array(
         [
             [
-                prod(pow(at[name], k, prime) for name, k in zip(lengths, exponents, strict=True))
-                % prime
+                prod(pow(at[name], k, prime) for name, k in zip(lengths, exponents, strict=True)) % prime
                 for exponents in powers
             ]
             for at in points
@@ -451,9 +437,7 @@ def _modes(
 ) -> tuple[Residues, Residues]:
     """From values on the grid to coefficients beyond the degrees of u, zero for it; to the others."""
     places = product(*(range(len(nodes)) for nodes in axes.values()))
-    below = [
-        all(k < n for k, n in zip(exponents, lengths.values(), strict=True)) for exponents in places
-    ]
+    below = [all(k < n for k, n in zip(exponents, lengths.values(), strict=True)) for exponents in places]
     is_low, all_modes = np.array(below), _interpolation(axes, prime)
     return all_modes[~is_low], all_modes[is_low]
 

@@ -50,12 +50,7 @@ class _Family(NamedTuple):
 
 
 def lower_ranks(
-    a: LFT,
-    bound: Mapping[str, int],
-    least: int,
-    entries: int,
-    seed: int,
-    work: Work,
+    a: LFT, bound: Mapping[str, int], least: int, entries: int, seed: int, work: Work
 ) -> Iterator[LFT]:
     """LFTs with fewer repetitions of an affine delta, as far as they are found; none below `least`.
 
@@ -82,12 +77,7 @@ def above_bound(a: LFT, bound: Mapping[str, int]) -> dict[str, int]:
 
 
 def _smaller(
-    a: LFT,
-    name: str,
-    fewer: int,
-    most_entries: int,
-    random: np.random.Generator,
-    work: Work,
+    a: LFT, name: str, fewer: int, most_entries: int, random: np.random.Generator, work: Work
 ) -> Iterator[LFT]:
     """With fewer channels of one delta, the smallest first; `fewer` at most."""
     sites = _sites(a, name, most_entries)
@@ -200,10 +190,7 @@ def _family(left: Fit, E: Array, sites: tuple[Mask, Mask], work: Work) -> _Famil
     null = _null_space(np.concatenate([products.real, products.imag]))
     start = E[np.ix_(rows, columns)] * row_sizes[:, None] * column_sizes
     return _Family(
-        start,
-        null.T.reshape(-1, len(rows), len(columns)),
-        (rows, row_sizes),
-        (columns, column_sizes),
+        start, null.T.reshape(-1, len(rows), len(columns)), (rows, row_sizes), (columns, column_sizes)
     )
 
 

@@ -149,9 +149,7 @@ def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) 
             used, read = rows[k]
             if len(used):
                 candidates[first:end, used] = times(fresh[k], read, prime)
-        fresh = [
-            space.extend(candidates[:, block]) for space, block in zip(spaces, blocks, strict=True)
-        ]
+        fresh = [space.extend(candidates[:, block]) for space, block in zip(spaces, blocks, strict=True)]
     return spaces
 
 

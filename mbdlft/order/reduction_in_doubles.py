@@ -81,18 +81,12 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
     sizes = tuple(block.size for block in a.blocks)
     errors = [
         tuple(
-            _EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0)
-            for part in consecutive(sizes)
+            _EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0) for part in consecutive(sizes)
         )
         for size in (into, out)
     ]
     core = Core(
-        scale[:, None] * a.M11 / scale,
-        scale[:, None] * M12,
-        M21 / scale,
-        sizes,
-        errors[0],
-        errors[1],
+        scale[:, None] * a.M11 / scale, scale[:, None] * M12, M21 / scale, sizes, errors[0], errors[1]
     )
     return core, inputs, outputs
 
@@ -100,9 +94,7 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
 def in_scales(a: LFT) -> LFT:
     """The same LFT with what enters and what leaves each channel of one size; signals keep units."""
     scale = channel_scales(a.M11, a.M12, a.M21)
-    return LFT(
-        scale[:, None] * a.M11 / scale, scale[:, None] * a.M12, a.M21 / scale, a.M22, a.blocks
-    )
+    return LFT(scale[:, None] * a.M11 / scale, scale[:, None] * a.M12, a.M21 / scale, a.M22, a.blocks)
 
 
 def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:

@@ -26,15 +26,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
-from mbdlft.order.circles import (
-    CircleValues,
-    Complex,
-    Fit,
-    circle_values,
-    fit_of,
-    scaled,
-    unscaled,
-)
+from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.order.min_rank import above_bound, lower_ranks
 from mbdlft.order.work import Work, product
 
@@ -107,20 +99,13 @@ def _followed(
 
 
 def _lower(
-    a: LFT,
-    bound: Mapping[str, int],
-    least: int,
-    entries: int,
-    seed: int,
-    work: Work,
+    a: LFT, bound: Mapping[str, int], least: int, entries: int, seed: int, work: Work
 ) -> Iterator[LFT]:
     """Of smaller rank, as they are found and then without what their channels feed to themselves."""
     random, sizes = np.random.default_rng(seed), dict(a.blocks)
     for candidate in lower_ranks(a, bound, least, entries, seed, work):
         yield candidate
-        (block,) = (
-            candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name]
-        )
+        (block,) = (candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name])
         unknowns = (block.stop - block.start) * (2 * candidate.order + sum(a.shape))
         if unknowns > _MOST_UNKNOWNS or work.is_over:
             continue
@@ -185,13 +170,7 @@ def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | N
 
 
 def _fitted(
-    a: LFT,
-    name: str,
-    truth: CircleValues,
-    M: Array,
-    part: slice,
-    random: np.random.Generator,
-    work: Work,
+    a: LFT, name: str, truth: CircleValues, M: Array, part: slice, random: np.random.Generator, work: Work
 ) -> LFT | None:
     """With one repetition of a delta less, from a start M; None if the values are not met."""
     kept = tuple(Block(block.name, block.size - (block.name == name)) for block in a.blocks)
@@ -205,9 +184,7 @@ def _fitted(
     return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
 
 
-def _descend(
-    fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work
-) -> Fit:
+def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
     """Newton's method, damped, until nothing is gained."""
     damping, sizes = _DAMPING, [fit.size]
     for _ in range(_STEPS):
@@ -219,9 +196,7 @@ def _descend(
             try:
                 work.add(product(len(normal), len(normal), len(normal)) / 3.0)
                 factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
-                after = fit_of(
-                    fit.M - _spread(cho_solve(factor, slope), fit, block), kept, truth, work
-                )
+                after = fit_of(fit.M - _spread(cho_solve(factor, slope), fit, block), kept, truth, work)
             except (LinAlgError, np.linalg.LinAlgError):
                 damping *= _RAISED
                 continue
@@ -260,9 +235,7 @@ def _products(one: tuple[Complex, Complex], two: tuple[Complex, Complex]) -> Arr
     (_, i, j), (_, b, c) = left.shape, right.shape
     real_left = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
     real_right = np.concatenate([right.real, right.imag]).reshape(-1, b * c)
-    return np.asarray(
-        (real_left.T @ real_right).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c)
-    )
+    return np.asarray((real_left.T @ real_right).reshape(i, j, b, c).swapaxes(1, 2).reshape(i * b, j * c))
 
 
 def _adjoint(values: NDArray[Any]) -> NDArray[Any]:

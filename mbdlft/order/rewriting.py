@@ -53,11 +53,7 @@ _RANK = 1e-8  # of the largest pivot: a direction below is rounding
 
 
 def move_affine(
-    a: LFT,
-    outside: Iterable[str],
-    moved: Iterable[str],
-    work: Work,
-    most: int | None = None,
+    a: LFT, outside: Iterable[str], moved: Iterable[str], work: Work, most: int | None = None
 ) -> LFT | None:
     """The same value, with affine deltas on one side of all but the deltas outside.
 
@@ -180,10 +176,7 @@ _NOISE = 1e-10  # of the largest entry beside it: rounding
 _SAME = 1e-10  # relative variation of an entry that is a constant
 _POINTS = 12
 _CENTER = 0.7  # of the range, where generic points are
-_SHIFT = (
-    0.1,
-    0.3,
-)  # of the range: of the point around which blocks are opened, where nothing vanishes
+_SHIFT = (0.1, 0.3)  # of the range: of the point around which blocks are opened, where nothing vanishes
 _WAYS = (0.1, 0.1, 0.8)  # how often a delta is moved to one side, left as it is, restricted
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _GROWTH, _MORE = 2, 30  # channels of LFTs on the way: so many times those at the start, and more
@@ -217,9 +210,7 @@ def rewritten(a: LFT, smallest: int, random: np.random.Generator, work: Work) ->
         yield independent(closed, work) if closed.order < smallest + _NEAR else closed
 
 
-def _opened(
-    a: LFT, name: str, random: np.random.Generator, most: int, work: Work
-) -> tuple[LFT, int]:
+def _opened(a: LFT, name: str, random: np.random.Generator, most: int, work: Work) -> tuple[LFT, int]:
     """An LFT opened in a block, and the size of the block: at one side, restricted, or as it is."""
     way = random.choice(3, p=_WAYS)
     moved = at_one_side(a, name, work) if way == 0 else None
@@ -268,15 +259,11 @@ def restricted(
     rows = np.sort(qr(nominal.T, mode="r", pivoting=True)[1][: len(columns)])
     S = reduce_order(inverse(select(K, rows, range(len(columns)))) @ np.eye(size)[rows])
     changed = _changed(opened, S, K, most)
-    work.add(
-        5.0 * reduction(max(opened.order, changed.order)) + solutions(_POINTS, changed.order, 1)
-    )
+    work.add(5.0 * reduction(max(opened.order, changed.order)) + solutions(_POINTS, changed.order, 1))
     return _settled(changed, random), len(columns)
 
 
-def _independent_columns(
-    point: Array, size: int, random: np.random.Generator
-) -> list[tuple[int, int]]:
+def _independent_columns(point: Array, size: int, random: np.random.Generator) -> list[tuple[int, int]]:
     """(input, power) of columns A^power B_input that span the reachable space at a generic point."""
     A, B = point[:size, :size], point[:size, size:]
     rows, _ = equilibrate(B[None])

@@ -145,11 +145,7 @@ def _found(
         share = _FEW if best.order < min(form.order for form in relations) else _MOST
         opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
         closed_result = close(_search(relations, opened, proof, work.part(share)))
-        best = (
-            closed_result
-            if closed_result.order < best.order and proof.allows(closed_result)
-            else best
-        )
+        best = closed_result if closed_result.order < best.order and proof.allows(closed_result) else best
     if best.order > proof.order_bound and not work.is_over:
         forms = [best, *(form for form in closed if form is not best)]
         best = min(best, _search(forms, level, proof, work), key=_order)
@@ -169,9 +165,7 @@ def _is_late(seconds: float | None) -> Callable[[], bool]:
 class _Proof:
     """The best lower bound on the order: degrees, and then pairs and triples of deltas."""
 
-    def __init__(
-        self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None
-    ) -> None:
+    def __init__(self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None) -> None:
         self.bound, self.order_bound = bound, sum(bound.values())
         self._source_order, self._work = source.order, work
         self._joint = JointBound(exact, bound) if exact else None
@@ -387,9 +381,7 @@ def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> L
     return best
 
 
-def _wandered(
-    forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int
-) -> list[LFT]:
+def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int) -> list[LFT]:
     """Some forms and other ways to write the value, the smallest first, one for each sizes of the blocks.
 
     Each is made from one that is there. Those with other sizes lead to other results, so what is not

@@ -15,13 +15,7 @@ from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
-from mbdlft.system.regular import (
-    PROVED,
-    SAMPLED,
-    check_no_zero,
-    physical_boxes,
-    regularity,
-)
+from mbdlft.system.regular import PROVED, SAMPLED, check_no_zero, physical_boxes, regularity
 from mbdlft.system.sampled import at_values
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
@@ -162,19 +156,14 @@ def values_at_points(
     return values
 
 
-def open_boxes(
-    lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is_searched: bool
-) -> Boxes:
+def open_boxes(lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is_searched: bool) -> Boxes:
     """Physical boxes in which it was not proved that a model and its trim are regular.
 
     What the LFT itself does not show, a theorem about its problem may: the determinant of a reduced LFT
     divides that of the relations that it comes from. A search may have made another one.
     """
     boxes: Boxes = ()
-    for checked, problem_is in (
-        (lft, "the model is singular"),
-        (trim, "no finite efforts hold it"),
-    ):
+    for checked, problem_is in ((lft, "the model is singular"), (trim, "no finite efforts hold it")):
         if checked is None:
             continue
         names = [block.name for block in checked.blocks]

@@ -127,9 +127,7 @@ def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
     return np.asarray(deltas[:, [names.index(block.name) for block in a.blocks]])
 
 
-def _in_doubles(
-    problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT
-) -> Candidate:
+def _in_doubles(problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT) -> Candidate:
     """The same, reduced with ranks that are decided by the rounding error of doubles."""
     relations = reduce_order(opened)
     n = form.relations.unknown.numel()

@@ -266,11 +266,7 @@ def delta_theta(
         separated = problem_of_dae(structure, arrange, clock.stage)
         linear = realization(separated.problem, budget, clock.stage, prove)
     return DeltaThetaModel(
-        linear,
-        separated.functions,
-        separated.has_one,
-        separated.initial,
-        separated.zeta,
+        linear, separated.functions, separated.has_one, separated.initial, separated.zeta
     )
 
 

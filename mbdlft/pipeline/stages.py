@@ -29,13 +29,7 @@ from mbdlft.pipeline.certification import (
     open_boxes,
     values_at_points,
 )
-from mbdlft.pipeline.forms import (
-    Candidate,
-    candidates,
-    closing,
-    near_relations,
-    reduced_relations,
-)
+from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations, reduced_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -154,11 +148,7 @@ def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
 
 
 def _search(
-    problem: Problem,
-    reduced: Sequence[Candidate],
-    bound: Mapping[str, int],
-    budget: Budget,
-    stage: Stage,
+    problem: Problem, reduced: Sequence[Candidate], bound: Mapping[str, int], budget: Budget, stage: Stage
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
     best = reduced[0]
@@ -198,11 +188,6 @@ def _open_to_loops(problem: Problem, prove: float) -> Boxes:
 
     Where constraints depend on each other, branches of the motion meet and no linear model exists, also
     if the reduced LFT is regular: what is singular has cancelled in it.
-
-    Raises
-    ------
-    WellPosednessError
-        They depend on each other at a point that was found.
     """
     constraints = problem.constraints()
     if constraints is None:

@@ -42,11 +42,7 @@ def matrices_in_digits(
 
 
 def transfers_in_digits(
-    exact: Equations,
-    inputs: Sequence[int],
-    outputs: Sequence[int],
-    points: Array,
-    frequencies: Array,
+    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array, frequencies: Array
 ) -> NDArray[np.complex128]:
     """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
 
@@ -74,9 +70,7 @@ class RelationsInDigits:
     def _balls(self, points: Array) -> list[Balls]:
         m, matrices = self.model, []
         for point in points:
-            (J,) = self.tape.at(
-                [_internal(*pair) for pair in zip(m.parameters, point, strict=True)]
-            )
+            (J,) = self.tape.at([_internal(*pair) for pair in zip(m.parameters, point, strict=True)])
             matrices.append(_state_space(J, m.unknown.numel(), m.known.numel(), m.derivatives))
         return matrices
 
@@ -90,9 +84,7 @@ def _internal(parameter: Parameter, physical: float) -> Any:
     return ((radians - parameter.reference) / DIVISORS[parameter.substitution]).tan()
 
 
-def transfers_of(
-    matrices: Sequence[Balls], states: int, frequencies: Array
-) -> NDArray[np.complex128]:
+def transfers_of(matrices: Sequence[Balls], states: int, frequencies: Array) -> NDArray[np.complex128]:
     """Transfer functions (N, F, n_y, n_u) of N matrices [A B ; C D] of balls, rounded at the end."""
     values = []
     for rows in matrices:
@@ -172,9 +164,7 @@ class _Tape(NamedTuple):
 
 
 @lru_cache(maxsize=2)  # for matrices, and again for transfers
-def _tapes(
-    exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
-) -> tuple[_Tape, _Tape]:
+def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) -> tuple[_Tape, _Tape]:
     """Parameters to the relations of the trim, and parameters and efforts to slopes at rest."""
     symbols = physical_in_digits(exact)
     trim = _tape(symbols[0], relations_at_rest(exact, symbols))

@@ -103,12 +103,8 @@ def rounded(equations: Equations) -> Equations:
     ends = [0]
     for expression in expressions:
         ends.append(ends[-1] + expression.numel())
-    residual, output, load, known, carried = ca.vertsplit(
-        in_doubles(ca.vertcat(*expressions)), ends
-    )
-    return replace(
-        e, residual=residual, output=output, load_value=load, given=known, carried=carried
-    )
+    residual, output, load, known, carried = ca.vertsplit(in_doubles(ca.vertcat(*expressions)), ends)
+    return replace(e, residual=residual, output=output, load_value=load, given=known, carried=carried)
 
 
 class ParameterSymbols(NamedTuple):

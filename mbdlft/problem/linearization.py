@@ -69,11 +69,7 @@ def relinearize(
 
 
 def linearized(
-    equations: Equations,
-    inputs: Sequence[int],
-    outputs: Sequence[int],
-    points: Array,
-    efforts: Array,
+    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array, efforts: Array
 ) -> Array:
     """[A B ; C D] (N, ., .) of the nonlinear equations at points (N, n_p) with efforts (N, n_u)."""
     e = equations
@@ -97,10 +93,7 @@ def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
             f"with enough inertia moves with {_idle(e, jacobian[:, :unknown, :unknown])}. Keep masses "
             "and inertias away from zero, or give the joints an actuator_inertia."
         ) from None
-    read, by_unknown = (
-        jacobian[:, unknown:, unknown : unknown + known],
-        jacobian[:, unknown:, :unknown],
-    )
+    read, by_unknown = (jacobian[:, unknown:, unknown : unknown + known], jacobian[:, unknown:, :unknown])
     if np.any(by_unknown):
         read = read + by_unknown @ solved
     matrices = np.concatenate([solved[:, : len(e.states)], read], axis=1)

@@ -114,9 +114,7 @@ def _power(size: Array) -> Array:
 
 NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
 _EFFECT = 1e-4  # of an effort of one: the least that an input is compared with if it does nothing
-_IDLE = (
-    1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
-)
+_IDLE = 1e-6  # of the stiffest spring: the least that a row of A is compared with if all of it cancels
 _MIXED = 1e-4  # part of the largest entry of a column that one of rounding is compared with
 
 
@@ -155,9 +153,7 @@ def reference_of(
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         unknown, known = (signals.numel() for signals in split(e, inputs))
-        return implicit_transfers(
-            at.linear.jacobian[list(some)], (unknown, known, states), frequencies
-        )
+        return implicit_transfers(at.linear.jacobian[list(some)], (unknown, known, states), frequencies)
 
     def in_digits(some: Sequence[int], frequencies: Array) -> Complex:
         return transfers_in_digits(exact, inputs, outputs, points[list(some)], frequencies)
@@ -227,9 +223,7 @@ def entry_sizes(
     return sizes
 
 
-def entry_scale(
-    reference: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0
-) -> Array:
+def entry_scale(reference: Array, states: int, floor: float = 0.0, terms: Array | float = 0.0) -> Array:
     """What an entry of [A B ; C D] is compared with: its largest size over the points (N, ., .).
 
     A negligible entry of A or C is compared with its row: where the terms of a stiffness cancel only
@@ -243,9 +237,7 @@ def entry_scale(
     return np.where(scale > 0, scale, 1.0)
 
 
-def conditioning_of(
-    reference: Array, sizes: Array, states: int, floor: float = 0.0
-) -> tuple[float, int]:
+def conditioning_of(reference: Array, sizes: Array, states: int, floor: float = 0.0) -> tuple[float, int]:
     """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
     whole = _whole(np.max(np.abs(reference), axis=0), states, floor)
     scale = entry_scale(reference, states, floor)

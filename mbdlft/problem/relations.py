@@ -105,11 +105,7 @@ class _Implicit:
     """Unknown trim loads times displacements: signals l with A(p) l = b(p) dx, never solved for here."""
 
     def __init__(
-        self,
-        equations: Equations,
-        function: ca.Function,
-        at: tuple[ca.SX, ca.SX, ca.SX],
-        alone: ca.SX,
+        self, equations: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX], alone: ca.SX
     ) -> None:
         self.equations, self.function, self.at, self.alone = equations, function, at, alone
         self.loaded = is_loaded(equations)

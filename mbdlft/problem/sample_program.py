@@ -76,12 +76,7 @@ def _written(
     unknown, known = (signals.numel() for signals in split(e, inputs))
     top, bottom = entries[:unknown], entries[unknown:]
     right: Sparse = [_shifted(row, unknown, unknown + known, tape) for row in top]
-    solved = solve(
-        tape,
-        [_between(row, 0, unknown) for row in top],
-        right,
-        values[:, :unknown, :unknown],
-    )
+    solved = solve(tape, [_between(row, 0, unknown) for row in top], right, values[:, :unknown, :unknown])
     if solved is None:
         return None
     unknowns, pivots = solved
@@ -97,9 +92,7 @@ def _written(
     return StraightLine(program, row, (len(rows), len(columns)), len(e.unknown))
 
 
-def _carried(
-    e: Equations, registers: list[int], efforts: Sequence[Operand], tape: Tape
-) -> list[Operand]:
+def _carried(e: Equations, registers: list[int], efforts: Sequence[Operand], tape: Tape) -> list[Operand]:
     """The largest load or effort, and the wrenches through elastic bodies, if there are any."""
     if not e.carried_by:
         return [0.0]

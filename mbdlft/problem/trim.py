@@ -153,9 +153,7 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
     rank = int(np.sum(steps > _RANK * np.max(steps, initial=0.0)))
     if rank < count:
         idle = np.abs(np.linalg.svd(scaled)[2][rank:])
-        doubtful = [
-            k for k, size in zip(e.unknown, np.max(idle, axis=0), strict=True) if size > _IDLE
-        ]
+        doubtful = [k for k, size in zip(e.unknown, np.max(idle, axis=0), strict=True) if size > _IDLE]
         raise TrimError(
             f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
             f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
@@ -196,9 +194,7 @@ def _equilibrated(matrix: Array) -> Array:
 
 
 def _relative(residual: Array, scale: Array) -> Array:
-    return np.asarray(
-        np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0)
-    )
+    return np.asarray(np.max(np.abs(residual), axis=1, initial=0.0) / np.where(scale > 0, scale, 1.0))
 
 
 def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Array:
@@ -309,8 +305,7 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
     row = int(np.argmax(np.abs(residual[worst, n : 2 * n])))
     signal, size = e.equilibrium_signals[row], residual[worst, n + row]
     where = ", ".join(
-        f"{p.name} = {value:g} {p.unit}"
-        for p, value in zip(e.parameters, points[worst], strict=True)
+        f"{p.name} = {value:g} {p.unit}" for p, value in zip(e.parameters, points[worst], strict=True)
     )
     return (
         f"scene {e.name!r}: no equilibrium{' at ' + where if where else ''}: {signal.name} misses "

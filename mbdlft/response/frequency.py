@@ -308,9 +308,7 @@ def unbounded_frequencies(
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)
         matrices_of_one = (matrix[None] for matrix in (A, B, C, D))
         apart = np.array([1e-2, 1e-4]) * _NEAREST
-        omega = sizes[:, None] + unit[:, None] * np.where(
-            sizes[:, None] > 0.0, apart, 100.0 * apart
-        )
+        omega = sizes[:, None] + unit[:, None] * np.where(sizes[:, None] > 0.0, apart, 100.0 * apart)
         gains = np.abs(resolvent(StateMatrices(*matrices_of_one), 1j * omega.reshape(1, -1))[0])
         gains = np.max(gains, axis=(1, 2), initial=0.0).reshape(-1, 2)
         kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
@@ -339,7 +337,5 @@ def _off_axis(omega: Array, centers: Array) -> Array:
     """Rising frequencies, those that are too near to poles on the axis moved as far as is allowed."""
     for center in np.unique(centers[centers > 0.0]):
         near = np.abs(omega - center) < _NEAREST * center
-        omega = np.where(
-            near, center * (1.0 + np.where(omega < center, -1.0, 1.0) * _NEAREST), omega
-        )
+        omega = np.where(near, center * (1.0 + np.where(omega < center, -1.0, 1.0) * _NEAREST), omega)
     return np.sort(omega)

@@ -56,11 +56,7 @@ def chosen(model: str, kind: str, names: Names, signals: Sequence[Signal], what:
 
 
 def transfers_at(
-    system: System,
-    values: Mapping[str, ArrayLike] | None,
-    outputs: Names,
-    inputs: Names,
-    what: str,
+    system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
 ) -> StateMatrices:
     """As `samples_at`, with some of the outputs and inputs; `what` is computed of them."""
     rows = chosen(system.name, "output", outputs, system.outputs, what)
@@ -266,9 +262,7 @@ class DampingTable:
         return tuple(ModeRow(*(value.item() for value in row)) for row in rows)
 
     def __str__(self) -> str:
-        head = (
-            "pole (rad/s)              natural (rad/s)   (Hz)        damping    time constant (s)"
-        )
+        head = "pole (rad/s)              natural (rad/s)   (Hz)        damping    time constant (s)"
         more = f", the first of {len(self.poles)} samples" if len(self.poles) > 1 else ""
         lines = [f"{self.name}: poles{more}", head]
         return "\n".join([*lines, *("  ".join(cells(row)) for row in self.rows())])

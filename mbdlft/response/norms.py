@@ -162,9 +162,7 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
     poles = spectrum(least.A)
     if poles.stability == "stable":
         return least, ""
-    how = (
-        "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
-    )
+    how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
     return least, f"the pole {pole_text(poles.worst)} is {how}"
 
 

@@ -176,10 +176,7 @@ def _without_infinite(plant: Plant, tolerance: float) -> Plant:
         if count == 0:
             return Plant(A, B, C, D)
         kept, zero = np.conj(V[count:].T), np.conj(V[:count].T)
-        C, D = (
-            np.vstack([C @ kept, np.conj(zero.T) @ A @ kept]),
-            np.vstack([D, np.conj(zero.T) @ B]),
-        )
+        C, D = (np.vstack([C @ kept, np.conj(zero.T) @ A @ kept]), np.vstack([D, np.conj(zero.T) @ B]))
         A, B = np.conj(kept.T) @ A @ kept, np.conj(kept.T) @ B
 
 

@@ -17,9 +17,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.robot.description import Mimic, Triple
 
 NO_LIMIT = 1e16  # SDF: a limit of this size is none
-XACRO = (
-    "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
-)
+XACRO = "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
 
 
 @dataclass(slots=True)
@@ -106,16 +104,12 @@ def attribute_numbers(
     return _finite(owner.attributes[key], place, count)
 
 
-def child_numbers(
-    owner: Element | None, key: str, where: str, count: int = 1
-) -> Sequence[float] | None:
+def child_numbers(owner: Element | None, key: str, where: str, count: int = 1) -> Sequence[float] | None:
     """Numbers between the tags of a child, as SDF has them; ``inf`` is a number of 1e16."""
     child = owner.only(key) if owner else None
     if child is None:
         return None
-    if count == 1 and (
-        match := re.fullmatch(r"\s*([+-]?)inf(inity)?\s*", child.text, re.IGNORECASE)
-    ):
+    if count == 1 and (match := re.fullmatch(r"\s*([+-]?)inf(inity)?\s*", child.text, re.IGNORECASE)):
         return [-NO_LIMIT if match[1] == "-" else NO_LIMIT]
     return content_numbers(child, where, count)
 

@@ -43,15 +43,7 @@ from mbdlft.robot.make import (
 from mbdlft.robot.mjcf import read_mjcf
 from mbdlft.robot.sdf import read_sdf
 from mbdlft.robot.urdf import read_urdf
-from mbdlft.robot.values import (
-    AXIAL,
-    Values,
-    check_label,
-    numbers,
-    outside,
-    set_positions,
-    varied,
-)
+from mbdlft.robot.values import AXIAL, Values, check_label, numbers, outside, set_positions, varied
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
 RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
@@ -235,9 +227,7 @@ def load_robot(
     robot = on_the_ground(read_robot(path, model, keyframe), base)
     assumed = list(robot.assumed)
     numbers_by_label = numbers(robot, right_angle, assumed)
-    added = {
-        label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()
-    }
+    added = {label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()}
     chosen = _chosen(added, values or {}, numbers_by_label)
     set_positions(robot, numbers_by_label, set(chosen), assumed)
     moves = moves_of(robot, moving)
@@ -253,9 +243,7 @@ def load_robot(
     }
     held = holds(making) if any(earth) else []
     if held:
-        assumed.append(
-            "forces and torques along the axes of the root, hold_..., hold the free robot"
-        )
+        assumed.append("forces and torques along the axes of the root, hold_..., hold the free robot")
     joints = [joint_of(making, joint) for joint in robot.joints.values()]
     scene = Scene(
         **fields,
@@ -271,9 +259,7 @@ def load_robot(
     check_limits(scene, _to_check(making, set(chosen)))
     if gravity is None and robot.gravity is None:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
-    return scene, ImportReport(
-        ignored_of(robot, making.moves), tuple(assumed), tuple(limits(making))
-    )
+    return scene, ImportReport(ignored_of(robot, making.moves), tuple(assumed), tuple(limits(making)))
 
 
 def _chosen(
@@ -306,10 +292,7 @@ def _inputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
         return None
     chosen = {making.names[name] for name in making.robot.inputs}
     efforts = [
-        f"{j.name}.{freedom.effort.name}"
-        for j in joints
-        if j.name in chosen
-        for freedom in j.freedoms
+        f"{j.name}.{freedom.effort.name}" for j in joints if j.name in chosen for freedom in j.freedoms
     ]
     thrusts = [load for load in making.robot.loads if load.name in making.robot.inputs]
     return [*efforts, *(f"{making.names[load.name]}.{load.kind}" for load in thrusts)] or None
@@ -321,9 +304,7 @@ def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
     if not rates:
         return None
     positions = [f"{j.name}.{f.measures[0].name}" for j in joints for f in j.freedoms]
-    measured = [
-        f"{j.name}.{f.measures[1].name}" for j in joints if j.name in rates for f in j.freedoms
-    ]
+    measured = [f"{j.name}.{f.measures[1].name}" for j in joints if j.name in rates for f in j.freedoms]
     sensed = [signal.name for sensor in sensors(making) for signal in sensor.signals()]
     return [*positions, *measured, *sensed]
 
@@ -387,9 +368,7 @@ def ignored_of(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
         ignored.append(f"Coulomb friction of {', '.join(rubbing)}: it is not linear")
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
     if bounded:
-        ignored.append(
-            f"limits of effort and velocity of {len(bounded)} joints; the report has them"
-        )
+        ignored.append(f"limits of effort and velocity of {len(bounded)} joints; the report has them")
     coupled = [joint.name for joint in joints if joint.mimic and joint.kind in AXIAL]
     if coupled:
         ignored.append(

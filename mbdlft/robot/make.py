@@ -16,28 +16,11 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.body import GROUND, Body, Ground, Inertia, RigidBody
 from mbdlft.multibody.body.rigid import negative_mass
 from mbdlft.multibody.force import Buoyancy, Force, Load, Torque
-from mbdlft.multibody.joint import (
-    Fixed,
-    Free,
-    Joint,
-    Planar,
-    Prismatic,
-    Revolute,
-    Rotation,
-    Spherical,
-)
+from mbdlft.multibody.joint import Fixed, Free, Joint, Planar, Prismatic, Revolute, Rotation, Spherical
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
 from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
-from mbdlft.robot.description import (
-    ENTRIES,
-    WORLD,
-    JointLimit,
-    Robot,
-    RobotJoint,
-    RobotLink,
-    RobotLoad,
-)
+from mbdlft.robot.description import ENTRIES, WORLD, JointLimit, Robot, RobotJoint, RobotLink, RobotLoad
 from mbdlft.robot.values import AXIAL, HINGES, PLANAR, SPRINGS, Values
 
 _BUILT_IN_PORTS = ("origin", "center_of_mass")
@@ -103,9 +86,7 @@ class Making:
         preload = self.values.get(f"{joint.name}.preload")
         if preload is not None or not self.is_passive(joint):
             return preload
-        stiffness, position = (
-            self.values[f"{joint.name}.{key}"] for key in ("stiffness", "position")
-        )
+        stiffness, position = (self.values[f"{joint.name}.{key}"] for key in ("stiffness", "position"))
         if isinstance(stiffness, float | int) and isinstance(position, float | int):
             return -stiffness * (position - joint.slack)
         return f"-({stiffness})*(({position}) - {joint.slack!r})"
@@ -172,9 +153,7 @@ def joint_of(making: Making, joint: RobotJoint) -> Joint:
         return Spherical(**fields, **still, **{key: (value,) * 3 for key, value in springs.items()})
     fields["axis"] = joint.axis
     if joint.kind == "planar":
-        return Planar(
-            **fields, position=tuple(making.values[f"{joint.name}.{key}"] for key in PLANAR)
-        )
+        return Planar(**fields, position=tuple(making.values[f"{joint.name}.{key}"] for key in PLANAR))
     position = making.values[f"{joint.name}.position"]
     if not moving:
         return Fixed(**fields, position=position if joint.kind in HINGES else 0.0)
@@ -281,9 +260,7 @@ def on_the_ground(robot: Robot, base: str | None) -> Robot:
     if base not in kinds:
         raise SceneError(f"base: expected 'fixed' or 'free', got {base!r}.")
     chosen = {
-        joint.name: joint._replace(kind=kinds[base])
-        for joint in robot.joints.values()
-        if _is_base(joint)
+        joint.name: joint._replace(kind=kinds[base]) for joint in robot.joints.values() if _is_base(joint)
     }
     if not chosen:
         roots = [joint.name for joint in robot.joints.values() if joint.parent == WORLD]
@@ -304,9 +281,7 @@ def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
     joints = [joint for joint in robot.joints.values() if not _is_base(joint)]
     can = frozenset(joint.name for joint in joints if joint.kind != "fixed")
     always = frozenset(
-        joint.name
-        for joint in robot.joints.values()
-        if _is_base(joint) and joint.kind == "floating"
+        joint.name for joint in robot.joints.values() if _is_base(joint) and joint.kind == "floating"
     )
     if moving is None:
         return can | always

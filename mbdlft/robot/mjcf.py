@@ -216,9 +216,7 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     return Robot(
         name=model.name,
         links=links,
-        joints={
-            name: joint._replace(mimic=mimics_of(model).get(name)) for name, joint in joints.items()
-        },
+        joints={name: joint._replace(mimic=mimics_of(model).get(name)) for name, joint in joints.items()},
         loads=loads,
         sensors=sensors,
         loops=loops,
@@ -274,9 +272,7 @@ def _joints(model: Compiled, positions: Array, actuators: Driven) -> dict[str, R
         numbers = model.joints(body)
         if not numbers:
             name = unused(f"weld_{model.body(body)}", {*joints, *model.joint_names})
-            joints[name] = RobotJoint(
-                name, 0, "fixed", outer, model.body(body), three(at), angles_of(R)
-            )
+            joints[name] = RobotJoint(name, 0, "fixed", outer, model.body(body), three(at), angles_of(R))
         inner = [*model.between(body), model.body(body)]
         for number, child in zip(numbers, inner, strict=False):
             made = _joint(model, number, outer, child, positions)

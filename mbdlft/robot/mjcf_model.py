@@ -286,9 +286,7 @@ def mimics_of(model: Compiled) -> dict[str, Mimic]:
     return mimics
 
 
-def loops_of(
-    model: Compiled,
-) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
+def loops_of(model: Compiled) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
     """The loops that equalities of the types connect and weld close, and the links that they stand on."""
     loops: list[RobotLoop] = []
     sides: list[Side] = []
@@ -326,9 +324,7 @@ def _active(model: Compiled, word: str) -> list[int]:
     return [
         k
         for k in range(model.count("neq"))
-        if model.of("eq_type")[k] == code
-        and model.of("eq_active0")[k]
-        and not model.disabled("EQUALITY")
+        if model.of("eq_type")[k] == code and model.of("eq_active0")[k] and not model.disabled("EQUALITY")
     ]
 
 

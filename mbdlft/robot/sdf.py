@@ -132,10 +132,7 @@ def _refuse(model: Element) -> None:
 def _acts(element: Element) -> bool:
     """Whether an element has an effect: one whose numbers are all zero has none."""
     try:
-        return (
-            any(content_numbers(child, "", 1)[0] for child in element.children)
-            or not element.children
-        )
+        return any(content_numbers(child, "", 1)[0] for child in element.children) or not element.children
     except SceneError:
         return True
 

@@ -48,12 +48,7 @@ KINDS = {
     "revolute": "revolute",
 }  # fmt: skip
 _UNREAD = ("gearbox", "revolute2", "screw", "universal")
-_LOOPS = {
-    "spherical": "spherical",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "fixed": "fixed",
-}
+_LOOPS = {"spherical": "spherical", "revolute": "revolute", "continuous": "revolute", "fixed": "fixed"}
 Joints = dict[str, RobotJoint]
 
 
@@ -258,11 +253,7 @@ def joints_of(
 
 
 def _joint(
-    scope: str,
-    element: Element,
-    frames: Frames,
-    links: Mapping[str, RobotLink],
-    version: tuple[int, int],
+    scope: str, element: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
 ) -> RobotJoint:
     """The joint of an element <joint>."""
     name = f"{scope}{name_of(element)}"
@@ -275,9 +266,7 @@ def _joint(
         )
     if kind not in KINDS:
         raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, KINDS)}")
-    parent, child = (
-        _end(element, side, scope, frames, links, where) for side in ("parent", "child")
-    )
+    parent, child = (_end(element, side, scope, frames, links, where) for side in ("parent", "child"))
     if not child:
         raise SceneError(f"line {element.line}: {where}: <child>: the world is a parent only.")
     place = frames.in_world(child) if not parent else frames.between(parent, child)
@@ -295,12 +284,7 @@ def _joint(
 
 
 def _end(
-    element: Element,
-    side: str,
-    scope: str,
-    frames: Frames,
-    links: Mapping[str, RobotLink],
-    where: str,
+    element: Element, side: str, scope: str, frames: Frames, links: Mapping[str, RobotLink], where: str
 ) -> str:
     """The link at one end, or the world."""
     end = element.only(side)
@@ -311,9 +295,7 @@ def _end(
         return WORLD
     if scope + name not in links:
         known = [link.removeprefix(scope) for link in links]
-        raise SceneError(
-            f"line {element.line}: {where}, {side}: {unknown_name('link', name, known)}"
-        )
+        raise SceneError(f"line {element.line}: {where}, {side}: {unknown_name('link', name, known)}")
     return scope + name
 
 

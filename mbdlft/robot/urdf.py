@@ -44,9 +44,7 @@ def read_urdf(top: Element) -> Robot:
     if not links:
         raise SceneError(f"line {top.line}: the robot has no links.")
     by_name, joints_by_name = unique("link", links), unique("joint", joints)
-    base = RobotJoint(
-        unused("root_joint", joints_by_name), 0, "fixed", WORLD, root_of(by_name, joints)
-    )
+    base = RobotJoint(unused("root_joint", joints_by_name), 0, "fixed", WORLD, root_of(by_name, joints))
     return Robot(
         name=top.attributes.get("name", ""),
         links=by_name,

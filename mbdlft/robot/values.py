@@ -132,9 +132,7 @@ def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Paramete
             f"{number!r}. Declare other parameters in `parameters`, and name them in `values`."
         )
     name = re.sub(r"\W", "_", label)
-    return Parameter(
-        name if name.isidentifier() else f"_{name}", number, percent=percent, unit=unit
-    )
+    return Parameter(name if name.isidentifier() else f"_{name}", number, percent=percent, unit=unit)
 
 
 def _unit(label: str) -> str | None:

@@ -111,9 +111,7 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
         The model is singular at the point.
     """
     if any(np.ndim(value) for value in (values or {}).values()):
-        raise AnalysisError(
-            f"model {system.name!r}: pole_gradients takes one number for each parameter."
-        )
+        raise AnalysisError(f"model {system.name!r}: pole_gradients takes one number for each parameter.")
     model = realization(system, others_are_zero=True, balanced=True)
     place = [system.parameters.names.index(name) for name in model.names]
     try:

@@ -70,9 +70,7 @@ def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
         try:
             import_module("distributed")  # an optional extra
         except ImportError:
-            raise AnalysisError(
-                f"{what}: a cluster needs Dask: pip install 'mbdlft[cluster]'."
-            ) from None
+            raise AnalysisError(f"{what}: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
         yield _Cluster(client)
         return
     if workers is not None and (isinstance(workers, bool) or not workers >= 1):

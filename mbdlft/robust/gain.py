@@ -44,12 +44,7 @@ from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
-from mbdlft.robust.realization import (
-    check_constant,
-    realization,
-    stable_states,
-    states_that_stay,
-)
+from mbdlft.robust.realization import check_constant, realization, stable_states, states_that_stay
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
@@ -229,9 +224,7 @@ def _gains(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
         return state
 
     def is_open(state: State[Peak]) -> bool:
-        return state.upper * (1.0 - asked.gap) > max(state.lower, _ZERO) and np.isfinite(
-            state.lower
-        )
+        return state.upper * (1.0 - asked.gap) > max(state.lower, _ZERO) and np.isfinite(state.lower)
 
     def level(state: State[Peak], steps: float) -> float:
         return max(state.lower, _ZERO) * (1.0 + 0.5 * asked.gap * steps)

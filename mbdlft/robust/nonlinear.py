@@ -84,9 +84,7 @@ class _Signal(NamedTuple):
     size: float
 
 
-def safe_region(
-    system: System, bounds: Bounds, ranges: Mapping[str, tuple[float, float]]
-) -> SafeRegion:
+def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float, float]]) -> SafeRegion:
     """States from which outputs stay in their ranges, for all motions of the parameters in the box.
 
     Parameters
@@ -175,9 +173,7 @@ class _Gain(NamedTuple):
     omega: str
 
 
-def with_sectors(
-    model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Kind = "slope"
-) -> System:
+def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Kind = "slope") -> System:
     """The system with gains in the place of nonlinear functions, which move in any way within bounds.
 
     Parameters
@@ -220,9 +216,7 @@ def with_sectors(
     gains: list[_Gain] = []
     for f in model.functions:
         ends = [_range(f, j, known) for j in range(len(f.signals))]
-        for signal, argument, bounds in zip(
-            f.signals, f.arguments, _bounds(f, ends, of), strict=True
-        ):
+        for signal, argument, bounds in zip(f.signals, f.arguments, _bounds(f, ends, of), strict=True):
             name = _identifier(f.name if len(f.signals) == 1 else f"{f.name}_{argument}", taken)
             gains.append(_Gain(_parameter(name, f, bounds), f.name, signal))
     return _closed(model, gains)

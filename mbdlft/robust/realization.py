@@ -19,9 +19,7 @@ from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
-_AXIS = (
-    1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
-)
+_AXIS = 1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
 _DEPENDENT = 1e10  # condition of modes from which on states are only scaled
 
 
@@ -64,9 +62,7 @@ def realization(
     )
 
 
-def states_that_stay(
-    model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()
-) -> list[int]:
+def states_that_stay(model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()) -> list[int]:
     """Positions of the states that are not left out; an error if one of those depends on one of these."""
     names = [state.name for state in model.states]
     gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")

@@ -104,9 +104,7 @@ def _cosh(a: Interval) -> Interval:
 
 def _bell(a: Interval) -> Interval:
     """1/cosh^2, without its overflow."""
-    least, most = (
-        1.0 / _square(_cosh(Interval.of(min(x, _FLAT)))) for x in (a.largest, a.smallest)
-    )
+    least, most = (1.0 / _square(_cosh(Interval.of(min(x, _FLAT)))) for x in (a.largest, a.smallest))
     return Interval(least.low if a.largest <= _FLAT else 0.0, most.high)
 
 
@@ -300,11 +298,7 @@ class SectorBounds(NamedTuple):
 
 
 def sector_bounds(
-    function: ThetaFunction,
-    low: float | None = None,
-    high: float | None = None,
-    *,
-    boxes: int = _BOXES,
+    function: ThetaFunction, low: float | None = None, high: float | None = None, *, boxes: int = _BOXES
 ) -> SectorBounds:
     """Proved sector and slope of a function of one argument over a range.
 
@@ -351,10 +345,7 @@ def sector_bounds(
 
 
 def slope_bounds(
-    function: ThetaFunction,
-    ranges: Sequence[tuple[float, float]],
-    *,
-    boxes: int = _BOXES,
+    function: ThetaFunction, ranges: Sequence[tuple[float, float]], *, boxes: int = _BOXES
 ) -> tuple[tuple[float, float], ...]:
     """Proved bounds of the slope of a function by each of its arguments, over ranges of all of them.
 
@@ -389,9 +380,7 @@ def slope_bounds(
     slopes_of: list[list[Interval]] = [[] for _ in ranges]
     for box in itertools.product(*(itertools.pairwise(grid) for grid in grids)):
         for j, slopes in enumerate(slopes_of):
-            duals = [
-                Dual(Interval(a, b), Interval.of(float(i == j))) for i, (a, b) in enumerate(box)
-            ]
+            duals = [Dual(Interval(a, b), Interval.of(float(i == j))) for i, (a, b) in enumerate(box)]
             slopes.append(Dual.of(function(*duals, functions=functions)).slope)
     return tuple(_hull(slopes) for slopes in slopes_of)
 
@@ -412,9 +401,7 @@ def _range(f: ThetaFunction, low: float | None, high: float | None) -> tuple[flo
     return low, high
 
 
-def _sector(
-    grid: list[float], ratios: list[Interval], slopes: list[Interval]
-) -> tuple[float, float]:
+def _sector(grid: list[float], ratios: list[Interval], slopes: list[Interval]) -> tuple[float, float]:
     """Bounds of f(a)/a, for f(0) = 0: ratios on boxes, and means of the slopes between zero and a.
 
     From zero outward, (sum of widths times slopes)/a at the ends of a box bounds it on the box.

@@ -21,14 +21,7 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
-from mbdlft.robust.ascent import (
-    NONE,
-    Crossing,
-    abscissa,
-    improved,
-    push_right,
-    smallest_crossing,
-)
+from mbdlft.robust.ascent import NONE, Crossing, abscissa, improved, push_right, smallest_crossing
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -53,18 +46,12 @@ from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
-from mbdlft.robust.realization import (
-    check_parameters,
-    realization,
-    stable_states,
-)
+from mbdlft.robust.realization import check_parameters, realization, stable_states
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
 from mbdlft.system.sampled import at_values
 
-SAMPLES = (
-    300  # at random: what is unstable in a hundredth of the box is missed once in twenty times
-)
+SAMPLES = 300  # at random: what is unstable in a hundredth of the box is missed once in twenty times
 _CORNERS = 128  # tried at most; more are drawn at random
 _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _SAMPLES = 3  # from which searches start
@@ -187,9 +174,7 @@ def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
     is_open, crossing = state.lower < state.upper * (1.0 - asked.gap), state.worst
     worst, reason = (crossing.delta, crossing.frequency), state.reason if is_open else ""
     kind, is_proved = "robust stability", state.lower > 0.0
-    return bounds_at(
-        asked, state, kind, model, worst, crossing.slope, proved=is_proved, reason=reason
-    )
+    return bounds_at(asked, state, kind, model, worst, crossing.slope, proved=is_proved, reason=reason)
 
 
 def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
@@ -309,14 +294,11 @@ def _proved(system: System, verdict: StabilityVerdict, work: float) -> Stability
         return replace(verdict, proof=proof)
     if bounds.upper <= 1.0:
         worst = dict(bounds.worst)
-        at = at_values(
-            system.parameters, np.array([worst[name] for name in system.parameters.names])
-        )
+        at = at_values(system.parameters, np.array([worst[name] for name in system.parameters.names]))
         sentence = f"stable at nominal, not in all of the range: a pole is on the axis at {at}"
         return replace(verdict, counterexample=worst, sentence=sentence)
     return replace(
-        verdict,
-        sentence=f"{verdict.sentence}; proved up to {bounds.lower:.4g} times the ranges",
+        verdict, sentence=f"{verdict.sentence}; proved up to {bounds.lower:.4g} times the ranges"
     )
 
 

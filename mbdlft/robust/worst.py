@@ -399,8 +399,7 @@ def _by_differences(function: Any) -> Value:
         def slope() -> Array:
             steps = np.where(delta > 0.0, -_DIFFERENCE, _DIFFERENCE)
             moved = [
-                at(model, delta + step * e)
-                for e, step in zip(np.eye(len(delta)), steps, strict=True)
+                at(model, delta + step * e) for e, step in zip(np.eye(len(delta)), steps, strict=True)
             ]
             return np.asarray((np.array(moved) - here) / steps)
 

@@ -56,9 +56,7 @@ def chain(items: Sequence[Any]) -> System:
     for k in [*range(1, len(systems)), *reversed(range(len(systems) - 1))]:
         # numbers and matrices without names take those of what they stand beside
         before = systems[k - 1].outputs if k and isinstance(systems[k - 1], System) else None
-        after = (
-            k + 1 < len(systems) and isinstance(systems[k + 1], System) and systems[k + 1].inputs
-        )
+        after = k + 1 < len(systems) and isinstance(systems[k + 1], System) and systems[k + 1].inputs
         if not isinstance(systems[k], System):
             systems[k] = _beside(systems[k], before, after or None)
     systems = [system if isinstance(system, System) else as_system(system) for system in systems]
@@ -92,9 +90,7 @@ def selected(a: System, key: Any) -> System:
         )
     rows, columns = (
         positions_of(asked, [signal.name for signal in signals], f"model {a.name!r}, {what}")
-        for asked, signals, what in zip(
-            key, (a.outputs, a.inputs), ("outputs", "inputs"), strict=True
-        )
+        for asked, signals, what in zip(key, (a.outputs, a.inputs), ("outputs", "inputs"), strict=True)
     )
     wiring = plain_wiring([a], len(columns), len(rows))
     wiring.E[columns, range(len(columns))] = 1.0
@@ -134,9 +130,7 @@ def append(*items: Any) -> System:
 
 @overload
 def feedback(
-    plant: "LFTModel",
-    controller: "LFTModel | float | Array | ControlSystem" = 1.0,
-    sign: int = -1,
+    plant: "LFTModel", controller: "LFTModel | float | Array | ControlSystem" = 1.0, sign: int = -1
 ) -> "LFTModel": ...
 @overload
 def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System: ...
@@ -184,9 +178,7 @@ def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System:
 
 def _loop_positions(plant: System, controller: System) -> tuple[list[int], list[int]]:
     """Outputs of the plant that a controller reads, and inputs that it drives."""
-    measured, driven = (
-        [signal.name for signal in signals] for signals in (plant.outputs, plant.inputs)
-    )
+    measured, driven = ([signal.name for signal in signals] for signals in (plant.outputs, plant.inputs))
     reads, writes = (
         [signal.name for signal in signals] for signals in (controller.inputs, controller.outputs)
     )
@@ -201,9 +193,7 @@ def _loop_positions(plant: System, controller: System) -> tuple[list[int], list[
     )
 
 
-def lft(
-    upper: Any, lower: Any, outputs: Sequence[str] | int | None = None, inputs: Any = None
-) -> System:
+def lft(upper: Any, lower: Any, outputs: Sequence[str] | int | None = None, inputs: Any = None) -> System:
     """The star product (Redheffer): `upper` closed through `lower`, as a plant through its controller.
 
     Parameters

@@ -228,9 +228,7 @@ def _chosen(model: System, names: Sequence[str] | None) -> list[str]:
         if name not in known:
             raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, known))
     if len(set(names)) < len(names):
-        raise StructureError(
-            f"model {model.name!r}: a parameter is named twice in {', '.join(names)}."
-        )
+        raise StructureError(f"model {model.name!r}: a parameter is named twice in {', '.join(names)}.")
     return list(names)
 
 

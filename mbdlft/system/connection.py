@@ -104,9 +104,7 @@ class _Table(NamedTuple):
 def _matches(entries: Sequence[tuple[str, Signal]], name: str) -> list[int]:
     """Positions of a name, alone or with that of its system."""
     return [
-        k
-        for k, (owner, signal) in enumerate(entries)
-        if name in (signal.name, f"{owner}.{signal.name}")
+        k for k, (owner, signal) in enumerate(entries) if name in (signal.name, f"{owner}.{signal.name}")
     ]
 
 
@@ -131,8 +129,7 @@ def _pairs(connections: Any) -> list[tuple[str, list[str]]] | None:
         return None
     if isinstance(connections, Mapping):
         connections = [
-            [key, *([value] if isinstance(value, str) else value)]
-            for key, value in connections.items()
+            [key, *([value] if isinstance(value, str) else value)] for key, value in connections.items()
         ]
     pairs = []
     for entry in connections:
@@ -266,9 +263,7 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
             f"model {model.name!r}, series: the block has {len(connected)} {what} for the "
             f"{len(names)} channels {', '.join(names)}."
         )
-    signals, block_signals = (
-        (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
-    )
+    signals, block_signals = (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
     positions = [[s.name for s in signals].index(name) for name in names]
     order = _order(len(signals), positions, len(block_signals))
     square = len(block_signals) == len(names)
@@ -279,9 +274,7 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
         _wiring(model, block, positions, order, at_inputs=at_inputs),
         listed if at_inputs else model.inputs,
         model.outputs if at_inputs else listed,
-        Operation(
-            "series", {"channels": list(names), "side": "inputs" if at_inputs else "outputs"}
-        ),
+        Operation("series", {"channels": list(names), "side": "inputs" if at_inputs else "outputs"}),
         states=(*model.states, *_states(model, names[0], block)),
     )
 
@@ -393,9 +386,7 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
         inputs[entry], outputs[output] = outputs[output], inputs[entry]
     operation = Operation(f"inversion of {', '.join(channels)}")
     try:
-        made = composed(
-            [model], _exchanged(model, pairs), inputs, outputs, operation, exchange=True
-        )
+        made = composed([model], _exchanged(model, pairs), inputs, outputs, operation, exchange=True)
     except WellPosednessError as error:
         if "at nominal" not in str(error):
             raise
@@ -429,9 +420,7 @@ def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int
     chosen: list[tuple[int, int]] = []
     for name in channels:
         if name not in known:
-            raise StructureError(
-                f"model {model.name!r}: " + unknown_name("channel", str(name), known)
-            )
+            raise StructureError(f"model {model.name!r}: " + unknown_name("channel", str(name), known))
         whole = name.partition(".")[0]
         inputs, outputs = (
             [k for k, signal in enumerate(signals) if _channel(signal) == whole]
@@ -446,9 +435,7 @@ def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int
         pairs = list(zip(inputs, outputs, strict=True))
         chosen += [p for p in pairs if name in (whole, model.inputs[p[0]].name)]
     if len(set(chosen)) < len(chosen):
-        raise StructureError(
-            f"model {model.name!r}: a channel is named twice in {', '.join(channels)}."
-        )
+        raise StructureError(f"model {model.name!r}: a channel is named twice in {', '.join(channels)}.")
     return chosen
 
 

@@ -111,9 +111,7 @@ def composed(
     return LFTModel(
         **fields,
         trim=_trim(certified, parameters.names),
-        certificate=replace(
-            certificate, **well_posed(lft, parameters, what, are_proved=are_proved)
-        ),
+        certificate=replace(certificate, **well_posed(lft, parameters, what, are_proved=are_proved)),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
 
@@ -177,20 +175,12 @@ def values_of(lft: LFT, parameters: Parameters, deltas: Array, others: Mapping[s
         return evaluate_at(lft, deltas[:, [columns[block.name] for block in lft.blocks]])
     return evaluate(
         lft,
-        {
-            b.name: deltas[:, columns[b.name]] if b.kind == "real" else others[b.name]
-            for b in lft.blocks
-        },
+        {b.name: deltas[:, columns[b.name]] if b.kind == "real" else others[b.name] for b in lft.blocks},
     )
 
 
 def _error(
-    systems: Sequence[System],
-    wiring: Wiring,
-    lft: LFT,
-    parameters: Parameters,
-    deltas: Array,
-    what: str,
+    systems: Sequence[System], wiring: Wiring, lft: LFT, parameters: Parameters, deltas: Array, what: str
 ) -> float:
     """Largest relative error of the whole: that of its LFT, and what those of the parts make of it."""
     others = _other_deltas(systems, len(deltas))
@@ -346,9 +336,7 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
     columns = zip(model.parameters, parameters, deltas.T, strict=True)
     old = [to_delta(a, to_physical(b, column)) for a, b, column in columns]
     others = _other_deltas([model], len(deltas))
-    reference = values_of(
-        model.lft, model.parameters, np.stack(old or [np.zeros(1)], axis=1), others
-    )
+    reference = values_of(model.lft, model.parameters, np.stack(old or [np.zeros(1)], axis=1), others)
     sizes = np.max(np.abs(values_of(model.lft, model.parameters, everywhere, others)), axis=0)
     scale = entry_scale(reference, np.zeros(sizes.shape))
     lft_error = largest(values_of(lft, parameters, deltas, others) - reference, scale)
@@ -364,8 +352,7 @@ def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificat
     truncated = replace(model.certificate, order=order, exact=False, truncation_error=error)
     what = f"model {model.name!r}, truncate"
     return replace(
-        truncated,
-        **well_posed(lft, model.parameters, what, are_proved=truncated.well_posed == PROVED),
+        truncated, **well_posed(lft, model.parameters, what, are_proved=truncated.well_posed == PROVED)
     )
 
 

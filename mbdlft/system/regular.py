@@ -173,9 +173,7 @@ def _examine(loop: _Loop, work: float) -> tuple[list[Box], Array | None, float]:
     while len(centers):
         if work < 0.0:
             break
-        some = slice(
-            max(0, len(centers) - _CHUNK), None
-        )  # the smallest first: memory stays bounded
+        some = slice(max(0, len(centers) - _CHUNK), None)  # the smallest first: memory stays bounded
         c, h = centers[some], halves[some]
         centers, halves = centers[: some.start], halves[: some.start]
         work -= len(c) * loop.cost
@@ -234,9 +232,7 @@ def _shares(loop: _Loop, P: Array, spread: Array) -> Array:
     left_vector = right_vector.transpose(0, 2, 1)
     for _ in range(_ITERATIONS):
         right_vector, left_vector = P @ right_vector, left_vector @ P
-        right_vector = right_vector / np.maximum(
-            np.max(right_vector, axis=1, keepdims=True), 1e-300
-        )
+        right_vector = right_vector / np.maximum(np.max(right_vector, axis=1, keepdims=True), 1e-300)
         left_vector = left_vector / np.maximum(np.max(left_vector, axis=2, keepdims=True), 1e-300)
     share = (left_vector @ spread)[:, 0] * right_vector[:, :, 0]
     return np.stack([share[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1)
@@ -262,9 +258,7 @@ def _search(loop: _Loop, boxes: list[Box]) -> Array | None:
         if np.any(signs <= 0.0):
             return _crossing(loop, at[int(np.argmin(signs))])
         diagonal = -np.einsum("nij,ji->ni", np.linalg.inv(system), loop.matrix)
-        slope = np.stack(
-            [diagonal[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1
-        )
+        slope = np.stack([diagonal[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1)
         steep = np.sum(slope * slope, axis=1, keepdims=True)
         at = np.clip(at - slope / np.maximum(steep, 1.0), -1.0, 1.0)
     return None
@@ -325,11 +319,7 @@ def well_posed(
 
 
 def check_no_zero(
-    known: Regularity,
-    names: Sequence[str],
-    parameters: Sequence[Parameter],
-    what: str,
-    narrow: str,
+    known: Regularity, names: Sequence[str], parameters: Sequence[Parameter], what: str, narrow: str
 ) -> None:
     """Raise a WellPosednessError at the point where the determinant vanishes, if one was found."""
     if known.zero is None:
@@ -337,6 +327,5 @@ def check_no_zero(
     (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
     values = at_values(parameters, [low for low, _ in at])
     raise WellPosednessError(
-        f"{what} at {values}: the determinant of its equations vanishes there. Narrow the "
-        f"ranges{narrow}."
+        f"{what} at {values}: the determinant of its equations vanishes there. Narrow the ranges{narrow}."
     )

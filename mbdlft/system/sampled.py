@@ -112,9 +112,7 @@ def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices
     """
     value = value_at(model, model.lft, values)
     n = len(model.states)
-    return StateMatrices(
-        value[..., :n, :n], value[..., :n, n:], value[..., n:, :n], value[..., n:, n:]
-    )
+    return StateMatrices(value[..., :n, :n], value[..., :n, n:], value[..., n:, :n], value[..., n:, n:])
 
 
 def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
@@ -134,9 +132,7 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
         by_lft = with_digits(lft, points, evaluate_at(lft, points))
         return by_lft[0] if single else by_lft
     others = {name: value for name, value in values.items() if name in kinds}
-    named = {
-        p.name: points[0, k] if single else points[:, k] for k, p in enumerate(model.parameters)
-    }
+    named = {p.name: points[0, k] if single else points[:, k] for k, p in enumerate(model.parameters)}
     return evaluate(lft, {**named, **others})
 
 
@@ -203,8 +199,7 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
         if len(singular):
             first = int(singular[0])
             physical = [
-                float(to_physical(p, d))
-                for p, d in zip(parameters, deltas[chunk][first], strict=True)
+                float(to_physical(p, d)) for p, d in zip(parameters, deltas[chunk][first], strict=True)
             ]
             exactly = np.isinf(numbers[first])
             how = "" if exactly else f" to working precision (condition {numbers[first]:.1e})"
@@ -225,8 +220,7 @@ def _conditions(matrices: Array) -> Array:
     signs, _ = np.linalg.slogdet(matrices)
     some = np.flatnonzero(signs)
     norms = [
-        np.sum(np.abs(m), axis=1).max(axis=1)
-        for m in (matrices[some], np.linalg.inv(matrices[some]))
+        np.sum(np.abs(m), axis=1).max(axis=1) for m in (matrices[some], np.linalg.inv(matrices[some]))
     ]
     conditions[some] = norms[0] * norms[1]
     return conditions
@@ -241,12 +235,8 @@ def at_values(parameters: Sequence[Parameter], values: Sequence[float] | Array) 
 
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work
-_NEGLIGIBLE = (
-    1e-6  # of what its row and column give an entry: the least that its error is relative to
-)
-_MOST = (
-    5e8  # operations of the solutions of all points, about a second: more points stay in doubles
-)
+_NEGLIGIBLE = 1e-6  # of what its row and column give an entry: the least that its error is relative to
+_MOST = 5e8  # operations of the solutions of all points, about a second: more points stay in doubles
 
 
 def with_digits(a: LFT, points: Array, values: Array) -> Array:

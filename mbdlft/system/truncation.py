@@ -109,9 +109,7 @@ def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
     check_tolerance(tolerance)
     check_plain(a, "truncation")
     rows, columns = typical_sizes(a)
-    scaled = LFT(
-        a.M11, a.M12 / columns, a.M21 / rows[:, None], a.M22 / rows[:, None] / columns, a.blocks
-    )
+    scaled = LFT(a.M11, a.M12 / columns, a.M21 / rows[:, None], a.M22 / rows[:, None] / columns, a.blocks)
     points = _points(len(a.blocks))
     values = evaluate_at(scaled, points)
     balanced, sigma = balance(scaled, points)
@@ -198,9 +196,7 @@ def balance(a: LFT, points: Array) -> tuple[LFT, Array]:
         see += np.einsum("nij,nik->jk", f, f) / len(points)
     T, T_inverse, sigma = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     for rows in a.slices().values():
-        T[rows, rows], T_inverse[rows, rows], sigma[rows] = _balanced(
-            reach[rows, rows], see[rows, rows]
-        )
+        T[rows, rows], T_inverse[rows, rows], sigma[rows] = _balanced(reach[rows, rows], see[rows, rows])
     return LFT(T_inverse @ a.M11 @ T, T_inverse @ a.M12, a.M21 @ T, a.M22, a.blocks), sigma
 
 
@@ -236,10 +232,7 @@ def error_lft(a: LFT, kept: Indices, unit: float = 1.0) -> LFT:
     left_out = np.ones((n, 1))
     left_out[kept] = 0.0
     M11 = np.block(
-        [
-            [a.M11, left_out * a.M11[:, kept] / unit],
-            [np.zeros((m, n)), a.M11[np.ix_(kept, kept)]],
-        ]
+        [[a.M11, left_out * a.M11[:, kept] / unit], [np.zeros((m, n)), a.M11[np.ix_(kept, kept)]]]
     )
     M12 = np.vstack([left_out * a.M12 / unit, a.M12[kept]])
     M21 = np.hstack([a.M21, np.zeros((a.shape[0], m))])
@@ -259,9 +252,7 @@ def _path(a: LFT, sigma: Array, points: Array, values: Array, tolerance: float) 
     kept, steps = np.arange(a.order), []
     while len(kept):
         # the last of each block that is still there
-        owner = np.searchsorted(
-            [channels.stop for channels in a.slices().values()], kept, side="right"
-        )
+        owner = np.searchsorted([channels.stop for channels in a.slices().values()], kept, side="right")
         last = np.flatnonzero(np.append(np.diff(owner) > 0, True))
         last = last[np.argsort(sigma[kept[last]], kind="stable")][:_CANDIDATES]
         choices = [np.delete(kept, k) for k in last]

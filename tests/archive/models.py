@@ -44,9 +44,7 @@ def carried() -> LFTModel:
 def turned_arm() -> LFTModel:
     """The arm with a quarter-angle, a reference away from the nominal, and an angle in rad."""
     text = ARM.replace("low = 45.0, high = 90.0, unit", "low = -170.0, high = 200.0, unit")
-    text = text.replace(
-        'unit = "deg", role', 'unit = "deg", substitution = "quarter-angle", role', 1
-    )
+    text = text.replace('unit = "deg", role', 'unit = "deg", substitution = "quarter-angle", role', 1)
     text = text.replace(
         'nominal = 90.0, low = 45.0, high = 135.0, unit = "deg"',
         'nominal = 1.5, low = 0.8, high = 2.4, reference = 0.3, unit = "rad"',
@@ -66,9 +64,7 @@ def numbers() -> LFTModel:
     """A scene without parameters."""
     rail = Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0), stiffness=0.1)
     cart = PointMass(name="cart", mass=0.7)
-    return to_lft(
-        Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]), search=0.0
-    )
+    return to_lft(Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]), search=0.0)
 
 
 def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:

@@ -25,9 +25,7 @@ def state_matrix(path, name, values):
         model = file[f"models/{name}"]
         A, B_w, C_z, D_zw = (model[key][()] for key in ("A", "B_w", "C_z", "D_zw"))
         rows, p = model["delta/parameter"][()], model["parameters"]
-        names, units, substitutions = (
-            p[key].asstr()[()] for key in ("name", "unit", "substitution")
-        )
+        names, units, substitutions = (p[key].asstr()[()] for key in ("name", "unit", "substitution"))
         nominal, reference, maps = (p[key][()] for key in ("nominal", "reference", "map"))
     deltas = np.zeros(len(names))
     for k, key in enumerate(names):

@@ -57,11 +57,7 @@ def test_round_trip(tmp_path: Path) -> None:
         save_analysis(file, system, bounds)
     assert model_names(file) == tuple(sorted([loop.name, mixed.name]))
     names = analysis_names(file)
-    assert names == (
-        "matrix: robust stability",
-        "matrix: worst-case gain",
-        "mixed: robust stability",
-    )
+    assert names == ("matrix: robust stability", "matrix: worst-case gain", "mixed: robust stability")
     for name, bounds in zip(names, (first, second, third), strict=True):
         system, found = load_analysis(file, name)
         same(found, bounds)
@@ -74,11 +70,7 @@ def test_parts_fixed_blocks_and_first_files(tmp_path: Path) -> None:
     cut = robust_stability(system)
     whole = robust_stability(mixed_system(0), gap=0.05)
     held = robust_stability(random_loop_with_channels(), fixed=["m"])
-    for model, bounds in (
-        (system, cut),
-        (mixed_system(0), whole),
-        (random_loop_with_channels(), held),
-    ):
+    for model, bounds in ((system, cut), (mixed_system(0), whole), (random_loop_with_channels(), held)):
         save_analysis(file, model, bounds, "one")
         found_model, found = load_analysis(file, "one")
         same(found, bounds)

@@ -79,10 +79,7 @@ def test_full_disk(old, limit):
 
 def test_disk_that_is_not_full(old):
     subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(old), "1000000"],
-        cwd=ROOT,
-        timeout=SECONDS,
-        check=True,
+        [sys.executable, "-c", FULL_DISK, str(old), "1000000"], cwd=ROOT, timeout=SECONDS, check=True
     )
     assert model_names(old) == ("second", "two_link_arm")
 

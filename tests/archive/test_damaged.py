@@ -80,8 +80,7 @@ def test_foreign(tmp_path):
         archive["models/arm/A"] = np.eye(2)
     before = file.read_bytes()
     message = (
-        f"{file}: is not an mbdlft archive: root attribute 'format' is None, expected "
-        "'mbdlft-archive'."
+        f"{file}: is not an mbdlft archive: root attribute 'format' is None, expected 'mbdlft-archive'."
     )
     for attempt in (load, model_names, lambda path: save(path, models.arm())):
         with says(ArchiveError, message):
@@ -304,9 +303,7 @@ def test_channels_of_no_parameter(file, rows):
 def test_map_that_is_not_that_of_the_range(file):
     edit(file, lambda group: group["parameters/map"].__setitem__((0, 1), 3.0))
     with says(
-        ArchiveError,
-        f"{file}: model '{NAME}': parameters/map of 'J1' is [",
-        "], but its range gives [",
+        ArchiveError, f"{file}: model '{NAME}': parameters/map of 'J1' is [", "], but its range gives ["
     ):
         load(file)
 

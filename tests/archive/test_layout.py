@@ -201,9 +201,7 @@ def test_values(stored):
     for name in ("order", "lower_bound", "raw_order", "doubtful"):
         exact(group["certificate"][name][()], getattr(model.certificate, name))
     exact(group["trim/nominal"][()], model.trim.nominal)
-    for name, part in zip(
-        ("D_zw", "D_zu", "D_yw", "D_yu"), ("M11", "M12", "M21", "M22"), strict=True
-    ):
+    for name, part in zip(("D_zw", "D_zu", "D_yw", "D_yu"), ("M11", "M12", "M21", "M22"), strict=True):
         exact(group["trim/lft"][name][()], getattr(model.trim.lft, part))
 
 
@@ -298,8 +296,6 @@ def test_doubtful_ranks_may_be_missing(tmp_path):
     """As in archives written before they were recorded."""
     save(tmp_path / "a.h5", models.arm())
     edit(
-        tmp_path / "a.h5",
-        lambda group: group.__delitem__("certificate/doubtful"),
-        "models/two_link_arm",
+        tmp_path / "a.h5", lambda group: group.__delitem__("certificate/doubtful"), "models/two_link_arm"
     )
     assert load(tmp_path / "a.h5").certificate.doubtful == ()

@@ -251,34 +251,19 @@ def resized(name: str, value: np.ndarray) -> Callable[[Any], None]:
 
 HUGE = 200_001
 HOSTILE: dict[str, tuple[Callable[[Any], None], str]] = {
-    "code": (
-        put("operation", 4, 9),
-        "instruction 4 has the code 9, which is unknown; known are 0 to 8",
-    ),
+    "code": (put("operation", 4, 9), "instruction 4 has the code 9, which is unknown; known are 0 to 8"),
     "negative code": (put("operation", 0, -1), "instruction 0 has the code -1"),
-    "itself": (
-        put("left", 3, 7 + 3),
-        "program/left: entry 3 is 10, register 10, and only registers",
-    ),
+    "itself": (put("left", 3, 7 + 3), "program/left: entry 3 is 10, register 10, and only registers"),
     "cycle": (put("right", 0, 100), "program/right: entry 0 is 100, register 100"),
     "far": (put("left", 0, 2**62), "program/left: entry 0 is 4611686018427387904"),
-    "no number": (
-        put("left", 0, -(2**63)),
-        "program/left: entry 0 is -9223372036854775808, number",
-    ),
+    "no number": (put("left", 0, -(2**63)), "program/left: entry 0 is -9223372036854775808, number"),
     "result": (put("result", 0, 10**6), "program/result: entry 0 is 1000000, register 1000000"),
     "pivot": (put("pivots", (0, 1), -1), "program/pivots: entry 1 is -1, number 0 of 0"),
     "not finite": (put("numbers", 0, np.inf), "program/numbers has a number that is not finite"),
-    "short": (
-        resized("result", np.zeros(3, np.int64)),
-        "program/result has 3 numbers, the matrices",
-    ),
+    "short": (resized("result", np.zeros(3, np.int64)), "program/result has 3 numbers, the matrices"),
     "lengths": (resized("left", np.zeros(3, np.int64)), "'program/left' has shape (3,), expected"),
     "type": (resized("numbers", np.zeros(3, np.int64)), "'program/numbers' has the type int64"),
-    "missing": (
-        lambda g: g.__delitem__("program/pivots"),
-        "the dataset 'program/pivots' is missing",
-    ),
+    "missing": (lambda g: g.__delitem__("program/pivots"), "the dataset 'program/pivots' is missing"),
     "a part": (lambda g: g.__delitem__("program/operation"), "'program/operation' is missing"),
 }
 

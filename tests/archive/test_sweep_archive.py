@@ -67,9 +67,7 @@ def test_models_and_other_sweeps_stay(tmp_path: Path) -> None:
     assert mbdlft.model_names(file) == ("other", "two_link_arm")
 
 
-def test_large_archives_are_not_held_in_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_large_archives_are_not_held_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small, large = tmp_path / "a.h5", tmp_path / "b.h5"
     mbdlft.save(small, models.arm())
     swept(small)
@@ -166,7 +164,6 @@ def test_what_is_not_there_or_not_whole(tmp_path: Path) -> None:
         del found["sweeps/s/D"]
         found["sweeps/s/D"] = np.zeros((4999, 2, 2))
     with says(
-        mbdlft.ArchiveError,
-        "sweep 's': the dataset 'D' has shape (4999, 2, 2), expected (5000, 2, 2)",
+        mbdlft.ArchiveError, "sweep 's': the dataset 'D' has shape (4999, 2, 2), expected (5000, 2, 2)"
     ):
         mbdlft.load_sweep(file)

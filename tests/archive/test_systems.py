@@ -109,9 +109,7 @@ def test_models_with_blocks_that_are_no_parameters(tmp_path: Path) -> None:
 def test_full_block_that_does_not_fit(tmp_path: Path) -> None:
     save(tmp_path / "a.h5", mixed())
     edit(tmp_path / "a.h5", lambda g: g["delta/columns"].__setitem__(0, 3), "models/mixed")
-    with says(
-        ArchiveError, "model 'mixed' is not as specified: LFT: the sizes of the blocks add up"
-    ):
+    with says(ArchiveError, "model 'mixed' is not as specified: LFT: the sizes of the blocks add up"):
         load(tmp_path / "a.h5")
     save(tmp_path / "a.h5", mixed())
     edit(tmp_path / "a.h5", lambda g: g["delta/parameter"].__setitem__(0, 0), "models/mixed")
@@ -176,9 +174,7 @@ def test_what_a_bound_of_an_error_rests_on() -> None:
         ({"open_boxes": (tuple((b, a) for a, b in BOXES[0]),)}, "a lower end above its upper end"),
     ],
 )
-def test_evidence_that_cannot_be_true(
-    tmp_path: Path, changes: dict[str, object], text: str
-) -> None:
+def test_evidence_that_cannot_be_true(tmp_path: Path, changes: dict[str, object], text: str) -> None:
     base = models.strange(1)
     model = replace(base, certificate=replace(base.certificate, **changes))
     with says(ArchiveError, text):

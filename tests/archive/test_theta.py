@@ -43,9 +43,7 @@ def test_functions_are_read_and_evaluated_without_casadi(file: Path) -> None:
     command = [sys.executable, "-c", READER, str(file)]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
-    found = {
-        line.split()[0]: np.array(line.split()[1:], float) for line in result.stdout.splitlines()
-    }
+    found = {line.split()[0]: np.array(line.split()[1:], float) for line in result.stdout.splitlines()}
     model = delta_theta(example_2(), "blocks", search=0.0)
     for f in model.functions:
         own = formula_function("f", f.arguments, f.text)
@@ -101,11 +99,7 @@ def test_commands_show_functions_and_do_not_leave_them_out(
         ("tables", np.array([2]), "theta/tables: expected 1 together"),
         ("table/count", np.array([3]), "theta/table/count: expected 4 together"),
         ("table/pairs", np.array([2]), "theta/table/pairs: expected 3 together"),
-        (
-            "table/breakpoint",
-            np.array([0.0, 1.0, 1.0, 2.0]),
-            "number 1: the breakpoints .* increase",
-        ),
+        ("table/breakpoint", np.array([0.0, 1.0, 1.0, 2.0]), "number 1: the breakpoints .* increase"),
         ("table/value", np.array([0.0, np.nan, 1.0, 2.0]), "not finite"),
         ("table/slope", np.zeros((3, 3)), "theta/table/slope"),
         ("table/below", None, "theta/table/below"),

@@ -137,16 +137,10 @@ def test_files_of_1_0_are_read_and_kept(tmp_path: Path) -> None:
 def agrees(found: mbdlft.LFTModel) -> None:
     """The model has the values of the one that is made today; how they are computed may have changed."""
     today = models.turned_arm()
-    assert (found.states, found.inputs, found.outputs) == (
-        today.states,
-        today.inputs,
-        today.outputs,
-    )
+    assert (found.states, found.inputs, found.outputs) == (today.states, today.inputs, today.outputs)
     assert found.certificate.order == tuple(block.size for block in found.lft.blocks)
     points = mbdlft.random(today.parameters, 5, seed=2)
-    for a, b in zip(
-        mbdlft.matrices_at(found, points), mbdlft.matrices_at(today, points), strict=True
-    ):
+    for a, b in zip(mbdlft.matrices_at(found, points), mbdlft.matrices_at(today, points), strict=True):
         target(a, b, CLOSED_FORM)
 
 

@@ -16,17 +16,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.robust.ascent import abscissa
 from mbdlft.robust.realization import realization
 
-KINDS = (
-    "plain",
-    "light",
-    "jordan",
-    "scaled",
-    "fast",
-    "loops",
-    "static",
-    "small integers",
-    "border",
-)
+KINDS = ("plain", "light", "jordan", "scaled", "fast", "loops", "static", "small integers", "border")
 WORK, LARGEST, RAYS, STEPS = 3.0, 50.0, 100, 6
 BEYOND = (0.0, 1e-12, 1e-9, 1e-6)  # of a worst case, which is computed in doubles
 
@@ -151,7 +141,5 @@ def norm_at(system: System, delta: Array) -> float:
     omega = np.concatenate([[0.0], poles, *(poles * x for x in (0.9, 0.99, 1.01, 1.1))])
     shifted = 1j * omega[:, None, None] * np.eye(n) - whole[:n, :n]
     direct = whole[n:, n:]
-    at = (
-        whole[n:, :n] @ np.linalg.solve(shifted, whole[:n, n:][None] + 0j) + direct if n else direct
-    )
+    at = whole[n:, :n] @ np.linalg.solve(shifted, whole[:n, n:][None] + 0j) + direct if n else direct
     return float(np.max(np.abs(at)))

@@ -80,11 +80,7 @@ def _expected(old: bool) -> list[tuple[str, object]]:
     from dataclasses import replace
 
     strange = replace(models.strange(4), name="strange")
-    return [
-        ("strange", strange),
-        ("mixed", mixed()),
-        ("carried", models.carried()),
-    ]
+    return [("strange", strange), ("mixed", mixed()), ("carried", models.carried())]
 
 
 def _objects(source: bytes, folder: Path, random: np.random.Generator) -> bytes:

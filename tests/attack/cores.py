@@ -106,21 +106,13 @@ def answer(seed: int) -> dict[str, Any]:
     except MbdlftError as error:
         check_message(error)
         said = [type(error).__name__, re.sub(r"[\d.]+(e[-+]?\d+)?", "0", str(error))]
-        return {
-            "word": f"refused: {said[0]}",
-            "said": said,
-            "order": [],
-            "error": 0.0,
-            "values": [],
-        }
+        return {"word": f"refused: {said[0]}", "said": said, "order": [], "error": 0.0, "values": []}
     found = model.certificate
     said = [found.lower_bound, found.raw_order, found.well_posed]
     order = [found.order, found.order_bound, len(found.open_boxes)]
     points = mbdlft.random(model.parameters, 8, seed=seed)
     A, B, C, D = mbdlft.matrices_at(model, points)
-    values = np.concatenate(
-        [np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2
-    )
+    values = np.concatenate([np.concatenate([A, B], axis=-1), np.concatenate([C, D], axis=-1)], axis=-2)
     values = values if values.ndim == 3 else values[None]
     return {
         "word": word,
@@ -136,9 +128,7 @@ def build(random: np.random.Generator, seed: int, search: float) -> tuple[str, m
     kind = random.random()
     if kind < 0.3:
         drawn = matrices.draw(random, str(random.choice(matrices.FAMILIES)))
-        return "matrix", mbdlft.realize(
-            drawn.rows, drawn.parameters, states=drawn.states, search=search
-        )
+        return "matrix", mbdlft.realize(drawn.rows, drawn.parameters, states=drawn.states, search=search)
     if kind < 0.35:
         name = SCENARIOS[int(random.integers(len(SCENARIOS)))]
         scene = mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")

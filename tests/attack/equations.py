@@ -106,13 +106,7 @@ class _Draft:
         if depth < 2 and self.r.random() < 0.3:
             a = self.nonlinear(of, depth + 1)
         smooth = [ca.tan(ca.sin(a) / 3), ca.sqrt(1 + a * a), a * b, a / (2 + ca.cos(b)), a**3 * b]
-        more = [
-            ca.exp(-a * a),
-            ca.tanh(a),
-            a / (1 + b * b),
-            ca.atan2(a, 2 + b * b),
-            (a - b) * (a + b),
-        ]
+        more = [ca.exp(-a * a), ca.tanh(a), a / (1 + b * b), ca.atan2(a, 2 + b * b), (a - b) * (a + b)]
         kinks = [a * ca.fabs(a), ca.fmin(ca.fmax(a, -1.25), 0.75), self.table(self.one(self.x))]
         return self.one([*smooth, *more, *kinks, ca.if_else(a > 0.1, a * b, ca.sin(b))])
 

@@ -49,9 +49,7 @@ class Known:
     def spread(self, values: Mapping[str, Any]) -> list[Any]:
         """The diagonal of P (n,)."""
         return [
-            values[name]
-            for name, size in zip(self.names, self.sizes, strict=True)
-            for _ in range(size)
+            values[name] for name, size in zip(self.names, self.sizes, strict=True) for _ in range(size)
         ]
 
 
@@ -142,10 +140,7 @@ def _interpolated(values: dict[tuple[int, ...], Fraction], sizes: tuple[int, ...
         back = [[_fraction(inverse[e, x]) for x in range(size + 1)] for e in range(size + 1)]
         found = {
             point: sum(
-                (
-                    back[point[k]][x] * found[(*point[:k], x, *point[k + 1 :])]
-                    for x in range(size + 1)
-                ),
+                (back[point[k]][x] * found[(*point[:k], x, *point[k + 1 :])] for x in range(size + 1)),
                 Fraction(0),
             )
             for point in found

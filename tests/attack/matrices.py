@@ -102,10 +102,7 @@ def check_values(drawn: Drawn, model: mbdlft.LFTModel, random: np.random.Generat
     A, B, C, D = mbdlft.matrices_at(model, points)
     found = np.block([[A, B], [C, D]])
     expected = np.array(
-        [
-            values_of(drawn, {name: Fraction(x[k]) for name, x in points.items()})
-            for k in range(POINTS)
-        ]
+        [values_of(drawn, {name: Fraction(x[k]) for name, x in points.items()}) for k in range(POINTS)]
     )
     size = np.max(np.abs(expected), axis=0)
     both = balanced(size)

@@ -29,9 +29,7 @@ def files() -> dict[str, dict[str, bytes]]:
     mass, stiffness, nodes = turned()
     lines = [
         " ".join([str(number), *map(repr, place.tolist()), "1 2 3 4 5 6"])
-        for number, place in zip(
-            np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True
-        )
+        for number, place in zip(np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True)
     ]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -45,9 +45,7 @@ def attack(seed: int, folder: Path) -> str:
     if not len(good):
         return "no sample has a solution"
     exact = assembly(scene).exact
-    reference = source.need.of(
-        matrices_in_digits(exact, source.inputs, source.outputs, points[good])
-    )
+    reference = source.need.of(matrices_in_digits(exact, source.inputs, source.outputs, points[good]))
     size = np.max(np.abs(reference), axis=0)
     size = np.where(size > NOTHING * np.max(size), size, max(np.max(size), NOTHING))
     own, other = (float(np.max(np.abs(x[0][good] - reference) / size)) for x in (rows, expected))

@@ -29,9 +29,7 @@ def attack(seed: int, folder: Path) -> str:
             values = item[()]
             at = tuple(int(random.integers(size)) for size in values.shape)
             if values.dtype.kind == "f":
-                values[at] = float(
-                    random.choice([0.0, -1.0, 1e308, 5e-324, np.nan, values[at] * 2])
-                )
+                values[at] = float(random.choice([0.0, -1.0, 1e308, 5e-324, np.nan, values[at] * 2]))
             else:
                 some = [0, -1, 1, values[at] + 1, values[at] - 1, int(random.integers(-20, 200))]
                 values[at] = int(random.choice(some)) % 127

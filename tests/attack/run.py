@@ -47,9 +47,7 @@ class Tally:
 
 def attack_of(name: str) -> Callable[[int, Path], str]:
     """The function of a class."""
-    function: Callable[[int, Path], str] = import_module(
-        f"tests.attack.{name.replace('-', '_')}"
-    ).attack
+    function: Callable[[int, Path], str] = import_module(f"tests.attack.{name.replace('-', '_')}").attack
     return function
 
 
@@ -65,12 +63,7 @@ def once(name: str, seed: int) -> str:
         return attack_of(name)(seed, Path(folder))
 
 
-def tally(
-    name: str,
-    seeds: Iterator[int],
-    until: float,
-    said: Callable[[str], None] = SAY,
-) -> Tally:
+def tally(name: str, seeds: Iterator[int], until: float, said: Callable[[str], None] = SAY) -> Tally:
     """Run the attacks of a class in a process of its own, until `until` (s of time.monotonic)."""
     found = Tally(name)
     process, lines = _start(name)

@@ -107,9 +107,7 @@ def linearized(text: str, random: np.random.Generator) -> str:
     low, high = (np.array([getattr(p, end) for p in model.parameters]) for end in ("low", "high"))
     points = np.clip(low + sides * (high - low), low, high)
     try:
-        found = mbdlft.matrices_at(
-            model, {p.name: points[:, k] for k, p in enumerate(model.parameters)}
-        )
+        found = mbdlft.matrices_at(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
         reference = problem_of_scene(scene).reference()
         assert reference.in_digits is not None
         expected = reference.in_digits(points)

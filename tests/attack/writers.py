@@ -20,15 +20,7 @@ def attack(seed: int, folder: Path) -> str:
     mbdlft.save(folder / "source.h5", models.bare())
     writers = [
         subprocess.Popen(
-            [
-                sys.executable,
-                "-c",
-                WRITER,
-                str(folder / "source.h5"),
-                str(file),
-                prefix,
-                str(count),
-            ],
+            [sys.executable, "-c", WRITER, str(folder / "source.h5"), str(file), prefix, str(count)],
             cwd=ROOT,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,

@@ -159,9 +159,7 @@ def _values(scene: mbdlft.Scene, p: dict[str, ca.SX]) -> dict[str, float | ca.SX
     values: dict[str, float | ca.SX] = {"pi": np.pi, "deg": np.pi / 180.0}
     for name, constant in scene.constants.items():
         number, unit = (
-            (constant.value, constant.unit)
-            if isinstance(constant, mbdlft.Constant)
-            else (constant, "1")
+            (constant.value, constant.unit) if isinstance(constant, mbdlft.Constant) else (constant, "1")
         )
         values[name] = number * parse_unit(unit).factor
     for parameter in scene.parameters:

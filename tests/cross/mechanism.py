@@ -155,9 +155,7 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     none = np.zeros(3 * n)
     none[n : 2 * n] = m.turning(at).full().ravel()
     count = m.start.size1_out(3)
-    e0, by_load, given, gap = (
-        part.full() for part in m.start(none, np.zeros(nu), np.zeros(count), at)
-    )
+    e0, by_load, given, gap = (part.full() for part in m.start(none, np.zeros(nu), np.zeros(count), at))
     given = given[:, 0]
     assert np.max(np.abs(gap), initial=0.0) < _GAP, "the closures are open"
     # efforts of imposed coordinates and of cuts are what it takes
@@ -287,8 +285,7 @@ def _inertia(body, f: Frames) -> tuple[ca.SX, ca.SX, ca.SX]:
     if body.kind == "point_mass":
         return ca.SX.zeros(3), ca.SX.zeros(3), ca.SX.zeros(3, 3)
     entries = {
-        name: f.value(getattr(body.inertia, name) or 0.0)
-        for name in ("xx", "yy", "zz", "xy", "xz", "yz")
+        name: f.value(getattr(body.inertia, name) or 0.0) for name in ("xx", "yy", "zz", "xy", "xz", "yz")
     }
     inertia = ca.SX.zeros(3, 3)
     for i, a in enumerate(AXES):
@@ -458,9 +455,7 @@ def _momentum(f: Frames) -> ca.SX:
         angular += ca.cross(_center(body, f), velocity)
         angular += turned @ (central @ f.turning(f.placed[body.name]))
     for actuator in f.actuators:
-        if (
-            actuator.frame is not None
-        ):  # it turns with the child; the others move relative to the parent
+        if actuator.frame is not None:  # it turns with the child; the others move relative to the parent
             axis, turned = ca.SX(actuator.axis), actuator.frame[:3, :3]
             angular += turned @ (axis * actuator.inertia * ca.dot(axis, f.turning(actuator.frame)))
     return ca.vertcat(linear, angular)

@@ -48,9 +48,7 @@ def open_tree(seed: int) -> Scene:
     varied = ("m", "L", "k", "th")[seed % 3 : seed % 3 + 2]
     parameters = tuple(p for p in PARAMETERS if p.name in varied)
     constants = {
-        p.name: mbdlft.Constant(value=p.nominal, unit=p.unit)
-        for p in PARAMETERS
-        if p not in parameters
+        p.name: mbdlft.Constant(value=p.nominal, unit=p.unit) for p in PARAMETERS if p not in parameters
     }
     for name, unit in (("one_g", "m/s^2"), ("one_m", "m"), ("one_per_s", "1/s")):
         constants[name] = mbdlft.Constant(value=1.0, unit=unit)
@@ -87,9 +85,7 @@ def open_tree(seed: int) -> Scene:
             frame="ground",
             magnitude=-2.0,
         ),
-        mbdlft.Torque(
-            name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"
-        ),
+        mbdlft.Torque(name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"),
         mbdlft.Spring(
             name="strut",
             parent=f"{bodies[0].name}.side",
@@ -154,15 +150,9 @@ def closed_loop(seed: int) -> Scene:
         ports={"pin": pin},
     )
     weld = mbdlft.Fixed(
-        name="weld",
-        parent=f"{bodies[-1].name}.tip",
-        child="end",
-        axis=axis,
-        position=angle,
+        name="weld", parent=f"{bodies[-1].name}.tip", child="end", axis=axis, position=angle
     )
-    ground = mbdlft.Ground(
-        ports={"anchor": tuple(frame[:3, 3] + pin), "wall": _vector(random, 2.0)}
-    )
+    ground = mbdlft.Ground(ports={"anchor": tuple(frame[:3, 3] + pin), "wall": _vector(random, 2.0)})
     return Scene(
         name=f"loop_{kind}_{seed}",
         gravity=tuple(gravity),
@@ -247,15 +237,7 @@ def closed_by(kind: str, seed: int) -> Scene:
         parameters=(*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters,
         bodies=(ground, *bodies, collar, end),
         joints=(*joints, *welds),
-        loops=[
-            Loop(
-                name="pin",
-                kind=kind,
-                **ends,
-                orientation=_in_three(turned),
-                **axes,
-            )
-        ],
+        loops=[Loop(name="pin", kind=kind, **ends, orientation=_in_three(turned), **axes)],
         loads=[
             mbdlft.Spring(
                 name="stay",
@@ -301,8 +283,7 @@ def _sensors(port: str, joint: str) -> list[mbdlft.multibody.sensor.Sensor]:
     }
     frames = ("ground", port)
     found = [
-        kind(name=name, port=port, frame=frames[k % 2])
-        for k, (name, kind) in enumerate(placed.items())
+        kind(name=name, port=port, frame=frames[k % 2]) for k, (name, kind) in enumerate(placed.items())
     ]
     found += [mbdlft.Accelerometer(name="imu", port=port), mbdlft.Gyro(name="gyro", port=port)]
     found += [mbdlft.Momentum(name="whole"), mbdlft.CenterOfMass(name="center")]

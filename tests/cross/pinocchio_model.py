@@ -71,9 +71,7 @@ class Linear:
     unit: dict[str, float]
 
     def matrix(self, rows: list[str], columns: list[str]) -> np.ndarray:
-        return self.value[[self.rows[name] for name in rows]][
-            :, [self.columns[name] for name in columns]
-        ]
+        return self.value[[self.rows[name] for name in rows]][:, [self.columns[name] for name in columns]]
 
 
 def pinocchio_model(scene: mbdlft.Scene, point: dict[str, float]) -> Linear:
@@ -87,9 +85,7 @@ def pinocchio_model(scene: mbdlft.Scene, point: dict[str, float]) -> Linear:
     pin.computeJointJacobians(model, data, q)
     pin.updateFramePlacements(model, data)
     acting = [_acting(tree, data, load, gravity) for load in scene.loads]
-    jacobians = [
-        _wide(pin.getJointJacobian(model, data, k, pin.LOCAL), 6) for k in range(model.njoints)
-    ]
+    jacobians = [_wide(pin.getJointJacobian(model, data, k, pin.LOCAL), 6) for k in range(model.njoints)]
     T = -np.array([jacobians[load.joint].T @ load.wrench for load in acting])
     T = T.reshape(len(acting), model.nv).T
     free = pin.rnea(model, data, q, zero, zero)
@@ -130,12 +126,7 @@ def _acting(tree: Tree, data: pin.Data, load: object, gravity: np.ndarray) -> Ac
     if load.kind == "buoyancy":
         direction, frame, key, name = -gravity, "ground", load.displaced_mass, "displaced_mass"
     else:
-        direction, frame, key, name = (
-            unit_vector(load.direction),
-            load.frame,
-            load.magnitude,
-            load.kind,
-        )
+        direction, frame, key, name = (unit_vector(load.direction), load.frame, load.magnitude, load.kind)
     if frame == "ground":
         direction = data.oMi[place.joint].rotation.T @ direction
         across[:3] = pin.skew(direction)  # R(w)' f = f - w x f = f + f x w

@@ -36,9 +36,7 @@ class Tree:
     bodies: dict[str, object]
     model: pin.Model = field(default_factory=pin.Model)
     q: list[float] = field(default_factory=list)
-    place: dict[str, Place] = field(
-        default_factory=lambda: {"ground": Place(0, pin.SE3.Identity())}
-    )
+    place: dict[str, Place] = field(default_factory=lambda: {"ground": Place(0, pin.SE3.Identity())})
     coordinates: dict[str, list[int]] = field(default_factory=dict)
     cuts: dict[str, slice] = field(default_factory=dict)
     reflected: dict[int, float] = field(default_factory=dict)

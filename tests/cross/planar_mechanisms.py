@@ -38,9 +38,7 @@ def link(name: str, length: float | str = 1.0, mass: float | str = 1.0, **ports:
 
 
 def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any) -> Revolute:
-    return Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
 
 
 def closed(name: str, parent: str, child: str, kind: str = "revolute") -> Loop:
@@ -191,9 +189,7 @@ def boom_on_a_hub() -> Scene:
         gravity=(0, 0, -3.0),
         parameters=[M, RATE, LENGTH],
         bodies=[
-            RigidBody(
-                name="hub", mass=10.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"e": (0.3, 0, 0)}
-            ),
+            RigidBody(name="hub", mass=10.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"e": (0.3, 0, 0)}),
             RigidBody(
                 name="blade",
                 mass="m",
@@ -207,10 +203,7 @@ def boom_on_a_hub() -> Scene:
                 name="flap", parent="hub.e", child="blade", axis1=(0, -1, 0), axis2=(0, 0, 1)
             ),
         ],
-        sensors=[
-            mbdlft.Gyro(name="gyro", port="blade"),
-            mbdlft.JointWrench(name="root", joint="flap"),
-        ],
+        sensors=[mbdlft.Gyro(name="gyro", port="blade"), mbdlft.JointWrench(name="root", joint="flap")],
     )
 
 
@@ -223,20 +216,10 @@ def slider_in_a_slot() -> Scene:
         bodies=[PointMass(name="carriage", mass=0.5), PointMass(name="bead", mass="m")],
         joints=[
             Prismatic(
-                name="x",
-                parent="ground",
-                child="carriage",
-                axis=(1, 0, 0),
-                position=0.4,
-                stiffness="k",
+                name="x", parent="ground", child="carriage", axis=(1, 0, 0), position=0.4, stiffness="k"
             ),
             Prismatic(
-                name="y",
-                parent="carriage",
-                child="bead",
-                axis=(0, 1, 0),
-                position=0.2,
-                stiffness="k",
+                name="y", parent="carriage", child="bead", axis=(0, 1, 0), position=0.2, stiffness="k"
             ),
         ],
     )

@@ -30,9 +30,7 @@ def spinning(seed: int) -> Scene:
     extra_bodies, extra_joints = more(random)
     bodies, joints = [*bodies, *extra_bodies], [*joints, *extra_joints]
     every = [*base.joints, *joints]
-    outputs = [
-        f"{joint.name}.{m.name}" for joint in every for f in joint.freedoms for m in f.measures
-    ]
+    outputs = [f"{joint.name}.{m.name}" for joint in every for f in joint.freedoms for m in f.measures]
     outputs += [s.name for sensor in (*base.sensors, *sensors) for s in sensor.signals()]
     return base.model_copy(
         update={
@@ -90,11 +88,7 @@ def second_bearing() -> Scene:
         ),
         loops=(
             Loop(
-                name="bearing",
-                kind="revolute",
-                parent="frame.right",
-                child="rotor.end",
-                axis=(1, 0, 0),
+                name="bearing", kind="revolute", parent="frame.right", child="rotor.end", axis=(1, 0, 0)
             ),
         ),
         outputs=("motor.angle", "table.angle.1", "table.angle.2", "motor.acceleration"),
@@ -120,9 +114,7 @@ def _bearing(random, k: int, carrier: str) -> Revolute:
         parent=f"{carrier}.side",
         child=f"w{k}",
         axis=(0, 0, 1 if k == 0 else -2),
-        orientation=[
-            Rotation(axis=tuple(random.uniform(-1, 1, 3)), angle=float(random.uniform(-2, 2)))
-        ],
+        orientation=[Rotation(axis=tuple(random.uniform(-1, 1, 3)), angle=float(random.uniform(-2, 2)))],
         rate="wheel_rate" if k == 0 else "3.0 - 0.5*wheel_rate",
         damping=float(random.uniform(0.01, 0.1)),
         actuator_inertia=float(random.uniform(0.01, 0.1)),
@@ -132,17 +124,11 @@ def _bearing(random, k: int, carrier: str) -> Revolute:
 def _loads(name: str, k: int) -> list[mbdlft.multibody.force.Load]:
     top = f"{name}.top"
     return [
-        mbdlft.Force(
-            name=f"f{k}", port=top, direction=(0.3, -1, 0.5), frame="ground", magnitude=3.0
-        ),
+        mbdlft.Force(name=f"f{k}", port=top, direction=(0.3, -1, 0.5), frame="ground", magnitude=3.0),
         mbdlft.Force(name=f"p{k}", port=top, direction=(0, 0, 1), magnitude=-2.0),
         mbdlft.Torque(name=f"t{k}", port=name, direction=(0, 0, 1), magnitude=0.7),
-        mbdlft.Torque(
-            name=f"g{k}", port=name, direction=(1, 0, 0.2), frame="ground", magnitude=0.5
-        ),
-        mbdlft.Spring(
-            name=f"s{k}", parent=top, child="ground.wall", stiffness=20.0, force_density=1.5
-        ),
+        mbdlft.Torque(name=f"g{k}", port=name, direction=(1, 0, 0.2), frame="ground", magnitude=0.5),
+        mbdlft.Spring(name=f"s{k}", parent=top, child="ground.wall", stiffness=20.0, force_density=1.5),
     ]
 
 
@@ -184,11 +170,7 @@ def _halves(random):
     turns = (0, 180, 90, -90)
     return blades, [
         mbdlft.Fixed(
-            name=f"root{k}",
-            parent="w0",
-            child=blade.name,
-            axis=(0, 0, 1),
-            position=f"{turn}*deg",
+            name=f"root{k}", parent="w0", child=blade.name, axis=(0, 0, 1), position=f"{turn}*deg"
         )
         for k, (blade, turn) in enumerate(zip(blades, turns, strict=True))
     ]

@@ -23,9 +23,7 @@ def _scene() -> mbdlft.LFTModel:
             mbdlft.Ground(name="ground"),
         ),
         joints=(
-            mbdlft.Revolute(
-                name="pivot", parent="ground", child="bob.top", axis=(0, 1, 0), position=0.0
-            ),
+            mbdlft.Revolute(name="pivot", parent="ground", child="bob.top", axis=(0, 1, 0), position=0.0),
         ),
     )
     return mbdlft.to_lft(scene, search=0.0)

@@ -105,10 +105,7 @@ def test_c_says_what_is_outside_and_what_is_singular(tmp_path: Path) -> None:
     library = compiled(model, tmp_path)
     D = np.full(1, 7.0)
     for a, status in ((1.5, 2), (2.1, 1), (-0.1, 1), (np.nan, 1), (np.inf, 1)):
-        assert (
-            library.rational_matrices(pointer(np.array([a])), None, None, None, pointer(D))
-            == status
-        )
+        assert library.rational_matrices(pointer(np.array([a])), None, None, None, pointer(D)) == status
         exact(D, [7.0])
     assert library.rational_matrices(pointer(np.array([1.75])), None, None, None, pointer(D)) == 0
     target(D, [1.0 / (1.0 - 2.0 * 0.75)], EXPORT)
@@ -197,9 +194,7 @@ def test_uncertain_system_of_the_script(key: str, tmp_path: Path) -> None:
     k, elements = 17, texts(read(tmp_path / "some.mat")["parameters"]["element"])
     inner = [mbdlft.base.parameter.to_internal(p, values[p.name][k]) for p in model.parameters]
     point = "".join(f"at.{e} = {float(x):.17g};" for e, x in zip(elements, inner, strict=True))
-    found = octave(
-        model, tmp_path, "some", rows_of(model, values)[:1], f"global at\n{point}\nsome;"
-    )
+    found = octave(model, tmp_path, "some", rows_of(model, values)[:1], f"global at\n{point}\nsome;")
     assert texts(found["plant"]["InputName"]) == [u.name for u in model.inputs]
     for letter, matrices in zip("ABCD", expected, strict=True):
         target(found["plant"][letter], matrices[k], EXPORT)

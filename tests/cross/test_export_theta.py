@@ -30,11 +30,7 @@ def zoo() -> Dae:
     """Many functions, tables of both kinds inside of others, loops through Theta, a constant."""
     d = DaeDraft("zoo")
     p = d.parameter(mbdlft.Parameter("p", 2.0, percent=10))
-    x, v, end = (
-        d.variable("x", start=0.3),
-        d.variable("v"),
-        d.variable("end", minimum=-50, maximum=50),
-    )
+    x, v, end = (d.variable("x", start=0.3), d.variable("v"), d.variable("end", minimum=-50, maximum=50))
     w, u = d.variable("w", start=0.1), d.input("u")
     b = [-2.0, -0.5, 0.25, 1.0, 3.0]
     cubic = d.table(x, b, [1.0, 0.5, 0.75, 2.0, 1.5], "cubic")
@@ -193,9 +189,7 @@ def test_a_script_of_julia_calls_the_c_beside_it(tmp_path: Path) -> None:
     script, source, header, archive = export_model(tmp_path / "zoo.jl", model)
     text = script.read_text(encoding="utf-8")
     for function in ("zoo_theta", "zoo_derivative"):
-        declared = (
-            header.read_text(encoding="utf-8").partition(f"int {function}(")[2].partition(")")[0]
-        )
+        declared = header.read_text(encoding="utf-8").partition(f"int {function}(")[2].partition(")")[0]
         called = text.partition(f"ccall((:{function}, LIBRARY), Cint,")[2].partition("))")[0]
         assert called.count("Ptr{Cdouble}") == declared.count("double *")
     c = [path.read_bytes() for path in export_model(tmp_path / "zoo.c", model)]

@@ -255,10 +255,7 @@ def test_order_of_siblings_changes_nothing(seed: int) -> None:
     scene, random = case(seed).scene, np.random.default_rng(seed)
     bodies = tuple(scene.bodies[k] for k in random.permutation(len(scene.bodies)))
     joints = tuple(scene.joints[k] for k in random.permutation(len(scene.joints)))
-    same(
-        case(seed),
-        changed(scene, bodies=bodies, joints=joints, parameters=scene.parameters[::-1]),
-    )
+    same(case(seed), changed(scene, bodies=bodies, joints=joints, parameters=scene.parameters[::-1]))
 
 
 def same(case: Case, scene: mbdlft.Scene) -> None:

@@ -59,15 +59,9 @@ def axis_that_stays(patch: Patch) -> None:
 
 
 @pytest.mark.parametrize(
-    ("plant", "kind"),
-    [
-        (turned_the_other_way, "cylindrical"),
-        (axis_that_stays, "universal"),
-    ],
+    ("plant", "kind"), [(turned_the_other_way, "cylindrical"), (axis_that_stays, "universal")]
 )
-def test_planted_bug_is_found(
-    plant: Callable[[Patch], None], kind: str, monkeypatch: Patch
-) -> None:
+def test_planted_bug_is_found(plant: Callable[[Patch], None], kind: str, monkeypatch: Patch) -> None:
     plant(monkeypatch)
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         check(kind, FEW[kind], bare=True)

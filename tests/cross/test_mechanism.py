@@ -56,9 +56,7 @@ def case(name: str) -> Case:
     return Case(scene, model, points, [linear_at(equations, model, point) for point in points])
 
 
-def compare(
-    model: mbdlft.LFTModel, points: list[dict[str, float]], reference: list[Linear]
-) -> None:
+def compare(model: mbdlft.LFTModel, points: list[dict[str, float]], reference: list[Linear]) -> None:
     """[A B ; C D] entry by entry, and the trim: efforts against the largest one at a point."""
     values = [mbdlft.matrices_at(model, point) for point in points]
     close.entries(
@@ -84,18 +82,12 @@ def test_scenes_cover() -> None:
     scenes = [SCENES[name]() for name in SCENES]
     joints = {joint.kind for scene in scenes for joint in scene.joints}
     assert joints == {*mbdlft.multibody.joint.KINDS}
-    assert {load.kind for scene in scenes for load in scene.loads} == {
-        *mbdlft.multibody.force.KINDS
-    }
+    assert {load.kind for scene in scenes for load in scene.loads} == {*mbdlft.multibody.force.KINDS}
     assert {sensor.kind for scene in scenes for sensor in scene.sensors} == {
         *mbdlft.multibody.sensor.KINDS
     }
     # those that slide, and the universal one, are in test_loop_kinds.py
-    assert {loop.kind for scene in scenes for loop in scene.loops} >= {
-        "fixed",
-        "revolute",
-        "spherical",
-    }
+    assert {loop.kind for scene in scenes for loop in scene.loops} >= {"fixed", "revolute", "spherical"}
     assert any(len(scene.loops) > 1 for scene in scenes)
     assert any(getattr(joint, "imposed", False) for scene in scenes for joint in scene.joints)
     named = {p.name for scene in scenes for p in scene.parameters}
@@ -138,9 +130,7 @@ def elastic_force_without_tension(patch: Patch) -> None:
     original = Spring.wrenches
 
     def wrong(self, values, magnitude, space):
-        return original(
-            self, values | {"stiffness": values["stiffness"] + magnitude}, magnitude, space
-        )
+        return original(self, values | {"stiffness": values["stiffness"] + magnitude}, magnitude, space)
 
     patch.setattr(Spring, "wrenches", wrong)
 
@@ -206,18 +196,12 @@ def imposed_has_an_effort(patch: Patch) -> None:
 
 BUGS: dict[str, tuple[Callable[[Patch], None], tuple[str, ...]]] = {
     "no geometric stiffness of springs": (no_geometric_stiffness, ("tree 0", "guyed mast")),
-    "tension not taken off the stiffness": (
-        elastic_force_without_tension,
-        ("tree 0", "guyed mast"),
-    ),
+    "tension not taken off the stiffness": (elastic_force_without_tension, ("tree 0", "guyed mast")),
     "no spin": (spin_of(lambda spin: 0.0 * spin), ("tree 1", "boom on a hub")),
     "spin the other way": (spin_of(lambda spin: -spin), ("tree 3", "slider in a turning slot")),
     "sign of Coriolis": (sign_of_coriolis, ("slider in a turning slot",)),
     "no gyroscopic term": (no_gyroscopic_term, ("tree 1", "tree 3")),
-    "closures without geometric stiffness": (
-        closures_at_rest,
-        ("loop 0", "Watt", "slider-crank"),
-    ),
+    "closures without geometric stiffness": (closures_at_rest, ("loop 0", "Watt", "slider-crank")),
     "closures act on one body": (closures_on_one_body, ("loop 1", "two loops")),
     "wind that turns with the body": (ground_force_turns, ("tree 0", "tree 2")),
     "imposed acceleration halved": (imposed_has_an_effort, ("shaken cart",)),

@@ -82,9 +82,7 @@ def test_units_are_converted() -> None:
 def grid_cards(fe: FiniteElements, system: int = 0) -> str:
     cards = ["CORD2R,5,0,1.,2.,3.,1.,3.,3.\n,1.,2.,4."] if system else []
     nodes = fe.nodes
-    for number, (x, y, z) in zip(
-        np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True
-    ):
+    for number, (x, y, z) in zip(np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True):
         cards.append(f"GRID,{number},,{x:.6f},{y:.6f},{z:.6f},{system or ''}")
     return "\n".join(cards) + "\n"
 
@@ -136,8 +134,7 @@ def test_coordinates_without_mass_and_stiffness_are_left_out(tmp_path: Path) -> 
     path, table = tmp_path / "tee.op4", tmp_path / "tee.bdf"
     table.write_text(grid_cards(fe))
     op4.write(
-        str(path),
-        {"maa": plane @ fe.mass_matrix @ plane, "kaa": plane @ fe.stiffness_matrix @ plane},
+        str(path), {"maa": plane @ fe.mass_matrix @ plane, "kaa": plane @ fe.stiffness_matrix @ plane}
     )
     found = load_nastran(path, table)
     assert set(np.asarray(found.nodes.dof)[:, 1].tolist()) == {1, 2, 6}

@@ -148,8 +148,7 @@ def has(*wanted: str) -> Callable[[mbdlft.Scene], bool]:
 def directed(kind: str) -> Callable[[mbdlft.Scene], bool]:
     """An unknown load of a kind that keeps its direction, on a body that turns."""
     return lambda scene: any(
-        load.kind == kind and load.frame == "ground" and load.magnitude is None
-        for load in scene.loads
+        load.kind == kind and load.frame == "ground" and load.magnitude is None for load in scene.loads
     )
 
 
@@ -264,9 +263,7 @@ PLANTED = {
     ),
     "the wrench on the parent": (
         patched(
-            mbdlft.JointWrench,
-            "measure",
-            lambda sensor, view: -ca.vec(view.joint_wrench(sensor.joint)),
+            mbdlft.JointWrench, "measure", lambda sensor, view: -ca.vec(view.joint_wrench(sensor.joint))
         ),
         has("joint_wrench"),
     ),

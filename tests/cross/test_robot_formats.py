@@ -50,9 +50,7 @@ def matrices(model: mbdlft.LFTModel, mass: float) -> tuple[np.ndarray, np.ndarra
     return A, B, mbdlft.trim_at(model, point)
 
 
-@pytest.mark.parametrize(
-    ("form", "seed"), [*((form, 1) for form in WRITTEN), ("sdf", 2), ("xml", 2)]
-)
+@pytest.mark.parametrize(("form", "seed"), [*((form, 1) for form in WRITTEN), ("sdf", 2), ("xml", 2)])
 def test_chain_equals_pinocchio(tmp_path: Path, form: str, seed: int) -> None:
     links = chain(seed)
     A, B, efforts = matrices(model_of(tmp_path, form, seed), links[2].mass)
@@ -246,9 +244,9 @@ def by_energy(file: Path) -> tuple[float, float, float]:
 
     def slope(function: Any, q: np.ndarray, k: int, h: float = 1e-3) -> Any:
         e = h * np.eye(len(q))[k]
-        return (
-            8 * (function(q + e) - function(q - e)) - function(q + 2 * e) + function(q - 2 * e)
-        ) / (12 * h)
+        return (8 * (function(q + e) - function(q - e)) - function(q + 2 * e) + function(q - 2 * e)) / (
+            12 * h
+        )
 
     def closed(first: float) -> np.ndarray:
         q = np.array([first, 0.0, 0.0])
@@ -292,9 +290,7 @@ def test_warnings_of_the_compiler_are_reported_and_leave_no_file(
 
 def test_cross_product() -> None:
     target(
-        across(np.array([1.0, 2.0, 3.0])) @ [4.0, 5.0, 6.0],
-        np.cross([1, 2, 3], [4, 5, 6]),
-        CLOSED_FORM,
+        across(np.array([1.0, 2.0, 3.0])) @ [4.0, 5.0, 6.0], np.cross([1, 2, 3], [4, 5, 6]), CLOSED_FORM
     )
 
 
@@ -309,6 +305,4 @@ def test_robots_of_all_packages_that_are_installed() -> None:
     assert all(item.reason for item in found if item.came == "refused")
     assert set(REFERENCES) == {"URDF", "SDF", "MJCF"}
     if len(found) < 50:
-        pytest.skip(
-            f"only {len(found)} robots are installed: see PACKAGES of benchmarks.public_robots"
-        )
+        pytest.skip(f"only {len(found)} robots are installed: see PACKAGES of benchmarks.public_robots")

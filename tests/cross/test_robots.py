@@ -105,9 +105,7 @@ def case_of(robot: Robot, right_angle: float = RIGHT_ANGLE) -> Case:
     chosen = sorted(generator.permutation(hinges)[: robot.angles])
     spans = {joint.name: span(joint) for joint in axial}
     angles = {joint: f"q{k}" for k, joint in enumerate(chosen)}
-    constants = {
-        joint: generator.uniform(*ends) for joint, ends in spans.items() if joint not in angles
-    }
+    constants = {joint: generator.uniform(*ends) for joint, ends in spans.items() if joint not in angles}
     parameters = []
     for joint, angle in angles.items():
         low, high = spans[joint]
@@ -174,8 +172,7 @@ LARGE = ("talos", "talos_free", "pr2", "baxter")  # others of their kind are the
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.long if name in LARGE else ()) for name in ROBOTS],
+    "name", [pytest.param(name, marks=pytest.mark.long if name in LARGE else ()) for name in ROBOTS]
 )
 def test_robot_equals_pinocchio(name: str) -> None:
     compare(case(name), by_pinocchio, COUNT, PINOCCHIO)
@@ -244,12 +241,7 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     place, name, wrong = PLANTED[bug]
     monkeypatch.setattr(f"mbdlft.robot.{place}", wrong)
     with pytest.raises(AssertionError, match="relative error"):
-        compare(
-            case_of(ROBOTS[name]._replace(angles=1, vary=(), payload="")),
-            by_pinocchio,
-            1,
-            PINOCCHIO,
-        )
+        compare(case_of(ROBOTS[name]._replace(angles=1, vary=(), payload="")), by_pinocchio, 1, PINOCCHIO)
 
 
 def test_stiffness_at_zero_only_is_found() -> None:

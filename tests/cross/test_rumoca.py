@@ -20,9 +20,7 @@ def same(name: str, file: Path, model: str | None = None) -> None:
     table = table_of(name)
     compiled, report = load_modelica(file, table, model=model, roots=[])
     flat, flat_report = load_modelica(FLAT / f"{name}.mof", table)
-    assert [str(e.residual) for e in compiled.equations] == [
-        str(e.residual) for e in flat.equations
-    ]
+    assert [str(e.residual) for e in compiled.equations] == [str(e.residual) for e in flat.equations]
     assert compiled.parameters == flat.parameters
     assert report == flat_report
     assert all(e.line for e in compiled.equations)

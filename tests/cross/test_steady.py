@@ -74,15 +74,10 @@ def tower() -> mbdlft.Scene:
                 inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
                 ports={"eye": (0.1, 0.0, -0.8)},
             ),
-            mbdlft.RigidBody(
-                name="ring", mass=1.0, inertia=mbdlft.Inertia(xx=0.03, yy=0.04, zz=0.05)
-            ),
+            mbdlft.RigidBody(name="ring", mass=1.0, inertia=mbdlft.Inertia(xx=0.03, yy=0.04, zz=0.05)),
             *(
                 mbdlft.RigidBody(
-                    name=name,
-                    mass=2.0,
-                    center_of_mass=(0, 0, 0.05),
-                    inertia=mbdlft.Inertia(**wheel),
+                    name=name, mass=2.0, center_of_mass=(0, 0, 0.05), inertia=mbdlft.Inertia(**wheel)
                 )
                 for name in ("first", "second")
             ),
@@ -120,9 +115,7 @@ def law_pinocchio() -> None:
         v[tree.coordinates["up"]], v[tree.coordinates["across"]] = rate, -2 * rate
         q, still = np.array(tree.q), np.zeros(tree.model.nv)
         needed = pin.rnea(tree.model, data, q, v, still).copy()
-        K, D, M = (
-            part.copy() for part in pin.computeRNEADerivatives(tree.model, data, q, v, still)
-        )
+        K, D, M = (part.copy() for part in pin.computeRNEADerivatives(tree.model, data, q, v, still))
         friction = tree.coordinates["across"][0]
         D[friction, friction] += 0.01
         needed[friction] += 0.01 * -2 * rate
@@ -142,9 +135,7 @@ def test_angles_are_left_out_and_nothing_else_changes() -> None:
     """Without angles among the outputs the model has two states less: rows and columns of the same."""
     scene = tower()
     full = mbdlft.to_lft(scene, search=0.0)
-    less = mbdlft.to_lft(
-        scene.model_copy(update={"outputs": ("gimbal.angle", "up.rate")}), search=0.0
-    )
+    less = mbdlft.to_lft(scene.model_copy(update={"outputs": ("gimbal.angle", "up.rate")}), search=0.0)
     names = [signal.name for signal in full.states]
     left = [signal.name for signal in less.states]
     assert sorted(set(names) - set(left)) == ["across.angle", "up.angle"]
@@ -162,9 +153,7 @@ def test_angles_are_left_out_and_nothing_else_changes() -> None:
 
 def other_sense(patch: pytest.MonkeyPatch) -> None:
     right = assembling.body_momenta
-    patch.setattr(
-        assembling, "body_momenta", lambda *given: {k: -h for k, h in right(*given).items()}
-    )
+    patch.setattr(assembling, "body_momenta", lambda *given: {k: -h for k, h in right(*given).items()})
 
 
 def no_momentum(patch: pytest.MonkeyPatch) -> None:

@@ -72,9 +72,7 @@ def set_all(loaded: Loaded, values: dict[str, float]) -> None:
 def slide(loaded: Loaded, where: str, name: str, value: float) -> None:
     """Move the slider of this name, as a hand would."""
     row = loaded.page.locator(f"{where} .slider", has_text=name).locator("input")
-    row.evaluate(
-        "(input, x) => { input.value = x; input.dispatchEvent(new Event('input')); }", value
-    )
+    row.evaluate("(input, x) => { input.value = x; input.dispatchEvent(new Event('input')); }", value)
 
 
 def chosen_point(scene: mbdlft.Scene) -> dict[str, float]:
@@ -103,9 +101,7 @@ def followers(scene: mbdlft.Scene) -> set[str]:
     e = assemble(scene)
     names = {signal.name for signal in e.x_signals}
     return {
-        f"{joint.name}.{freedom.measures[0].name}"
-        for joint in scene.joints
-        for freedom in joint.freedoms
+        f"{joint.name}.{freedom.measures[0].name}" for joint in scene.joints for freedom in joint.freedoms
     } - names
 
 
@@ -149,9 +145,7 @@ def test_texts_of_a_scene_are_not_markup(load: Callable[[Path], Loaded], tmp_pat
     (pivot,) = [joint for joint in scene.joints if joint.kind == "revolute"]
     fallen = pivot.model_copy(update={"preload": 0.0, "position": 1.0})
     joints = tuple(fallen if joint is pivot else joint for joint in scene.joints)
-    loaded = opened(
-        load, scene.model_copy(update={"description": evil, "joints": joints}), tmp_path
-    )
+    loaded = opened(load, scene.model_copy(update={"description": evil, "joints": joints}), tmp_path)
     assert evil in loaded.run("() => document.querySelector('.description').textContent")
     assert "no equilibrium" in loaded.run("() => document.getElementById('notes').innerText")
     assert loaded.complaints == []
@@ -196,9 +190,7 @@ def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_p
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", RIGID + ELASTIC + OTHERS)
-def test_reports_of_all_scenarios(
-    name: str, load: Callable[[Path], Loaded], tmp_path: Path
-) -> None:
+def test_reports_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_path: Path) -> None:
     """No complaints, pictures that are there, and a print of few pages."""
     model = mbdlft.to_lft(scene_called(name), search=0.0, prove=0.0)
     file = mbdlft.model_report(model).save(tmp_path / "report.html")

@@ -135,9 +135,7 @@ def test_scaled_meshes_and_those_that_cannot_be_read(tmp_path: Path) -> None:
 
 def test_wrong_numbers_name_the_line(tmp_path: Path) -> None:
     file = written(tmp_path, '<geometry><box size="1 2"/></geometry>')
-    with pytest.raises(
-        SceneError, match=r"robot.urdf: line 4: visual of link 'a'.*3 finite numbers"
-    ):
+    with pytest.raises(SceneError, match=r"robot.urdf: line 4: visual of link 'a'.*3 finite numbers"):
         robot_looks(file)
 
 

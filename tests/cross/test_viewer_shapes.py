@@ -57,9 +57,7 @@ def test_shapes_of_sdf_stand_where_pinocchio_has_their_links(tmp_path: Path, ver
         word = "frame" if version < "1.7" else "relative_to"
         named = f' {word}="{other}"' if other != link else ""
         pose = f"<pose{named}>{numbers(offset)} {numbers(rpy)}</pose>"
-        visual = (
-            f'<visual name="v">{pose}<geometry><box><size>1 2 3</size></box></geometry></visual>'
-        )
+        visual = f'<visual name="v">{pose}<geometry><box><size>1 2 3</size></box></geometry></visual>'
         text = text.replace(f'<link name="{link}">', f'<link name="{link}">{visual}')
     file.write_text(text, encoding="utf-8")
     found = standing(file)

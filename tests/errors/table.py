@@ -34,9 +34,7 @@ def refused(table: str) -> Callable[..., None]:
     rows = list(_rows(table))
 
     @pytest.mark.parametrize(
-        ("expression", "error", "match"),
-        [row[1:] for row in rows],
-        ids=[row[0][:50] for row in rows],
+        ("expression", "error", "match"), [row[1:] for row in rows], ids=[row[0][:50] for row in rows]
     )
     def test(expression: str, error: str, match: str, request: pytest.FixtureRequest) -> None:
         code = compile(expression, "row", "eval")

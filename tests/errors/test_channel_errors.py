@@ -6,15 +6,7 @@ import control
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Beam,
-    Parameter,
-    PointMass,
-    WellPosednessError,
-    invert_channels,
-    realize,
-    two_port,
-)
+from mbdlft import Beam, Parameter, PointMass, WellPosednessError, invert_channels, realize, two_port
 from tests.errors.table import refused
 
 BEAM = Beam(

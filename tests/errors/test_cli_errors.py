@@ -86,10 +86,7 @@ def test_missing_scene(run, command):
 @pytest.mark.parametrize(
     ("assignment", "text"),
     [
-        (
-            "m11=3",
-            "trim: unknown parameter 'm11'. Did you mean 'm1'? Existing: J1, L2, m1, m3, rho1",
-        ),
+        ("m11=3", "trim: unknown parameter 'm11'. Did you mean 'm1'? Existing: J1, L2, m1, m3, rho1"),
         ("m1", "--set m1: expected name=value with a number, such as m1=3.2."),
         ("m1=", "--set m1=: expected name=value with a number"),
         ("m1=heavy", "--set m1=heavy: expected name=value with a number"),
@@ -124,20 +121,16 @@ def test_mass_matrix_that_is_singular(run, tmp_path):
 def test_archive_that_cannot_be_written(run, arm, tmp_path, monkeypatch):
     monkeypatch.setattr("mbdlft.pipeline.models.build", None)  # it is said before the work
     check_message(
-        run("linearize", arm(), "-o", "none/a.h5"),
-        "none/a.h5: cannot be written: none is not a folder.",
+        run("linearize", arm(), "-o", "none/a.h5"), "none/a.h5: cannot be written: none is not a folder."
     )
     (tmp_path / "a.h5").write_text("not an archive")
-    check_message(
-        run("linearize", arm(), "-o", "a.h5"), "a.h5: is not a whole HDF5 file (14 bytes)"
-    )
+    check_message(run("linearize", arm(), "-o", "a.h5"), "a.h5: is not a whole HDF5 file (14 bytes)")
     assert (tmp_path / "a.h5").read_text() == "not an archive"
 
 
 def test_figure_that_cannot_be_written(run, arm, tmp_path):
     check_message(
-        run("linearize", arm(), "-o", "a.h5", "--plot", "a.abc"),
-        "a.abc: the figure cannot be written: ",
+        run("linearize", arm(), "-o", "a.h5", "--plot", "a.abc"), "a.abc: the figure cannot be written: "
     )
     assert not (tmp_path / "a.h5").exists()
 

@@ -7,13 +7,7 @@ import pytest
 import mbdlft
 from mbdlft.analyze import sector_bounds
 from mbdlft.base import Angle, Parameter
-from mbdlft.base.errors import (
-    AnalysisError,
-    NotRationalError,
-    SceneError,
-    StructureError,
-    TrimError,
-)
+from mbdlft.base.errors import AnalysisError, NotRationalError, SceneError, StructureError, TrimError
 from mbdlft.base.formula import formula_value
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
 from mbdlft.pipeline import delta_theta, linearize_dae

@@ -134,9 +134,7 @@ stations={"tip": 2} => stations.tip … a new name
     [
         panel(),
         scenes.beam(rotary_inertia=True),
-        scenes.beam(
-            deformations=("torsion",), shear_modulus=1.0, torsion_constant=1.0, I_y=1.0, I_z=1.0
-        ),
+        scenes.beam(deformations=("torsion",), shear_modulus=1.0, torsion_constant=1.0, I_y=1.0, I_z=1.0),
     ],
 )
 def test_spinning_frame_has_thin_beams_only(body: Body) -> None:

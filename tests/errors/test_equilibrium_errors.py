@@ -37,9 +37,7 @@ def link(name: str, length: float | str = 1.0) -> RigidBody:
 
 
 def hinge(name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any):
-    return Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
 
 
 def four_bar(

@@ -165,18 +165,14 @@ def test_command_line(
     archive = tmp_path / "some.h5"
     mbdlft.save(archive, arm(), "first")
     mbdlft.save(archive, numbers(), "second")
-    code, out, err = run(
-        monkeypatch, capsys, "export", f"{archive}:second", "-o", str(tmp_path / "n.c")
-    )
+    code, out, err = run(monkeypatch, capsys, "export", f"{archive}:second", "-o", str(tmp_path / "n.c"))
     assert (code, err) == (0, "")
     assert out.splitlines() == [f"file: {tmp_path / 'n.c'}", f"file: {tmp_path / 'n.h'}"]
     assert "second_matrices" in (tmp_path / "n.h").read_text(encoding="utf-8")
     code, _, err = run(monkeypatch, capsys, "export", str(archive), "-o", str(tmp_path / "n.c"))
     assert code == 2
     assert "first" in err
-    code, out, _ = run(
-        monkeypatch, capsys, "export", f"{archive}:first", "-o", str(tmp_path / "a.jl")
-    )
+    code, out, _ = run(monkeypatch, capsys, "export", f"{archive}:first", "-o", str(tmp_path / "a.jl"))
     assert code == 0
     assert out.count("file: ") == 1
     assert '"some.h5"' in (tmp_path / "a.jl").read_text(encoding="utf-8")

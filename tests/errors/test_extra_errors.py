@@ -67,10 +67,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         (":none", ("unknown name 'none'", "mixes")),
         (":number", ("is no function, but int",)),
         ("_broken:f", ("cannot be imported: ZeroDivisionError: division by zero",)),
-        (
-            "_missing:f",
-            ("cannot be imported: ModuleNotFoundError", "Modules of the working folder"),
-        ),
+        ("_missing:f", ("cannot be imported: ModuleNotFoundError", "Modules of the working folder")),
         ("", ("expected a function as module:name",)),
         (":", ("expected a function as module:name",)),
         (";import os:f", ("expected a function as module:name",)),
@@ -110,6 +107,4 @@ def test_numbers_that_single_precision_does_not_have(tmp_path: Path, module: str
         mbdlft.sweep(
             scene(), VALUES, tmp_path / "a.h5", workers=1, function=f"{module}:huge", float32=True
         )
-    mbdlft.sweep(
-        scene(), VALUES, tmp_path / "a.h5", workers=1, function=f"{module}:huge", restart=True
-    )
+    mbdlft.sweep(scene(), VALUES, tmp_path / "a.h5", workers=1, function=f"{module}:huge", restart=True)

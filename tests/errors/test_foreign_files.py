@@ -30,9 +30,7 @@ def packed(file: Path, name: str, data: bytes) -> Path:
 
 def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
     image = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        image, {"descr": kind, "fortran_order": False, "shape": shape}
-    )
+    np.lib.format.write_array_header_1_0(image, {"descr": kind, "fortran_order": False, "shape": shape})
     return image.getvalue()
 
 
@@ -40,9 +38,7 @@ def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
 def test_npz(tmp_path: Path) -> None:
     file = tmp_path / "a.npz"
     packed(file, "mass.npy", header((2**40,)))
-    with says(
-        StructureError, f"{file}: needs 8796093022208 bytes of memory at 'mass', expected at"
-    ):
+    with says(StructureError, f"{file}: needs 8796093022208 bytes of memory at 'mass', expected at"):
         load_matrices(file)
     packed(file, "mass.npy", header((2**20,)) + bytes(2**23))
     with says(StructureError, "needs 8388608 bytes of memory at 'mass', expected at most 1000000"):
@@ -72,10 +68,7 @@ def test_npz(tmp_path: Path) -> None:
 def test_hdf5(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     for make, text in (
-        (
-            lambda f: f.__setitem__("A", h5py.ExternalLink("b", "/")),
-            "'A' is a link to another place",
-        ),
+        (lambda f: f.__setitem__("A", h5py.ExternalLink("b", "/")), "'A' is a link to another place"),
         (lambda f: f.create_group("A"), "'A' is not an array"),
         (lambda f: f.__setitem__("A", ["x"]), "'A': expected numbers, got object"),
         (
@@ -106,10 +99,7 @@ def test_matrix_market(tmp_path: Path) -> None:
     (tmp_path / "a.nodes.txt").write_text("1 0 0 0 1\n")
     for text, message in (
         ("array real general\n1000000 1000000\n", "needs 8000000000000 bytes of memory"),
-        (
-            "coordinate real general\n9 9 99999\n",
-            "says that it has 99999 entries, more than it has",
-        ),
+        ("coordinate real general\n9 9 99999\n", "says that it has 99999 entries, more than it has"),
         ("coordinate complex general\n1 1 1\n1 1 1 1\n", "expected real numbers, got complex"),
     ):
         file.write_text(f"%%MatrixMarket matrix {text}")
@@ -210,9 +200,7 @@ def test_unknown_names_among_many() -> None:
 
 def run(*arguments: str, **options: object) -> "subprocess.CompletedProcess[bytes]":
     program = "from mbdlft.cli.commands import main; main()"
-    return subprocess.run(
-        [sys.executable, "-c", program, *arguments], cwd=ROOT, check=False, **options
-    )  # type: ignore[call-overload,no-any-return]
+    return subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, check=False, **options)  # type: ignore[call-overload,no-any-return]
 
 
 def test_terminals_without_letters_and_disks_without_space(tmp_path: Path) -> None:
@@ -233,9 +221,7 @@ def test_terminals_without_letters_and_disks_without_space(tmp_path: Path) -> No
         for arguments in (("check", str(scene)), ("linearize", str(scene), "--json")):
             done = run(*arguments, stdout=full, stderr=subprocess.PIPE)
             assert done.returncode == 2
-            assert (
-                done.stderr == b"mbdlft: the output cannot be written: No space left on device.\n"
-            )
+            assert done.stderr == b"mbdlft: the output cannot be written: No space left on device.\n"
     done = run("linearize", str(scene), "-o", "/dev/full", capture_output=True)
     assert (done.returncode, done.stdout) == (2, b"")
     assert done.stderr == b"mbdlft: /dev/full: cannot be read: it is not a regular file.\n"
@@ -251,10 +237,7 @@ def test_bodies_with_numbers_that_no_body_has() -> None:
     from mbdlft import scene_from_toml, to_lft
     from tests.attack.scenes import CART
 
-    for old, new in (
-        ("modulus = 7e10", "modulus = 1e305"),
-        ("density = 2700.0", "density = 1e155"),
-    ):
+    for old, new in (("modulus = 7e10", "modulus = 1e305"), ("density = 2700.0", "density = 1e155")):
         with says(MbdlftError, "body 'boom': an entry of its matrices is"):
             to_lft(scene_from_toml(CART.replace(old, new)), search=0.0)
 

@@ -76,9 +76,7 @@ def test_a_margin_needs_something_uncertain() -> None:
     assert 1.0 <= found.upper <= 1.01
 
 
-@pytest.mark.parametrize(
-    "numbers", [{"gap": 0.0}, {"gap": 1.0}, {"work": -1.0}, {"largest": np.inf}]
-)
+@pytest.mark.parametrize("numbers", [{"gap": 0.0}, {"gap": 1.0}, {"work": -1.0}, {"largest": np.inf}])
 def test_numbers_are_checked(numbers: dict[str, float]) -> None:
     (name,) = numbers
     with pytest.raises(AnalysisError, match=f"{name}: expected a number between 0"):
@@ -124,9 +122,7 @@ def test_rates_are_checked() -> None:
     with pytest.raises(AnalysisError, match=r"unknown parameter 'K'\. Did you mean 'k'"):
         robust_stability(cart(), rates={"K": 1.0})
     for wrong in (-1.0, np.nan, True, "1 N/m"):
-        with pytest.raises(
-            AnalysisError, match=r"rate of k: expected a bound in N/m per second, 0 for"
-        ):
+        with pytest.raises(AnalysisError, match=r"rate of k: expected a bound in N/m per second, 0 for"):
             worst_case_gain(cart(), rates={"k": wrong})  # type: ignore[dict-item]
     mixed = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), Block("d", 1))
     with pytest.raises(AnalysisError, match="unstable"):

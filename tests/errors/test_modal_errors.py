@@ -191,9 +191,7 @@ def test_interface_nodes_that_do_not_hold() -> None:
         stiffness[np.ix_(kept, kept)],
         Nodes(nodes.numbers, nodes.coordinates, dof[kept]),
     )
-    with says(
-        StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"
-    ):
+    with says(StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"):
         modal_model(*model, 10, {"p": 70}, modes=3)
     with says(StructureError, "no displacements that tell where its center of mass is along x"):
         modal_model(*model, 10, {}, modes=3)
@@ -264,9 +262,7 @@ def results(**changes: Any) -> Any:
         "shapes": {"tip": np.ones((6, 1))}, "ports": {"tip": (1, 0, 0)}, "mass": 3.0,
         "center": (0.5, 0, 0), "inertia": np.diag([0.1, 1.5, 1.5]), **changes,
     }  # fmt: skip
-    w, reactions, shapes, ports = (
-        given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports")
-    )
+    w, reactions, shapes, ports = (given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports"))
     return mbdlft.model_of_results(w, reactions, shapes, ports, **given)
 
 
@@ -283,10 +279,7 @@ def results(**changes: Any) -> Any:
         ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected the shape (6, 1), got"),
         ({"modal_masses": [-1.0]}, "modal_masses: expected positive masses, got -1."),
         ({"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix."),
-        (
-            {"mass": 1.0},
-            "reactions: the participation factors exceed the rigid mass",
-        ),
+        ({"mass": 1.0}, "reactions: the participation factors exceed the rigid mass"),
         ({"modal_masses": [0.1]}, "reactions: the participation factors exceed the rigid mass"),
     ],
 )
@@ -356,16 +349,8 @@ TEXTS = 'format = "mbdlft-body/1"\ndescription = "d"\nsource = "s"\n'
         (TEXTS + "mass = 1\n", SceneError, "unknown key 'mass'."),
         (TEXTS + "body = 1\n", SceneError, "body: expected a table, got 1."),
         (TEXTS + "data = 1\nparent = 1\nports = {}\n", SceneError, "data: expected a text, got 1."),
-        (
-            TEXTS + 'body = { kind = "rigid", mass = 1, modes = 1 }\n',
-            SceneError,
-            "unknown key 'modes'",
-        ),
-        (
-            TEXTS + 'data = "x.npz"\nparent = 1\nports = {}\n',
-            StructureError,
-            "x.npz: cannot be read",
-        ),
+        (TEXTS + 'body = { kind = "rigid", mass = 1, modes = 1 }\n', SceneError, "unknown key 'modes'"),
+        (TEXTS + 'data = "x.npz"\nparent = 1\nports = {}\n', StructureError, "x.npz: cannot be read"),
         (
             TEXTS + 'data = "x.npz"\nparent = { node = 1 }\nports = {}\n',
             StructureError,

@@ -194,9 +194,7 @@ def test_figure_of_a_model_without_inputs(tmp_path):
     inertia = Inertia(xx=1, yy=1, zz=1)
     mast = FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
     alone = to_lft(Scene(name="mode", bodies=[mast], joints=[clamp]), search=0.0)
-    with says(
-        AnalysisError, "model 'mode': without inputs or outputs there are no singular values"
-    ):
+    with says(AnalysisError, "model 'mode': without inputs or outputs there are no singular values"):
         save_singular_values(tmp_path / "figure.png", alone)
     assert not (tmp_path / "figure.png").exists()
 
@@ -206,9 +204,7 @@ def test_figure_that_cannot_be_written(model, tmp_path):
     with says(AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
         save_singular_values(file, model)
     file = tmp_path / "none" / "figure.png"
-    with says(
-        AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."
-    ):
+    with says(AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."):
         save_singular_values(file, model)
     folder = tmp_path / "folder.png"
     folder.mkdir()

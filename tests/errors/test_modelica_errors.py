@@ -210,9 +210,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 def test_table_file_is_named(tmp_path: Path) -> None:
     file = tmp_path / "t.toml"
     file.write_text("model = 3")
-    with pytest.raises(
-        SceneError, match=r"t.toml: the line format = 'mbdlft-modelica/1' is missing"
-    ):
+    with pytest.raises(SceneError, match=r"t.toml: the line format = 'mbdlft-modelica/1' is missing"):
         load_modelica_table(file)
 
 
@@ -228,9 +226,7 @@ def test_files(tmp_path: Path) -> None:
         load_modelica(flat, model="N")
 
 
-def test_a_missing_compiler_names_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_missing_compiler_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rumoca", None)
     file = tmp_path / "m.mo"
     file.write_text(text_of("Real x;"))
@@ -258,9 +254,7 @@ WITH = pytest.mark.skipif(
 def test_a_compiler_that_refuses_is_quoted(tmp_path: Path) -> None:
     file = tmp_path / "m.mo"
     file.write_text("model M\n Real x; Real y;\nequation\n x = 1;\nend M;")
-    with pytest.raises(
-        SceneError, match=r"m.mo: the compiler rumoca does not take it: .*unbalanced"
-    ):
+    with pytest.raises(SceneError, match=r"m.mo: the compiler rumoca does not take it: .*unbalanced"):
         load_modelica(file)
 
 
@@ -271,9 +265,7 @@ def test_events_of_the_tables_are_refused(tmp_path: Path) -> None:
         "model Ball\n Real h(start=1); Real v;\nequation\n der(h) = v;\n der(v) = -9.81;\n"
         " when h <= 0 then reinit(v, -0.7*pre(v)); end when;\nend Ball;"
     )
-    with pytest.raises(
-        SceneError, match=r"ball.mo: model 'Ball' .* the event 'when' in line 6 \(v\)"
-    ):
+    with pytest.raises(SceneError, match=r"ball.mo: model 'Ball' .* the event 'when' in line 6 \(v\)"):
         load_modelica(file)
 
 

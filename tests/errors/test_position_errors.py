@@ -181,9 +181,7 @@ def column(**fields: Any) -> Scene:
 
 def test_loads_are_too_many_unknowns() -> None:
     """Two unknown forces for one slide: one of them is not determined, by name."""
-    loads = [
-        Force(name=name, port="bob", direction=(0, 0, 1), frame="ground") for name in ("a", "b")
-    ]
+    loads = [Force(name=name, port="bob", direction=(0, 0, 1), frame="ground") for name in ("a", "b")]
     point = find_equilibrium(faller().model_copy(update={"loads": tuple(loads)}))
     assert set(point.undetermined) == {"slide.position", "a.force", "b.force"}
 

@@ -186,9 +186,7 @@ def test_mass_that_is_negative_at_one_of_1024_corners():
 J = Parameter("J", 1.0, 0.5, 1.5, unit="kg m^2")
 
 
-@pytest.mark.parametrize(
-    ("entry", "axis"), [("xx", (1, 0, 0)), ("yy", (0, 1, 0)), ("zz", (0, 0, 1))]
-)
+@pytest.mark.parametrize(("entry", "axis"), [("xx", (1, 0, 0)), ("yy", (0, 1, 0)), ("zz", (0, 0, 1))])
 def test_inertia_about_another_point_is_large_enough_about_each_axis(entry, axis):
     def scene(value):
         inertia = Inertia(**{entry: value}, about="origin")

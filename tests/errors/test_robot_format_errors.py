@@ -64,9 +64,7 @@ def test_sdf(tmp_path: Path, old: str, new: str, texts: list[str]) -> None:
     file.write_text(SDF.replace(old, new, 1), encoding="utf-8")
     options = {"model": "two"} if new.endswith('name="two"/>') else {}
     if options:
-        file.write_text(
-            file.read_text().replace('name="two">', 'name="three">', 1), encoding="utf-8"
-        )
+        file.write_text(file.read_text().replace('name="two">', 'name="three">', 1), encoding="utf-8")
     with says(SceneError, *texts):
         load_robot(file, **options)
 
@@ -150,9 +148,7 @@ def test_entities_do_not_grow(tmp_path: Path, text: str) -> None:
     [
         '<model name="m">' * 3000 + "</model>" * 3000,
         '<model name="m"><link name="l0"/>'
-        + "".join(
-            f'<link name="l{k}"><pose relative_to="l{k + 1}"/></link>' for k in range(1, 3000)
-        )
+        + "".join(f'<link name="l{k}"><pose relative_to="l{k + 1}"/></link>' for k in range(1, 3000))
         + '<link name="l3000"/></model>',
     ],
 )

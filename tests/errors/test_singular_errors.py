@@ -136,9 +136,7 @@ def test_a_model_says_where_it_is_singular() -> None:
     parameters = [Parameter("p", 0.0, -1.0, 1.0)]
     model = realize([["1/(3 - 2*p)"]], parameters, search=0.0)
     assert model.is_proved_regular
-    doubtful = replace(
-        model, lft=halves(), certificate=replace(model.certificate, well_posed="sampled")
-    )
+    doubtful = replace(model, lft=halves(), certificate=replace(model.certificate, well_posed="sampled"))
     for ask in (
         lambda: matrices_at(doubtful, {"p": [0.0, 0.5]}),
         lambda: doubtful.at(p=0.5),
@@ -179,18 +177,14 @@ def test_what_gains_energy_is_a_warning(joint: dict[str, Any], message: str) -> 
 
 
 def test_a_spring_that_pushes_is_a_warning() -> None:
-    spring = Spring(
-        name="stay", parent="ground.wall", child="cart", stiffness=-3.0, force_density=1.0
-    )
+    spring = Spring(name="stay", parent="ground.wall", child="cart", stiffness=-3.0, force_density=1.0)
     whole = Scene(
         name="pushed",
         bodies=[Ground(ports={"wall": (0.0, 1.0, 0.0)}), PointMass(name="cart", mass=1.0)],
         joints=[Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0))],
         loads=[spring],
     )
-    with pytest.warns(
-        MbdlftWarning, match="load 'stay': stiffness is negative in the range: -3 N/m."
-    ):
+    with pytest.warns(MbdlftWarning, match="load 'stay': stiffness is negative in the range: -3 N/m."):
         assemble(whole)
 
 
@@ -253,12 +247,7 @@ def test_ports_of_a_loop_at_the_origin_of_the_scene() -> None:
 
 def test_a_spring_through_a_hinge() -> None:
     """Its torque is exactly zero, and what rounding makes of that is judged beside its stiffness."""
-    body = RigidBody(
-        name="b",
-        mass=0.0,
-        inertia=Inertia(yy=0.1),
-        ports={"p": (0.0, 0.0, 0.462)},
-    )
+    body = RigidBody(name="b", mass=0.0, inertia=Inertia(yy=0.1), ports={"p": (0.0, 0.0, 0.462)})
     scene = Scene(
         name="through",
         bodies=[body, RigidBody(name="c", mass=0.0, inertia=Inertia(xx=0.4, yy=0.5, zz=0.4))],
@@ -266,9 +255,7 @@ def test_a_spring_through_a_hinge() -> None:
             Revolute(name="j", parent="ground", child="b", axis=(0, 1, 0)),
             Spherical(name="k", parent="b.p", child="c"),
         ],
-        loads=[
-            Spring(name="l", parent="ground", child="c", force_density=19.124),
-        ],
+        loads=[Spring(name="l", parent="ground", child="c", force_density=19.124)],
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")

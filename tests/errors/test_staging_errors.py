@@ -144,9 +144,7 @@ def test_a_note_that_changes_while_the_archive_is_put_together(tmp_path: Path) -
     folder = started(tmp_path / "a.h5", models.arm(), RandomSamples(9000))
     work = staging.opened(folder)
     (folder / SHARD).write_bytes(b"x")
-    with says(
-        ArchiveError, f"{folder / SHARD}: is damaged or was changed. The same sweep computes"
-    ):
+    with says(ArchiveError, f"{folder / SHARD}: is damaged or was changed. The same sweep computes"):
         staging.blocks_of(folder, work)
 
 

@@ -83,9 +83,7 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
-def test_error_of_a_worker_is_that_of_the_sweep(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_error_of_a_worker_is_that_of_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A scene that the workers cannot assemble, though this process could."""
     monkeypatch.setattr(staging, "_SHARD_ROWS", 1)
     monkeypatch.setattr(staging, "scene_to_toml", lambda _: "name = 3")

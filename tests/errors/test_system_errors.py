@@ -5,16 +5,7 @@ from dataclasses import replace
 import control
 import numpy as np
 
-from mbdlft import (
-    FullBlock,
-    Parameter,
-    Signal,
-    StructureError,
-    as_system,
-    connect,
-    realize,
-    state_space,
-)
+from mbdlft import FullBlock, Parameter, Signal, StructureError, as_system, connect, realize, state_space
 from mbdlft.lft.lft import delta
 from mbdlft.system import lft
 from mbdlft.system.model import Trim

@@ -107,9 +107,7 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
     load_robot(file, moving=["slide", "swing"])
     load_robot(file, values={"finger.actuator_inertia": 0.2})
     load_robot(
-        file,
-        parameters=[Parameter("load", 0.5, percent=50, unit="kg")],
-        values={"tip.left.mass": "load"},
+        file, parameters=[Parameter("load", 0.5, percent=50, unit="kg")], values={"tip.left.mass": "load"}
     )
 
 
@@ -117,8 +115,7 @@ def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) ->
     text = ROBOT.replace('"finger" type="prismatic"', '"finger" type="continuous"')
     text = text.replace('"other" type="prismatic"', '"other" type="continuous"')
     file = written(
-        tmp_path,
-        text=text.replace('izz="0"', 'izz="0.01"').replace('"0" iyy="0"', '"0.01" iyy="0.01"'),
+        tmp_path, text=text.replace('izz="0"', 'izz="0.01"').replace('"0" iyy="0"', '"0.01" iyy="0.01"')
     )
     follow = {"parameters": [Angle("a", 10.0, 5.0, 20.0)], "values": {"finger.position": "a"}}
     with says(

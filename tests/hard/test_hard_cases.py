@@ -51,18 +51,14 @@ def test_long_chains_keep_the_digits_of_their_data(inverted: bool) -> None:
     assert measure(long_chain(20, inverted=inverted)).lft_factor <= HARD_CHAIN
 
 
-def test_a_chain_that_is_solved_in_double_precision_is_seen(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_chain_that_is_solved_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
     monkeypatch.setattr("mbdlft.pipeline.forms.eliminated", eliminated_in_doubles)
     assert measure(long_chain(20)).lft_factor > HARD_CHAIN
 
 
 @pytest.mark.parametrize("case", [collinear(1e-12), wide(99.99)], ids=lambda case: case.name)
-def test_a_condition_that_is_not_stated_is_seen(
-    case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_condition_that_is_not_stated_is_seen(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the certificate takes every problem for well conditioned."""
     monkeypatch.setattr("mbdlft.problem.references.conditioning", lambda *_: (1.0, 0))
     found = measure(case)
@@ -150,9 +146,7 @@ def test_a_pole_that_a_zero_nearly_cancels_stays(mass: float) -> None:
     with mp.workdps(DIGITS):
         data = [mp.mpf(value) for value in (1.07, 2.0, mass, mass, omega)]
         value, step = exact(*data), mp.mpf(2) ** -80
-        moved = [
-            exact(*(x * (1 + step) if i == k else x for i, x in enumerate(data))) for k in range(5)
-        ]
+        moved = [exact(*(x * (1 + step) if i == k else x for i, x in enumerate(data))) for k in range(5)]
         kappa = float(sum(abs(other / value - 1) for other in moved) / step)
         expected = complex(value)
     conditioned(response, expected, kappa)

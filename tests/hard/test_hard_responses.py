@@ -38,9 +38,7 @@ def exact_poles(A: np.ndarray) -> tuple[list[mp.mpc], list[float]]:
 @pytest.mark.parametrize("damping", [1e-2, 1e-4])
 @pytest.mark.parametrize("apart", [0.5, 1e-6])
 @pytest.mark.parametrize("scale", [1.0, 1e6])
-def test_poles_have_the_digits_of_their_condition(
-    damping: float, apart: float, scale: float
-) -> None:
+def test_poles_have_the_digits_of_their_condition(damping: float, apart: float, scale: float) -> None:
     A, B, C = two_modes(damping, apart, scale)
     found = poles(plain(A, B, C))[0]
     with mp.workdps(DIGITS):

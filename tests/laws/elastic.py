@@ -57,9 +57,7 @@ def motion(scene: Scene) -> Motion:
 def beam(name: str = "beam", elements: int = 3, **given: object) -> Beam:
     """One meter, one kilogram per meter, 1 000 N m^2."""
     data = {"length": 1.0, "density": 1.0, "area": 1.0, "modulus": 1e3, "I_y": 1.0, "I_z": 1.0}
-    return Beam(
-        **{"name": name, "elements": elements, "deformations": ("bending_z",), **data, **given}
-    )
+    return Beam(**{"name": name, "elements": elements, "deformations": ("bending_z",), **data, **given})
 
 
 def lever(angle: float, prestress: str | None = "neglected", **given: object) -> Scene:
@@ -226,19 +224,12 @@ def free_beam() -> Scene:
     )
     return Scene(
         name="free_beam",
-        bodies=[
-            RigidBody(name="hub", mass=2.0, inertia=Inertia(xx=1.0, yy=1.5, zz=2.0)),
-            slender,
-        ],
+        bodies=[RigidBody(name="hub", mass=2.0, inertia=Inertia(xx=1.0, yy=1.5, zz=2.0)), slender],
         joints=[
             Free(name="flight", parent="ground", child="hub"),
             Fixed(name="root", parent="hub", child="beam", axis=(0, 0, 1), position=0.4),
         ],
-        loads=[
-            Force(
-                name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0
-            )
-        ],
+        loads=[Force(name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0)],
         sensors=[Momentum(name="momentum"), CenterOfMass(name="center")],
         inputs=("push.force",),
         outputs=tuple(

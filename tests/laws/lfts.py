@@ -26,10 +26,7 @@ def lfts(
     M11 = random.standard_normal((n, n))
     M11 *= 0.6 / max(float(np.linalg.norm(M11, 2)), 1e-9) if n else 1.0
     scale = draw(st.sampled_from(scales))
-    M12, M21 = (
-        random.standard_normal((n, columns)) * scale,
-        random.standard_normal((rows, n)) / scale,
-    )
+    M12, M21 = (random.standard_normal((n, columns)) * scale, random.standard_normal((rows, n)) / scale)
     if draw(st.booleans()) and n:
         M12[draw(st.integers(0, n - 1))] = 0.0
     M22 = random.standard_normal((rows, columns))

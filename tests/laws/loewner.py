@@ -45,9 +45,9 @@ class Modular:
 
 def python_text(text: str) -> str:
     """A text with its numbers made by F, and ** for powers; exponents stay numbers of Python."""
-    return re.sub(
-        r"(?<![\w.^])(\d[\d.]*(?:e[-+]?\d+)?)", r"F('\1')", text.replace("^-", "^ -")
-    ).replace("^", "**")
+    return re.sub(r"(?<![\w.^])(\d[\d.]*(?:e[-+]?\d+)?)", r"F('\1')", text.replace("^-", "^ -")).replace(
+        "^", "**"
+    )
 
 
 def values(rows: Sequence[Sequence[str]], at: Mapping[str, int]) -> Rows:

@@ -12,15 +12,7 @@ import numpy as np
 import pytest
 
 from benchmarks.cases.chains import chain
-from mbdlft.lft.lft import (
-    LFT,
-    constant,
-    delta,
-    inverse,
-    stack_columns,
-    stack_rows,
-    transpose,
-)
+from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene

@@ -42,9 +42,7 @@ def law_sum(add: Callable[[LFT, LFT], LFT], a: LFT, b: LFT, at: dict[str, np.nda
     roundoff(value(add(a, b), at), value(a, at) + value(b, at), KAPPA)
 
 
-def law_product(
-    multiply: Callable[[LFT, LFT], LFT], a: LFT, b: LFT, at: dict[str, np.ndarray]
-) -> None:
+def law_product(multiply: Callable[[LFT, LFT], LFT], a: LFT, b: LFT, at: dict[str, np.ndarray]) -> None:
     roundoff(value(multiply(a, b), at), value(a, at) @ value(b, at), KAPPA)
 
 

@@ -16,10 +16,7 @@ from mbdlft.multibody.assembly import resolved
 from scenarios import two_link_arm
 from tests.close import error, roundoff
 
-SKEW = (
-    TURNED,
-    np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 0.7]]))[0],
-)
+SKEW = (TURNED, np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 0.7]]))[0])
 
 
 def rich() -> mbdlft.Scene:
@@ -82,12 +79,8 @@ def rich() -> mbdlft.Scene:
                 force_density=3.0,
             ),
             mbdlft.Force(name="thrust", port="link.tip", direction=tuple(across), magnitude=2.0),
-            mbdlft.Force(
-                name="pull", port="link", direction=(1, 2, 3), frame="ground", magnitude=1.0
-            ),
-            mbdlft.Torque(
-                name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"
-            ),
+            mbdlft.Force(name="pull", port="link", direction=(1, 2, 3), frame="ground", magnitude=1.0),
+            mbdlft.Torque(name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"),
             mbdlft.Buoyancy(name="lift", port="link.tip", displaced_mass="0.1*m"),
         ],
         sensors=sensors,

@@ -10,9 +10,7 @@ from mbdlft import Angle, Inertia, Parameter, PointMass, Revolute, RigidBody, Sc
 from tests.close import SCENARIO, roundoff, target
 
 
-def arm(
-    position: float | str, parameters: list[Parameter], orientation: float | str = 0.0
-) -> Scene:
+def arm(position: float | str, parameters: list[Parameter], orientation: float | str = 0.0) -> Scene:
     """A link with a mass at its tip, on a tilted hinge."""
     return Scene(
         name="arm",

@@ -157,17 +157,13 @@ def test_statics_are_exact(d: Deformation) -> None:
             roundoff(values_at(d, "turn", node) @ q, s - s**2 / 2, kappa=1e4)
     # what moments say about the deflection, by another integral
     mean = 1 / 8 if bends else 1 / 2
-    roundoff(
-        moments(d, "displacement") @ q, mean + (0.5 if d.functions == "shear" else 0), kappa=1e4
-    )
+    roundoff(moments(d, "displacement") @ q, mean + (0.5 if d.functions == "shear" else 0), kappa=1e4)
 
 
 def modes_are_orthogonal() -> None:
     """X' M X = 1 and X' K X = diag(values) with more digits than a double; stations are shapes, too."""
     for d in ALL[3:5]:
-        M, K = (
-            beam_elements._raw(d, what, d, what, ONE, 0, None) for what in ("displacement", "bend")
-        )
+        M, K = (beam_elements._raw(d, what, d, what, ONE, 0, None) for what in ("displacement", "bend"))
         X, values = beam_elements.exact_modes(M, K)
         with flint.ctx.workprec(1024):
             unit = X.transpose() * beam_elements._rational(M) * X

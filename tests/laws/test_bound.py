@@ -59,12 +59,9 @@ def value_modulo(a: LFT, point: dict[str, int]) -> Rows:
     loop = [[((i == j) - M11[i][j] * d[j]) % PRIME for j in range(n)] for i in range(n)]
     X, rank = solve_modulo(loop, M12)
     assert rank == n
-    change = [
-        [sum(row[j] * d[j] * X[j][k] for j in range(n)) for k in range(a.shape[1])] for row in M21
-    ]
+    change = [[sum(row[j] * d[j] * X[j][k] for j in range(n)) for k in range(a.shape[1])] for row in M21]
     return [
-        [(x + y) % PRIME for x, y in zip(*rows, strict=True)]
-        for rows in zip(M22, change, strict=True)
+        [(x + y) % PRIME for x, y in zip(*rows, strict=True)] for rows in zip(M22, change, strict=True)
     ]
 
 
@@ -259,9 +256,7 @@ def chain(links: int) -> LFT:
         parent = f"b{k - 1}.tip" if k else "ground"
         bodies.append(body)
         joints.append(
-            mbdlft.Revolute(
-                name=f"j{k}", parent=parent, child=f"b{k}", axis=(1, 0, 0), position=f"t{k}"
-            )
+            mbdlft.Revolute(name=f"j{k}", parent=parent, child=f"b{k}", axis=(1, 0, 0), position=f"t{k}")
         )
     scene = mbdlft.Scene(
         name="chain", gravity=(0, 0, -9.81), parameters=parameters, bodies=bodies, joints=joints

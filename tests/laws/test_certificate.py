@@ -37,9 +37,7 @@ def pan_tilt(offset: float) -> mbdlft.Scene:
         ],
         joints=[
             mbdlft.Revolute(name="pan", parent="ground", child="yoke", axis=(0, 0, 1)),
-            mbdlft.Revolute(
-                name="tilt", parent="yoke", child="camera", axis=(0, 1, 0), position="tilt"
-            ),
+            mbdlft.Revolute(name="tilt", parent="yoke", child="camera", axis=(0, 1, 0), position="tilt"),
         ],
     )
 
@@ -88,9 +86,7 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     assert model.certificate.max_relative_error > SCENARIO
 
 
-def test_nothing_is_proved_where_exact_numbers_are_too_dear(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_nothing_is_proved_where_exact_numbers_are_too_dear(monkeypatch: pytest.MonkeyPatch) -> None:
     """The model is reduced in doubles, and its certificate has no bound."""
     exact_model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
     monkeypatch.setattr(forms, "_MOST_EXACT", 10)
@@ -138,9 +134,7 @@ def test_sizes_of_terms_do_not_cancel() -> None:
     import casadi as ca
 
     x = ca.SX.sym("x", 2)
-    function = ca.Function(
-        "f", [x], [ca.vertcat(x[0] * x[1] - x[0] * x[1] * 3, x[0] / x[1] - 2 * x[0])]
-    )
+    function = ca.Function("f", [x], [ca.vertcat(x[0] * x[1] - x[0] * x[1] * 3, x[0] / x[1] - 2 * x[0])])
     points = np.array([[2.0, -3.0], [-1.0, 0.5]])
     expected = np.array([[6.0 + 18.0, 2.0 / 3.0 + 4.0], [0.5 + 1.5, 2.0 + 2.0]])
     roundoff(term_sizes(function, points), expected)
@@ -161,9 +155,7 @@ def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
         ],
         joints=[
             mbdlft.Prismatic(name="a", parent="ground", child="first", axis=(1, 0, 0)),
-            mbdlft.Fixed(
-                name="t", parent="first", child="turned", axis=(0, 0, 1), position="theta"
-            ),
+            mbdlft.Fixed(name="t", parent="first", child="turned", axis=(0, 0, 1), position="theta"),
             mbdlft.Prismatic(name="b", parent="turned", child="second", axis=(1, 0, 0)),
         ],
     )
@@ -210,9 +202,7 @@ def test_a_pole_between_nominal_and_a_point_is_found() -> None:
     lft = LFT(-2.0 * one, one, one, one, (("a", 1),))
     nouns = problem_of_matrix(mbdlft.matrix_problem([["a"]], AB[:1])).nouns
     values_at_points(lft, AB[:1], np.array([[-0.4], [1.0]]), nouns)
-    with pytest.raises(
-        mbdlft.WellPosednessError, match=r"between the nominal values and a = -0\.6"
-    ):
+    with pytest.raises(mbdlft.WellPosednessError, match=r"between the nominal values and a = -0\.6"):
         values_at_points(lft, AB[:1], np.array([[-0.4], [-0.6]]), nouns)
 
 
@@ -264,9 +254,7 @@ def test_a_load_that_moves_nothing_is_certified() -> None:
         parameters=(*WEIGHT, THETA),
         bodies=(BLOCK,),
         joints=(
-            mbdlft.Revolute(
-                name="pivot", parent="ground", child="block", axis=SKEW, position="theta"
-            ),
+            mbdlft.Revolute(name="pivot", parent="ground", child="block", axis=SKEW, position="theta"),
         ),
         loads=(mbdlft.Buoyancy(name="float", port="block.tip", displaced_mass=0.5),),
     )

@@ -29,9 +29,7 @@ def balanced_boom() -> Scene:
         spin=Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, RATE],
         bodies=[PointMass(name="tip", mass="m", ports={"root": (-0.7, 0, 0)})],
-        joints=[
-            Revolute(name="j", parent="ground", child="tip.root", axis=(0, 1, 0), position="45*deg")
-        ],
+        joints=[Revolute(name="j", parent="ground", child="tip.root", axis=(0, 1, 0), position="45*deg")],
     )
 
 

@@ -67,9 +67,7 @@ def test_the_error_of_a_part_is_carried_through_the_loop() -> None:
     doubtful = replace(CART, certificate=replace(CART.certificate, max_relative_error=error))
     moved = replace(
         CART,
-        lft=LFT(
-            CART.lft.M11, CART.lft.M12, CART.lft.M21, (1 + error) * CART.lft.M22, CART.lft.blocks
-        ),
+        lft=LFT(CART.lft.M11, CART.lft.M12, CART.lft.M21, (1 + error) * CART.lft.M22, CART.lft.blocks),
     )
     at = points(CART, 20)
     found, wrong = (whole(feedback(part, CONTROLLER), at) for part in (CART, moved))
@@ -92,8 +90,7 @@ def test_what_cancels_is_not_taken_for_structure() -> None:
     """0.1 + 0.2 - 0.3 of one function, and a model times its inverse: what is left is rounding."""
     k = CART.parameters["k"]
     three = [
-        mbdlft.realize([["1/(k+1)"]], [k], name=n, inputs=[f"{n}.u"], outputs=[f"{n}.y"])
-        for n in "abc"
+        mbdlft.realize([["1/(k+1)"]], [k], name=n, inputs=[f"{n}.u"], outputs=[f"{n}.y"]) for n in "abc"
     ]
     none = np.array([[0.1, 0.2, -0.3]]) @ append(*three) @ np.ones((3, 1))
     model = mbdlft.realize([["k", "1"], ["2", "k^2"]], [k], inputs=["a", "b"], outputs=["a", "b"])
@@ -213,11 +210,7 @@ def test_numbers_and_matrices_on_either_side() -> None:
     exact(matrices_at(CART - control.ss([], [], [], D), {}).A, CART.A)
     assert [s.name for s in (3.0 * CART).outputs] == ["position", "load"]
     assert [s.name for s in (CART @ T.T).inputs] == ["u0"]
-    target(
-        whole(feedback(CART, 2.0), at),
-        whole(feedback(CART, 2.0 * np.eye(2)), at),
-        0.0,
-    )
+    target(whole(feedback(CART, 2.0), at), whole(feedback(CART, 2.0 * np.eye(2)), at), 0.0)
     loop = feedback(1.0, CART)  # a number in front of a model: u - y
     roundoff(matrices_at(loop, at).D, np.linalg.inv(np.eye(2) + D))
 

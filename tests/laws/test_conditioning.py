@@ -35,10 +35,7 @@ def column(*values: float) -> np.ndarray:
     ],
 )
 def test_by_hand(
-    values: tuple[float, ...],
-    sizes: tuple[float, ...],
-    scale: float,
-    expected: tuple[float, int],
+    values: tuple[float, ...], sizes: tuple[float, ...], scale: float, expected: tuple[float, int]
 ) -> None:
     condition, changes = conditioning(
         column(*values), column(*sizes), np.array([[scale]]), np.array([[0.5]])

@@ -241,25 +241,13 @@ def halved(value: Constant) -> float:
 
 right_double = module.double
 PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
-    "a double that is not the nearest": (
-        module,
-        "double",
-        halved,
-        lambda: law_doubles(0.1, 0.3, 0.7),
-    ),
-    "small is zero": (
-        module,
-        "_vanishes",
-        lambda expression: abs(value(expression)) < 1e-12,
-        law_zeros,
-    ),
+    "a double that is not the nearest": (module, "double", halved, lambda: law_doubles(0.1, 0.3, 0.7)),
+    "small is zero": (module, "_vanishes", lambda expression: abs(value(expression)) < 1e-12, law_zeros),
     "only structure is zero": (module, "_vanishes", lambda expression: False, law_zeros),
     "a direction is normed in doubles": (
         module,
         "constant",
-        lambda constant: (
-            literal(right_double(constant)) if constant.kind == "unit" else right(constant)
-        ),
+        lambda constant: literal(right_double(constant)) if constant.kind == "unit" else right(constant),
         lambda: law_unit((1.0, 2.0, 3.0)),
     ),
     "a literal is a double": (expression, "Literal", float, law_long_literals),

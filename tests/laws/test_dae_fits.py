@@ -151,10 +151,7 @@ def test_linear_blocks_of_many_unknowns_are_solved() -> None:
 
 def test_a_block_of_eight_is_exact() -> None:
     d = DaeDraft("ladder")
-    g, r = (
-        d.parameter(Parameter("g", 2.0, percent=20)),
-        d.parameter(Parameter("r", 1.0, percent=20)),
-    )
+    g, r = (d.parameter(Parameter("g", 2.0, percent=20)), d.parameter(Parameter("r", 1.0, percent=20)))
     u, x = d.input("u", start=1.0), d.variable("x")
     v = [d.variable(f"v{i}", start=0.5) for i in range(8)]
     for i in range(8):

@@ -34,10 +34,7 @@ def test_what_is_lost_is_told() -> None:
     model = mbdlft.to_lft(hub(1, 4, ["L"]), search=0.0)
     lft, deltas = model.lft, np.full(model.order, -1.0)
     points = np.array([[-1.0]])
-    (doubles,), (better,) = (
-        evaluate_at(lft, points),
-        with_digits(lft, points, evaluate_at(lft, points)),
-    )
+    (doubles,), (better,) = (evaluate_at(lft, points), with_digits(lft, points, evaluate_at(lft, points)))
     rows, columns = equilibrate(better[None])
     size = np.maximum(np.abs(better), evaluated._NEGLIGIBLE / np.outer(rows, columns))
     error = float(np.max(np.abs(doubles - better) / size))

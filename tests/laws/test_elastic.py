@@ -113,9 +113,7 @@ def cantilever(**given: object) -> mbdlft.Scene:
             scenes.beam(elements=4, **given),
         ],
         joints=[
-            mbdlft.Revolute(
-                name="hold", parent="ground", child="root", axis=(0, 1, 0), imposed=True
-            ),
+            mbdlft.Revolute(name="hold", parent="ground", child="root", axis=(0, 1, 0), imposed=True),
             mbdlft.Fixed(name="clamp", parent="root", child="beam"),
         ],
         loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 0, 1), magnitude=0)],
@@ -184,9 +182,7 @@ def test_beam_under_gravity_is_the_limit_of_rigid_rods() -> None:
         errors.append(np.max(np.abs(rods / fine - 1.0)))
     assert errors[1] < errors[0] / 2.5
     assert errors[2] < errors[1] / 2.5
-    torques = [
-        mbdlft.to_lft(scene, search=0.0).trim.nominal[0] for scene in (beam, scenes.segments(8))
-    ]
+    torques = [mbdlft.to_lft(scene, search=0.0).trim.nominal[0] for scene in (beam, scenes.segments(8))]
     target(torques[0], torques[1], CLOSED_FORM)
 
 
@@ -246,9 +242,7 @@ def test_parameters_of_a_beam_are_rebuilt(functions: str) -> None:
 # planted bugs
 
 
-def without_weight(
-    body: ElasticBody, motion: ca.SX, values: object, inboard: ca.SX, at: object
-) -> ca.SX:
+def without_weight(body: ElasticBody, motion: ca.SX, values: object, inboard: ca.SX, at: object) -> ca.SX:
     needed = times(body.elastic(values).participation, at.a)  # type: ignore[arg-type,attr-defined]
     elastic = ca.horzcat(needed[:3], needed[3:])
     return ca.SX(body.rigid_wrench(motion, values) + elastic)  # type: ignore[arg-type]

@@ -174,9 +174,7 @@ def test_numbers_of_a_text_are_its_decimals(monkeypatch: pytest.MonkeyPatch) -> 
     text, parameter = "1/(a - 0.3 - 0.1)", mbdlft.Parameter("a", 0.5, 0.4, 1.0)
 
     def refused() -> None:
-        with pytest.raises(
-            mbdlft.WellPosednessError, match=r"vanishes in the range, near a = 0\.4"
-        ):
+        with pytest.raises(mbdlft.WellPosednessError, match=r"vanishes in the range, near a = 0\.4"):
             mbdlft.realize([[text]], [parameter], search=0.0)
 
     refused()
@@ -194,9 +192,7 @@ numbers = st.one_of(st.sampled_from([0.0, 1e-170, -1e-170, 0.1]), st.floats(-1e3
 def law_radii_hold(a: float, r: float, b: float, s: float) -> None:
     """[a - r, a + r] and [b - s, b + s], added, multiplied, widened: exact fractions are inside."""
     monomials = taylor.space(1, 1)
-    x, y = (
-        taylor.Taylor(monomials, np.array([[c], [0.0]]), np.array([e])) for c, e in ((a, r), (b, s))
-    )
+    x, y = (taylor.Taylor(monomials, np.array([[c], [0.0]]), np.array([e])) for c, e in ((a, r), (b, s)))
     exact = [Fraction(value) for value in (a, r, b, s)]
     for sign, other in itertools.product((1, -1), (1, -1)):
         u, v = exact[0] + sign * exact[1], exact[2] + other * exact[3]

@@ -29,9 +29,7 @@ def with_zero_row(value: float = 0.0, factor: float = 1.0) -> LFT:
     """[d1 d2 ; value] times a factor."""
     blocks = (Block("d1", 1), Block("d2", 1))
     M11, M12 = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
-    return LFT(
-        M11, M12, factor * np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0], [value]]), blocks
-    )
+    return LFT(M11, M12, factor * np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0], [value]]), blocks)
 
 
 def law_rounding_is_no_value() -> None:

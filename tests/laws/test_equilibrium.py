@@ -30,12 +30,7 @@ def pendulum(position: float = 1.0, **fields: Any) -> Scene:
         bodies=[PointMass(name="bob", mass="m", ports={"top": (0, 0, 0.8)})],
         joints=[
             Revolute(
-                name="hinge",
-                parent="ground",
-                child="bob.top",
-                axis=(1, 0, 0),
-                position=position,
-                **hinge,
+                name="hinge", parent="ground", child="bob.top", axis=(1, 0, 0), position=position, **hinge
             )
         ],
     )
@@ -118,9 +113,9 @@ def check_sag() -> None:
         point = mbdlft.find_equilibrium(pendulum(), {"m": mass})
 
         def moment(theta: mpmath.mpf, mass: float = mass) -> mpmath.mpf:
-            return 20 * (theta - 1) + mpmath.mpf(mass) * mpmath.mpf(G) * mpmath.mpf(
-                0.8
-            ) * mpmath.sin(theta)
+            return 20 * (theta - 1) + mpmath.mpf(mass) * mpmath.mpf(G) * mpmath.mpf(0.8) * mpmath.sin(
+                theta
+            )
 
         roundoff(point.positions["hinge.angle"], float(mpmath.findroot(moment, 0.5)))
         assert point.parameters == {"m": mass}
@@ -136,18 +131,10 @@ def cable(**spring: Any) -> Scene:
     return Scene(
         name="cable",
         gravity=(0, 0, -G),
-        bodies=[
-            PointMass(name="cart", mass=2.0),
-            mbdlft.Ground(ports={"hook": (0.3, 0, 0)}),
-        ],
+        bodies=[PointMass(name="cart", mass=2.0), mbdlft.Ground(ports={"hook": (0.3, 0, 0)})],
         joints=[
             mbdlft.Prismatic(
-                name="slide",
-                parent="ground",
-                child="cart",
-                axis=(0, 0, 1),
-                position=-0.4,
-                preload=0.0,
+                name="slide", parent="ground", child="cart", axis=(0, 0, 1), position=-0.4, preload=0.0
             )
         ],
         loads=[Spring(name="rope", parent="ground.hook", child="cart", stiffness=150.0, **spring)],
@@ -215,20 +202,13 @@ def four_bar(kind: str = "revolute", **fields: Any) -> Scene:
         )
 
     def hinge(name: str, parent: str, position: float, **more: Any) -> Revolute:
-        return Revolute(
-            name=name, parent=parent, child=name, axis=(1, 0, 0), position=position, **more
-        )
+        return Revolute(name=name, parent=parent, child=name, axis=(1, 0, 0), position=position, **more)
 
     axis = {"axis": (1, 0, 0)} if kind == "revolute" else {}
     return Scene(
         name="four_bar",
         gravity=(0, 0, -G),
-        bodies=[
-            bar("a", 0.5),
-            bar("b", 1.0),
-            bar("c", 0.7),
-            mbdlft.Ground(ports={"hook": (0, 0.9, 0)}),
-        ],
+        bodies=[bar("a", 0.5), bar("b", 1.0), bar("c", 0.7), mbdlft.Ground(ports={"hook": (0, 0.9, 0)})],
         joints=[
             hinge("a", "ground", 1.0),
             hinge("b", "a.tip", -1.0, preload=0.0),
@@ -257,9 +237,7 @@ def check_four_bar(kind: str) -> None:
     found = {np.round(point.positions["b.angle"], 9) for point in points}
     assert found == expected
     for point in points:
-        torque = mbdlft.solve_trim(
-            mbdlft.assemble(mbdlft.at_equilibrium(four_bar(kind), point))
-        ).values
+        torque = mbdlft.solve_trim(mbdlft.assemble(mbdlft.at_equilibrium(four_bar(kind), point))).values
         roundoff(torque[0], point.efforts["a.torque"], kappa=100.0)
 
 
@@ -279,11 +257,7 @@ def test_ball_finds_down() -> None:
         ],
         joints=[
             mbdlft.Spherical(
-                name="ball",
-                parent="ground",
-                child="body",
-                orientation=[tilt],
-                preload=(0.0, 0.0, 0.0),
+                name="ball", parent="ground", child="body", orientation=[tilt], preload=(0.0, 0.0, 0.0)
             )
         ],
     )
@@ -349,9 +323,7 @@ def check_conditions() -> None:
         q, u = rng.normal(0.0, 0.4, n), rng.normal(0.0, 5.0, d.u.numel())
         rows = ca.Function("rows", [d.q, d.u, d.p], [d.rows, ca.jacobian(d.rows, d.q)])
         roundoff(rows(q, u, 2.3)[0].full(), needed_at_rest(of_any_size, q, u)[0], kappa=10.0)
-        for actual, expected in zip(
-            rows(0, u, 2.3), needed_at_rest(first_order, 0, u), strict=True
-        ):
+        for actual, expected in zip(rows(0, u, 2.3), needed_at_rest(first_order, 0, u), strict=True):
             roundoff(actual.full(), expected, kappa=10.0)
 
 
@@ -447,19 +419,11 @@ def test_elastic_body_keeps_its_shape() -> None:
         "inertia": Inertia(xx=0.3, yy=0.1, zz=0.3),
     }
     mode = mbdlft.Mode(frequency=20.0, damping=0.01, participation=(0, 0, 0.8, 0.5, 0, 0))
-    bodies = [
-        RigidBody(**fields),
-        mbdlft.FlexibleBody(**fields, modes=[mode], prestress="neglected"),
-    ]
+    bodies = [RigidBody(**fields), mbdlft.FlexibleBody(**fields, modes=[mode], prestress="neglected")]
     found = []
     for body in bodies:
         hinge = Revolute(
-            name="hinge",
-            parent="ground",
-            child="panel",
-            axis=(1, 0, 0),
-            stiffness=40.0,
-            preload=0.0,
+            name="hinge", parent="ground", child="panel", axis=(1, 0, 0), stiffness=40.0, preload=0.0
         )
         scene = Scene(name="panel", gravity=(0, 0, -G), bodies=[body], joints=[hinge])
         found.append(mbdlft.find_equilibrium(scene))

@@ -339,8 +339,7 @@ def test_many_directions_need_no_prime_of_their_own() -> None:
     """Those with the longest decimals become rational vectors; the others keep their square roots."""
     random = np.random.default_rng(0)
     directions = [
-        tuple(Fraction(int(x), 10**6) for x in random.integers(-(10**6), 10**6, 3))
-        for _ in range(30)
+        tuple(Fraction(int(x), 10**6) for x in random.integers(-(10**6), 10**6, 3)) for _ in range(30)
     ]
     made = [Constant("unit", Fraction(k), direction=d) for d in directions for k in range(3)]
     simple = Constant("unit", Fraction(0), direction=(Fraction(1), Fraction(2), Fraction(3)))

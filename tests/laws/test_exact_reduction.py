@@ -87,10 +87,7 @@ def turned(a: LFT, seed: int) -> LFT:
     assert not padded
     some = lambda *shape: random.integers(-3, 4, shape) / 4.0  # noqa: E731
     M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
-    M11[np.ix_(unseen, old)], M12[unseen] = (
-        some(len(unseen), len(old)),
-        some(len(unseen), a.shape[1]),
-    )
+    M11[np.ix_(unseen, old)], M12[unseen] = (some(len(unseen), len(old)), some(len(unseen), a.shape[1]))
     M11[np.ix_(old, unreached)] = some(len(old), len(unreached))
     M21[:, unreached] = some(a.shape[0], len(unreached))
     return LFT(T @ M11 @ inverse, T @ M12, M21 @ inverse, a.M22, tuple(blocks))
@@ -240,19 +237,9 @@ def not_all(
 
 PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
     "what cannot be seen stays": (module, "transposed", lambda a: a, lambda: law_padded(0)),
-    "only what inputs reach is reachable": (
-        module,
-        "reachable_bases",
-        two_steps,
-        lambda: law_padded(1),
-    ),
+    "only what inputs reach is reachable": (module, "reachable_bases", two_steps, lambda: law_padded(1)),
     "a candidate is forgotten": (Space, "extend", not_all, lambda: law_padded(2)),
-    "the first rows are kept": (
-        module,
-        "_best_rows",
-        lambda basis, rows: rows,
-        lambda: law_rows(0),
-    ),
+    "the first rows are kept": (module, "_best_rows", lambda basis, rows: rows, lambda: law_rows(0)),
     "what is near is one": (
         module,
         "row_echelon",

@@ -23,8 +23,7 @@ from tests.close import roundoff
 VALUES = {"a": Fraction(3, 7), "b": Fraction(-5, 2), "c": Fraction(11, 4)}
 
 atoms = st.one_of(
-    st.sampled_from(list(VALUES)).map(Name),
-    st.integers(1, 9).map(lambda n: Number(float(n))),
+    st.sampled_from(list(VALUES)).map(Name), st.integers(1, 9).map(lambda n: Number(float(n)))
 )
 trees: st.SearchStrategy[Expression] = st.recursive(
     atoms,

@@ -40,9 +40,7 @@ def dense(a: LFT, points: np.ndarray) -> np.ndarray:
     loops = []
     for point in points:
         delta = np.diag(np.repeat(point, [block.size for block in a.blocks]))
-        loops.append(
-            a.M22 + a.M21 @ delta @ np.linalg.solve(np.eye(a.order) - a.M11 @ delta, a.M12)
-        )
+        loops.append(a.M22 + a.M21 @ delta @ np.linalg.solve(np.eye(a.order) - a.M11 @ delta, a.M12))
     return np.array(loops)
 
 

@@ -29,14 +29,10 @@ def held_arm() -> mbdlft.LFTModel:
                 Angle("theta", 30.0, low=-20.0, high=80.0),
             ],
             bodies=[
-                RigidBody(
-                    name="link", mass="m", center_of_mass=(0, 0, "-L"), inertia=Inertia(xx=0.1)
-                )
+                RigidBody(name="link", mass="m", center_of_mass=(0, 0, "-L"), inertia=Inertia(xx=0.1))
             ],
             joints=[
-                Revolute(
-                    name="joint", parent="ground", child="link", axis=(1, 0, 0), position="theta"
-                )
+                Revolute(name="joint", parent="ground", child="link", axis=(1, 0, 0), position="theta")
             ],
         ),
         search=0.0,

@@ -37,9 +37,7 @@ class Case:
         t, p = ca.SX.sym("t", len(self.start)), ca.SX.sym("p", len(self.box))
         f = ca.Function("joint", [t, p], [ca.vertcat(*self.residual(t, p, ca))])
         low, nominal, high = np.array(self.box).T
-        return fit_equilibrium(
-            f, nominal, low, high, np.array(self.start), self.tolerance, **options
-        )
+        return fit_equilibrium(f, nominal, low, high, np.array(self.start), self.tolerance, **options)
 
     def errors(self, fit: EquilibriumFit, points: Sequence[Sequence[float]]) -> np.ndarray:
         """|fit - root| (N, n) to 50 digits, with the texts of the fit."""
@@ -117,9 +115,7 @@ CASES = {
     "offset": Case(offset, [(0.5, 1.0, 1.5), (0.2, 0.5, 1.0)], [0.1], 1e-8),
     "two links": Case(two_links, [(3.0, 4.0, 5.0), (2.5, 3.0, 4.0)], [0.1, 0.1], 1e-5),
     "three links": Case(three_links, [(3.0, 4.0, 5.0), (0.5, 1.0, 1.5)], [0.1] * 3, 1e-3),
-    "three parameters": Case(
-        twisted, [(4.0, 5.0, 6.0), (1.5, 2.0, 2.5), (0.1, 0.3, 0.5)], [0.1], 1e-4
-    ),
+    "three parameters": Case(twisted, [(4.0, 5.0, 6.0), (1.5, 2.0, 2.5), (0.1, 0.3, 0.5)], [0.1], 1e-4),
 }
 PEAK = Case(peak, [(0.0, 0.7, 1.0)], [0.6], 1e-3)
 POINTS = {2: 17, 3: 9}

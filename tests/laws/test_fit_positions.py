@@ -78,9 +78,7 @@ def check_bound(tolerance: float) -> None:
     for m, k in VALUES:
         theta = sagging(m, k)
         errors.append(abs(angle(joint.position, {"m": m, "k": k}) - theta))
-        torques.append(
-            abs(float(evaluate(parse(joint.preload), {"m": m, "k": k})) + k * (theta - 1))
-        )
+        torques.append(abs(float(evaluate(parse(joint.preload), {"m": m, "k": k})) + k * (theta - 1)))
     assert max(errors) <= bound
     assert max(torques) <= found.fit.bounds["hinge.torque"]
     assert max(errors) >= 0.05 * bound  # a bound that is far too large promises little
@@ -98,9 +96,7 @@ def test_model_of_a_fit() -> None:
     for m, k in VALUES:
         exact = -(k + m * G * 0.8 * np.cos(sagging(m, k))) / (m * 0.64)
         near = mbdlft.matrices_at(model, {"m": m, "k": k}).A[1, 0]
-        assert abs(near - exact) <= G / 0.8 * model.certificate.fit_error_bound + SCENARIO * abs(
-            exact
-        )
+        assert abs(near - exact) <= G / 0.8 * model.certificate.fit_error_bound + SCENARIO * abs(exact)
 
 
 def test_archive_and_text_keep_it(tmp_path: Path) -> None:
@@ -148,15 +144,7 @@ def test_cable(tension: dict[str, Any]) -> None:
     scene = sag(stiffness=0.0, position=0.9).model_copy(
         update={
             "parameters": (MASS, k),
-            "loads": (
-                Spring(
-                    name="cable",
-                    parent="ground.hook",
-                    child="bob",
-                    stiffness="k",
-                    **tension,
-                ),
-            ),
+            "loads": (Spring(name="cable", parent="ground.hook", child="bob", stiffness="k", **tension),),
         }
     )
     scene = scene.model_copy(
@@ -182,9 +170,7 @@ def test_cable(tension: dict[str, Any]) -> None:
         theta = mpmath.findroot(partial(moment, m=m, stiffness=stiffness), 1.04)
         near = angle(found.joints[0].position, values)  # type: ignore[attr-defined]
         assert abs(near - float(theta)) <= found.fit.bounds["hinge.angle"]
-        length = float(
-            mpmath.hypot(mpmath.mpf(0.9) - 0.8 * mpmath.sin(theta), 0.8 * mpmath.cos(theta))
-        )
+        length = float(mpmath.hypot(mpmath.mpf(0.9) - 0.8 * mpmath.sin(theta), 0.8 * mpmath.cos(theta)))
         density = stiffness * (1 - 0.4 / length)
         load: Any = found.loads[0]
         off = abs(float(evaluate(parse(load.force_density), values)) - density)
@@ -256,12 +242,7 @@ def test_position_that_is_rational_is_fitted_as_such() -> None:
         bodies=[PointMass(name="bob", mass="m")],
         joints=[
             mbdlft.Prismatic(
-                name="slide",
-                parent="ground",
-                child="bob",
-                axis=(0, 0, 1),
-                preload=0.0,
-                stiffness=50.0,
+                name="slide", parent="ground", child="bob", axis=(0, 0, 1), preload=0.0, stiffness=50.0
             )
         ],
     )

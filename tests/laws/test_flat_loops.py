@@ -56,9 +56,7 @@ def parallelogram(seed: int, *, flat: bool) -> Scene:
         parameters=parameters,
         bodies=[Ground(ports={"u": (0, d, 0)}), bar("lo"), bar("up"), coupler],
         joints=[
-            Revolute(
-                name="a", parent="ground", child="lo", axis=axis, position="th", stiffness=50.0
-            ),
+            Revolute(name="a", parent="ground", child="lo", axis=axis, position="th", stiffness=50.0),
             Revolute(name="b", parent="ground.u", child="up", axis=axis, position="th", preload=0),
             Revolute(name="c", parent="lo.t", child="cp", axis=axis, position="-th", preload=0),
         ],
@@ -90,14 +88,10 @@ def test_a_coupler_that_shrinks_to_a_point_is_refused() -> None:
         mbdlft.to_lft(scene.model_copy(update={"parameters": wide}), search=0.0)
 
 
-def test_planted_bug_the_reduced_model_alone_is_called_proved(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_planted_bug_the_reduced_model_alone_is_called_proved(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mbdlft.pipeline.stages._open_to_loops", lambda problem, prove: ())
     wrong = []
-    for seed in range(
-        1, 12, 2
-    ):  # without weights the determinant of the model stays away from zero
+    for seed in range(1, 12, 2):  # without weights the determinant of the model stays away from zero
         with suppress(SceneError, WellPosednessError):
             wrong.append(mbdlft.to_lft(parallelogram(seed, flat=True), 0.0).certificate.well_posed)
     assert "proved" in wrong

@@ -96,9 +96,7 @@ def test_planted_margin_of_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 def test_multipliers_must_be_positive() -> None:
     """S > 0 with X + X' < 0 is no proof: here I - delta is singular at delta = 1."""
     a = LFT(*(np.array([[x]]) for x in (1.5, 0.0, 0.0, 0.0)), (Block("a", 1),))
-    form = gain._Form(
-        *(np.array([[x, 0.0]]) for x in (0.5, 2.5)), np.zeros((2, 2)), 1, *gain._places(a)
-    )
+    form = gain._Form(*(np.array([[x, 0.0]]) for x in (0.5, 2.5)), np.zeros((2, 2)), 1, *gain._places(a))
     X = np.array([[-1.0]])
     assert np.linalg.eigvalsh(form.matrix(1.0, X))[0] > 0.0
     assert not gain.proved(form, 1.0, X)

@@ -112,10 +112,7 @@ def test_the_rotor_conserves_momentum() -> None:
         ports={"side": (0.5, 0.1, 0.3)},
     )
     arm = RigidBody(
-        name="arm",
-        mass=1.5,
-        center_of_mass=(0.4, 0.0, 0.1),
-        inertia=Inertia(xx=0.1, yy=0.3, zz=0.3),
+        name="arm", mass=1.5, center_of_mass=(0.4, 0.0, 0.1), inertia=Inertia(xx=0.1, yy=0.3, zz=0.3)
     )
     scene = Scene(
         name="geared",
@@ -141,12 +138,7 @@ def test_the_rotor_conserves_momentum() -> None:
     rotor = 2e-3 * np.array([0.0, 0.6, 0.8])
     # the same without an actuator: its momentum change is minus that of the rotor
     bare = scene.model_copy(
-        update={
-            "joints": (
-                scene.joints[0],
-                scene.joints[1].model_copy(update={"actuator_inertia": 0.0}),
-            ),
-        }
+        update={"joints": (scene.joints[0], scene.joints[1].model_copy(update={"actuator_inertia": 0.0}))}
     )
     mass = np.linalg.inv(matrices_at(to_lft(_with_all_inputs(bare)), {}).B[7:])
     turned = np.array([0.0, 0.6, 0.8]) @ rates[3:6] - 25.0 * rates[6]
@@ -172,7 +164,5 @@ def test_without_a_gear_nothing_changes() -> None:
         model = to_lft(Scene(name="s", bodies=[body], joints=[joint]))
         target(model.B_u[1, 0], 1.0 / 2.3, CLOSED_FORM)
     assert assemble(Scene(name="s", bodies=[body], joints=[one])).degrees_of_freedom == 1
-    model = to_lft(
-        Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})])
-    )
+    model = to_lft(Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})]))
     target(model.B_u[1, 0], 1.0 / (2.0 + 100.0 * 0.3), CLOSED_FORM)

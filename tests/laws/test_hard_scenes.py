@@ -32,10 +32,7 @@ def balanced_arm(angle: float) -> mbdlft.Scene:
         )
         for k in range(3)
     ]
-    parameters = [
-        mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
-        mbdlft.Angle("t", angle, plus=20),
-    ]
+    parameters = [mbdlft.Parameter("m", 2.0, percent=20, unit="kg"), mbdlft.Angle("t", angle, plus=20)]
     return mbdlft.Scene(name="balanced", parameters=parameters, bodies=bodies, joints=joints)
 
 

@@ -24,15 +24,7 @@ from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
 from mbdlft.exact.matrices import ExactMatrix, Residues, identity, stacked
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.lft import (
-    LFT,
-    Block,
-    constant,
-    delta,
-    stack_columns,
-    stack_diagonal,
-    stack_rows,
-)
+from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_diagonal, stack_rows
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import lower_bound as module
@@ -176,11 +168,7 @@ Word = tuple[np.ndarray, str, np.ndarray]
 
 
 def word(
-    random: np.random.Generator,
-    left: list[np.ndarray],
-    letters: str,
-    most: int,
-    right: list[np.ndarray],
+    random: np.random.Generator, left: list[np.ndarray], letters: str, most: int, right: list[np.ndarray]
 ) -> Word:
     """One term, of `most` letters at most."""
     return (
@@ -270,9 +258,7 @@ def transformed(a: ExactLFT, random: np.random.Generator) -> ExactLFT:
     """Other inputs and outputs."""
     M11, M12, M21, M22 = pieces(a)
     outputs, inputs = (exact_matrix(3.0 * np.eye(n) + eighths(random, n, n)) for n in M22.shape)
-    return ExactLFT(
-        stacked([[M11, M12 @ inputs], [outputs @ M21, outputs @ M22 @ inputs]]), a.blocks
-    )
+    return ExactLFT(stacked([[M11, M12 @ inputs], [outputs @ M21, outputs @ M22 @ inputs]]), a.blocks)
 
 
 def with_feedback(a: ExactLFT, random: np.random.Generator) -> ExactLFT:
@@ -328,9 +314,7 @@ pairs = st.lists(
 
 
 def law_least(
-    least: Callable[[str, list[Pair], list[Triple]], dict[str, int]],
-    found: list[Pair],
-    number: int = 0,
+    least: Callable[[str, list[Pair], list[Triple]], dict[str, int]], found: list[Pair], number: int = 0
 ) -> None:
     """Against all repetitions up to 3 more of each; with triples of a delta that is in two pairs."""
     names = [set(pair[:2]) for pair in found]
@@ -456,10 +440,7 @@ def test_too_few_points_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def powers_less(
-    E: "module._Span",
-    prime: int,
-    *moves: dict[str, int],
-    right: Callable[..., int] = module._inside,
+    E: "module._Span", prime: int, *moves: dict[str, int], right: Callable[..., int] = module._inside
 ) -> int:
     return right(E, prime, *({k: max(1, p - 1) for k, p in move.items()} for move in moves))
 
@@ -468,9 +449,7 @@ def few_samples(a: Residues, prime: int, right: Callable[..., int] = module.rank
     return right(a[: len(a) // 3], prime)
 
 
-def one_line(
-    *arguments: object, right: Callable[..., "module._Span | None"] = module._span
-) -> object:
+def one_line(*arguments: object, right: Callable[..., "module._Span | None"] = module._span) -> object:
     E = right(*arguments)
     return E and E._replace(k=1)
 

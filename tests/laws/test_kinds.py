@@ -38,9 +38,7 @@ def point(seed: int) -> dict[str, object]:
 
 def value(a: LFT, at: dict[str, object]) -> np.ndarray:
     """The definition, with an explicit inverse."""
-    parts = [
-        at[b.name] if b.kind == "full" else at[b.name] * np.eye(b.size) for b in a.blocks if b.size
-    ]
+    parts = [at[b.name] if b.kind == "full" else at[b.name] * np.eye(b.size) for b in a.blocks if b.size]
     Delta = np.zeros((a.M11.shape[1], a.M11.shape[0]), dtype=complex)
     row = column = 0
     for part in parts:
@@ -52,9 +50,7 @@ def value(a: LFT, at: dict[str, object]) -> np.ndarray:
 def check_algebra(imaginary: float) -> None:
     for seed in range(5):
         a, c = mixed(seed, imaginary=imaginary), mixed(seed + 50, imaginary=imaginary)
-        b = LFT(
-            c.M11[:3, :3], c.M12[:3], c.M21[:, :3], c.M22, (Block("a", 2), ComplexBlock("c", 1))
-        )
+        b = LFT(c.M11[:3, :3], c.M12[:3], c.M21[:, :3], c.M22, (Block("a", 2), ComplexBlock("c", 1)))
         at = point(seed)
         va, vb = value(a, at), value(b, {"a": at["a"], "c": at["c"]})
         roundoff(evaluate(a, at), va, KAPPA)

@@ -81,11 +81,7 @@ def test_decisions_do_not_depend_on_the_scale_of_an_equation(scale: float) -> No
 
 
 @pytest.mark.parametrize(
-    ("function", "at", "slope"),
-    [
-        (ca.sin, 0.3, 1 / np.cos(np.arcsin(0.3))),
-        (ca.exp, 1.3, 1 / 1.3),
-    ],
+    ("function", "at", "slope"), [(ca.sin, 0.3, 1 / np.cos(np.arcsin(0.3))), (ca.exp, 1.3, 1 / 1.3)]
 )
 def test_implicit_functions_with_slopes_that_are_numbers(function, at: float, slope) -> None:
     draft = DaeDraft("implicit")

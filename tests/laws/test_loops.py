@@ -84,9 +84,7 @@ def machine() -> DeltaThetaModel:
     u = d.input("u")
     curve = d.table(x, [-2, -1, 0, 0.5, 2], [-0.3, -0.2, 0, 0.15, 0.3], beyond="lines")
     d.equation(d.der(x), equals=v)
-    d.equation(
-        m * d.der(v), equals=u - 4 * x - c * v - d.number(0.2) * ca.tanh(v) - curve + 0.3 * w
-    )
+    d.equation(m * d.der(v), equals=u - 4 * x - c * v - d.number(0.2) * ca.tanh(v) - curve + 0.3 * w)
     d.equation(d.der(w), equals=-3 * w + d.number(0.1) * x * v - x / 2)
     d.output("x")
     return delta_theta(d.dae(), search=0.0)
@@ -108,9 +106,7 @@ def closed_rates(
     return A @ x + B[:, zeta] @ np.array([*theta.values()]) + constant, omega
 
 
-def proved(
-    model: DeltaThetaModel, ranges: dict[str, tuple[float, float]]
-) -> tuple[Bounds, SafeRegion]:
+def proved(model: DeltaThetaModel, ranges: dict[str, tuple[float, float]]) -> tuple[Bounds, SafeRegion]:
     system = with_sectors(model, ranges)
     bounds = robust_stability(system, rates=np.inf, gap=0.3)
     assert bounds.lower >= 1.0
@@ -217,9 +213,7 @@ def test_what_has_no_bounds() -> None:
     with pytest.raises(AnalysisError, match="expected 'slope' or 'sector'"):
         with_sectors(model, of="disk")  # type: ignore[arg-type]
     jump = delta_theta(lags(1.0, ca.sign, 2.0))
-    with pytest.raises(
-        AnalysisError, match=r"no finite slope over the range of omega\.x2: it may jump"
-    ):
+    with pytest.raises(AnalysisError, match=r"no finite slope over the range of omega\.x2: it may jump"):
         with_sectors(jump)
     system = with_sectors(model)
     with pytest.raises(AnalysisError, match="stand for nonlinear functions, and move"):
@@ -227,9 +221,7 @@ def test_what_has_no_bounds() -> None:
     with pytest.raises(AnalysisError, match=r"expected the bounds of robust_stability"):
         safe_region(
             system,
-            robust_stability(
-                mbdlft.realize([["-1 - a"]], [Parameter("a", 1.0, 0.5, 1.5)], states=1)
-            ),
+            robust_stability(mbdlft.realize([["-1 - a"]], [Parameter("a", 1.0, 0.5, 1.5)], states=1)),
             {},
         )
     small = robust_stability(with_sectors(delta_theta(oscillator(0.9, 0.3))))

@@ -34,9 +34,7 @@ def points() -> tuple[np.ndarray, np.ndarray]:
 
 
 def called(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
-    each = [
-        [part.full() for part in function.call([x[k] for x in arguments])] for k in range(COUNT)
-    ]
+    each = [[part.full() for part in function.call([x[k] for x in arguments])] for k in range(COUNT)]
     return [np.stack(parts) for parts in zip(*each, strict=True)]
 
 

@@ -113,11 +113,7 @@ def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     found = robust_stability(system)
     assert verify(system, found) == ""
     lower, upper, leaf = 3 * 0 + 2, 3 * 0 + 3, 0
-    for k, log in (
-        (0.9, (lower, leaf)),
-        (0.9, (upper, leaf)),
-        (0.9, (leaf,)),
-    ):
+    for k, log in ((0.9, (lower, leaf)), (0.9, (upper, leaf)), (0.9, (leaf,))):
         claim = replace(found, lower=k, proof=BoxProof(k, log))
         assert verify(system, claim)
     for log in ((leaf,), (lower, leaf)):  # without zeros, any model speaks for all

@@ -78,12 +78,7 @@ UNREDUCED: list[Unreduced] = [
                 "(6*a-1)/(-a+1)",
                 "(4*b-2-2*a)/(-1+a-b*a+b)",
             ],
-            [
-                "(a+2*b*a-b)/(-b*a+1-a+b)",
-                "(2*a+1+b*a+2*b)/(-a*b+b+1-a)",
-                "(3*a)/(-a+1)",
-                "(2*a)/(-a+1)",
-            ],
+            ["(a+2*b*a-b)/(-b*a+1-a+b)", "(2*a+1+b*a+2*b)/(-a*b+b+1-a)", "(3*a)/(-a+1)", "(2*a)/(-a+1)"],
         ],
         [
             Parameter("a", 0.006969365683367192, 0.006969365013673535, 0.006969366213673535),
@@ -91,10 +86,7 @@ UNREDUCED: list[Unreduced] = [
         ],
     ),
 ]
-TANGENT: Unreduced = (
-    [["(1 - cos(th))/sin(th)"]],
-    [Angle("th", 1e-4, 1e-5, 1e-3, unit="rad")],
-)
+TANGENT: Unreduced = ([["(1 - cos(th))/sin(th)"]], [Angle("th", 1e-4, 1e-5, 1e-3, unit="rad")])
 # numbers of which only rounding is left in double precision, and nothing as decimals
 CANCELED: list[tuple[Rows, Rows]] = [  # and what is left of them
     ([["(0.7*a+0.1*b-0.3*a-0.4*a)/(1+b)"]], [["0.1*b/(1+b)"]]),
@@ -127,9 +119,7 @@ def values_of(rows: Rows, points: dict[str, np.ndarray]) -> np.ndarray:
     found = []
     for point in zip(*points.values(), strict=True):
         known = dict(zip(points, map(Fraction, point), strict=True))
-        found.append(
-            [[float(eval(_python(text), {"F": Fraction}, known)) for text in r] for r in rows]
-        )
+        found.append([[float(eval(_python(text), {"F": Fraction}, known)) for text in r] for r in rows])
     return np.array(found)
 
 
@@ -137,16 +127,12 @@ def _python(text: str) -> str:
     return re.sub(r"(?<![\w.])(\d[\d.]*(?:e[-+]?\d+)?)", r"F('\1')", text.replace("^", "**"))
 
 
-def law_values(
-    rows: Rows, parameters: list[Parameter], bound: float = CLOSED_FORM
-) -> mbdlft.LFTModel:
+def law_values(rows: Rows, parameters: list[Parameter], bound: float = CLOSED_FORM) -> mbdlft.LFTModel:
     """Every entry has its digits, relative to its own size, and the certificate says so."""
     model = realize(rows, parameters, search=0.0)
     corners = np.array(list(itertools.product(*([p.low, p.high] for p in model.parameters))))
     points = mbdlft.random(model.parameters, 20, seed=3)
-    points = {
-        p.name: np.append(points[p.name], corners[:, k]) for k, p in enumerate(model.parameters)
-    }
+    points = {p.name: np.append(points[p.name], corners[:, k]) for k, p in enumerate(model.parameters)}
     expected = values_of(rows, points)
     error = np.abs(mbdlft.matrices_at(model, points).D - expected)
     size = np.max(np.abs(expected), axis=0)

@@ -303,9 +303,7 @@ def test_accelerometer_at_rest_reads_minus_gravity() -> None:
 
 def test_accelerometer_without_gravity_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        mbdlft.Accelerometer,
-        "measure",
-        lambda sensor, view: view.small(sensor.port, 2)[1].displacement,
+        mbdlft.Accelerometer, "measure", lambda sensor, view: view.small(sensor.port, 2)[1].displacement
     )
     with pytest.raises(AssertionError):
         test_accelerometer_at_rest_reads_minus_gravity()

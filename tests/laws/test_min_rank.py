@@ -83,8 +83,7 @@ def test_slopes(links: int, names: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("links", "names", "before", "after"),
-    [(4, ("m3", "t1"), 16, 15), (4, ("m3", "t2"), 17, 16)],
+    ("links", "names", "before", "after"), [(4, ("m3", "t1"), 16, 15), (4, ("m3", "t2"), 17, 16)]
 )
 def test_with_newton(
     monkeypatch: pytest.MonkeyPatch, links: int, names: tuple[str, ...], before: int, after: int

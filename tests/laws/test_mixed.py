@@ -376,10 +376,7 @@ def singular_size(system: System, seed: int) -> float:
         for block in lft.blocks:
             rows, columns = lft.columns()[block.name], lft.slices()[block.name]
             if block.kind == "full":
-                u, v = (
-                    random.standard_normal((n, 2)) @ [1.0, 1j]
-                    for n in (block.outputs, block.inputs)
-                )
+                u, v = (random.standard_normal((n, 2)) @ [1.0, 1j] for n in (block.outputs, block.inputs))
                 value = np.outer(u, v.conj()) / (np.linalg.norm(u) * np.linalg.norm(v))
             else:
                 turn = np.exp(2j * np.pi * random.uniform())

@@ -66,9 +66,7 @@ def transfer_of_matrices(fe: FiniteElements, s: complex) -> NDArray[np.complex12
     motion[:, len(ports) :] = np.eye(6) / s**2  # unit acceleration
     q = np.zeros_like(loads)
     q[held] = motion
-    q[free] = np.linalg.solve(
-        dynamic[np.ix_(free, free)], (loads - dynamic[:, held] @ motion)[free]
-    )
+    q[free] = np.linalg.solve(dynamic[np.ix_(free, free)], (loads - dynamic[:, held] @ motion)[free])
     reaction = -(dynamic @ q)[held]
     return np.vstack([s**2 * q[ports], reaction])
 
@@ -188,9 +186,7 @@ def test_three_methods_have_the_transfer_of_the_matrices(monkeypatch: pytest.Mon
     three_methods_have_the_transfer_of_the_matrices()
     projected = reduction._projected
     monkeypatch.setattr(
-        reduction,
-        "_projected",
-        lambda *a: projected(*a)._replace(coupling=-projected(*a).coupling),
+        reduction, "_projected", lambda *a: projected(*a)._replace(coupling=-projected(*a).coupling)
     )
     breaks(three_methods_have_the_transfer_of_the_matrices)
 
@@ -271,9 +267,7 @@ def hurty_and_craig_bampton_span_the_same() -> None:
     """With the same few modes kept, not only with all of them."""
     fe = tee(COUNT)
     for count in (0, 1, 4):
-        a, b = (
-            modal_model(*fe, PARENT, PORTS, method=method, modes=count) for method in METHODS[:2]
-        )
+        a, b = (modal_model(*fe, PARENT, PORTS, method=method, modes=count) for method in METHODS[:2])
         roundoff(a.frequencies / b.frequencies, np.ones(len(a.frequencies)), conditioned(fe))
         s = (0.1 + 1.7j) * float(a.frequencies[0])
         roundoff(transfer(a, s), transfer(b, s), conditioned(fe))
@@ -282,9 +276,7 @@ def hurty_and_craig_bampton_span_the_same() -> None:
 def test_hurty_and_craig_bampton_span_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     hurty_and_craig_bampton_span_the_same()
     reduce = reduction.craig_bampton
-    monkeypatch.setattr(
-        reduction, "craig_bampton", lambda at, m, c: reduce(at, m, c * (1.0 + 1e-3))
-    )
+    monkeypatch.setattr(reduction, "craig_bampton", lambda at, m, c: reduce(at, m, c * (1.0 + 1e-3)))
     breaks(hurty_and_craig_bampton_span_the_same)
 
 
@@ -408,12 +400,8 @@ def test_iterative_and_dense_modes_agree(monkeypatch: pytest.MonkeyPatch) -> Non
     roundoff(found.frequencies / whole.frequencies, np.ones(18), conditioned(fe))
     roundoff(whole.frequencies[1] / whole.frequencies[0], 1.0, conditioned(fe))
     s = (0.1 + 1.7j) * float(whole.frequencies[0])
-    moved = np.abs(
-        whole.shapes["right"] @ (whole.shapes["right"] / (s**2 + whole.frequencies**2)).T
-    )
-    again = np.abs(
-        found.shapes["right"] @ (found.shapes["right"] / (s**2 + found.frequencies**2)).T
-    )
+    moved = np.abs(whole.shapes["right"] @ (whole.shapes["right"] / (s**2 + whole.frequencies**2)).T)
+    again = np.abs(found.shapes["right"] @ (found.shapes["right"] / (s**2 + found.frequencies**2)).T)
     roundoff(again, moved, conditioned(fe))
 
 
@@ -430,9 +418,7 @@ def test_beam_body_has_the_frequencies_of_its_matrices(elements: int) -> None:
     )  # fmt: skip
     values = {label: np.array([expected.source]) for label, expected in beam.quantities().items()}
     e = beam.elastic(values)
-    mass, stiffness, coupling = (
-        dense(part, 1)[0] for part in (e.mass, e.stiffness, e.participation)
-    )
+    mass, stiffness, coupling = (dense(part, 1)[0] for part in (e.mass, e.stiffness, e.participation))
     w2 = scipy.linalg.eigvalsh(stiffness, mass)
     fe = straight(elements, length)
     kappa = float(w2[-1] / w2[0])
@@ -446,9 +432,7 @@ def test_beam_body_has_the_frequencies_of_its_matrices(elements: int) -> None:
         return
     m = modal_model(*fe, 10, {"tip": tip}, method="effective-mass", modes=6 * elements)
     roundoff(m.frequencies**2 / w2, np.ones(len(w2)), kappa)
-    roundoff(
-        m.participation @ m.participation.T, coupling @ np.linalg.solve(mass, coupling.T), kappa
-    )
+    roundoff(m.participation @ m.participation.T, coupling @ np.linalg.solve(mass, coupling.T), kappa)
     shapes = dense(beam.shapes("tip", values), 1)[0]
     roundoff(
         m.shapes["tip"] @ (m.shapes["tip"] / m.frequencies**2).T,

@@ -21,11 +21,7 @@ from mbdlft.problem.sx.constants import in_doubles
 from tests.close import exact, roundoff
 from tests.modelica import FLAT
 
-VALUES: dict[str, Any] = {
-    "a": Fraction(3, 7),
-    "b": Fraction(-5, 2),
-    "v": (Fraction(2), Fraction(5)),
-}
+VALUES: dict[str, Any] = {"a": Fraction(3, 7), "b": Fraction(-5, 2), "v": (Fraction(2), Fraction(5))}
 
 
 def parsed(text: str) -> Expression:
@@ -245,9 +241,7 @@ def test_entries_that_are_declared_one_by_one_are_those_of_an_array() -> None:
 
 
 def test_der_of_an_expression_is_that_of_its_variables() -> None:
-    text = (
-        "model M\n Real x; Real y; Real z;\nequation\n z = der(x*y^2 + 3);\n y = 1; x = y;\nend M;"
-    )
+    text = "model M\n Real x; Real y; Real z;\nequation\n z = der(x*y^2 + 3);\n y = 1; x = y;\nend M;"
     dae, _ = translate(flat_model(text))
     residual = dae.equations[0].residual
     symbols = {s.name(): s for s in ca.symvar(residual)}
@@ -333,9 +327,7 @@ def test_choices_of_equations_are_those_of_expressions() -> None:
 
 def test_the_first_condition_that_holds_decides() -> None:
     head = "model M\n Real x; Real y;\nequation\n x = 1;\n "
-    dae, _ = translate(
-        flat_model(f"{head}y = if x > 0 then x elseif x > -1 then 2 else 5/3;\nend M;")
-    )
+    dae, _ = translate(flat_model(f"{head}y = if x > 0 then x elseif x > -1 then 2 else 5/3;\nend M;"))
     residual = in_doubles(dae.equations[1].residual)
     function = ca.Function("f", [x.symbol for x in dae.variables], [residual])
     for x, value in ((1.0, 1.0), (-0.5, 2.0), (-3.0, 5.0 / 3.0)):
@@ -343,9 +335,7 @@ def test_the_first_condition_that_holds_decides() -> None:
 
 
 def test_long_sums_are_read() -> None:
-    text = (
-        f"model M\n Real x; Real y;\nequation\n x = 1;\n y = {' - '.join(['x'] * 20001)};\nend M;"
-    )
+    text = f"model M\n Real x; Real y;\nequation\n x = 1;\n y = {' - '.join(['x'] * 20001)};\nend M;"
     dae, _ = translate(flat_model(text))
     function = ca.Function("f", [x.symbol for x in dae.variables], [dae.equations[1].residual])
     exact(float(function(1.0, 0.0)), 19999.0)

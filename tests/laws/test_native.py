@@ -195,9 +195,7 @@ def test_a_full_model_is_computed_by_its_equations() -> None:
     size = np.where(size > NOTHING * np.max(size), size, np.max(size))
     assert np.max(np.abs(matrices - expected[0]) / size) <= ELASTIC
     # another model of the same names is not that of the scene
-    other = mbdlft.LFT(
-        model.lft.M11, model.lft.M12, 2.0 * model.lft.M21, model.lft.M22, model.lft.blocks
-    )
+    other = mbdlft.LFT(model.lft.M11, model.lft.M12, 2.0 * model.lft.M21, model.lft.M22, model.lft.blocks)
     with pytest.warns(MbdlftWarning, match="more than 200000 instructions"):
         assert mbdlft.compile(replace(model, lft=other)).computes == "LFT"
 

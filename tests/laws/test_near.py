@@ -71,11 +71,7 @@ def test_they_cost_repetitions_and_are_said(axis, tilt, said, tmp_path: Path) ->
 
 
 def test_what_is_written_exactly_or_far_is_not() -> None:
-    for axis, tilt in (
-        ((0, 0, 1), 0.0),
-        ((0, 3, 4), "30*deg"),
-        ((0, 0.5, 0.866), 0.52),
-    ):
+    for axis, tilt in (((0, 0, 1), 0.0), ((0, 3, 4), "30*deg"), ((0, 0.5, 0.866), 0.52)):
         assert certified(two_axes(axis, tilt)).near == ()
     scene = two_axes((0, 0, 1), 0.0)
     first, second = scene.joints
@@ -124,20 +120,10 @@ def test_what_nearly_vanishes_needs_more_bits_and_no_traceback() -> None:
         ],
         joints=[
             mbdlft.Revolute(
-                name="j",
-                parent="ground",
-                child="a",
-                axis=(1, 0, 0),
-                position="theta",
-                stiffness=1.0,
+                name="j", parent="ground", child="a", axis=(1, 0, 0), position="theta", stiffness=1.0
             ),
             mbdlft.Revolute(
-                name="k",
-                parent="a.tip",
-                child="b",
-                axis=(1, 0, 1e-12),
-                position="20*deg",
-                stiffness=2.0,
+                name="k", parent="a.tip", child="b", axis=(1, 0, 1e-12), position="20*deg", stiffness=2.0
             ),
         ],
     )

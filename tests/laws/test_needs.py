@@ -114,8 +114,7 @@ def test_scene_files_say_which_states() -> None:
 
 def test_names_of_needed_states() -> None:
     model = mbdlft.to_lft(
-        scene_of("balloon_gondola", "lift.displaced_mass", "flight.position.z", "needed"),
-        search=0.0,
+        scene_of("balloon_gondola", "lift.displaced_mass", "flight.position.z", "needed"), search=0.0
     )
     assert [s.name for s in model.states] == ["flight.position.z", "flight.velocity.z"]
 

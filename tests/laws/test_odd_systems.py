@@ -4,15 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mbdlft import (
-    Block,
-    Parameter,
-    check_stability,
-    realize,
-    robust_stability,
-    verify,
-    worst_case_gain,
-)
+from mbdlft import Block, Parameter, check_stability, realize, robust_stability, verify, worst_case_gain
 from mbdlft.robust.evidence import BoxProof
 from tests.reference.robust_cases import of_matrices
 

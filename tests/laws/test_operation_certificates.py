@@ -26,8 +26,6 @@ def test_series_counts_channels_and_errors_of_both() -> None:
 
 
 def test_inversion_keeps_the_error_of_the_model() -> None:
-    model = realize(
-        [["k", "1"], ["2", "3 + k"]], [K], inputs=["a.u", "b.u"], outputs=["a.y", "b.y"]
-    )
+    model = realize([["k", "1"], ["2", "3 + k"]], [K], inputs=["a.u", "b.u"], outputs=["a.y", "b.y"])
     found = invert_channels(with_error(model), ["a"]).certificate
     assert found.max_relative_error >= WRONG

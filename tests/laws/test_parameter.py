@@ -110,9 +110,7 @@ def law_exact_units() -> None:
     from mbdlft.base.expression import parse
     from mbdlft.base.unit import parse_unit
 
-    for (prefix, size), (name, own), power in product(
-        PREFIXES.items(), EXACT.items(), (-9, -3, 1, 4)
-    ):
+    for (prefix, size), (name, own), power in product(PREFIXES.items(), EXACT.items(), (-9, -3, 1, 4)):
         unit = f"{prefix}{name}^{power}"
         expected = Fraction(10) ** (power * (size + own))
         assert parse_unit(unit).factor == float(expected)

@@ -67,10 +67,7 @@ def clamped(body: mbdlft.PiezoBeam | Beam, parameters=()) -> mbdlft.LFTModel:
             parameters=parameters,
             bodies=[body],
             joints=[Fixed(name="wall", parent="ground", child="boom")],
-            sensors=[
-                Position(name="tip", port="boom.tip"),
-                SmallRotation(name="turn", port="boom.tip"),
-            ],
+            sensors=[Position(name="tip", port="boom.tip"), SmallRotation(name="turn", port="boom.tip")],
         ),
         search=0.0,
     )
@@ -373,9 +370,7 @@ def test_a_quintic_beam_with_all_its_numbers_as_parameters() -> None:
 
 def test_a_scene_file_has_patches() -> None:
     body = strip(patch(0, 1), patch(1, 3, "both"), common_voltage=True)
-    scene = Scene(
-        name="s", bodies=[body], joints=[Fixed(name="wall", parent="ground", child="boom")]
-    )
+    scene = Scene(name="s", bodies=[body], joints=[Fixed(name="wall", parent="ground", child="boom")])
     text = scene_to_toml(scene)
     assert "[[bodies.boom.patches]]" in text
     assert scene_from_toml(text) == scene

@@ -4,14 +4,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Parameter,
-    check_stability,
-    damping_table,
-    pole_gradients,
-    poles,
-    realize,
-)
+from mbdlft import Parameter, check_stability, damping_table, pole_gradients, poles, realize
 from mbdlft.response.modes import spectrum
 from tests.close import CLOSED_FORM, exact, finite_difference, target
 from tests.oscillators import oscillator, plain, spring_and_mass, two_masses
@@ -75,10 +68,7 @@ def test_gradients_of_the_arm_are_differences() -> None:
     h = 1e-6
     for k, parameter in enumerate(arm.parameters):
         delta = float(mbdlft.to_delta(parameter, at.get(parameter.name, parameter.nominal)))
-        moved = {
-            **at,
-            parameter.name: mbdlft.to_physical(parameter, [delta - h, delta + h]),
-        }
+        moved = {**at, parameter.name: mbdlft.to_physical(parameter, [delta - h, delta + h])}
         below, above = poles(arm, moved)
         finite_difference(found.gradients[:, k], (above - below) / (2.0 * h), scale=1.0)
 

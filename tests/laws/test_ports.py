@@ -140,9 +140,7 @@ def test_statics_of_a_rigid_body_and_a_point_mass() -> None:
     model = two_port(box(), [M])
     assert not model.states
     target(
-        static_gain(model, m=4.2),
-        expected_statics(mass, (0.5, 0.5, 0.0), (-1.0, 0.2, 0.3)),
-        CLOSED_FORM,
+        static_gain(model, m=4.2), expected_statics(mass, (0.5, 0.5, 0.0), (-1.0, 0.2, 0.3)), CLOSED_FORM
     )
     ball = two_port(PointMass(name="ball", mass="m"), [M])
     assert ball.order == ball.certificate.order_bound == 3
@@ -191,9 +189,7 @@ def test_feed_through_is_symmetric() -> None:
 def test_symmetry_catches_a_wrong_shape(monkeypatch: pytest.MonkeyPatch) -> None:
     right = elastic.ElasticBody.shape
     monkeypatch.setattr(
-        elastic.ElasticBody,
-        "shape",
-        lambda self, port, v, vector: 1.01 * right(self, port, v, vector),
+        elastic.ElasticBody, "shape", lambda self, port, v, vector: 1.01 * right(self, port, v, vector)
     )
     with pytest.raises(AssertionError):
         check_feed_through()
@@ -203,12 +199,8 @@ def root(function, low: float, high: float) -> float:
     return float(brentq(function, low, high, xtol=1e-14))
 
 
-CLAMPED_FREE = [
-    root(lambda b: np.cos(b) + 1 / np.cosh(b), *ends) for ends in ((1, 3), (4, 6), (7, 9))
-]
-FREE_FREE = [
-    root(lambda b: np.cos(b) - 1 / np.cosh(b), *ends) for ends in ((4, 6), (7, 9), (10, 12))
-]
+CLAMPED_FREE = [root(lambda b: np.cos(b) + 1 / np.cosh(b), *ends) for ends in ((1, 3), (4, 6), (7, 9))]
+FREE_FREE = [root(lambda b: np.cos(b) - 1 / np.cosh(b), *ends) for ends in ((4, 6), (7, 9), (10, 12))]
 
 
 def wave_numbers(model: mbdlft.LFTModel, modulus: float) -> np.ndarray:
@@ -293,11 +285,7 @@ def check_inversion() -> None:
             [
                 [A - B[:, i] @ inner @ C[i], B[:, i] @ inner, B[:, o] - B[:, i] @ inner @ D[i, o]],
                 [-inner @ C[i], inner, -inner @ D[i, o]],
-                [
-                    C[o] - D[o, i] @ inner @ C[i],
-                    D[o, i] @ inner,
-                    D[o, o] - D[o, i] @ inner @ D[i, o],
-                ],
+                [C[o] - D[o, i] @ inner @ C[i], D[o, i] @ inner, D[o, o] - D[o, i] @ inner @ D[i, o]],
             ]
         )
         # the tip's own rows cancel: it moves as it is told to
@@ -383,8 +371,6 @@ def test_chained_two_ports_are_the_whole_beam() -> None:
     )
     omega = np.array([1.0, 30.0, 170.0, 900.0])
     values = {"E": np.array([60e9])}
-    G, Z, expected = (
-        mbdlft.frequency_response(model, values, omega)[0] for model in (half, last, whole)
-    )
+    G, Z, expected = (mbdlft.frequency_response(model, values, omega)[0] for model in (half, last, whole))
     inner = np.linalg.solve(np.eye(2) - G[:, :2, :2] @ Z, G[:, :2, 2:])
     target(G[:, 2:, 2:] + G[:, 2:, :2] @ Z @ inner, expected, BALANCE)

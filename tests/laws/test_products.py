@@ -51,10 +51,7 @@ def compare(scene: mbdlft.Scene) -> None:
 
 @pytest.mark.parametrize(
     ("draw", "seed"),
-    [
-        *((random_scene, seed) for seed in SCENES),
-        *((random_mechanism, seed) for seed in MECHANISMS),
-    ],
+    [*((random_scene, seed) for seed in SCENES), *((random_mechanism, seed) for seed in MECHANISMS)],
 )
 def test_both_ways_are_one_model(draw: Callable[[int], mbdlft.Scene], seed: int) -> None:
     compare(draw(seed))
@@ -78,9 +75,7 @@ def test_fewer_repetitions_in_long_chains_in_space(links: int, reached: int) -> 
 
 def test_an_angle_meets_each_hinge_once() -> None:
     """With six links: 16 repetitions of each angle from the third on; a length, one for each hinge."""
-    sizes = {
-        block.name: block.size for block in build(chain(6, spatial=True), 0.0).model.lft.blocks
-    }
+    sizes = {block.name: block.size for block in build(chain(6, spatial=True), 0.0).model.lft.blocks}
     assert [sizes[f"t{k}"] for k in range(6)] == [12, 14, 16, 16, 16, 16]
     assert [sizes[f"L{k}"] for k in range(6)] == [2, 5, 6, 7, 8, 9]
 
@@ -134,9 +129,7 @@ def turret() -> mbdlft.Scene:
         joint.model_copy(update={"parent": "table.top"}) if joint.name == "joint0" else joint
         for joint in scene.joints
     ]
-    return scene.model_copy(
-        update={"joints": (*joints, *turned), "bodies": (*scene.bodies, *bodies)}
-    )
+    return scene.model_copy(update={"joints": (*joints, *turned), "bodies": (*scene.bodies, *bodies)})
 
 
 def test_turns_about_the_vertical_are_not_felt() -> None:
@@ -157,10 +150,7 @@ def wheeled(axis: tuple[float, float, float]) -> mbdlft.Scene:
         update={
             "bodies": (*scene.bodies, wheel),
             "joints": (*scene.joints, spin),
-            "parameters": (
-                *scene.parameters,
-                mbdlft.Parameter("W", 30.0, percent=20, unit="rad/s"),
-            ),
+            "parameters": (*scene.parameters, mbdlft.Parameter("W", 30.0, percent=20, unit="rad/s")),
         }
     )
 
@@ -174,43 +164,26 @@ def test_wheels_whose_center_of_mass_is_off_their_joint(axis: tuple[float, float
 
 
 PLANTED = {
-    "a lever does not see what has turned inside of it": (
-        "added",
-        lambda tilts, *more: tilts,
-    ),
-    "an axis that does not change": (
-        "turned_tilts",
-        lambda move, tilts: (tilts, ()),
-    ),
+    "a lever does not see what has turned inside of it": ("added", lambda tilts, *more: tilts),
+    "an axis that does not change": ("turned_tilts", lambda move, tilts: (tilts, ())),
     "hinges outside are not taken up": ("_along", lambda move, v: ca.SX(0)),
-    "what a body carries on its joint is forgotten": (
-        "_together",
-        lambda first, second: first,
-    ),
+    "what a body carries on its joint is forgotten": ("_together", lambda first, second: first),
     "all hinges are upright": (
         "_Tree._felt",
-        lambda tree, link, upright: (
-            [[] for _ in tree.placed.moves[link.child.name]],
-            upright,
-        ),
+        lambda tree, link, upright: ([[] for _ in tree.placed.moves[link.child.name]], upright),
     ),
     "the product of what is before and after is left out": (
         "_Tree.product",
         lambda tree, link, k, axis: ca.SX(0),
     ),
-    "a steady rate has no product": (
-        "_axes_of",
-        lambda move: [axis for axis, _ in turns_of(move)],
-    ),
+    "a steady rate has no product": ("_axes_of", lambda move: [axis for axis, _ in turns_of(move)]),
 }
 
 
 def boom() -> mbdlft.Scene:
     """Links in space with a slide in the middle, which is extended at equilibrium."""
     scene = chain(4, spatial=True)
-    slide = mbdlft.Prismatic(
-        name="slide", parent="link2.tip", child="sled", axis=(0, 1, 0), position="s"
-    )
+    slide = mbdlft.Prismatic(name="slide", parent="link2.tip", child="sled", axis=(0, 1, 0), position="s")
     sled = mbdlft.RigidBody(name="sled", mass=1.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1))
     joints = [
         joint.model_copy(update={"parent": "sled"}) if joint.name == "joint3" else joint

@@ -105,9 +105,7 @@ def test_a_line_says_stage_share_and_time(monkeypatch: pytest.MonkeyPatch) -> No
         progress.worked((clock[0] - 100.0) / 2.0, 4.0)
     assert line.texts[0] == r"\[arm]: search"
     assert line.texts[1] == r"\[arm]: search, 0 % of the work that is allowed"
-    assert line.texts[-1].endswith(
-        "search, 25 % of the work that is allowed, at most about 6 s left"
-    )
+    assert line.texts[-1].endswith("search, 25 % of the work that is allowed, at most about 6 s left")
     assert len(line.texts) < 25  # not at each step
     progress.worked(0.2, 4.0)  # a part that began earlier
     clock[0] += 1.0

@@ -52,12 +52,8 @@ def test_all_ways_of_giving_a_matrix_agree(rows: list[list[str]]) -> None:
     models.append(realize(mbdlft.matrix_from_toml(mbdlft.matrix_to_toml(problem)), search=0.0))
     for table in (symbols, swapped):
         # CasADi's own arithmetic on the entries
-        symbolic = ca.vertcat(
-            *(ca.horzcat(*(ca.SX(eval(t, dict(table))) for t in row)) for row in rows)
-        )
-        models.append(
-            realize(symbolic, [A, B], symbols=None if table is symbols else table, search=0.0)
-        )
+        symbolic = ca.vertcat(*(ca.horzcat(*(ca.SX(eval(t, dict(table))) for t in row)) for row in rows))
+        models.append(realize(symbolic, [A, B], symbols=None if table is symbols else table, search=0.0))
     for model in models:
         roundoff(value(model, SAMPLES), expected, 1e2)
         assert model.certificate.max_relative_error <= CLOSED_FORM
@@ -195,12 +191,8 @@ ROTATIONS = [["cos(th + 2*ph)", "-sin(th - ph)"], ["sin(0.3 + th)*a", "1/(2 + co
 def law_angles(unit: str, substitution: str) -> None:
     factor = np.pi / 180 if unit == "deg" else 1.0
     angles = [
-        Angle(
-            "th", 0.5 / factor, -0.2 / factor, 1.5 / factor, unit=unit, substitution=substitution
-        ),
-        Angle(
-            "ph", -0.1 / factor, -1.0 / factor, 1.0 / factor, unit=unit, substitution=substitution
-        ),
+        Angle("th", 0.5 / factor, -0.2 / factor, 1.5 / factor, unit=unit, substitution=substitution),
+        Angle("ph", -0.1 / factor, -1.0 / factor, 1.0 / factor, unit=unit, substitution=substitution),
     ]
     model = realize(ROTATIONS, [A, *angles], search=0.0)
     samples = mbdlft.random([A, *angles], 50, seed=6)
@@ -236,10 +228,7 @@ def test_archive_keeps_the_model(tmp_path: Path) -> None:
         assert stored.certificate == model.certificate
         assert stored.certificate.exact_bound
         same(stored, model)
-        assert (
-            realize(mbdlft.matrix_from_toml(stored.provenance.scene), search=0.0).order
-            == model.order
-        )
+        assert realize(mbdlft.matrix_from_toml(stored.provenance.scene), search=0.0).order == model.order
 
 
 def test_long_sums_and_deep_texts() -> None:

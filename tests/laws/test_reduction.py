@@ -122,9 +122,7 @@ def test_planted_bug_is_found() -> None:
         small = reduce_order(a)
         keep = np.arange(small.order - 1)
         blocks = (*small.blocks[:-1], Block(small.blocks[-1].name, small.blocks[-1].size - 1))
-        return LFT(
-            small.M11[np.ix_(keep, keep)], small.M12[keep], small.M21[:, keep], small.M22, blocks
-        )
+        return LFT(small.M11[np.ix_(keep, keep)], small.M12[keep], small.M21[:, keep], small.M22, blocks)
 
     random = np.random.default_rng(0)
     a = LFT(

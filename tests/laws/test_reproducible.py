@@ -88,9 +88,7 @@ assert same_everywhere("os:getpid") == first
     subprocess.run([sys.executable, "-W", "ignore", "-c", program], cwd=ROOT, check=True)
 
 
-def test_files_of_the_folder_are_not_imported(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_files_of_the_folder_are_not_imported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The folder of the user may have any names; they are not modules of the process."""
     monkeypatch.delenv("PYTHONPATH", raising=False)
     (tmp_path / "numpy.py").write_text("raise SystemExit(7)\n", encoding="utf-8")

@@ -26,14 +26,7 @@ from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.system.sampled import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
-from tests.oscillators import (
-    matrices,
-    oscillator,
-    plain,
-    random_system,
-    spring_and_mass,
-    two_masses,
-)
+from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
 
 # over frequency -----------------------------------------------------------------------------------
 

@@ -40,20 +40,10 @@ def scaled_scene(mass: float, length: float) -> mbdlft.Scene:
         ports={"tip": (0, "L", 0)},
     )
     swing = mbdlft.Revolute(
-        name="swing",
-        parent="ground",
-        child="arm",
-        axis=(1, 0, 0),
-        position="t",
-        damping=0.1 * inertia,
+        name="swing", parent="ground", child="arm", axis=(1, 0, 0), position="t", damping=0.1 * inertia
     )
     slide = mbdlft.Prismatic(
-        name="slide",
-        parent="arm.tip",
-        child="load",
-        axis=(0, 1, 0),
-        position=0.2 * length,
-        stiffness="k",
+        name="slide", parent="arm.tip", child="load", axis=(0, 1, 0), position=0.2 * length, stiffness="k"
     )
     return mbdlft.Scene(
         name="slide",

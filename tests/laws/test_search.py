@@ -88,9 +88,7 @@ def case(name: str) -> LFT:
     return stack_rows(*(stack_columns(*row) for row in rows))
 
 
-@pytest.mark.parametrize(
-    ("name", "order"), [("O1", 8), ("O2", 15), ("O3", 3), ("O5", 2), ("O13", 6)]
-)
+@pytest.mark.parametrize(("name", "order"), [("O1", 8), ("O2", 15), ("O3", 3), ("O5", 2), ("O13", 6)])
 def test_orders_of_the_literature(name: str, order: int) -> None:
     """Matrices of two and more parameters whose smallest order is known."""
     plain = reduce_order(case(name))
@@ -128,9 +126,7 @@ def test_no_work_changes_nothing() -> None:
     assert smallest(plain, 0.0) is plain
 
 
-@pytest.mark.parametrize(
-    ("spatial", "links", "order"), [(False, 2, 15), (True, 2, 21), (False, 3, 30)]
-)
+@pytest.mark.parametrize(("spatial", "links", "order"), [(False, 2, 15), (True, 2, 21), (False, 3, 30)])
 def test_minimal_orders_of_chains(spatial: bool, links: int, order: int) -> None:
     """Reached, and recognized as the smallest: the search then ends."""
     model = mbdlft.to_lft(chain(links, spatial=spatial), search=WORK)
@@ -161,9 +157,7 @@ def law_rewritten(a: LFT, walks: int = 12) -> None:
     """Ways to write an LFT have its value, but for those with a wrong rank or a pole."""
     truth, work = Truth(lambda: a, part_of_largest), Work()
     forms = [
-        form
-        for seed in range(walks)
-        for form in rewritten(a, a.order, np.random.default_rng(seed), work)
+        form for seed in range(walks) for form in rewritten(a, a.order, np.random.default_rng(seed), work)
     ]
     assert len(forms) > walks
     right = sum(is_same(form, truth, work) for form in forms)
@@ -292,9 +286,7 @@ def test_budget() -> None:
 def test_planted_search_that_never_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     right = search._moved
     monkeypatch.setattr(search, "_moved", lambda a, work: right(a, work) if work else ())
-    monkeypatch.setattr(
-        search.Work, "is_over", property(lambda work: work.spent > 30.0 * work.most)
-    )
+    monkeypatch.setattr(search.Work, "is_over", property(lambda work: work.spent > 30.0 * work.most))
     with pytest.raises(AssertionError):
         law_budget()
 

@@ -77,9 +77,7 @@ def test_series_is_the_product(side: str) -> None:
 
 
 @pytest.mark.parametrize("side", ["inputs", "outputs"])
-def test_series_catches_a_block_at_the_wrong_place(
-    side: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_series_catches_a_block_at_the_wrong_place(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
     module = import_module("mbdlft.system.connection")
     right = module._wiring
 
@@ -104,9 +102,7 @@ def test_a_shared_parameter_is_one() -> None:
 
 def test_a_state_space_of_another_tool() -> None:
     """Two inputs through one coupled block of python-control, and a static gain that adds two outputs."""
-    block = control.ss(
-        [[-1.0, 2.0], [0.0, -3.0]], np.eye(2), [[1.0, 0.5], [0.0, 1.0]], np.diag([0, 2.0])
-    )
+    block = control.ss([[-1.0, 2.0], [0.0, -3.0]], np.eye(2), [[1.0, 0.5], [0.0, 1.0]], np.diag([0, 2.0]))
     model = series(CART, ("gust", "force"), block)
     inner = control.frequency_response(block, OMEGA).complex.transpose(2, 0, 1)
     G = response(CART, k=45.0, m=3.0)
@@ -131,9 +127,7 @@ def test_the_trim_of_a_scene_stays() -> None:
     model = series(arm, "shoulder.torque", delay("T", 2, [T]))
     values = {"theta1": 60.0, "T": 14.0}
     target(mbdlft.trim_at(model, values), mbdlft.trim_at(arm, known(arm, **values)), CLOSED_FORM)
-    lower = dict(
-        zip([p.name for p in model.parameters], model.certificate.lower_bound, strict=True)
-    )
+    lower = dict(zip([p.name for p in model.parameters], model.certificate.lower_bound, strict=True))
     assert lower["T"] == 2
 
 
@@ -172,10 +166,7 @@ def pade(order: int, x: complex) -> complex:
     """Numerator over denominator of the approximation of exp(-x), from factorials with 50 digits."""
     with mpmath.workdps(50):
         f = mpmath.factorial
-        c = [
-            f(2 * order - k) * f(order) / (f(2 * order) * f(k) * f(order - k))
-            for k in range(order + 1)
-        ]
+        c = [f(2 * order - k) * f(order) / (f(2 * order) * f(k) * f(order - k)) for k in range(order + 1)]
         x = mpmath.mpc(x)
         upper = mpmath.fsum(ck * (-x) ** k for k, ck in enumerate(c))
         return complex(upper / mpmath.fsum(ck * x**k for k, ck in enumerate(c)))
@@ -206,10 +197,7 @@ def test_margins_with_a_delay() -> None:
     )
     inner = np.linalg.inv(mass)
     A = np.block(
-        [
-            [np.zeros((3, 3)), np.eye(3)],
-            [-inner @ np.diag([0, k1, k2]), -inner @ np.diag([0, c, c])],
-        ]
+        [[np.zeros((3, 3)), np.eye(3)], [-inner @ np.diag([0, k1, k2]), -inner @ np.diag([0, c, c])]]
     )
     B = np.concatenate([np.zeros(3), inner[:, 0]])[:, None]
     C = 0.3686 * np.eye(6)[[0]] + 0.3686 * np.eye(6)[[3]]

@@ -80,10 +80,7 @@ def test_lowest_is_below(variables: int) -> None:
     space = taylor.space(variables, 2)
     c = random.standard_normal((len(space), 3))
     u = taylor.Taylor(space, c, np.array([0.0, 0.1, 1e-17]))
-    for x in (
-        random.uniform(-1.0, 1.0, (200, variables)),
-        random.choice([-1.0, 1.0], (50, variables)),
-    ):
+    for x in (random.uniform(-1.0, 1.0, (200, variables)), random.choice([-1.0, 1.0], (50, variables))):
         powers = np.prod(x[:, None, :] ** space.exponents, axis=2)
         assert np.all(powers @ c - u.r >= lowest(u))
 
@@ -154,10 +151,7 @@ def _escaped(text: str) -> str:
         (DISC.format(sign="+"), {}),
         ("1", {"xx": DISC.format(sign="+") + "*unit"}),
         ("1", {"xx": 0.0, "yy": "rho*a^2*unit", "zz": "rho*a^2*unit"}),  # a rod: a minor is zero
-        (
-            "rho*a*b",
-            {"xx": "rho*a*b*b^2/12", "yy": "rho*a*b*a^2/12", "zz": "rho*a*b*(a^2 + b^2)/12"},
-        ),
+        ("rho*a*b", {"xx": "rho*a*b*b^2/12", "yy": "rho*a*b*a^2/12", "zz": "rho*a*b*(a^2 + b^2)/12"}),
         ("rho*unit/(1 + a/half)", {"xx": "rho*unit*unit/(1 + a/half)"}),
     ],
 )

@@ -69,11 +69,7 @@ def test_equilibria_on_a_strut() -> None:
 def test_a_fit_of_a_lever_on_a_strut() -> None:
     """sin q m g l = cos q k (sin q - sin q0): the stiffness there follows by hand."""
     lever = RigidBody(
-        name="l",
-        mass="m",
-        center_of_mass=(0, 0, 0.5),
-        inertia=Inertia(yy=0.1),
-        ports={"t": (0, 0, 1)},
+        name="l", mass="m", center_of_mass=(0, 0, 0.5), inertia=Inertia(yy=0.1), ports={"t": (0, 0, 1)}
     )
     strut = Strut(
         name="s", parent="ground.w", child="l.t", direction=(1, 0, 0), stiffness=100.0, force=0.0
@@ -83,9 +79,7 @@ def test_a_fit_of_a_lever_on_a_strut() -> None:
         gravity=(0, 0, -_G),
         parameters=[mbdlft.Parameter("m", 2.0, percent=20, unit="kg")],
         bodies=[lever, Ground(ports={"w": (-1, 0, 1)})],
-        joints=[
-            Revolute(name="h", parent="ground", child="l", axis=(0, 1, 0), position=0.3, preload=0)
-        ],
+        joints=[Revolute(name="h", parent="ground", child="l", axis=(0, 1, 0), position=0.3, preload=0)],
         loads=[strut],
     )
     model = mbdlft.to_lft(fit_positions(scene, ["h"], tolerance=1e-7), search=0.0)
@@ -164,10 +158,7 @@ def test_a_strut_on_what_spins() -> None:
             bodies=[
                 PointMass(name="slide", mass=1.0),
                 RigidBody(
-                    name="disc",
-                    mass=2.0,
-                    inertia=Inertia(xx=1, yy=1, zz=2),
-                    ports={"top": (0, 0, 0.1)},
+                    name="disc", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"top": (0, 0, 0.1)}
                 ),
                 Ground(ports={"wall": (1, 0, 0.1)}),
             ],
@@ -176,9 +167,7 @@ def test_a_strut_on_what_spins() -> None:
                 Revolute(name="r", parent="slide", child="disc", axis=(0, 0, 1), rate=30.0),
             ],
             loads=[
-                Strut(
-                    name="s", parent=parent, child=child, direction=(1, 0, 0), stiffness=9, force=0
-                )
+                Strut(name="s", parent=parent, child=child, direction=(1, 0, 0), stiffness=9, force=0)
             ],
             inputs=["x.force"],
         )

@@ -137,9 +137,7 @@ def test_singular_samples_of_a_model(tmp_path: Path) -> None:
     deltas = rows.deltas_of
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            rows,
-            "deltas_of",
-            lambda *a: np.where(deltas(*a) == 0.0, 1.0 / singular[0], deltas(*a)),
+            rows, "deltas_of", lambda *a: np.where(deltas(*a) == 0.0, 1.0 / singular[0], deltas(*a))
         )
         matrices, _, residual, status = source.rows(points)
     exact(status, [1, 0])

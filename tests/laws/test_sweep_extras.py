@@ -77,9 +77,7 @@ def test_poles_of_a_cart(tmp_path: Path) -> None:
     assert mbdlft.load_sweep(tmp_path / "b.h5").poles is None
 
 
-def test_numbers_of_a_function(
-    tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_numbers_of_a_function(tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, in others, as a cluster computes them, and after an interruption."""
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given, text = RandomSamples(9000, 3), f"{module}:stiff"
@@ -87,9 +85,7 @@ def test_numbers_of_a_function(
     assert (report.solved, report.failed) == (9000, 0)
     found = mbdlft.load_sweep(tmp_path / "a.h5")
     assert list(found.values) == ["trace", "m1", "fastest"]
-    exact(
-        found.values["m1"], found.samples[:, [p.name for p in found.layout.parameters].index("m1")]
-    )
+    exact(found.values["m1"], found.samples[:, [p.name for p in found.layout.parameters].index("m1")])
     assert found.poles is not None
     target(found.values["trace"], np.sum(found.poles**2, axis=1).real, CLOSED_FORM)
     exact(found.values["fastest"], np.max(found.poles.real, axis=1))
@@ -100,13 +96,7 @@ def test_numbers_of_a_function(
 
     with pytest.raises(KeyboardInterrupt):
         mbdlft.sweep(
-            arm(),
-            given,
-            tmp_path / "b.h5",
-            workers=1,
-            function=text,
-            poles=True,
-            progress=interrupt,
+            arm(), given, tmp_path / "b.h5", workers=1, function=text, poles=True, progress=interrupt
         )
     file = tmp_path / f"{module}.py"
     for what in ({"function": text}, {"function": text, "poles": True, "float32": True}):
@@ -200,12 +190,7 @@ def test_a_model_and_rows_without_a_solution(tmp_path: Path, module: str) -> Non
     report = mbdlft.sweep(
         scene, values, tmp_path / "a.h5", workers=1, poles=True, function=f"{module}_b:f"
     )
-    assert (report.solved, report.not_converged, report.no_equilibrium, report.failed) == (
-        2,
-        1,
-        2,
-        0,
-    )
+    assert (report.solved, report.not_converged, report.no_equilibrium, report.failed) == (2, 1, 2, 0)
     found = mbdlft.load_sweep(tmp_path / "a.h5")
     exact(found.status, [1, 0, 2, 2, 0])
     assert found.poles is not None

@@ -13,17 +13,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    LFTModel,
-    Parameter,
-    System,
-    append,
-    connect,
-    feedback,
-    matrices_at,
-    realize,
-    series,
-)
+from mbdlft import LFTModel, Parameter, System, append, connect, feedback, matrices_at, realize, series
 from mbdlft.lft.lft import fix, with_blocks
 from mbdlft.system import algebra, connection, evidence, lft
 from tests.close import CLOSED_FORM, SCENARIO
@@ -101,9 +91,7 @@ MOTOR = realize(
     inputs=["demand"],
     outputs=["torque"],
 )
-PD = control.ss(
-    [[-50.0]], [[1.0]], [[-2e4]], [[500.0]], name="pd", inputs=["angle"], outputs=["command"]
-)
+PD = control.ss([[-50.0]], [[1.0]], [[-2e4]], [[500.0]], name="pd", inputs=["angle"], outputs=["command"])
 NETWORK = {
     "cart.force": ["-spring.pull", "one.u"],
     "spring.stroke": "cart.position",
@@ -146,11 +134,7 @@ CASES: dict[str, tuple[Callable[[], System], Callable[..., Any], tuple[System, .
     "an arm, a motor that shares a mass, a weight and a controller": (
         lambda: connect(
             [ARM, MOTOR, WEIGHT, PD],
-            [
-                ["shoulder.torque", "torque"],
-                ["demand", "e", "-command"],
-                ["angle", "shoulder.angle"],
-            ],
+            [["shoulder.torque", "torque"], ["demand", "e", "-command"], ["angle", "shoulder.angle"]],
             inputs=["r", "elbow.torque"],
             outputs=["shoulder.angle", "elbow.angle", "command"],
         ),
@@ -183,9 +167,7 @@ CASES: dict[str, tuple[Callable[[], System], Callable[..., Any], tuple[System, .
     ),
     "lft": (
         lambda: lft(CART, SPRING, outputs=["position"], inputs=["gust"]),
-        lambda cart, spring: control.ss(
-            *_ports(cart, [1, 0], [0, 1]),
-        ).lft(spring),
+        lambda cart, spring: control.ss(*_ports(cart, [1, 0], [0, 1])).lft(spring),
         (CART, SPRING),
     ),
     "append": (
@@ -263,8 +245,6 @@ def test_channels_are_not_swapped(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_wrong_sign_in_the_wiring_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
     """The check of the evidence: LFT and state-space formulas are two computations."""
     right = evidence.wire
-    monkeypatch.setattr(
-        evidence, "wire", lambda parts, w, what: right(parts, w._replace(Ky=-w.Ky), what)
-    )
+    monkeypatch.setattr(evidence, "wire", lambda parts, w, what: right(parts, w._replace(Ky=-w.Ky), what))
     with pytest.raises(mbdlft.AnalysisError):
         feedback(CART, CONTROLLER)

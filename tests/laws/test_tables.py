@@ -28,9 +28,7 @@ def points(count: int) -> tuple[np.ndarray, np.ndarray]:
     return b, np.round(np.cumsum(R.normal(size=len(b))), 2)
 
 
-def form_with(
-    interpolation: str, beyond: str, count: int = 12
-) -> tuple[DeltaThetaModel, np.ndarray]:
+def form_with(interpolation: str, beyond: str, count: int = 12) -> tuple[DeltaThetaModel, np.ndarray]:
     """rate = -x + p f(x) + u, and f at A by scipy."""
     b, v = points(count)
     d = DaeDraft("looked_up")

@@ -27,9 +27,7 @@ def arm() -> Problem:
 
 def test_of_a_mass_and_a_spring() -> None:
     m, d, k, w = 2.0, 0.3, 8.0, np.array([0.0, 0.5, 2.0, 40.0])
-    matrices = np.array(
-        [[[0.0, 1, 0], [-k / m, -d / m, 1 / m], [1, 0, 0], [-k / m, -d / m, 1 / m]]]
-    )
+    matrices = np.array([[[0.0, 1, 0], [-k / m, -d / m, 1 / m], [1, 0, 0], [-k / m, -d / m, 1 / m]]])
     position = 1.0 / (k - m * w**2 + 1j * w * d)
     expected = np.stack([position, -(w**2) * position], axis=1)[None, :, :, None]
     roundoff(transfers(matrices, 2, w), expected)
@@ -75,12 +73,7 @@ def test_references_agree(arm: Problem) -> None:
 
 def test_references_of_a_matrix_agree() -> None:
     problem = mbdlft.MatrixProblem(
-        matrix=[
-            ["-1 - a", "2", "1"],
-            ["-2", "-3*b", "0"],
-            ["1", "b", "0"],
-            ["1e9 + a", "1", "-1e9"],
-        ],
+        matrix=[["-1 - a", "2", "1"], ["-2", "-3*b", "0"], ["1", "b", "0"], ["1e9 + a", "1", "-1e9"]],
         parameters=[mbdlft.Parameter("a", 1, 0.5, 2), mbdlft.Parameter("b", 1, 0.5, 2)],
         states=["x1", "x2"],
     )

@@ -111,9 +111,7 @@ def test_an_lft_without_channels() -> None:
 
 @pytest.mark.parametrize("size", [1, 70])
 def test_a_singular_point_has_the_sign_zero(size: int) -> None:
-    a = LFT(
-        np.eye(size), np.ones((size, 1)), np.ones((1, size)), np.zeros((1, 1)), (Block("a", size),)
-    )
+    a = LFT(np.eye(size), np.ones((size, 1)), np.ones((1, size)), np.zeros((1, 1)), (Block("a", size),))
     _, signs = sampling.values_at(a, np.array([[0.5], [1.0], [2.0]]))
     exact(signs, [1.0, 0.0, (-1.0) ** size])
     exact(sampling.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])

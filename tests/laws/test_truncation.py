@@ -20,16 +20,7 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft.lft.box_gain import gain_bound, restrict
-from mbdlft.lft.lft import (
-    LFT,
-    Block,
-    constant,
-    delta,
-    inverse,
-    stack_columns,
-    stack_diagonal,
-    stack_rows,
-)
+from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, stack_diagonal, stack_rows
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.models import build
@@ -158,9 +149,7 @@ def test_a_larger_tolerance_is_not_a_larger_model(seed: int) -> None:
 def test_units_do_not_matter() -> None:
     a = fading(0)
     rows, columns = np.array([1e3, 0.02]), np.array([1.0, 57.0])
-    other = LFT(
-        a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks
-    )
+    other = LFT(a.M11, a.M12 * columns, rows[:, None] * a.M21, rows[:, None] * a.M22 * columns, a.blocks)
     first, second = truncate_lft(a, 0.05), truncate_lft(other, 0.05)
     assert first[0].blocks == second[0].blocks
     assert abs(first[1] - second[1]) <= BOUND * first[1]

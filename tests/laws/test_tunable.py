@@ -19,9 +19,7 @@ NAMES = [p.name for p in ARM.parameters]
 def closed(found: mbdlft.TunablePlant, values: dict[str, float], gains: list[float]) -> np.ndarray:
     """[A B ; C D] with w = delta z closed by hand, at values of the other parameters."""
     inner = values_of(found.plant, values)
-    repeated = [
-        d for gain, d in zip(found.gains, gains, strict=True) for _ in range(gain.repetitions)
-    ]
+    repeated = [d for gain, d in zip(found.gains, gains, strict=True) for _ in range(gain.repetitions)]
     k = len(repeated)
     n = inner.shape[0] - k
     m = inner.shape[1] - k
@@ -89,9 +87,7 @@ def test_what_is_proved_of_the_others_stays() -> None:
 def test_design_parameters_are_the_default() -> None:
     k = mbdlft.Parameter("k", 40.0, low=30.0, high=60.0, role="design")
     m = mbdlft.Parameter("m", 3.0, percent=20)
-    cart = mbdlft.realize(
-        [["0", "1", "0"], ["-k/m", "-0.4/m", "1/m"], ["1", "0", "0"]], [k, m], states=2
-    )
+    cart = mbdlft.realize([["0", "1", "0"], ["-k/m", "-0.4/m", "1/m"], ["1", "0", "0"]], [k, m], states=2)
     found = tunable(cart)
     assert [(g.name, g.repetitions) for g in found.gains] == [("k", 1)]
     assert [p.name for p in found.plant.parameters] == ["m"]
@@ -109,8 +105,4 @@ def test_a_trim_without_the_parameter_stays() -> None:
     )
     model = mbdlft.to_lft(damped, search=0.0)
     plant = tunable(model, ["d"]).plant
-    target(
-        mbdlft.trim_at(plant, {"theta1": 60.0}),
-        mbdlft.trim_at(model, {"theta1": 60.0}),
-        CLOSED_FORM,
-    )
+    target(mbdlft.trim_at(plant, {"theta1": 60.0}), mbdlft.trim_at(model, {"theta1": 60.0}), CLOSED_FORM)

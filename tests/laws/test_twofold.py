@@ -79,10 +79,7 @@ def law_low_factor(seed: int) -> None:
 
 def law_solution(n: int) -> None:
     matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))
-    found, expected = (
-        rounding.solve_twofold(matrix, right),
-        solved(fractions(matrix), fractions(right)),
-    )
+    found, expected = (rounding.solve_twofold(matrix, right), solved(fractions(matrix), fractions(right)))
     entries(found.high, expected)
     rest = (expected - fractions(found.high)).astype(float)
     conditioned(found.low, rest, algebra.condition(matrix))
@@ -118,9 +115,7 @@ def law_elimination(n: int) -> None:
     H, some = hilbert(n), random.uniform(0.5, 2.0, n)
     change = some[:, None] * H * some
     upper = constant(H) + constant(change) @ delta("d", n)
-    relation = algebra.stack_rows(
-        algebra.stack_columns(upper, B), algebra.stack_columns(constant(C), D)
-    )
+    relation = algebra.stack_rows(algebra.stack_columns(upper, B), algebra.stack_columns(constant(C), D))
     found = evaluate(algebra.eliminate(relation, n), {"d": 1.0})
     exact = -solved(fractions(H) + fractions(change), fractions(B))
     both = np.vstack([exact, fractions(C) @ exact + fractions(D)])

@@ -227,13 +227,8 @@ def test_no_indefinite_matrix_is_positive_where_only_rounding_hides_it(n: int) -
 
 def test_bounds_of_rates_are_those_of_the_map() -> None:
     """By differences, of a bilinear map and of an angle."""
-    own = (
-        Parameter("a", 1.0, low=0.5, high=4.0),
-        Angle("t", 20.0, low=-60.0, high=80.0, unit="deg"),
-    )
-    system = realize(
-        [["-a", "t"], ["0", "-1"]], [own[0], unit("t")], states=2, inputs=[], outputs=[]
-    )
+    own = (Parameter("a", 1.0, low=0.5, high=4.0), Angle("t", 20.0, low=-60.0, high=80.0, unit="deg"))
+    system = realize([["-a", "t"], ["0", "-1"]], [own[0], unit("t")], states=2, inputs=[], outputs=[])
     named = replace_parameters(system, own)
     for k in (0.5, 1.0):
         found = delta_rates(named, ["a", "t"], {"a": 2.0, "t": 3.0}, k)

@@ -81,9 +81,7 @@ def test_frames_of_random_trees(seed: int) -> None:
     displaced = dict(zip((one["name"] for one in data["coordinates"]), q, strict=True))
     chosen = mbdlft.random(scene.parameters, 1, seed) if scene.parameters else {}
     p = [float(chosen[parameter["name"]][0]) for parameter in data["parameters"]]
-    point = {
-        parameter["name"]: value for parameter, value in zip(data["parameters"], p, strict=True)
-    }
+    point = {parameter["name"]: value for parameter, value in zip(data["parameters"], p, strict=True)}
     vectors = interpret(data["tape"], p, q).reshape(-1, 3)
     tree = plant(scene, point)
     model = tree.model
@@ -214,10 +212,7 @@ def test_center_of_mass_of_elastic_bodies() -> None:
     """The momentum of all bodies is the mass times the velocity of the drawn centers."""
     scene = mbdlft.load_scene(ROOT / "scenarios" / "solar_arrays.toml")
     scene = scene.model_copy(
-        update={
-            "sensors": (mbdlft.CenterOfMass(name="all"),),
-            "outputs": ("all.x", "all.y", "all.z"),
-        }
+        update={"sensors": (mbdlft.CenterOfMass(name="all"),), "outputs": ("all.x", "all.y", "all.z")}
     )
     model = mbdlft.to_lft(scene, search=0.0)
     data = view_data(scene)

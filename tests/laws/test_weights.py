@@ -68,10 +68,7 @@ def test_fewer_repetitions_than_with_forces_that_turn(spatial: bool) -> None:
 
 
 PLANTED = {
-    "a lever that does not feel turned weights": (
-        "_with_weights",
-        lambda wrench, tilts, field: wrench,
-    ),
+    "a lever that does not feel turned weights": ("_with_weights", lambda wrench, tilts, field: wrench),
     "the first moment of what is outside is left out": (
         "_together",
         lambda first, second, together=WEIGHTS._together: together(

@@ -113,10 +113,7 @@ def both(graph: SignalGraph) -> tuple[LFT, LFT]:
 def law_values(graph: SignalGraph, seed: int) -> LFT:
     deltas = np.random.default_rng(seed).uniform(-0.8, 0.8, (4, len(NAMES)))
     p = np.array(
-        [
-            [m.b0 + m.gain * d / (1.0 + m.a1 * d) for m, d in zip(MAPS, row, strict=True)]
-            for row in deltas
-        ]
+        [[m.b0 + m.gain * d / (1.0 + m.a1 * d) for m, d in zip(MAPS, row, strict=True)] for row in deltas]
     )
     expected = np.array([graph_value(graph, row) for row in p])
     size = max(1.0, float(np.max(np.abs(expected))))
@@ -278,9 +275,7 @@ def test_rows_that_are_nearly_one_carry_what_lies_beside_them(distance: float) -
 def law_memory() -> None:
     """A chain in the plane with 30 parameters: 1277 channels."""
     equations = assemble(scene("planar chain", 10, few=False))
-    relations = linearize(
-        equations, *choose_signals(scene("planar chain", 10, few=False), equations)
-    )
+    relations = linearize(equations, *choose_signals(scene("planar chain", 10, few=False), equations))
     tracemalloc.start()
     with precision(BITS):
         found = extract(relations)

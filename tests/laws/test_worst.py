@@ -6,15 +6,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    AnalysisError,
-    Bounds,
-    Parameter,
-    System,
-    realize,
-    verify,
-    worst_case,
-)
+from mbdlft import AnalysisError, Bounds, Parameter, System, realize, verify, worst_case
 from mbdlft.robust.bisect.characteristic import is_stable_at
 from mbdlft.robust.evidence import BoxProof
 from mbdlft.robust.realization import realization
@@ -107,9 +99,7 @@ def test_no_damaged_proof_of_an_edge_is_accepted(what: str) -> None:
 
 def test_a_sector_of_a_known_pole() -> None:
     """-1 +- 2j has the damping 1/sqrt(5): slope 1/2; the line at -1."""
-    model = realization(
-        mbdlft.state_space([[-1.0, 2.0], [-2.0, -1.0]], [[1.0], [0.0]], [[1.0, 0.0]], 0)
-    )
+    model = realization(mbdlft.state_space([[-1.0, 2.0], [-2.0, -1.0]], [[1.0], [0.0]], [[1.0, 0.0]], 0))
     for slope, shift, expected in ((0.49, 0.0, True), (0.51, 0.0, False), (0.0, -0.99, True)):
         region = model._replace(slope=slope, shift=shift)
         assert is_stable_at(region, []) == expected

@@ -43,9 +43,7 @@ def test_wide_systems_have_the_zeros_that_were_put_in() -> None:
     """Behind a filter with a zero, in all its inputs, every transfer has that zero."""
     system = random_system(1, 5, 2, 3)
     assert zeros(system)[0].size == 0
-    filtered = mbdlft.series(
-        control.tf([1.0, -3.0], [1.0, 4.0]) * np.eye(1), random_system(2, 4, 2, 1)
-    )
+    filtered = mbdlft.series(control.tf([1.0, -3.0], [1.0, 4.0]) * np.eye(1), random_system(2, 4, 2, 1))
     found = zeros(filtered)[0]
     assert found.size == 1
     target(found, [3.0], ZEROS)

@@ -31,18 +31,12 @@ def one_order_only() -> Iterator[None]:
     """Scenes are assembled once, with the weights in one order of products."""
     module = import_module("mbdlft.multibody.to_problem")
     right = module.assembly
-    with patch.object(
-        module, "assembly", lambda scene: replace(right(scene), second_order=lambda: None)
-    ):
+    with patch.object(module, "assembly", lambda scene: replace(right(scene), second_order=lambda: None)):
         yield
 
 
 def _pass(
-    placed: Placed,
-    found: Motions,
-    inertial: Mapping[str, ca.SX],
-    loads: Mapping[str, ca.SX],
-    load: ca.SX,
+    placed: Placed, found: Motions, inertial: Mapping[str, ca.SX], loads: Mapping[str, ca.SX], load: ca.SX
 ) -> Passed:
     return pass_inward(placed, found, {name: inertial[name] + loads[name] for name in inertial})
 

@@ -82,9 +82,7 @@ def copy_to(folder: Path) -> None:
 def run_tests(folder: Path, tests: Iterable[str], *more: str) -> tuple[int, str]:
     """Exit code and last lines of pytest in a copy."""
     chosen = [part for text in tests for part in shlex.split(text)]
-    chosen = [
-        f"tests/{part}" if part.partition("::")[0].endswith(".py") else part for part in chosen
-    ]
+    chosen = [f"tests/{part}" if part.partition("::")[0].endswith(".py") else part for part in chosen]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "--tb=no", "-p", "no:cacheprovider"]
     found = subprocess.run(
         [*command, *more, *chosen],

@@ -44,9 +44,7 @@ class Energies:
         self.T += mass * ca.dot(rate, rate) / 2
         self.V += mass * g * place[-1]
 
-    def body(
-        self, mass: Any, inertia: Any, center: Any, place: Any, R: Any, g: float = 0.0
-    ) -> None:
+    def body(self, mass: Any, inertia: Any, center: Any, place: Any, R: Any, g: float = 0.0) -> None:
         """A rigid body whose frame is at `place` with axes R, and its moments in these."""
         self.point(mass, place + R @ SX(center), g)
         turn = spin(R, self)
@@ -92,9 +90,7 @@ class Energies:
         f = ca.Function("f", arguments, [rows, ca.jacobian(rows, wanted), self.gaps])
         left, slope, gaps = (np.array(x) for x in f(*point, efforts, np.zeros(load.numel())))
         solved = np.linalg.lstsq(slope, -left[:, 0], rcond=None)[0]
-        missed = np.max(
-            np.abs(slope @ solved + left[:, 0]), initial=np.max(np.abs(gaps), initial=0)
-        )
+        missed = np.max(np.abs(slope @ solved + left[:, 0]), initial=np.max(np.abs(gaps), initial=0))
         if missed > 1e-9 * max(1.0, np.max(np.abs(left))):
             raise ValueError(f"no equilibrium: {missed}")
         efforts[unknown] = solved[: len(unknown)]

@@ -38,13 +38,7 @@ def ab13md() -> tuple[NDArray[np.complex128], tuple[Block, ...]]:
         [4 + 2j, -2 + 5j, -6 - 7j, -4 + 11j, 8 - 7j, 12 - 1j],
         [5 - 4j, -4 - 8j, 1 - 3j, -6 + 14j, 2 - 5j, 4 + 16j],
     ]
-    blocks = (
-        Block("a", 1),
-        Block("b", 1),
-        FullBlock("c", 2),
-        ComplexBlock("d", 1),
-        ComplexBlock("e", 1),
-    )
+    blocks = (Block("a", 1), Block("b", 1), FullBlock("c", 2), ComplexBlock("d", 1), ComplexBlock("e", 1))
     return np.array(rows + rows), blocks
 
 
@@ -146,10 +140,7 @@ def transport_aircraft() -> System:
     )
     actuators = mbdlft.append(
         mbdlft.as_system(
-            control.tf([-1.77, 399.0], [1.0, 48.2, 399.0]),
-            name="a1",
-            inputs=["u1"],
-            outputs=["aileron"],
+            control.tf([-1.77, 399.0], [1.0, 48.2, 399.0]), name="a1", inputs=["u1"], outputs=["aileron"]
         ),
         mbdlft.as_system(
             control.tf([2.6, -1185.0, 27350.0], [1.0, 77.7, 3331.0, 27350.0]),
@@ -170,10 +161,7 @@ def distillation(integrator: float = 1e-6) -> System:
     G = np.array([[87.8, -86.4], [108.2, -109.6]])
     I = np.eye(2)  # noqa: E741
     plant = mbdlft.as_system(
-        control.ss(-I / 75.0, I / 75.0, G, 0.0 * I),
-        name="g",
-        inputs=["u1", "u2"],
-        outputs=["g1", "g2"],
+        control.ss(-I / 75.0, I / 75.0, G, 0.0 * I), name="g", inputs=["u1", "u2"], outputs=["g1", "g2"]
     )
     inverse_gain = 0.7 * np.linalg.inv(G)
     controller = mbdlft.as_system(
@@ -184,10 +172,7 @@ def distillation(integrator: float = 1e-6) -> System:
     )
     # (s + 0.2)/(0.5 s + 1) and (0.5 s + 0.05)/(s + integrator), twice each
     weights = mbdlft.as_system(
-        control.ss(-2.0 * I, I, -3.6 * I, 2.0 * I),
-        name="i",
-        inputs=["v1", "v2"],
-        outputs=["a1", "a2"],
+        control.ss(-2.0 * I, I, -3.6 * I, 2.0 * I), name="i", inputs=["v1", "v2"], outputs=["a1", "a2"]
     )
     slope = 0.05 - 0.5 * integrator
     performance = mbdlft.as_system(

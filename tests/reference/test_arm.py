@@ -65,18 +65,14 @@ def test_fifty_digits(model: mbdlft.LFTModel) -> None:
                 for j in range(2):
                     right[i, j] = -found.K[i][j]
                 right[i, 2 + i], right[i, 4 + i] = -mpmath.mpf("0.1"), mpmath.mpf(1)
-            expected = np.array(
-                (mpmath.inverse(mpmath.matrix(found.M)) * right).tolist(), dtype=float
-            )
+            expected = np.array((mpmath.inverse(mpmath.matrix(found.M)) * right).tolist(), dtype=float)
             actual = state_and_input(model, {name: values[name][k : k + 1] for name in NAMES})
             target(actual[0, 2:], expected, CLOSED_FORM)
 
 
 def test_order(model: mbdlft.LFTModel) -> None:
     """The order reached and the proved bound: 16 = J1 1, m1 1, rho1 2, m3 2, L2 2, 4, 4."""
-    bound = dict(
-        zip((p.name for p in model.parameters), model.certificate.lower_bound, strict=True)
-    )
+    bound = dict(zip((p.name for p in model.parameters), model.certificate.lower_bound, strict=True))
     assert bound == {"J1": 1, "m1": 1, "rho1": 2, "m3": 2, "L2": 2, "theta1": 4, "theta2": 4}
     assert model.order <= 19
     assert model.certificate.raw_order >= model.certificate.order >= model.certificate.lower_bound

@@ -60,9 +60,7 @@ def test_planted_reduction_in_doubles_is_found(monkeypatch: pytest.MonkeyPatch) 
 
 
 # a product of two matrices whose coefficients have 18 digits: order 2 is enough
-_OVER = (
-    "(1000000000000000000 + 148097000000000000*b - 406319000000000000*a + 178670437577000000*a*b)"
-)
+_OVER = "(1000000000000000000 + 148097000000000000*b - 406319000000000000*a + 178670437577000000*a*b)"
 LONG = [
     [
         "(76481000000000000 + 194290724081000000*b + 327726628730000000*a "
@@ -81,10 +79,7 @@ TWO = [Parameter("a", 0.3, 0.1, 0.5), Parameter("b", 0.2, 0.1, 0.4)]
 
 
 def law_long_literals() -> None:
-    assert mbdlft.exact_lower_bound(mbdlft.MatrixProblem(matrix=LONG, parameters=TWO)) == {
-        "a": 1,
-        "b": 1,
-    }
+    assert mbdlft.exact_lower_bound(mbdlft.MatrixProblem(matrix=LONG, parameters=TWO)) == {"a": 1, "b": 1}
     certificate = realize(LONG, TWO, search=1.0).certificate
     assert certificate.order_bound == 2
 
@@ -145,15 +140,8 @@ def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # a term that doubles take for rounding, in a model that is not the smallest before a search
-NEAR = [
-    [["a*b^2/(2+a*b) + 1e-13*c"]],
-    [["a*b^2/(2+a*b+b)", "b/(3-a*b) + 1e-13*c^2"]],
-]
-THREE = [
-    Parameter("a", 0.2, -0.5, 0.6),
-    Parameter("b", 0.15, -0.4, 0.5),
-    Parameter("c", 0.1, -0.3, 0.7),
-]
+NEAR = [[["a*b^2/(2+a*b) + 1e-13*c"]], [["a*b^2/(2+a*b+b)", "b/(3-a*b) + 1e-13*c^2"]]]
+THREE = [Parameter("a", 0.2, -0.5, 0.6), Parameter("b", 0.15, -0.4, 0.5), Parameter("c", 0.1, -0.3, 0.7)]
 
 
 def matrix_of_pairs(g: float) -> list[list[str]]:
@@ -174,9 +162,7 @@ def law_near() -> None:
         plain, searched = (realize(rows, THREE, search=work).certificate for work in (0.0, 2.0))
         assert searched.lower_bound == plain.lower_bound
         assert searched.lower_bound[2] > 0
-        assert all(
-            n >= least for n, least in zip(searched.order, searched.lower_bound, strict=True)
-        )
+        assert all(n >= least for n, least in zip(searched.order, searched.lower_bound, strict=True))
     for size in (1.0, 1e-12, 1e-14):  # without its first term, 4 were enough
         parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
         model = realize(matrix_of_pairs(size), parameters, search=4.0)

@@ -69,11 +69,7 @@ def test_imposed_coordinate_beside_stiff_elements() -> None:
 @pytest.mark.parametrize("count", data.ASSUMED)
 def test_assumed_modes_have_those_of_the_table(count: int) -> None:
     """The rival method of the source, so that the table compares right with right."""
-    target(
-        np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count],
-        np.ones(6),
-        SPACECRAFT_TABLE,
-    )
+    target(np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count], np.ones(6), SPACECRAFT_TABLE)
 
 
 def test_entries_have_the_digits_of_their_terms() -> None:
@@ -142,9 +138,7 @@ def test_frozen_lft_is_the_mesh_at_this_length(
 
 def test_wrong_mesh_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     right = beams.hermite
-    monkeypatch.setattr(
-        beams, "hermite", lambda h, e, m: (right(h, e, m)[0], right(h, e, 1.01 * m)[0])
-    )
+    monkeypatch.setattr(beams, "hermite", lambda h, e, m: (right(h, e, m)[0], right(h, e, 1.01 * m)[0]))
     with pytest.raises(AssertionError):
         test_frozen_lft_is_the_mesh_at_this_length("cubic", 3, CUBIC)
 
@@ -184,9 +178,7 @@ def test_no_unstable_poles_in_the_whole_range(name: str) -> None:
     # a double pole at zero, of a rigid body, is split by rounding
     fast = np.abs(poles) > data.RIGID
     growth = np.where(fast, poles.real, 0.0)
-    target(
-        growth / np.max(np.abs(poles), axis=1, keepdims=True), np.zeros(growth.shape), STABLE, 1.0
-    )
+    target(growth / np.max(np.abs(poles), axis=1, keepdims=True), np.zeros(growth.shape), STABLE, 1.0)
 
 
 def test_two_beams_do_not_feel_where_they_meet() -> None:
@@ -196,9 +188,7 @@ def test_two_beams_do_not_feel_where_they_meet() -> None:
     for length in (0.5, 0.8, 1.3, 1.5):
         direct = beams.joined([QUINTIC(length), QUINTIC(2.0 - length)])
         target(
-            data.frequencies(found, L=length) / beams.clamped(direct),
-            np.ones(len(direct.M) - 2),
-            CHAIN,
+            data.frequencies(found, L=length) / beams.clamped(direct), np.ones(len(direct.M) - 2), CHAIN
         )
         target(data.frequencies(found, L=length)[:2] / fine, np.ones(2), LENGTH_TABLE)
 

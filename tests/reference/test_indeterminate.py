@@ -169,19 +169,16 @@ def double_cross() -> Scene:
     angles = [k * np.pi / 4.0 for k in range(8)]
     section = {"area": side**2, "I_z": side**4 / 12.0, "deformations": ("axial", "bending_y")}
     arms = [
-        Beam(name=f"arm{k}", length=arm, density=RHO, modulus=E, modes=6, **section)
-        for k in range(8)
+        Beam(name=f"arm{k}", length=arm, density=RHO, modulus=E, modes=6, **section) for k in range(8)
     ]
     ends = {
-        f"end{k}": (arm + arm * float(np.cos(a)), arm * float(np.sin(a)), 0)
-        for k, a in enumerate(angles)
+        f"end{k}": (arm + arm * float(np.cos(a)), arm * float(np.sin(a)), 0) for k, a in enumerate(angles)
     }
     others = [k for k in range(8) if k != 4]
     turns = {k: (Rotation(axis=(0, 0, 1), angle=float(angles[k])),) for k in others}
     joints = [Revolute(name="pin", parent="ground", child="arm4", axis=(0, 0, 1), preload=0.0)]
     joints += [
-        Fixed(name=f"hub{k}", parent="arm4.tip", child=f"arm{k}", orientation=turns[k])
-        for k in others
+        Fixed(name=f"hub{k}", parent="arm4.tip", child=f"arm{k}", orientation=turns[k]) for k in others
     ]
     loops = [
         Loop(name=f"pin{k}", kind="revolute", axis=(0, 0, 1), parent=f"ground.end{k}",
@@ -286,9 +283,7 @@ def test_planted_bugs_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
         patch.setattr(
             ElasticBody,
             "restoring",
-            lambda self, values, q: (
-                restoring(self, values, q) * (1.0 + 0.1 * (self.name == "middle"))
-            ),
+            lambda self, values, q: restoring(self, values, q) * (1.0 + 0.1 * (self.name == "middle")),
         )
         with pytest.raises(AssertionError):
             test_a_truss_of_bars_on_pins()

@@ -36,9 +36,7 @@ BECK = 20.0509536  # that of flutter under a thrust: Beck 1952; Timoshenko, Gere
 def column(load: float, frame: str = "ground", **given: object) -> mbdlft.Scene:
     """A cantilever along x with E I = rho A = L = 1 and a force along x at the tip."""
     shapes = {"modes": 6, "deformations": ("bending_y",), "modulus": 1.0, **given}
-    push = mbdlft.Force(
-        name="push", port="beam.tip", direction=(1, 0, 0), magnitude=load, frame=frame
-    )
+    push = mbdlft.Force(name="push", port="beam.tip", direction=(1, 0, 0), magnitude=load, frame=frame)
     return mbdlft.Scene(
         name="column",
         bodies=[scenes.beam(**shapes)],
@@ -113,9 +111,7 @@ def test_loads_at_stations_add_up() -> None:
     """Two pulls at inner nodes are one at the farther one, as far as the nearer one."""
     stations = {"near": 1, "far": 3}
     pulls = [
-        mbdlft.Force(
-            name=name, port=f"beam.{name}", direction=(1, 0, 0), magnitude=load, frame="ground"
-        )
+        mbdlft.Force(name=name, port=f"beam.{name}", direction=(1, 0, 0), magnitude=load, frame="ground")
         for name, load in (("near", 0.7), ("far", -0.4))
     ]
     scene = column(0.0, stations=stations, elements=4, modes=4)
@@ -160,9 +156,7 @@ def test_rate_of_the_spin_is_a_parameter() -> None:
 def whirling() -> mbdlft.Scene:
     """A beam that elongates and bends both ways, askew in a spinning frame, with a mass at its tip."""
     every = ("axial", "bending_y", "bending_z")
-    body = scenes.beam(
-        deformations=every, modes=3, modulus=500.0, I_y=0.02, I_z=0.05, prestress="axial"
-    )
+    body = scenes.beam(deformations=every, modes=3, modulus=500.0, I_y=0.02, I_z=0.05, prestress="axial")
     turn = mbdlft.Rotation(axis=(0.2, 1.0, -0.5), angle=0.7)
     bob = mbdlft.RigidBody(name="bob", mass=0.5, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.25))
     return mbdlft.Scene(

@@ -30,23 +30,13 @@ def slider_crank(*, cut_at_piston: bool) -> Scene:
     joints = [
         Revolute(name="motor", parent="ground", child="crank", axis=(0, 0, 1)),
         Revolute(
-            name="knee",
-            parent="crank.pin",
-            child="rod",
-            axis=(0, 0, 1),
-            orientation=down,
-            preload=0,
+            name="knee", parent="crank.pin", child="rod", axis=(0, 0, 1), orientation=down, preload=0
         ),
     ]
     if cut_at_piston:
         joints += [
             Revolute(
-                name="wrist",
-                parent="rod.end",
-                child="piston",
-                axis=(0, 0, 1),
-                orientation=up,
-                preload=0,
+                name="wrist", parent="rod.end", child="piston", axis=(0, 0, 1), orientation=up, preload=0
             )
         ]
         # the bore stands at an angle to the ground, and its axis along x of that frame
@@ -54,12 +44,7 @@ def slider_crank(*, cut_at_piston: bool) -> Scene:
     else:
         joints += [
             Prismatic(
-                name="bore",
-                parent="ground",
-                child="piston",
-                axis=(1, 0, 0),
-                position=0.4,
-                preload=0,
+                name="bore", parent="ground", child="piston", axis=(1, 0, 0), position=0.4, preload=0
             )
         ]
         loop = Loop(
@@ -121,22 +106,12 @@ def boom(kind: str) -> Scene:
             RigidBody(name="rod", mass="m", inertia=Inertia(zz=0.02)),
         ],
         joints=[
+            Revolute(name="motor", parent="ground", child="boom", axis=(0, 0, 1), position="90*deg"),
             Revolute(
-                name="motor", parent="ground", child="boom", axis=(0, 0, 1), position="90*deg"
+                name="trunnion", parent="ground.foot", child="cylinder", position="2*atan(3)", **hinge
             ),
             Revolute(
-                name="trunnion",
-                parent="ground.foot",
-                child="cylinder",
-                position="2*atan(3)",
-                **hinge,
-            ),
-            Revolute(
-                name="clevis",
-                parent="boom.tip",
-                child="rod",
-                position="2*atan(3) - 90*deg",
-                **hinge,
+                name="clevis", parent="boom.tip", child="rod", position="2*atan(3) - 90*deg", **hinge
             ),
         ],
         loops=[Loop(name="stroke", kind=kind, parent="cylinder", child="rod", **axis)],
@@ -201,12 +176,7 @@ def cardan(kind: str) -> Scene:
         joints=[
             Revolute(name="motor", parent="ground", child="driver", axis=(0, 0, 1)),
             Revolute(
-                name="load",
-                parent="ground",
-                child="driven",
-                axis=(0, 0, 1),
-                orientation=tilt,
-                preload=0,
+                name="load", parent="ground", child="driven", axis=(0, 0, 1), orientation=tilt, preload=0
             ),
         ],
         loops=[Loop(name="cross", kind=kind, parent="driver", child="driven", **axes)],
@@ -249,10 +219,7 @@ def test_an_equilibrium_is_found_through_a_sliding_loop() -> None:
         ({"kind": "prismatic"}, "closure of the kind 'prismatic' needs axis"),
         ({"kind": "spherical", "axis": (0, 0, 1)}, "closure of the kind 'spherical' has no axis"),
         ({"kind": "universal", "axis1": (0, 0, 1)}, "kind 'universal' needs axis2"),
-        (
-            {"kind": "universal", "axis1": (0, 0, 1), "axis2": (0, 0, -2)},
-            "axis1 and axis2 are parallel",
-        ),
+        ({"kind": "universal", "axis1": (0, 0, 1), "axis2": (0, 0, -2)}, "axis1 and axis2 are parallel"),
         ({"kind": "planar"}, "kind 'planar'"),
     ],
 )

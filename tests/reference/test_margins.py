@@ -3,13 +3,7 @@
 import numpy as np
 import pytest
 
-from mbdlft import (
-    Block,
-    ComplexBlock,
-    FullBlock,
-    robust_stability,
-    structured_singular_value,
-)
+from mbdlft import Block, ComplexBlock, FullBlock, robust_stability, structured_singular_value
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound

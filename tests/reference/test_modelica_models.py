@@ -137,9 +137,7 @@ FREQUENCIES = {
 
 
 @pytest.mark.parametrize("formula", FORMULAS, ids=lambda formula: formula.__name__)
-def test_transfer_functions_are_those_of_the_formulas(
-    formula: Callable[[Values, complex], Any],
-) -> None:
+def test_transfer_functions_are_those_of_the_formulas(formula: Callable[[Values, complex], Any]) -> None:
     model = model_of(formula.__name__)
     for p in samples(model):
         for w in FREQUENCIES.get(formula.__name__, (0.3, 2.0, 17.0)):
@@ -295,9 +293,7 @@ def scene(m: mbdlft.Parameter, L: mbdlft.Parameter, damping: float) -> mbdlft.Sc
             mbdlft.PointMass(name="bob", mass="m"),
         ],
         joints=[
-            mbdlft.Revolute(
-                name="pivot", parent="ground", child="link", axis=(1, 0, 0), damping=damping
-            ),
+            mbdlft.Revolute(name="pivot", parent="ground", child="link", axis=(1, 0, 0), damping=damping),
             mbdlft.Fixed(name="tip", parent="link.tip", child="bob"),
         ],
     )

@@ -169,11 +169,7 @@ def gondola(p: Values) -> Energies:
 
 
 def helicopter(p: Values) -> Energies:
-    names = [f"flight.{part}" for part in FREE] + [
-        "teeter.angle.1",
-        "teeter.angle.2",
-        "shaft.angle",
-    ]
+    names = [f"flight.{part}" for part in FREE] + ["teeter.angle.1", "teeter.angle.2", "shaft.angle"]
     inputs = ["lift.force", "tail.force", "teeter.torque.1", "teeter.torque.2"]
     e = Energies(names, inputs, [0] * 9, {1: 0})
     e.speeds[8] = p["Omega"] * 2 * np.pi / 60

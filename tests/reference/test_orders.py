@@ -74,10 +74,7 @@ def test_values_are_those_of_the_matrix(case: Case) -> None:
 
 @pytest.mark.parametrize(
     "case",
-    [
-        pytest.param(case, id=case.name, marks=[pytest.mark.long] * (case.name in SLOW))
-        for case in CASES
-    ],
+    [pytest.param(case, id=case.name, marks=[pytest.mark.long] * (case.name in SLOW)) for case in CASES],
 )
 def test_the_way_of_writing_does_not_matter(case: Case) -> None:
     samples = points(case, 50)

@@ -54,11 +54,7 @@ def law_half_car() -> None:
         target(D[2], road[2] - 0.2 * road[3], CLOSED_FORM)
         # the tires carry everything
         trim = dict(
-            zip(
-                [s.name for s in model.trim.signals],
-                np.ravel(mbdlft.trim_at(model, point)),
-                strict=True,
-            )
+            zip([s.name for s in model.trim.signals], np.ravel(mbdlft.trim_at(model, point)), strict=True)
         )
         share = point["m"] * np.array([REAR, FRONT]) / (FRONT + REAR)
         tires = 9.81 * (share + np.array([38.0, 34.0]))
@@ -104,11 +100,7 @@ def moved(base: Scene, k: int, how: bool | str) -> Scene:
 def test_motions_in_trees_equal_lagrange() -> None:
     for seed, k in ((3, 1),):
         scene = moved(open_tree(seed), k, "motion")
-        model, equations, points = (
-            mbdlft.to_lft(scene, search=0.0),
-            mechanism(scene),
-            points_of(scene),
-        )
+        model, equations, points = (mbdlft.to_lft(scene, search=0.0), mechanism(scene), points_of(scene))
         assert not any(s.name.startswith(f"j{k}.") for s in model.states)
         compare(model, points, [linear_at(equations, model, point) for point in points])
 
@@ -154,9 +146,7 @@ def table(**fields) -> Scene:
             PointMass(name="load", mass=1.0),
         ],
         joints=[
-            Prismatic(
-                name="shake", parent="ground", child="table", axis=(1, 0, 0), imposed="motion"
-            ),
+            Prismatic(name="shake", parent="ground", child="table", axis=(1, 0, 0), imposed="motion"),
             Prismatic(
                 name="slide", parent="table", child="load", axis=(1, 0, 0), stiffness=9.0, damping=1
             ),
@@ -175,11 +165,7 @@ def test_inputs_are_those_that_are_felt() -> None:
     sprung = [stay(stiffness=5.0)]
     assert _inputs(table(loads=sprung))[2:] == ["shake.position", "shake.acceleration"]
     both = [stay(stiffness=5.0, damping=2.0)]
-    assert _inputs(table(loads=both))[2:] == [
-        "shake.position",
-        "shake.velocity",
-        "shake.acceleration",
-    ]
+    assert _inputs(table(loads=both))[2:] == ["shake.position", "shake.velocity", "shake.acceleration"]
     seen = [mbdlft.Velocity(name="seen", port="load")]
     assert _inputs(table(sensors=seen))[1:] == ["shake.velocity", "shake.acceleration"]
 

@@ -45,9 +45,7 @@ def boom(axis: tuple[float, ...]) -> Scene:
         parameters=[M, LENGTH, OFFSET, RATE],
         bodies=[
             mbdlft.Ground(ports={"hinge": ("e", 0, 0)}),
-            RigidBody(
-                name="boom", mass="m", center_of_mass=("L", 0, 0), inertia=Inertia(**INERTIA)
-            ),
+            RigidBody(name="boom", mass="m", center_of_mass=("L", 0, 0), inertia=Inertia(**INERTIA)),
         ],
         joints=[Revolute(name="j", parent="ground.hinge", child="boom", axis=axis, preload=0)],
     )
@@ -87,9 +85,7 @@ def conical_errors() -> None:
         spin=Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, LENGTH, RATE, Angle("th", 40.0, low=10.0, high=80.0)],
         bodies=[PointMass(name="bob", mass="m", ports={"pivot": (0, 0, "L")})],
-        joints=[
-            Revolute(name="j", parent="ground", child="bob.pivot", axis=(0, -1, 0), position="th")
-        ],
+        joints=[Revolute(name="j", parent="ground", child="bob.pivot", axis=(0, -1, 0), position="th")],
     )
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)
@@ -144,10 +140,7 @@ def slot_errors() -> None:
         name="slot",
         spin=Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, RATE, STIFFNESS],
-        bodies=[
-            RigidBody(name="frame", mass=0),
-            PointMass(name="bead", mass="m"),
-        ],
+        bodies=[RigidBody(name="frame", mass=0), PointMass(name="bead", mass="m")],
         joints=[
             Prismatic(name="x", parent="ground", child="frame", axis=(1, 0, 0), stiffness="k"),
             Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), stiffness="k"),

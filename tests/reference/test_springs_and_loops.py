@@ -36,9 +36,7 @@ def values_of(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
 
 
 def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields) -> Revolute:
-    return Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
 
 
 # springs and loads ---------------------------------------------------------------------------
@@ -119,10 +117,7 @@ def ziegler(frame: str) -> mbdlft.LFTModel:
         Scene(
             name="ziegler",
             parameters=[M, LENGTH, Parameter("P", 2.0, low=0.5, high=3.0, unit="N")],
-            bodies=[
-                PointMass(name="a", mass="2*m", **rod),
-                PointMass(name="b", mass="m", **rod),
-            ],
+            bodies=[PointMass(name="a", mass="2*m", **rod), PointMass(name="b", mass="m", **rod)],
             joints=[
                 pin("ja", "ground", "a.foot", stiffness=1.0, preload=0),
                 pin("jb", "a", "b.foot", stiffness=1.0, preload=0),
@@ -198,9 +193,7 @@ def parallelogram_errors() -> None:
             pin("jr", "ground.right", "right", "th", preload=0),
         ],
         loops=[
-            Loop(
-                name="pin", kind="revolute", parent="coupler.tip", child="right.tip", axis=(1, 0, 0)
-            )
+            Loop(name="pin", kind="revolute", parent="coupler.tip", child="right.tip", axis=(1, 0, 0))
         ],
         inputs=["jl.torque"],
         outputs=["jl.angle", "jc.angle", "jr.angle"],

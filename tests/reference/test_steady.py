@@ -65,17 +65,13 @@ def test_halves_that_are_symmetric_together_are_one_rotor() -> None:
     whole = gyrostat()
     bar = Inertia(xx=0.02, yy=0.04, zz="Ja/2")
     halves = [RigidBody(name=name, mass=2.5, inertia=bar) for name in ("rotor", "other")]
-    weld = mbdlft.Fixed(
-        name="weld", parent="rotor", child="other", axis=(0, 0, 1), position="90*deg"
-    )
+    weld = mbdlft.Fixed(name="weld", parent="rotor", child="other", axis=(0, 0, 1), position="90*deg")
     split = whole.model_copy(
         update={"bodies": (whole.bodies[0], *halves), "joints": (*whole.joints, weld)}
     )
     one, two = (mbdlft.to_lft(scene, search=0.0) for scene in (whole, split))
     for point in points_of(whole):
-        for a, b in zip(
-            mbdlft.matrices_at(one, point), mbdlft.matrices_at(two, point), strict=True
-        ):
+        for a, b in zip(mbdlft.matrices_at(one, point), mbdlft.matrices_at(two, point), strict=True):
             target(a, b, CLOSED_FORM)
 
 
@@ -91,11 +87,7 @@ def test_motor_holds_the_rate_against_friction() -> None:
     for point in points_of(scene):
         W = point["W"] * RPM
         trim = dict(
-            zip(
-                [s.name for s in model.trim.signals],
-                np.ravel(mbdlft.trim_at(model, point)),
-                strict=True,
-            )
+            zip([s.name for s in model.trim.signals], np.ravel(mbdlft.trim_at(model, point)), strict=True)
         )
         target(trim["wheel.torque"], 2e-4 * W, CLOSED_FORM)
         A = mbdlft.matrices_at(model, point).A

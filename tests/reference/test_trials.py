@@ -25,14 +25,7 @@ def furuta(p: Values) -> ByHand:
     swing = 4.0 / 3.0 * m * length**2
     mass = np.array([[0.001 + 0.2 * 0.01 + m * r * r, -m * r * length], [-m * r * length, swing]])
     stiffness = np.diag([0.0, -m * _G * length])
-    return (
-        ["motor.angle", "hinge.angle"],
-        mass,
-        stiffness,
-        0 * mass,
-        ["motor.torque"],
-        np.eye(2)[:, :1],
-    )
+    return (["motor.angle", "hinge.angle"], mass, stiffness, 0 * mass, ["motor.torque"], np.eye(2)[:, :1])
 
 
 def tower_crane(p: Values) -> ByHand:
@@ -56,14 +49,7 @@ def half_car(p: Values) -> ByHand:
     stiffness = p["ks"] * (both[0] + both[1]) + np.diag([0.0, 0.0, 18e4, 18e4])
     damping = 1500.0 * both[0] + 1600.0 * both[1]
     names = ["ride.position", "pitch.angle", "front_tire.position", "rear_tire.position"]
-    return (
-        names,
-        mass,
-        stiffness,
-        damping,
-        ["front_tire.force", "rear_tire.force"],
-        np.eye(4)[:, 2:],
-    )
+    return (names, mass, stiffness, damping, ["front_tire.force", "rear_tire.force"], np.eye(4)[:, 2:])
 
 
 def quadrotor(p: Values) -> ByHand:

@@ -42,18 +42,14 @@ def test_launcher_accelerates_by_thrust_over_mass() -> None:
         target(np.ravel(mbdlft.trim_at(model, point)), [a], CLOSED_FORM)
         same = {name: point[name] for name in SHARED} | {"a": a}
         for found, wanted in zip(
-            mbdlft.matrices_at(model, point),
-            mbdlft.matrices_at(by_acceleration, same),
-            strict=True,
+            mbdlft.matrices_at(model, point), mbdlft.matrices_at(by_acceleration, same), strict=True
         ):
             target(found, wanted, CLOSED_FORM)
 
 
 def dropped() -> Scene:
     """A box that falls freely, with a pendulum on a spring in it."""
-    box = RigidBody(
-        name="box", mass="m", inertia=Inertia(xx=2, yy=3, zz=4), ports={"eye": (0, 0, 0.5)}
-    )
+    box = RigidBody(name="box", mass="m", inertia=Inertia(xx=2, yy=3, zz=4), ports={"eye": (0, 0, 0.5)})
     return Scene(
         name="dropped",
         gravity=(0, 0, -9.81),
@@ -125,11 +121,7 @@ def thrust_in_space() -> Scene:
                 damping=0.2,
             ),
         ],
-        loads=[
-            mbdlft.Force(
-                name="thrust", port="hull.motor", direction=(0.2, 0.1, 1.0), magnitude="T"
-            ),
-        ],
+        loads=[mbdlft.Force(name="thrust", port="hull.motor", direction=(0.2, 0.1, 1.0), magnitude="T")],
         sensors=[mbdlft.Accelerometer(name="imu", port="arm")],
         inputs=["thrust.force", "ground.acceleration.z", "elbow.torque"],
         outputs=["elbow.angle", "imu.x", "imu.y", "imu.z"],

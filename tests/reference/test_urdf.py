@@ -130,17 +130,14 @@ def test_units_of_parameters_are_converted(tmp_path: Path) -> None:
     points = mbdlft.random(model.parameters, 20, seed=4)
     m, L = points["m"] / 1000, points["drop"] / 1000
     target(
-        mbdlft.matrices_at(model, points).A[:, 1, 0],
-        -9.81 * m * L / (SIZES["J"] + m * L**2),
-        CLOSED_FORM,
+        mbdlft.matrices_at(model, points).A[:, 1, 0], -9.81 * m * L / (SIZES["J"] + m * L**2), CLOSED_FORM
     )
 
 
 def test_missing_limits_are_told(tmp_path: Path) -> None:
     limit = '<limit lower="0.5" upper="1.5" effort="20" velocity="1"/>'
     _, report = load_robot(
-        written(tmp_path, limit, '<limit effort="20" velocity="1"/>'),
-        values={"swing.position": 3.0},
+        written(tmp_path, limit, '<limit effort="20" velocity="1"/>'), values={"swing.position": 3.0}
     )
     assert "joints without limits of position have none: swing" in report.assumed
     assert report.limits[1] == mbdlft.JointLimit("swing", "rad", None, None, 20.0, 1.0)
@@ -244,12 +241,7 @@ def test_link_called_ground_and_a_second_root_joint(tmp_path: Path) -> None:
 
 def test_free_root_is_held_by_its_weight(tmp_path: Path) -> None:
     file = pendulum(tmp_path)
-    values = {
-        "base.mass": 3.0,
-        "base.inertia.xx": 0.1,
-        "base.inertia.yy": 0.1,
-        "base.inertia.zz": 0.1,
-    }
+    values = {"base.mass": 3.0, "base.inertia.xx": 0.1, "base.inertia.yy": 0.1, "base.inertia.zz": 0.1}
     scene, report = load_robot(file, base="free", values=values)
     model = mbdlft.to_lft(scene, search=0.0)
     trim = {s.name: v for s, v in zip(model.trim.signals, model.trim.nominal, strict=True)}

@@ -30,9 +30,7 @@ def test_constants_are_those_of_the_table() -> None:
 def test_tank_has_the_frequency_of_the_liquid(acceleration: str | None) -> None:
     """Held still, w^2 = (a x/R) tanh(x h/R); free on its track, the sum of momenta stays."""
     R, h, m = 1.5, 2.4, 15e3
-    tank = mbdlft.slosh_tank(
-        "slosh", "stage", radius=R, height=h, mass="m", acceleration=acceleration
-    )
+    tank = mbdlft.slosh_tank("slosh", "stage", radius=R, height=h, mass="m", acceleration=acceleration)
     a = Parameter("a", 12.0, low=5.0, high=25.0, unit="m/s^2")
     scene = Scene(
         name="tank",

@@ -38,11 +38,7 @@ def by_hand(p: Values) -> tuple[Energies, ca.SX]:
 
 
 def beam(
-    e: Energies,
-    free: Iterator[ca.SX],
-    root: Point,
-    up: int,
-    data: tuple[float, float, float, int],
+    e: Energies, free: Iterator[ca.SX], root: Point, up: int, data: tuple[float, float, float, int]
 ) -> Point:
     """A beam that begins at a root and stands up (1) or hangs down (-1); its tip.
 
@@ -68,12 +64,7 @@ def beam(
 def across(x: float, ends: list[ca.SX], h: float, order: int) -> ca.SX:
     """Displacement, slope or curvature at the part x of an element (Hermite's cubic functions)."""
     shapes = (
-        (
-            1 - 3 * x**2 + 2 * x**3,
-            h * (x - 2 * x**2 + x**3),
-            3 * x**2 - 2 * x**3,
-            h * (x**3 - x**2),
-        ),
+        (1 - 3 * x**2 + 2 * x**3, h * (x - 2 * x**2 + x**3), 3 * x**2 - 2 * x**3, h * (x**3 - x**2)),
         ((6 * x**2 - 6 * x) / h, 1 - 4 * x + 3 * x**2, (6 * x - 6 * x**2) / h, 3 * x**2 - 2 * x),
         ((12 * x - 6) / h**2, (6 * x - 4) / h, (6 - 12 * x) / h**2, (6 * x - 2) / h),
     )

@@ -26,9 +26,9 @@ from mbdlft.problem.sx.tapes import arithmetic, fold
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
-    "importlinter"
-]["contracts"]
+CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+    "contracts"
+]
 ROOMS = [room.strip() for layer in CONTRACTS[0]["layers"] for room in layer.split("|")]
 
 
@@ -41,9 +41,7 @@ def test_rooms_are_those_of_the_page_in_the_order_of_the_contract() -> None:
 
 
 def test_main_types_and_functions_are_in_their_rooms() -> None:
-    rows = re.findall(
-        r"^\| `(\w+)` \|.*\| ([^|]*) \|$", PAGE.partition("## Rooms")[2], re.MULTILINE
-    )
+    rows = re.findall(r"^\| `(\w+)` \|.*\| ([^|]*) \|$", PAGE.partition("## Rooms")[2], re.MULTILINE)
     assert [room for room, _ in rows] == ROOMS
     for room, names in rows:
         files = [*(ROOT / "mbdlft" / room).rglob("*.py"), ROOT / "mbdlft" / f"{room}.py"]
@@ -80,9 +78,7 @@ def test_files_and_lists_of_the_page_exist() -> None:
         assert name in (ROOT / file).read_text(encoding="utf-8"), (name, file)
 
 
-@pytest.mark.parametrize(
-    "page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: str(page.name)
-)
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: str(page.name))
 def test_files_that_a_page_names_exist(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     for file in re.findall(r"`((?:mbdlft|tests|benchmarks)/[\w/]+\.py)`", text):

@@ -14,9 +14,7 @@ from tests.close import CLOSED_FORM, target
 def scene_of(motion: Motion) -> Scene:
     """A body on this joint alone, with a sensor at the point."""
     joint = KINDS[motion.kind](name="joint", parent="ground", child="body", **motion.axes)
-    body = RigidBody(
-        name="body", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=1), ports={"p": motion.point}
-    )
+    body = RigidBody(name="body", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=1), ports={"p": motion.point})
     return Scene(
         name="convention", bodies=[body], joints=[joint], sensors=[Position(name="at", port="body.p")]
     )  # fmt: skip
@@ -78,9 +76,7 @@ def test_the_file_is_that_of_the_script() -> None:
     texts, counts = [], []
     for text in (conventions.svg(), conventions._FILE.read_text(encoding="utf-8")):
         root = ET.fromstring(text)
-        texts.append(
-            ["".join(item.itertext()) for item in root.iter("{http://www.w3.org/2000/svg}text")]
-        )
+        texts.append(["".join(item.itertext()) for item in root.iter("{http://www.w3.org/2000/svg}text")])
         counts.append(len(list(root.iter("{http://www.w3.org/2000/svg}path"))))
     assert texts[0] == texts[1]
     assert counts[0] == counts[1]

@@ -92,10 +92,7 @@ def test_pages_have_commands() -> None:
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.name)
 def test_shell_examples_run(
-    page: Path,
-    workplace: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    page: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """The first of the README as a user types it; the others in this process."""
     typed = page.name == "README.md"
@@ -109,9 +106,7 @@ def test_shell_examples_run(
             typed = False
             script = Path(sys.executable).parent / name
             command = [str(script), *arguments]
-            result = subprocess.run(
-                command, cwd=workplace, capture_output=True, text=True, check=False
-            )
+            result = subprocess.run(command, cwd=workplace, capture_output=True, text=True, check=False)
             code, err = result.returncode, result.stderr
         else:
             code, _, err = run(monkeypatch, capsys, *arguments)

@@ -35,9 +35,7 @@ def broken(page: Path) -> list[str]:
             continue
         name, _, section = link.partition("#")
         target = (page.parent / name).resolve() if name else page
-        outside = page.parent == DOCS and not target.is_relative_to(
-            DOCS
-        )  # the site has no such page
+        outside = page.parent == DOCS and not target.is_relative_to(DOCS)  # the site has no such page
         if outside or not target.exists() or (section and section not in anchors(target)):
             wrong.append(link)
     return wrong
@@ -83,9 +81,7 @@ def test_functions_and_classes_that_pages_name_are_public() -> None:
     said = re.compile(r"`(?:\w+\.)*([A-Za-z]\w*)\([^`]*`")
     pages = [DOCS / name for name in ("tutorial.md", "trials.md", "conventions.md", "python.md")]
     found = [
-        name
-        for page in (*pages, *DOCS.glob("task-*.md"))
-        for name in said.findall(page.read_text())
+        name for page in (*pages, *DOCS.glob("task-*.md")) for name in said.findall(page.read_text())
     ]
     for line in (DOCS / "coming-from.md").read_text(encoding="utf-8").splitlines():
         here = line.split("|")[2] if line.count("|") == 3 else ""
@@ -110,15 +106,11 @@ def test_pages_of_the_api_have_every_public_name() -> None:
     assert {f"mbdlft.{name}" for name in mbdlft._NAMESPACES} <= set(found)
     for module, names in found.items():
         text = page(module, names)
-        assert set(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == set(
-            import_module(module).__all__
-        )
+        assert set(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == set(import_module(module).__all__)
 
 
 def test_pictures_of_the_gallery_are_few_and_those_that_are_shown() -> None:
-    shown = set(
-        re.findall(r"\(gallery/([^)]+)\)", (DOCS / "gallery.md").read_text(encoding="utf-8"))
-    )
+    shown = set(re.findall(r"\(gallery/([^)]+)\)", (DOCS / "gallery.md").read_text(encoding="utf-8")))
     files = {path.name: path.stat().st_size for path in (DOCS / "gallery").iterdir()}
     assert shown == set(files)
     assert sum(files.values()) < 600_000
@@ -136,9 +128,7 @@ def test_orders_of_the_gallery_are_those_of_the_table() -> None:
     assert len(found) >= 25
     for name, (order, bound) in found.items():
         said = (
-            f"Order {order}, proved minimal."
-            if order == bound
-            else f"Order {order}; at least {bound},"
+            f"Order {order}, proved minimal." if order == bound else f"Order {order}; at least {bound},"
         )
         assert said in entries[name], f"{name}: run python -m docs.site.gallery"
 
@@ -149,9 +139,7 @@ def test_pictures_of_mechanisms_are_those_of_the_scenes() -> None:
 
     words = re.compile(r"<text[^>]*>([^<]*)</text>|<(polyline|circle|polygon)")
     for path in sorted((DOCS / "gallery").glob("*.svg")):
-        assert words.findall(picture_of(path.stem)) == words.findall(path.read_text("utf-8")), (
-            path.name
-        )
+        assert words.findall(picture_of(path.stem)) == words.findall(path.read_text("utf-8")), path.name
 
 
 @pytest.mark.long

@@ -17,26 +17,8 @@ PUBLIC = sorted(name for room in ROOMS for name in import_module(f"mbdlft.{room}
 
 
 def test_public_names_are_there() -> None:
-    expected = {
-        "Parameter",
-        "Angle",
-        "Scene",
-        "RigidBody",
-        "PointMass",
-        "Revolute",
-        "Prismatic",
-        "Fixed",
-    }
-    expected |= {
-        "to_lft",
-        "load_scene",
-        "save",
-        "load",
-        "LFT",
-        "LFTModel",
-        "matrices_at",
-        "solve_trim",
-    }
+    expected = {"Parameter", "Angle", "Scene", "RigidBody", "PointMass", "Revolute", "Prismatic", "Fixed"}
+    expected |= {"to_lft", "load_scene", "save", "load", "LFT", "LFTModel", "matrices_at", "solve_trim"}
     assert expected <= set(PUBLIC)
 
 
@@ -114,9 +96,7 @@ def test_public_names_are_documented(name: str) -> None:
     assert inspect.getdoc(item), f"{name} has no docstring"
     if inspect.isfunction(item):
         text = inspect.getdoc(item) or ""
-        parameters = [
-            p for p in inspect.signature(item).parameters if p not in ("scene", "equations")
-        ]
+        parameters = [p for p in inspect.signature(item).parameters if p not in ("scene", "equations")]
         missing = [p for p in parameters if not re.search(rf"\b{p}\b", text)]
         assert not missing, f"{name} does not mention {missing}"
 

@@ -33,9 +33,7 @@ def test_examples_are_typed(tmp_path: Path) -> None:
 def test_names_that_are_also_modules_are_functions_for_type_checkers() -> None:
     """A star brings the modules of a package, too, in place of names that came before."""
     root = ROOT / "mbdlft"
-    modules = {path.stem for path in root.glob("*/*.py")} | {
-        path.name for path in root.glob("*/*/")
-    }
+    modules = {path.stem for path in root.glob("*/*.py")} | {path.name for path in root.glob("*/*/")}
     modules |= {path.name for path in root.glob("*/")}
     public = {
         name: namespace

@@ -65,10 +65,7 @@ def test_panel_has_the_mass_of_its_volume() -> None:
 
 def satellite(body: mbdlft.FlexibleBody) -> mbdlft.Scene:
     hub = mbdlft.RigidBody(
-        name="hub",
-        mass="m",
-        inertia=mbdlft.Inertia(xx=20, yy=25, zz=30),
-        ports={"side": (0.5, 0, 0)},
+        name="hub", mass="m", inertia=mbdlft.Inertia(xx=20, yy=25, zz=30), ports={"side": (0.5, 0, 0)}
     )
     return mbdlft.Scene(
         name="satellite",

@@ -101,13 +101,7 @@ def test_linearize_writes_archive_figure_and_table(tmp_path: Path, call: Call) -
     archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
     code, out, err = call("linearize", ARM, "-o", str(archive), "--plot", str(figure))
     assert (code, err) == (0, "")
-    for word in (
-        "shoulder.angle (rad)",
-        "elbow.torque (N m)",
-        "kg m^2",
-        "[0.16, 0.24]",
-        "lower bound",
-    ):
+    for word in ("shoulder.angle (rad)", "elbow.torque (N m)", "kg m^2", "[0.16, 0.24]", "lower bound"):
         assert word in out
     assert "order 16, lower bound 16: minimal: proved" in out
     assert "at 229 points and corners" in out
@@ -256,9 +250,7 @@ def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
     text = (
         Path(ARM)
         .read_text(encoding="utf-8")
-        .replace(
-            "[parameters]", '[parameters]\nspare = { nominal = 1.0, percent = 5, unit = "kg" }'
-        )
+        .replace("[parameters]", '[parameters]\nspare = { nominal = 1.0, percent = 5, unit = "kg" }')
     )
     scene = tmp_path / "spare.toml"
     scene.write_text(text, encoding="utf-8")

@@ -69,9 +69,7 @@ def test_every_command_is_tried() -> None:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_command_prints_json(
-    place: Path, monkeypatch: pytest.MonkeyPatch, name: str, call: Call
-) -> None:
+def test_command_prints_json(place: Path, monkeypatch: pytest.MonkeyPatch, name: str, call: Call) -> None:
     monkeypatch.chdir(place)
     code, out, _ = call(name, *RUNS[name], "--json")
     assert code == 0

@@ -54,8 +54,7 @@ def test_poles_and_a_function_in_single_precision(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
 ) -> None:
     (tmp_path / "my_margin.py").write_text(
-        "import numpy as np\ndef lag(part):\n"
-        "    return {'lag': np.sqrt(part.samples['m1'] - 2.5)}\n",
+        "import numpy as np\ndef lag(part):\n    return {'lag': np.sqrt(part.samples['m1'] - 2.5)}\n",
         encoding="utf-8",
     )
     archive = tmp_path / "a.h5"

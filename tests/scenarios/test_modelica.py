@@ -122,8 +122,6 @@ def test_commands(
     assert "First: poles at nominal" in capsys.readouterr().out
 
 
-def test_notes_are_printed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_notes_are_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     run(monkeypatch, "check", str(FLAT / "first.mof"))
     assert "note: sine.y is a function of time: it is an input" in capsys.readouterr().out

@@ -352,13 +352,7 @@ def _slope_by(value: Mixed, argument: Mixed) -> ca.SX | None:
     """How often an argument that is a signal is in the part of a value that is linear with numbers."""
     term, direct = value.linear.get(ONE_KEY), argument.linear.get(ONE_KEY)
     is_signal = direct is not None and len(argument.linear) == 1 and argument.constant is None
-    if (
-        term is None
-        or direct is None
-        or not is_signal
-        or argument.terms
-        or not direct.form.is_symbolic()
-    ):
+    if term is None or direct is None or not is_signal or argument.terms or not direct.form.is_symbolic():
         return None
     slope = ca.SX(ca.jacobian(term.form, direct.form))
     return ca.densify(slope) if slope.nnz() else None

@@ -21,12 +21,7 @@ from mbdlft.dae.index import blocks_of
 from mbdlft.dae.newton import singular_part
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
-from mbdlft.dae.theta.arguments import (
-    ONE_KEY,
-    Function,
-    Mixed,
-    number,
-)
+from mbdlft.dae.theta.arguments import ONE_KEY, Function, Mixed, number
 from mbdlft.dae.theta.separation import Arrange, Separated, Separation
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.relations import LinearModel
@@ -229,9 +224,7 @@ class _Form:
             self.psi[a] = self._sx(self.separation.registry.arguments[a].value)
         return self.psi[a]
 
-    def _assembled(
-        self, residual: list[ca.SX], output: list[ca.SX], equations: Separated
-    ) -> ThetaForm:
+    def _assembled(self, residual: list[ca.SX], output: list[ca.SX], equations: Separated) -> ThetaForm:
         s, registry = self.s, self.separation.registry
         names = self._names()
         used = sorted(
@@ -242,9 +235,7 @@ class _Form:
         for k in self.symbols:
             f = registry.functions[k]
             moved = self.slopes.get(k, {})
-            moved_terms = sum(
-                (x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0)
-            )
+            moved_terms = sum((x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0))
             expression = f.expression - moved_terms if moved else f.expression
             functions.append((names[k], expression, tuple(position[a] for a in f.arguments)))
         arguments = tuple(
@@ -315,9 +306,7 @@ def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple
     inputs += [Signal(ONE, "1")] if form.one.numel() else []
     inputs += [Signal(name, unit) for (name, _, _), unit in zip(form.functions, zeta, strict=True)]
     outputs = [Signal(y.name, y.unit) for y in s.dae.outputs]
-    outputs += [
-        Signal(name, unit) for (name, _, _), unit in zip(form.arguments, omega, strict=True)
-    ]
+    outputs += [Signal(name, unit) for (name, _, _), unit in zip(form.arguments, omega, strict=True)]
     return tuple(inputs), tuple(outputs)
 
 

@@ -39,9 +39,7 @@ class Piecewise(NamedTuple):
         ends = (f.pieces[0], f.pieces[-1])
         if len(f.breaks) < max(least, 2) or any(len(p) > 2 for p in ends):
             return None
-        for b, value, lower_piece, right in zip(
-            f.breaks, f.at, f.pieces, f.pieces[1:], strict=False
-        ):
+        for b, value, lower_piece, right in zip(f.breaks, f.at, f.pieces, f.pieces[1:], strict=False):
             if not _value(lower_piece, b) == value == _value(right, b):
                 return None
         inner = f.pieces[1:-1]
@@ -190,8 +188,7 @@ def _compared(holds: Callable[[Fraction], bool]) -> Callable[..., Piecewise | No
         return Piecewise(
             d.breaks,
             tuple(
-                constant_one if holds(_value(p, x)) else ()
-                for p, x in zip(d.pieces, inside, strict=True)
+                constant_one if holds(_value(p, x)) else () for p, x in zip(d.pieces, inside, strict=True)
             ),
             tuple(Fraction(int(holds(x))) for x in d.at),
         )
@@ -329,9 +326,7 @@ def table_expression(
     every = [(exact[0][1], ends[0]), *pieces, (exact[-1][1], ends[1])]
     origins = [exact[0][0], *(x for x, _ in exact)]
     cuts = [literal(x) for x, _ in exact]
-    return joined(
-        argument, cuts, [_local(argument, o, p) for o, p in zip(origins, every, strict=True)]
-    )
+    return joined(argument, cuts, [_local(argument, o, p) for o, p in zip(origins, every, strict=True)])
 
 
 def _monotone(b: Array, v: Array) -> list[Fraction]:
@@ -353,12 +348,7 @@ def _pieces(
         else:
             below, right = slopes[k], slopes[k + 1]
             pieces.append(
-                (
-                    low,
-                    below,
-                    (3 * chord - 2 * below - right) / h,
-                    (below + right - 2 * chord) / h**2,
-                )
+                (low, below, (3 * chord - 2 * below - right) / h, (below + right - 2 * chord) / h**2)
             )
     return pieces
 

@@ -87,9 +87,7 @@ class Separation:
         self._check_angles(mixed)
         return mixed
 
-    def equations(
-        self, s: Structure, residuals: ca.SX, outputs: ca.SX, signals: ca.SX
-    ) -> "Separated":
+    def equations(self, s: Structure, residuals: ca.SX, outputs: ca.SX, signals: ca.SX) -> "Separated":
         """Equations and outputs of a structure, whose [unknowns ; states ; inputs] are `signals` in them.
 
         An unknown is replaced by what its equation says of it if that has no parameters, except with
@@ -122,8 +120,7 @@ class Separation:
         taken = {rate.element_hash() for rate in rates}
         others = [x for x in kept if x.element_hash() not in taken]
         values = [
-            self.follow(outputs[k], f"output {y.name!r}", y.name)
-            for k, y in enumerate(s.dae.outputs)
+            self.follow(outputs[k], f"output {y.name!r}", y.name) for k, y in enumerate(s.dae.outputs)
         ]
         return Separated(rows, values, column_of([*rates, *others]), len(rates))
 
@@ -146,9 +143,7 @@ class Separation:
         return self.values.get(key) or signal(symbol)
 
     def _refused(self, operation: str, where: str, *operands: Mixed) -> Mixed:
-        raise NotRationalError(
-            f"{self.owner}, {self.place}: operation {operation!r} is not supported."
-        )
+        raise NotRationalError(f"{self.owner}, {self.place}: operation {operation!r} is not supported.")
 
     def apply(self, operation: str, *operands: Mixed) -> Mixed:
         """The value of an operation."""
@@ -271,9 +266,7 @@ class Separation:
         """The expression in as few of its arguments as are independent."""
         registry = self.registry
         symbols = {a.symbol.element_hash(): a for a in registry.arguments}
-        used = [
-            symbols[s.element_hash()] for s in ca.symvar(expression) if s.element_hash() in symbols
-        ]
+        used = [symbols[s.element_hash()] for s in ca.symvar(expression) if s.element_hash() in symbols]
         rows = independent(used)
         if rows is None:
             return expression

@@ -42,9 +42,7 @@ def sparse(entries: Sequence[Sequence[Operand]]) -> Sparse:
     return [{j: x for j, x in enumerate(row) if not is_number(x, 0.0)} for row in entries]
 
 
-def solve(
-    tape: Tape, matrix: Sparse, right: Sparse, probes: Array
-) -> tuple[Sparse, list[Pivot]] | None:
+def solve(tape: Tape, matrix: Sparse, right: Sparse, probes: Array) -> tuple[Sparse, list[Pivot]] | None:
     """matrix^-1 right, as rows of the unknowns, and the pivots.
 
     None if the matrix is singular at a probe; `probes` (N, n, n) are its values at some samples.
@@ -83,9 +81,7 @@ def solve(
     return _substituted(tape, rows, sides, steps), pivots
 
 
-def _subtract(
-    tape: Tape, row: dict[int, Operand], factor: Operand, other: dict[int, Operand]
-) -> None:
+def _subtract(tape: Tape, row: dict[int, Operand], factor: Operand, other: dict[int, Operand]) -> None:
     """row - factor other, in place."""
     for k, entry in other.items():
         _put(row, k, tape.subtract(row.get(k, 0.0), tape.multiply(factor, entry)))
@@ -123,10 +119,7 @@ def _pivot(
 
 
 def _kept(
-    tape: Tape,
-    pivot: Operand,
-    terms: Sequence[Operand],
-    others: Sequence[tuple[float, Operand]],
+    tape: Tape, pivot: Operand, terms: Sequence[Operand], others: Sequence[tuple[float, Operand]]
 ) -> list[Pivot]:
     """A pivot that depends on samples, and what it has to be large beside."""
     if isinstance(pivot, float):
@@ -148,9 +141,7 @@ def _put(row: dict[int, Operand], k: int, entry: Operand) -> None:
         row[k] = entry
 
 
-def _substituted(
-    tape: Tape, rows: Sparse, sides: Sparse, steps: Sequence[tuple[int, int]]
-) -> Sparse:
+def _substituted(tape: Tape, rows: Sparse, sides: Sparse, steps: Sequence[tuple[int, int]]) -> Sparse:
     """The unknowns from the last one to the first."""
     unknowns: Sparse = [{} for _ in rows]
     for i, j in reversed(steps):

@@ -154,9 +154,7 @@ def _part(
             place = operand if operand < inputs else slots[operand]
             lines.extend(_loaded(text, pointer, place))
         else:
-            lines.append(
-                f"{text}p = getelementptr double, ptr %numbers, i64 {numbers.place(operand)}"
-            )
+            lines.append(f"{text}p = getelementptr double, ptr %numbers, i64 {numbers.place(operand)}")
             lines.append(f"{text}s = load double, ptr {text}p, align 8")
             lines.extend(_spread(text, f"{text}s", f"{text}i"))
         return text

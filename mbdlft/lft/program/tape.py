@@ -170,10 +170,7 @@ def renamed(
 
     return Program(
         inputs,
-        tuple(
-            Instruction(i.operation, name(i.target), operand(i.left), operand(i.right))
-            for i in kept
-        ),
+        tuple(Instruction(i.operation, name(i.target), operand(i.left), operand(i.right)) for i in kept),
         tuple((place, name(register)) for place, register in program.entries),
         tuple(Pivot(name(pivot.value), name(pivot.size)) for pivot in program.pivots),
     )
@@ -269,9 +266,7 @@ def run(planned: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
     return lost
 
 
-def _bind(
-    program: Program, rows: list[Array]
-) -> list[tuple[Callable[..., Any], Array, Array, Array]]:
+def _bind(program: Program, rows: list[Array]) -> list[tuple[Callable[..., Any], Array, Array, Array]]:
     """The calls of a program on vectors; numbers are arrays without axes, the fastest form of them."""
 
     def operand(o: Operand) -> Array:

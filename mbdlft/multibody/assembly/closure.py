@@ -84,9 +84,7 @@ def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[Bod
             force = loop.in_parent_axes(ca.mtimes(held.T, force), values)
             at = at + view.between(loop.parent, loop.child)
         pair = ca.horzcat(force, loop.in_parent_axes(torque, values))
-        on_child = ca.horzcat(
-            *(view.across_now(pair[:, column], body, other) for column in range(2))
-        )
+        on_child = ca.horzcat(*(view.across_now(pair[:, column], body, other) for column in range(2)))
         wrenches.append(BodyWrench(body, move_wrench(-pair, at)))
         wrenches.append(BodyWrench(other, move_wrench(on_child, there)))
     return wrenches
@@ -157,11 +155,7 @@ def _yielding(view: View, held: Array) -> tuple[int, ...]:
 
 
 def _check_that_it_moves_alike(
-    scene: Scene,
-    view: View,
-    evaluate: Callable[[ca.SX], Sequence[Array]],
-    q: ca.SX,
-    rank: int,
+    scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], q: ca.SX, rank: int
 ) -> None:
     """As many constraints are independent at a closed position nearby as at the equilibrium, at nominal.
 
@@ -199,8 +193,7 @@ def gap_of(loop: Loop, view: View) -> ca.SX:
     body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
     apart = loop.in_own_axes(view.between(loop.parent, loop.child), values)
     return ca.vertcat(
-        ca.mtimes(loop.held(), apart),
-        _skewed(loop, values, lambda v: view.across_now(v, body, other)),
+        ca.mtimes(loop.held(), apart), _skewed(loop, values, lambda v: view.across_now(v, body, other))
     )
 
 

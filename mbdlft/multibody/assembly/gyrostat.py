@@ -110,9 +110,7 @@ class _Finder:
                 "rate to a joint on the body that does not turn."
             )
         self._check_body(link)
-        self.bodies[link.child.name] = Turning(
-            joint, joint.direction(), ca.SX(3, 1), link.child.name
-        )
+        self.bodies[link.child.name] = Turning(joint, joint.direction(), ca.SX(3, 1), link.child.name)
 
     def carry(self, link: Link) -> None:
         """A joint on a body that turns: fixed, or along and about the same axis."""
@@ -191,10 +189,7 @@ class _Finder:
             and self.bodies[other.child.name].head == name
         ]
         alone = replace(
-            now,
-            links=(link, *rigid),
-            moves={**now.moves, name: ()},
-            arms={**now.arms, name: ca.SX(3, 1)},
+            now, links=(link, *rigid), moves={**now.moves, name: ()}, arms={**now.arms, name: ca.SX(3, 1)}
         )
         alpha = ca.SX.sym("alpha", 3)
         turned = ca.horzcat(ca.SX(3, 1), alpha, ca.SX(3, 1))

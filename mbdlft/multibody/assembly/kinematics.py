@@ -89,9 +89,7 @@ class Motions(NamedTuple):
     moves: Mapping[str, Sequence[ca.SX]]
 
 
-def motions(
-    placed: Placed, ground: ca.SX, others: Mapping[str, ca.SX] = MappingProxyType({})
-) -> Motions:
+def motions(placed: Placed, ground: ca.SX, others: Mapping[str, ca.SX] = MappingProxyType({})) -> Motions:
     """Motions of all bodies for a motion (3, 3) of the origin of the ground.
 
     `others` are motions of bodies from which links start that do not lead to the ground.
@@ -149,9 +147,7 @@ def pass_inward(placed: Placed, moving: Motions, needed: Mapping[str, ca.SX]) ->
         name = link.child.name
         joints[name] = wrench = total[name]
         of_moves: list[ca.SX] = []
-        for move, motion in zip(
-            reversed(placed.moves[name]), reversed(moving.moves[name]), strict=True
-        ):
+        for move, motion in zip(reversed(placed.moves[name]), reversed(moving.moves[name]), strict=True):
             wrench = move.carried(wrench, motion)
             of_moves.insert(0, move.effort(wrench, motion))
             wrench = move.wrench(wrench)
@@ -244,9 +240,7 @@ class View:
     def rest(self) -> Placed:
         """The tree at equilibrium; not every scene asks for it."""
         now = self.now
-        coordinates = {
-            name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()
-        }
+        coordinates = {name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()}
         return place(now.links, now.bodies, now.values, coordinates)
 
     def find(self, port: str) -> tuple[str, str]:
@@ -305,9 +299,7 @@ class View:
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
         if target not in self.rest.bodies:
-            raise SceneError(
-                f"{self.owner}, frame: " + unknown_name("body", target, self.rest.bodies)
-            )
+            raise SceneError(f"{self.owner}, frame: " + unknown_name("body", target, self.rest.bodies))
         return across(self.rest, vector, source, target)
 
     def motion(self, port: str) -> ca.SX:

@@ -44,11 +44,7 @@ from mbdlft.multibody.assembly.tree import (
     coordinate_owners,
     degrees,
 )
-from mbdlft.multibody.assembly.weights import (
-    efforts_by_products,
-    gains_by_products,
-    pass_weights_inward,
-)
+from mbdlft.multibody.assembly.weights import efforts_by_products, gains_by_products, pass_weights_inward
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import BodyWrench, Spring

@@ -18,12 +18,7 @@ import numpy as np
 from mbdlft.base.description import Values
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
-from mbdlft.multibody.assembly.kinematics import (
-    Placed,
-    inertial_wrenches,
-    motions,
-    pass_inward,
-)
+from mbdlft.multibody.assembly.kinematics import Placed, inertial_wrenches, motions, pass_inward
 from mbdlft.multibody.assembly.tree import Link
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import PRODUCTS
@@ -59,9 +54,7 @@ def is_regular(
         return False
     return all(
         range_.keeps_positive(
-            _pivots(
-                ca.jacobian(in_doubles(_efforts_alone(at_rest, link)), accelerations[link.owner])
-            )
+            _pivots(ca.jacobian(in_doubles(_efforts_alone(at_rest, link)), accelerations[link.owner]))
         )
         for link in at_rest.links
         if link.joint.freedoms and not getattr(link.joint, "imposed", False)
@@ -71,9 +64,7 @@ def is_regular(
 class _Range:
     """The range of the parameters, over which signs are proved."""
 
-    def __init__(
-        self, parameters: tuple[Parameter, ...], symbols: tuple[ca.SX, ca.SX, ca.SX]
-    ) -> None:
+    def __init__(self, parameters: tuple[Parameter, ...], symbols: tuple[ca.SX, ca.SX, ca.SX]) -> None:
         self.parameters, self.symbols = parameters, symbols
         self.factors = np.array([p.factor for p in parameters])
         self.nominal = np.array([p.nominal for p in parameters])
@@ -93,8 +84,7 @@ class _Range:
             if any(symbol[k].name() in used for symbol in self.symbols)
         }
         return all(
-            find_zero(partial(self._entry, function, k), bounds) is None
-            for k in range(column.numel())
+            find_zero(partial(self._entry, function, k), bounds) is None for k in range(column.numel())
         )
 
     def _entry(self, function: ca.Function, k: int, box: Mapping[str, Interval]) -> Interval:
@@ -117,10 +107,7 @@ def _has_energy(values: Values, range_: _Range) -> bool:
     ]
     entries = [values[label] for label in open_ if not label.startswith("inertia.")]
     of_inertia = [label for label in open_ if label.startswith("inertia.")]
-    if (
-        any(label in values and not ca.SX(values[label]).is_zero() for label in _PRODUCTS)
-        and of_inertia
-    ):
+    if any(label in values and not ca.SX(values[label]).is_zero() for label in _PRODUCTS) and of_inertia:
         if any(label not in values for label in _MATRIX):
             return False
         J = ca.reshape(ca.vertcat(*(ca.SX(values[label]) for label in _MATRIX)), 3, 3)

@@ -108,9 +108,7 @@ def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Ali
         for labels in (*_vector_labels(quantities), _ENTRIES)
         if labels[0] in quantities
     ]
-    folded = _folded(
-        [[values[owner][label] for label in labels] for owner, labels in groups], evaluate
-    )
+    folded = _folded([[values[owner][label] for label in labels] for owner, labels in groups], evaluate)
     Q = _axes(normal, [coefficients for coefficients, _ in folded if len(coefficients) == 3])
     # J' = Q'J Q by entries
     conjugate = (np.kron(Q.T, Q.T) @ np.eye(6)[_PLACES.ravel()])[_FIRST]
@@ -142,9 +140,7 @@ def _common_axis(scene: Scene) -> Array | None:
 def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
     """Whether nothing in the scene has components of its own in the axes of a body."""
     inertias = [
-        quantities
-        for quantities in values.values()
-        if any(label in quantities for label in _ENTRIES)
+        quantities for quantities in values.values() if any(label in quantities for label in _ENTRIES)
     ]
     return (
         not scene.loops
@@ -164,9 +160,7 @@ def _vector_labels(quantities: Values) -> list[tuple[str, ...]]:
     return [labels for labels in triples if all(label in quantities for label in labels)]
 
 
-def _folded(
-    groups: Sequence[Sequence[Any]], evaluate: Evaluate
-) -> list[tuple[Array, Sequence[Any]]]:
+def _folded(groups: Sequence[Sequence[Any]], evaluate: Evaluate) -> list[tuple[Array, Sequence[Any]]]:
     """For each group of entries: coefficients (n, r) and terms with entries = coefficients terms.
 
     The terms are those entries that are independent functions of the parameters.
@@ -206,9 +200,7 @@ def _combined(coefficients: Array, sizes: Array, terms: Sequence[Any]) -> list[A
     entries: list[Any] = []
     for row in np.where(near, whole, coefficients):
         used = [
-            term if c == 1.0 else float(c) * term
-            for c, term in zip(row, terms, strict=True)
-            if c != 0.0
+            term if c == 1.0 else float(c) * term for c, term in zip(row, terms, strict=True) if c != 0.0
         ]
         entries.append(sum(used[1:], start=used[0]) if used else 0.0)
     return entries

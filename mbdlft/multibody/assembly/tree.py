@@ -158,9 +158,7 @@ def links_of(scene: Scene) -> tuple[Link, ...]:
                 "them under 'loops' instead, as the closure of a loop, or exchange parent and child of "
                 "the one that should lead away from the body."
             )
-        if isinstance(child, PortFrame) or (
-            isinstance(child, ElasticBody) and child_port != "origin"
-        ):
+        if isinstance(child, PortFrame) or (isinstance(child, ElasticBody) and child_port != "origin"):
             raise SceneError(
                 f"joint {joint.name!r}, child: an elastic body is held at its origin, got "
                 f"{joint.child!r}. Exchange parent and child, or describe it from its other end."
@@ -231,9 +229,7 @@ def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
             "with parent = 'ground' or another connected body."
         )
     if not ordered:
-        raise SceneError(
-            f"scene {scene.name!r}: there is no joint on the ground, so nothing moves."
-        )
+        raise SceneError(f"scene {scene.name!r}: there is no joint on the ground, so nothing moves.")
     return tuple(ordered)
 
 
@@ -255,9 +251,7 @@ _POINTS = 16  # random points at which loops are checked, beside nominal
 class Symbols:
     """The symbols of one assembly."""
 
-    def __init__(
-        self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]
-    ) -> None:
+    def __init__(self, scene: Scene, parameters: tuple[Parameter, ...], links: tuple[Link, ...]) -> None:
         n = len(degrees(links))
         if n == 0:
             raise SceneError(f"scene {scene.name!r}: all joints are fixed, so nothing moves.")
@@ -282,9 +276,7 @@ class Symbols:
         coordinates, k = {}, 0
         for named in coordinate_owners(links):
             rows = range(k, k := k + len(named.freedoms))
-            coordinates[named.owner] = Coordinate(
-                *(rows_of(of, rows) for of in (self.q, self.v, self.a))
-            )
+            coordinates[named.owner] = Coordinate(*(rows_of(of, rows) for of in (self.q, self.v, self.a)))
         return coordinates
 
     def quantities(self, scene: Scene) -> dict[str, Values]:
@@ -303,8 +295,7 @@ class Symbols:
         angle = angle_at(scene, place, expected)
         turns: list[Turn] = [
             Turn(
-                self.cosine[self.index[name]],
-                (1.0 if count > 0 else -1.0) * self.sine[self.index[name]],
+                self.cosine[self.index[name]], (1.0 if count > 0 else -1.0) * self.sine[self.index[name]]
             )
             for name, count in angle.multiples.items()
             for _ in range(abs(count))
@@ -339,6 +330,5 @@ class Symbols:
             points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
         factors = np.array([parameter.factor for parameter in self.parameters])
         return [
-            function(point, np.cos(factors * point), np.sin(factors * point)).full()
-            for point in points
+            function(point, np.cos(factors * point), np.sin(factors * point)).full() for point in points
         ]

@@ -319,11 +319,7 @@ def efforts_by_products(
         scalar = tree.masses[name] * tree.heights[name][-1]
         torque = tree.centers[name] * scalar
         carried[name] = Carried(
-            inertial[name] + ca.horzcat(ca.SX(3, 1), torque),
-            loads[name],
-            tree.masses[name],
-            scalar,
-            (),
+            inertial[name] + ca.horzcat(ca.SX(3, 1), torque), loads[name], tree.masses[name], scalar, ()
         )
     efforts: dict[str, ca.SX] = {}
     for link in reversed(placed.links):
@@ -331,11 +327,7 @@ def efforts_by_products(
         now = carried[name]
         of_moves: list[ca.SX] = []
         for k in reversed(range(len(placed.moves[name]))):
-            move, motion, field = (
-                placed.moves[name][k],
-                moving.moves[name][k],
-                tree.fields[name][k + 1],
-            )
+            move, motion, field = (placed.moves[name][k], moving.moves[name][k], tree.fields[name][k + 1])
             now = now._replace(inertial=move.carried(now.inertial, motion))
             if move.degrees_of_freedom:
                 force, _ = _felt_by_products(now, field)
@@ -388,9 +380,7 @@ class _Tree:
             self.turns[name], upright[name] = self._felt(link, upright=upright[link.parent.name])
             heights = [self.heights[link.parent.name][-1]]
             for turns, field in zip(self.turns[name], self.fields[name][1:], strict=True):
-                heights.append(
-                    heights[-1] + sum((ca.dot(e, field) * q for e, q in turns), ca.SX(0))
-                )
+                heights.append(heights[-1] + sum((ca.dot(e, field) * q for e, q in turns), ca.SX(0)))
             self.heights[name] = heights
 
     def _felt(self, link: Link, *, upright: bool) -> tuple[list[list[Turning]], bool]:
@@ -440,9 +430,7 @@ def _along(move: Move, v: ca.SX) -> ca.SX:
     return ca.dot(move.r, v) if isinstance(move, Shifted) else ca.SX(0)
 
 
-def _before_by_products(
-    move: Move, now: Carried, field: ca.SX, turns: Sequence[Turning]
-) -> Carried:
+def _before_by_products(move: Move, now: Carried, field: ca.SX, turns: Sequence[Turning]) -> Carried:
     """What is carried before a move, from what is carried after it.
 
     `field` is the load (3,) after it, `turns` is what the load feels of it.

@@ -112,9 +112,7 @@ class Beam(ElasticBody):
         if self.shape_functions not in SHAPES:
             raise SceneError(unknown_name("shape_functions", self.shape_functions, SHAPES))
         if not self.deformations or len(set(self.deformations)) < len(self.deformations):
-            raise SceneError(
-                f"deformations: expected some of {', '.join(DEFORMATIONS)}, each once."
-            )
+            raise SceneError(f"deformations: expected some of {', '.join(DEFORMATIONS)}, each once.")
         for name in self.deformations:
             if name not in DEFORMATIONS:
                 raise SceneError(unknown_name("deformation", name, DEFORMATIONS))
@@ -220,13 +218,8 @@ class Beam(ElasticBody):
                 turn = _ROW[name][1] * moments(d, "turn")
                 participation.append(Term(inertia, _row(n, columns, _TURNED[name], turn)))
         damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
-        damping += [
-            Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness
-        ]
-        coefficients = {
-            "mass_damping": self.mass_damping,
-            "stiffness_damping": self.stiffness_damping,
-        }
+        damping += [Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness]
+        coefficients = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
         damped = any(value != 0.0 for value in coefficients.values())
         return Elastic(mass, damping if damped else [], stiffness, participation)
 
@@ -456,9 +449,6 @@ def _exact(d: Deformation, tip: str, number: int) -> float:
     first = number - 1 if free else number
     sign = 1.0 if free else -1.0
     root = brentq(
-        lambda z: np.cos(z) + sign / np.cosh(z),
-        first * np.pi + 1e-9,
-        (first + 1) * np.pi,
-        xtol=1e-14,
+        lambda z: np.cos(z) + sign / np.cosh(z), first * np.pi + 1e-9, (first + 1) * np.pi, xtol=1e-14
     )
     return float(root) ** 2

@@ -296,9 +296,7 @@ def _modal_pieces(d: Deformation) -> tuple[_Piece, ...]:
 
 
 def _polynomials(*rows: Sequence[int | Fraction]) -> _Functions:
-    return tuple(
-        flint.fmpq_poly([flint.fmpq(c.numerator, c.denominator) for c in row]) for row in rows
-    )
+    return tuple(flint.fmpq_poly([flint.fmpq(c.numerator, c.denominator) for c in row]) for row in rows)
 
 
 def _element(d: Deformation) -> _Functions:
@@ -414,9 +412,7 @@ def pulled(blocks: Blocks, node: int, force: ca.SX, values: Values, radius: Any,
     return _stiffened(blocks, force / values["length"], ONE, node, radius, q)
 
 
-def stiffened_by_motion(
-    blocks: Blocks, motion: ca.SX, values: Values, radius: Any, q: ca.SX
-) -> ca.SX:
+def stiffened_by_motion(blocks: Blocks, motion: ca.SX, values: Values, radius: Any, q: ca.SX) -> ca.SX:
     """K_G q (n,) by the weight of the beam itself, for a motion (3, 3) of its origin."""
     rho, A, L = (values[key] for key in ("density", "area", "length"))
     weight = -(rho * A) * motion[0, 2]

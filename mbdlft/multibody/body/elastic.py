@@ -184,9 +184,7 @@ def elastic_problem(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]
         return _elastic_problem(body.elastic(values), _rigid_mass(body, values))
 
 
-def _rigid_mass(
-    body: ElasticBody, values: Mapping[str, NDArray[np.float64]]
-) -> NDArray[np.float64]:
+def _rigid_mass(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
     """Mass matrices (samples, 6, 6) of the undeformed body about its origin.
 
     Their columns are the wrenches that unit accelerations of the body need.
@@ -213,9 +211,7 @@ def _elastic_problem(e: Elastic, rigid: NDArray[np.float64]) -> str | None:
     for matrix in (mass, stiffness, coupling, damping, rigid):
         largest = float(np.max(np.abs(matrix), initial=0.0))
         if not largest < _LARGEST:
-            return (
-                f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."
-            )
+            return f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."
     for name, matrix in (("mass", mass), ("stiffness", stiffness)):
         smallest = float(np.min(np.linalg.eigvalsh(0.5 * (matrix + np.swapaxes(matrix, 1, 2)))))
         if not smallest > 0.0:

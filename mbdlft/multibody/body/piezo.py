@@ -28,13 +28,7 @@ from mbdlft.base.description import ANY_UNIT, Description, Expected, Many, Quant
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.body.beam import Beam
-from mbdlft.multibody.body.beam_elements import (
-    ONE,
-    cross_products,
-    products,
-    strain,
-    values_at,
-)
+from mbdlft.multibody.body.beam_elements import ONE, cross_products, products, strain, values_at
 from mbdlft.multibody.body.elastic import Elastic, Term, elastic_problem, times, times_transposed
 from mbdlft.multibody.body.rigid import newton_euler
 from mbdlft.multibody.spatial import Coordinate
@@ -233,9 +227,7 @@ class PiezoBeam(Beam):
             for name, d, columns in self.blocks():
                 if name == "torsion":  # patches add no stiffness there
                     continue
-                mass.append(
-                    Term(line, self._placed(columns, products(d, "displacement", ONE, *span)))
-                )
+                mass.append(Term(line, self._placed(columns, products(d, "displacement", ONE, *span))))
                 participation += self._participation(name, d, columns, line, L, span)
                 if name == "axial":
                     factor = p["modulus"] * section.area / L

@@ -137,10 +137,7 @@ class Body(Description, abc.ABC):
         zero = ca.SX(len(self.freedoms()), 1)
         x, y = (
             self.wrench(
-                ca.horzcat(ca.SX(3, 2), ca.SX.eye(3)[:, k]),
-                values,
-                inboard,
-                Coordinate(zero, zero, zero),
+                ca.horzcat(ca.SX(3, 2), ca.SX.eye(3)[:, k]), values, inboard, Coordinate(zero, zero, zero)
             )
             for k in range(2)
         )
@@ -181,9 +178,7 @@ class Inertia(Description):
     def given(self) -> dict[str, Quantity]:
         """Entries that have a value, by name."""
         entries: dict[str, Quantity] = {
-            name: value
-            for name in (*DIAGONAL, *PRODUCTS)
-            if (value := getattr(self, name)) is not None
+            name: value for name in (*DIAGONAL, *PRODUCTS) if (value := getattr(self, name)) is not None
         }
         if all(name in entries for name in DIAGONAL):
             entries = {**dict.fromkeys(PRODUCTS, 0.0), **entries}
@@ -295,9 +290,7 @@ def newton_euler() -> ca.Function:
 def inertia_entries(body: str, values: Values) -> ca.SX:
     """Inertia matrix (3, 3) of the body of this name; a symbol stands for an entry that is not given."""
     entries = {
-        name: values[key]
-        if (key := f"inertia.{name}") in values
-        else ca.SX.sym(unseen_name(body, name))
+        name: values[key] if (key := f"inertia.{name}") in values else ca.SX.sym(unseen_name(body, name))
         for name in (*DIAGONAL, *PRODUCTS)
     }
     return ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
@@ -338,11 +331,7 @@ def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]])
             for axis in "xyz"
         ]
     )
-    steiner = {
-        "xx": d[1] ** 2 + d[2] ** 2,
-        "yy": d[0] ** 2 + d[2] ** 2,
-        "zz": d[0] ** 2 + d[1] ** 2,
-    }
+    steiner = {"xx": d[1] ** 2 + d[2] ** 2, "yy": d[0] ** 2 + d[2] ** 2, "zz": d[0] ** 2 + d[1] ** 2}
     for name in DIAGONAL:
         entry = entries[name]
         if entry is not None:

@@ -153,9 +153,7 @@ def follow(s: System, nominal: Array, root: Array, points: Array) -> Array:
     while np.any(way < 1):
         k = np.flatnonzero(way < 1)
         trial = np.minimum(way[k] + stride[k], 1.0)
-        roots, converged, jacobian = newton(
-            s, t[k], nominal + trial[:, None] * (points[k] - nominal)
-        )
+        roots, converged, jacobian = newton(s, t[k], nominal + trial[:, None] * (points[k] - nominal))
         same = np.sign(np.linalg.det(np.nan_to_num(jacobian))) == sign
         jump = np.max(np.abs(roots - t[k]) / (1 + np.abs(t[k])), axis=1, initial=0.0)
         accepted = converged & same & (jump < 0.5)
@@ -299,9 +297,7 @@ def enclose(
         weights = fine.exponents * 2.0 ** fine.degrees[:, None] * (fine.degrees[:, None] > 1)
         for i in range(n):
             for j in range(n):
-                defect = -sum(
-                    (A[i][k] * jacobian[k][j] for k in range(1, n)), A[i][0] * jacobian[0][j]
-                )
+                defect = -sum((A[i][k] * jacobian[k][j] for k in range(1, n)), A[i][0] * jacobian[0][j])
                 if i == j:
                     defect = defect + 1.0
                 rho[:, i, j] = taylor.up(taylor.size(defect.c) + defect.r)

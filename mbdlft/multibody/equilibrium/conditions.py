@@ -257,8 +257,7 @@ def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Arra
         alone = [
             k
             for k, j in enumerate(columns)
-            if sum(A[i][j].nnz() > 0 for i in remaining) == 1
-            and np.max(sizes[:, k]) > _RANK * largest
+            if sum(A[i][j].nnz() > 0 for i in remaining) == 1 and np.max(sizes[:, k]) > _RANK * largest
         ]
         if alone:
             sizes = np.where(np.isin(np.arange(len(columns)), alone), sizes, 0.0)
@@ -278,12 +277,7 @@ def _eliminated(rows: Sequence[ca.SX], w: ca.SX, numbers: Callable[[ca.SX], Arra
 
 
 def _independent(
-    scene: Scene,
-    rows: Entries,
-    laws: ca.SX,
-    t: ca.SX,
-    count: int,
-    numbers: Callable[[ca.SX], Array],
+    scene: Scene, rows: Entries, laws: ca.SX, t: ca.SX, count: int, numbers: Callable[[ca.SX], Array]
 ) -> ca.SX:
     """The `count` rows that determine the tangents best; `laws` (.,) determines the other unknowns."""
     slopes = numbers(ca.jacobian(ca.vertcat(ca.SX(0, 1), *rows), t))

@@ -152,9 +152,7 @@ def displace(scene: Scene) -> Displaced:
     gaps, gap_signals, alignment = _gaps(scene.loops, view)
     return Displaced(
         name=scene.name,
-        rows=ca.densify(
-            in_doubles(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *unbalanced, *gaps)))
-        ),
+        rows=ca.densify(in_doubles(without_unseen(scene, ca.vertcat(ca.SX(0, 1), *unbalanced, *gaps)))),
         row_signals=(*row_signals, *gap_signals),
         alignment=ca.densify(in_doubles(ca.vertcat(ca.SX(0, 1), *alignment))),
         q=symbols.q[entries],
@@ -173,9 +171,7 @@ def displace(scene: Scene) -> Displaced:
         coordinates=coordinates,
         declared=in_doubles(ca.SX(ca.vertcat(*declared))),
         lengths={load.name: in_doubles(_length(load, view)) for load in springs},
-        arms=ca.densify(
-            in_doubles(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values()))
-        ),
+        arms=ca.densify(in_doubles(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values()))),
         parameters=resolved.parameters,
     )
 
@@ -215,9 +211,7 @@ def _needed_efforts(
     return pass_inward(view.now, view.motions, wrenches).efforts
 
 
-def _coordinates(
-    links: tuple[Link, ...], values: Mapping[str, Values]
-) -> tuple[JointCoordinate, ...]:
+def _coordinates(links: tuple[Link, ...], values: Mapping[str, Values]) -> tuple[JointCoordinate, ...]:
     """Coordinates of all joints, in the order of the tree."""
     coordinates = []
     for link in links:
@@ -245,9 +239,7 @@ def quantity_of(values: Values, key: str, freedom: Freedom) -> Any:
     return values.get(coordinate_label(key, freedom), 0.0)
 
 
-def _declared(
-    scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate
-) -> Any:
+def _declared(scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate) -> Any:
     """Declared position (rad, m) of a coordinate, a function of p."""
     owner, label = owner_name(c.joint), coordinate_label("position", c.freedom)
     if c.is_ball:

@@ -159,11 +159,7 @@ def find_equilibrium(
 def _same(equations: EquilibriumEquations, s: Array, other: Array) -> bool:
     """Whether two equilibria s, other (n_s,) are one, with angles modulo 2 pi."""
     for unknown, difference in zip(equations.unknowns, s - other, strict=True):
-        apart = (
-            np.remainder(difference + np.pi, 2 * np.pi) - np.pi
-            if unknown.is_periodic
-            else difference
-        )
+        apart = np.remainder(difference + np.pi, 2 * np.pi) - np.pi if unknown.is_periodic else difference
         if abs(apart) > _SAME * unknown.size:
             return False
     return True
@@ -192,9 +188,7 @@ def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -
         found=tuple(changed),
         efforts={signal.name: value for signal, value in efforts.items()},
         units=units | {signal.name: signal.unit for signal in efforts},
-        unbalanced={
-            signal.name: float(row) for signal, row in zip(d.row_signals, rows, strict=True)
-        },
+        unbalanced={signal.name: float(row) for signal, row in zip(d.row_signals, rows, strict=True)},
         residual=float(np.max(np.abs(rows) / equations.sizes, initial=0.0)),
         iterations=iterations,
         undetermined=_undetermined(equations, attempt.s, w),
@@ -293,8 +287,7 @@ def _why(equations: EquilibriumEquations, attempt: Attempt) -> str:
     held = [
         unknown.signal.name
         for unknown, value in zip(equations.unknowns, attempt.s, strict=True)
-        if unknown.bounded
-        and min(value - unknown.low, unknown.high - value) <= _SAME * unknown.size
+        if unknown.bounded and min(value - unknown.low, unknown.high - value) <= _SAME * unknown.size
     ]
     if held:
         return f"{', '.join(held)} at the end of the bounds."

@@ -131,16 +131,6 @@ def fit_equilibrium(
         Total degree at which to give up.
     most_pieces : int
         Number of pieces of the box at which to give up.
-
-    Raises
-    ------
-    TrimError
-        There is no root at `start`; the branch folds or bifurcates in the box; or the tolerance is
-        not met with the largest degree or the most pieces.
-    StructureError
-        Sizes do not fit together, or the box is empty.
-    NotRationalError
-        The residual has another operation.
     """
     nominal, low, high, start = (
         np.asarray(value, dtype=float).reshape(-1) for value in (nominal, low, high, start)
@@ -176,10 +166,7 @@ def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
                 break
             texts = tuple(text(function, s.names) for function in ready)
             sampled = np.max(np.abs([f(points) for f in ready] - roots.T), axis=1)
-            goal, trees = (
-                np.full(s.unknowns, tolerance),
-                [parse(expression) for expression in texts],
-            )
+            goal, trees = (np.full(s.unknowns, tolerance), [parse(expression) for expression in texts])
             probes = nodes(center, half, 2 * count if len(low) < 3 else count + 1)
             proof = prove(s, trees, low, high, goal, sampled, probes, most_pieces)
             if proof.complete:
@@ -232,9 +219,7 @@ def _samples(variables: int, degree: int) -> int:
     return max(_FEWEST.get(variables, 5), enough)
 
 
-def _not_proved(
-    s: System, proof: Proof, stuck: Array | None, task: _Task, root: Array
-) -> TrimError:
+def _not_proved(s: System, proof: Proof, stuck: Array | None, task: _Task, root: Array) -> TrimError:
     """What stopped a proof although no error above the tolerance was found."""
     if stuck is not None:
         follow(s, task.nominal, root, stuck[None])  # raises if the branch ends on the way
@@ -318,10 +303,7 @@ def smallest_fit(
     for k in range(q):
         while caps[k] > 0:
             lower = [*caps[:k], caps[k] - 1, *caps[k + 1 :]]
-            if (
-                _weighted_fit(x, t, guards, lower, degree, below, tolerance, tolerance)[1]
-                > tolerance
-            ):
+            if _weighted_fit(x, t, guards, lower, degree, below, tolerance, tolerance)[1] > tolerance:
                 break
             caps = lower
     return _weighted_fit(x, t, guards, caps, degree, below, tolerance, _ENOUGH * tolerance)
@@ -359,9 +341,7 @@ def _denominators(variables: int, degree: int) -> Iterator[int]:
 
 
 def _terms(exponents: Array, coefficients: Array) -> dict[tuple[int, ...], float]:
-    return {
-        tuple(int(k) for k in a): float(c) for a, c in zip(exponents, coefficients, strict=True)
-    }
+    return {tuple(int(k) for k in a): float(c) for a, c in zip(exponents, coefficients, strict=True)}
 
 
 def _nested(terms: dict[tuple[int, ...], float], variables: Sequence[str]) -> str:

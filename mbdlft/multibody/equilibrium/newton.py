@@ -244,9 +244,7 @@ def _choose(
             else:
                 raise TrimError(
                     f"scene {d.name!r}, positions: "
-                    + unknown_name(
-                        "joint, coordinate or parameter", name, {*joints, *signals, *by_name}
-                    )
+                    + unknown_name("joint, coordinate or parameter", name, {*joints, *signals, *by_name})
                 )
         chosen = sorted(picked)
     unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
@@ -395,9 +393,7 @@ def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
         else:
             break
         s, at = trial, there
-    solved = (
-        bool(np.isfinite(at.rows).all()) and float(np.max(np.abs(at.rows), initial=0.0)) <= _SOLVED
-    )
+    solved = bool(np.isfinite(at.rows).all()) and float(np.max(np.abs(at.rows), initial=0.0)) <= _SOLVED
     return Attempt(s, at.rows, count, solved and _within(equations, s))
 
 

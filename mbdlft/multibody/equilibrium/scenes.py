@@ -20,12 +20,7 @@ from mbdlft.base.unit import Freedom, dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.equilibrium.conditions import Conditions, fit_conditions
-from mbdlft.multibody.equilibrium.displaced import (
-    Displaced,
-    JointCoordinate,
-    displace,
-    in_physical,
-)
+from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace, in_physical
 from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.multibody.force import Spring, Strut
@@ -113,15 +108,11 @@ def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
     """The scene with constants in place of parameters, with their values at the equilibrium."""
     constants = dict(scene.constants)
     for parameter in scene.parameters:
-        constants[parameter.name] = Constant(
-            value=point.parameters[parameter.name], unit=parameter.unit
-        )
+        constants[parameter.name] = Constant(value=point.parameters[parameter.name], unit=parameter.unit)
     return scene.model_copy(update={"constants": constants, "parameters": ()})
 
 
-def _declared(
-    d: Displaced, scene: Scene, point: EquilibriumPoint
-) -> tuple[Array, dict[str, Quantity]]:
+def _declared(d: Displaced, scene: Scene, point: EquilibriumPoint) -> tuple[Array, dict[str, Quantity]]:
     """Declared positions (n,) (rad, m), and the force densities of springs at the point, by name."""
     springs = [
         load
@@ -133,9 +124,7 @@ def _declared(
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
     declared, before = (value.full().reshape(-1) for value in function(values, 0.0))
-    _, after = (
-        value.full().reshape(-1) for value in function(values, displacements(d, point, declared))
-    )
+    _, after = (value.full().reshape(-1) for value in function(values, displacements(d, point, declared)))
     return declared, {
         spring.name: _density(spring, float(a / b))
         if isinstance(spring, Spring)
@@ -351,9 +340,7 @@ def _fitted(
     tangents = dict(zip(system.tangents, fit.expressions, strict=False))
     angles = dict(zip(system.angles, fit.expressions[count : count + turning], strict=True))
     width = 2.0 * fit.bound
-    bounds = {
-        before.coordinates[k].signal.name: float(width[i]) for i, k in enumerate(system.tangents)
-    }
+    bounds = {before.coordinates[k].signal.name: float(width[i]) for i, k in enumerate(system.tangents)}
     moved = _with_positions(scene, before, nominal, tangents)
     declared = declared_positions(before)
     joints = {joint.name: joint for joint in moved.joints}

@@ -16,6 +16,5 @@ from mbdlft.multibody.joint.move import Move as Move
 from mbdlft.multibody.joint.move import Turn as Turn
 
 KINDS: dict[str, type[Joint]] = {
-    cls.kind: cls
-    for cls in (Cylindrical, Fixed, Free, Planar, Prismatic, Revolute, Spherical, Universal)
+    cls.kind: cls for cls in (Cylindrical, Fixed, Free, Planar, Prismatic, Revolute, Spherical, Universal)
 }

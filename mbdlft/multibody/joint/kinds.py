@@ -371,11 +371,7 @@ class Planar(AxisJoint, MovingJoint):
     """
 
     kind: ClassVar[str] = "planar"
-    freedoms: ClassVar[tuple[Freedom, ...]] = (
-        sliding("x", ".x"),
-        sliding("y", ".y"),
-        turning("angle"),
-    )
+    freedoms: ClassVar[tuple[Freedom, ...]] = (sliding("x", ".x"), sliding("y", ".y"), turning("angle"))
 
     axis: Axis = (0.0, 0.0, 1.0)
     position: Triple = (0.0, 0.0, 0.0)

@@ -251,10 +251,7 @@ class Deformed(Move):
     """
 
     def __init__(
-        self,
-        shape: Callable[[ca.SX], ca.SX],
-        transposed: Callable[[ca.SX], ca.SX],
-        at: Coordinate,
+        self, shape: Callable[[ca.SX], ca.SX], transposed: Callable[[ca.SX], ca.SX], at: Coordinate
     ) -> None:
         self.degrees_of_freedom = int(at.q.numel())
         self.effort_of = transposed

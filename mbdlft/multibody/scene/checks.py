@@ -253,9 +253,7 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
 
         zero = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
         if zero is not None:
-            ranges = ", ".join(
-                f"{name} = {at:g} {plain[name].unit}" for name, at in zero[0].items()
-            )
+            ranges = ", ".join(f"{name} = {at:g} {plain[name].unit}" for name, at in zero[0].items())
             raise WellPosednessError(
                 f"{place}: the denominator {write(denominator)} vanishes in the range, near "
                 f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
@@ -307,10 +305,7 @@ def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
 
 
 def _sign(
-    condition: Condition,
-    parameters: Mapping[str, Parameter],
-    constants: Mapping[str, float],
-    boxes: int,
+    condition: Condition, parameters: Mapping[str, Parameter], constants: Mapping[str, float], boxes: int
 ) -> Sign:
     """By intervals over the whole range, if they are enough; else by parts."""
     factors = {name: p.factor for name, p in parameters.items()}
@@ -318,9 +313,7 @@ def _sign(
     slack = _ROUNDING * condition.size + _TINY
 
     def value(at: Mapping[str, Any]) -> Any:
-        return evaluate(
-            condition.expression, {**constants, **{n: x * factors[n] for n, x in at.items()}}
-        )
+        return evaluate(condition.expression, {**constants, **{n: x * factors[n] for n, x in at.items()}})
 
     whole = {name: Interval(*ends) * factors[name] for name, ends in bounds.items()}
     known = {**{name: decimal(float(x)) for name, x in constants.items()}, **whole}
@@ -403,9 +396,7 @@ def _second_moments(J: Mapping[str, Expression]) -> _Terms:
     trace = _sum(_sum(x, y, "+"), z, "+")
     for k, (name, entry) in enumerate(zip(("x", "y", "z"), P, strict=True)):
         first, second = [other for j, other in enumerate(("xx", "yy", "zz")) if j != k]
-        what = (
-            f"inertia.{first} + inertia.{second} - inertia.{name * 2} [kg m^2] about the center of"
-        )
+        what = f"inertia.{first} + inertia.{second} - inertia.{name * 2} [kg m^2] about the center of"
         yield f"{what} mass is negative (triangle inequality)", entry, [trace]
     twice = {name: _product(Number(2.0), J[name]) for name in ("xy", "xz", "yz")}
     xy, xz, yz = twice["xy"], twice["xz"], twice["yz"]

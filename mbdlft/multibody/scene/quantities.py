@@ -321,10 +321,6 @@ def _missing_unit(
 
 def _has_factor(expression: Expression) -> bool:
     """Whether a number is a factor in an expression, as its user may have meant it with a unit."""
-    products = (
-        node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/"
-    )
+    products = (node for node in walk(expression) if isinstance(node, Binary) and node.operator in "*/")
     sides = (side for node in products for side in (node.left, node.right))
-    return any(
-        isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides
-    )
+    return any(isinstance(side.operand if isinstance(side, Negative) else side, Number) for side in sides)

@@ -6,17 +6,7 @@ from typing import Annotated, Any, ClassVar, Self, final
 
 from pydantic import Field, InstanceOf, field_validator, model_validator
 
-from mbdlft.base.description import (
-    Axis,
-    Description,
-    Many,
-    Name,
-    Number,
-    Prose,
-    Quantity,
-    Text,
-    Vector,
-)
+from mbdlft.base.description import Axis, Description, Many, Name, Number, Prose, Quantity, Text, Vector
 from mbdlft.base.display import heading, table
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
@@ -190,9 +180,7 @@ class Scene(Description):
         values = dict(BUILTIN_CONSTANTS)
         for name, constant in self.constants.items():
             if isinstance(constant, Constant):
-                values[name] = Literal(
-                    in_si(repr(float(constant.value)), parse_unit(constant.unit))
-                )
+                values[name] = Literal(in_si(repr(float(constant.value)), parse_unit(constant.unit)))
             else:
                 values[name] = constant
         return values

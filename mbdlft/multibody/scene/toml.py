@@ -95,9 +95,7 @@ def scene_to_toml(scene: Scene) -> str:
     if scene.fit:
         table["fit"] = scene.fit.model_dump()
     chosen = {"inputs": scene.inputs, "outputs": scene.outputs}
-    linearize: dict[str, Any] = {
-        key: list(names) for key, names in chosen.items() if names is not None
-    }
+    linearize: dict[str, Any] = {key: list(names) for key, names in chosen.items() if names is not None}
     if scene.states != ALL:
         linearize["states"] = scene.states
     if linearize:
@@ -206,11 +204,7 @@ def _scene(table: dict[str, Any]) -> Scene:
             raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
     return Scene(
         **{key: table[key] for key in _PLAIN if key in table},
-        **{
-            key: record(**_table(key, table[key]))
-            for key, record in _RECORDS.items()
-            if key in table
-        },
+        **{key: record(**_table(key, table[key])) for key, record in _RECORDS.items() if key in table},
         constants=read_constants(table),
         parameters=read_parameters(table),
         **{key: _kinds(noun, key, table, kinds) for key, (noun, kinds) in _ITEMS.items()},
@@ -243,15 +237,11 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
         fields = dict(_table(f"{what} {name!r}", value))
         kind = fields.pop("kind", None)
         if kind is None:
-            raise SceneError(
-                f"{what} {name!r}: 'kind' is missing. Kinds: {', '.join(sorted(kinds))}."
-            )
+            raise SceneError(f"{what} {name!r}: 'kind' is missing. Kinds: {', '.join(sorted(kinds))}.")
         if not isinstance(kind, str) or kind not in kinds:
             raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
         if "name" in fields:
-            raise SceneError(
-                f"{what} {name!r}: the key 'name' is not used; the table has the name."
-            )
+            raise SceneError(f"{what} {name!r}: the key 'name' is not used; the table has the name.")
         try:
             for field, record, several in _records(kinds[kind]):
                 entries = fields.get(field)
@@ -303,9 +293,7 @@ def _parameter(name: str, value: Any) -> Parameter:
             raise SceneError(f"{where}: " + unknown_name("key", key, _PARAMETER_KEYS))
         text = key in ("unit", "role", "substitution")
         if not isinstance(entry, str if text else int | float) or isinstance(entry, bool):
-            raise SceneError(
-                f"{where}: {key}: expected a {'text' if text else 'number'}, got {entry!r}."
-            )
+            raise SceneError(f"{where}: {key}: expected a {'text' if text else 'number'}, got {entry!r}.")
     if "nominal" not in fields:
         raise SceneError(f"{where}: 'nominal' is missing.")
     if fields.get("unit") not in ANGLE_UNITS:

@@ -119,11 +119,7 @@ def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
 
 
 def close(
-    graph: SignalGraph,
-    names: Sequence[str],
-    maps: Sequence[BilinearMap],
-    *,
-    all_kept: bool = False,
+    graph: SignalGraph, names: Sequence[str], maps: Sequence[BilinearMap], *, all_kept: bool = False
 ) -> ExactLFT:
     """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
 
@@ -145,11 +141,7 @@ class _Channels:
     """
 
     def __init__(
-        self,
-        words: Words,
-        quotients: int,
-        names: Sequence[str],
-        maps: Sequence[BilinearMap],
+        self, words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
     ) -> None:
         self.words, self.quotients, self.field = words, quotients, words.field
         self.inputs = words.inputs - quotients

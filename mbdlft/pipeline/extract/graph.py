@@ -191,9 +191,7 @@ class SignalGraph:
     def multiply(self, a: Element, b: Element) -> Element:
         """Product of a coefficient with a signal or another coefficient."""
         if isinstance(a, Scaled) and isinstance(b, Scaled):
-            raise NotRationalError(
-                "two signals are multiplied, so the relations are not linear in them."
-            )
+            raise NotRationalError("two signals are multiplied, so the relations are not linear in them.")
         if isinstance(b, Scaled):
             a, b = b, a
         if isinstance(a, Scaled):

@@ -22,23 +22,14 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.exact.numbers import (
-    Constant,
-    Field,
-    constant_of,
-    cosine_of,
-    decimal,
-    sine_of,
-)
+from mbdlft.exact.numbers import Constant, Field, constant_of, cosine_of, decimal, sine_of
 from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 _PREFIX = "constant "
 _KINDS = ("rational", "root", "cosine", "sine", "pi", "unit")  # of `Constant`
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
 _CERTAIN = 1e-6  # a value of order one that is larger is no rounding: no need to look
-_SHARED = (
-    4096  # constants that have one symbol each, the last ones asked for; a scene has some hundred
-)
+_SHARED = 4096  # constants that have one symbol each, the last ones asked for; a scene has some hundred
 
 
 def literal(value: float | Fraction) -> float | ca.SX:

@@ -114,18 +114,14 @@ def _parts(function: ca.Function, values: Array) -> list[Array]:
     """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
     shapes = [function.size_out(k) for k in range(function.n_out())]
     results = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
-    return [
-        result.reshape(len(values), *shape) for result, shape in zip(results, shapes, strict=True)
-    ]
+    return [result.reshape(len(values), *shape) for result, shape in zip(results, shapes, strict=True)]
 
 
 @lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
 def vectors(function: ca.Function) -> Vectors | None:
     """The program of a function of SX; nothing if it is long, or has an operation without one here."""
     count = function.n_instructions() if function.is_a("SXFunction") else _LONGEST + 1
-    if count > _LONGEST or not all(
-        function.sparsity_in(k).is_dense() for k in range(function.n_in())
-    ):
+    if count > _LONGEST or not all(function.sparsity_in(k).is_dense() for k in range(function.n_in())):
         return None
     starts = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))]).tolist()
     tape = Tape(starts[-1], _LONGEST)
@@ -205,8 +201,5 @@ _SIZES = rules(
     mul=lambda x, y: (x[0] * y[0], x[1] * y[1]),
     div=lambda x, y: (x[0] / y[0], x[1] * y[1] / (y[0] * y[0])),
     **{name: _function(values) for name, values in FUNCTIONS_OF_DOUBLES.items()}
-    | {
-        "fabs": lambda x: (np.abs(x[0]), x[1]),
-        "sqrt": lambda x: (np.sqrt(x[0]), np.sqrt(x[1])),
-    },
+    | {"fabs": lambda x: (np.abs(x[0]), x[1]), "sqrt": lambda x: (np.sqrt(x[0]), np.sqrt(x[1]))},
 )

@@ -65,12 +65,7 @@ def arithmetic(number: Rule, functions: Mapping[str, Rule]) -> Rules:
 
     operations: dict[str, Rule] = {"neg": operator.neg}
     operations |= {"tan": lambda a: functions["sin"](a) / functions["cos"](a), **functions}
-    operations |= {
-        "add": operator.add,
-        "sub": operator.sub,
-        "mul": operator.mul,
-        "div": operator.truediv,
-    }
+    operations |= {"add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv}
     return rules(float, **{name: counted(rule) for name, rule in operations.items()})
 
 

@@ -144,8 +144,7 @@ def spreads(piece: Piece) -> Array:
     p = piece.values[0]
     size = float(np.mean(np.abs(p)))
     changes = [
-        float(np.max(np.sum(np.abs(np.diff(p, axis=k)), axis=k), initial=0.0))
-        for k in range(p.ndim)
+        float(np.max(np.sum(np.abs(np.diff(p, axis=k)), axis=k), initial=0.0)) for k in range(p.ndim)
     ]
     return np.asarray(changes) / max(size, 1e-300)
 
@@ -192,14 +191,10 @@ class Outcome(NamedTuple):
     """What came of an attempt."""
 
     log: tuple[int, ...] | None  # the proof, or None if there is none
-    counterexample: (
-        Array | None
-    )  # deltas (number of deltas,), of the unit box, where `is_wrong` holds
+    counterexample: Array | None  # deltas (number of deltas,), of the unit box, where `is_wrong` holds
     open_box: Box  # the last: one that resisted, if there is neither a proof nor a counterexample
     work: float  # units that were used
-    frequency: (
-        float  # where the box that took the most cuts was open (rad/s); NaN if there was none
-    )
+    frequency: float  # where the box that took the most cuts was open (rad/s); NaN if there was none
 
 
 def prove(
@@ -316,9 +311,7 @@ def _root(polynomials: Polynomials) -> Box:
     return Box(np.zeros(q), np.ones(q), (whole,))
 
 
-def _refined(
-    pieces: tuple[Piece, ...], gain: float, *, patient: bool
-) -> tuple[tuple[Piece, ...], float]:
+def _refined(pieces: tuple[Piece, ...], gain: float, *, patient: bool) -> tuple[tuple[Piece, ...], float]:
     """The pieces on which zeros are not excluded, cut along t while that helps; and what it cost."""
     waiting, cost = list(pieces), 0.0
     still: list[Piece] = []

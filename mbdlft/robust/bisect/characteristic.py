@@ -174,8 +174,7 @@ def _routh(coefficients: list[Any] | None) -> bool | None:
             return None if lower and 0 in lower[0] and lower[0].rad() > 0 else False
         ratio = upper[0] / lower[0]
         next_lower = [
-            a - ratio * (lower[i + 1] if i + 1 < len(lower) else zero)
-            for i, a in enumerate(upper[1:])
+            a - ratio * (lower[i + 1] if i + 1 < len(lower) else zero) for i, a in enumerate(upper[1:])
         ]
         rows = [lower, next_lower]
     return True
@@ -190,11 +189,7 @@ def _scale(A: Array) -> float:
 
 def _whole(model: Realization) -> Any:
     """[D C F; B A E; H G J] as balls: channels first, in the order of the blocks."""
-    rows = [
-        [model.D, model.C, model.F],
-        [model.B, model.A, model.E],
-        [model.H, model.G, model.J],
-    ]
+    rows = [[model.D, model.C, model.F], [model.B, model.A, model.E], [model.H, model.G, model.J]]
     whole = _matrix(np.block(rows))
     for k in range(len(model.D), len(model.D) + len(model.A) if model.shift else 0):
         whole[k, k] = whole[k, k] - flint.arb(model.shift)
@@ -297,10 +292,7 @@ def _rows(model: Realization, whole: Any, factor: Any, scale: float) -> list[lis
     rows = [p]
     for i in range(n, whole.nrows()):
         for j in range(n, whole.ncols()):
-            column, row = (
-                _part(whole, states, range(j, j + 1)),
-                _part(whole, range(i, i + 1), states),
-            )
+            column, row = (_part(whole, states, range(j, j + 1)), _part(whole, range(i, i + 1), states))
             other = (A - column * row).charpoly().coeffs()
             direct = flint.arb(1) - whole[i, j]
             rows.append([a - direct * b for a, b in zip(other, p, strict=True)])

@@ -238,9 +238,7 @@ def bounds_at(
     by_name = dict(zip(model.names, delta.tolist(), strict=True)) if is_known else {}
     has_slope = len(slope) == len(delta) and bool(np.all(np.isfinite(slope)))
     changes = delta * slope if has_slope else np.zeros(len(delta))
-    return bounds_of(
-        asked, state, kind, (by_name, frequency), changes, proved=proved, reason=reason
-    )
+    return bounds_of(asked, state, kind, (by_name, frequency), changes, proved=proved, reason=reason)
 
 
 def cost_of(model: Realization) -> float:

@@ -135,15 +135,11 @@ def _starts(model: Realization, most: float) -> list[tuple[float, Array]]:
     return starts
 
 
-def _climbed(
-    model: Realization, period: float, deltas: Array, limits: tuple[float, Array]
-) -> Array:
+def _climbed(model: Realization, period: float, deltas: Array, limits: tuple[float, Array]) -> Array:
     """A motion within the limits of size and change per step that grows more."""
     size, steps = limits
     any_rate = np.full(len(steps), np.inf)
-    deltas = np.stack(
-        [_fitted(row, size, step) for row, step in zip(deltas.T, steps, strict=True)], 1
-    )
+    deltas = np.stack([_fitted(row, size, step) for row, step in zip(deltas.T, steps, strict=True)], 1)
     value = growth(model, any_rate, period, deltas, 1)
     for _ in range(_CLIMBS):
         slope = _slope(model, period, deltas) if np.isfinite(value) else None

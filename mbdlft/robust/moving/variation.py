@@ -135,9 +135,7 @@ def is_structured(form: Form, P: Array, X: Array, Y: Array) -> bool:
     )
 
 
-def is_negative(
-    form: Form, sizes: Array, gain: float, L: Array, P: Array, X: Array, Y: Array
-) -> bool:
+def is_negative(form: Form, sizes: Array, gain: float, L: Array, P: Array, X: Array, Y: Array) -> bool:
     """Whether the form is proved to be negative definite, and X positive; `gain` is 0 for stability.
 
     P is that of L x and zeta. The form is looked at in the states L x: what turns them back into x may be
@@ -338,9 +336,7 @@ def _unpacked(form: Form, values: Array, places: Places, *, with_gain: bool) -> 
         matrix[where[1], where[0]] = sign * entries
         matrix[where[0], where[1]] = entries
     weight = float(scalars[0]) if with_gain else 1.0
-    return (
-        Unknowns(P / weight, X / weight, Y / weight, float(scalars[-1])) if weight > 0.0 else None
-    )
+    return Unknowns(P / weight, X / weight, Y / weight, float(scalars[-1])) if weight > 0.0 else None
 
 
 def _coefficients(form: Form, sizes: Array, places: Places, gain: float) -> Any:

@@ -64,12 +64,7 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
 
 
 def delta_rates(
-    system: System,
-    names: Sequence[str],
-    rates: Mapping[str, float],
-    k: float,
-    *,
-    allowed: bool = False,
+    system: System, names: Sequence[str], rates: Mapping[str, float], k: float, *, allowed: bool = False
 ) -> Array:
     """Bounds of the rates of deltas (1/s) while |delta| <= k, of those of physical values.
 
@@ -127,18 +122,14 @@ class _Question(NamedTuple):
         form = form_of(near, bounds)
         return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y), cost_of(form)
 
-    def _near(
-        self, k: float, gain: float
-    ) -> tuple[Realization, Array, Realization, tuple[float, float]]:
+    def _near(self, k: float, gain: float) -> tuple[Realization, Array, Realization, tuple[float, float]]:
         """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
         states, back, channels, time = modal(self.model)
         model = scaled(self.model if gain else _alone(self.model), channels, time)
         bounds = delta_rates(self.asked.system, model.names, self.rates, k) / time
         near = turned(model, states, back)
         u, y = _powers(near, gain)
-        near = near._replace(
-            E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y)
-        )
+        near = near._replace(E=near.E * u, F=near.F * u, G=near.G * y, H=near.H * y, J=near.J * (u * y))
         return model, bounds, near, (u, y)
 
     def motion(self, most: float) -> Motion:
@@ -246,11 +237,7 @@ def _margins(question: _Question) -> Search[Motion]:
 
 
 def moving_gain(
-    asked: Asked,
-    model: Realization,
-    rates: Mapping[str, float],
-    constant: Bounds,
-    signals: Signals,
+    asked: Asked, model: Realization, rates: Mapping[str, float], constant: Bounds, signals: Signals
 ) -> Bounds:
     """Bounds of the energy gain of parameters that move in the box, given those of constant ones."""
     question = _Question(asked, model, rates, constant, signals)
@@ -296,9 +283,7 @@ def _gains(question: _Question) -> Search[Motion]:
     return state
 
 
-def checked(
-    system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof
-) -> str:
+def checked(system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof) -> str:
     """What is wrong with a proof for parameters that move; empty if it is one."""
     for powers, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
         if powers.shape != (size,) or not np.all(np.frexp(powers)[0] == 0.5):

@@ -98,9 +98,7 @@ def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
     chosen = (fixed,) if isinstance(fixed, str) else tuple(fixed)
     for name in chosen:
         if name not in names:
-            raise StructureError(
-                f"fixed blocks of {system.name!r}: {unknown_name('block', name, names)}"
-            )
+            raise StructureError(f"fixed blocks of {system.name!r}: {unknown_name('block', name, names)}")
     return chosen
 
 
@@ -112,14 +110,11 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     B[:, outputs], C[inputs] = whole.B, whole.C
     D[np.ix_(inputs, outputs)] = whole.D
     of_states = balance(whole.A)
-    plain = Channels(
-        whole.A * of_states / of_states[:, None], B / of_states[:, None], C * of_states, D
-    )
+    plain = Channels(whole.A * of_states / of_states[:, None], B / of_states[:, None], C * of_states, D)
     loop = Loop(plain, np.ones(size), structure, blocks, grows)
     pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
     sizes = [
-        np.abs(channels_matrix(plain, w)[0])
-        for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
+        np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
     ]
     scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[loop.owner]
     B, C = plain.B * scale, plain.C / scale[:, None]
@@ -272,9 +267,7 @@ def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
             cover = covered(loop, box)
         used += cover.work
         intervals, multipliers = intervals + cover.intervals, multipliers + cover.multipliers
-        cover = cover._replace(
-            k=k, intervals=intervals, multipliers=multipliers, work=used, peak=peak
-        )
+        cover = cover._replace(k=k, intervals=intervals, multipliers=multipliers, work=used, peak=peak)
         if not cover.todo or not cover.beta > 1.0 or used + cost > work:
             return cover
         size, last = largest_size(loop, matrix_at(loop, cover.at), k, cover.last, 0.02 * gap)

@@ -73,9 +73,7 @@ def channels_matrix(system: Channels, omega: float) -> tuple[Complex, Array]:
     gamma = 4.0 * (n + 4) * _EPS
     wrong = np.abs(np.eye(n) - inverse @ shifted) + gamma * np.abs(inverse) @ np.abs(shifted)
     share = float(np.linalg.norm(wrong))
-    residual = np.abs(system.B - shifted @ X) + gamma * (
-        np.abs(system.B) + np.abs(shifted) @ np.abs(X)
-    )
+    residual = np.abs(system.B - shifted @ X) + gamma * (np.abs(system.B) + np.abs(shifted) @ np.abs(X))
     if share >= 0.5:
         return system.D + system.C @ X, np.full(system.B.shape[1], np.inf)
     off = np.linalg.norm(np.abs(inverse) @ residual, axis=0) / (1.0 - share)
@@ -89,9 +87,7 @@ def _middle(multipliers: Multipliers, extent: Extent | None) -> _Middle:
     p, q = (np.ones(len(D)), np.zeros(len(D))) if extent is None else extent
     first, turned = p[:, None] * D, q[:, None] * D
     sizes = np.abs(turned) + np.abs(G)
-    return _Middle(
-        first, turned - 1j * G, multipliers.beta * multipliers.beta * D, np.abs(first), sizes
-    )
+    return _Middle(first, turned - 1j * G, multipliers.beta * multipliers.beta * D, np.abs(first), sizes)
 
 
 def is_negative_at(
@@ -207,11 +203,7 @@ def _discs(
     weights = _weights(T_all + sizes[:, None] * S_all, sizes)
     fixed = (T_all @ weights) / weights * (1.0 + 1e-9)
     moving = (S_all @ weights) / weights * (1.0 + 1e-9)
-    if (
-        not np.all(moving < 0.01)
-        or not np.all(fixed[2 * n :] < 0.5)
-        or np.any(moving[2 * n :] > 0.0)
-    ):
+    if not np.all(moving < 0.01) or not np.all(fixed[2 * n :] < 0.5) or np.any(moving[2 * n :] > 0.0):
         return None
     radii = fixed[: 2 * n] + moving[: 2 * n] * (np.abs(values) + fixed[: 2 * n]) / 0.98
     return values, radii * (1.0 + 1e-9)
@@ -245,9 +237,7 @@ def _form(C: Array, D: Array, blocks: _Middle) -> tuple[Complex, Array]:
     m, n = C.shape
     T = np.block([[C, D], [np.zeros((m, n)), np.eye(m)]])
     middle = np.block([[blocks.first, blocks.mixed], [blocks.mixed.conj().T, -blocks.last]])
-    sizes = np.block(
-        [[blocks.first_size, blocks.mixed_size], [blocks.mixed_size.T, np.abs(blocks.last)]]
-    )
+    sizes = np.block([[blocks.first_size, blocks.mixed_size], [blocks.mixed_size.T, np.abs(blocks.last)]])
     form = T.T @ middle @ T
     error = 8.0 * (2 * m + 4) * _EPS * (np.abs(T).T @ sizes @ np.abs(T))
     return 0.5 * (form + form.conj().T), error

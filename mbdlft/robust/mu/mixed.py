@@ -56,14 +56,7 @@ from mbdlft.robust.mu.coverage import (
 )
 from mbdlft.robust.mu.intervals import holds
 from mbdlft.robust.mu.multipliers import best_square, fits
-from mbdlft.robust.mu.small_delta import (
-    SmallDelta,
-    best_near,
-    by_name,
-    changes,
-    first_reached,
-    nothing,
-)
+from mbdlft.robust.mu.small_delta import SmallDelta, best_near, by_name, changes, first_reached, nothing
 from mbdlft.robust.realization import realization
 
 _BATCH = 8  # parts at a time, whatever the number of workers: results do not depend on it
@@ -219,9 +212,7 @@ def proof_of(
             add(node.cover, node.cut)
         waiting += node.halves[::-1] if node.halves else ()
     fixed = [b.name for b, grows in zip(loop.blocks, loop.grows, strict=True) if not grows]
-    return IntervalProof(
-        k, tuple(log), tuple(intervals), tuple(multipliers), tuple(fixed), *signals
-    )
+    return IntervalProof(k, tuple(log), tuple(intervals), tuple(multipliers), tuple(fixed), *signals)
 
 
 def wrong_in(loop: Loop, proof: IntervalProof) -> str:
@@ -289,11 +280,7 @@ class _Question(NamedTuple):
 
 
 def by_multipliers(
-    asked: Asked,
-    loop: Loop,
-    kind: str,
-    signals: Signals = ((), ()),
-    inner: Loop | None = None,
+    asked: Asked, loop: Loop, kind: str, signals: Signals = ((), ()), inner: Loop | None = None
 ) -> Bounds:
     """Bounds of a margin or a gain by multipliers; of a gain, `inner` is the loop without its block."""
     if kind == "worst-case gain":
@@ -315,9 +302,7 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
             return state
     state = _first(question, state)
     yield state
-    most = min(
-        asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap)
-    )  # wide intervals need room
+    most = min(asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap))  # wide intervals need room
     with after(state.used):
         cover = shrunk(loop, most, asked.gap, state.left(asked))
     state = state._replace(used=state.used + cover.work)

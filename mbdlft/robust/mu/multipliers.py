@@ -189,9 +189,7 @@ def upper_bound(
     return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
 
 
-def _ahead(
-    M: Complex, beta: float, X: Complex, structure: Structure
-) -> tuple[float, Complex, Complex]:
+def _ahead(M: Complex, beta: float, X: Complex, structure: Structure) -> tuple[float, Complex, Complex]:
     """The best beta^2 on the tangent of the path of centers, and D and G there."""
     U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
     i, j = structure.rows, structure.columns
@@ -251,9 +249,7 @@ def _hessian(
     return H
 
 
-def _center(
-    M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL
-) -> Complex:
+def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL) -> Complex:
     """Minimum of tr (X + X')/2 - log det S(X) - log det(X + X') from an X where both are positive.
 
     A little of |X|^2 keeps parts bounded that do nothing.
@@ -298,19 +294,14 @@ def _center(
     return X
 
 
-def _curvature(
-    c: Complex, uu: Complex, vv: Complex, i: NDArray[np.int64], j: NDArray[np.int64]
-) -> Array:
+def _curvature(c: Complex, uu: Complex, vv: Complex, i: NDArray[np.int64], j: NDArray[np.int64]) -> Array:
     """Second derivatives of -log det of the symmetric part of U'X V, by real and imaginary parts."""
     cross = c[np.ix_(j, i)]
     first = cross * cross.T
     second = vv[np.ix_(j, j)] * uu.T[np.ix_(i, i)]
     mixed = 0.5 * (second.imag - first.imag)
     return np.block(
-        [
-            [0.5 * (first.real + second.real), mixed],
-            [mixed.T, 0.5 * (second.real - first.real)],
-        ]
+        [[0.5 * (first.real + second.real), mixed], [mixed.T, 0.5 * (second.real - first.real)]]
     )
 
 

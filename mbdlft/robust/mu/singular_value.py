@@ -28,11 +28,7 @@ from mbdlft.robust.mu.coverage import (
 from mbdlft.robust.mu.intervals import channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import squared, structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import SmallDelta, small_delta
-from mbdlft.robust.realization import (
-    check_constant,
-    check_parameters,
-    stable_states,
-)
+from mbdlft.robust.realization import check_constant, check_parameters, stable_states
 from mbdlft.system.model import System
 
 _NOTHING = 1e-6  # of the norm: less is nothing
@@ -156,9 +152,7 @@ def channels_at(system: System, omega: float) -> Complex:
     if not np.isfinite(omega) or not len(system.A):
         return M
     try:
-        return M + system.C_z @ np.linalg.solve(
-            1j * omega * np.eye(len(system.A)) - system.A, system.B_w
-        )
+        return M + system.C_z @ np.linalg.solve(1j * omega * np.eye(len(system.A)) - system.A, system.B_w)
     except np.linalg.LinAlgError:
         raise AnalysisError(
             f"model {system.name!r}: omega = {omega:g} rad/s is a pole, where M is infinite. Leave this "

@@ -133,17 +133,13 @@ def block_changes(
     p = u @ M
     return np.array(
         [
-            (
-                (1.0 if place.grows else lam) * (p[place.w] @ unit[place.w, place.z] @ v[place.z])
-            ).real
+            ((1.0 if place.grows else lam) * (p[place.w] @ unit[place.w, place.z] @ v[place.z])).real
             for place in places
         ]
     )
 
 
-def _places_of(
-    blocks: Sequence[Block], grows: Sequence[bool] | NDArray[np.bool_] | None
-) -> list[_Place]:
+def _places_of(blocks: Sequence[Block], grows: Sequence[bool] | NDArray[np.bool_] | None) -> list[_Place]:
     places, z, w = [], 0, 0
     for block, grow in zip(blocks, [True] * len(blocks) if grows is None else grows, strict=True):
         rows, columns = slice(z, z + block.inputs), slice(w, w + block.outputs)

@@ -116,12 +116,7 @@ class Channels(NamedTuple):
 
 
 def channel_panels(
-    model: System,
-    outputs: Names,
-    inputs: Names,
-    most: int,
-    height: float,
-    ratios: Sequence[int] = (1,),
+    model: System, outputs: Names, inputs: Names, most: int, height: float, ratios: Sequence[int] = (1,)
 ) -> Channels:
     """Panels for each channel, `height` (inches) in all, one below the other; all without names.
 
@@ -159,9 +154,7 @@ def draw_cloud(axes: Axes, x: Array, curves: Array, color: str, alpha: float, la
 
 
 def drawn_frequencies(
-    system: System,
-    values: Mapping[str, ArrayLike] | None = None,
-    ends: tuple[float, float] | None = None,
+    system: System, values: Mapping[str, ArrayLike] | None = None, ends: tuple[float, float] | None = None
 ) -> Array:
     """Frequencies (N, F) of a figure, rad/s: as `response_frequencies`, as many in each decade."""
     low, high = ends or response_frequencies(system, values, None, None, 2)[0, [0, -1]].tolist()

@@ -170,12 +170,7 @@ def save_growth(
     proved, reached = (lower, upper) if kind in _IS_LOWER else (upper, lower)
     figure, axes = panel(facts(model), "size of the box (times the declared ranges)", kind)
     axes.stairs(
-        proved,
-        np.append(0.0, scales),
-        baseline=None,
-        color=COLORS[0],
-        linewidth=1.4,
-        label="proved",
+        proved, np.append(0.0, scales), baseline=None, color=COLORS[0], linewidth=1.4, label="proved"
     )
     axes.step(scales, reached, ".-", where="post", color=COLORS[1], linewidth=1.0, label="reached")
     if margin is not None:

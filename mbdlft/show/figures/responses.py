@@ -108,10 +108,7 @@ def save_bode(
         for k, column in enumerate(channels.columns):
             size, phase = channels.axes[i, :, k]
             for axes, kind in ((size, _size), (phase, _phase)):
-                curves, middle = (
-                    kind(r.samples[:, :, row, column]),
-                    kind(r.nominal[:, :, row, column]),
-                )
+                curves, middle = (kind(r.samples[:, :, row, column]), kind(r.nominal[:, :, row, column]))
                 if r.drawn:
                     draw_cloud(axes, r.omega, curves, COLORS[0], 0.2, "samples")
                 axes.plot(r.at_nominal[0], middle[0], color="black", linewidth=1.2, label="nominal")
@@ -214,12 +211,7 @@ def save_singular_values(
 
 
 def _draw_worst(
-    axes: Axes,
-    omega: Array,
-    values: Array,
-    what: str,
-    model: System,
-    at: Mapping[str, float],
+    axes: Axes, omega: Array, values: Array, what: str, model: System, at: Mapping[str, float]
 ) -> None:
     """The largest singular value of one sample, and where it has its peak."""
     k = int(np.argmax(peaks(values[None])[0]))
@@ -233,12 +225,7 @@ def _draw_worst(
 
 
 def save_step(
-    path: str | Path,
-    model: System,
-    seed: int = 0,
-    *,
-    outputs: Names = None,
-    inputs: Names = None,
+    path: str | Path, model: System, seed: int = 0, *, outputs: Names = None, inputs: Names = None
 ) -> None:
     """Draw step responses of each channel, the nominal model over random samples.
 

@@ -46,9 +46,7 @@ def save_orders(path: str | Path, model: System) -> None:
             f"model {model.name!r} is a system without evidence: nothing is known of its orders."
         )
     if not model.parameters:
-        raise AnalysisError(
-            f"model {model.name!r}: without parameters there are no orders to draw."
-        )
+        raise AnalysisError(f"model {model.name!r}: without parameters there are no orders to draw.")
     write_figure(orders_figure(model), path)
 
 
@@ -94,9 +92,7 @@ class TrimCurves(NamedTuple):
     high: Array
 
 
-def save_trims(
-    path: str | Path, model: System, parameter: str | None = None, seed: int = 0
-) -> None:
+def save_trims(path: str | Path, model: System, parameter: str | None = None, seed: int = 0) -> None:
     """Draw the efforts and loads that hold the equilibrium over one parameter.
 
     A line has the other parameters nominal, the shade around it is what random samples of them reach:

@@ -68,9 +68,7 @@ def order_sentences(model: LFTModel) -> Iterator[str]:
             if _EVIDENCE_OF_SCENE in model.provenance.scene:
                 what = f"positions are fits, {within} rad or m of the equilibrium"
             else:
-                what = (
-                    f"it has fits, {within} of the sizes of quantities, or in units of coefficients"
-                )
+                what = f"it has fits, {within} of the sizes of quantities, or in units of coefficients"
             yield f"not exact: {what}, on the whole range"
     if any(certificate.doubtful):
         unclear = ", ".join(
@@ -264,9 +262,7 @@ def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:
             _no_rounding(min(np.min(column), nominal), column),
             _no_rounding(max(np.max(column), nominal), column),
         )
-        for signal, nominal, column in zip(
-            model.trim.signals, model.trim.nominal, efforts.T, strict=True
-        )
+        for signal, nominal, column in zip(model.trim.signals, model.trim.nominal, efforts.T, strict=True)
     ]
     return tuple(rows), len(efforts) if values else 1
 
@@ -360,9 +356,7 @@ def _said(bounds: Bounds) -> list[str]:
     if infinite:
         said = ["It is infinite: there is no bound to prove."]
     if bounds.worst and math.isfinite(reached):
-        said.append(
-            f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values."
-        )
+        said.append(f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values.")
     if bounds.motion is not None:
         said.append(f"A motion of {high} times the ranges that does not come to rest is stored.")
     if bounds.reason:

@@ -41,9 +41,7 @@ _MOST_CORNERS = 6  # parameters of which all corners are samples: 64 of them
 _RANDOM = 24  # other samples
 _MOST_NUMBERS = 120_000  # of all modes together: 1 MB of a page
 _MOST_MODES = 40  # in a list that a reader scrolls
-_INDEPENDENT = (
-    1e-3  # of a shape at zero: less outside the span of the others is rounding of eigenvectors
-)
+_INDEPENDENT = 1e-3  # of a shape at zero: less outside the span of the others is rounding of eigenvectors
 _DIGITS = 5  # of shapes, which are seen only
 _POINT = 1e-9  # m: a scene that is smaller is one point
 
@@ -198,8 +196,7 @@ def _mode(pole: complex, shape: Array) -> dict[str, Any]:
     """One mode, its largest displacement real and one."""
     shape = shape / shape[int(np.argmax(np.abs(shape)))]
     real, imaginary = (
-        [float(f"{number:.{_DIGITS}g}") for number in numbers]
-        for numbers in (shape.real, shape.imag)
+        [float(f"{number:.{_DIGITS}g}") for number in numbers] for numbers in (shape.real, shape.imag)
     )
     return {"real": pole.real, "imag": pole.imag, "shape": [real, imaginary]}
 
@@ -308,9 +305,7 @@ def _extents(drawing: Drawing) -> list[Array]:
     return boxes
 
 
-def _coordinates(
-    placed: Poses, positions: Sequence[ca.SX | None], size: float
-) -> list[dict[str, Any]]:
+def _coordinates(placed: Poses, positions: Sequence[ca.SX | None], size: float) -> list[dict[str, Any]]:
     """Coordinates in the order of q, with the reach of their sliders to either side."""
     freedoms = [(owned, freedom) for owned in placed.owned for freedom in owned.freedoms]
     return [

@@ -32,16 +32,9 @@ T = TypeVar("T")
 Shape = dict[str, Any]
 Item = dict[str, Any]
 _NOTHING = 1e-12  # of a wrench: a force or torque that no load of this kind has
-_LAYERS = {
-    "world": "ground",
-    "loops": "joints",
-}  # of shapes of these groups; others have a layer each
+_LAYERS = {"world": "ground", "loops": "joints"}  # of shapes of these groups; others have a layer each
 _POINTS = 24  # of a beam, at least, for polynomials over the whole of it
-_ROW = {
-    "axial": 0,
-    "bending_y": 1,
-    "bending_z": 2,
-}  # of the displacement that each deformation makes
+_ROW = {"axial": 0, "bending_y": 1, "bending_z": 2}  # of the displacement that each deformation makes
 
 
 def center_line(beam: Beam, values: Values, q: ca.SX) -> list[ca.SX]:
@@ -82,14 +75,10 @@ class Drawing:
         frame = self.poses.frames[body]
         return [self.vector(frame.r), *(self.vector(frame.R[:, k]) for k in range(3))]
 
-    def add(
-        self, group: str, name: str, kind: str, lines: list[str], shapes: Iterable[Shape]
-    ) -> None:
+    def add(self, group: str, name: str, kind: str, lines: list[str], shapes: Iterable[Shape]) -> None:
         """Add an item; its shapes are in the layer of its group, unless they say another one."""
         made = [{"layer": _LAYERS.get(group, group)} | shape for shape in shapes]
-        self.items.append(
-            {"group": group, "name": name, "kind": kind, "lines": lines, "shapes": made}
-        )
+        self.items.append({"group": group, "name": name, "kind": kind, "lines": lines, "shapes": made})
 
     def first_coordinate(self, owner: str) -> int:
         """The place of the first coordinate of a joint or body; that of its effort in u, too."""

@@ -215,16 +215,12 @@ def _looks_of(
         elif shape.tag == "plane":
             normal = np.array(read(shape, "normal", where, 3) or _UP)
             turned = placed(between(_UP, normal), np.zeros(3))
-            yield Look(
-                link, place @ turned, {"plane": list(read(shape, "size", where, 2) or (1.0, 1.0))}
-            )
+            yield Look(link, place @ turned, {"plane": list(read(shape, "size", where, 2) or (1.0, 1.0))})
         elif shape.tag in _SIZES:
             sizes = {key: read(shape, key, where, count) for key, count in _SIZES[shape.tag]}
             missing = [key for key, numbers in sizes.items() if numbers is None]
             if missing:
-                notes.append(
-                    f"A <{shape.tag}> of link {link!r} has no <{missing[0]}> and is not shown."
-                )
+                notes.append(f"A <{shape.tag}> of link {link!r} has no <{missing[0]}> and is not shown.")
                 continue
             numbers = [number for size in sizes.values() for number in size or ()]
             yield Look(link, place, {shape.tag: numbers if len(numbers) > 1 else numbers[0]})
@@ -264,11 +260,6 @@ def robot_looks(path: str | Path, model: str | None = None) -> Looks:
     path : file
     model : str, optional
         Which model of an SDF file that has several.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read, or a number in it is wrong. A mesh that cannot be read is a note.
     """
     file, notes = Path(path), list[str]()
     top = top_of(file)

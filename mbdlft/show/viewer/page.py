@@ -154,9 +154,7 @@ def scene_of(model: object) -> Scene:
         The model was made of a matrix or of other models, or is none.
     """
     if not isinstance(model, LFTModel):
-        raise SceneError(
-            f"view: a {type(model).__name__} has no scene; a model of a scene has one."
-        )
+        raise SceneError(f"view: a {type(model).__name__} has no scene; a model of a scene has one.")
     try:
         return scene_from_toml(model.provenance.scene)
     except MbdlftError as error:

@@ -103,9 +103,7 @@ class _Sheet:
         self.strokes.append((math.inf, drawn))
 
 
-def scene_picture(
-    scene: Scene, azimuth: float = 0.9, height: float = 0.35, *, names: bool = True
-) -> str:
+def scene_picture(scene: Scene, azimuth: float = 0.9, height: float = 0.35, *, names: bool = True) -> str:
     """The picture of a scene at nominal and at equilibrium, as an SVG element.
 
     Parameters
