@@ -25,7 +25,7 @@ import mbdlft
 
 ARM = Path(__file__).parents[1] / "scenarios" / "two_link_arm.toml"
 PACKAGE = Path(mbdlft.__file__).parent
-TARGET_FILES, TARGET_MOVES = 30, 600
+TARGET_FILES, TARGET_MOVES = 60, 1500
 
 
 class Call(NamedTuple):
