@@ -30,6 +30,7 @@ MESH = Method(4e-2)  # extents of meshes that were thinned
 PAGE = Method(1e-6)  # positions in a picture, and loads beside it
 NOTHING = 1e-13  # of the largest entry: what is left of zeros
 EXPORT = 1e-13  # values of files for other tools against `matrices_at`
+ENCLOSURE = Method(5e-2)  # bounds of slopes over a range, beside the true extremes
 MUJOCO = Method(1e-5)  # by finite differences
 MECHANISM = 1e-9
 CROSS = 1e-9  # against another tool

@@ -24,6 +24,7 @@ from mbdlft import Parameter, realize
 from mbdlft.base import expression
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import Number, evaluate, parse
+from mbdlft.dae import DaeDraft
 from mbdlft.exact.numbers import BITS, Constant, precision
 from mbdlft.problem.sx import constants as module
 from mbdlft.problem.sx.constants import (
@@ -270,3 +271,21 @@ def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None
     with pytest.raises((AssertionError, mbdlft.AnalysisError)):
         law()
     expression.parse.cache_clear()
+
+
+def test_a_form_does_not_depend_on_constants_that_were_made_before() -> None:
+    """A constant may get another symbol later; its product with the reciprocal of the first is not 1."""
+
+    def arguments() -> list[str]:
+        draft = DaeDraft("valve")
+        x, v = draft.variable("x"), draft.variable("v")
+        draft.equation(draft.der(x), equals=v)
+        friction = draft.number(0.3) * ca.tanh(v / draft.number(0.2))
+        draft.equation(draft.der(v), equals=-4 * x - x**3 - friction)
+        draft.output("x")
+        form = mbdlft.delta_theta(draft.dae(), search=0.0, prove=0.0)
+        return [name for function in form.functions for name in function.signals]
+
+    before = arguments()
+    constant.cache_clear()
+    assert arguments() == before == ["omega.x", "omega.v"]

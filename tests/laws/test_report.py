@@ -16,7 +16,7 @@ from mbdlft.show import model_report
 from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
 from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.system.model import LFTModel
-from tests.close import CLOSED_FORM, target
+from tests.close import PAGE, target
 
 ROOT = Path(__file__).parents[2]
 
@@ -72,7 +72,7 @@ def test_the_report_of_the_arm() -> None:
         span = f"{p.low:g} to {p.high:g}"
         assert rows[p.name][:8] == [p.name, f"{p.nominal:g}", span, p.unit, p.role, *counts]
     for signal, value in zip(model.trim.signals, model.trim.nominal, strict=True):
-        target(float(rows[signal.name][1]), value, 1e6 * CLOSED_FORM)
+        target(float(rows[signal.name][1]), value, PAGE)
     assert [row[1] for row in found.rows if row[:1] == ["input"]] == [
         signal.name for signal in model.inputs
     ]

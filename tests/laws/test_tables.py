@@ -16,7 +16,7 @@ from mbdlft.dae import DaeDraft, evaluate_form, formula_function
 from mbdlft.dae.theta.piecewise import piecewise_of
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel, Table, ThetaFunction
-from tests.close import CLOSED_FORM, exact, target
+from tests.close import CLOSED_FORM, ENCLOSURE, exact, target
 
 R = np.random.default_rng(7)
 FREE = ((-np.inf, np.inf),)
@@ -137,8 +137,8 @@ def test_sectors_of_tables_are_exact_between_the_points(cubic: bool) -> None:
 def test_slopes_by_several_arguments() -> None:
     f = ThetaFunction("f", ("s", "t"), ("a", "b"), "a*sin(b) + b**2", (*FREE, *FREE))
     (low_a, high_a), (low_b, high_b) = slope_bounds(f, [(0.0, 1.0), (-0.5, 0.5)])
-    target([low_a, high_a], [-np.sin(0.5), np.sin(0.5)], 0.05)
-    target([low_b, high_b], [-1.0, 1.0 + np.cos(0.5)], 0.05)
+    target([low_a, high_a], [-np.sin(0.5), np.sin(0.5)], ENCLOSURE)
+    target([low_b, high_b], [-1.0, 1.0 + np.cos(0.5)], ENCLOSURE)
     assert low_b <= -1.0
     assert high_b >= 1.0 + 1.0 * np.cos(0.5)
 

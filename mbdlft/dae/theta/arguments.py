@@ -10,7 +10,6 @@ import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -131,7 +130,6 @@ def _is_zero(expression: ca.SX) -> bool:
     return expression.nnz() == 0 or bool(expression.is_zero())
 
 
-@cache
 def number(value: Fraction) -> ca.SX:
     """A number as SX that is not rounded."""
     return ca.SX(literal(value))
