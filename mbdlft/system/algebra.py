@@ -15,8 +15,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT
-from mbdlft.system.conversion import ControlSystem, as_system, check_once, positions_of
-from mbdlft.system.evidence import Operation, composed
+from mbdlft.system.conversion import ControlSystem, as_system, positions_of
+from mbdlft.system.evidence import Operation, composed, linked
 from mbdlft.system.model import System
 from mbdlft.system.wiring import plain_wiring
 
@@ -38,16 +38,8 @@ def combine(a: Any, b: Any, sign: float = 1.0) -> System:
     wiring.E[:nu], wiring.E[nu:] = np.eye(nu), np.eye(nu)
     wiring.F[:, :ny], wiring.F[:, ny:] = np.eye(ny), sign * np.eye(ny)
     named = second if _is_matrix(a) else first
-    asked = {"sign": sign} if sign != 1.0 else {}
-    operation = Operation("sum", asked)
+    operation = Operation("sum", {"sign": sign} if sign != 1.0 else {})
     return composed(systems, wiring, named.inputs, named.outputs, operation, like=named)
-
-
-def negative(a: System) -> System:
-    """The system with -y."""
-    wiring = plain_wiring([a], len(a.inputs), len(a.outputs))
-    wiring.E[:], wiring.F[:] = np.eye(len(a.inputs)), -np.eye(len(a.outputs))
-    return composed([a], wiring, a.inputs, a.outputs, Operation("negative"))
 
 
 def chain(items: Sequence[Any]) -> System:
@@ -60,9 +52,7 @@ def chain(items: Sequence[Any]) -> System:
         if not isinstance(systems[k], System):
             systems[k] = _beside(systems[k], before, after or None)
     systems = [system if isinstance(system, System) else as_system(system) for system in systems]
-    wiring = plain_wiring(systems, len(systems[0].inputs), len(systems[-1].outputs))
-    u, y = len(systems[0].inputs), 0
-    wiring.E[:u] = np.eye(u)
+    u, y, rows, columns = len(systems[0].inputs), 0, list[int](), list[int]()
     for first, second in pairwise(systems):
         n = len(second.inputs)
         if len(first.outputs) != n:
@@ -70,15 +60,14 @@ def chain(items: Sequence[Any]) -> System:
                 f"series: {first.name} has {len(first.outputs)} outputs ({_listed(first.outputs)}) for "
                 f"the {n} inputs of {second.name} ({_listed(second.inputs)})."
             )
-        wiring.Ky[u : u + n, y : y + n] = np.eye(n)
+        rows += range(u, u + n)
+        columns += range(y, y + n)
         u, y = u + n, y + n
-    wiring.F[:, y:] = np.eye(len(systems[-1].outputs))
-    named = next(
+    like = next(
         (system for system in reversed(systems) if system.states or system.parameters), systems[0]
     )
-    return composed(
-        systems, wiring, systems[0].inputs, systems[-1].outputs, Operation("series"), like=named
-    )
+    ends = range(len(systems[0].inputs)), range(y, y + len(systems[-1].outputs))
+    return linked(systems, (rows, columns), *ends, Operation("series"), like=like)
 
 
 def selected(a: System, key: Any) -> System:
@@ -92,12 +81,8 @@ def selected(a: System, key: Any) -> System:
         positions_of(asked, [signal.name for signal in signals], f"model {a.name!r}, {what}")
         for asked, signals, what in zip(key, (a.outputs, a.inputs), ("outputs", "inputs"), strict=True)
     )
-    wiring = plain_wiring([a], len(columns), len(rows))
-    wiring.E[columns, range(len(columns))] = 1.0
-    wiring.F[range(len(rows)), rows] = 1.0
-    inputs, outputs = [a.inputs[k] for k in columns], [a.outputs[k] for k in rows]
-    asked = {"outputs": [s.name for s in outputs], "inputs": [s.name for s in inputs]}
-    return composed([a], wiring, inputs, outputs, Operation("selection", asked))
+    names = {"outputs": [a.outputs[k].name for k in rows], "inputs": [a.inputs[k].name for k in columns]}
+    return linked([a], ((), ()), columns, rows, Operation("selection", names))
 
 
 def append(*items: Any) -> System:
@@ -120,12 +105,8 @@ def append(*items: Any) -> System:
     if not items:
         raise StructureError("append: expected one system or more.")
     systems = [as_system(item) for item in items]
-    inputs, outputs = ([s for p in systems for s in getattr(p, k)] for k in ("inputs", "outputs"))
-    check_once([s.name for s in inputs], "append, inputs")
-    check_once([s.name for s in outputs], "append, outputs")
-    wiring = plain_wiring(systems, len(inputs), len(outputs))
-    wiring.E[:], wiring.F[:] = np.eye(len(inputs)), np.eye(len(outputs))
-    return composed(systems, wiring, inputs, outputs, Operation("append"))
+    nu, ny = (sum(len(getattr(system, key)) for system in systems) for key in ("inputs", "outputs"))
+    return linked(systems, ((), ()), range(nu), range(ny), Operation("append"))
 
 
 @overload
@@ -169,11 +150,10 @@ def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System:
         k = _beside(controller, p.outputs, p.inputs)
     read, driven = _loop_positions(p, k)
     nu, ny = len(p.inputs), len(p.outputs)
-    wiring = plain_wiring((p, k), nu, ny)
-    wiring.E[:nu], wiring.F[:, :ny] = np.eye(nu), np.eye(ny)
-    wiring.Ky[driven, range(ny, ny + len(k.outputs))] = sign
-    wiring.Ky[range(nu, nu + len(k.inputs)), read] = 1.0
-    return composed((p, k), wiring, p.inputs, p.outputs, Operation("feedback", {"sign": sign}))
+    links = ([*driven, *range(nu, nu + len(read))], [*range(ny, ny + len(driven)), *read])
+    gains = [sign] * len(driven) + [1] * len(read)
+    operation = Operation("feedback", {"sign": sign})
+    return linked((p, k), links, range(nu), range(ny), operation, gains=gains)
 
 
 def _loop_positions(plant: System, controller: System) -> tuple[list[int], list[int]]:
@@ -217,45 +197,31 @@ def lft(upper: Any, lower: Any, outputs: Sequence[str] | int | None = None, inpu
         The loop is singular at nominal or in the range.
     """
     p, k = as_system(upper), as_system(lower)
-    closed = []
-    for asked, signals, other, what in (
-        (outputs, p.outputs, k.inputs, "outputs"),
-        (inputs, p.inputs, k.outputs, "inputs"),
-    ):
-        if asked is None:
-            asked = min(len(signals), len(other))
-        names = [signal.name for signal in signals]
-        if isinstance(asked, int | np.integer) and 0 <= asked <= len(names):
-            asked = names[len(names) - asked :]
-        chosen = positions_of(asked, names, f"lft: {what} of {p.name}")
-        if len(chosen) > len(other):
-            raise StructureError(
-                f"lft: {what} of {p.name}: {', '.join(names[j] for j in chosen)} are {len(chosen)}, and "
-                f"{k.name} has {len(other)} signals to connect them to: {_listed(other)}."
-            )
-        closed.append(chosen)
-    read, driven = closed
-    free_y, free_u = (
-        [j for j in range(len(free_signals)) if j not in used]
-        for free_signals, used in ((p.outputs, read), (p.inputs, driven))
-    )
-    nu, ny, a, b = len(p.inputs), len(p.outputs), len(free_u), len(free_y)
-    new_u, new_y = [*(p.inputs[j] for j in free_u)], [*(p.outputs[j] for j in free_y)]
-    new_u += k.inputs[len(read) :]
-    new_y += k.outputs[len(driven) :]
-    check_once([s.name for s in new_u], "lft, inputs")
-    check_once([s.name for s in new_y], "lft, outputs")
-    wiring = plain_wiring((p, k), len(new_u), len(new_y))
-    wiring.E[free_u, range(a)], wiring.F[range(b), free_y] = 1.0, 1.0
-    wiring.E[range(nu + len(read), nu + len(k.inputs)), range(a, len(new_u))] = 1.0
-    wiring.F[range(b, len(new_y)), range(ny + len(driven), ny + len(k.outputs))] = 1.0
-    wiring.Ky[driven, range(ny, ny + len(driven))] = 1.0
-    wiring.Ky[range(nu, nu + len(read)), read] = 1.0
-    closed_names = {
-        "outputs": [p.outputs[j].name for j in read],
-        "inputs": [p.inputs[j].name for j in driven],
-    }
-    return composed((p, k), wiring, new_u, new_y, Operation("lft", closed_names))
+    read = _closed(p, "outputs", outputs, k, "inputs")
+    driven = _closed(p, "inputs", inputs, k, "outputs")
+    nu, ny, n, m = len(p.inputs), len(p.outputs), len(read), len(driven)
+    free_u = [*(j for j in range(nu) if j not in driven), *range(nu + n, nu + len(k.inputs))]
+    free_y = [*(j for j in range(ny) if j not in read), *range(ny + m, ny + len(k.outputs))]
+    links = ([*driven, *range(nu, nu + n)], [*range(ny, ny + m), *read])
+    names = {"outputs": [p.outputs[j].name for j in read], "inputs": [p.inputs[j].name for j in driven]}
+    return linked((p, k), links, free_u, free_y, Operation("lft", names))
+
+
+def _closed(p: System, what: str, asked: Any, k: System, what_of_k: str) -> list[int]:
+    """Positions of the signals of the upper system that are connected to the first ones of the lower."""
+    signals, other = getattr(p, what), getattr(k, what_of_k)
+    if asked is None:
+        asked = min(len(signals), len(other))
+    names = [signal.name for signal in signals]
+    if isinstance(asked, int | np.integer) and 0 <= asked <= len(names):
+        asked = names[len(names) - asked :]
+    chosen = positions_of(asked, names, f"lft: {what} of {p.name}")
+    if len(chosen) > len(other):
+        raise StructureError(
+            f"lft: {what} of {p.name}: {', '.join(names[j] for j in chosen)} are {len(chosen)}, and "
+            f"{k.name} has {len(other)} signals to connect them to: {_listed(other)}."
+        )
+    return chosen
 
 
 def _is_matrix(item: Any) -> bool:

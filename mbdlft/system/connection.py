@@ -22,7 +22,7 @@ from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, check_once
-from mbdlft.system.evidence import Operation, check_exact, composed
+from mbdlft.system.evidence import Operation, check_exact, composed, linked
 from mbdlft.system.model import System
 from mbdlft.system.wiring import Wiring, plain_wiring
 
@@ -263,50 +263,28 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
             f"model {model.name!r}, series: the block has {len(connected)} {what} for the "
             f"{len(names)} channels {', '.join(names)}."
         )
-    signals, block_signals = (model.inputs, block.inputs) if at_inputs else (model.outputs, block.outputs)
+    side = "inputs" if at_inputs else "outputs"
+    signals, n = getattr(model, side), len(getattr(block, side))
     positions = [[s.name for s in signals].index(name) for name in names]
-    order = _order(len(signals), positions, len(block_signals))
-    square = len(block_signals) == len(names)
-    entries = (*signals, *((signals[k] for k in positions) if square else block_signals))
-    listed = tuple(entries[k] for k in order)
-    return composed(
-        (model, block),
-        _wiring(model, block, positions, order, at_inputs=at_inputs),
-        listed if at_inputs else model.inputs,
-        model.outputs if at_inputs else listed,
-        Operation("series", {"channels": list(names), "side": "inputs" if at_inputs else "outputs"}),
-        states=(*model.states, *_states(model, names[0], block)),
-    )
-
-
-def _order(count: int, positions: Sequence[int], block_count: int) -> list[int]:
-    """The new signals: old ones by position, those of the block from `count` on."""
-    order: list[int] = []
-    for k in range(count):
+    kept = [signals[k] for k in positions] if n == len(names) else None
+    block = as_system(block, states=_states(model, names[0], block), **{side: kept})  # type: ignore[arg-type]
+    nu, ny = len(model.inputs), len(model.outputs)
+    order: list[
+        int
+    ] = []  # of the signals at the side of the block: those of the model, then of the block
+    for k in range(len(signals)):
         if k not in positions:
             order.append(k)
-        elif block_count == len(positions):
-            order.append(count + positions.index(k))
+        elif kept is not None:
+            order.append(len(signals) + positions.index(k))
         elif k == positions[0]:
-            order += range(count, count + block_count)
-    return order
-
-
-def _wiring(
-    model: System, block: System, positions: Sequence[int], order: Sequence[int], *, at_inputs: bool
-) -> Wiring:
-    nu, ny, n = len(model.inputs), len(model.outputs), len(positions)
+            order += range(len(signals), len(signals) + n)
+    operation = Operation("series", {"channels": list(names), "side": side})
     if at_inputs:
-        wiring = plain_wiring((model, block), len(order), ny)
-        wiring.E[order, range(len(order))] = 1.0
-        wiring.Ky[positions, range(ny, ny + n)] = 1.0
-        wiring.F[:, :ny] = np.eye(ny)
-    else:
-        wiring = plain_wiring((model, block), nu, len(order))
-        wiring.E[:nu] = np.eye(nu)
-        wiring.Ky[range(nu, nu + n), positions] = 1.0
-        wiring.F[range(len(order)), order] = 1.0
-    return wiring
+        at_block = range(ny, ny + len(names))
+        return linked((model, block), (positions, at_block), order, range(ny), operation)
+    at_block = range(nu, nu + len(names))
+    return linked((model, block), (at_block, positions), range(nu), order, operation)
 
 
 def _side(model: System, names: Sequence[str], side: str | None) -> bool:

@@ -28,9 +28,10 @@ from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.lft.sampling import evaluate, evaluate_at, values_at, vanishes
 from mbdlft.order.degree import degree_bounds, moved
+from mbdlft.system.conversion import check_once
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.regular import PROVED, well_posed
-from mbdlft.system.wiring import Wiring, reduced, wire, wired_values
+from mbdlft.system.wiring import Wiring, plain_wiring, reduced, wire, wired_values
 
 _ACCEPTED = 1e-5  # of an error; larger ones are refused
 _SEED = 0
@@ -71,7 +72,6 @@ def composed(
     operation: Operation,
     *,
     like: System | None = None,
-    states: Sequence[Signal] | None = None,
     exchange: bool = False,
 ) -> System:
     """The whole of wired systems, reduced; an `LFTModel` if every one with parameters is.
@@ -93,7 +93,7 @@ def composed(
     fields: dict[str, Any] = {
         "name": like.name,
         "lft": lft,
-        "states": tuple(state_names(systems) if states is None else states),
+        "states": state_names(systems),
         "inputs": tuple(inputs),
         "outputs": tuple(outputs),
         "parameters": parameters,
@@ -114,6 +114,32 @@ def composed(
         certificate=replace(certificate, **well_posed(lft, parameters, what, are_proved=are_proved)),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
+
+
+def linked(
+    systems: Sequence[System],
+    links: tuple[Sequence[int], Sequence[int]],
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+    operation: Operation,
+    *,
+    gains: Sequence[float] | float = 1.0,
+    like: System | None = None,
+) -> System:
+    """The whole of systems in which some inputs get outputs, times gains: `links` are pairs of positions.
+
+    Positions count through the inputs, or the outputs, of all systems; `inputs` and `outputs` are those
+    of the whole, and their names must differ.
+    """
+    wiring = plain_wiring(systems, len(inputs), len(outputs))
+    wiring.Ky[links] = gains
+    wiring.E[inputs, range(len(inputs))], wiring.F[range(len(outputs)), outputs] = 1.0, 1.0
+    ends = {}
+    for side, chosen in (("inputs", inputs), ("outputs", outputs)):
+        every = [signal for system in systems for signal in getattr(system, side)]
+        ends[side] = [every[k] for k in chosen]
+        check_once([signal.name for signal in ends[side]], f"{operation.name}, {side}")
+    return composed(systems, wiring, ends["inputs"], ends["outputs"], operation, like=like)
 
 
 def merged_parameters(systems: Sequence[System], what: str) -> Parameters:

@@ -180,7 +180,7 @@ class System:
         return _operation("selected", self, key)
 
     def __neg__(self) -> "System":
-        return _operation("negative", self)
+        return self * -1.0
 
     def __add__(self, other: Any) -> "System":
         return _operation("combine", self, other)
