@@ -19,7 +19,8 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import cache
+from functools import cache, partial, reduce
+from operator import add, mul, sub, truediv
 from types import MappingProxyType
 from typing import Any
 
@@ -32,6 +33,7 @@ FUNCTIONS: Mapping[str, Callable[[float], float]] = {
     "cos": math.cos,
     "atan": math.atan,
 }
+_OPERATIONS = {"+": add, "-": sub, "*": mul, "/": truediv}
 _MAX_EXPONENT = 64  # as many factors in a product; each is a channel of a model
 _MAX_DEPTH = 100  # of parentheses: each takes five calls of the thousand that Python allows
 _MOST_DIGITS = 1000  # of a number: exact arithmetic carries all of them
@@ -176,20 +178,16 @@ class _Parser:
         self.depth += 1
         if self.depth > _MAX_DEPTH:
             raise SceneError(f"expression {self.text[:40]!r}...: nested more than {_MAX_DEPTH} deep.")
-        tree = self._term()
-        while self.token in ("+", "-"):
-            operator = self.token
-            self._advance()
-            tree = Binary(operator, tree, self._term())
+        tree = self._chain(("+", "-"), lambda: self._chain(("*", "/"), self._factor))
         self.depth -= 1
         return tree
 
-    def _term(self) -> Expression:
-        tree = self._factor()
-        while self.token in ("*", "/"):
-            operator = self.token
+    def _chain(self, operators: tuple[str, str], operand: Callable[[], Expression]) -> Expression:
+        """Operands joined by operators of one rank, from the left."""
+        tree = operand()
+        while (operator := self.token) in operators:
             self._advance()
-            tree = Binary(operator, tree, self._factor())
+            tree = Binary(operator, tree, operand())
         return tree
 
     def _factor(self) -> Expression:
@@ -286,13 +284,10 @@ def names(expression: Expression) -> frozenset[str]:
 
 def denominators(expression: Expression) -> tuple[Expression, ...]:
     """Divisors in an expression, and bases of negative powers, but those without any name."""
-    divisors: list[Expression] = []
-    for node in walk(expression):
-        if isinstance(node, Binary) and node.operator == "/" and names(node.right):
-            divisors.append(node.right)
-        if isinstance(node, Power) and node.exponent < 0 and names(node.base):
-            divisors.append(node.base)
-    return tuple(divisors)
+    nodes = list(walk(expression))
+    divisors = [node.right for node in nodes if isinstance(node, Binary) and node.operator == "/"]
+    divisors += [node.base for node in nodes if isinstance(node, Power) and node.exponent < 0]
+    return tuple(divisor for divisor in divisors if names(divisor))
 
 
 def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
@@ -311,8 +306,7 @@ def degree_of(expression: Expression, known: Mapping[str, int]) -> int:
             first, operations = spine(expression)
             total = degree_of(first, known)
             for operator, right in operations:
-                degree = degree_of(right, known)
-                total = max(total, degree) if operator in "+-" else total + degree
+                total = (max if operator in "+-" else add)(total, degree_of(right, known))
             return total
         case _:
             return 0
@@ -334,24 +328,15 @@ def evaluate(
     number: Callable[[float], Any] = lambda value: value,
     functions: Mapping[str, Callable[..., Any]] = MappingProxyType({}),
 ) -> Any:
-    """Value of an expression in the number system of `values`; a constant gives a float.
+    """Value of an expression in the number system of `values` (SI); a constant gives a float.
 
-    Parameters
-    ----------
-    expression : Expression
-    values : mapping
-        For each name a value with ``+ - * /`` (float, array, SX, interval, ...), in SI units.
-    number : function
-        Turns a literal number into one of the number system; by default it stays a float.
-    functions : mapping
-        Functions of the number system, its powers as "constpow", and as "unit" what makes an element of
-        the exponents of the unit of a number. Without them the functions are of constants only, powers
-        are products, and units are no more than their factors.
+    `number` turns a literal into the number system. `functions` are those of the number system, its
+    powers as "constpow", and as "unit" what makes an element of the exponents of a unit. Without them
+    the functions are of constants only, powers are products, and units are no more than their factors.
     """
     match expression:
         case Number(value, unit):
-            has_unit = unit is not None and "unit" in functions
-            return functions["unit"](unit) if has_unit else number(value)
+            return functions["unit"](unit) if unit is not None and "unit" in functions else number(value)
         case Name(name):
             if name not in values:
                 raise SceneError(unknown_name("name", name, values))
@@ -366,24 +351,19 @@ def evaluate(
                 result = _binary(operator, result, operand)
             return result
         case Power(base, exponent):
-            value = evaluate(base, values, number, functions)
-            power = functions.get("constpow")
-            return power(value, exponent) if power else _power(value, exponent, number(1.0))
+            power = functions.get("constpow") or partial(_power, unity=number(1.0))
+            return power(evaluate(base, values, number, functions), exponent)
         case Call(function, argument):
             value = evaluate(argument, values, number, functions)
             if function in functions:
                 return functions[function](value)
-            if isinstance(value, Decimal):
-                value = float(value)
+            value = float(value) if isinstance(value, Decimal) else value
             if not isinstance(value, float):
+                instead = "declare the whole root or angle function as a parameter instead."
+                instead = "an angle may have 2*atan of parameters." if function == "atan" else instead
                 raise NotRationalError(
                     f"{function}({write(argument)}) is not rational in "
-                    f"{', '.join(sorted(names(argument)))}. {function} takes constants only; "
-                    + (
-                        "an angle may have 2*atan of parameters."
-                        if function == "atan"
-                        else "declare the whole root or angle function as a parameter instead."
-                    )
+                    f"{', '.join(sorted(names(argument)))}. {function} takes constants only; {instead}"
                 )
             if not math.isfinite(value):
                 raise SceneError(f"{function} of {value} is not a number.")
@@ -416,25 +396,16 @@ def write(expression: Expression) -> str:
 
 def _binary(operator: str, left: Any, right: Any) -> Any:
     """The value of one binary operation."""
-    if operator == "+":
-        return left + right
-    if operator == "-":
-        return left - right
-    if operator == "*":
-        return left * right
-    if isinstance(right, float) and right == 0.0:
+    if operator == "/" and isinstance(right, float) and right == 0.0:
         raise SceneError("division by zero in a constant.")
-    return left / right
+    return _OPERATIONS[operator](left, right)
 
 
 def _power(base: Any, exponent: int, unity: Any) -> Any:
-    """A power as products; `one` is 1 in the number system."""
+    """A power as products; `unity` is 1 in the number system."""
     if exponent < 0:
         return _binary("/", unity, _power(base, -exponent, unity))
-    result = unity
-    for k in range(exponent):
-        result = base if k == 0 else result * base
-    return result
+    return reduce(mul, [base] * exponent) if exponent else unity
 
 
 def with_calls(expression: Expression, replace: Callable[[Call], Expression | None]) -> Expression:

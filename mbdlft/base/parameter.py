@@ -109,19 +109,12 @@ class Parameter:
         for label, text in texts.items():
             if not isinstance(text, str):
                 raise SceneError(f"{where}: {label}: expected a text, got {text!r}.")
-        numbers = {
-            "nominal": nominal,
-            "low": low,
-            "high": high,
-            "percent": percent,
-            "plus": plus,
-            "minus": minus,
-            "reference": reference,
-        }
-        for label, value in numbers.items():
-            if value is not None or label == "nominal":
+        ends = {"low": low, "high": high, "percent": percent, "plus": plus, "minus": minus}
+        _check_number(where, "nominal", nominal)
+        for label, value in {**ends, "reference": reference}.items():
+            if value is not None:
                 _check_number(where, label, value)
-        low, high = _range(where, nominal, low, high, percent, plus, minus)
+        low, high = _range(where, nominal, **ends)
         sizes = {"nominal": float(nominal), "low": low, "high": high, "reference": float(reference)}
         for field, entry in (*texts.items(), *sizes.items()):
             object.__setattr__(self, field, entry)
@@ -302,15 +295,11 @@ def _range(
     minus: float | None,
 ) -> tuple[float, float]:
     """Low and high of a range that is given in exactly one of three ways."""
-    ways = [
-        (low is not None or high is not None),
-        percent is not None,
-        (plus is not None or minus is not None),
-    ]
-    if sum(ways) != 1:
+    ways = sum(any(end is not None for end in way) for way in ((low, high), (percent,), (plus, minus)))
+    if ways != 1:
         raise SceneError(
             f"{where}: give the range in exactly one way: low and high, percent, or plus "
-            f"(and minus); got {sum(ways)} of them."
+            f"(and minus); got {ways} of them."
         )
     if percent is not None:
         if nominal == 0 or percent <= 0:

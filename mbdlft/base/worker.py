@@ -72,14 +72,8 @@ class EndedError(NoProcessError):
 class Worker:
     """A process that calls functions: the first call starts it; when it has ended, the next one.
 
-    Parameters
-    ----------
-    environment : mapping
-        Variables beside those of this process.
-    plain : bool
-        Whether functions return arrays by name, which come back as bytes, and errors as texts.
-    quiet : bool
-        Whether nobody sees what is printed there.
+    `environment` are variables beside those of this process. A `plain` one returns arrays by name as
+    bytes, and errors as texts; of a `quiet` one nobody sees what it prints.
     """
 
     def __init__(
@@ -102,7 +96,7 @@ class Worker:
             process = self.process or self._start()
             assert process.stdin is not None
             assert process.stdout is not None
-            receive = _receive_arrays if self._plain else _receive_pickle
+            receive = _receive_arrays if self._plain else lambda stream: pickle.loads(_receive(stream))
             try:
                 with _killed_after(process, limits.clock if limits else 0.0) as late:
                     _send(process.stdin, pickle.dumps((target, arguments, named, limits and limits[:2])))
@@ -126,7 +120,8 @@ class Worker:
         self.end()
         if getattr(sys, "frozen", False) or not Path(sys.executable or "").stem.startswith("py"):
             raise NoProcessError(f"{sys.executable!r} is not an interpreter of Python")
-        known = {"PYTHONPATH": _search_path(), **_SINGLE, **self._environment}
+        search_path = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
+        known = {"PYTHONPATH": os.pathsep.join(search_path), **_SINGLE, **self._environment}
         try:
             process = subprocess.Popen(
                 [sys.executable, "-P", "-m", "mbdlft.base.worker", "plain" if self._plain else "pickled"],
@@ -175,12 +170,6 @@ def _killed_after(process: "subprocess.Popen[bytes]", seconds: float) -> Iterato
         timer.cancel()
 
 
-def _search_path() -> str:
-    """`PYTHONPATH` for a process that imports this package as this one does."""
-    root = str(Path(__file__).parents[2])
-    return os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-
-
 def arrays_of(
     target: str, arguments: dict[str, Any], *, seconds: int, memory: int, error: type[MbdlftError]
 ) -> dict[str, NDArray[Any]]:
@@ -216,11 +205,9 @@ def settings() -> dict[str, str]:
         "PYTHONWARNINGS": "ignore",  # nobody would see them, and they could be errors
     }
     umath = getattr(getattr(np, "_core", None), "_multiarray_umath", None)
-    dispatched = getattr(umath, "__cpu_dispatch__", ())
-    if dispatched:
+    if dispatched := getattr(umath, "__cpu_dispatch__", ()):
         chosen["NPY_DISABLE_CPU_FEATURES"] = " ".join(dispatched)
-    kernel = _KERNELS.get(platform.machine().lower())
-    if kernel:
+    if kernel := _KERNELS.get(platform.machine().lower()):
         chosen["OPENBLAS_CORETYPE"] = kernel
     return chosen
 
@@ -244,15 +231,9 @@ def same_everywhere(target: str, *arguments: Any) -> Any:
 
 
 class Pool:
-    """Processes that call one function: `with Pool(...) as pool`.
+    """Processes that call the function `target`, ``module:function``: `with Pool(...) as pool`.
 
-    Parameters
-    ----------
-    target : str
-        ``module:function``
-    workers : int
-    what : tuple of str
-        For messages: the work, what a task is, and what to do when workers die.
+    `what` is for messages: the work, what a task is, and what to do when workers die.
     """
 
     def __init__(self, target: str, workers: int, what: tuple[str, str, str]) -> None:
@@ -276,10 +257,8 @@ class Pool:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
-        for worker in self._workers:
-            process = worker.process
-            if process is not None:
-                process.kill()
+        for process in filter(None, (worker.process for worker in self._workers)):
+            process.kill()
         for _ in self._threads:
             self._tasks.put(None)
         for thread in self._threads:
@@ -342,11 +321,6 @@ def _receive(stream: IO[bytes]) -> bytes:
     return message
 
 
-def _receive_pickle(stream: IO[bytes]) -> tuple[str, Any]:
-    kind, answer = pickle.loads(_receive(stream))
-    return kind, answer
-
-
 def _send_arrays(stream: IO[bytes], kind: str, answer: Any) -> None:
     """Send an error as a text, or arrays as names, types, shapes, and then their bytes."""
     if kind == "error":
@@ -404,11 +378,9 @@ def limit_process(seconds: float, memory: int) -> None:
     with contextlib.suppress(OSError, ValueError, IndexError):
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
         limits[resource.RLIMIT_AS] = pages * os.sysconf("SC_PAGE_SIZE") + memory
-    with contextlib.suppress(OSError, ValueError):
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    for what, most in limits.items():
+    for what, most in {**limits, resource.RLIMIT_CORE: 0}.items():
         with contextlib.suppress(OSError, ValueError):
-            resource.setrlimit(what, (most, resource.getrlimit(what)[1]))
+            resource.setrlimit(what, (most, resource.getrlimit(what)[1] if most else 0))
 
 
 def serve(*, plain: bool) -> None:

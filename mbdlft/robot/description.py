@@ -12,13 +12,13 @@ one: its yaw is zero.
 """
 
 import math
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import exact_cosine_sine
 from mbdlft.multibody.body import GROUND
 
@@ -184,6 +184,12 @@ def unique(what: str, items: Sequence[Item]) -> dict[str, Item]:
     return by_name
 
 
+def said(sentence: str, names: Iterable[str]) -> list[str]:
+    """A sentence of the report with these names at its braces; none without names."""
+    listed = ", ".join(names)
+    return [sentence.format(listed)] if listed else []
+
+
 def unused(name: str, taken: Container[str]) -> str:
     """The name, with underscores after it until nothing else has it."""
     while name in taken:
@@ -201,11 +207,7 @@ def root_of(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str
     above: dict[str, RobotJoint] = {}
     for joint in joints:
         for side, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise SceneError(
-                    f"line {joint.line}: joint {joint.name!r}, {side}: "
-                    + unknown_name("link", name, links)
-                )
+            check_known("link", [name], links, f"line {joint.line}: joint {joint.name!r}, {side}")
         if joint.child in above:
             raise SceneError(
                 f"line {joint.line}: link {joint.child!r} has two parents: it is the child of joints "

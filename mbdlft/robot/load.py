@@ -23,8 +23,7 @@ from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.robot.description import JointLimit, Robot, body_name
-from mbdlft.robot.elements import Element, parse
+from mbdlft.robot.description import JointLimit, Robot, body_name, said
 from mbdlft.robot.make import (
     Making,
     bodies,
@@ -42,7 +41,7 @@ from mbdlft.robot.make import (
 )
 from mbdlft.robot.mjcf import read_mjcf
 from mbdlft.robot.sdf import read_sdf
-from mbdlft.robot.urdf import read_urdf
+from mbdlft.robot.urdf import Element, parse, read_urdf
 from mbdlft.robot.values import AXIAL, Values, check_label, numbers, outside, set_positions, varied
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
@@ -82,7 +81,12 @@ def read_robot(path: str | Path, model: str | None = None, keyframe: str | None 
     file = Path(path)
     top = top_of(file)
     try:
-        _refuse_options(top, model, keyframe)
+        for option, choice, tag, name in (
+            ("model", model, "sdf", "an SDF"),
+            ("keyframe", keyframe, "mujoco", "an MJCF"),
+        ):
+            if choice is not None and top.tag != tag:
+                raise SceneError(f"{option} = {choice!r}: only {name} file has this, got <{top.tag}>.")
         if top.tag == "robot":
             return read_urdf(top)
         if top.tag == "sdf":
@@ -114,16 +118,6 @@ def top_of(file: Path) -> Element:
         return parse(_expanded(file)) if is_xacro else top
     except SceneError as error:
         raise SceneError(f"{file}: {error}") from None
-
-
-def _refuse_options(top: Element, model: str | None, keyframe: str | None) -> None:
-    """Raise a SceneError for an option that the format does not have."""
-    for option, choice, tag, name in (
-        ("model", model, "sdf", "an SDF"),
-        ("keyframe", keyframe, "mujoco", "an MJCF"),
-    ):
-        if choice is not None and top.tag != tag:
-            raise SceneError(f"{option} = {choice!r}: only {name} file has this, got <{top.tag}>.")
 
 
 def _expanded(file: Path) -> bytes:
@@ -353,32 +347,30 @@ def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
     known += [sensor.name for sensor in robot.sensors] + [loop.name for loop in robot.loops]
     names = {name: name.replace(".", "_") for name in known}
     names |= {link: body_name(link) for link in robot.links}
-    renamed = [f"{old} is {new}" for old, new in names.items() if old != new]
-    if renamed:
-        assumed.append(f"names that a scene cannot have: {', '.join(renamed)}")
+    renamed = (f"{old} is {new}" for old, new in names.items() if old != new)
+    assumed += said("names that a scene cannot have: {}", renamed)
     return names
 
 
 def ignored_of(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
     """Sentences on the contents of the file that the scene does not have."""
     joints = [joint for joint in robot.joints.values() if joint.name in moves]
-    ignored = [f"<{tag}>: {count}" for tag, count in robot.others.items()] + [*robot.ignored]
-    rubbing = [joint.name for joint in joints if joint.friction]
-    if rubbing:
-        ignored.append(f"Coulomb friction of {', '.join(rubbing)}: it is not linear")
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
-    if bounded:
-        ignored.append(f"limits of effort and velocity of {len(bounded)} joints; the report has them")
-    coupled = [joint.name for joint in joints if joint.mimic and joint.kind in AXIAL]
-    if coupled:
-        ignored.append(
-            f"<mimic> of {', '.join(coupled)}: their positions follow their leaders, their motions are "
-            "free; leave them out of `moving` to lock them"
-        )
-    planar = [joint.name for joint in joints if joint.kind == "planar" and joint.damping]
-    if planar:
-        ignored.append(f"damping of {', '.join(planar)}: give it in the scene")
-    return tuple(ignored)
+    limited = f"limits of effort and velocity of {len(bounded)} joints; the report has them"
+    coupled = (joint.name for joint in joints if joint.mimic and joint.kind in AXIAL)
+    planar = (joint.name for joint in joints if joint.kind == "planar" and joint.damping)
+    return (
+        *(f"<{tag}>: {count}" for tag, count in robot.others.items()),
+        *robot.ignored,
+        *said("Coulomb friction of {}: it is not linear", (j.name for j in joints if j.friction)),
+        *([limited] if bounded else []),
+        *said(
+            "<mimic> of {}: their positions follow their leaders, their motions are free; leave them out "
+            "of `moving` to lock them",
+            coupled,
+        ),
+        *said("damping of {}: give it in the scene", planar),
+    )
 
 
 def check_limits(scene: Scene, positions: Mapping[JointLimit, Quantity]) -> None:

@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.robot.description import (
     WORLD,
     ZERO,
@@ -33,10 +33,10 @@ from mbdlft.robot.description import (
     RobotLink,
     angles_of,
     of_quaternion,
+    said,
     three,
     unused,
 )
-from mbdlft.robot.elements import Element
 from mbdlft.robot.mjcf_model import (
     Compiled,
     compiled,
@@ -46,18 +46,13 @@ from mbdlft.robot.mjcf_model import (
     sensors_of,
     sites_of,
 )
+from mbdlft.robot.urdf import Element
 
 _EQUALITIES = ("CONNECT", "WELD", "JOINT")
 
 
-def refuse(model: Compiled) -> None:
-    """Raise a SceneError for the first thing that moves or pushes the bodies in a way of its own."""
-    for problem in _problems(model):
-        raise SceneError(f"{problem} A scene does not have this; take it out of the file.")
-
-
 def _problems(model: Compiled) -> Iterator[str]:
-    """Sentences that name what is refused."""
+    """Sentences on what moves or pushes the bodies in a way of its own."""
     if model.count("nflex"):
         yield f"flex {model.name_of('FLEX', 0)!r} is a deformable body."
     for body in _where(model.of("body_plugin") >= 0):
@@ -86,26 +81,24 @@ def _where(true: Any) -> list[int]:
 
 def ignored(model: Compiled) -> tuple[str, ...]:
     """Sentences on what the scene does not have, and what is left out without harm."""
-    said = []
+    says: list[str] = []
     for count, what in (("ngeom", "shapes"), ("npair", "pairs of contacts")):
         if model.count(count):
-            said.append(f"{model.count(count)} {what}: there are no contacts")
+            says.append(f"{model.count(count)} {what}: there are no contacts")
     if tendons := range(model.count("ntendon")):
         keys = ("stiffness", "damping", "armature", "frictionloss")
         forces = [key for key in keys if np.any(model.of(f"tendon_{key}"))]
         also = f", with their {', '.join(forces)}" if forces else ""
-        said.append(f"tendons {_names(model, 'TENDON', tendons)}{also}")
+        says.append(f"tendons {_names(model, 'TENDON', tendons)}{also}")
     off = [k for k in range(model.count("neq")) if not model.of("eq_active0")[k]]
-    if off:
-        said.append(f"equalities that do not act at first: {_names(model, 'EQUALITY', off)}")
+    says += said("equalities that do not act at first: {}", [_names(model, "EQUALITY", off)])
     if model.arrays.opt.viscosity or (model.arrays.opt.density and np.any(model.arrays.opt.wind)):
-        said.append("forces of the medium (density, viscosity, wind)")
-    for array, what in (("jnt_stiffnesspoly", "springs"), ("dof_dampingpoly", "dampers")):
-        if np.any(model.of(array)):
-            said.append(f"parts of {what} that are not linear")
+        says.append("forces of the medium (density, viscosity, wind)")
+    nonlinear = (("jnt_stiffnesspoly", "springs"), ("dof_dampingpoly", "dampers"))
+    says += [f"parts of {what} that are not linear" for key, what in nonlinear if np.any(model.of(key))]
     if model.count("nmocap"):
-        said.append(f"{model.count('nmocap')} mocap bodies are fixed on the ground")
-    return tuple(said)
+        says.append(f"{model.count('nmocap')} mocap bodies are fixed on the ground")
+    return tuple(says)
 
 
 def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
@@ -134,7 +127,7 @@ class Driven(NamedTuple):
 def driven(model: Compiled) -> Driven:
     """What the actuators on joints do; those on other things are sentences."""
     joints: dict[str, Drive] = {}
-    said, left_out, lawless = [], [], []
+    says, left_out, lawless = list[str](), list[str](), list[str]()
     for number in range(model.count("nactuator")):
         name = model.name_of("ACTUATOR", number)
         transmission = model.word("mjtTrn", model.of("actuator_trntype")[number])
@@ -147,25 +140,22 @@ def driven(model: Compiled) -> Driven:
             if transmission != "SITE" or model.of("actuator_trnid")[number][1] >= 0:
                 left_out.append(f"{name} ({transmission.lower()})")
             else:
-                said.append(f"{name} acts at a site, {_at_site(model, number)} per unit of control")
+                says.append(f"{name} acts at a site, {_at_site(model, number)} per unit of control")
             continue
         joint = model.joint(target)
         added, gain, known = _drive(model, number)
         before = joints.get(joint, Drive())
         joints[joint] = Drive(*(a + b for a, b in zip(before, added, strict=True)))
-        said.append(
+        says.append(
             f"{joint} is driven by {name}" + (f", {gain:.6g} per unit of control" if known else "")
         )
         if not known:
             lawless.append(name)
-    ignored = []
-    if left_out:
-        ignored.append(f"actuators that do not act on one hinge or slide: {', '.join(left_out)}")
-    if lawless:
-        ignored.append(
-            f"laws and states of the actuators {', '.join(lawless)}: what they exert is an input"
-        )
-    return Driven(joints, tuple(said), tuple(ignored))
+    ignored = [
+        *said("actuators that do not act on one hinge or slide: {}", left_out),
+        *said("laws and states of the actuators {}: what they exert is an input", lawless),
+    ]
+    return Driven(joints, tuple(says), tuple(ignored))
 
 
 def _at_site(model: Compiled, number: int) -> str:
@@ -196,8 +186,13 @@ def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
 def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     """Read a robot from an MJCF file; `top` are its elements, `keyframe` gives the positions."""
     model = compiled(file, top)
-    refuse(model)
-    positions = _positions(model, keyframe)
+    for problem in _problems(model):
+        raise SceneError(f"{problem} A scene does not have this; take it out of the file.")
+    positions = np.asarray(model.of("qpos0"))
+    if keyframe is not None:
+        names = [model.name_of("KEY", k) for k in range(model.count("nkey"))]
+        check_known("keyframe", [keyframe], names, "keyframe")
+        positions = np.asarray(model.of("key_qpos")[names.index(keyframe)])
     actuators = driven(model)
     links, joints = _links(model), _joints(model, positions, actuators)
     sites = sites_of(model)
@@ -205,12 +200,10 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     for link, joint in (*sites.values(), *sides):
         links[link.name], joints[joint.name] = link, joint
     sensors, rates, unused_sensors = sensors_of(model)
-    servos = [name for name, drive in actuators.joints.items() if drive.stiffness or drive.damping]
+    servos = (name for name, drive in actuators.joints.items() if drive.stiffness or drive.damping)
     assumed = [f"mujoco says: {text}" for text in model.warnings]
-    if servos:
-        assumed.append(f"servos act as springs and dampers of {', '.join(servos)}")
-    if actuators.said:
-        assumed.append(f"inputs: {'; '.join(actuators.said)}")
+    assumed += said("servos act as springs and dampers of {}", servos)
+    assumed += [f"inputs: {'; '.join(actuators.said)}"] if actuators.said else []
     loads = loads_of(model, sites)
     inputs = (*actuators.joints, *(load.name for load in loads if load.kind != "buoyancy"))
     return Robot(
@@ -226,16 +219,6 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
         ignored=(*ignored(model), *actuators.ignored, *unused_sensors),
         assumed=tuple(assumed),
     )
-
-
-def _positions(model: Compiled, keyframe: str | None) -> Array:
-    """The positions (nq,) of the model, or those of a keyframe."""
-    if keyframe is None:
-        return np.asarray(model.of("qpos0"))
-    names = [model.name_of("KEY", k) for k in range(model.count("nkey"))]
-    if keyframe not in names:
-        raise SceneError(f"keyframe: {unknown_name('keyframe', keyframe, names)}")
-    return np.asarray(model.of("key_qpos")[names.index(keyframe)])
 
 
 def _links(model: Compiled) -> dict[str, RobotLink]:

@@ -28,7 +28,7 @@ from mbdlft.robot.description import (
     unused,
     welded,
 )
-from mbdlft.robot.elements import Element
+from mbdlft.robot.urdf import Element
 
 _MOST = 10_000  # copies that a file may ask for
 _COPIES = ("replicate", "composite", "flexcomp")
@@ -137,7 +137,17 @@ class Compiled:
 
 def compiled(file: Path, top: Element) -> Compiled:
     """The model of a file, compiled by the package mujoco; `top` are its elements."""
-    _refuse_many(top)
+    pending = [top]
+    while pending:  # more copies than any mechanism has are not tried
+        element = pending.pop()
+        pending += element.children
+        counts = element.attributes.get("count", "") if element.tag in _COPIES else ""
+        asked = np.prod([float(n) for n in counts.split() if n.isdigit()])
+        if asked > _MOST:
+            raise SceneError(
+                f"line {element.line}: <{element.tag}> asks for {asked:g} copies, expected at most "
+                f"{_MOST}."
+            )
     try:
         import mujoco
     except ImportError:
@@ -159,33 +169,12 @@ def compiled(file: Path, top: Element) -> Compiled:
         ) from None
     finally:
         mujoco.set_mju_user_warning(before)
-    _refuse_not_finite(model)
-    return model
-
-
-def _refuse_many(top: Element) -> None:
-    """Raise a SceneError if the file asks for more copies than any mechanism has."""
-    pending = [top]
-    while pending:
-        element = pending.pop()
-        pending += element.children
-        counts = element.attributes.get("count", "") if element.tag in _COPIES else ""
-        asked = np.prod([float(n) for n in counts.split() if n.isdigit()])
-        if asked > _MOST:
-            raise SceneError(
-                f"line {element.line}: <{element.tag}> asks for {asked:g} copies, expected at most "
-                f"{_MOST}."
-            )
-
-
-def _refuse_not_finite(model: Compiled) -> None:
-    """Raise a SceneError for a number that is not finite."""
     for array, owner in _MEASURED.items():
         bad = ~np.all(np.isfinite(np.atleast_2d(np.asarray(model.of(array)).T)), axis=0)
         if bad.any():
             name = getattr(model, owner)(int(np.argmax(bad)))
-            what = array.partition("_")[2]
-            raise SceneError(f"{owner} {name!r}: its {what} is not finite.")
+            raise SceneError(f"{owner} {name!r}: its {array.partition('_')[2]} is not finite.")
+    return model
 
 
 def sites_of(model: Compiled) -> Sites:

@@ -7,6 +7,8 @@ to 1.12.
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.robot.description import (
     WORLD,
@@ -16,15 +18,15 @@ from mbdlft.robot.description import (
     RobotLoad,
     RobotSensor,
     Side,
-    Triple,
     angles_of,
+    said,
     three,
     unique,
     unused,
     welded,
 )
-from mbdlft.robot.elements import Element, child_numbers, content_numbers, name_of, others
-from mbdlft.robot.sdf_frames import Frames, Pose, closing, flag, frames_of, joints_of, scopes
+from mbdlft.robot.sdf_frames import Frames, Pose, flag, frames_of, joints_of, scopes
+from mbdlft.robot.urdf import Element, child_numbers, content_numbers, name_of, others
 from mbdlft.robot.values import AXIAL
 
 _USED = {
@@ -49,7 +51,7 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
     links = unique("link", [_link(scope, element, frames) for scope, element in elements])
     if not links:
         raise SceneError(f"line {chosen.line}: model {name_of(chosen)!r} has no links.")
-    closed = closing(joints_of(chosen, frames, links, version), frames)
+    closed = joints_of(chosen, frames, links, version)
     joints = closed.tree
     static = flag(chosen, "static")
     bases = _bases(links, joints, frames, static)
@@ -58,18 +60,15 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
     places, sensors = _sensors(elements, frames)
     for link, joint in (*places, *closed.sides):
         links[link.name], bases[joint.name] = link, joint
-    unweighed = [
-        link.name
-        for (_, element), link in zip(elements, links.values(), strict=False)
-        if element.only("inertial") is None
-    ]
-    assumed = []
-    if unweighed:
-        assumed.append(
-            f"links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {', '.join(unweighed)}"
-        )
+    weighed = zip(elements, links.values(), strict=False)
+    unweighed = (link.name for (_, element), link in weighed if element.only("inertial") is None)
+    assumed = said("links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {}", unweighed)
     if static:
         assumed.append("the model is static: none of its joints moves")
+    # the joints with a drive, if others say that they have none: their largest effort is zero
+    passive = [joint.name for joint in joints.values() if joint.effort == 0.0]
+    driven = tuple(j.name for j in joints.values() if j.kind in AXIAL and j.name not in passive)
+    gravity = child_numbers(world, "gravity", "world", 3)
     return Robot(
         name=name_of(chosen),
         links=links,
@@ -77,8 +76,8 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
         loads=_weightless(elements, links),
         sensors=sensors,
         loops=closed.loops,
-        gravity=_gravity(world),
-        inputs=_driven(joints),
+        gravity=three(np.array(gravity)) if gravity else None,
+        inputs=driven if passive and driven else None,
         others=others(chosen, _USED),
         assumed=tuple(assumed),
     )
@@ -209,32 +208,13 @@ def _bases(
     return bases
 
 
-def _driven(joints: dict[str, RobotJoint]) -> tuple[str, ...] | None:
-    """The joints with a drive, if others say that they have none: their largest effort is zero."""
-    passive = [joint.name for joint in joints.values() if joint.effort == 0.0]
-    driven = [
-        joint.name for joint in joints.values() if joint.kind in AXIAL and joint.name not in passive
-    ]
-    return tuple(driven) if passive and driven else None
-
-
 def _weightless(
     elements: list[tuple[str, Element]], links: dict[str, RobotLink]
 ) -> tuple[RobotLoad, ...]:
     """Loads that hold the links on which gravity does not act."""
-    names = [
-        f"{scope}{name_of(element)}"
-        for scope, element in elements
-        if not flag(element, "gravity", True)  # noqa: FBT003
-    ]
+    names = (f"{scope}{name_of(e)}" for scope, e in elements if not flag(e, "gravity", default=True))
     return tuple(
         RobotLoad(f"{name}_weightless", "buoyancy", name, displaced=links[name].mass)
         for name in names
         if links[name].mass
     )
-
-
-def _gravity(world: Element | None) -> Triple | None:
-    """Gravity of the world (m/s^2), or None."""
-    gravity = child_numbers(world, "gravity", "world", 3)
-    return (gravity[0], gravity[1], gravity[2]) if gravity else None

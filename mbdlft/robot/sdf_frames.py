@@ -8,7 +8,7 @@ The frame of a joint stands in its child link. Its axis is in the axes of this f
 another one; before version 1.5 it is in the axes of the model.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +29,7 @@ from mbdlft.robot.description import (
     three,
     unique,
 )
-from mbdlft.robot.elements import (
+from mbdlft.robot.urdf import (
     NO_LIMIT,
     Element,
     check_range,
@@ -191,13 +191,11 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
 
 def _default(element: Element) -> str:
     """The frame to which a pose is relative if it does not say so."""
-    if element.tag == "joint":
-        child = element.only("child")
-        name = child.text.strip() if child else ""
-        return name if name not in ("", "world") else MODEL
+    child = element.only("child") if element.tag == "joint" else None
+    name = child.text.strip() if child else ""
     if element.tag == "frame":
-        return element.attributes.get("attached_to") or MODEL
-    return MODEL
+        name = element.attributes.get("attached_to", "")
+    return name if name and (name != "world" or element.tag == "frame") else MODEL
 
 
 def _relative(pose: Element | None, version: tuple[int, int]) -> str:
@@ -227,7 +225,7 @@ def _pose(pose: Element | None, where: str) -> Pose:
     return Pose(np.array(place), of_angles(rpy))
 
 
-def flag(owner: Element, tag: str, default: bool = False) -> bool:  # noqa: FBT001, FBT002
+def flag(owner: Element, tag: str, *, default: bool = False) -> bool:
     """Whether a child says true or false."""
     child = owner.only(tag)
     if child is None:
@@ -236,20 +234,6 @@ def flag(owner: Element, tag: str, default: bool = False) -> bool:  # noqa: FBT0
     if word not in _WORDS:
         raise SceneError(f"line {child.line}: <{tag}>: expected true or false, got {word!r}.")
     return _WORDS[word]
-
-
-def joints_of(
-    model: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
-) -> Joints:
-    """The joints of a model and its nested models, by name."""
-    return unique(
-        "joint",
-        [
-            _joint(scope, element, frames, links, version)
-            for scope, owner in scopes(model)
-            for element in owner.named("joint")
-        ],
-    )
 
 
 def _joint(
@@ -304,9 +288,12 @@ def _with_axis(
 ) -> RobotJoint:
     """The joint with its axis, limits, damper and spring."""
     where = f"joint {joint.name!r}"
-    lower, upper, effort, velocity = (
-        _limit(axis, key, where) for key in ("lower", "upper", "effort", "velocity")
-    )
+    limits: list[float | None] = []
+    for key in ("lower", "upper", "effort", "velocity"):
+        (value,) = child_numbers(axis.only("limit"), key, where) or (NO_LIMIT,)
+        is_none = abs(value) >= NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
+        limits.append(None if is_none else value)
+    lower, upper, effort, velocity = limits
     check_range(lower, upper, axis, where)
     bounded = joint.kind != "continuous" and (lower is not None or upper is not None)
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
@@ -348,13 +335,6 @@ def _direction(
     return np.asarray(frames.between(joint.child, frame).R @ direction)
 
 
-def _limit(axis: Element, key: str, where: str) -> float | None:
-    """A limit, or None if there is none."""
-    (value,) = child_numbers(axis.only("limit"), key, where) or (NO_LIMIT,)
-    none = abs(value) >= NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
-    return None if none else value
-
-
 class Closed(NamedTuple):
     """The joints that make trees, those that close loops, and links and joints that these stand on."""
 
@@ -363,14 +343,23 @@ class Closed(NamedTuple):
     sides: tuple[Side, ...]
 
 
-def closing(joints: Joints, frames: Frames) -> Closed:
-    """Part the joints: a second joint to a link closes a loop, as hinge, ball or fixed joint."""
+def joints_of(
+    model: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
+) -> Closed:
+    """The joints of a model and its nested ones: a second joint to a link closes a loop."""
+    owners = [(scope, element) for scope, owner in scopes(model) for element in owner.named("joint")]
+    joints = unique(
+        "joint", [_joint(scope, element, frames, links, version) for scope, element in owners]
+    )
     tree: Joints = {}
     loops: list[RobotLoop] = []
     sides: list[Side] = []
     carried: Joints = {}
     for joint in joints.values():
-        if joint.child not in carried and joint.child not in _above(joint.parent, carried):
+        above = [joint.parent]
+        while above[-1] in carried:
+            above.append(carried[above[-1]].parent)
+        if joint.child not in (*carried, *above):
             tree[joint.name] = carried[joint.child] = joint
             continue
         if joint.kind not in _LOOPS or joint.stiffness or joint.damping:
@@ -387,11 +376,3 @@ def closing(joints: Joints, frames: Frames) -> Closed:
         loops.append(loop)
         sides += carriers
     return Closed(tree, tuple(loops), tuple(sides))
-
-
-def _above(link: str, carried: Mapping[str, RobotJoint]) -> Sequence[str]:
-    """A link and those that carry it."""
-    chain = [link]
-    while chain[-1] in carried:
-        chain.append(carried[chain[-1]].parent)
-    return chain

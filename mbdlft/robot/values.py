@@ -13,7 +13,7 @@ import numpy as np
 from mbdlft.base.description import AXES, Quantity
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink, of_angles
+from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink, of_angles, said
 
 Values = dict[str, Quantity]
 
@@ -45,7 +45,19 @@ def numbers(robot: Robot, right_angle: float, assumed: list[str]) -> Values:
         values |= _labelled(f"{joint.name}.origin", (*AXES, *TURNS), (*joint.xyz, *turns))
         values |= _labelled(f"{joint.name}.anchor", AXES, joint.anchor)
         values |= {f"{joint.name}.{key}": value for key, value in _of_kind(joint).items()}
-    _tell(robot, snapped, assumed)
+    if snapped:
+        assumed.append(
+            f"{len(snapped)} angles are multiples of 90 deg, from which the file differs by at most "
+            f"{max(snapped):.1e} rad"
+        )
+    links, limited = robot.links.values(), ("revolute", "prismatic")
+    free = (j.name for j in robot.joints.values() if j.kind in limited and j.lower is None)
+    points = (link.name for link in links if link.mass and not any(link.inertia.values()))
+    assumed += said(
+        "links without <inertial> have no mass: {}", (k.name for k in links if not k.inertial)
+    )
+    assumed += said("joints without limits of position have none: {}", free)
+    assumed += said("links with a mass and no inertia are point masses: {}", points)
     return values
 
 
@@ -68,29 +80,6 @@ def _of_kind(joint: RobotJoint) -> Values:
     elif joint.kind == "planar":
         values |= dict.fromkeys(PLANAR, 0.0)
     return values
-
-
-def _tell(robot: Robot, snapped: list[float], assumed: list[str]) -> None:
-    """Add sentences to `assumed`; `snapped` are the changes of angles to right angles (rad)."""
-    links = robot.links.values()
-    if snapped:
-        assumed.append(
-            f"{len(snapped)} angles are multiples of 90 deg, from which the file differs by at most "
-            f"{max(snapped):.1e} rad"
-        )
-    massless = [link.name for link in links if not link.inertial]
-    if massless:
-        assumed.append(f"links without <inertial> have no mass: {', '.join(massless)}")
-    unlimited = [
-        joint.name
-        for joint in robot.joints.values()
-        if joint.kind in ("revolute", "prismatic") and joint.lower is None
-    ]
-    if unlimited:
-        assumed.append(f"joints without limits of position have none: {', '.join(unlimited)}")
-    points = [link.name for link in links if link.mass and not any(link.inertia.values())]
-    if points:
-        assumed.append(f"links with a mass and no inertia are point masses: {', '.join(points)}")
 
 
 def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:

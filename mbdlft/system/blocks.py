@@ -18,16 +18,15 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import through
 from mbdlft.lft.lft import LFT, as_plain, of_kinds, open_blocks
 from mbdlft.system.evidence import check_exact, opened_evidence, renormalized_evidence
-from mbdlft.system.model import LFTModel, Parameters, System
+from mbdlft.system.model import OUTSIDE, LFTModel, Parameters, System
 
 S = TypeVar("S", bound=System)
-_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
 
 
 class Change(NamedTuple):
@@ -90,42 +89,29 @@ def renormalized(a: LFT, changes: Mapping[str, Change]) -> LFT:
 
 def _ranged(model: System, name: str, ends: Sequence[float]) -> Parameter:
     where = f"model {model.name!r}, with_range"
-    if name not in model.parameters.names:
-        raise StructureError(f"{where}: " + unknown_name("parameter", name, model.parameters.names))
+    check_known("parameter", [name], model.parameters.names, where, StructureError)
     old = model.parameters[name]
     if np.ndim(ends) != 1 or len(ends) not in (2, 3):
         raise StructureError(
             f"{where}: {name}: expected (low, high) or (low, nominal, high), got {ends!r}."
         )
     low, high = float(ends[0]), float(ends[-1])
-    slack = _OUTSIDE * (old.high - old.low)
+    slack = OUTSIDE * (old.high - old.low)
     if low < old.low - slack or high > old.high + slack:
         raise StructureError(
             f"{where}: {name}: [{low:g}, {high:g}] reaches beyond [{old.low:g}, {old.high:g}] "
             f"{old.unit}, and outside of it nothing was checked. Build the model again with the wider "
             "range; the text of its scene or matrix is model.provenance.scene."
         )
-    if len(ends) == 3:
-        nominal = float(ends[1])
-    else:
-        nominal = old.nominal if low < old.nominal < high else 0.5 * (low + high)
-    return Parameter(
-        name,
-        nominal,
-        max(low, old.low),
-        min(high, old.high),
-        unit=old.unit,
-        role=old.role,
-        substitution=old.substitution,
-        reference=old.reference,
-    )
+    nominal = old.nominal if low < old.nominal < high else 0.5 * (low + high)
+    nominal = float(ends[1]) if len(ends) == 3 else nominal
+    return replace(old, nominal=nominal, low=max(low, old.low), high=min(high, old.high))
 
 
 def _change(old: Parameter, new: Parameter) -> Change:
     """Between the deltas of two ranges of one parameter: both are bilinear in its internal value."""
     low, middle, high = (float(d) for d in to_delta(old, [new.low, new.nominal, new.high]))
-    if new.nominal == old.nominal:
-        middle = 0.0
+    middle = 0.0 if new.nominal == old.nominal else middle
     # delta_old - c = g delta / (1 + a delta) at delta = -1 and 1
     below, above = middle - low, high - middle
     return Change(middle, 2.0 * below * above / (below + above), (below - above) / (below + above))
@@ -187,59 +173,42 @@ def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
         a signal has the name of a new one.
     """
     check_exact(model, "tunable")
-    chosen = _chosen(model, names)
-    channels = model.lft.slices()
-    gains = tuple(
-        TunableGain(
-            name=name,
-            repetitions=channels[name].stop - channels[name].start,
-            bounds=(-1.0, 1.0),
-            inputs=_names(name, "w", channels[name]),
-            outputs=_names(name, "z", channels[name]),
-            parameter=next(p for p in model.parameters if p.name == name),
-        )
-        for name in chosen
-    )
-    _check_free(model, gains)
-    kept = tuple(p for p in model.parameters if p.name not in chosen)
-    plant = replace(
-        model,
-        lft=open_blocks(model.lft, chosen),
-        inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
-        outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
-        parameters=Parameters(kept),
-        **(opened_evidence(model, chosen) if isinstance(model, LFTModel) else {}),
-    )
-    return TunablePlant(plant, gains)
-
-
-def _chosen(model: System, names: Sequence[str] | None) -> list[str]:
-    known = [p.name for p in model.parameters]
+    where = f"model {model.name!r}"
+    known = model.parameters.names
     if names is None:
         names = [p.name for p in model.parameters if p.role == "design"]
         if not names:
             raise StructureError(
-                f"model {model.name!r}: no parameter has the role 'design'. Name the parameters to be "
+                f"{where}: no parameter has the role 'design'. Name the parameters to be "
                 f"tuned: {', '.join(known) or 'it has none'}."
             )
     if isinstance(names, str):
-        raise StructureError(f"model {model.name!r}: names: expected a list, got {names!r}.")
-    for name in names:
-        if name not in known:
-            raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, known))
+        raise StructureError(f"{where}: names: expected a list, got {names!r}.")
+    check_known("parameter", names, known, where, StructureError)
     if len(set(names)) < len(names):
-        raise StructureError(f"model {model.name!r}: a parameter is named twice in {', '.join(names)}.")
-    return list(names)
-
-
-def _names(name: str, kind: str, channels: slice) -> tuple[str, ...]:
-    return tuple(f"{name}.{kind}.{k}" for k in range(1, channels.stop - channels.start + 1))
-
-
-def _check_free(model: System, gains: Sequence[TunableGain]) -> None:
-    used = {signal.name for signal in (*model.inputs, *model.outputs)}
-    taken = [n for gain in gains for n in (*gain.inputs, *gain.outputs) if n in used]
-    if taken:
-        raise StructureError(
-            f"model {model.name!r}: it has a signal {taken[0]!r} already. Rename the parameter."
+        raise StructureError(f"{where}: a parameter is named twice in {', '.join(names)}.")
+    sizes = {block.name: block.size for block in model.lft.blocks}
+    gains = tuple(
+        TunableGain(
+            name=name,
+            repetitions=sizes[name],
+            bounds=(-1.0, 1.0),
+            inputs=tuple(f"{name}.w.{k}" for k in range(1, sizes[name] + 1)),
+            outputs=tuple(f"{name}.z.{k}" for k in range(1, sizes[name] + 1)),
+            parameter=model.parameters[name],
         )
+        for name in names
+    )
+    used = {signal.name for signal in (*model.inputs, *model.outputs)}
+    if taken := [n for gain in gains for n in (*gain.inputs, *gain.outputs) if n in used]:
+        raise StructureError(f"{where}: it has a signal {taken[0]!r} already. Rename the parameter.")
+    kept = tuple(p for p in model.parameters if p.name not in names)
+    plant = replace(
+        model,
+        lft=open_blocks(model.lft, names),
+        inputs=(*model.inputs, *(Signal(name, "1") for gain in gains for name in gain.inputs)),
+        outputs=(*model.outputs, *(Signal(name, "1") for gain in gains for name in gain.outputs)),
+        parameters=Parameters(kept),
+        **(opened_evidence(model, names) if isinstance(model, LFTModel) else {}),
+    )
+    return TunablePlant(plant, gains)

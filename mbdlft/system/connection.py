@@ -14,11 +14,11 @@ bounds stay.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.base.errors import StructureError, WellPosednessError, check_known, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, check_once
@@ -72,50 +72,54 @@ def connect(
         if isinstance(asked, str):
             raise StructureError(f"connect, {what}: expected a list of names, got {asked!r}.")
         check_once(list(asked), f"connect, {what}")
-    table = _Table.of(members)
+    into, out_of = (
+        [(system.name, signal) for system in members for signal in getattr(system, side)]
+        for side in ("inputs", "outputs")
+    )
     wiring = plain_wiring(members, len(inputs), len(outputs))
-    asked_for = _pairs(connections)
-    if asked_for is None:
-        _by_name(table, wiring)
-    else:
-        _as_asked(table, wiring, asked_for, list(inputs))
-    input_signals = [_drive(table, wiring, name, k, asked_for) for k, name in enumerate(inputs)]
-    output_signals = [_read(table, wiring, name, k) for k, name in enumerate(outputs)]
-    _check_driven(table, wiring)
-    operation = Operation("connect", {"connections": [[a, *b] for a, b in (asked_for or [])]})
+    pairs = _pairs(connections)
+    _wire(into, out_of, wiring, pairs, list(inputs))
+    input_signals = [
+        _drive(into, wiring, label, k, are_named=pairs is not None) for k, label in enumerate(inputs)
+    ]
+    output_signals = []
+    for k, label in enumerate(outputs):  # an output of a system, or what adds up at one of its inputs
+        at_input = bool(_matches(into, label)) and not _matches(out_of, label)
+        entries, what, matrix = (into, "input", wiring.G) if at_input else (out_of, "output", wiring.F)
+        j = _one(entries, label, what)
+        matrix[k, j] = 1.0
+        output_signals.append(Signal(label, entries[j][1].unit))
+    if idle := [
+        label for k, label in enumerate(_full(into)) if not (wiring.Ky[k].any() or wiring.E[k].any())
+    ]:
+        raise StructureError(
+            f"connect: nothing drives {', '.join(idle)}. Name them in inputs or connections, or leave "
+            "them out with system[outputs, inputs]."
+        )
+    operation = Operation("connect", {"connections": [[a, *b] for a, b in (pairs or [])]})
     like = as_system(members[0], name=name)
     return composed(members, wiring, input_signals, output_signals, operation, like=like)
 
 
-class _Table(NamedTuple):
-    """Inputs and outputs of all systems: system, signal; their positions are those in the wiring."""
-
-    inputs: list[tuple[str, Signal]]
-    outputs: list[tuple[str, Signal]]
-
-    @classmethod
-    def of(cls, systems: Sequence[System]) -> "_Table":
-        return cls(
-            [(system.name, signal) for system in systems for signal in system.inputs],
-            [(system.name, signal) for system in systems for signal in system.outputs],
-        )
+Entries = Sequence[tuple[str, Signal]]  # signals with the names of their systems, as in the wiring
 
 
-def _matches(entries: Sequence[tuple[str, Signal]], name: str) -> list[int]:
+def _full(entries: Entries) -> list[str]:
+    return [f"{owner}.{signal.name}" for owner, signal in entries]
+
+
+def _matches(entries: Entries, name: str) -> list[int]:
     """Positions of a name, alone or with that of its system."""
-    return [
-        k for k, (owner, signal) in enumerate(entries) if name in (signal.name, f"{owner}.{signal.name}")
-    ]
+    return [k for k, full in enumerate(_full(entries)) if name in (entries[k][1].name, full)]
 
 
-def _one(entries: Sequence[tuple[str, Signal]], name: str, what: str) -> int:
+def _one(entries: Entries, name: str, what: str) -> int:
     """The position of a name that stands for one signal."""
     positions = _matches(entries, name)
     if not positions:
-        every = [f"{owner}.{signal.name}" for owner, signal in entries]
-        raise StructureError("connect: " + unknown_name(what, name, every))
+        raise StructureError("connect: " + unknown_name(what, name, _full(entries)))
     if len(positions) > 1:
-        several = [f"{entries[k][0]}.{entries[k][1].name}" for k in positions]
+        several = [_full(entries)[k] for k in positions]
         says = f"Say which: {', '.join(several)}."
         if len(set(several)) < len(several):
             says = "Two systems have one name: as_system(item, name=...) gives another one."
@@ -142,63 +146,39 @@ def _pairs(connections: Any) -> list[tuple[str, list[str]]] | None:
     return pairs
 
 
-def _by_name(table: _Table, wiring: Wiring) -> None:
-    """Each input gets the output of its name, if there is one."""
-    for k, (_, signal) in enumerate(table.inputs):
-        if any(output.name == signal.name for _, output in table.outputs):
-            wiring.Ky[k, _one(table.outputs, signal.name, "output")] += 1.0
-
-
-def _as_asked(
-    table: _Table, wiring: Wiring, pairs: Sequence[tuple[str, list[str]]], inputs: list[str]
+def _wire(
+    into: Entries,
+    out_of: Entries,
+    wiring: Wiring,
+    pairs: list[tuple[str, list[str]]] | None,
+    new: list[str],
 ) -> None:
-    for target, sources in pairs:
-        k = _one(table.inputs, target, "input")
+    """Let inputs get what `pairs` say, or else the output of their name, if there is one."""
+    if pairs is None:
+        names = {signal.name for _, signal in out_of}
+        for k, (_, signal) in enumerate(into):
+            if signal.name in names:
+                wiring.Ky[k, _one(out_of, signal.name, "output")] += 1.0
+    for target, sources in pairs or ():
+        k = _one(into, target, "input")
         for source in sources:
             sign, name = (-1.0, source[1:]) if source.startswith("-") else (1.0, source)
-            if name in inputs and not _matches(table.outputs, name):
-                wiring.E[k, inputs.index(name)] += sign
+            if name in new and not _matches(out_of, name):
+                wiring.E[k, new.index(name)] += sign
             else:
-                wiring.Ky[k, _one(table.outputs, name, "output")] += sign
+                wiring.Ky[k, _one(out_of, name, "output")] += sign
 
 
-def _drive(table: _Table, wiring: Wiring, name: str, k: int, pairs: Sequence[Any] | None) -> Signal:
+def _drive(into: Entries, wiring: Wiring, name: str, k: int, *, are_named: bool) -> Signal:
     """Let an input of the whole drive the inputs of its name; its signal."""
-    positions = _matches(table.inputs, name)
-    named = wiring.E[:, k].any()
-    if not positions and not named:
-        every = [f"{owner}.{signal.name}" for owner, signal in table.inputs]
-        advice = "" if pairs is None else " No connection has it either."
-        raise StructureError("connect, inputs: " + unknown_name("input", name, every) + advice)
-    if not named:
+    if not wiring.E[:, k].any():
+        positions = _matches(into, name)
+        if not positions:
+            advice = " No connection has it either." if are_named else ""
+            raise StructureError("connect, inputs: " + unknown_name("input", name, _full(into)) + advice)
         wiring.E[positions, k] += 1.0
-    driven = [int(j) for j in wiring.E[:, k].nonzero()[0]]
-    units = {table.inputs[j][1].unit for j in driven}
+    units = {into[int(j)][1].unit for j in wiring.E[:, k].nonzero()[0]}
     return Signal(name, units.pop() if len(units) == 1 else "1")
-
-
-def _read(table: _Table, wiring: Wiring, name: str, k: int) -> Signal:
-    """Let an output of the whole be an output of a system, or one of its inputs; its signal."""
-    if _matches(table.outputs, name) or not _matches(table.inputs, name):
-        j = _one(table.outputs, name, "output")
-        wiring.F[k, j] = 1.0
-        return Signal(name, table.outputs[j][1].unit)
-    j = _one(table.inputs, name, "input")
-    wiring.G[k, j] = 1.0
-    return Signal(name, table.inputs[j][1].unit)
-
-
-def _check_driven(table: _Table, wiring: Wiring) -> None:
-    idle = [
-        f"{owner}.{signal.name}"
-        for k, (owner, signal) in enumerate(table.inputs)
-        if not (wiring.Ky[k].any() or wiring.E[k].any())
-    ]
-    if idle:
-        raise StructureError(
-            f"connect: nothing drives {', '.join(idle)}. Name them in inputs or connections, or leave "
-            "them out with system[outputs, inputs]."
-        )
 
 
 def series(model: Any, channels: Any, *blocks: Any, side: str | None = None) -> Any:
@@ -267,11 +247,14 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
     signals, n = getattr(model, side), len(getattr(block, side))
     positions = [[s.name for s in signals].index(name) for name in names]
     kept = [signals[k] for k in positions] if n == len(names) else None
-    block = as_system(block, states=_states(model, names[0], block), **{side: kept})  # type: ignore[arg-type]
+    used, prefix, k = {signal.name for signal in model.states}, names[0], 1
+    while any(f"{prefix}.{state.name}" in used for state in block.states):
+        k += 1  # another block stands in the channel
+        prefix = f"{names[0]}.{k}"
+    states = [state.of(prefix) for state in block.states]
+    block = as_system(block, states=states, **{side: kept})  # type: ignore[arg-type]
     nu, ny = len(model.inputs), len(model.outputs)
-    order: list[
-        int
-    ] = []  # of the signals at the side of the block: those of the model, then of the block
+    order: list[int] = []  # of the signals at that side: those of the model, and from `len` on the block
     for k in range(len(signals)):
         if k not in positions:
             order.append(k)
@@ -290,41 +273,24 @@ def _at_channels(model: System, names: Sequence[str], item: Any, side: str | Non
 def _side(model: System, names: Sequence[str], side: str | None) -> bool:
     """Whether the channels are inputs."""
     what = f"model {model.name!r}, series"
-    if side not in (None, "inputs", "outputs"):
-        raise StructureError(f"{what}: " + unknown_name("side", str(side), ("inputs", "outputs")))
+    if side is not None:
+        check_known("side", [str(side)], ("inputs", "outputs"), what, StructureError)
     if not names or len(set(names)) < len(names):
         raise StructureError(
             f"{what}: channels: expected one or more names, each once, got {list(names)}."
         )
-    known = {
-        "inputs": [signal.name for signal in model.inputs],
-        "outputs": [signal.name for signal in model.outputs],
-    }
-    fits = [key for key in known if side in (None, key) and set(names) <= set(known[key])]
-    if not fits:
-        searched = [name for key in known if side in (None, key) for name in known[key]]
-        missing = [name for name in names if name not in searched]
-        if not missing:
-            raise StructureError(
-                f"{what}: {', '.join(names)} are inputs and outputs; one block stands on one side."
-            )
-        raise StructureError(f"{what}: " + unknown_name("channel", missing[0], searched))
-    if len(fits) > 1:
-        raise StructureError(
-            f"{what}: {', '.join(names)} are names of inputs and of outputs. Say side = 'inputs' or "
-            "'outputs'."
+    known = {key: [signal.name for signal in getattr(model, key)] for key in ("inputs", "outputs")}
+    sides = [key for key in known if side in (None, key)]
+    check_known("channel", names, [n for key in sides for n in known[key]], what, StructureError)
+    fits = [key for key in sides if set(names) <= set(known[key])]
+    if len(fits) != 1:
+        says = (
+            "names of inputs and of outputs. Say side = 'inputs' or 'outputs'."
+            if fits
+            else "inputs and outputs; one block stands on one side."
         )
+        raise StructureError(f"{what}: {', '.join(names)} are {says}")
     return fits[0] == "inputs"
-
-
-def _states(model: System, channel: str, block: System) -> tuple[Signal, ...]:
-    """States of the block, numbered on where another block stands in the same channel."""
-    used = {signal.name for signal in model.states}
-    prefix, k = channel, 1
-    while any(f"{prefix}.{state.name}" in used for state in block.states):
-        k += 1
-        prefix = f"{channel}.{k}"
-    return tuple(Signal(f"{prefix}.{state.name}", state.unit) for state in block.states)
 
 
 S = TypeVar("S", bound=System)
@@ -358,13 +324,16 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
         nominal or somewhere in the range.
     """
     check_exact(model, "inversion")
-    pairs = _exchanged_signals(model, channels)
     inputs, outputs = list(model.inputs), list(model.outputs)
-    for entry, output in pairs:
+    wiring = plain_wiring([model], len(inputs), len(outputs))
+    wiring.E[:], wiring.F[:] = np.eye(len(inputs)), np.eye(len(outputs))
+    for entry, output in _exchanged_signals(model, channels):  # y_i is given and u_i is read
         inputs[entry], outputs[output] = outputs[output], inputs[entry]
+        wiring.Ku[entry, entry], wiring.Ky[entry, output], wiring.E[entry, entry] = 0.0, 1.0, -1.0
+        wiring.F[output, output], wiring.G[output, entry] = 0.0, 1.0
     operation = Operation(f"inversion of {', '.join(channels)}")
     try:
-        made = composed([model], _exchanged(model, pairs), inputs, outputs, operation, exchange=True)
+        return cast(S, composed([model], wiring, inputs, outputs, operation, exchange=True))
     except WellPosednessError as error:
         if "at nominal" not in str(error):
             raise
@@ -373,32 +342,19 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
             "singular at nominal. A load is exchanged with the acceleration where it acts, and only "
             "where something with mass moves."
         ) from None
-    return cast(S, made)
-
-
-def _exchanged(model: System, pairs: Sequence[tuple[int, int]]) -> Wiring:
-    """Wiring of one part in which y_i is given and u_i is read."""
-    wiring = plain_wiring([model], len(model.inputs), len(model.outputs))
-    wiring.E[:], wiring.F[:] = np.eye(len(model.inputs)), np.eye(len(model.outputs))
-    for entry, output in pairs:
-        wiring.Ku[entry, entry], wiring.Ky[entry, output], wiring.E[entry, entry] = 0.0, 1.0, -1.0
-        wiring.F[output, output], wiring.G[output, entry] = 0.0, 1.0
-    return wiring
 
 
 def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int, int]]:
     """Positions of the inputs and outputs to be exchanged."""
+    where = f"model {model.name!r}"
     if isinstance(channels, str):
-        raise StructureError(
-            f"model {model.name!r}: channels: expected a list of names, got {channels!r}."
-        )
+        raise StructureError(f"{where}: channels: expected a list of names, got {channels!r}.")
     if not channels:
-        raise StructureError(f"model {model.name!r}: channels: name at least one.")
+        raise StructureError(f"{where}: channels: name at least one.")
     known = {_channel(signal) for signal in model.inputs} | {s.name for s in model.inputs}
+    check_known("channel", map(str, channels), known, where, StructureError)
     chosen: list[tuple[int, int]] = []
     for name in channels:
-        if name not in known:
-            raise StructureError(f"model {model.name!r}: " + unknown_name("channel", str(name), known))
         whole = name.partition(".")[0]
         inputs, outputs = (
             [k for k, signal in enumerate(signals) if _channel(signal) == whole]
@@ -406,14 +362,14 @@ def _exchanged_signals(model: System, channels: Sequence[str]) -> list[tuple[int
         )
         if len(inputs) != len(outputs):
             raise StructureError(
-                f"model {model.name!r}: channel {whole!r} has {len(inputs)} inputs and {len(outputs)} "
+                f"{where}: channel {whole!r} has {len(inputs)} inputs and {len(outputs)} "
                 "outputs; only as many of the one as of the other can be exchanged. Choose the signals "
                 "of the model so that each input has its output."
             )
         pairs = list(zip(inputs, outputs, strict=True))
         chosen += [p for p in pairs if name in (whole, model.inputs[p[0]].name)]
     if len(set(chosen)) < len(chosen):
-        raise StructureError(f"model {model.name!r}: a channel is named twice in {', '.join(channels)}.")
+        raise StructureError(f"{where}: a channel is named twice in {', '.join(channels)}.")
     return chosen
 
 

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from control import StateSpace
 
 
+OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
+
+
 class Parameters(tuple[Parameter, ...]):
     """Parameters sorted by name: a tuple that also finds them by name, ``parameters["m1"]``."""
 
@@ -43,6 +46,28 @@ class Parameters(tuple[Parameter, ...]):
     def names(self) -> tuple[str, ...]:
         """Their names."""
         return tuple(parameter.name for parameter in self)
+
+
+class Submatrix:
+    """One of the nine matrices above, at delta = 0: rows xdot, z or y, columns x, w or u."""
+
+    def __init__(self, rows: str, columns: str) -> None:
+        self.rows, self.columns = rows, columns
+        self.__doc__ = f"(n{rows}, n{columns}), at delta = 0.".replace("nz", "nw")
+
+    @overload
+    def __get__(self, system: None, kind: type) -> Self: ...
+    @overload
+    def __get__(self, system: "System", kind: type) -> Array: ...
+    def __get__(self, system: "System | None", kind: type) -> Self | Array:
+        if system is None:
+            return self
+        a, x = system.lft, len(system.states)
+        two = {"x": slice(x), "y": slice(x, None), "u": slice(x, None)}
+        if self.rows == "z":
+            return a.M11 if self.columns == "w" else a.M12[:, two[self.columns]]
+        matrix = a.M21 if self.columns == "w" else a.M22[:, two[self.columns]]
+        return matrix[two[self.rows]]
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -127,54 +152,15 @@ class System:
         """A straight-line program of its values; an `LFTModel` may have one."""
         return None
 
-    @property
-    def A(self) -> Array:
-        """(nx, nx), at delta = 0."""
-        return self.lft.M22[: self._nx, : self._nx]
-
-    @property
-    def B_w(self) -> Array:
-        """(nx, nw)."""
-        return self.lft.M21[: self._nx]
-
-    @property
-    def B_u(self) -> Array:
-        """(nx, nu)."""
-        return self.lft.M22[: self._nx, self._nx :]
-
-    @property
-    def C_z(self) -> Array:
-        """(nw, nx)."""
-        return self.lft.M12[:, : self._nx]
-
-    @property
-    def D_zw(self) -> Array:
-        """(nw, nw)."""
-        return self.lft.M11
-
-    @property
-    def D_zu(self) -> Array:
-        """(nw, nu)."""
-        return self.lft.M12[:, self._nx :]
-
-    @property
-    def C_y(self) -> Array:
-        """(ny, nx)."""
-        return self.lft.M22[self._nx :, : self._nx]
-
-    @property
-    def D_yw(self) -> Array:
-        """(ny, nw)."""
-        return self.lft.M21[self._nx :]
-
-    @property
-    def D_yu(self) -> Array:
-        """(ny, nu)."""
-        return self.lft.M22[self._nx :, self._nx :]
-
-    @property
-    def _nx(self) -> int:
-        return len(self.states)
+    A = Submatrix("x", "x")
+    B_w = Submatrix("x", "w")
+    B_u = Submatrix("x", "u")
+    C_z = Submatrix("z", "x")
+    D_zw = Submatrix("z", "w")
+    D_zu = Submatrix("z", "u")
+    C_y = Submatrix("y", "x")
+    D_yw = Submatrix("y", "w")
+    D_yu = Submatrix("y", "u")
 
     def __getitem__(self, key: Any) -> "System":
         return _operation("selected", self, key)

@@ -57,11 +57,8 @@ class Box(NamedTuple):
 class Regularity:
     """What is known of det(I - M11 Delta) on the box."""
 
-    # where it was not shown that it does not vanish; empty if that is proved
-    # everywhere
-    open_boxes: tuple[Box, ...]
-    # (number of blocks,), or None: a point where it vanishes, up to rounding
-    zero: Array | None = None
+    open_boxes: tuple[Box, ...]  # where it was not shown that it does not vanish
+    zero: Array | None = None  # (number of blocks,): a point where it vanishes, up to rounding
 
     @property
     def is_proved(self) -> bool:
@@ -77,30 +74,23 @@ def check_work(prove: float) -> None:
 
 def regularity(a: LFT, prove: float = PROVE) -> Regularity:
     """What is known of the determinant of I - M11 Delta of a plain LFT, after so many units of work."""
-    with budget(prove):
-        return _regularity(a, prove)
-
-
-def _regularity(a: LFT, prove: float) -> Regularity:
-    """As `regularity`, inside its budget."""
     owner = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])
     work, open_boxes = prove * _UNIT, []
-    for channels in _loops(a.M11):
-        used, local = np.unique(owner[channels], return_inverse=True)
-        matrix = a.M11[np.ix_(channels, channels)]
-        loop = _Loop(matrix, local, len(used), np.eye(len(channels)) + np.abs(matrix))
-        if not _is_small(loop):
-            loop = _balanced(loop)
-        with after(prove - work / _UNIT):
-            boxes, zero, work = _examine(loop, work)
-        if zero is not None:
-            point = np.zeros(len(a.blocks))
-            point[used] = zero
-            return Regularity((), point)
-        for box in boxes:
+    with budget(prove):
+        for channels in _loops(a.M11):
+            used, local = np.unique(owner[channels], return_inverse=True)
+            matrix = a.M11[np.ix_(channels, channels)]
+            loop = _Loop(matrix, local, len(used), np.eye(len(channels)) + np.abs(matrix))
+            is_open, _, _ = _look(loop, np.zeros((1, loop.deltas)), np.ones((1, loop.deltas)))
+            with after(prove - work / _UNIT):
+                boxes, zero, work = _examine(_balanced(loop) if is_open[0] else loop, work)
             center, half = np.zeros(len(a.blocks)), np.ones(len(a.blocks))
-            center[used], half[used] = box
-            open_boxes.append(Box(center, half))
+            if zero is not None:
+                center[used] = zero
+                return Regularity((), center)
+            for box in boxes:
+                center[used], half[used] = box
+                open_boxes.append(Box(center.copy(), half.copy()))
     return Regularity(tuple(open_boxes))
 
 
@@ -127,17 +117,7 @@ def _loops(matrix: Array) -> list[NDArray[np.int64]]:
     count, label = connected_components(csr_array(matrix != 0.0), connection="strong")
     order = np.argsort(label, kind="stable")
     components = np.split(order, np.cumsum(np.bincount(label, minlength=count))[:-1])
-    return [
-        component
-        for component in components
-        if len(component) > 1 or matrix[component[0], component[0]] != 0.0
-    ]
-
-
-def _is_small(loop: _Loop) -> bool:
-    """Whether the first look at the whole box is enough."""
-    is_open, _, _ = _look(loop, np.zeros((1, loop.deltas)), np.ones((1, loop.deltas)))
-    return not is_open[0]
+    return [c for c in components if len(c) > 1 or matrix[c[0], c[0]] != 0.0]
 
 
 def _balanced(loop: _Loop) -> _Loop:
@@ -170,9 +150,7 @@ def _examine(loop: _Loop, work: float) -> tuple[list[Box], Array | None, float]:
     centers, halves = np.zeros((1, loop.deltas)), np.ones((1, loop.deltas))
     small: list[Box] = []
     total = work
-    while len(centers):
-        if work < 0.0:
-            break
+    while len(centers) and work >= 0.0 and len(small) <= _MOST_BOXES:
         some = slice(max(0, len(centers) - _CHUNK), None)  # the smallest first: memory stays bounded
         c, h = centers[some], halves[some]
         centers, halves = centers[: some.start], halves[: some.start]
@@ -185,13 +163,15 @@ def _examine(loop: _Loop, work: float) -> tuple[list[Box], Array | None, float]:
         worst = np.argmax(slopes, axis=1)
         ends = h[np.arange(len(h)), worst] <= _SMALLEST
         small += [Box(*pair) for pair in zip(c[ends], h[ends], strict=True)]
-        if len(small) > _MOST_BOXES:
-            break
         c, h = _halved(c[~ends], h[~ends], worst[~ends])
         centers, halves = np.concatenate([centers, c]), np.concatenate([halves, h])
     boxes = small + [Box(*pair) for pair in zip(centers, halves, strict=True)]
     zero = _search(loop, boxes) if boxes else None
-    return _joined(boxes), zero, work
+    if len(boxes) > _MOST_BOXES:  # too many to be listed: one that holds them
+        low = np.min([box.center - box.half for box in boxes], axis=0)
+        high = np.max([box.center + box.half for box in boxes], axis=0)
+        boxes = [Box(0.5 * (low + high), 0.5 * (high - low))]
+    return boxes, zero, work
 
 
 def _look(loop: _Loop, c: Array, h: Array) -> tuple[NDArray[np.bool_], Array, Array]:
@@ -274,30 +254,19 @@ def _crossing(loop: _Loop, end: Array) -> Array:
     return np.asarray(high * end)
 
 
-def _joined(boxes: list[Box]) -> list[Box]:
-    """The boxes, or one that holds all of them if there are too many to be listed."""
-    if len(boxes) <= _MOST_BOXES:
-        return boxes
-    low = np.min([box.center - box.half for box in boxes], axis=0)
-    high = np.max([box.center + box.half for box in boxes], axis=0)
-    return [Box(0.5 * (low + high), 0.5 * (high - low))]
-
-
 def physical_boxes(
     boxes: Sequence[Box], names: Sequence[str], parameters: Sequence[Parameter]
 ) -> tuple[tuple[tuple[float, float], ...], ...]:
     """Boxes of the deltas of these names, as lowest and highest physical values of all parameters."""
     physical = []
     for center, half in boxes:
-        ends = dict(zip(names, zip(center - half, center + half, strict=True), strict=True))
-        physical.append(
-            tuple(
-                (float(to_physical(p, ends[p.name][0])), float(to_physical(p, ends[p.name][1])))
-                if p.name in ends
-                else (p.low, p.high)
-                for p in parameters
-            )
-        )
+        ends = {p.name: (p.low, p.high) for p in parameters}
+        for p in parameters:
+            if p.name in names:
+                k = list(names).index(p.name)
+                low, high = to_physical(p, [center[k] - half[k], center[k] + half[k]]).tolist()
+                ends[p.name] = low, high
+        physical.append(tuple(ends.values()))
     return tuple(physical)
 
 
@@ -322,10 +291,10 @@ def check_no_zero(
     known: Regularity, names: Sequence[str], parameters: Sequence[Parameter], what: str, narrow: str
 ) -> None:
     """Raise a WellPosednessError at the point where the determinant vanishes, if one was found."""
-    if known.zero is None:
-        return
-    (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
-    values = at_values(parameters, [low for low, _ in at])
-    raise WellPosednessError(
-        f"{what} at {values}: the determinant of its equations vanishes there. Narrow the ranges{narrow}."
-    )
+    if known.zero is not None:
+        (at,) = physical_boxes([Box(known.zero, np.zeros(len(names)))], names, parameters)
+        values = at_values(parameters, [low for low, _ in at])
+        raise WellPosednessError(
+            f"{what} at {values}: the determinant of its equations vanishes there. Narrow the ranges"
+            f"{narrow}."
+        )

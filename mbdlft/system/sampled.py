@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import StructureError, WellPosednessError, unknown_name
+from mbdlft.base.errors import StructureError, WellPosednessError, check_known
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.exact import rounding
 from mbdlft.exact.rounding import equilibrate
@@ -33,12 +33,10 @@ from mbdlft.lft.sampling import (
     is_native,
     way,
 )
-from mbdlft.system.model import LFTModel, System
+from mbdlft.system.model import OUTSIDE, LFTModel, System
 
 if TYPE_CHECKING:
     from control import StateSpace
-
-_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
 
 
 class StateMatrices(NamedTuple):
@@ -58,9 +56,7 @@ def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
             f"model {model.name!r}: expected values by name, such as {{'{(names or ['m'])[0]}': 1.0}}, "
             f"got {values!r}."
         )
-    for name in values:
-        if name not in names:
-            raise StructureError(f"model {model.name!r}: " + unknown_name("parameter", name, names))
+    check_known("parameter", values, names, f"model {model.name!r}", StructureError)
     for name, value in values.items():
         if not np.issubdtype(np.asarray(value).dtype, np.number):
             raise StructureError(f"model {model.name!r}: {name}: expected a number, got {value!r}.")
@@ -76,7 +72,7 @@ def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
         if parameter.name not in arrays:
             continue
         array = arrays[parameter.name]
-        slack = _OUTSIDE * (parameter.high - parameter.low)
+        slack = OUTSIDE * (parameter.high - parameter.low)
         wrong = ~((array >= parameter.low - slack) & (array <= parameter.high + slack))
         if np.any(wrong):
             raise StructureError(

@@ -18,13 +18,12 @@ from typing import Any
 import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, StructureError, unknown_name
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.formula import NUMPY, Functions, formula_value
 from mbdlft.base.unit import Signal
-from mbdlft.system.model import LFTModel
+from mbdlft.system.model import OUTSIDE, LFTModel
 
 ONE = "one"  # the name of the constant input 1
-_OUTSIDE = 1e-9  # of the width of a range: what rounding may leave a value outside
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +142,9 @@ class ThetaFunction:
     tables: tuple[Table, ...] = ()
 
     def __str__(self) -> str:
-        used = ", ".join(self.arguments)
         shown = [f"{name}: {table}" for name, table in named_tables(self.tables).items()]
         behind = f" [{'; '.join(shown)}]" if shown else ""
-        return f"{self.name}({used}) = {self.text}{behind}"
+        return f"{self.name}({', '.join(self.arguments)}) = {self.text}{behind}"
 
     def __call__(self, *values: Any, functions: Functions = NUMPY) -> Any:
         """The value at arguments, in any number system that has the functions; tables are of numpy."""
@@ -178,18 +176,10 @@ class DeltaThetaModel:
     zeta_at_start: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        inputs = [s.name for s in self.linear.inputs]
-        outputs = {s.name for s in self.linear.outputs}
-        for function in self.functions:
-            if function.name not in inputs:
-                raise StructureError(
-                    f"model {self.linear.name!r}: " + unknown_name("input", function.name, inputs)
-                )
-            for name in function.signals:
-                if name not in outputs:
-                    raise StructureError(
-                        f"model {self.linear.name!r}: " + unknown_name("output", name, outputs)
-                    )
+        where, inputs = f"model {self.linear.name!r}", [s.name for s in self.linear.inputs]
+        outputs = [s.name for s in self.linear.outputs]
+        check_known("input", self.zeta, inputs, where, StructureError)
+        check_known("output", self.omega, outputs, where, StructureError)
 
     def __repr__(self) -> str:
         theta = f"Theta {len(self.functions)} x {len(self.omega)}"
@@ -225,7 +215,7 @@ class DeltaThetaModel:
 def allowed_range(low: float, high: float) -> tuple[float, float]:
     """A range, and what rounding may leave a value outside of it."""
     finite = high - low if math.isfinite(high - low) else 0.0
-    margin = _OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
+    margin = OUTSIDE * (finite + max(abs(x) for x in (low, high, 0.0) if math.isfinite(x)))
     return low - margin, high + margin
 
 
@@ -250,8 +240,7 @@ def theta_values(
     for f in functions:
         values = {}
         for signal, argument, (low, high) in zip(f.signals, f.arguments, f.ranges, strict=True):
-            if signal not in omega:
-                raise StructureError(f"{f.name}: " + unknown_name("signal", signal, omega))
+            check_known("signal", [signal], omega, f.name, StructureError)
             value = np.asarray(omega[signal], dtype=float)
             least, most = allowed_range(low, high)
             if check and (np.any(value < least) or np.any(value > most)):

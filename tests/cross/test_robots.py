@@ -21,9 +21,8 @@ from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robot
 from mbdlft.robot import make
 from mbdlft.robot.description import Robot as File
 from mbdlft.robot.description import RobotJoint, RobotLink
-from mbdlft.robot.elements import Element
 from mbdlft.robot.load import RIGHT_ANGLE, read_robot
-from mbdlft.robot.urdf import read_urdf
+from mbdlft.robot.urdf import Element, read_urdf
 from mbdlft.robot.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target

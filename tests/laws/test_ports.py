@@ -298,9 +298,11 @@ def test_inversion_is_that_of_state_space() -> None:
 
 
 def test_inversion_catches_an_exchanged_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = connection._exchanged
+    right = connection._exchanged_signals
     monkeypatch.setattr(
-        connection, "_exchanged", lambda model, pairs: right(model, [(a, 11 - b) for a, b in pairs])
+        connection,
+        "_exchanged_signals",
+        lambda model, channels: [(a, 11 - b) for a, b in right(model, channels)],
     )
     with pytest.raises((AssertionError, mbdlft.MbdlftError)):
         check_inversion()

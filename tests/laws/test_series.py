@@ -79,13 +79,16 @@ def test_series_is_the_product(side: str) -> None:
 @pytest.mark.parametrize("side", ["inputs", "outputs"])
 def test_series_catches_a_block_at_the_wrong_place(side: str, monkeypatch: pytest.MonkeyPatch) -> None:
     module = import_module("mbdlft.system.connection")
-    right = module._wiring
+    right = module.linked
 
-    def wrong(model, block, positions, order, *, at_inputs):
-        turned = [order[1], order[0], *order[2:]]
-        return right(model, block, [1 - k for k in positions], turned, at_inputs=at_inputs)
+    def turned(positions):
+        return positions if isinstance(positions, range) else [positions[1], positions[0], *positions[2:]]
 
-    monkeypatch.setattr(module, "_wiring", wrong)
+    def wrong(systems, links, inputs, outputs, operation):
+        links = [k if isinstance(k, range) else [1 - p for p in k] for k in links]
+        return right(systems, tuple(links), turned(inputs), turned(outputs), operation)
+
+    monkeypatch.setattr(module, "linked", wrong)
     with pytest.raises(AssertionError):
         check_series(side)
 

@@ -202,13 +202,12 @@ def test_connected_then_sampled(case: str) -> None:
 
 
 def test_the_sign_of_feedback_matters(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = algebra.composed
+    right = algebra.linked
 
-    def wrong(parts, wiring, *given, **named):
-        wiring.Ky[: len(parts[0].inputs)] *= -1.0
-        return right(parts, wiring, *given, **named)
+    def wrong(*arguments, gains):
+        return right(*arguments, gains=[-gains[0], *gains[1:]])
 
-    monkeypatch.setattr(algebra, "composed", wrong)
+    monkeypatch.setattr(algebra, "linked", wrong)
     with pytest.raises(AssertionError):
         check("feedback")
 

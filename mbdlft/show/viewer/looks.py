@@ -17,12 +17,11 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import GROUND
 from mbdlft.robot.description import between, body_name, of_angles, of_quaternion
-from mbdlft.robot.elements import Element, Reader, attribute_numbers, child_numbers, name_of
 from mbdlft.robot.load import top_of
 from mbdlft.robot.mjcf_model import Compiled, compiled
 from mbdlft.robot.sdf import chosen_model, version_of
 from mbdlft.robot.sdf_frames import frames_of, scopes
-from mbdlft.robot.urdf import origin_of
+from mbdlft.robot.urdf import Element, Reader, attribute_numbers, child_numbers, name_of, origin_of
 
 _FINEST, _FINER = 256, 0.8  # cells along a mesh at most, and by what they get fewer
 _MOST = 36_000  # triangles of a page: some 2 MB
