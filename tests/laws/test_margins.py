@@ -1,6 +1,7 @@
 """Guarantees: what is proved holds at all that is tried, and what is no proof is not taken for one."""
 
 from dataclasses import replace
+from fractions import Fraction
 from math import comb
 
 import control
@@ -21,6 +22,7 @@ from mbdlft import (
     worst_case_gain,
 )
 from mbdlft.robust.ascent import peak_at
+from mbdlft.robust.bisect.boxes import _is_left, largest_singular
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.bisect.search import Asked
 from mbdlft.robust.evidence import BoxProof, IntervalProof
@@ -341,6 +343,53 @@ def test_no_damaged_proof_is_accepted() -> None:
     # the same claims of another system
     lighter = carts.with_range(k=(0.9, 1.2))
     assert verify(lighter, boxes)
+
+
+def test_no_value_is_left_of_a_direction_where_only_rounding_says_so() -> None:
+    """Against rational numbers, at distances of a unit in the last place."""
+    random, shown, hidden = np.random.default_rng(0), 0, 0
+    for _ in range(2000):
+        direction = complex(np.exp(2j * np.pi * random.uniform()))
+        radius = float(random.choice([0.0, 10.0 ** random.uniform(-17.0, -1.0)]))
+        size = 2.0 ** random.integers(-30, 30)
+        off = radius * (1.0 + 1e-12) + random.normal() * 1e-15
+        value = size * direction * complex(1.0, off)
+        x, y, u, v = (Fraction(part) for part in (value.real, value.imag, direction.real, direction.imag))
+        is_left = u * y - v * x > Fraction(radius * size) * (1 + Fraction(1, 2**51))
+        told = _is_left(np.array([value]), direction, np.array([radius * size]))
+        assert is_left or not told
+        shown, hidden = shown + told, hidden + (is_left and not told)
+    assert shown > 200
+    assert 0 < hidden < 1000
+
+
+def test_bounds_of_singular_values_are_above_them() -> None:
+    """Against the squares of 200 bits: det(Q Q' - s^2 I) of 2 rows is positive beyond the largest one."""
+    random = np.random.default_rng(0)
+    Q = random.standard_normal((300, 2, 3)) + 1j * random.standard_normal((300, 2, 3))
+    Q[::3, 1] = Q[::3, 0] * (1.0 + 1e-9)
+    for matrix, bound in zip(Q, largest_singular(Q), strict=True):
+        rows = [[_exact(x) for x in row] for row in matrix.tolist()]
+        (a, b), (_, d) = (
+            [sum((_times(x, y) for x, y in zip(p, q, strict=True)), start=_ZERO) for q in rows]
+            for p in rows
+        )
+        s = Fraction(float(bound)) ** 2
+        assert (a[0] - s) * (d[0] - s) - b[0] ** 2 - b[1] ** 2 >= 0
+        assert s >= a[0]
+        assert bound <= np.linalg.norm(matrix, 2) * (1.0 + 1e-11)
+
+
+_ZERO = np.array([Fraction(0), Fraction(0)])
+
+
+def _exact(x: complex) -> tuple[Fraction, Fraction]:
+    return Fraction(x.real), Fraction(x.imag)
+
+
+def _times(x: tuple[Fraction, Fraction], y: tuple[Fraction, Fraction]) -> np.ndarray:
+    """Real and imaginary part of x times the conjugate of y."""
+    return np.array([x[0] * y[0] + x[1] * y[1], x[1] * y[0] - x[0] * y[1]])
 
 
 def test_the_best_bounds_so_far_are_returned_at_an_interrupt() -> None:

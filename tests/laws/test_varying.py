@@ -19,9 +19,9 @@ from mbdlft import (
     worst_case_gain,
 )
 from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.robust.balls import is_positive
 from mbdlft.robust.evidence import MotionProof
 from mbdlft.robust.moving.motion import growth, unstable_motion
-from mbdlft.robust.moving.variation import is_positive
 from mbdlft.robust.moving.varying import delta_rates
 from mbdlft.robust.realization import realization
 from tests.close import BOUND, STABLE, roundoff, target

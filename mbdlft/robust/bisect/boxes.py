@@ -8,7 +8,8 @@ known up to an error e. If there is a direction a, |a| = 1, with
 then |p| > g |q| everywhere on the piece: with q = 0 it does not vanish, and with the products q of p and
 a transfer, its norm is below 1/g. (For unit vectors v, u the polynomial p - g v'q u lies in the convex
 hull of p_c - g v'q_c u, where |v'q_c u| <= |q_c|, the largest singular value.) Directions that a
-coefficient allows are an arc; all arcs must meet.
+coefficient allows are an arc; all arcs must meet. Angles in doubles suggest the direction; that it is one
+is checked by products, with bounds of the rounding of each operation (IEEE 754).
 
 Box and frequencies are cut until all pieces exclude zeros so. Where p vanishes for no frequency, infinity
 included, all models of the box have as many unstable poles as one of them.
@@ -33,9 +34,9 @@ from mbdlft.robust.bisect.characteristic import Polynomials, Realization, is_sta
 from mbdlft.robust.crew import ALONE, Crew
 
 _EPS = float(np.finfo(float).eps)
-_ROUNDING = 64.0 * _EPS  # of angles, and of sums of few terms: larger than what rounding makes
-_SINGULAR = 1e-11  # of singular values of small matrices, relative to the largest
-_LOOK = 512  # coefficients that are looked at first
+_WIDER = 64.0 * _EPS  # rad: more than angles in doubles are off, so that edges pass their check
+_TINY = 1e-300  # more than products lose that are below all normal doubles
+_LOOK = 512  # coefficients that are looked at first, from twice as many on
 Values = NDArray[np.complex128]
 UNIT = 2.0e7  # coefficients in a unit of work, at most about a second of one core
 LEAF = 0
@@ -61,27 +62,36 @@ class Piece(NamedTuple):
 
 
 class Cone(NamedTuple):
-    """Angles (rad) between which all values of a polynomial lie; less than pi apart."""
+    """Two unit complex numbers, less than half a turn apart, with all values between their directions."""
 
-    low: float
-    high: float
+    low: complex
+    high: complex
 
 
 def cone(coefficients: Values, error: Array) -> Cone | None:
-    """The angles of a polynomial on a piece: coefficients (..., m + 1) with errors (m + 1,) or of each.
-
-    None where they may span half a turn, and so the polynomial may vanish.
-    """
+    """The cone of a polynomial on a piece: coefficients (..., m + 1) with errors (m + 1,) or of each."""
     flat, radii = coefficients.ravel(), np.broadcast_to(error, coefficients.shape).ravel()
+    angles = _angles(flat, radii)
+    if angles is None:
+        return None
+    low, high = (complex(np.exp(1j * angle)) for angle in (angles[0] - _WIDER, angles[1] + _WIDER))
+    inside = _is_left(flat, low, radii) and _is_left(-flat, high, radii)
+    return Cone(low, high) if inside and _is_left(high, low) else None
+
+
+def _is_on_one_side(coefficients: Values, error: Array) -> bool:
+    """Whether a line through zero has a polynomial on a piece on one side; arguments as of `cone`."""
+    flat, radii = coefficients.ravel(), np.broadcast_to(error, coefficients.shape).ravel()
+    angles = _angles(flat, radii)
+    return angles is not None and _is_left(flat, -1j * np.exp(0.5j * sum(angles)), radii)
+
+
+def _angles(flat: Values, radii: Array) -> tuple[float, float] | None:
+    """Angles (rad) of the cone of values with radii, in doubles; None if it is half a turn or more."""
     step = max(1, len(flat) // _LOOK)
-    some = _angles(flat[::step], radii[::step])
-    if some is None or step == 1:
-        return some
-    return _angles(flat, radii)
-
-
-def _angles(flat: Values, radii: Array) -> Cone | None:
-    sizes = np.abs(flat) * (1.0 - _ROUNDING)
+    if step > 1 and _angles(flat[::step], radii[::step]) is None:
+        return None
+    sizes = np.abs(flat)
     if not np.all(radii < sizes):
         return None
     middle = np.sum(flat / sizes)
@@ -90,31 +100,67 @@ def _angles(flat: Values, radii: Array) -> Cone | None:
     turned = flat * np.conj(middle / abs(middle))
     angles, widths = np.arctan2(turned.imag, turned.real), np.arcsin(radii / sizes)
     low, high = float(np.min(angles - widths)), float(np.max(angles + widths))
-    if not high - low < np.pi - _ROUNDING:
-        return None
     base = float(np.angle(middle))
-    return Cone(base + low - _ROUNDING, base + high + _ROUNDING)
+    return (base + low, base + high) if high - low < np.pi else None
+
+
+def _is_left(values: Any, direction: Any, radii: Any = 0.0) -> bool:
+    """Whether all numbers within radii of values are less than half a turn left of a direction.
+
+    That is Im(conj(direction) value) > radius. Each product and the difference is off by half an _EPS of
+    itself, and the direction is a unit but for some _EPS.
+    """
+    across = direction.real * np.imag(values) - direction.imag * np.real(values)
+    rounding = 4.0 * _EPS * (np.abs(np.real(values)) + np.abs(np.imag(values))) + _TINY
+    return bool(np.all(across > radii * (1.0 + 16.0 * _EPS) + rounding))
 
 
 def excludes(piece: Piece, gain: float) -> bool:
     """Whether p cannot vanish on a piece, and |p| > gain |q| there; `gain` is 1 over a bound."""
     p, error = piece.values[0], piece.error[0]
     if len(piece.values) == 1:
-        return cone(p, error) is not None
+        return _is_on_one_side(p, error)
     q = piece.values[1:]
     q = q.reshape(piece.outputs, -1, *p.shape)
     errors = np.sqrt(np.sum(piece.error[1:] ** 2, axis=0))
     size = np.sqrt(np.sum(q.real**2 + q.imag**2, axis=(0, 1)))
     if min(q.shape[:2]) > 1 and np.all(gain * size < (1.0 + q.shape[0]) * np.abs(p)):
-        matrices = np.moveaxis(q.reshape(*q.shape[:2], -1), -1, 0)
-        size = np.linalg.svd(matrices, compute_uv=False)[:, 0].reshape(p.shape)
-    return cone(p, (error + gain * (size + errors)) * (1.0 + _SINGULAR)) is not None
+        size = largest_singular(np.moveaxis(q.reshape(*q.shape[:2], -1), -1, 0)).reshape(p.shape)
+    rounding = 8.0 * len(piece.values) * _EPS  # of sums of squares, and of what is made of them
+    return _is_on_one_side(p, (error + gain * (size + errors)) * (1.0 + rounding))
+
+
+def largest_singular(matrices: Values) -> Array:
+    """Upper bounds (N,) of the largest singular values of matrices Q (N, n_y, n_u).
+
+    With V near to the right singular vectors, and W = Q V, it is at most the root of the largest row sum
+    of |W'W|, over the least singular value of V; products of k terms are off by at most k _EPS of those
+    of sizes.
+    """
+    tall = matrices if matrices.shape[1] >= matrices.shape[2] else np.swapaxes(matrices, 1, 2)
+    n = tall.shape[2]
+    V = np.conj(np.swapaxes(np.linalg.svd(tall, full_matrices=False)[2], 1, 2))
+    W = tall @ V
+    rounding = 4.0 * (sum(tall.shape[1:]) + 4) * n * _EPS
+    whole = np.sqrt(np.sum(np.abs(tall) ** 2, axis=(1, 2)))
+    squares, lengths = (
+        _row_sums(np.conj(np.swapaxes(X, 1, 2)) @ X, one) for X, one in ((W, 0.0), (V, 1.0))
+    )
+    bound = np.sqrt(squares + rounding * whole**2) + rounding * whole
+    bound = bound * (1.0 + rounding) / np.sqrt(1.0 - np.minimum(lengths + rounding, 0.5))
+    return np.asarray(np.where(lengths + rounding < 0.5, bound, whole * (1.0 + rounding)))
+
+
+def _row_sums(squares: Values, one: float) -> Array:
+    """The largest row sum of each of the matrices (N, n, n), less `one` times the identity."""
+    return np.asarray(np.max(np.sum(np.abs(squares - one * np.eye(squares.shape[1])), axis=2), axis=1))
 
 
 def turn_of(piece: Piece, axis: int) -> int:
     """1 or -1 if roots on this piece of the axis move to the right or left with delta; else 0.
 
-    Where p(j omega, delta) = 0, the real part of the root changes by Im(p_delta / p_omega) d delta.
+    Where p(j omega, delta) = 0, the real part of the root changes by Im(p_delta / p_omega) d delta. It
+    has one sign if it has it for all pairs of edges of both cones.
     """
     p, error = piece.values[0], piece.error[0]
     along = cone(np.diff(p, axis=axis), 2.0 * error + 2.0 * _EPS * _largest(p))
@@ -123,11 +169,10 @@ def turn_of(piece: Piece, axis: int) -> int:
     speed = cone(np.diff(p, axis=-1), _pairs(error) + 2.0 * _EPS * _pairs(_largest(p)))
     if speed is None:
         return 0
-    low, high = along.low - speed.high - _ROUNDING, along.high - speed.low + _ROUNDING
-    half = np.floor(low / np.pi)
-    if half != np.floor(high / np.pi) or high - low >= np.pi - _ROUNDING:
-        return 0
-    return 1 if half % 2 == 0 else -1
+    edges = np.array(along)
+    if all(_is_left(edges, direction) for direction in speed):
+        return 1
+    return -1 if all(_is_left(-edges, direction) for direction in speed) else 0
 
 
 def _largest(values: Values) -> Array:

@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from mbdlft.base.array import Array
+from mbdlft.robust.balls import balls, is_positive
 from mbdlft.robust.bisect.characteristic import Realization
 
 _BITS = 192  # of balls: products of three doubles are exact
@@ -146,20 +147,20 @@ def is_negative(form: Form, sizes: Array, gain: float, L: Array, P: Array, X: Ar
     except np.linalg.LinAlgError:
         return False
     with flint.ctx.workprec(_BITS):
-        turn, states = _balls(back), _balls(_beside(L, len(form.V) - len(L)))
-        V, W, S, R = (_balls(rows) * turn for rows in form[:4])
-        Z = _balls(np.diag(sizes)) * (R + _balls(form.K) * W)
+        turn, states = balls(back), balls(_beside(L, len(form.V) - len(L)))
+        V, W, S, R = (balls(rows) * turn for rows in form[:4])
+        Z = balls(np.diag(sizes)) * (R + balls(form.K) * W)
         V, W = states * V, states * W
-        middle = V.transpose() * _balls(P) * W + Z.transpose() * _balls(Y) * S
-        weight = _balls(X)
+        middle = V.transpose() * balls(P) * W + Z.transpose() * balls(Y) * S
+        weight = balls(X)
         whole = middle + middle.transpose()
         whole = whole + Z.transpose() * weight * Z - S.transpose() * weight * S
         if gain:
-            y, u = _balls(form.y) * turn, _balls(form.u) * turn
+            y, u = balls(form.y) * turn, balls(form.u) * turn
             square = flint.arb(gain) * flint.arb(gain)
             whole = whole + y.transpose() * y - u.transpose() * u * square
         return is_positive(-whole) and all(
-            is_positive(_balls(X[np.ix_(group, group)])) for group in groups_of(form)
+            is_positive(balls(X[np.ix_(group, group)])) for group in groups_of(form)
         )
 
 
@@ -173,36 +174,6 @@ def _beside(L: Array, more: int) -> Array:
 def groups_of(form: Form) -> list[NDArray[np.int64]]:
     """Rows of S that belong together."""
     return [np.flatnonzero(form.group == g) for g in np.unique(form.group)]
-
-
-def _balls(a: Array) -> Any:
-    return flint.arb_mat(a.shape[0], a.shape[1], a.ravel().tolist())
-
-
-def is_positive(matrix: Any) -> bool:
-    """Whether a symmetric matrix of balls is positive definite: L M L' is dominated by its diagonal.
-
-    L is the inverse of a factor in doubles; it may be anything.
-    """
-    n = matrix.nrows()
-    if not n:
-        return True
-    middle = np.array([[float(matrix[i, j].mid()) for j in range(n)] for i in range(n)])
-    diagonal = np.diagonal(middle)
-    if not np.all(diagonal > 0.0):
-        return False
-    scale = 2.0 ** np.round(-0.5 * np.log2(diagonal))
-    try:
-        factor = np.linalg.cholesky(scale[:, None] * middle * scale)
-    except np.linalg.LinAlgError:
-        return False
-    L = _balls(np.linalg.inv(factor) * scale)
-    near_one = L * matrix * L.transpose()
-    for i in range(n):
-        others = sum((abs(near_one[i, j]) for j in range(n) if j != i), flint.arb(0))
-        if not near_one[i, i] > others:
-            return False
-    return True
 
 
 class Unknowns(NamedTuple):

@@ -114,7 +114,7 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     loop = Loop(plain, np.ones(size), structure, blocks, grows)
     pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
     sizes = [
-        np.abs(channels_matrix(plain, w)[0]) for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
+        np.abs(channels_matrix(plain, w)) for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
     ]
     scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[loop.owner]
     B, C = plain.B * scale, plain.C / scale[:, None]
@@ -155,12 +155,12 @@ def ends_of(loop: Loop, k: float) -> tuple[Array, Array]:
 
 def extent_of(loop: Loop, low: Array, high: Array) -> Extent:
     """What multipliers of deltas between these ends have in the place of the box."""
-    return Extent((-low * high)[loop.owner], (0.5 * (low + high))[loop.owner])
+    return Extent(low[loop.owner], high[loop.owner])
 
 
 def matrix_at(loop: Loop, omega: float) -> Complex:
     """M(j omega) (m, m)."""
-    return channels_matrix(loop.channels, omega)[0]
+    return channels_matrix(loop.channels, omega)
 
 
 def inside(loop: Loop, M: Complex, low: Array, high: Array) -> tuple[Complex, Array]:

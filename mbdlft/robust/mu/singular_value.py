@@ -213,7 +213,7 @@ def mu_bands(
     first = first_frequencies(channels.A)
     with one_thread():
         known = [
-            upper_bound(channels_matrix(channels, w)[0], structure, tolerance=0.1 * gap).beta
+            upper_bound(channels_matrix(channels, w), structure, tolerance=0.1 * gap).beta
             for w in looks(first)
         ]
         floor, widest = _LEAST * max(known), float(np.log(high / low)) * _WIDE
@@ -224,7 +224,7 @@ def mu_bands(
         while todo and len(bands) < _MOST:
             a, b = (float(end) for end in todo.pop())
             omega = middle(a, b, first)
-            M, _ = channels_matrix(channels, omega)
+            M = channels_matrix(channels, omega)
             last = upper_bound(M, structure, start=last, tolerance=0.1 * gap)
             beta, band = max(last.beta, floor), None
             for again in range(_AGAIN):

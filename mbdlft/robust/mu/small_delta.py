@@ -416,7 +416,7 @@ def matrix_and_slope(loop: Loop, omega: float) -> tuple[Complex, Complex]:
     """M(j omega) (n_z, n_w) without the zeros that make blocks square, and its slope by log omega."""
     A, B, C, _ = loop.channels
     place = np.ix_(loop.structure.inputs, loop.structure.outputs)
-    M, _ = channels_matrix(loop.channels, omega)
+    M = channels_matrix(loop.channels, omega)
     if not len(A) or not 0.0 < omega < np.inf:
         return M[place], np.zeros_like(M[place])
     shifted = 1j * omega * np.eye(len(A)) - A
