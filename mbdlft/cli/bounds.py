@@ -2,13 +2,18 @@
 
 import math
 import time
+from collections import defaultdict
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
+from mbdlft import analyze, show
+from mbdlft import archive as archives
+from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli.options import (
     Archive,
@@ -28,13 +33,13 @@ from mbdlft.cli.options import (
     check_paths,
     numbers_by_name,
 )
-from mbdlft.cli.output import console, print_json, progress_of, say, table
+from mbdlft.cli.output import print_json, print_table, progress_of, say
 from mbdlft.cli.responses import chosen_channels
 from mbdlft.cli.sources import stored_system
 
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
-    from mbdlft.system.model import System
+    from mbdlft.system import System
 
 _WITH = " with "  # in the name of a loop
 _PRINTED = (
@@ -71,17 +76,13 @@ def margin(
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
-    from mbdlft.robust.stability import robust_stability
-
     check_paths(None, figure)
     system, ignored = _loop(archive, model, controller), leave_out or ()
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": ignored, "workers": workers}
     asked |= {"rates": numbers_by_name("--rate", rate, _RATE), "fixed": fixed or ()}
-    bounds = _answer(archive, system, robust_stability, asked, store=not no_save, as_json=as_json)
+    bounds = _answer(archive, system, analyze.robust_stability, asked, store=not no_save, as_json=as_json)
     if figure is not None:
-        from mbdlft.show.figures.pole_maps import save_mu
-
-        save_mu(figure, system, bounds, leave_out=ignored)
+        show.save_mu(figure, system, bounds, leave_out=ignored)
 
 
 def wcgain(
@@ -100,20 +101,16 @@ def wcgain(
     as_json: AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
-    from mbdlft.robust.gain import worst_case_gain
-
     check_paths(None, figure)
     system = _loop(archive, model, controller)
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
     asked |= {"rates": numbers_by_name("--rate", rate, _RATE)}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
-    bounds = _answer(archive, system, worst_case_gain, asked, store=not no_save, as_json=as_json)
+    bounds = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
-        from mbdlft.show.figures.responses import save_singular_values
-
         bound = bounds.upper if bounds.proved else None
         shown = chosen_channels(system, outputs, inputs)
-        save_singular_values(figure, shown, worst=bounds.worst or None, bound=bound)
+        show.save_singular_values(figure, shown, worst=bounds.worst or None, bound=bound)
 
 
 def worst(
@@ -131,30 +128,25 @@ def worst(
     as_json: AsJson = False,
 ) -> None:
     """The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds."""
-    from mbdlft.robust.worst import worst_case
-
     system = _loop(archive, model, controller)
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
     asked |= {"what": "H2 norm" if what == Property.H2_NORM else what.replace("-", " ")}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
-    _answer(archive, system, worst_case, asked, store=not no_save, as_json=as_json)
+    _answer(archive, system, analyze.worst_case, asked, store=not no_save, as_json=as_json)
 
 
 def verify(archive: Archive, as_json: AsJson = False) -> None:
     """Check every stored proof again, without a search."""
-    from mbdlft.archive.analysis import analysis_names, load_analysis
-    from mbdlft.robust.proofs import verify as check
-
-    names = analysis_names(archive)
+    names = archives.analysis_names(archive)
     if not names:
         raise AnalysisError(f"{archive}: there is no analysis to be checked. `mbdlft margin` makes one.")
     checked: list[dict[str, Any]] = []
     with progress_of(archive.stem) as progress:
         for count, name in enumerate(names):
             progress.counted(count, len(names))
-            system, bounds = load_analysis(archive, name)
+            system, bounds = archives.load_analysis(archive, name)
             start = time.perf_counter()
-            wrong = check(system, bounds)
+            wrong = analyze.verify(system, bounds)
             entry = {"name": name, "lower": bounds.lower, "upper": bounds.upper}
             entry |= {"proved": not wrong, "reason": wrong, "seconds": time.perf_counter() - start}
             checked.append(entry)
@@ -170,29 +162,24 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
 
 def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
     """The model of an archive, closed through a controller if there is one."""
-    from mbdlft.archive.archive import model_names
-    from mbdlft.system import as_system, feedback
-
-    names = model_names(archive)
+    names = archives.model_names(archive)
     if model is None:  # loops that were stored beside a model are not meant
         alone = [name for name in names if _WITH not in name]
         model = alone[0] if len(alone) == 1 else None
     system = stored_system(archive, model)
     if controller is None:
         return system
-    loop = feedback(system, _controller(controller))
+    loop = systems.feedback(system, _controller(controller))
     name = f"{system.name}{_WITH}{controller.stem}"
     if name in names:
         stored = stored_system(archive, name)
         if _same(stored, loop):
             return stored
-    return as_system(loop, name=name)
+    return systems.as_system(loop, name=name)
 
 
 def _same(a: "System", b: "System") -> bool:
     """Whether two systems have the same numbers and names."""
-    import numpy as np
-
     same = all(np.array_equal(getattr(a.lft, M), getattr(b.lft, M)) for M in ("M11", "M12", "M21", "M22"))
     return same and a.parameters == b.parameters and a.inputs == b.inputs and a.outputs == b.outputs
 
@@ -201,9 +188,7 @@ def _controller(file: Path) -> Any:
     """A controller of an archive, or of the matrices A, B, C, D of a .mat file."""
     if file.suffix.lower() != ".mat":
         return stored_system(file, None)
-    from scipy.io import loadmat
-
-    from mbdlft.system import state_space
+    from scipy.io import loadmat  # here because it is slow to import
 
     try:
         matrices = loadmat(file)
@@ -214,7 +199,7 @@ def _controller(file: Path) -> Any:
         raise AnalysisError(
             f"{file}: expected the matrices A, B, C, D of a controller; {', '.join(missing)} missing."
         )
-    return state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
+    return systems.state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
 
 
 def _answer(
@@ -232,9 +217,7 @@ def _answer(
         bounds = search(system, **asked, progress=progress.bounds)
     seconds = time.perf_counter() - start
     if store:
-        from mbdlft.archive.analysis import save_analysis
-
-        save_analysis(archive, system, bounds)
+        archives.save_analysis(archive, system, bounds)
     if as_json:
         print_json({**{name: getattr(bounds, name) for name in _PRINTED}, "seconds": seconds})
     else:
@@ -255,11 +238,12 @@ def _print(system: "System", bounds: "Bounds") -> None:
         reached = bounds.lower if _is_largest(bounds) else bounds.upper
         near = f" at {bounds.frequency:.6g} rad/s" if math.isfinite(bounds.frequency) else ""
         title = f"worst case: {reached:.6g}{near}"
-        rows = table(title, "parameter", "value >", "unit", "delta >", "share >")
-        for name, value in bounds.worst.items():
-            delta, share = bounds.delta.get(name, 0.0), bounds.sensitivity.get(name, 0.0)
-            rows.add_row(name, f"{value:.6g}", units[name], f"{delta:.4f}", f"{share:.3f}")
-        console().print(rows)
+        delta, share = (defaultdict(float, of) for of in (bounds.delta, bounds.sensitivity))
+        rows = (
+            (name, f"{value:.6g}", units[name], f"{delta[name]:.4f}", f"{share[name]:.3f}")
+            for name, value in bounds.worst.items()
+        )
+        print_table(title, "parameter | value > | unit | delta > | share >", rows)
     if bounds.reason:
         say(f"why not more: {bounds.reason}")
 

@@ -1,48 +1,134 @@
-"""The command line: what makes, shows, analyzes and verifies models."""
+"""The command line: a table of commands, whose modules are imported when one is called, and `main`."""
 
 import contextlib
 import os
 import sys
 import warnings
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, shortened
-from mbdlft.cli.bounds import margin, verify, wcgain, worst
-from mbdlft.cli.files import export, report, sweep, view
-from mbdlft.cli.models import check, linearize, realize
-from mbdlft.cli.output import WARNINGS, say, warn
-from mbdlft.cli.responses import poles, response
-from mbdlft.cli.scenes import body, import_robot, schema, trim
-from mbdlft.cli.summary import show
+
+# name of the command: its module and function, and the first line of its help
+COMMANDS = {
+    "check": ("models:check", "Check a scene, a robot or a Modelica model, and trim it at nominal."),
+    "linearize": (
+        "models:linearize",
+        "Linearize a scene or a Modelica model, parameters left in, and certify the result.",
+    ),
+    "import": (
+        "scenes:import_robot",
+        "Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed.",
+    ),
+    "body": ("scenes:body", "Print the table of a catalogue body, to be pasted into a scene file."),
+    "margin": (
+        "bounds:margin",
+        "Bounds of the margin of robust stability, proved for all frequencies and values.",
+    ),
+    "wcgain": (
+        "bounds:wcgain",
+        "Bounds of the largest gain over the declared ranges, proved for all frequencies and values.",
+    ),
+    "worst": (
+        "bounds:worst",
+        "The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds.",
+    ),
+    "verify": ("bounds:verify", "Check every stored proof again, without a search."),
+    "sweep": (
+        "files:sweep",
+        "Trim and linearize at many samples; the same command goes on after a kill.",
+    ),
+    "poles": (
+        "responses:poles",
+        "Print poles with their damping, transmission zeros, and whether values make it unstable.",
+    ),
+    "response": (
+        "responses:response",
+        "Print norms, the worst of random samples, and values at frequencies.",
+    ),
+    "export": ("files:export", "Write a model for another tool, or its matrices on a grid."),
+    "view": (
+        "files:view",
+        "Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes.",
+    ),
+    "report": (
+        "files:report",
+        "Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses.",
+    ),
+    "schema": (
+        "scenes:schema",
+        "Write the JSON schema of scene files: editors complete and check keys and kinds with it.",
+    ),
+    "trim": (
+        "scenes:trim",
+        "Print the joint efforts that hold the equilibrium, or find the equilibrium.",
+    ),
+    "realize": ("models:realize", "Make a certified model of a matrix that is rational in parameters."),
+    "show": ("summary:show", "Print what is in an archive, and from when."),
+}
+WARNINGS: list[str] = []  # that this command has shown
+
+
+class _Group(TyperGroup):
+    """Commands by name and help; the module of one is imported when it is called or completed."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Read the options of the group; typer would import pydantic to check one that is not there."""
+        for option in self.get_params(ctx):
+            option.process_value = partial(_checked, option.process_value)  # type: ignore[method-assign]
+        return super().parse_args(ctx, args)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, command, others = super().resolve_command(ctx, args)
+        if command is not None:
+            command = loaded(name or "")
+        return name, command, others
+
+
+def _checked(check: Callable[[Any, Any], Any], ctx: Any, value: Any) -> Any:
+    """The value of an option as `check` makes it of a text, if there is one."""
+    return None if value is None else check(ctx, value)
+
+
+def loaded(name: str) -> Any:
+    """The command of this name, with its options."""
+    module, _, function = COMMANDS[name][0].partition(":")
+    single = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    single.command(name)(getattr(import_module(f"mbdlft.cli.{module}"), function))
+    return typer.main.get_command(single)
+
 
 app = typer.Typer(
+    cls=_Group,
     help="Exact linear models of multibody systems, with their parameters left in.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command()(check)
-app.command()(linearize)
-app.command("import")(import_robot)
-app.command()(body)
-app.command()(margin)
-app.command()(wcgain)
-app.command()(worst)
-app.command()(verify)
-app.command()(sweep)
-app.command()(poles)
-app.command()(response)
-app.command()(export)
-app.command()(view)
-app.command()(report)
-app.command()(schema)
-app.command()(trim)
-app.command()(realize)
-app.command()(show)
+for _name, (_, _help) in COMMANDS.items():
+    app.command(_name, help=_help)(lambda: None)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"mbdlft {__version__}")
+        raise typer.Exit
+
+
+def warn(message: object) -> None:
+    """Show a warning: one line beside the output."""
+    WARNINGS.append(str(message))
+    sys.stderr.write(f"mbdlft: warning: {message}\n")
 
 
 def main() -> None:
@@ -81,12 +167,3 @@ def _forget_output() -> None:
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
         os.close(nowhere)
-
-
-@app.callback(invoke_without_command=True)
-def _options(
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
-) -> None:
-    if version:
-        say(f"mbdlft {__version__}")
-        raise typer.Exit

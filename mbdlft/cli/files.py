@@ -6,9 +6,13 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from mbdlft import archive as archives
+from mbdlft import batch, show
 from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.cli import rooms
+from mbdlft.cli.commands import warn
 from mbdlft.cli.options import AsJson, Model, Page, Texts, by_name, values_of
-from mbdlft.cli.output import print_files, print_json, progress_of, say, warn
+from mbdlft.cli.output import print_files, print_json, progress_of, say
 from mbdlft.cli.sources import is_archive, is_robot, load_model, load_system, scene_in, stored_system
 
 if TYPE_CHECKING:
@@ -17,8 +21,8 @@ if TYPE_CHECKING:
     from mbdlft.base.array import Array
     from mbdlft.batch import GridSamples, RandomSamples
     from mbdlft.export.exports import Counts
-    from mbdlft.multibody.scene import Scene
-    from mbdlft.system.model import LFTModel
+    from mbdlft.multibody import Scene
+    from mbdlft.system import LFTModel
 
 
 Grid = Annotated[
@@ -65,13 +69,10 @@ def sweep(
     as_json: AsJson = False,
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
-    from mbdlft import batch
-    from mbdlft.archive.sweep import sweep_names
-
     samples = _samples(grid, random, file, seed)
     evaluated = _source(source, model)
     key = name or evaluated.name
-    if output.exists() and key in sweep_names(output):
+    if output.exists() and key in archives.sweep_names(output):
         warn(f"{output}: the sweep {key!r} that is stored there is replaced; --name keeps it.")
     with progress_of(evaluated.name) as progress:
         counts = batch.sweep(
@@ -107,18 +108,16 @@ def _samples(
     grid: Texts, random: int | None, file: Path | None, seed: int | None
 ) -> "GridSamples | RandomSamples | Mapping[str, Array]":
     """The samples that exactly one of the options --grid, --random and --file gives."""
-    from mbdlft.batch import GridSamples, RandomSamples, read_samples
-
     if (bool(grid) + (random is not None) + (file is not None)) != 1:
         raise AnalysisError("sweep: expected exactly one of --grid, --random and --file.")
     if seed is not None and random is None:
         raise AnalysisError("--seed: only --random has a seed.")
     if random is not None:
-        return RandomSamples(random, seed or 0)
+        return batch.RandomSamples(random, seed or 0)
     if file is not None:
-        return read_samples(file)
+        return batch.read_samples(file)
     expected = "NAME=COUNT with a whole number, such as theta1=10."
-    return GridSamples(by_name("--grid", grid, expected, _whole, AnalysisError))
+    return batch.GridSamples(by_name("--grid", grid, expected, _whole, AnalysisError))
 
 
 def _whole(text: str) -> int:
@@ -156,14 +155,12 @@ def export(
     as_json: AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
-    from mbdlft.export.exports import check_suffix, export_model
-
     counts = _counts(grid)
-    check_suffix(output, grid=counts is not None)
+    rooms.exports.check_suffix(output, grid=counts is not None)
     file, name = _parts(source)
     model = load_model(file, name)
     archive = file if is_archive(file) else None
-    files = export_model(output, model, counts, archive)
+    files = rooms.exports.export_model(output, model, counts, archive)
     print_files(*(("file", path) for path in files), as_json=as_json)
 
 
@@ -216,23 +213,18 @@ def view(
     as_json: AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
-    from mbdlft.show.viewer.page import view as page_of
-
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
     looks = source if robot is None and is_robot(source) else robot
     shown = model if looks is not None and source == looks else None
-    page = page_of(scene, values_of(assignments), robot=looks, model=shown)
+    page = show.view(scene, values_of(assignments), robot=looks, model=shown)
     print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
     if is_archive(source):
-        from mbdlft.archive.archive import load
-        from mbdlft.show.viewer.page import scene_of
-
-        return scene_of(load(source, model))
+        return show.scene_of(archives.load(source, model))
     if model is not None and not is_robot(source):
         raise AnalysisError(
             f"--model {model}: {source} is no archive and no SDF file; only these have several models."
@@ -258,9 +250,7 @@ def report(
     as_json: AsJson = False,
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
-    from mbdlft.show.report.page import model_report
-
     file = _page(output or Path(f"{source.stem}.html"))
     system = load_system(source, model)
     archive = source if is_archive(source) else None
-    print_files(("page", model_report(system, archive).save(file)), as_json=as_json)
+    print_files(("page", show.model_report(system, archive).save(file)), as_json=as_json)

@@ -8,26 +8,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from mbdlft import archive as archives
+from mbdlft import batch, matrix, modelica, multibody, problem
 from mbdlft.base.errors import AnalysisError, MbdlftError
+from mbdlft.cli import rooms
 from mbdlft.cli.options import SEARCH, AsJson, Output, Prove, Search, Seconds, Texts, check_paths
-from mbdlft.cli.output import (
-    console,
-    parameters_data,
-    print_json,
-    print_parameters,
-    progress_of,
-    say,
-    table,
-)
+from mbdlft.cli.output import parameters_data, print_json, print_parameters, print_table, progress_of, say
 from mbdlft.cli.responses import KINDS, OVER, draw
-from mbdlft.cli.scenes import efforts_data, efforts_table
+from mbdlft.cli.scenes import efforts_data, print_efforts
 from mbdlft.cli.sources import SUFFIXES, is_modelica, is_robot, modelica_model, read_modelica, scene_in
 from mbdlft.cli.summary import report_model
-from mbdlft.system.model import LFTModel
 
 if TYPE_CHECKING:
     from mbdlft.base.unit import Signal
-    from mbdlft.multibody.scene import Scene
+    from mbdlft.multibody import Scene
+    from mbdlft.system import LFTModel
 
 ModelFile = Annotated[
     Path,
@@ -53,16 +48,13 @@ def check(
         _check_modelica(file, table_file, model_name, as_json=as_json)
         return
     _refuse_options(file, table_file, model_name)
-    from mbdlft.multibody.assembly import assemble
-    from mbdlft.multibody.to_problem import choose_signals
-    from mbdlft.problem.linearization import relinearize
-    from mbdlft.problem.trim import solve_trim
-
     scene = scene_in(file, model_name)
-    equations = assemble(scene)
-    inputs, outputs = choose_signals(scene, equations)
-    point = solve_trim(equations)
-    relinearize(equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]]))
+    equations = multibody.assemble(scene)
+    inputs, outputs = rooms.to_problem.choose_signals(scene, equations)
+    point = problem.solve_trim(equations)
+    rooms.linearization.relinearize(
+        equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]])
+    )
     notes = _notes(scene, point.signals, point.values)
     counts = {
         "bodies": len(scene.bodies),
@@ -77,16 +69,14 @@ def check(
     counts["parameters"] = len(scene.parameters)
     say(f"{scene.name}: {', '.join(f'{count} {what}' for what, count in counts.items())}.")
     print_parameters(parameters)
-    console().print(efforts_table(point))
+    print_efforts(point)
     say(*notes, "The scene is usable.")
 
 
 def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as_json: bool) -> None:
     """Print the structure of a Modelica model, its parameters and its equilibrium."""
-    from mbdlft.modelica import operating_point
-
     dae, report, kept = read_modelica(file, table_file, name)
-    point = operating_point(dae, report, kept)
+    point = modelica.operating_point(dae, report, kept)
     quantities: list[dict[str, Any]] = [
         {
             "name": q.name,
@@ -104,10 +94,8 @@ def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as
         return
     say(str(point.structure))
     print_parameters(dae.parameters)
-    rows = table("equilibrium, parameters at nominal", "quantity", "value >", "unit", "is")
-    for q in quantities:
-        rows.add_row(q["name"], f"{q['value']:.8g}", q["unit"], q["is"])
-    console().print(rows)
+    rows = ((q["name"], f"{q['value']:.8g}", q["unit"], q["is"]) for q in quantities)
+    print_table("equilibrium, parameters at nominal", "quantity | value > | unit | is", rows)
     say(*notes, "The model is usable.")
 
 
@@ -161,9 +149,7 @@ def linearize(
             model, stages, notes = _of_scene(scene, search, most_seconds, prove, show, truncate)
             seconds |= stages
         if program:
-            from mbdlft.batch import with_program
-
-            model = with_program(model)
+            model = batch.with_program(model)
         if output is not None:
             show("write")
             seconds["write"] = _written(output, model)
@@ -185,35 +171,29 @@ def realize(
     prove: Prove = 1.0,
 ) -> None:
     """Make a certified model of a matrix that is rational in parameters."""
-    from mbdlft.matrix import load_matrix
-    from mbdlft.matrix.problem import unused_names
-    from mbdlft.pipeline.models import build_matrix
-
     check_paths(output)
     start = time.perf_counter()
-    problem = load_matrix(matrix_file)
+    posed = matrix.load_matrix(matrix_file)
     seconds = {"read": time.perf_counter() - start}
-    with progress_of(problem.name) as progress:
+    with progress_of(posed.name) as progress:
         how = {"seconds": most_seconds, "prove": prove, "progress": progress.stage}
-        built = build_matrix(problem, search, **how)  # type: ignore[arg-type]
+        built = rooms.models.build_matrix(posed, search, **how)  # type: ignore[arg-type]
         seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
         if output is not None:
             progress.stage("write")
             seconds["write"] = _written(output, built.model)
-    notes = [f"note: {name!r} is declared and not used." for name in unused_names(problem)]
+    notes = [f"note: {name!r} is declared and not used." for name in rooms.problem.unused_names(posed)]
     report_model(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
 
-def _written(archive: Path, model: LFTModel) -> float:
+def _written(archive: Path, model: "LFTModel") -> float:
     """Save a model; return the seconds that this took."""
-    from mbdlft.archive.archive import save
-
     start = time.perf_counter()
-    save(archive, model)
+    archives.save(archive, model)
     return time.perf_counter() - start
 
 
-def _drawn(figures: list[tuple[str, Path]], model: LFTModel) -> dict[str, Path | None]:
+def _drawn(figures: list[tuple[str, Path]], model: "LFTModel") -> dict[str, Path | None]:
     """Draw all figures; then raise the first error, if there was one."""
     drawn: dict[str, Path | None] = {}
     failed: list[MbdlftError] = []
@@ -236,11 +216,11 @@ def _of_scene(
     prove: float,
     progress: Callable[[str], None],
     truncate: float | None,
-) -> tuple[LFTModel, dict[str, float], list[str]]:
+) -> "tuple[LFTModel, dict[str, float], list[str]]":
     """The linear model of a scene, the seconds of its stages, and notes."""
-    from mbdlft.pipeline.models import build
-
-    built = build(scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate)
+    built = rooms.models.build(
+        scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate
+    )
     seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
     notes = _notes(scene, trim.signals, [float(value) for value in trim.nominal])
@@ -256,9 +236,7 @@ def _of_scene(
 
 def _notes(scene: "Scene", signals: Sequence["Signal"], values: Sequence[float]) -> list[str]:
     """Lines with the notes on a scene; `signals` were unknown in the trim, with nominal `values`."""
-    from mbdlft.multibody.overlooked import notes
-
-    return [f"note: {text}" for text in notes(scene, dict(zip(signals, values, strict=True)))]
+    return [f"note: {text}" for text in multibody.notes(scene, dict(zip(signals, values, strict=True)))]
 
 
 def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:

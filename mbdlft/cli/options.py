@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
+from mbdlft.cli import rooms
 
 SEARCH = 4.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 Texts = list[str] | None
@@ -81,13 +82,9 @@ NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result
 def check_paths(archive: Path | None, *figures: Path | None) -> None:
     """Raise an error if it is known before the work that one of the files cannot be written."""
     if archive is not None:
-        from mbdlft.archive.archive import check_file
-
-        check_file(archive)
+        rooms.archive.check_file(archive)
     for figure in filter(None, figures):
-        from mbdlft.show.figures.figures import check_figure
-
-        check_figure(figure)
+        rooms.figures.check_figure(figure)
 
 
 def by_name(

@@ -1,10 +1,10 @@
-"""What commands print: tables, lines, JSON, warnings, their progress; and scenes that they write."""
+"""What commands print: tables, lines, JSON, their progress; and scenes that they write."""
 
 import json
 import math
 import sys
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,15 +15,15 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
+from mbdlft import multibody
 from mbdlft.base.errors import SceneError
-from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import heard
-from mbdlft.base.unit import Signal
+from mbdlft.cli.commands import WARNINGS
 
 if TYPE_CHECKING:
-    from mbdlft.multibody.scene import Scene
+    from mbdlft.base.parameter import Parameter
+    from mbdlft.multibody import Scene
 
-WARNINGS: list[str] = []  # that this command has shown
 _WIDTH = 110  # characters in a line of a table that goes into a file or a pipe
 _OFTEN = 0.1  # s between two looks
 _KNOWN = 1.0  # s after which the time that is left is guessed
@@ -40,22 +40,26 @@ def say(*lines: str) -> None:
         console().print(line, soft_wrap=True, highlight=False)
 
 
-def table(title: str | None, *headings: str) -> Table:
-    """An empty table; a heading that ends in ``>`` makes a column of numbers."""
-    rows = Table(title=Text(title) if title else None)
-    for heading in headings:
-        number = heading.endswith(">")
-        rows.add_column(heading.rstrip(" >"), justify="right" if number else "left")
-    return rows
+def print_table(
+    title: str | None, headings: str, rows: Iterable[Sequence[str]], footer: Sequence[str] = ()
+) -> None:
+    """Print a table; its headings stand between bars, and one that ends in ``>`` is of numbers."""
+    table = Table(title=Text(title) if title else None, show_footer=bool(footer))
+    names = headings.split(" | ")
+    for name, below in zip(names, footer or [""] * len(names), strict=True):
+        justify: Any = "right" if name.endswith(">") else "left"
+        table.add_column(name.rstrip(" >"), justify=justify, footer=below)
+    for row in rows:
+        table.add_row(*row)
+    console().print(table)
 
 
-def print_parameters(parameters: Iterable[Parameter]) -> None:
+def print_parameters(parameters: "Sequence[Parameter]") -> None:
     """A table of parameters, if there are any."""
-    rows = table("parameters", "name", "unit", "low >", "nominal >", "high >", "role")
-    for p in parameters:
-        rows.add_row(p.name, p.unit, f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}", p.role)
-    if rows.row_count:
-        console().print(rows)
+    if parameters:
+        numbers = ((f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}") for p in parameters)
+        rows = ((p.name, p.unit, *n, p.role) for p, n in zip(parameters, numbers, strict=True))
+        print_table("parameters", "name | unit | low > | nominal > | high > | role", rows)
 
 
 def print_json(data: object) -> None:
@@ -74,7 +78,7 @@ def _plain(data: Any) -> Any:
     return [_plain(value) for value in data] if isinstance(data, list | tuple) else data
 
 
-def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, Any]]:
+def parameters_data(parameters: "Iterable[Parameter]") -> list[dict[str, Any]]:
     """Parameters as plain data."""
     keys = ("name", "unit", "low", "nominal", "high", "role")
     return [{key: getattr(p, key) for key in keys} for p in parameters]
@@ -83,10 +87,10 @@ def parameters_data(parameters: Iterable[Parameter]) -> list[dict[str, Any]]:
 def signals_data(model: Any) -> dict[str, list[dict[str, str]]]:
     """States, inputs and outputs of a model as plain data."""
 
-    def plain(signals: Iterable[Signal]) -> list[dict[str, str]]:
-        return [{"name": signal.name, "unit": signal.unit} for signal in signals]
-
-    return {what: plain(getattr(model, what)) for what in ("states", "inputs", "outputs")}
+    return {
+        what: [{"name": signal.name, "unit": signal.unit} for signal in getattr(model, what)]
+        for what in ("states", "inputs", "outputs")
+    }
 
 
 def print_files(*files: tuple[str, Path], as_json: bool) -> None:
@@ -107,15 +111,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_scene(path: Path, scene: "Scene") -> None:
     """Write a scene as a TOML file."""
-    from mbdlft.multibody.scene import scene_to_toml
-
-    write_text(path, scene_to_toml(scene))
-
-
-def warn(message: object) -> None:
-    """Show a warning: one line beside the output."""
-    WARNINGS.append(str(message))
-    sys.stderr.write(f"mbdlft: warning: {message}\n")
+    write_text(path, multibody.scene_to_toml(scene))
 
 
 class Progress:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from mbdlft import analyze, base, show
 from mbdlft.base.errors import AnalysisError
+from mbdlft.cli import rooms
 from mbdlft.cli.options import (
     AsJson,
     Figure,
@@ -23,14 +25,13 @@ from mbdlft.cli.options import (
     check_paths,
     values_of,
 )
-from mbdlft.cli.output import console, print_json, progress_of, say, table
+from mbdlft.cli.output import print_json, print_table, progress_of, say
 from mbdlft.cli.sources import load_system
 
 if TYPE_CHECKING:
+    from mbdlft.analyze import DampingTable, ModeRow, StabilityVerdict
     from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.response.modes import DampingTable, ModeRow
-    from mbdlft.robust.stability import StabilityVerdict
-    from mbdlft.system.model import System
+    from mbdlft.system import System
 
 KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
 OVER = ("poles", "trim")  # kinds that may be over one parameter
@@ -79,8 +80,6 @@ def response(
 
 def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
     """Draw a figure of one of the `KINDS`, if need be over a parameter."""
-    from mbdlft import show
-
     if kind == "poles":
         show.save_pole_map(figure, system, over, seed)
     elif kind == "trim":
@@ -102,8 +101,7 @@ def _known(system: "System") -> str:
 
 def chosen_channels(system: "System", outputs: list[str] | None, inputs: list[str] | None) -> "System":
     """The system with some of its outputs and inputs; all states stay."""
-    from mbdlft.response.modes import chosen
-
+    chosen = rooms.modes.chosen
     rows = chosen(system.name, "output", outputs, system.outputs, "responses")
     columns = chosen(system.name, "input", inputs, system.inputs, "responses")
     if not (outputs or inputs):
@@ -125,17 +123,14 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
 
 def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str, Any]:
     """Norms at one point, and the highest peak, which is there where norms are infinite, too."""
-    from mbdlft.response.frequency import peaks
-    from mbdlft.response.norms import h2_norm, hinf_norm
-
-    hinf = hinf_norm(system, values)
+    hinf = analyze.hinf_norm(system, values)
     try:
-        norm = h2_norm(system, values)
+        norm = analyze.h2_norm(system, values)
         h2 = {"value": float(norm.value[0]), "reason": norm.reason[0]}
     except AnalysisError as error:  # what is known of the peak is worth printing
         h2 = {"value": math.nan, "reason": str(error)}
     omega, largest = _largest(system, values)
-    k = int(np.argmax(peaks(largest)[0]))
+    k = int(np.argmax(rooms.frequency.peaks(largest)[0]))
     bounds = {name: float(getattr(hinf, name)[0]) for name in ("lower", "upper", "frequency")}
     return {
         "what": what,
@@ -148,38 +143,31 @@ def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str
 
 def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None:
     """The sample of the highest peak; nothing without parameters or samples."""
-    from mbdlft.base.samples import random
-    from mbdlft.response.frequency import peaks
-
     if not (samples and system.parameters):
         return None
-    values = random(system.parameters, samples, seed)
-    k = int(np.argmax(np.max(peaks(_largest(system, values)[1]), axis=1)))
+    values = base.random(system.parameters, samples, seed)
+    k = int(np.argmax(np.max(rooms.frequency.peaks(_largest(system, values)[1]), axis=1)))
     return {name: float(column[k]) for name, column in values.items()}
 
 
 def _largest(system: "System", values: "Mapping[str, ArrayLike]") -> "tuple[Array, Array]":
     """Frequencies (N, F) of samples, and the largest singular values at them."""
-    from mbdlft.response.frequency import frequency_response, response_frequencies, singular_values
-
-    omega = response_frequencies(system, values)
-    return omega, singular_values(frequency_response(system, values, omega))[..., 0]
+    omega = analyze.response_frequencies(system, values)
+    response = analyze.frequency_response(system, values, omega)
+    return omega, analyze.singular_values(response)[..., 0]
 
 
 def _values_at(
     system: "System", point: dict[str, float], samples: int, seed: int, frequencies: list[float]
 ) -> list[dict[str, Any]]:
     """Size and phase of each channel at frequencies, and the range of the size over samples."""
-    from mbdlft.base.samples import random
-    from mbdlft.response.frequency import frequency_response
-
     if not frequencies:
         return []
-    middle = frequency_response(system, point, frequencies)[0]
+    middle = analyze.frequency_response(system, point, frequencies)[0]
     ranges = None
     if samples and system.parameters:
-        drawn = random(system.parameters, samples, seed)
-        sizes = np.abs(frequency_response(system, drawn, frequencies))
+        drawn = base.random(system.parameters, samples, seed)
+        sizes = np.abs(analyze.frequency_response(system, drawn, frequencies))
         ranges = np.min(sizes, axis=0), np.max(sizes, axis=0)
     return [
         {
@@ -200,18 +188,17 @@ def _values_at(
 
 def _print(system: "System", points: list[dict[str, Any]], values: list[dict[str, Any]]) -> None:
     """Tables, and sentences on what is infinite."""
-    from mbdlft.response.frequency import gain_unit
-
-    rows = table(
-        f"{system.name}: gains ({gain_unit(system)})", "at", "H-infinity >", "to at most >",
-        "at (rad/s) >", "H2 >", "peak >", "at (rad/s) >",
-    )  # fmt: skip
+    rows = []
     for point in points:
         hinf, h2, peak = point["hinf"], point["h2"], point["peak"]
         numbers = [*(hinf[name] for name in ("lower", "upper", "frequency")), h2["value"]]
         numbers += [peak["gain"], peak["frequency"]]
-        rows.add_row(point["what"], *(f"{number:.7g}" for number in numbers))
-    console().print(rows)
+        rows.append((point["what"], *(f"{number:.7g}" for number in numbers)))
+    print_table(
+        f"{system.name}: gains ({rooms.frequency.gain_unit(system)})",
+        "at | H-infinity > | to at most > | at (rad/s) > | H2 > | peak > | at (rad/s) >",
+        rows,
+    )
     for point in points:
         how = "not known" if math.isnan(point["h2"]["value"]) else "infinite"
         for norm, key, verdict in (("H-infinity", "hinf", "infinite"), ("H2", "h2", how)):
@@ -221,17 +208,14 @@ def _print(system: "System", points: list[dict[str, Any]], values: list[dict[str
         at = ", ".join(f"{name} = {value:.6g}" for name, value in point["values"].items())
         say(f"{point['what']}: {at}")
     if values:
-        rows = table(
-            "values", "at (rad/s) >", "transfer", "size >", "phase (deg) >", "lowest >", "highest >",
-            "unit",
-        )  # fmt: skip
+        rows = []
         for each in values:
             span = ("" if each[k] is None else f"{each[k]:.4g}" for k in ("lowest", "highest"))
-            rows.add_row(
-                f"{each['frequency']:g}", f"{each['input']} to {each['output']}",
-                f"{each['size']:.6g}", f"{each['phase_deg']:.2f}", *span, each["unit"],
-            )  # fmt: skip
-        console().print(rows)
+            start = f"{each['frequency']:g}", f"{each['input']} to {each['output']}"
+            size = f"{each['size']:.6g}", f"{each['phase_deg']:.2f}"
+            rows.append((*start, *size, *span, each["unit"]))
+        headings = "at (rad/s) > | transfer | size > | phase (deg) > | lowest > | highest > | unit"
+        print_table("values", headings, rows)
 
 
 def poles(
@@ -250,18 +234,14 @@ def poles(
     as_json: AsJson = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
-    from mbdlft.response.modes import damping_table
-    from mbdlft.response.staircase import zeros
-    from mbdlft.robust.stability import check_stability
-
     check_paths(None, figure)
     system = load_system(source, model)
     point = values_of(assignments, _known(system))
-    modes = damping_table(system, point)
+    modes = analyze.damping_table(system, point)
     has_channels = bool(system.inputs and system.outputs)
-    at_zero = zeros(system, point)[0].tolist() if has_channels else None
+    at_zero = analyze.zeros(system, point)[0].tolist() if has_channels else None
     with progress_of(system.name):
-        verdict = check_stability(system, samples, seed, prove=prove)
+        verdict = analyze.check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
             _print_poles_json(system, point, modes, at_zero, verdict)
@@ -269,9 +249,7 @@ def poles(
             _print_poles(system, point, modes, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
-            from mbdlft.show.figures.pole_maps import save_pole_map
-
-            save_pole_map(figure, system, over, seed)
+            show.save_pole_map(figure, system, over, seed)
     if figure is not None and not as_json:
         say(f"figure: {figure}")
 
@@ -323,11 +301,9 @@ def _print_poles_json(
 
 def print_poles(system: "System") -> None:
     """Print a short table of the poles at nominal, and a line if it is not stable there."""
-    from mbdlft.response.modes import damping_table
-
     if not system.states:
         return
-    modes = damping_table(system)
+    modes = analyze.damping_table(system)
     rows = modes.rows()
     _print_modes(rows, "poles at nominal", _SHORT)
     stability = modes.stability()
@@ -344,9 +320,7 @@ def print_poles(system: "System") -> None:
 
 def poles_data(system: "System") -> dict[str, Any]:
     """Poles at nominal as plain data, for JSON."""
-    from mbdlft.response.modes import damping_table
-
-    return _modes_data(damping_table(system))
+    return _modes_data(analyze.damping_table(system))
 
 
 def _modes_data(modes: "DampingTable") -> dict[str, Any]:
@@ -361,16 +335,13 @@ def _modes_data(modes: "DampingTable") -> dict[str, Any]:
 
 def _print_modes(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
     """A table of modes, equal ones in one row; the slowest ones if not all have room."""
-    from mbdlft.response.modes import cells
-
-    counts = Counter(tuple(cell.strip() for cell in cells(row)) for row in rows)
-    rows_of_table = table(
-        title, "pole (rad/s)", "natural (rad/s) >", "(Hz) >", "damping >", "time constant (s) >",
-        "times >",
-    )  # fmt: skip
-    for texts, count in list(counts.items())[:most]:
-        rows_of_table.add_row(*texts, str(count) if count > 1 else "")
-    console().print(rows_of_table)
+    counts = Counter(tuple(cell.strip() for cell in rooms.modes.cells(row)) for row in rows)
+    shown = list(counts.items())[:most]
+    print_table(
+        title,
+        "pole (rad/s) | natural (rad/s) > | (Hz) > | damping > | time constant (s) > | times >",
+        ((*texts, str(count) if count > 1 else "") for texts, count in shown),
+    )
     if most is not None and len(counts) > most:
         say(f"and {len(counts) - most} faster ones: mbdlft poles lists all")
 

@@ -6,18 +6,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
+from mbdlft import elastic, multibody, problem, robot
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
+from mbdlft.cli import rooms
 from mbdlft.cli.options import AsJson, Texts, Values, by_name, values_of
-from mbdlft.cli.output import console, print_files, print_json, say, table, write_scene, write_text
+from mbdlft.cli.output import print_files, print_json, print_table, say, write_scene, write_text
 from mbdlft.cli.sources import scene_in
 
 if TYPE_CHECKING:
-    from mbdlft.multibody.equilibrium import EquilibriumPoint
-    from mbdlft.multibody.scene import Scene
+    from mbdlft.multibody import EquilibriumPoint, Scene
     from mbdlft.problem.trim import TrimPoint
 
 _GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
@@ -39,25 +39,20 @@ def trim(
     as_json: AsJson = False,
 ) -> None:
     """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
-    from mbdlft.multibody.assembly import assemble
-    from mbdlft.problem.trim import solve_trim
-
     values, scene = values_of(assignments), scene_in(scene_file)
     if positions or every or output:
         _print_equilibria(scene, values, starts, output, every=every, as_json=as_json)
         return
-    equations = assemble(scene)
-    point = solve_trim(equations, values)
+    equations = multibody.assemble(scene)
+    point = problem.solve_trim(equations, values)
     if as_json:
         data = {"parameters": dict(point.parameters), "efforts": efforts_data(point)}
         print_json({"name": equations.name, **data, "residual": point.residual})
         return
     if point.parameters:
-        rows = table(f"{equations.name}: parameters", "parameter", "value >", "unit")
-        for p in equations.parameters:
-            rows.add_row(p.name, f"{point.parameters[p.name]:g}", p.unit)
-        console().print(rows)
-    console().print(efforts_table(point))
+        rows = ((p.name, f"{point.parameters[p.name]:g}", p.unit) for p in equations.parameters)
+        print_table(f"{equations.name}: parameters", "parameter | value > | unit", rows)
+    print_efforts(point)
     say(f"relative residual {point.residual:.1e}")
 
 
@@ -67,12 +62,11 @@ def efforts_data(point: "TrimPoint") -> list[dict[str, object]]:
     return [{"name": s.name, "value": value, "unit": s.unit} for s, value in pairs]
 
 
-def efforts_table(point: "TrimPoint") -> Table:
-    """The table of the efforts at a trim point."""
-    rows = table("efforts that hold the equilibrium", "effort", "value >", "unit")
-    for signal, value in zip(point.signals, point.values, strict=True):
-        rows.add_row(signal.name, f"{value + 0.0:.10g}", signal.unit)
-    return rows
+def print_efforts(point: "TrimPoint") -> None:
+    """Print the table of the efforts at a trim point."""
+    pairs = zip(point.signals, point.values, strict=True)
+    rows = ((signal.name, f"{value + 0.0:.10g}", signal.unit) for signal, value in pairs)
+    print_table("efforts that hold the equilibrium", "effort | value > | unit", rows)
 
 
 def _print_equilibria(
@@ -85,23 +79,20 @@ def _print_equilibria(
     as_json: bool,
 ) -> None:
     """Find one equilibrium, or `every` one to which `starts` lead; write the scene at the first one."""
-    from mbdlft.multibody.equilibrium import at_equilibrium, find_equilibrium
-
     if every:
-        points = find_equilibrium(scene, values, starts=starts, every=True)
+        points = multibody.find_equilibrium(scene, values, starts=starts, every=True)
     else:
-        points = (find_equilibrium(scene, values, starts=starts),)
+        points = (multibody.find_equilibrium(scene, values, starts=starts),)
     if output is not None:
-        write_scene(output, at_equilibrium(scene, points[0]))
+        write_scene(output, multibody.at_equilibrium(scene, points[0]))
     if as_json:
         data = [_equilibrium_data(scene, point) for point in points]
         print_json({"name": scene.name, "equilibria": data})
         return
     for k, point in enumerate(points, start=1):
-        rows = table(f"{scene.name}: equilibrium {k}", "unknown", "value >", "unit")
-        for name, value in {**point.positions, **point.efforts}.items():
-            rows.add_row(name, f"{value:.10g}", point.units[name])
-        console().print(rows)
+        unknowns = {**point.positions, **point.efforts}
+        rows = ((name, f"{value:.10g}", point.units[name]) for name, value in unknowns.items())
+        print_table(f"{scene.name}: equilibrium {k}", "unknown | value > | unit", rows)
         say(f"residual {point.residual:.1e} of the largest terms; {_stability(scene, point)}")
         if point.undetermined:
             say(f"not determined: {', '.join(point.undetermined)}")
@@ -124,10 +115,8 @@ def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, ob
 
 def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
     """A sentence that says whether an equilibrium is stable."""
-    from mbdlft.multibody.equilibrium import eigenvalues_at
-
     try:
-        eigenvalues = eigenvalues_at(scene, point)
+        eigenvalues = multibody.eigenvalues_at(scene, point)
     except MbdlftError as error:
         return f"stability not known: {error}"
     real, largest = float(eigenvalues[0].real), float(max(abs(eigenvalues)))
@@ -191,9 +180,7 @@ def import_robot(
     as_json: AsJson = False,
 ) -> None:
     """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
-    from mbdlft.robot import load_robot
-
-    scene, report = load_robot(
+    scene, report = robot.load_robot(
         robot_file,
         parameters=[_parameter(text) for text in parameters or []],
         values=_pairs("--set", assignments),
@@ -261,18 +248,15 @@ def body(
     as_json: AsJson = False,
 ) -> None:
     """Print the table of a catalogue body, to be pasted into a scene file."""
-    from mbdlft.elastic.catalogue import body_table, load_body, reduced_body
-    from mbdlft.elastic.modal import effective_masses
-    from mbdlft.multibody.scene.toml import body_to_toml
-
     options = {"method": method, "modes": modes, "frequency": frequency}
     options |= {"effective_mass": effective_mass, "damping": damping}
     choices: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
-    description = body_table(body_file)
+    description = rooms.catalogue.body_table(body_file)
     notes = [f"{body_file.name}: {description['description']}", f"Source: {description['source']}"]
-    toml = body_to_toml(load_body(body_file, name, **choices))
+    toml = rooms.toml.body_to_toml(elastic.load_body(body_file, name, **choices))
     if "data" in description:
-        notes.append(effective_masses(reduced_body(body_file, **choices)).table())
+        reduced = rooms.catalogue.reduced_body(body_file, **choices)
+        notes.append(elastic.effective_masses(reduced).table())
     if as_json:
         print_json({"toml": toml, "notes": notes})
         return
@@ -287,9 +271,7 @@ def schema(
     as_json: AsJson = False,
 ) -> None:
     """Write the JSON schema of scene files: editors complete and check keys and kinds with it."""
-    from mbdlft.multibody.scene import scene_schema
-
-    text = json.dumps(scene_schema(), indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(multibody.scene_schema(), indent=2, ensure_ascii=False) + "\n"
     if output is None:
         sys.stdout.write(text)  # which is JSON
         return

@@ -10,14 +10,16 @@ from typing import TYPE_CHECKING, cast
 from rich.console import Console
 from rich.markup import escape
 
+from mbdlft import archive as archives
+from mbdlft import matrix, modelica, multibody, robot, system
 from mbdlft.base.errors import AnalysisError
-from mbdlft.system.model import LFTModel, System
+from mbdlft.cli import rooms
 
 if TYPE_CHECKING:
     from mbdlft.dae import Dae
     from mbdlft.modelica import ModelicaReport, ModelicaTable
-    from mbdlft.multibody.scene import Scene
-    from mbdlft.system.theta import DeltaThetaModel
+    from mbdlft.multibody import Scene
+    from mbdlft.system import DeltaThetaModel, LFTModel, System
 
     ModelicaFile = tuple[Dae, ModelicaReport, ModelicaTable]
 
@@ -48,12 +50,8 @@ def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Sc
     have inertias that no body can have.
     """
     if not is_robot(file):
-        from mbdlft.multibody.scene import load_scene
-
-        return load_scene(file)
-    from mbdlft.robot import load_robot
-
-    scene, report = load_robot(file, model=model, keep_unphysical=look)
+        return multibody.load_scene(file)
+    scene, report = robot.load_robot(file, model=model, keep_unphysical=look)
     if not look:
         Console(stderr=True, soft_wrap=True).print(escape(str(report)), highlight=False)
     return scene
@@ -61,10 +59,8 @@ def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Sc
 
 def read_modelica(file: Path, table_file: Path | None, name: str | None) -> "ModelicaFile":
     """A Modelica model, the report on it, and the table beside it; `name` says which one of the file."""
-    from mbdlft.modelica import ModelicaTable, load_modelica, load_modelica_table
-
-    kept = ModelicaTable() if table_file is None else load_modelica_table(table_file)
-    dae, report = load_modelica(file, kept, model=name)
+    kept = modelica.ModelicaTable() if table_file is None else modelica.load_modelica_table(table_file)
+    dae, report = modelica.load_modelica(file, kept, model=name)
     return dae, report, kept
 
 
@@ -77,18 +73,17 @@ def modelica_model(
     seconds: float | None,
     prove: float,
     progress: Callable[[str], None],
-) -> tuple[LFTModel, dict[str, float], list[str]]:
+) -> "tuple[LFTModel, dict[str, float], list[str]]":
     """The linear model of a Modelica model, the seconds of its stages, and notes."""
-    from mbdlft.modelica import operating_point
-    from mbdlft.pipeline.models import linearize_dae
-
     times = [time.perf_counter()]
     dae, report, kept = read_modelica(file, table_file, name)
     times.append(time.perf_counter())
     progress("structure and trim")
-    point = operating_point(dae, report, kept)
+    point = modelica.operating_point(dae, report, kept)
     times.append(time.perf_counter())
-    model = linearize_dae(point, search=search, seconds=seconds, prove=prove, progress=progress)
+    model = rooms.models.linearize_dae(
+        point, search=search, seconds=seconds, prove=prove, progress=progress
+    )
     times.append(time.perf_counter())
     stages = zip(("read", "trim", "linearize"), itertools.pairwise(times), strict=True)
     return model, {stage: b - a for stage, (a, b) in stages}, str(report).splitlines()
@@ -97,13 +92,11 @@ def modelica_model(
 def load_model(file: Path, name: str | None = None) -> "System | DeltaThetaModel":
     """As `load_system`, with nonlinear functions where an archive has them."""
     if is_archive(file):
-        from mbdlft.archive.archive import load
-
-        return cast("System | DeltaThetaModel", load(file, name))
+        return cast("System | DeltaThetaModel", archives.load(file, name))
     return load_system(file, name)
 
 
-def load_system(file: Path, name: str | None = None) -> System:
+def load_system(file: Path, name: str | None = None) -> "System":
     """The system of an archive, or one that is made of a scene, a robot, a matrix or a Modelica model.
 
     `name` says which model of an archive that has several; for other files it is an AnalysisError.
@@ -115,12 +108,9 @@ def load_system(file: Path, name: str | None = None) -> System:
     if is_modelica(file):
         how = {"search": 0.0, "seconds": None, "prove": 0.0}
         return modelica_model(file, **how, progress=lambda stage: None)[0]  # type: ignore[arg-type]
-    from mbdlft.matrix import load_matrix
-    from mbdlft.pipeline import realize, to_lft
-
     if _is_matrix(file):
-        return realize(load_matrix(file), search=0.0, prove=0.0)
-    return to_lft(scene_in(file), search=0.0, prove=0.0)
+        return rooms.models.realize(matrix.load_matrix(file), search=0.0, prove=0.0)
+    return rooms.models.to_lft(scene_in(file), search=0.0, prove=0.0)
 
 
 def _is_matrix(file: Path) -> bool:
@@ -132,16 +122,13 @@ def _is_matrix(file: Path) -> bool:
     return isinstance(form, str) and form.startswith("mbdlft-matrix")
 
 
-def stored_system(archive: Path, name: str | None) -> System:
+def stored_system(archive: Path, name: str | None) -> "System":
     """A linear model of an archive; nonlinear functions, not to be left out, are an AnalysisError."""
-    from mbdlft.archive.archive import load
-    from mbdlft.system.theta import DeltaThetaModel
-
-    model = load(archive, name)
-    if isinstance(model, DeltaThetaModel):
+    model = archives.load(archive, name)
+    if isinstance(model, system.DeltaThetaModel):
         raise AnalysisError(
             f"{archive}: model {model.name!r} has {len(model.functions)} nonlinear functions, and is not "
             "linear. Linearize it around an equilibrium (linearize_dae); in Python, model.linear is its "
             "linear part with the functions left open."
         )
-    return cast(System, model)
+    return cast("System", model)

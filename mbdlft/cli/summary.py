@@ -6,26 +6,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
 
+from mbdlft import archive as archives
+from mbdlft import system as systems
+from mbdlft.cli import rooms
 from mbdlft.cli.options import Archive, AsJson
-from mbdlft.cli.output import console, parameters_data, print_json, say, signals_data, table
+from mbdlft.cli.output import console, parameters_data, print_json, print_table, say, signals_data
 from mbdlft.cli.responses import poles_data, print_poles
-from mbdlft.show.report.content import (
-    checked_beside,
-    conditioning,
-    largest_error,
-    order_sentences,
-    well_posed,
-)
-from mbdlft.system.model import LFTModel, System
 
 if TYPE_CHECKING:
-    from mbdlft.system.theta import DeltaThetaModel
+    from mbdlft.system import DeltaThetaModel, LFTModel, System
 
 
 def report_model(
-    model: LFTModel,
+    model: "LFTModel",
     seconds: Mapping[str, float],
     paths: Mapping[str, Path | None],
     notes: Sequence[str],
@@ -49,17 +43,14 @@ def show(
     as_json: AsJson = False,
 ) -> None:
     """Print what is in an archive, and from when."""
-    from mbdlft.archive.analysis import analysis_names, load_analysis
-    from mbdlft.archive.archive import load, model_names
-    from mbdlft.archive.sweep import sweep_names
-
-    models = [load(archive, key) for key in ([name] if name else model_names(archive))]
+    names = [name] if name else archives.model_names(archive)
+    models = [archives.load(archive, key) for key in names]
     sweeps: list[str] = []
     analyses: list[dict[str, Any]] = []
     if name is None:
-        sweeps = list(sweep_names(archive))
-        for key in analysis_names(archive):
-            _, bounds = load_analysis(archive, key)
+        sweeps = list(archives.sweep_names(archive))
+        for key in archives.analysis_names(archive):
+            _, bounds = archives.load_analysis(archive, key)
             ends = {"lower": bounds.lower, "upper": bounds.upper}
             analyses.append({"name": key, "kind": bounds.kind, **ends})
     if as_json:
@@ -80,29 +71,30 @@ def show(
 
 def _print_stored(model: "System | DeltaThetaModel") -> None:
     """Print a model, its nonlinear functions, and from when it is."""
-    linear = model if isinstance(model, System) else model.linear
+    linear = model if isinstance(model, systems.System) else model.linear
     print_model(linear)
     say(*(f"nonlinear: {function}" for function in getattr(model, "functions", ())))
-    if isinstance(linear, LFTModel):
+    if isinstance(linear, systems.LFTModel):
         made = linear.provenance
         say(f"made {made.created} by mbdlft {made.mbdlft}, CasADi {made.casadi}")
         if linear.known_program is not None:
             say(f"stored program: {linear.known_program.length} instructions")
 
 
-def print_model(model: System) -> None:
+def print_model(model: "System") -> None:
     """Print the signals, parameters and poles of a model, and what its certificate says."""
     console().print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
         signals = getattr(model, what)
         listed = ", ".join(f"{signal.name} ({signal.unit})" for signal in signals)
         console().print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
-    if isinstance(model, LFTModel):
-        console().print(_parameter_table(model))
-        say(*order_sentences(model), largest_error(model), *checked_beside(model))
-        say(*well_posed(model))
+    if isinstance(model, systems.LFTModel):
+        _print_repetitions(model)
+        content = rooms.content
+        say(*content.order_sentences(model), content.largest_error(model))
+        say(*content.checked_beside(model), *content.well_posed(model))
         if model.certificate.condition > 0.0:
-            say(conditioning(model.certificate))
+            say(content.conditioning(model.certificate))
         if model.trim.signals:
             pairs = zip(model.trim.signals, model.trim.nominal, strict=True)
             efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)
@@ -113,34 +105,30 @@ def print_model(model: System) -> None:
     print_poles(model)
 
 
-def _parameter_table(model: LFTModel) -> Table:
-    """One row for each parameter: its range and its repetitions, with their sums below."""
+def _print_repetitions(model: "LFTModel") -> None:
+    """Print a row for each parameter: its range and its repetitions, with their sums below."""
     certificate = model.certificate
-    rows = table(
-        None, "parameter", "unit", "nominal >", "range >", "role", "repetitions >", "lower bound >",
-        "before reduction >",
-    )  # fmt: skip
     counts = (certificate.order, certificate.lower_bound, certificate.raw_order)
-    rows.show_footer = True
-    for column, footer in enumerate(("total", "", "", "", "", *map(sum, counts))):
-        rows.columns[column].footer = str(footer)
-    for p, *repetitions in zip(model.parameters, *counts, strict=True):
-        span = f"[{p.low:g}, {p.high:g}]"
-        rows.add_row(p.name, p.unit, f"{p.nominal:g}", span, p.role, *map(str, repetitions))
-    return rows
+    rows = (
+        (p.name, p.unit, f"{p.nominal:g}", f"[{p.low:g}, {p.high:g}]", p.role, *map(str, repetitions))
+        for p, *repetitions in zip(model.parameters, *counts, strict=True)
+    )
+    headings = "parameter | unit | nominal > | range > | role | repetitions > | lower bound > | before"
+    sums = ("total", "", "", "", "", *(str(sum(count)) for count in counts))
+    print_table(None, f"{headings} reduction >", rows, sums)
 
 
 def _stored_data(model: "System | DeltaThetaModel") -> dict[str, Any]:
     """A stored model as plain data: that of its linear part if it has nonlinear functions."""
-    if not isinstance(model, System):
+    if not isinstance(model, systems.System):
         return {**_stored_data(model.linear), "functions": [str(f) for f in model.functions]}
-    if isinstance(model, LFTModel):
+    if isinstance(model, systems.LFTModel):
         made = {key: getattr(model.provenance, key) for key in ("created", "mbdlft", "casadi")}
         return {**_model_data(model), **made}
     return {"name": model.name, **signals_data(model), "order": model.order}
 
 
-def _model_data(model: LFTModel) -> dict[str, Any]:
+def _model_data(model: "LFTModel") -> dict[str, Any]:
     """A model and its certificate as plain data."""
     c = model.certificate
     parameters = parameters_data(model.parameters)

@@ -1,0 +1,42 @@
+"""Modules of other rooms, each imported when it is first used: help and completion wait for none of them.
+
+What is public is in the rooms themselves, which do the same.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mbdlft.archive import archive as archive
+    from mbdlft.elastic import catalogue as catalogue
+    from mbdlft.export import exports as exports
+    from mbdlft.matrix import problem as problem
+    from mbdlft.multibody import to_problem as to_problem
+    from mbdlft.multibody.scene import toml as toml
+    from mbdlft.pipeline import models as models
+    from mbdlft.problem import linearization as linearization
+    from mbdlft.response import frequency as frequency
+    from mbdlft.response import modes as modes
+    from mbdlft.show.figures import figures as figures
+    from mbdlft.show.report import content as content
+
+_PLACES = {
+    "archive": "archive.archive",
+    "catalogue": "elastic.catalogue",
+    "content": "show.report.content",
+    "exports": "export.exports",
+    "figures": "show.figures.figures",
+    "frequency": "response.frequency",
+    "linearization": "problem.linearization",
+    "models": "pipeline.models",
+    "modes": "response.modes",
+    "problem": "matrix.problem",
+    "to_problem": "multibody.to_problem",
+    "toml": "multibody.scene.toml",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PLACES:
+        return import_module(f"mbdlft.{_PLACES[name]}")
+    raise AttributeError(name)

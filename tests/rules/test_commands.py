@@ -1,0 +1,82 @@
+"""The command line loads a command's module when the command is called, and its table says the truth."""
+
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mbdlft.cli.commands import COMMANDS, loaded
+
+PACKAGE = Path(__file__).parents[2] / "mbdlft"
+MOST = 15  # imports of the package in functions
+PROGRAM = """
+import sys
+sys.argv = ["mbdlft", *{arguments}]
+from mbdlft.cli.commands import main
+try:
+    main()
+finally:
+    print(*sorted({{name.partition(".")[0] for name in sys.modules}}))
+"""
+
+
+def imported(*arguments: str, **variables: str) -> set[str]:
+    """Packages that are imported when the command line has run."""
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM.format(arguments=arguments)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, **variables},
+    )
+    return set(done.stdout.splitlines()[-1].split())
+
+
+COMPLETION = {"_MBDLFT_COMPLETE": "complete_bash", "COMP_WORDS": "mbdlft l", "COMP_CWORD": "1"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "variables"),
+    [(("--version",), {}), (("--help",), {}), ((), COMPLETION)],
+    ids=["version", "help", "completion"],
+)
+def test_the_command_line_starts_without_what_it_does_not_need(
+    arguments: tuple[str, ...], variables: dict[str, str]
+) -> None:
+    names = imported(*arguments, **variables)
+    assert "mbdlft" in names
+    assert not names & {"casadi", "numpy", "pydantic", "rich", "scipy"}
+
+
+def test_help_of_a_command_waits_for_no_equations() -> None:
+    for name in {place.partition(":")[0]: name for name, (place, _) in COMMANDS.items()}.values():
+        assert not imported(name, "--help") & {"casadi", "flint", "matplotlib", "scipy"}, name
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_table_has_the_first_line_of_each_command(name: str) -> None:
+    assert loaded(name).help.splitlines()[0] == COMMANDS[name][1]
+    assert loaded(name).name == name
+
+
+def inside(text: str) -> int:
+    """Imports of the package inside functions of a text."""
+    lines = {
+        node.lineno
+        for function in ast.walk(ast.parse(text))
+        if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
+        for node in ast.walk(function)
+        if (isinstance(node, ast.ImportFrom) and ((node.module or "").startswith("mbdlft") or node.level))
+        or (isinstance(node, ast.Import) and any(name.name.startswith("mbdlft") for name in node.names))
+    }
+    return len(lines)
+
+
+def test_few_functions_import_the_package() -> None:
+    assert inside("def f():\n    def g():\n        from mbdlft.a import b\n    import mbdlft.c\n") == 2
+    assert inside("import mbdlft\ndef f():\n    import numpy\n") == 0
+    counts = {str(path): inside(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py")}
+    assert sum(counts.values()) <= MOST, {path: count for path, count in counts.items() if count}
