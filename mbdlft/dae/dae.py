@@ -1,25 +1,19 @@
 """The description of a differential-algebraic model 0 = F(xdot, x, v, u, p), with names and units.
 
 Nothing is solved or differentiated here. Values are in the units that are written; nothing is converted.
-Whether units fit is checked by following the equations with dimensions for numbers.
 """
 
 import math
-import operator
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import casadi as ca
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import dimension_name, parse_unit
+from mbdlft.base.unit import parse_unit
 from mbdlft.dae.text import column_of, free_symbols
-from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS, Dimension
-from mbdlft.problem.sx.constants import is_constant
-from mbdlft.problem.sx.tapes import Rules, fold, rules
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -232,101 +226,3 @@ def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -
                 + unknown_name("symbol", symbol.name(), names)
                 + " A symbol is that of a variable, an input, a parameter or a derivative of this model."
             )
-
-
-class Open(Dimension):
-    """The dimension of what may carry any unit, also times another quantity, as a literal in Modelica."""
-
-    __slots__ = ()
-
-    def __add__(self, other: Any) -> Any:
-        return other
-
-    def __mul__(self, other: Any) -> Dimension:
-        return self
-
-    __radd__ = __add__
-    __truediv__ = __rmul__ = __rtruediv__ = __mul__
-
-
-OPEN = Open(None)
-
-
-def check_units(dae: Dae) -> None:
-    """What is added, and what is the argument of a function, has units that fit; factors are no matter.
-
-    A plain number may carry any unit, and so may a quantity in "1", whose unit is not given; one in
-    "rad" or "%" is dimensionless.
-    """
-    second = Dimension(parse_unit("s").dimension)
-    dimensions = {v.symbol.element_hash(): open_unit(v.unit) for v in (*dae.variables, *dae.inputs)}
-    for v in dae.variables:
-        if v.derivative is not None:
-            dimensions[v.derivative.element_hash()] = open_unit(v.unit) / second
-    for p, symbol in zip(dae.parameters, ca.vertsplit(dae.p), strict=True):
-        dimensions[symbol.element_hash()] = open_unit(p.unit)
-    residuals = [(f"equation {e.place}", e.residual, e.unit) for e in (*dae.equations, *dae.initial)]
-    residuals += [(f"output {y.name!r}", y.expression, y.unit) for y in dae.outputs]
-    for what, expression, unit in residuals:
-        try:
-            dimension = dimension_of(expression, dimensions)
-            if unit is not None:
-                dimension + open_unit(unit)
-        except SceneError as error:
-            raise SceneError(
-                f"{dae.owner}, {what}: {error} A 1 or 2 that has a unit is written d.number(1)."
-            ) from None
-
-
-def open_unit(unit: str) -> Dimension:
-    """The dimension of a unit; that of "1" is open."""
-    return OPEN if unit == "1" else Dimension(parse_unit(unit).dimension)
-
-
-def dimension_of(expression: ca.SX, dimensions: Mapping[int, Dimension]) -> Dimension:
-    """The dimension of an expression of symbols that have some, by their hashes."""
-    free = ca.symvar(expression)
-    values = [OPEN if is_constant(s) else dimensions[s.element_hash()] for s in free]
-    function = ca.Function("units", [column_of(free)], [ca.densify(expression)])
-    dimension: Dimension = fold(function, _RULES, values)[0][0]
-    return dimension
-
-
-def plain(value: Dimension, function: str = "a function") -> Dimension:
-    """The value of a function such as exp, dimensionless as its argument is."""
-    if any(value.exponents or ()):
-        raise SceneError(
-            f"{function} of a value in {dimension_name(value.exponents or ())}; it takes plain numbers "
-            "and angles."
-        )
-    return Dimension(parse_unit("1").dimension)
-
-
-def _compared(a: Dimension, b: Dimension) -> Dimension:
-    a + b  # an error unless both have the same
-    return OPEN
-
-
-_SAME = ("fabs", "floor", "ceil")
-_PLAIN = (
-    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1"),
-)
-_RULES: Rules = rules(
-    lambda value: OPEN,
-    add=operator.add,
-    mul=operator.mul,
-    div=operator.truediv,
-    neg=lambda a: a,
-    twice=lambda a: a if any(a.exponents or ()) else OPEN,  # the 2 may carry any unit, too
-    inv=lambda a: OPEN,
-    sqrt=FUNCTIONS_OF_DIMENSIONS["sqrt"],
-    fmin=operator.add,
-    fmax=operator.add,
-    if_else_zero=lambda condition, a: a,
-    lt=_compared,
-    le=_compared,
-    missing=lambda operation, where, *operands: OPEN,
-    **dict.fromkeys(_SAME, lambda a: a),
-    **dict.fromkeys(_PLAIN, plain),
-)

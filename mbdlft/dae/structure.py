@@ -20,7 +20,7 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
-from mbdlft.dae.dae import Dae, Variable, check_units
+from mbdlft.dae.dae import Dae, Variable
 from mbdlft.dae.index import (
     Block,
     Differentiated,
@@ -34,6 +34,7 @@ from mbdlft.dae.index import (
 )
 from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
+from mbdlft.dae.units import check_units
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.sx.constants import literal
 

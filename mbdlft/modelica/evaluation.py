@@ -6,23 +6,9 @@ from functools import partial, reduce
 from typing import Any
 
 from mbdlft.base.errors import SceneError
+from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
-from mbdlft.modelica.tree import (
-    Array,
-    Binary,
-    Call,
-    Comprehension,
-    Expression,
-    If,
-    Number,
-    Range,
-    Reference,
-    Text,
-    Truth,
-    Unary,
-    references,
-    spine,
-)
+from mbdlft.modelica.tree import Expression
 from mbdlft.modelica.values import Value
 
 _EVENTS = (
@@ -56,28 +42,28 @@ class Evaluator:
     def value(self, expression: Expression) -> Value:
         """The value of an expression."""
         match expression:
-            case Number(text):
+            case tree.Number(text):
                 return Fraction(text)
-            case Text(text):
+            case tree.Text(text):
                 return text
-            case Truth(truth):
+            case tree.Truth(truth):
                 return truth
-            case Reference():
+            case tree.Reference():
                 return self._reference(expression)
-            case Binary():
-                return self._chain(*spine(expression))
-            case Unary(operator, operand):
+            case tree.Binary():
+                return self._chain(*tree.spine(expression))
+            case tree.Unary(operator, operand):
                 operand_value = self.value(operand)
                 return v.opposite(operand_value) if operator == "not" else v.negative(operand_value)
-            case Call(function, arguments):
+            case tree.Call(function, arguments):
                 return self._call(function, arguments)
-            case If(branches, otherwise):
+            case tree.If(branches, otherwise):
                 return self._if(branches, otherwise)
-            case Array(entries):
+            case tree.Array(entries):
                 return tuple(self.value(entry) for entry in entries)
-            case Range():
+            case tree.Range():
                 return self.range_of(expression)
-            case Comprehension(entry, index, values):
+            case tree.Comprehension(entry, index, values):
                 return tuple(self.with_index(index, values, lambda: self.value(entry)))
 
     def _chain(self, first: Expression, operations: list[tuple[str, Expression]]) -> Value:
@@ -133,7 +119,7 @@ class Evaluator:
         self.indices = before
         return items
 
-    def range_of(self, expression: Range) -> tuple[Value, ...]:
+    def range_of(self, expression: tree.Range) -> tuple[Value, ...]:
         """The numbers of a range."""
         if expression.first is None or expression.last is None:
             raise SceneError("':' stands in subscripts only.")
@@ -143,7 +129,7 @@ class Evaluator:
             raise SceneError(f"a range has at most {_MOST_ENTRIES} entries.")
         return tuple(first + k * step for k in range(int((last - first) // step) + 1))
 
-    def _reference(self, reference: Reference) -> Value:
+    def _reference(self, reference: tree.Reference) -> Value:
         name, subscripts = reference.name, reference.subscripts
         if name in self.indices and not subscripts:
             return self.indices[name]
@@ -161,18 +147,18 @@ class Evaluator:
         first, others = subscripts[0], subscripts[1:]
         if not isinstance(value, tuple):
             raise SceneError(f"{name!r} has more subscripts than dimensions.")
-        size = Number(str(len(value)))
-        (positions,) = self.with_index("end", Array((size,)), lambda: self._positions(first, size))
+        size = tree.Number(str(len(value)))
+        (positions,) = self.with_index("end", tree.Array((size,)), lambda: self._positions(first, size))
         chosen = tuple(self._entry(name, value, k) for k in positions)
         if others:
             chosen = tuple(self._indexed(name, entry, others) for entry in chosen)
-        return chosen if isinstance(first, Range) else chosen[0]
+        return chosen if isinstance(first, tree.Range) else chosen[0]
 
-    def _positions(self, subscript: Expression, size: Number) -> list[int]:
+    def _positions(self, subscript: Expression, size: tree.Number) -> list[int]:
         """The positions that a subscript names in an array of a size."""
-        if not isinstance(subscript, Range):
+        if not isinstance(subscript, tree.Range):
             return [self.whole(subscript)]
-        bounds = subscript if subscript.last is not None else Range(Number("1"), None, size)
+        bounds = subscript if subscript.last is not None else tree.Range(tree.Number("1"), None, size)
         return [int(k) for k in self.range_of(bounds)]
 
     def _entry(self, name: str, value: tuple[Value, ...], position: int) -> Value:
@@ -221,7 +207,7 @@ class Evaluator:
 
 def _is_of_array(subscript: Expression) -> bool:
     """Whether a subscript needs to know the size of the array, or is several."""
-    return isinstance(subscript, Range) or Reference("end") in references(subscript)
+    return isinstance(subscript, tree.Range) or tree.Reference("end") in tree.references(subscript)
 
 
 def _filled(function: str, values: list[Value]) -> Value:

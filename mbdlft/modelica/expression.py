@@ -18,21 +18,8 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
 from mbdlft.base.errors import SceneError
-from mbdlft.modelica.tree import (
-    RELATIONS,
-    Array,
-    Binary,
-    Call,
-    Comprehension,
-    Expression,
-    If,
-    Number,
-    Range,
-    Reference,
-    Text,
-    Truth,
-    Unary,
-)
+from mbdlft.modelica import tree
+from mbdlft.modelica.tree import Expression
 
 _KEYWORDS = (
     "algorithm and annotation block break class connect connector constant constrainedby der "
@@ -112,7 +99,7 @@ _DEEPEST = 60  # of parentheses and of what has them
 _OR, _AND, _NOT, _RELATION, _SUM, _PRODUCT, _POWER = range(1, 8)
 _STRENGTH = {
     **{"or": _OR, "and": _AND},
-    **dict.fromkeys(RELATIONS, _RELATION),
+    **dict.fromkeys(tree.RELATIONS, _RELATION),
     **dict.fromkeys(("+", "-", ".+", ".-"), _SUM),
     **dict.fromkeys(("*", "/", ".*", "./"), _PRODUCT),
     **dict.fromkeys(("^", ".^"), _POWER),
@@ -177,9 +164,9 @@ class ExpressionParser:
                 f"{self.source}, line {self.word.line}: an expression is nested more than "
                 f"{_DEEPEST} deep. Write parts of it as variables."
             )
-        tree = self._if() if self.is_at("if") else self._range()
+        operand = self._if() if self.is_at("if") else self._range()
         self.depth -= 1
-        return tree
+        return operand
 
     def _if(self) -> Expression:
         branches: list[tuple[Expression, Expression]] = []
@@ -189,7 +176,7 @@ class ExpressionParser:
             self.expect("then")
             branches.append((condition, self.expression()))
         self.expect("else")
-        return If(tuple(branches), self.expression())
+        return tree.If(tuple(branches), self.expression())
 
     def _range(self) -> Expression:
         first = self._operation(_OR)
@@ -197,27 +184,27 @@ class ExpressionParser:
             return first
         second = self._operation(_OR)
         if self.skip(":"):
-            return Range(first, second, self._operation(_OR))
-        return Range(first, None, second)
+            return tree.Range(first, second, self._operation(_OR))
+        return tree.Range(first, None, second)
 
     def _operation(self, least: int) -> Expression:
         """Operands with operators of this strength or more (`_STRENGTH`): precedence climbing."""
         strongest = _POWER
         if least <= _NOT and self.skip("not"):
-            tree: Expression = Unary("not", self._operation(_RELATION))
+            operand: Expression = tree.Unary("not", self._operation(_RELATION))
             strongest = _NOT
         elif least <= _SUM and self.is_at("+", "-", ".+", ".-"):
             sign = self.take().text
-            tree = self._operation(_SUM + 1)
+            operand = self._operation(_SUM + 1)
             if sign in ("-", ".-"):
-                tree = Unary("-", tree)
+                operand = tree.Unary("-", operand)
             strongest = _SUM
         else:
-            tree = self._primary()
+            operand = self._primary()
         while least <= (s := self._strength()) <= strongest:
-            tree = Binary(self.take().text, tree, self._operation(s + 1))
+            operand = tree.Binary(self.take().text, operand, self._operation(s + 1))
             strongest = s - 1 if s in (_RELATION, _POWER) else s  # these stand once: no a < b < c
-        return tree
+        return operand
 
     def _strength(self) -> int:
         """The strength of the operator at the place; 0 if there is none."""
@@ -226,46 +213,46 @@ class ExpressionParser:
     def _primary(self) -> Expression:
         word = self.word
         if word.kind == "number":
-            return Number(self.take().text)
+            return tree.Number(self.take().text)
         if word.kind == "text":
-            return Text(self.string())
+            return tree.Text(self.string())
         if self.is_at("true", "false"):
-            return Truth(self.take().text == "true")
+            return tree.Truth(self.take().text == "true")
         if self.skip("("):
-            tree = self.expression()
+            operand = self.expression()
             if self.is_at(","):
                 raise self.error("')': a list of results of a function is not supported")
             self.expect(")")
-            return tree
+            return operand
         if self.skip("{"):
             return self._entries()
         if self.skip("["):
             return self._matrix()
         if self.is_at("der", "initial", "end", "pure"):
             self.take()
-            return self._call(word) if self.is_at("(") else Reference(word.text)
+            return self._call(word) if self.is_at("(") else tree.Reference(word.text)
         if word.kind == "name" or self.is_at("."):
             name, subscripts = self.name()
             if self.is_at("(") and not subscripts:
                 return self._call(word._replace(text=name))
-            return Reference(name, subscripts)
+            return tree.Reference(name, subscripts)
         raise self.error("a number, a name or '('")
 
     def _entries(self) -> Expression:
         """An array behind its brace."""
         if self.skip("}"):
-            return Array(())
+            return tree.Array(())
         entries = [self.expression()]
         if self.skip("for"):
             index = self.take().text
             self.expect("in")
-            made = Comprehension(entries[0], index, self.expression())
+            made = tree.Comprehension(entries[0], index, self.expression())
             self.expect("}")
             return made
         while self.skip(","):
             entries.append(self.expression())
         self.expect("}")
-        return Array(tuple(entries))
+        return tree.Array(tuple(entries))
 
     def _matrix(self) -> Expression:
         """A matrix behind its bracket."""
@@ -274,9 +261,9 @@ class ExpressionParser:
             row = [self.expression()]
             while self.skip(","):
                 row.append(self.expression())
-            rows.append(Array(tuple(row)))
+            rows.append(tree.Array(tuple(row)))
         self.expect("]")
-        return Array(tuple(rows))
+        return tree.Array(tuple(rows))
 
     def _call(self, word: Token) -> Expression:
         """A call at its parenthesis."""
@@ -287,7 +274,7 @@ class ExpressionParser:
             return self.expression()
 
         self.expect("(")
-        return Call(word.text, tuple(self.listed(argument, ")")))
+        return tree.Call(word.text, tuple(self.listed(argument, ")")))
 
     def listed(self, read: Callable[[], T], end: str) -> list[T]:
         """What `read` gives between commas, up to the word `end`, which is read as well."""
@@ -326,7 +313,7 @@ class ExpressionParser:
         self.expect("[")
         subscripts: list[Expression] = []
         while not subscripts or self.skip(","):
-            subscripts.append(Range() if self.skip(":") else self.expression())
+            subscripts.append(tree.Range() if self.skip(":") else self.expression())
         self.expect("]")
         return tuple(subscripts)
 
@@ -340,6 +327,6 @@ def _written(subscripts: tuple[Expression, ...], parser: ExpressionParser) -> st
     """Subscripts inside of a name, which are whole numbers in flat text."""
     if not subscripts:
         return ""
-    if not all(isinstance(entry, Number) for entry in subscripts):
+    if not all(isinstance(entry, tree.Number) for entry in subscripts):
         raise parser.error("whole numbers as subscripts inside of a name, as flat text has them")
-    return f"[{','.join(entry.text for entry in subscripts if isinstance(entry, Number))}]"
+    return f"[{','.join(entry.text for entry in subscripts if isinstance(entry, tree.Number))}]"

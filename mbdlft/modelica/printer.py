@@ -3,37 +3,16 @@
 import re
 from collections.abc import Iterator, Mapping
 
+from mbdlft.modelica import tree
 from mbdlft.modelica.expression import KEYWORDS
-from mbdlft.modelica.tree import (
-    Array,
-    Binary,
-    Call,
-    Check,
-    Choice,
-    Comprehension,
-    Declaration,
-    Equation,
-    Expression,
-    FlatModel,
-    If,
-    Loop,
-    Number,
-    Range,
-    Reference,
-    Statement,
-    Text,
-    Truth,
-    Unary,
-    parts,
-    spine,
-)
+from mbdlft.modelica.tree import Expression
 
 _PLAIN = re.compile(r"[A-Za-z_]\w*")
 _LONG = 160  # characters of an equation in a message
 _SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
 
 
-def flat_text(model: FlatModel) -> str:
+def flat_text(model: tree.FlatModel) -> str:
     """The text of a flat model that nothing in it is refused of; `flat_model` reads it again.
 
     Parameters
@@ -71,7 +50,7 @@ def _part(word: str) -> str:
     return word
 
 
-def _declaration(d: Declaration) -> str:
+def _declaration(d: tree.Declaration) -> str:
     words = [
         *(["final"] if d.final else []),
         *(word for word in (d.variability, d.causality) if word),
@@ -94,18 +73,18 @@ def _entries(entries: Mapping[str, Expression]) -> str:
     return ", ".join(f"{key} = {write(value)}" for key, value in entries.items())
 
 
-def _lines(statement: Statement, indent: str) -> Iterator[str]:
+def _lines(statement: tree.Statement, indent: str) -> Iterator[str]:
     match statement:
-        case Equation(left, right, _):
+        case tree.Equation(left, right, _):
             yield f"{indent}{write(left)} = {write(right)};"
-        case Check(condition, message, _):
+        case tree.Check(condition, message, _):
             yield f"{indent}assert({write(condition)}, {_text(message)});"
-        case Loop(index, values, body, _):
+        case tree.Loop(index, values, body, _):
             yield f"{indent}for {index} in {write(values)} loop"
             for inner in body:
                 yield from _lines(inner, f"{indent}  ")
             yield f"{indent}end for;"
-        case Choice(branches, otherwise, _):
+        case tree.Choice(branches, otherwise, _):
             for k, (condition, body) in enumerate(branches):
                 yield f"{indent}{'else' * (k > 0)}if {write(condition)} then"
                 for inner in body:
@@ -125,34 +104,34 @@ def _text(text: str) -> str:
 def write(expression: Expression) -> str:
     """The text of an expression, with all parentheses but the outer ones."""
     text = _written(expression)
-    return text[1:-1] if isinstance(expression, Binary | Unary | If) else text
+    return text[1:-1] if isinstance(expression, tree.Binary | tree.Unary | tree.If) else text
 
 
 def _written(expression: Expression) -> str:
     match expression:
-        case Number(text):
+        case tree.Number(text):
             return text
-        case Text(text):
+        case tree.Text(text):
             return _text(text)
-        case Truth(value):
+        case tree.Truth(value):
             return str(value).lower()
-        case Reference(name, subscripts):
+        case tree.Reference(name, subscripts):
             return quoted(name) + (f"[{_listed(subscripts)}]" if subscripts else "")
-        case Binary():
-            first, operations = spine(expression)
+        case tree.Binary():
+            first, operations = tree.spine(expression)
             behind = [f" {operator} {_written(right)})" for operator, right in operations]
             return "".join(["(" * len(operations), _written(first), *behind])
-        case Unary(operator, operand):
+        case tree.Unary(operator, operand):
             return f"({operator}{' ' if operator == 'not' else ''}{_written(operand)})"
-        case Call(function, arguments):
+        case tree.Call(function, arguments):
             return f"{function}({_listed(arguments)})"
-        case Array(entries):
+        case tree.Array(entries):
             return f"{{{_listed(entries)}}}"
-        case Range():
-            return ":".join(write(bound) for bound in parts(expression)) or ":"
-        case Comprehension(value, index, values):
+        case tree.Range():
+            return ":".join(write(bound) for bound in tree.parts(expression)) or ":"
+        case tree.Comprehension(value, index, values):
             return f"{{{write(value)} for {index} in {write(values)}}}"
-        case If(branches, otherwise):
+        case tree.If(branches, otherwise):
             texts = [f"if {write(when)} then {write(then)}" for when, then in branches]
             return f"({' else'.join(texts)} else {write(otherwise)})"
 

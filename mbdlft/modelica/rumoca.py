@@ -12,25 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from mbdlft.base.errors import SceneError
+from mbdlft.modelica import tree
 from mbdlft.modelica.text import declared_annotation
-from mbdlft.modelica.tree import (
-    Array,
-    Binary,
-    Call,
-    Check,
-    Declaration,
-    Equation,
-    Expression,
-    FlatModel,
-    If,
-    Number,
-    Range,
-    Reference,
-    Refused,
-    Text,
-    Truth,
-    Unary,
-)
+from mbdlft.modelica.tree import Expression
 
 _ANNOTATION = b"mbdlft"
 _NOTHING: Mapping[str, Expression] = MappingProxyType({})
@@ -117,7 +101,7 @@ _KNOWN = frozenset((*_TABLES.split(), *_ORIGINS.split()))
 _TYPES = ("real", "integer", "boolean", "string")
 
 
-def model_of_tables(tables: Mapping[str, Any], name: str, sources: Sources) -> FlatModel:
+def model_of_tables(tables: Mapping[str, Any], name: str, sources: Sources) -> tree.FlatModel:
     """The syntax tree of the tables of a model."""
     return _Reader(tables, name, sources).model()
 
@@ -130,7 +114,7 @@ class _Reader:
         self.tops = set(tables.get("top_level_input_components", ()))
         self.entries = tables.get("enum_literal_ordinals", {})
 
-    def model(self) -> FlatModel:
+    def model(self) -> tree.FlatModel:
         """The syntax tree."""
         strange = [key for key, table in self.tables.items() if table and key not in _KNOWN]
         if strange:
@@ -147,7 +131,7 @@ class _Reader:
             *(self._when(chain) for chain in self.tables["when_chains"]),
         ]
         checks = (*self.tables["assert_equations"], *self.tables["initial_assert_equations"])
-        return FlatModel(
+        return tree.FlatModel(
             self.name,
             self.sources.name,
             tuple(self._declaration(item) for item in self.tables["variables"].values()),
@@ -171,7 +155,7 @@ class _Reader:
 
     # declarations ----------------------------------------------------------------------------
 
-    def _declaration(self, item: Mapping[str, Any]) -> Declaration:
+    def _declaration(self, item: Mapping[str, Any]) -> tree.Declaration:
         span = item["source_span"]
         attributes: dict[str, Expression] = {
             key: self._expression(item[key])
@@ -179,20 +163,20 @@ class _Reader:
             if item[key] is not None and not _is_default(item, key)
         }
         if item["fixed"]:
-            attributes["fixed"] = Truth(all(item["fixed"]))
+            attributes["fixed"] = tree.Truth(all(item["fixed"]))
         if item["unit"]:
-            attributes["unit"] = Text(item["unit"])
+            attributes["unit"] = tree.Text(item["unit"])
         if item["state_select"] != "Default":
-            attributes["stateSelect"] = Reference(f"StateSelect.{item['state_select'].lower()}")
+            attributes["stateSelect"] = tree.Reference(f"StateSelect.{item['state_select'].lower()}")
         kind = next(iter(item["variability"])) if isinstance(item["variability"], dict) else ""
         side = next(iter(item["causality"])) if isinstance(item["causality"], dict) else ""
         binding = item["binding"]
         top = "." not in item["name"]
-        return Declaration(
+        return tree.Declaration(
             item["name"],
             self._type(item),
             self.sources.line(span),
-            tuple(Number(str(size)) for size in item["dims"]),
+            tuple(tree.Number(str(size)) for size in item["dims"]),
             kind.lower(),
             side.lower(),
             final=bool(self.tables["variable_final_flags"].get(item["name"])),
@@ -214,29 +198,29 @@ class _Reader:
 
     # equations -------------------------------------------------------------------------------
 
-    def _equation(self, item: Mapping[str, Any]) -> Equation:
+    def _equation(self, item: Mapping[str, Any]) -> tree.Equation:
         residual, line = item["residual"], self.sources.line(item["span"])
         difference = residual.get("Binary", {})
         if difference.get("op") == "Sub":
             left, right = (self._expression(difference[side]) for side in ("lhs", "rhs"))
-            return Equation(left, right, line)
-        return Equation(self._expression(residual), Number("0"), line)
+            return tree.Equation(left, right, line)
+        return tree.Equation(self._expression(residual), tree.Number("0"), line)
 
-    def _check(self, item: Mapping[str, Any]) -> Check:
+    def _check(self, item: Mapping[str, Any]) -> tree.Check:
         message = self._expression(item["message"])
-        return Check(
+        return tree.Check(
             self._expression(item["condition"]),
-            message.text if isinstance(message, Text) else "",
+            message.text if isinstance(message, tree.Text) else "",
             self.sources.line(item["span"]),
         )
 
-    def _algorithm(self, item: Mapping[str, Any], what: str) -> Refused:
+    def _algorithm(self, item: Mapping[str, Any], what: str) -> tree.Refused:
         names = tuple(output["name"] for output in item["outputs"])
-        return Refused(what, names, self.sources.line(item["span"]))
+        return tree.Refused(what, names, self.sources.line(item["span"]))
 
-    def _when(self, chain: Mapping[str, Any]) -> Refused:
+    def _when(self, chain: Mapping[str, Any]) -> tree.Refused:
         names = dict.fromkeys(_set_by(chain))
-        return Refused("the event 'when'", tuple(names), self.sources.line(_first_span(chain)))
+        return tree.Refused("the event 'when'", tuple(names), self.sources.line(_first_span(chain)))
 
     def _selections(self) -> Iterable[tuple[str, int]]:
         """Parameters whose values the compiler has used to choose among equations, with lines."""
@@ -255,27 +239,27 @@ class _Reader:
                 return self._reference(body)
             case "Binary" if body["op"] in _OPERATORS:
                 left, right = self._chain(body)
-                return Binary(_OPERATORS[body["op"]], left, right)
+                return tree.Binary(_OPERATORS[body["op"]], left, right)
             case "Unary" if body["op"] in ("Minus", "Not", "Plus"):
                 operand = self._expression(body["rhs"])
                 if body["op"] == "Plus":
                     return operand
-                return Unary("-" if body["op"] == "Minus" else "not", operand)
+                return tree.Unary("-" if body["op"] == "Minus" else "not", operand)
             case "BuiltinCall":
                 name = body["function"]
-                return Call(name[0].lower() + name[1:], self._all(body["args"]))
+                return tree.Call(name[0].lower() + name[1:], self._all(body["args"]))
             case "FunctionCall":
-                return Call(body["name"]["name"], self._all(body["args"]))
+                return tree.Call(body["name"]["name"], self._all(body["args"]))
             case "If":
                 branches = tuple(
                     (self._expression(when), self._expression(then)) for when, then in body["branches"]
                 )
-                return If(branches, self._expression(body["else_branch"]))
+                return tree.If(branches, self._expression(body["else_branch"]))
             case "Array":
-                return Array(self._all(body["elements"]))
+                return tree.Array(self._all(body["elements"]))
             case "Range":
                 step = body["step"]
-                return Range(
+                return tree.Range(
                     self._expression(body["start"]),
                     None if step is None else self._expression(step),
                     self._expression(body["end"]),
@@ -288,12 +272,12 @@ class _Reader:
         pending = [body]
         while (left := pending[-1]["lhs"]).keys() == {"Binary"}:
             pending.append(left["Binary"])
-        tree = self._expression(pending[-1]["lhs"])
+        first = self._expression(pending[-1]["lhs"])
         for inner in pending[:0:-1]:
             if inner["op"] not in _OPERATORS:
                 raise self._unknown(f"the operator {inner['op']!r}", inner.get("span"))
-            tree = Binary(_OPERATORS[inner["op"]], tree, self._expression(inner["rhs"]))
-        return tree, self._expression(body["rhs"])
+            first = tree.Binary(_OPERATORS[inner["op"]], first, self._expression(inner["rhs"]))
+        return first, self._expression(body["rhs"])
 
     def _all(self, items: Iterable[Mapping[str, Any]]) -> tuple[Expression, ...]:
         return tuple(self._expression(item) for item in items)
@@ -301,27 +285,27 @@ class _Reader:
     def _literal(self, body: Mapping[str, Any]) -> Expression:
         ((kind, value),) = body["value"].items()
         if kind == "Boolean":
-            return Truth(bool(value))
+            return tree.Truth(bool(value))
         if kind == "String":
-            return Text(value)
-        return Number(self.sources.number(body.get("span"), value))
+            return tree.Text(value)
+        return tree.Number(self.sources.number(body.get("span"), value))
 
     def _reference(self, body: Mapping[str, Any]) -> Expression:
         name = body["name"]["name"]
         if name in self.entries and name not in self.tables["variables"]:
-            return Text(name.rpartition(".")[2].strip("'"))
+            return tree.Text(name.rpartition(".")[2].strip("'"))
         subscripts: list[Expression] = []
         for item in body["subscripts"]:
             ((kind, inner),) = item.items() if isinstance(item, dict) else ((item, {}),)
             if kind == "Index":
-                subscripts.append(Number(str(inner["value"])))
+                subscripts.append(tree.Number(str(inner["value"])))
             elif kind == "Expr":
                 subscripts.append(self._expression(inner["expr"]))
             elif kind == "Colon":
-                subscripts.append(Range())
+                subscripts.append(tree.Range())
             else:
                 raise self._unknown(f"the subscript {kind!r}", body.get("span"))
-        return Reference(name, tuple(subscripts))
+        return tree.Reference(name, tuple(subscripts))
 
 
 def _is_default(item: Mapping[str, Any], key: str) -> bool:

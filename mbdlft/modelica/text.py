@@ -8,24 +8,12 @@ is read over and becomes a `Refused` with its names and its line.
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from types import MappingProxyType
 
 from mbdlft.base.errors import SceneError
+from mbdlft.modelica import tree
 from mbdlft.modelica.expression import ExpressionParser, Token
 from mbdlft.modelica.printer import write
-from mbdlft.modelica.tree import (
-    Check,
-    Choice,
-    Declaration,
-    Equation,
-    Expression,
-    FlatModel,
-    Loop,
-    Reference,
-    Refused,
-    Statement,
-    Text,
-)
+from mbdlft.modelica.tree import Expression
 
 _TYPES = ("Real", "Integer", "Boolean", "String")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")
@@ -34,13 +22,11 @@ _ADVICE = (
     "Flat text has declarations of Real, Integer, Boolean and String, and equations. Give a model with "
     "components and connectors as a .mo file, or let another compiler write its flat text."
 )
-
-
-_CLASSES = ("model", "class", "block")
+_CLASSES, _SKIPPED = ("model", "class", "block"), ("function", "record", "type")
 _SECTIONS = ("public", "protected", "equation", "algorithm", "initial", "end", "annotation")
 
 
-def flat_model(text: str, source: str = "flat Modelica") -> FlatModel:
+def flat_model(text: str, source: str = "flat Modelica") -> tree.FlatModel:
     """The syntax tree of a flat Modelica text.
 
     Parameters
@@ -72,12 +58,12 @@ class _TextParser(ExpressionParser):
 
     def __init__(self, text: str, source: str, first_line: int = 1, *, statement: bool = False) -> None:
         super().__init__(text, source, first_line, statement=statement)
-        self.declarations: list[Declaration] = []
-        self.refused: list[Refused] = []
-        self.equations: list[Statement] = []
-        self.initial: list[Statement] = []
+        self.declarations: list[tree.Declaration] = []
+        self.refused: list[tree.Refused] = []
+        self.equations: list[tree.Statement] = []
+        self.initial: list[tree.Statement] = []
 
-    def model(self) -> FlatModel:
+    def model(self) -> tree.FlatModel:
         """The one model of the text."""
         packages = []
         while not self._is_class(_CLASSES):
@@ -86,7 +72,7 @@ class _TextParser(ExpressionParser):
             elif self.skip("package"):
                 packages.append(self.name()[0])
                 self.comment()
-            elif self._is_class(("function", "record", "type")):
+            elif self._is_class(_SKIPPED):
                 self._class()
             else:
                 raise self.error("a model, such as 'model motor'")
@@ -102,7 +88,7 @@ class _TextParser(ExpressionParser):
             self._end(package)
         if self.word.kind:
             raise self.error("the end of the text, behind the one model that it has")
-        return FlatModel(
+        return tree.FlatModel(
             name,
             self.source,
             tuple(_entries(self.declarations)),
@@ -123,7 +109,7 @@ class _TextParser(ExpressionParser):
 
     def _class_word(self) -> None:
         """Read the words up to the kind of a class."""
-        while self.take().text not in (*_CLASSES, "function", "record", "type"):
+        while self.take().text not in (*_CLASSES, *_SKIPPED):
             pass
 
     def _class(self) -> None:
@@ -133,20 +119,18 @@ class _TextParser(ExpressionParser):
         if self.is_at("="):  # type Angle = Real(unit = "rad")
             self._behind_semicolon()
             return
-        while not self._is_end_of(name):
+        while self._named_end() != name:
             self.not_at_end(f"'end {name};'")
             self.take()
         self._end(name)
 
-    def _is_end_of(self, name: str) -> bool:
-        """Whether `end name;` stands at the place, which stays."""
-        if not self.is_at("end") or self.words[self.place + 1].kind != "name":
-            return False
-        first = self.place
-        self.take()
-        end_name, _ = self.name()
+    def _named_end(self) -> str:
+        """The name of `end name` at the place, which stays; empty if there is none."""
+        first, name = self.place, ""
+        if self.skip("end") and self.word.kind == "name":
+            name, _ = self.name()
         self.place = first
-        return end_name == name
+        return name
 
     def _behind_semicolon(self) -> None:
         while not self.skip(";"):
@@ -154,12 +138,11 @@ class _TextParser(ExpressionParser):
             self.take()
 
     def _end(self, name: str) -> None:
+        end_name = self._named_end()
         self.expect("end")
-        first = self.place
-        end_name = self.name()[0] if self.word.kind == "name" else ""
         if end_name != name:
-            self.place = first
             raise self.error(f"'end {name};'")
+        self.name()
         self.expect(";")
 
     def _sections(self) -> None:
@@ -179,7 +162,7 @@ class _TextParser(ExpressionParser):
             elif self.is_at("annotation"):
                 self.annotation()
                 self.expect(";")
-            elif self._is_class(("function", "record", "type")):
+            elif self._is_class(_SKIPPED):
                 self._class()
             else:
                 self.declaration()
@@ -202,7 +185,7 @@ class _TextParser(ExpressionParser):
                 names.append(word.text)
             if word.text == "end":
                 self.take()
-        self.refused.append(Refused(f"the {what}", tuple(dict.fromkeys(names)), line))
+        self.refused.append(tree.Refused(f"the {what}", tuple(dict.fromkeys(names)), line))
 
     # declarations ----------------------------------------------------------------------------
 
@@ -225,14 +208,12 @@ class _TextParser(ExpressionParser):
         if self.words[self.place - 1].text == "enumeration":
             kind = "enumeration"
             list(self._inside())
+        elif self.word.text in _TYPES:
+            kind = self.take().text
         else:
-            word_of_type = self.take()
-            kind = word_of_type.text
-            if kind not in _TYPES:
-                raise SceneError(
-                    f"{self.source}, line {word_of_type.line}: {word_of_type} is no type of flat text. "
-                    f"{_ADVICE}"
-                )
+            raise SceneError(
+                f"{self.source}, line {self.word.line}: {self.word} is no type of flat text. {_ADVICE}"
+            )
         sizes = self._subscripts() if self.is_at("[") else ()
         while True:
             name, subscripts = self.name()
@@ -243,24 +224,24 @@ class _TextParser(ExpressionParser):
 
     def declared(
         self, name: str, kind: str, fields: Mapping[str, object], sizes: tuple[Expression, ...]
-    ) -> Declaration:
+    ) -> tree.Declaration:
         """A declaration behind its name: modification, value, comment, annotation."""
         attributes = self._modification() if self.is_at("(") else {}
         binding: Expression | None = None
         if self.skip("=") or self.skip(":="):
             binding = self.expression()
-            if kind == "enumeration" and isinstance(binding, Reference):
-                binding = Text(binding.name.rpartition(".")[2])
+            if kind == "enumeration" and isinstance(binding, tree.Reference):
+                binding = tree.Text(binding.name.rpartition(".")[2])
         if self.is_at("if"):
             raise self.error("no condition: flat text has no conditional declarations")
-        return Declaration(
+        return tree.Declaration(
             **{"name": name, "type": kind, **fields},  # type: ignore[arg-type]
             sizes=sizes,
             top="." not in name,
-            attributes=MappingProxyType(attributes),
+            attributes=attributes,
             binding=binding,
             comment=self.comment(),
-            annotation=MappingProxyType(self.annotation()),
+            annotation=self.annotation(),
         )
 
     def _modification(self) -> dict[str, Expression]:
@@ -302,10 +283,10 @@ class _TextParser(ExpressionParser):
 
     # equations -------------------------------------------------------------------------------
 
-    def _statement(self) -> list[Statement]:
+    def _statement(self) -> list[tree.Statement]:
         """One equation, choice or loop; what is refused is collected instead."""
         line = self.word.line
-        statement: Statement
+        statement: tree.Statement
         if self.is_at("if"):
             statement = self._choice()
         elif self.is_at("for"):
@@ -321,24 +302,24 @@ class _TextParser(ExpressionParser):
         self.comment()
         self.annotation()
         self.expect(";")
-        if isinstance(statement, Refused):
+        if isinstance(statement, tree.Refused):
             self.refused.append(statement)
             return []
         return [statement]
 
-    def _equation(self, line: int) -> Statement:
+    def _equation(self, line: int) -> tree.Statement:
         """left = right, an assert, or a call."""
         if self.word.kind == "name" and self.word.text in ("assert", "terminate", "reinit"):
             return self._called(self.take().text, line)
         left = self.expression()
         if not self.is_at("="):
-            if isinstance(left, Reference) and not left.subscripts and self.is_at("("):
+            if isinstance(left, tree.Reference) and not left.subscripts and self.is_at("("):
                 return self._called(left.name, line)
             raise self.error("'='")
         self.take()
-        return Equation(left, self.expression(), line)
+        return tree.Equation(left, self.expression(), line)
 
-    def _called(self, name: str, line: int) -> Statement:
+    def _called(self, name: str, line: int) -> tree.Statement:
         """An equation that is a call of a function."""
 
         def argument() -> Expression:
@@ -349,21 +330,21 @@ class _TextParser(ExpressionParser):
         self.expect("(")
         arguments = self.listed(argument, ")")
         if name == "assert" and len(arguments) >= 2:
-            message = arguments[1].text if isinstance(arguments[1], Text) else ""
-            return Check(arguments[0], message, line)
-        names = [a.name for a in arguments[:1] if isinstance(a, Reference)]
-        return Refused(f"the call of {name}", tuple(names), line)
+            message = arguments[1].text if isinstance(arguments[1], tree.Text) else ""
+            return tree.Check(arguments[0], message, line)
+        names = [a.name for a in arguments[:1] if isinstance(a, tree.Reference)]
+        return tree.Refused(f"the call of {name}", tuple(names), line)
 
-    def _block(self, *ends: str) -> tuple[Statement, ...]:
-        statements: list[Statement] = []
+    def _block(self, *ends: str) -> tuple[tree.Statement, ...]:
+        statements: list[tree.Statement] = []
         while not self.is_at(*ends):
             self.not_at_end(f"'{ends[-1]}'")
             statements += self._statement()
         return tuple(statements)
 
-    def _choice(self) -> Choice:
+    def _choice(self) -> tree.Choice:
         line = self.word.line
-        branches: list[tuple[Expression, tuple[Statement, ...]]] = []
+        branches: list[tuple[Expression, tuple[tree.Statement, ...]]] = []
         while self.is_at("if" if not branches else "elseif"):
             self.take()
             condition = self.expression()
@@ -371,9 +352,9 @@ class _TextParser(ExpressionParser):
             branches.append((condition, self._block("elseif", "else", "end")))
         otherwise = self._block("end") if self.skip("else") else ()
         self._close("if")
-        return Choice(tuple(branches), otherwise, line)
+        return tree.Choice(tuple(branches), otherwise, line)
 
-    def _loop(self) -> Loop:
+    def _loop(self) -> tree.Loop:
         line = self.expect("for").line
         index = self.take().text
         self.expect("in")
@@ -383,9 +364,9 @@ class _TextParser(ExpressionParser):
         self.expect("loop")
         body = self._block("end")
         self._close("for")
-        return Loop(index, values, body, line)
+        return tree.Loop(index, values, body, line)
 
-    def _when(self) -> Refused:
+    def _when(self) -> tree.Refused:
         """Read over a `when`; its names are those that it sets."""
         line = self.expect("when").line
         first = len(self.refused)
@@ -394,7 +375,7 @@ class _TextParser(ExpressionParser):
         self.expect("then")
         while True:
             for statement in self._block("elsewhen", "end"):
-                if isinstance(statement, Equation) and isinstance(statement.left, Reference):
+                if isinstance(statement, tree.Equation) and isinstance(statement.left, tree.Reference):
                     names.append(statement.left.name)
             if not self.skip("elsewhen"):
                 break
@@ -403,21 +384,21 @@ class _TextParser(ExpressionParser):
         self._close("when")
         names += [name for inner in self.refused[first:] for name in inner.names]
         del self.refused[first:]
-        return Refused("the event 'when'", tuple(dict.fromkeys(names)), line)
+        return tree.Refused("the event 'when'", tuple(dict.fromkeys(names)), line)
 
     def _close(self, what: str) -> None:
         self.expect("end")
         self.expect(what)
 
 
-def _entries(declarations: list[Declaration]) -> list[Declaration]:
+def _entries(declarations: list[tree.Declaration]) -> list[tree.Declaration]:
     """The declarations; where x[1], x[2], ... are declared one by one, each is a scalar of that name.
 
     A single x[3] is an array of three: where entries are declared one by one, there is x[1], too.
     """
     counts = Counter(d.name for d in declarations)
     return [
-        replace(d, name=write(Reference(d.name, d.sizes)), sizes=())
+        replace(d, name=write(tree.Reference(d.name, d.sizes)), sizes=())
         if counts[d.name] > 1 and d.sizes
         else d
         for d in declarations

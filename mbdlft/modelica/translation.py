@@ -10,28 +10,18 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.dae.dae import Dae, Equation, Output
 from mbdlft.dae.text import column_of
+from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import check_units
 from mbdlft.modelica.printer import flat_text, shorter, write
 from mbdlft.modelica.table import ModelicaTable
-from mbdlft.modelica.tree import (
-    Check,
-    Choice,
-    Declaration,
-    Expression,
-    FlatModel,
-    Loop,
-    Reference,
-    Refused,
-    Statement,
-)
-from mbdlft.modelica.tree import Equation as WrittenEquation
+from mbdlft.modelica.tree import Expression
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in, read_values
 
 T = TypeVar("T")
 
-_PREFERRED = (Reference("StateSelect.prefer"), Reference("StateSelect.always"))
+_PREFERRED = (tree.Reference("StateSelect.prefer"), tree.Reference("StateSelect.always"))
 _LISTED = 12  # of what is refused
 
 
@@ -62,7 +52,7 @@ class ModelicaReport:
         return "\n".join(f"note: {line}." for line in (*sources, *self.notes))
 
 
-def translate(model: FlatModel, table: ModelicaTable | None = None) -> tuple[Dae, ModelicaReport]:
+def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tuple[Dae, ModelicaReport]:
     """The description of a flat model.
 
     Parameters
@@ -86,7 +76,7 @@ def translate(model: FlatModel, table: ModelicaTable | None = None) -> tuple[Dae
     return _Translation(model, table or ModelicaTable()).result()
 
 
-def _refuse(model: FlatModel) -> None:
+def _refuse(model: tree.FlatModel) -> None:
     """Raise a SceneError if something has no place in a linear model."""
     refused = list(model.refused)
     for d in model.declarations:
@@ -94,7 +84,7 @@ def _refuse(model: FlatModel) -> None:
             continue
         if d.variability == "discrete" or d.type != "Real":
             kind = f"{d.variability} {d.type}".strip()
-            refused.append(Refused(f"the {kind} variable", (d.name,), d.line))
+            refused.append(tree.Refused(f"the {kind} variable", (d.name,), d.line))
     if not refused:
         return
     refused.sort(key=lambda item: item.line)
@@ -114,7 +104,7 @@ def _refuse(model: FlatModel) -> None:
 class _Translation:
     """One model on its way."""
 
-    def __init__(self, model: FlatModel, table: ModelicaTable) -> None:
+    def __init__(self, model: tree.FlatModel, table: ModelicaTable) -> None:
         self.model, self.table = model, table
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
@@ -138,7 +128,7 @@ class _Translation:
         for d in self.declared:
             self.variables.declare(d)
         bound = [
-            WrittenEquation(Reference(d.name), d.binding, d.line)
+            tree.Equation(tree.Reference(d.name), d.binding, d.line)
             for d in self.declared
             if d.binding is not None
         ]
@@ -169,7 +159,7 @@ class _Translation:
         )
         return dae, ModelicaReport(tuple(sources), preferred, tuple(self.parameters.notes))
 
-    def _of_declaration(self, d: Declaration) -> str:
+    def _of_declaration(self, d: tree.Declaration) -> str:
         return self._place(d.line, f"{d.variability or 'variable'} {d.name!r}")
 
     def _place(self, line: int | None, what: str) -> str:
@@ -177,22 +167,22 @@ class _Translation:
 
     # equations -------------------------------------------------------------------------------
 
-    def _equations(self, statements: Iterable[Statement]) -> list[Equation]:
+    def _equations(self, statements: Iterable[tree.Statement]) -> list[Equation]:
         return [e for statement in statements for e in self._statement(statement)]
 
-    def _statement(self, statement: Statement) -> list[Equation]:
+    def _statement(self, statement: tree.Statement) -> list[Equation]:
         match statement:
-            case WrittenEquation():
+            case tree.Equation():
                 return self._equate(statement)
-            case Loop(index, values, body, line):
+            case tree.Loop(index, values, body, line):
                 loop = self.variables.evaluator.with_index
                 runs = self._at(
                     line, f"for {index}", lambda: loop(index, values, lambda: self._equations(body))
                 )
                 return [e for run in runs for e in run]
-            case Choice():
+            case tree.Choice():
                 return self._choose(statement)
-            case Check():
+            case tree.Check():
                 self._check(statement)
         return []
 
@@ -210,7 +200,7 @@ class _Translation:
     def _value(self, line: int, what: str, expression: Expression) -> Value:
         return self._at(line, what, lambda: self.variables.evaluator.value(expression))
 
-    def _equate(self, written: WrittenEquation) -> list[Equation]:
+    def _equate(self, written: tree.Equation) -> list[Equation]:
         """The equations of one that is written: one for each entry of arrays."""
         name = shorter(f"{write(written.left)} = {write(written.right)}")
         left, right = (
@@ -222,7 +212,7 @@ class _Translation:
             for k, residual in enumerate(pairs)
         ]
 
-    def _check(self, check: Check) -> None:
+    def _check(self, check: tree.Check) -> None:
         """A claim: it is evaluated where it is one on numbers, and noted otherwise."""
         text = f"assert({shorter(write(check.condition))})"
         value = self._value(check.line, text, check.condition)
@@ -231,7 +221,7 @@ class _Translation:
         if value is not True:
             self.parameters.notes.append(f"{text} in line {check.line} is not checked")
 
-    def _choose(self, choice: Choice) -> list[Equation]:
+    def _choose(self, choice: tree.Choice) -> list[Equation]:
         """Equations of the branch whose condition holds, or choices between those of all branches."""
         made: list[tuple[Value, list[Equation]]] = []
         body = choice.otherwise

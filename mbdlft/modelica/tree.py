@@ -6,7 +6,7 @@ tree has no place for (events, algorithms, functions) is a `Refused`, so that no
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from typing import Any
 
 RELATIONS = ("<", "<=", ">", ">=", "==", "<>")
 
@@ -108,36 +108,23 @@ Expression = (
 
 @dataclass(frozen=True, slots=True)
 class Declaration:
-    """A variable, parameter or constant.
-
-    Attributes
-    ----------
-    name, type, sizes, line
-        Such as ``spring[1].phi``, ``Real``, the sizes of an array, the line of the declaration.
-    variability : "", "parameter", "constant" or "discrete"
-    causality : "", "input" or "output"
-    final : bool
-    top : bool
-        Whether it belongs to the model itself and not to a component of it.
-    attributes : mapping
-        ``start``, ``fixed``, ``min``, ``max``, ``nominal``, ``unit`` and others, as expressions.
-    binding : the expression behind ``=``, or None
-    annotation : mapping
-        The entries of ``annotation(mbdlft(...))``, as expressions.
-    comment : str
-    """
+    """A variable, parameter or constant, such as ``spring[1].phi`` of the type ``Real``."""
 
     name: str
     type: str
     line: int
     sizes: tuple[Expression, ...] = ()
-    variability: str = ""
-    causality: str = ""
+    variability: str = ""  # or "parameter", "constant", "discrete"
+    causality: str = ""  # or "input", "output"
     final: bool = False
-    top: bool = True
-    attributes: Mapping[str, Expression] = field(default_factory=lambda: MappingProxyType({}))
-    binding: Expression | None = None
-    annotation: Mapping[str, Expression] = field(default_factory=lambda: MappingProxyType({}))
+    top: bool = True  # whether it belongs to the model itself and not to a component of it
+    attributes: Mapping[str, Expression] = field(
+        default_factory=dict
+    )  # such as start, fixed, min, max, nominal, unit
+    binding: Expression | None = None  # behind the "="
+    annotation: Mapping[str, Expression] = field(
+        default_factory=dict
+    )  # the entries of ``annotation(mbdlft(...))``
     comment: str = ""
 
 
@@ -180,7 +167,7 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Something that is read and cannot be translated: what it is, the names it sets, its line."""
+    """What is read and cannot be translated: what it is, the names it sets, its line."""
 
     what: str
     names: tuple[str, ...]
@@ -192,50 +179,25 @@ Statement = Equation | Choice | Loop | Check | Refused
 
 @dataclass(frozen=True, slots=True)
 class FlatModel:
-    """A model without classes, connectors and components: declarations and equations.
-
-    Attributes
-    ----------
-    name, source : str
-        Its name, and the file that messages begin with.
-    declarations, equations, initial, comment
-    refused : tuple of Refused
-        What cannot be translated.
-    fixed : tuple of names and lines
-        Parameters by whose values a compiler has chosen among equations: they cannot stay.
-    """
+    """A model without classes, connectors and components: declarations and equations."""
 
     name: str
-    source: str
+    source: str  # the file that messages begin with
     declarations: tuple[Declaration, ...]
     equations: tuple[Statement, ...]
     initial: tuple[Statement, ...] = ()
-    refused: tuple[Refused, ...] = ()
+    refused: tuple[Refused, ...] = ()  # what cannot be translated
     comment: str = ""
+    # names and lines of parameters that cannot stay: a compiler chose equations by their values
     fixed: tuple[tuple[str, int], ...] = ()
 
 
 def parts(expression: Expression) -> "tuple[Expression, ...]":
-    """The expressions that an expression is made of."""
-    match expression:
-        case Binary(_, left, right):
-            return left, right
-        case Unary(_, operand):
-            return (operand,)
-        case Call(_, arguments):
-            return arguments
-        case Array(entries):
-            return entries
-        case Reference(_, subscripts):
-            return subscripts
-        case If(branches, otherwise):
-            return *(child for branch in branches for child in branch), otherwise
-        case Range(first, step, last):
-            return tuple(child for child in (first, step, last) if child is not None)
-        case Comprehension(value, _, values):
-            return value, values
-        case _:
-            return ()
+    """The expressions that an expression is made of, in the order of its fields."""
+    entries: list[Any] = [getattr(expression, name) for name in expression.__slots__]
+    while any(isinstance(entry, tuple) for entry in entries):
+        entries = [x for entry in entries for x in (entry if isinstance(entry, tuple) else (entry,))]
+    return tuple(entry for entry in entries if isinstance(entry, Expression))
 
 
 def walk(expression: Expression) -> Iterator[Expression]:

@@ -21,21 +21,13 @@ from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.dae.dae import Variable
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
+from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import unit_of
 from mbdlft.modelica.evaluation import Evaluator
 from mbdlft.modelica.printer import write
 from mbdlft.modelica.table import ModelicaTable
-from mbdlft.modelica.tree import (
-    Declaration,
-    Expression,
-    FlatModel,
-    Range,
-    Reference,
-    Text,
-    Truth,
-    references,
-)
+from mbdlft.modelica.tree import Expression
 from mbdlft.modelica.values import Value, described, number_of
 from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
@@ -63,10 +55,10 @@ class Parameters(NamedTuple):
 
 
 def read_values(
-    model: FlatModel, table: ModelicaTable, place: Callable[[Declaration], str]
+    model: tree.FlatModel, table: ModelicaTable, place: Callable[[tree.Declaration], str]
 ) -> Parameters:
     """Values of all parameters and constants, in the order in which they depend on each other."""
-    declared: dict[str, Declaration] = {}
+    declared: dict[str, tree.Declaration] = {}
     for d in model.declarations:
         if d.variability in ("parameter", "constant"):
             if d.name in declared:
@@ -92,7 +84,9 @@ def _no_derivative(value: Value) -> Value:
     raise SceneError(f"der of the parameter {described(value)}.")
 
 
-def _ordered(declared: Mapping[str, Declaration], place: Callable[[Declaration], str]) -> list[str]:
+def _ordered(
+    declared: Mapping[str, tree.Declaration], place: Callable[[tree.Declaration], str]
+) -> list[str]:
     """Names such that each comes behind those that it depends on."""
     graph = {name: _needed(d) & declared.keys() for name, d in declared.items()}
     try:
@@ -105,28 +99,28 @@ def _ordered(declared: Mapping[str, Declaration], place: Callable[[Declaration],
         ) from None
 
 
-def _needed(d: Declaration) -> set[str]:
+def _needed(d: tree.Declaration) -> set[str]:
     """Names that the value and the limits of a parameter are made of."""
     limits = [d.attributes.get(key) for key in ("min", "max", "nominal")]
     needed: set[str] = set()
     for expression in (_binding(d), *d.sizes, *limits):
         if expression is not None:
-            for reference in references(expression):
+            for reference in tree.references(expression):
                 needed |= {reference.name, write(reference)}
     return needed
 
 
-def _binding(d: Declaration) -> Expression | None:
+def _binding(d: tree.Declaration) -> Expression | None:
     """What gives a parameter its value: that of its start, as the language says, if it has no other."""
     return d.attributes.get("start") if d.binding is None else d.binding
 
 
-def _value(d: Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
+def _value(d: tree.Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
     if d.name in table.values:
         if d.sizes or d.type != "Real":
             raise SceneError("the table gives a value to it; that is for numbers of type Real.")
         return decimal(table.values[d.name])
-    if d.attributes.get("fixed") == Truth(value=False):
+    if d.attributes.get("fixed") == tree.Truth(value=False):
         raise SceneError("fixed = false: initial equations give its value. Give it a number.")
     binding = _binding(d)
     entry = table.parameters.get(d.name)
@@ -134,17 +128,17 @@ def _value(d: Declaration, table: ModelicaTable, evaluator: Evaluator) -> Value:
         return decimal(float(entry["nominal"]))
     if binding is None:
         raise SceneError("it has no value. Give it one there, or under [values] of the table.")
-    if Reference("time") in references(binding):
+    if tree.Reference("time") in tree.references(binding):
         raise SceneError("its value depends on time.")
     value = evaluator.value(binding)
     for size in reversed(d.sizes):
-        if isinstance(value, tuple) or isinstance(size, Range):
+        if isinstance(value, tuple) or isinstance(size, tree.Range):
             break
         value = (value,) * evaluator.size(size)
     return value
 
 
-def _keep(d: Declaration, entry: Any, evaluator: Evaluator, parameters: Parameters) -> None:
+def _keep(d: tree.Declaration, entry: Any, evaluator: Evaluator, parameters: Parameters) -> None:
     """Let a parameter stay if it is one of those that do; its value becomes a symbol.
 
     `entry` is what the table says of it, or None.
@@ -191,7 +185,7 @@ def _keep(d: Declaration, entry: Any, evaluator: Evaluator, parameters: Paramete
     parameters.symbols[d.name] = parameters.values[d.name] = ca.SX.sym(parameter.name)
 
 
-def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
+def _limits(d: tree.Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
     """low and high of a declaration that has both."""
     if d.sizes or not {"min", "max"} <= d.attributes.keys():
         return {}
@@ -201,7 +195,7 @@ def _limits(d: Declaration, evaluator: Evaluator) -> dict[str, Fraction]:
     return {"low": low, "high": high}
 
 
-def _unit(d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
+def _unit(d: tree.Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
     """The unit of a parameter that stays; an angle is one only if a substitution is asked for."""
     if "unit" in fields:
         return str(fields["unit"])
@@ -215,10 +209,10 @@ def _unit(d: Declaration, fields: Mapping[str, Any], notes: list[str]) -> str:
     return unit
 
 
-def _declared_unit(d: Declaration, notes: list[str]) -> str:
+def _declared_unit(d: tree.Declaration, notes: list[str]) -> str:
     """The unit of a declaration; "1" and a note if it is not known here."""
     attribute = d.attributes.get("unit")
-    if not isinstance(attribute, Text) or not attribute.text.strip():
+    if not isinstance(attribute, tree.Text) or not attribute.text.strip():
         return "1"
     unit = unit_of(attribute.text)
     if unit is None:
@@ -244,7 +238,7 @@ class Variables:
     evaluator : Evaluator
     """
 
-    def __init__(self, parameters: Parameters, place: Callable[[Declaration], str]) -> None:
+    def __init__(self, parameters: Parameters, place: Callable[[tree.Declaration], str]) -> None:
         self.parameters, self.place = parameters, place
         self.time = ca.SX.sym("time")
         self.values: dict[str, Value] = {**parameters.values, "time": self.time}
@@ -252,7 +246,7 @@ class Variables:
         self.rates: dict[str, ca.SX] = {}
         self.evaluator = Evaluator(self.values.get, self.derivative)
 
-    def declare(self, d: Declaration) -> None:
+    def declare(self, d: tree.Declaration) -> None:
         """Symbols and variables of a declaration, of each entry of an array."""
         if d.name in self.values:
             raise SceneError(f"{self.place(d)}: it is declared twice.")
@@ -299,7 +293,9 @@ class Variables:
         function = ca.Function("nominal", [column_of(symbols)], [expression])
         return float(function([nominal[symbol.name()] for symbol in symbols]))
 
-    def _symbols(self, d: Declaration, unit: str, sizes: Sequence[int], entry: tuple[int, ...]) -> Value:
+    def _symbols(
+        self, d: tree.Declaration, unit: str, sizes: Sequence[int], entry: tuple[int, ...]
+    ) -> Value:
         if sizes:
             entries = range(1, sizes[0] + 1)
             return tuple(self._symbols(d, unit, sizes[1:], (*entry, k)) for k in entries)
@@ -313,7 +309,7 @@ class Variables:
             unit,
             start=self._number(d, "start", entry),
             start_of=self.start_of(self._entry(d, "start", entry)),
-            fixed=d.attributes.get("fixed") == Truth(value=True),
+            fixed=d.attributes.get("fixed") == tree.Truth(value=True),
             nominal=abs(self._number(d, "nominal", entry) or 1.0),
             minimum=-math.inf if low is None else low,
             maximum=math.inf if high is None else high,
@@ -321,7 +317,7 @@ class Variables:
         )
         return self.by_name[name].symbol
 
-    def _number(self, d: Declaration, key: str, entry: tuple[int, ...]) -> float | None:
+    def _number(self, d: tree.Declaration, key: str, entry: tuple[int, ...]) -> float | None:
         """The number that an attribute has, of one entry of an array."""
         value = self._entry(d, key, entry)
         try:
@@ -329,7 +325,7 @@ class Variables:
         except SceneError as error:
             raise SceneError(f"{key}: {error}") from None
 
-    def _entry(self, d: Declaration, key: str, entry: tuple[int, ...]) -> Value | None:
+    def _entry(self, d: tree.Declaration, key: str, entry: tuple[int, ...]) -> Value | None:
         """The value that an attribute has, of one entry of an array."""
         if key not in d.attributes:
             return None

@@ -10,6 +10,7 @@ from mbdlft.base import Angle, Parameter
 from mbdlft.base.errors import AnalysisError, NotRationalError, SceneError, StructureError, TrimError
 from mbdlft.base.formula import formula_value
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
+from mbdlft.dae.units import check_units
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import ThetaFunction
 from tests.close import roundoff
@@ -151,6 +152,44 @@ def test_units_that_do_not_fit() -> None:
     d.output("y", x, "kg")
     with pytest.raises(SceneError, match="output 'y': m and kg"):
         reduce_index(d.dae())
+
+
+@pytest.mark.parametrize(
+    ("units", "equation", "message"),
+    [
+        (("km", "m"), lambda d, x, y: x - y, r"equation 'law': km and m are added"),
+        (("rad", "deg"), lambda d, x, y: ca.sin(x) + ca.sin(y), r"'law': a function of a value in deg"),
+        (("ms", "s"), lambda d, x, y: ca.fmin(x, y), r"equation 'law': ms and s are added or compared"),
+        (("km", "m/s"), lambda d, x, y: d.der(x) - y, r"1000 m s.-1 and m s.-1 are added"),
+        (("km", "m/ms"), lambda d, x, y: d.der(x) - y, None),
+        (("1/s", "Hz"), lambda d, x, y: x - y, r"s.-1 and Hz are added"),
+        (("km", "m"), lambda d, x, y: x - d.number(0.001) * y, None),
+        (("mV", "kOhm uA"), lambda d, x, y: x - 5 * y, None),
+        (("mm", "m"), lambda d, x, y: x * y - y * y, r"0.001 m.2 and m.2 are added"),
+        (("mm^2", "mm"), lambda d, x, y: ca.sqrt(x) - y, None),
+        (("mm^2", "m"), lambda d, x, y: ca.sqrt(x) - y, "0.001 m and m are added"),
+    ],
+)
+def test_units_of_the_same_dimension_with_other_factors(units, equation, message) -> None:  # type: ignore[no-untyped-def]
+    d = DaeDraft("factors")
+    x, y = (d.variable(name, unit) for name, unit in zip("xy", units, strict=True))
+    d.equation(equation(d, x, y), "law")
+    d.equation(x, "other", equals=1)
+    d.parameter(Angle("theta", 30.0, plus=10.0, unit="deg"))
+    if message is None:
+        check_units(d.dae())
+    else:
+        with pytest.raises(SceneError, match=message):
+            check_units(d.dae())
+
+
+def test_symbols_of_angles_are_in_rad() -> None:
+    d = DaeDraft("angle")
+    theta = d.parameter(Angle("theta", 30.0, plus=10.0, unit="deg"))
+    x = d.variable("x", "rad")
+    d.equation(x, "law", equals=ca.sin(theta) + d.number(0.3) * d.number(1))
+    d.output("y", x - theta, "rad")
+    check_units(d.dae())
 
 
 def test_coefficients_that_are_not_rational() -> None:

@@ -190,6 +190,10 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 'Real x(unit="m"); Real v(unit="s") = x;' => m.mof … line 2: 'v = x': the left side is in s, the right
 'Real x(unit="m") = sin(x);' => m.mof … sin of a value in m; it takes plain numbers and angles
 'Real x(unit="m"); Real y(unit="s") = y + x;' => m.mof … s and m are added or compared; units do not fit
+'Real x(unit="km"); Real y(unit="m") = x;' => m.mof … 'y = x': the left side is in m, the right side in km
+'Real x(unit="deg"); Real y = sin(x);' => m.mof … sin of a value in deg; it takes plain numbers and angles
+'Real x(unit="s"); Real y = if x > z then 1 else 2; Real z(unit="ms") = 3;'
+    => m.mof … s and ms are added or compared; units do not fit
 'Real x; Real y(unit="m"); parameter Real k(unit="N/m")=1; Real f(unit="N.m") = k*y;'
     => m.mof … the left side is in kg m^2 s^-2, the right side in kg m s^-2; units do not fit
 > model(text_of(P), modelica_table_from_toml('format = "mbdlft-modelica/1"\n' + {})) => SceneError:

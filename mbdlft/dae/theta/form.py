@@ -16,13 +16,13 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.unit import Signal, dimension_name, parse_unit
-from mbdlft.dae.dae import dimension_of, open_unit
 from mbdlft.dae.index import blocks_of
 from mbdlft.dae.newton import singular_part
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import ONE_KEY, Function, Mixed, number
 from mbdlft.dae.theta.separation import Arrange, Separated, Separation
+from mbdlft.dae.units import open_unit, unit_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import in_doubles, is_constant
@@ -345,7 +345,7 @@ def _unit(expression: ca.SX, known: Mapping[int, str]) -> str:
     if any(parse_unit(unit).factor != 1.0 for unit in used.values()):
         return "1"
     try:
-        dimension = dimension_of(expression, {key: open_unit(unit) for key, unit in used.items()})
+        measure = unit_of(expression, {key: open_unit(unit) for key, unit in used.items()})
     except SceneError:  # the slope of a function was moved out of it as a number
         return "1"
-    return dimension_name(dimension.exponents) if dimension.exponents else "1"
+    return dimension_name(measure.exponents) if measure.exponents else "1"
