@@ -6,11 +6,10 @@ value. The planted bugs at the end show that the comparison finds what it should
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -18,11 +17,8 @@ import pytest
 import mbdlft
 from benchmarks import ur5 as benchmark
 from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robots
-from mbdlft.robot import make
-from mbdlft.robot.description import Robot as File
-from mbdlft.robot.description import RobotJoint, RobotLink
+from mbdlft.robot.description import RobotJoint
 from mbdlft.robot.load import RIGHT_ANGLE, read_robot
-from mbdlft.robot.urdf import Element, read_urdf
 from mbdlft.robot.values import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
@@ -206,49 +202,3 @@ def test_scenario_is_that_of_its_script(
 def test_benchmark_at_its_smallest() -> None:
     text = benchmark.table(robots() / ROBOTS["ur5"].file, 0.0, repeats=1)
     assert "| of which check |" in text
-
-
-# planted bugs --------------------------------------------------------------------------------
-
-
-def not_turned(link: RobotLink, right_angle: float, snapped: list[float]) -> Mapping[str, float]:
-    return link.inertia
-
-
-def without(**fields: Any) -> Callable[[Element], File]:
-    """The file as read, each joint with other fields."""
-
-    def read(top: Element) -> File:
-        file = read_urdf(top)
-        joints = {name: joint._replace(**fields) for name, joint in file.joints.items()}
-        return file._replace(joints=joints)
-
-    return read
-
-
-PLANTED: dict[str, tuple[str, str, Any]] = {
-    "roll before yaw": ("make._ABOUT", "so101", dict(reversed(make._ABOUT.items()))),
-    "inertia in the axes of the inertial": ("values._inertia", "baxter", not_turned),
-    "no damping": ("load.read_urdf", "panda", without(damping=0.0)),
-    "axes all x": ("load.read_urdf", "ur5", without(axis=(1.0, 0.0, 0.0))),
-    "no lengths": ("load.read_urdf", "so101", without(xyz=(0.0, 0.0, 0.0))),
-}
-
-
-@pytest.mark.parametrize("bug", PLANTED)
-def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    place, name, wrong = PLANTED[bug]
-    monkeypatch.setattr(f"mbdlft.robot.{place}", wrong)
-    with pytest.raises(AssertionError, match="relative error"):
-        compare(case_of(ROBOTS[name]._replace(angles=1, vary=(), payload="")), by_pinocchio, 1, PINOCCHIO)
-
-
-def test_stiffness_at_zero_only_is_found() -> None:
-    with pytest.raises(AssertionError, match="relative error"):
-        compare(case("ur5"), at_zero, 1, PINOCCHIO)
-
-
-def at_zero(text: str, positions: Mapping[str, float], *, free: bool) -> Rest:
-    """The stiffness with all joints at zero."""
-    rest = by_pinocchio(text, positions, free=free)
-    return replace(rest, K=by_pinocchio(text, dict.fromkeys(positions, 0.0), free=free).K)

@@ -12,10 +12,8 @@ from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
-from mbdlft.exact.matrices import Residues
 from mbdlft.lft.lft import constant, delta, inverse
 from mbdlft.order import lower_bound as exact
-from mbdlft.order import reduction as exact_spaces
 from tests.extracted import exactly
 from tests.laws.lfts import lfts
 from tests.laws.loewner import degrees as degrees_by_ranks
@@ -129,22 +127,3 @@ def test_degrees_of_an_lft_that_is_not_minimal() -> None:
     ]
     for a, degrees in cases:
         assert exact.exact_degrees(exactly(a)) == degrees
-
-
-def test_planted_bugs_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Degrees at nominal instead of random values; what is reachable and not observable counts."""
-    with monkeypatch.context() as patch:
-        patch.setattr(exact, "at_random", lambda a, seed: a.M.residues)
-        with pytest.raises(AssertionError):
-            law_closed_form([["(a - 0.5)*(b - 1.5)"]], (1, 1))
-
-    def reachable_only(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-        return M, [len(space.pivots) for space in right(M, sizes, prime)]
-
-    def right(M: Residues, sizes: list[int], prime: int) -> list[exact_spaces.Space]:
-        n = sum(sizes)
-        return exact_spaces.reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
-
-    monkeypatch.setattr(exact, "minimal", reachable_only)
-    with pytest.raises(AssertionError):
-        test_degrees_of_an_lft_that_is_not_minimal()

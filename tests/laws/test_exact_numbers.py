@@ -7,9 +7,9 @@
 4. a double in code stands for the number that was meant
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
-from functools import cache, reduce
+from functools import reduce
 from math import gcd, isqrt, prod, radians
 
 import flint
@@ -131,7 +131,6 @@ CONSTANTS = [
     ),
 ]
 ALL = Field(CONSTANTS)
-Node = tuple  # an operator with nodes, or a constant
 
 
 expressions = st.recursive(
@@ -178,7 +177,8 @@ def test_residues_agree_with_balls(node: object) -> None:
 # 3. relations --------------------------------------------------------------------------------------
 
 
-def law_angles(a: Fraction, b: Fraction) -> None:
+@given(angles, angles)
+def test_angles_in_degrees(a: Fraction, b: Fraction) -> None:
     for field in (FIELD, ALL):
         c, s = cosine(a, field), sine(a, field)
         assert c * c + s * s == field.one
@@ -192,12 +192,7 @@ def law_angles(a: Fraction, b: Fraction) -> None:
             assert is_consistent(found)
 
 
-@given(angles, angles)
-def test_angles_in_degrees(a: Fraction, b: Fraction) -> None:
-    law_angles(a, b)
-
-
-def law_regular_polygons() -> None:
+def test_regular_polygons() -> None:
     """Cosines of parts of a turn add up to zero; of fewer of them they do not."""
     for n in (3, 5, 8, 9, 12, 25, 360):
         parts = [cosine(Fraction(360 * k, n)) for k in range(n)]
@@ -211,10 +206,6 @@ def law_regular_polygons() -> None:
     assert not cosine(Fraction(90))
     assert cosine(Fraction(90)).ball == 0
     assert cosine(Fraction("60.000000001")) != half
-
-
-def test_regular_polygons() -> None:
-    law_regular_polygons()
 
 
 @given(in_radians, in_radians)
@@ -367,58 +358,6 @@ def test_no_prime(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # planted bugs --------------------------------------------------------------------------------------
-
-
-def rounded_root(self: Field, radicand: Fraction) -> Exact:
-    return self.rational(Fraction(float(radicand) ** 0.5))
-
-
-def halved(self: Field, degrees: Fraction, *, of_sine: bool = False) -> int:
-    power = int(degrees * 10**8) % module._TURN
-    return self._half_sum(pow(self._part, power, self.prime), of_sine=of_sine)
-
-
-def without_division(self: Exact, other: Exact) -> Exact:
-    return Exact(self.ball / other.ball, self.residue * other.residue)
-
-
-right_root = Field._root_of_factor
-PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
-    "a root is a double": (Field, "_root", rounded_root, lambda: law_roots([Fraction(2)])),
-    "eight decimals of a degree": (
-        Field,
-        "_cosine",
-        halved,
-        lambda: law_angles(Fraction("0.000000001"), Fraction(3)),
-    ),
-    "a quotient is a product": (
-        Exact,
-        "__truediv__",
-        without_division,
-        lambda: law_random(Fraction(3, 7)),
-    ),
-    "roots of the other sign": (
-        Field,
-        "_root_of_factor",
-        lambda self, factor: -right_root(self, factor),
-        lambda: law_roots([Fraction(3)]),
-    ),
-}
-
-
-@cache
-def holds(law: Callable[[], None]) -> bool:
-    law()
-    return True
-
-
-@pytest.mark.parametrize("bug", PLANTED)
-def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    owner, name, replacement, law = PLANTED[bug]
-    assert holds(law)
-    monkeypatch.setattr(owner, name, replacement)
-    with pytest.raises(AssertionError):
-        law()
 
 
 @pytest.mark.parametrize("field", [FIELD, Field([Constant("root", Fraction(7))])])

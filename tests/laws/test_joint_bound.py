@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
-from mbdlft.exact.matrices import ExactMatrix, Residues, identity, stacked
+from mbdlft.exact.matrices import ExactMatrix, identity, stacked
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_diagonal, stack_rows
 from mbdlft.matrix.relations import problem_of_matrix
@@ -104,15 +104,11 @@ def test_planar_and_spatial_chains() -> None:
     assert planar.order == 90
 
 
-def law_deeper() -> None:
+def test_deeper_sections_need_more_lines() -> None:
     """Three links in space: H^1(G(-1, -2)) is not zero, so one line b = const is not enough."""
     a = relations(3, spatial=True)
     (pair,) = JointBound(a, exact_degrees(a)).pairs("L1", "t2", Work())
     assert (pair.first_more, pair.second_more) == (1, 2)
-
-
-def test_deeper_sections_need_more_lines() -> None:
-    law_deeper()
 
 
 def test_a_matrix_of_the_literature() -> None:
@@ -151,17 +147,13 @@ def inflated(a: LFT, random: np.random.Generator) -> LFT:
     return a
 
 
-def law_safe(seed: int, *, sparse: bool, affine: bool) -> None:
+@given(seeds, bits, bits)
+def test_not_above_the_order_of_any_lft(seed: int, sparse: bool, affine: bool) -> None:
     random = np.random.default_rng(seed)
     a = some_lft(random, sparse=sparse, affine=affine)
     order = small(a).order
     assert bound(small(a)) <= order
     assert bound(small(inflated(a, random))) <= order
-
-
-@given(seeds, bits, bits)
-def test_not_above_the_order_of_any_lft(seed: int, sparse: bool, affine: bool) -> None:
-    law_safe(seed, sparse=sparse, affine=affine)
 
 
 Word = tuple[np.ndarray, str, np.ndarray]
@@ -203,16 +195,12 @@ def in_three_ways(terms: list[Word]) -> list[ExactLFT]:
     return [written(terms, way) for way in ways]
 
 
-def law_words(seed: int) -> None:
+@given(seeds)
+def test_the_order_of_factors_does_not_matter(seed: int) -> None:
     ways = in_three_ways(words(np.random.default_rng(seed)))
     bounds = {bound(a) for a in ways}
     assert len(bounds) == 1
     assert max(bounds) <= min(a.order for a in ways)
-
-
-@given(seeds)
-def test_the_order_of_factors_does_not_matter(seed: int) -> None:
-    law_words(seed)
 
 
 def known(g: float, seed: int) -> LFT:
@@ -351,17 +339,13 @@ def side_by_side(seed: int) -> ExactLFT:
     return small(stack_diagonal(first, second))
 
 
-def law_side_by_side(seed: int) -> None:
+@given(seeds)
+def test_one_repetition_is_not_enough_for_two(seed: int) -> None:
     """Each needs 5 alone; one L more, which pairs allow, can do for one of them only."""
     a = side_by_side(seed)
     assert exact_degrees(a) == {"L": 4, "m": 2, "k": 2}
     assert a.order > 10
     assert bound(a) == 10
-
-
-@given(seeds)
-def test_one_repetition_is_not_enough_for_two(seed: int) -> None:
-    law_side_by_side(seed)
 
 
 # where pairs prove one less than triples
@@ -381,15 +365,11 @@ def words_of_two_letters(random: np.random.Generator) -> list[Word]:
     ]
 
 
-def law_of_two_letters(seed: int) -> None:
+@pytest.mark.parametrize("seed", TWO_LETTERS)
+def test_triples_are_reached(seed: int) -> None:
     """The bound is the order that n-D reduction reaches from one of three ways to write it."""
     ways = in_three_ways(words_of_two_letters(np.random.default_rng(seed)))
     assert {bound(a) for a in ways} == {min(a.order for a in ways)}
-
-
-@pytest.mark.parametrize("seed", TWO_LETTERS)
-def test_triples_are_reached(seed: int) -> None:
-    law_of_two_letters(seed)
 
 
 def test_four_links_in_space() -> None:
@@ -434,79 +414,3 @@ def test_work_is_counted() -> None:
 def test_too_few_points_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_SURPLUS", -12)
     law_table(16, 17, of_case("O8"))
-
-
-# planted bugs --------------------------------------------------------------------------------------
-
-
-def powers_less(
-    E: "module._Span", prime: int, *moves: dict[str, int], right: Callable[..., int] = module._inside
-) -> int:
-    return right(E, prime, *({k: max(1, p - 1) for k, p in move.items()} for move in moves))
-
-
-def few_samples(a: Residues, prime: int, right: Callable[..., int] = module.rank) -> int:
-    return right(a[: len(a) // 3], prime)
-
-
-def one_line(*arguments: object, right: Callable[..., "module._Span | None"] = module._span) -> object:
-    E = right(*arguments)
-    return E and E._replace(k=1)
-
-
-def law_o8() -> None:
-    law_table(16, 17, of_case("O8"))
-
-
-def law_no_pairs() -> None:
-    law_known(0.0, 0)
-
-
-def law_triples() -> None:
-    law_side_by_side(0)
-
-
-def law_poles() -> None:
-    law_words(253)
-
-
-PLANTED: dict[str, tuple[object, str, object, Callable[[], None]]] = {
-    "sections that need not vanish at infinity": (module, "_inside", powers_less, law_no_pairs),
-    "a rank of a third of the samples": (module, "rank", few_samples, law_o8),
-    "nothing is inside": (module, "_inside", lambda E, prime, *moves: 0, law_o8),
-    "only the sections that vanish once": (
-        module,
-        "takewhile",
-        lambda wanted, dimensions: [h for h in list(dimensions)[:1] if h],
-        law_deeper,
-    ),
-    "one line is enough": (module, "_span", one_line, law_o8),
-    "pairs only": (JointBound, "_is_proved", lambda *_: False, law_triples),
-    "poles in the third": (module, "is_constant", lambda *_, **__: True, law_poles),
-}
-
-
-@cache
-def holds(law: Callable[[], None]) -> bool:
-    law()
-    return True
-
-
-@pytest.mark.parametrize("bug", PLANTED)
-def test_planted_bug_is_found(bug: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    owner, name, replacement, law = PLANTED[bug]
-    assert holds(law)
-    monkeypatch.setattr(owner, name, replacement)
-    with pytest.raises(AssertionError):
-        law()
-
-
-def test_planted_sum_is_found() -> None:
-    """Pairs that share a parameter need not be paid for twice, unless a triple says so."""
-    found = [Pair("a", "b", 1, 1), Pair("a", "c", 1, 1)]
-    law_least(least_more, found)
-    law_least(least_more, found, 1)
-    with pytest.raises(AssertionError, match="2 == 1"):
-        law_least(lambda names, found, triples: {p.second: min(p[2:4]) for p in found}, found)
-    with pytest.raises(AssertionError, match="1 == 2"):
-        law_least(lambda names, found, triples: least_more(names, found), found, 1)

@@ -129,41 +129,6 @@ def test_a_double_root_does_not_change_the_sign() -> None:
 # planted bugs ------------------------------------------------------------------------------------
 
 
-def test_blocks_in_the_wrong_order_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    a, right = chained(LOOPS[4], 1), sampling.diagonal_blocks
-    monkeypatch.setattr(sampling, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
-    with pytest.raises(AssertionError):
-        law_blocks(a.M11)
-    with pytest.raises(AssertionError):
-        law_values(a, deltas(a, 7))
-
-
-@pytest.mark.parametrize("loops", [LOOPS[1], LOOPS[4]])
-def test_a_forgotten_sign_is_seen(monkeypatch: pytest.MonkeyPatch, loops: tuple[int, ...]) -> None:
-    a, right = chained(loops, 1), sampling._solved
-    monkeypatch.setattr(sampling, "_solved", lambda *p: (right(*p)[0], np.abs(right(*p)[1])))
-    with pytest.raises(AssertionError):
-        law_values(a, 6.0 * deltas(a, 20))
-
-
-def test_norms_that_are_taken_for_small_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    a = chained(LOOPS[1], 1)
-    assert law_vanishing(a, 6.0 * deltas(a, 20)).any()
-    monkeypatch.setattr(sampling, "_SMALL", np.inf)
-    with pytest.raises(AssertionError):
-        law_vanishing(a, 6.0 * deltas(a, 20))
-
-
-def test_planted_order_of_blocks_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    a = chained(LOOPS[3], 0)
-    at = 0.5 * deltas(a, 3)
-    right = sampling.diagonal_blocks
-    roundoff(sampling.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
-    monkeypatch.setattr(sampling, "diagonal_blocks", lambda matrix: right(matrix)[::-1])
-    with pytest.raises(AssertionError):
-        roundoff(sampling.values_at(a, at)[0], evaluate_at(a, at), KAPPA)
-
-
 def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line is seen to vanish, and a pole is not nearer than the norm allows."""
 

@@ -210,24 +210,3 @@ def spin_on_a_hinge_is_that_of_energy() -> None:
 
 def test_spin_on_a_hinge_is_that_of_energy() -> None:
     spin_on_a_hinge_is_that_of_energy()
-
-
-BUGS = {
-    "no weight": ("stiffened_by_motion", lambda *given: 0.0),
-    "no pull": ("pulled", lambda *given: 0.0 * given[-1]),
-    "no spin": ("spinning", lambda blocks, motion, values, at: (0.0, 0.0)),
-}
-
-
-@pytest.mark.parametrize(
-    ("bug", "law"),
-    [
-        ("no weight", lambda: test_rotating_beam(4.0, "bending_z")),
-        ("no pull", lambda: test_loaded_column(0.5, {"modes": 6})),
-        ("no spin", lambda: test_rotating_beam(4.0, "bending_y")),
-    ],
-)
-def test_planted_bug_is_found(bug: str, law, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beam_elements, *BUGS[bug])
-    with pytest.raises(AssertionError):
-        law()
