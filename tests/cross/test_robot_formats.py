@@ -12,7 +12,6 @@ from benchmarks.cases.robots import by_pinocchio
 from benchmarks.public_robots import difference, files, installed, outcome, table
 from benchmarks.targets import PUBLIC
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.robot import sdf_frames
 from tests import random_mjcf
 from tests.close import CLOSED_FORM, PINOCCHIO, target
 from tests.robot_files import as_mjcf, as_sdf, as_urdf, chain
@@ -61,35 +60,6 @@ def test_chain_equals_pinocchio(tmp_path: Path, form: str, seed: int) -> None:
     target(A[3:, :3], -inverse @ rest.K, PINOCCHIO)
     target(A[3:, 3:], -inverse @ rest.D, PINOCCHIO)
     target(efforts, rest.effort, PINOCCHIO)
-
-
-@pytest.mark.parametrize(
-    ("place", "wrong"),
-    [
-        ("Frames.between", lambda frames, a, b: frames.in_model(b)),
-        ("_default", lambda element: sdf_frames.MODEL),
-        ("Pose.inverse", lambda pose: pose),
-    ],
-)
-def test_wrong_frames_are_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str, wrong: Any
-) -> None:
-    owner, _, name = place.rpartition(".")
-    monkeypatch.setattr(getattr(sdf_frames, owner) if owner else sdf_frames, name, wrong)
-    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
-        test_chain_equals_pinocchio(tmp_path, "sdf", 1)
-
-
-def test_axis_of_the_joint_is_not_that_of_the_model(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(
-        sdf_frames,
-        "_direction",
-        lambda joint, axis, *_: np.array([float(x) for x in axis.only("xyz").text.split()]),
-    )
-    with pytest.raises(AssertionError, match="relative error"):
-        test_chain_equals_pinocchio(tmp_path, "sdf", 1)
 
 
 # what MJCF files can have ----------------------------------------------------------------------

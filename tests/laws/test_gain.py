@@ -4,7 +4,6 @@ from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
-import pytest
 
 from mbdlft.lft import box_gain as gain
 from mbdlft.lft.lft import LFT, Block
@@ -80,17 +79,6 @@ def law_proved_is_true(proved: Proved) -> None:
 
 def test_what_is_proved_is_true() -> None:
     law_proved_is_true(gain.proved)
-
-
-def test_planted_proof_of_everything_is_found() -> None:
-    with pytest.raises(AssertionError, match="draw"):
-        law_proved_is_true(lambda form, g, X: True)
-
-
-def test_planted_margin_of_nothing_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(gain, "_EPS", 0.0)
-    with pytest.raises(AssertionError, match="draw"):
-        law_proved_is_true(gain.proved)
 
 
 def test_multipliers_must_be_positive() -> None:

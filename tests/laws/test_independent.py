@@ -7,7 +7,6 @@
 """
 
 from itertools import permutations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,6 @@ from hypothesis import strategies as st
 import mbdlft
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.order import circles as module
 from mbdlft.order.circles import independent
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.work import Work
@@ -127,25 +125,3 @@ def same_values(plain: LFT) -> LFT:
     points = np.random.default_rng(6).uniform(-1.0, 1.0, (50, len(plain.blocks)))
     target(evaluate_at(found, points), evaluate_at(plain, points), SCENARIO)
     return found
-
-
-def test_planted_dependence_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = module._dependences
-
-    def wrong(*arguments: Any) -> Any:
-        found = right(*arguments)
-        return found and (found[0], 1.001 * found[1])
-
-    law(shuffled(0, poles=False))
-    monkeypatch.setattr(module, "_dependences", wrong)
-    with pytest.raises(AssertionError, match="relative error"):
-        law(shuffled(0, poles=False))
-
-
-def test_planted_side_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The rows alone do not show what the columns do."""
-    a = transpose(reduce_order(stack_columns(word(("a", "b")), word(("b", "a")))))
-    law(a)
-    monkeypatch.setattr(module, "transpose", lambda one: one)
-    with pytest.raises(AssertionError):
-        law(a)

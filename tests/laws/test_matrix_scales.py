@@ -12,27 +12,17 @@ Values are those of `fractions`.
 import itertools
 import random
 import re
-from collections.abc import Sequence
-from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
-import flint
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
-from mbdlft.exact.matrices import ExactMatrix, rough_values
-from mbdlft.matrix import digits, relations, symbolic
 from mbdlft.matrix.relations import problem_of_matrix
-from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.reduction_in_doubles import channel_scales
 from mbdlft.pipeline import forms, stages
-from mbdlft.pipeline.extract import channels
-from mbdlft.pipeline.extract.noncommuting import Row
 from tests.close import CLOSED_FORM, exact, target
-from tests.extracted import exactly
 from tests.laws.loewner import degrees
 
 A, B = Parameter("a", 0.2, -0.5, 0.6), Parameter("b", 0.15, -0.4, 0.5)
@@ -158,36 +148,16 @@ def scaled(rows: Rows, seed: int) -> tuple[Rows, list[Parameter]]:
     return found, parameters
 
 
-def law_scaled(rows: Rows, seed: int) -> None:
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("rows", MATRICES, ids=str)
+def test_units_change_nothing(rows: Rows, seed: int) -> None:
     plain = realize(rows, [A, B], search=0.0)
     model = law_values(*scaled(rows, seed))
     assert model.certificate.order == plain.certificate.order
     assert model.certificate.lower_bound == plain.certificate.lower_bound
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize("rows", MATRICES, ids=str)
-def test_units_change_nothing(rows: Rows, seed: int) -> None:
-    law_scaled(rows, seed)
-
-
-def test_planted_scaling_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Entries that are small beside others are taken for zero."""
-    right = channels.from_rows
-
-    def dropped(rows: Sequence[Row], width: int, prime: int) -> ExactMatrix:
-        found = right(rows, width, prime)
-        size = np.abs(rough_values(found))
-        small = size < 1e-12 * np.max(size, initial=0.0)
-        found.residues[small], found.balls[small] = 0, flint.arb(0)
-        return found
-
-    monkeypatch.setattr(channels, "from_rows", dropped)
-    with pytest.raises((AssertionError, mbdlft.AnalysisError)):
-        law_all_scaled()
-
-
-def law_small_entry() -> None:
+def test_small_entries_are_compared() -> None:
     """A thousandth of an entry is an error whatever the unit of the entry is."""
     problem = problem_of_matrix(mbdlft.matrix_problem([["1e-20*a", "1e20*b"]], [A, B]))
     a = realize([["1e-20*a", "1e20*b"]], [A, B], search=0.0).lft
@@ -198,49 +168,17 @@ def law_small_entry() -> None:
         )
 
 
-def test_small_entries_are_compared() -> None:
-    law_small_entry()
-
-
-def test_planted_units_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Rows and columns in the units they came in."""
-    monkeypatch.setattr(relations, "_units", lambda v: tuple(map(np.ones, v.shape[1:])))
-    with pytest.raises(pytest.fail.Exception):
-        law_small_entry()
-
-
-def law_all_scaled() -> None:
-    for rows, seed in itertools.product(MATRICES, range(6)):
-        law_scaled(rows, seed)
-
-
-def law_bound(case: Unreduced) -> None:
+@pytest.mark.parametrize("case", [*UNREDUCED, TANGENT], ids=["2 x 4", "5 x 4", "tangent"])
+def test_what_cancels_proves_nothing(case: Unreduced) -> None:
     """What is proved are the degrees."""
     rows, parameters = case
     proved = realize(*case, search=0.0).certificate.lower_bound
     assert proved == tuple(degrees(rows, sorted(p.name for p in parameters)).values())
 
 
-@pytest.mark.parametrize("case", [*UNREDUCED, TANGENT], ids=["2 x 4", "5 x 4", "tangent"])
-def test_what_cancels_proves_nothing(case: Unreduced) -> None:
-    law_bound(case)
-
-
-def test_planted_doubles_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Degrees of the model in doubles: only by commutation factors are seen to be common."""
-    right = stages.exact_degrees
-    monkeypatch.setattr(stages, "exact_degrees", lambda a, seed: right(in_doubles(a), seed))
-    for case in UNREDUCED:
-        with pytest.raises(AssertionError):
-            law_bound(case)
-
-
-def in_doubles(a: ExactLFT) -> ExactLFT:
-    """Entries with the rounding of doubles."""
-    return exactly(a.rounded())
-
-
-def law_canceled(rows: Rows, left: Rows) -> None:
+@pytest.mark.parametrize(("rows", "left"), CANCELED, ids=str)
+def test_numbers_that_cancel_are_nothing(rows: Rows, left: Rows) -> None:
+    """0.1 + 0.2 - 0.3 is zero, as a coefficient and as an entry, whatever stands beside it."""
     plain, model = (realize(text, [A, B], search=0.0) for text in (left, rows))
     assert model.certificate.order == plain.certificate.order
     assert model.certificate.lower_bound == plain.certificate.lower_bound
@@ -256,48 +194,11 @@ def law_canceled(rows: Rows, left: Rows) -> None:
     target(found.scale, expected.scale, CLOSED_FORM)
 
 
-def test_planted_digits_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fifty digits are taken to be enough, whatever cancels."""
-    monkeypatch.setattr(digits, "_CLEAR", -(2**63))
-    for case in (CANCELED[6], CANCELED[12]):  # 130 digits cancel
-        with pytest.raises((AssertionError, mbdlft.AnalysisError)):
-            law_canceled(*case)
-
-
-@pytest.mark.parametrize(("rows", "left"), CANCELED, ids=str)
-def test_numbers_that_cancel_are_nothing(rows: Rows, left: Rows) -> None:
-    """0.1 + 0.2 - 0.3 is zero, as a coefficient and as an entry, whatever stands beside it."""
-    law_canceled(rows, left)
-
-
-def test_planted_coefficient_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Numbers are the doubles next to them."""
-
-    def binary(value: float) -> Fraction:
-        return Fraction(float(value))
-
-    monkeypatch.setattr(channels, "constant_of", binary)
-    monkeypatch.setattr(symbolic, "decimal", binary)
-    monkeypatch.setattr(symbolic, "literal", float)
-    for case in (*CANCELED[:2], *CANCELED[3:5]):
-        with pytest.raises((AssertionError, mbdlft.AnalysisError)):
-            law_canceled(*case)
-
-
 @pytest.mark.parametrize("size", [1e-7, 1e-4, 1e7, 1e14])
 @pytest.mark.parametrize("rows", [[["1/x", "x"]], [["1/x^2"], ["x^2"]], [["1/x^3", "x"]]], ids=str)
 def test_powers_in_any_unit(rows: Rows, size: float) -> None:
     model = law_values(rows, [Parameter("x", size, 0.5 * size, 2.0 * size)])
     assert model.certificate.minimal
-
-
-def law_channels(size: float) -> None:
-    """What enters and what leaves a channel has one size."""
-    x = Parameter("x", size, 0.5 * size, 2.0 * size)
-    problem = problem_of_matrix(mbdlft.matrix_problem([["1/x^2"], ["x^2"]], [x]))
-    for found in forms.candidates(problem, problem.forms):
-        for a in (found.lft, found.closed, found.relations):
-            exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
 
 
 def test_the_smallest_form_comes_first() -> None:
@@ -311,27 +212,17 @@ def test_the_smallest_form_comes_first() -> None:
 
 @pytest.mark.parametrize("size", [1e-7, 1.0, 1e7])
 def test_channels_have_one_size(size: float) -> None:
-    law_channels(size)
-
-
-def test_planted_channels_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Channels as they come out of the text."""
-    monkeypatch.setattr(forms, "in_scales", lambda a: a)
-    with pytest.raises(AssertionError):
-        law_channels(1e7)
+    """What enters and what leaves a channel has one size."""
+    x = Parameter("x", size, 0.5 * size, 2.0 * size)
+    problem = problem_of_matrix(mbdlft.matrix_problem([["1/x^2"], ["x^2"]], [x]))
+    for found in forms.candidates(problem, problem.forms):
+        for a in (found.lft, found.closed, found.relations):
+            exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
 
 
 @pytest.mark.parametrize(("rows", "parameters"), FAR)
 def test_differences_have_their_digits(rows: Rows, parameters: list[Parameter]) -> None:
     law_values(rows, parameters)
-
-
-def test_planted_start_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Balls have the bits of doubles, and are taken as they are."""
-    monkeypatch.setattr(forms, "BITS", 53)
-    monkeypatch.setattr(ExactMatrix, "values", rough_values)
-    with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):
-        law_values(*FAR[0])
 
 
 def law_error(rows: Rows, parameters: list[Parameter]) -> float:
@@ -346,17 +237,3 @@ def law_error(rows: Rows, parameters: list[Parameter]) -> float:
 
 def test_certificate_states_what_is_lost() -> None:
     assert law_error(*NEARLY_SINGULAR) > 1e9
-
-
-def test_planted_scale_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """All entries compared with the largest one."""
-    right = relations._scaled
-
-    def beside_the_largest(*arguments: Any) -> relations._Scaled:
-        scaled = right(*arguments)
-        scale = np.full_like(scaled.reference.scale, np.max(scaled.reference.scale))
-        return scaled._replace(reference=replace(scaled.reference, scale=scale))
-
-    monkeypatch.setattr(relations, "_scaled", beside_the_largest)
-    with pytest.raises(AssertionError):
-        law_error(*NEARLY_SINGULAR)

@@ -146,21 +146,8 @@ def test_work_is_over() -> None:
     assert not list(one_less(a, lower_bound(a), TRIES, 0, Work(0.0)))
 
 
-def without_conjugate(values: Any) -> Any:
-    return np.swapaxes(values, 1, 2)
-
-
 def forgotten_scale(M: Any, kept: Any, a: LFT, truth: Any) -> LFT:
     return unscaled(M, kept, a, truth._replace(radii=np.ones_like(truth.radii)))
 
 
 unscaled = module.unscaled
-
-
-@pytest.mark.parametrize(
-    ("name", "bug"), [("_adjoint", without_conjugate), ("unscaled", forgotten_scale)]
-)
-def test_the_laws_can_fail(monkeypatch: pytest.MonkeyPatch, name: str, bug: Any) -> None:
-    monkeypatch.setattr(module, name, bug)
-    with pytest.raises(AssertionError):
-        test_two_parameters_are_at_the_bound(3, ("m2", "t2"), 13, 12)

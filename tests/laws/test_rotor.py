@@ -10,11 +10,9 @@ The rotor has no mass: T = 1/2 w_B.I_B w_B + 1/2 w_C.I_C w_C + 1/2 J (e.w_B + n 
 
 import casadi as ca
 import numpy as np
-import pytest
 
 import mbdlft
 from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene, Spin
-from mbdlft.multibody.joint.move import Hinge
 from tests.close import CLOSED_FORM, target
 
 AXIS = np.array([0.0, 0.6, 0.8])
@@ -70,7 +68,7 @@ def lagrange() -> ca.Function:
     return ca.Function("lagrange", p, at_rest)
 
 
-def law_lagrange() -> None:
+def test_rotor_that_is_carried_around_is_that_of_lagrange() -> None:
     model = mbdlft.to_lft(scene(), search=0.0)
     inside, outer = mbdlft.random(model.parameters, 50), mbdlft.corners(model.parameters)
     values = {p.name: np.concatenate([inside[p.name], outer[p.name]]) for p in model.parameters}
@@ -83,23 +81,3 @@ def law_lagrange() -> None:
         expected = np.linalg.solve(M, np.hstack([-K, -D, np.eye(2)]))
         target(np.hstack([A[k], B[k]])[2:], expected, CLOSED_FORM)
         target(trim[k], effort.ravel(), CLOSED_FORM)
-
-
-def test_rotor_that_is_carried_around_is_that_of_lagrange() -> None:
-    law_lagrange()
-
-
-@pytest.mark.parametrize("turned", [-1.0, 0.0])
-def test_planted_gyroscopic_torque_is_found(turned: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The spin of the rotor, which its parent turns along, with the other sign, or left out."""
-    right = Hinge.carried
-
-    def wrong(self: Hinge, wrench: ca.SX, motion: ca.SX) -> ca.SX:
-        spin = self.axis * (self.inertia * (self.ratio - 1.0) * self.at.v)
-        gyroscopic = (turned - 1.0) * ca.cross(motion[:, 0], spin)
-        found = right(self, wrench, motion)
-        return ca.horzcat(found[:, 0], found[:, 1] + gyroscopic)
-
-    monkeypatch.setattr(Hinge, "carried", wrong)
-    with pytest.raises(AssertionError, match="relative error"):
-        law_lagrange()

@@ -26,8 +26,7 @@ from benchmarks.cases.orders import CASES
 from mbdlft.base.running import one_thread
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.order import rewriting, search
-from mbdlft.order.circles import independent
+from mbdlft.order import search
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.rewriting import rewritten
 from mbdlft.order.search import Budget, Truth, find_smallest, is_same, part_of_largest
@@ -169,48 +168,6 @@ def test_other_ways_to_write_it_leave_the_value(name: str) -> None:
     law_rewritten(reduce_order(case(name)))
 
 
-def one_sided(a: LFT, S: LFT, T: LFT, most: int) -> LFT:
-    return changed(a, S, 1.01 * np.eye(T.shape[0]) @ T, most)
-
-
-def scaled(a: LFT, random: np.random.Generator) -> LFT:
-    return 1.01 * np.eye(a.shape[0]) @ settled(a, random)
-
-
-changed, settled = rewriting._changed, rewriting._settled
-
-
-@pytest.mark.parametrize(("name", "bug"), [("_changed", one_sided), ("_settled", scaled)])
-def test_planted_bases_are_found(monkeypatch: pytest.MonkeyPatch, name: str, bug: object) -> None:
-    """A basis on one side only, and rows that are too large."""
-    plain = reduce_order(case("O13"))
-    law_rewritten(plain)
-    monkeypatch.setattr(rewriting, name, bug)
-    with pytest.raises(AssertionError, match="have the value"):
-        law_rewritten(plain)
-
-
-def test_planted_candidates_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wrong entry is found by the comparison of values, and by nothing else."""
-    plain = reduce_order(case("O3"))
-    assert smallest(plain).order == 3
-
-    def wrong(a: LFT, work: Work) -> LFT:
-        right = independent(a, work)
-        return LFT(right.M11, right.M12, 1.001 * right.M21, right.M22, right.blocks)
-
-    monkeypatch.setattr(search, "independent", wrong)
-    monkeypatch.setattr(search, "_moved", lambda *_: ())  # these would be enough here
-    monkeypatch.setattr(search, "rewritten", lambda *_: ())
-    monkeypatch.setattr(search, "refit", lambda forms, *_: forms[0])
-    assert smallest(plain, 0.2) is plain
-    monkeypatch.setattr(search, "is_same", lambda *_: True)
-    small = smallest(plain, 0.2)
-    points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
-    with pytest.raises(AssertionError, match="relative error"):
-        roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
-
-
 def test_singular_results_are_refused() -> None:
     """(p / p) H has the value of H where p is not zero, and p vanishes on the range."""
     plain = reduce_order(case("O3"))
@@ -226,7 +183,8 @@ def searched(work: float = 1.0) -> LFTModel:
     return mbdlft.realize(CASES[0].problem(), search=work)
 
 
-def law_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("search_here")
+def test_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same bits under a clock that runs as it likes; the search is done where the clock is."""
     quick = searched()
     assert quick.order == 8
@@ -240,30 +198,7 @@ def law_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
         assert np.array_equal(getattr(quick.lft, part), getattr(slow.lft, part))
 
 
-@pytest.mark.usefixtures("search_here")
-def test_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    law_no_clock(monkeypatch)
-
-
-@pytest.mark.usefixtures("search_here")
-def test_planted_clock_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A count that is the time since the work began."""
-
-    class Timed(Work):
-        def __init__(self, *arguments: Any) -> None:
-            super().__init__(*arguments)
-            self._start = time.thread_time()
-
-        @property
-        def is_over(self) -> bool:
-            return time.thread_time() - self._start > self.most
-
-    monkeypatch.setattr(search, "Work", Timed)
-    with pytest.raises(AssertionError):
-        law_no_clock(monkeypatch)
-
-
-def law_budget() -> None:
+def test_budget() -> None:
     """A search does little more than its work, also where one look at all parameters is more."""
     for a in (relations(6, spatial=False), reduce_order(case("O2"))):
         for most in (0.02, 0.1):
@@ -277,18 +212,6 @@ def law_budget() -> None:
                 patch.setattr(search, "Work", count)
                 find_smallest([a], dict.fromkeys((name for name, _ in a.blocks), 0), Budget(most))
             assert 0.0 < counted[0].spent < 1.5 * most + 0.3
-
-
-def test_budget() -> None:
-    law_budget()
-
-
-def test_planted_search_that_never_stops_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = search._moved
-    monkeypatch.setattr(search, "_moved", lambda a, work: right(a, work) if work else ())
-    monkeypatch.setattr(search.Work, "is_over", property(lambda work: work.spent > 30.0 * work.most))
-    with pytest.raises(AssertionError):
-        law_budget()
 
 
 def test_a_limit_in_seconds_cuts_off() -> None:

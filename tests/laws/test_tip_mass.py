@@ -5,8 +5,6 @@ minus the Hessian of g . R_1 ... R_n d in the angles, which is affine in the cos
 the two poles of the tangent of half an angle K has rank n, so each angle needs 2n repetitions.
 """
 
-import sys
-
 import casadi as ca
 import numpy as np
 import pytest
@@ -129,9 +127,3 @@ def test_as_it_is_is_the_hessian() -> None:
     found = evaluate_at(as_it_is(n), tangents)
     expected = [-hessian(2.0 * np.arctan(LEAST + SPAN * t)).full() for t in tangents]
     roundoff(found, expected, KAPPA)
-
-
-def test_planted_turn_the_other_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys.modules[__name__], "transpose", lambda a: a)
-    with pytest.raises(AssertionError, match="relative error"):
-        test_products_are_the_minimum(3)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Loop, PointMass, Prismatic, Revolute, Scene, Spring, Strut
+from mbdlft import Loop, PointMass, Prismatic, Revolute, Scene, Spring
 from mbdlft.base.errors import SceneError
 from tests.close import CLOSED_FORM, CROSS, target
 from tests.cross.mechanism import linear_at, mechanism
@@ -67,17 +67,6 @@ def test_half_car_is_that_of_the_book_and_minimal() -> None:
     model = mbdlft.to_lft(half_car())
     assert model.certificate.minimal
     assert len(model.states) == 8
-
-
-def test_planted_rate_that_is_a_displacement(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Strut.wrenches
-
-    def wrong(self, values, magnitude, space):
-        return right(self, {**values, "damping": 0.0}, magnitude, space)
-
-    monkeypatch.setattr(Strut, "wrenches", wrong)
-    with pytest.raises((AssertionError, SceneError)):
-        law_half_car()
 
 
 def moved(base: Scene, k: int, how: bool | str) -> Scene:

@@ -1,7 +1,5 @@
 """The acceleration of the frame as an unknown of the trim: thrust over mass, and free fall."""
 
-from importlib import import_module
-
 import numpy as np
 import pytest
 
@@ -137,14 +135,6 @@ def test_thrust_in_space_equals_lagrange() -> None:
     model, equations, points = mbdlft.to_lft(scene, search=0.0), mechanism(scene), points_of(scene)
     assert {"ground.acceleration.x", "turn.torque.y"} <= {s.name for s in model.trim.signals}
     compare(model, points, [linear_at(equations, model, point) for point in points])
-
-
-def test_planted_weights_that_do_not_know_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The unknown acceleration as an input that is zero: no weight turns with its body."""
-    assembling = import_module("mbdlft.multibody.assembly.newton_euler")
-    monkeypatch.setattr(assembling, "uniform_load", lambda scene, load, *more: load)
-    with pytest.raises((AssertionError, mbdlft.MbdlftError)):
-        test_launcher_accelerates_by_thrust_over_mass()
 
 
 def test_acceleration_that_nothing_determines() -> None:

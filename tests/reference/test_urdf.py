@@ -95,18 +95,6 @@ ANGLES = st.tuples(*[st.floats(-4.0, 4.0)] * 3)
 
 @given(ANGLES)
 def test_inertia_is_turned_into_the_axes_of_the_link(rpy: tuple[float, float, float]) -> None:
-    compare_inertia(rpy)
-
-
-def test_inertia_turned_the_other_way_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    compare_inertia((0.3, -0.5, 1.1))
-    right = values_of.of_angles
-    monkeypatch.setattr(values_of, "of_angles", lambda rpy: right(rpy).T)
-    with pytest.raises(AssertionError, match="relative error"):
-        compare_inertia((0.3, -0.5, 1.1))
-
-
-def compare_inertia(rpy: tuple[float, float, float]) -> None:
     entries = dict(zip(values_of.ENTRIES, (2.0, 0.3, -0.2, 2.5, 0.1, 1.9), strict=True))
     link = RobotLink("link", 1, inertial=True, rpy=rpy, inertia=entries)
     found = values_of._inertia(link, 0.0, [])
