@@ -59,22 +59,12 @@ def is_right(found: LFT, a: LFT, scale: Any = 1.0) -> bool:
     return True
 
 
-def three_fewer_at_once(a: LFT) -> None:
-    found = [one.order for one in candidates(a, least=21) if is_right(one, a)]
-    assert (a.order, min(found, default=a.order)) == (24, 21)
-
-
 def same_slopes(a: LFT, name: str) -> None:
     found = list(candidates(a))
     assert found
     for candidate in found:
         assert dict(candidate.blocks)[name] < dict(a.blocks)[name]
         roundoff(slope(candidate, name), slope(a, name), KAPPA)
-
-
-def test_three_fewer_at_once() -> None:
-    a = chain_in_space(6, "m5", "t3")
-    three_fewer_at_once(a)
 
 
 @pytest.mark.parametrize(("links", "names"), [(4, ("m3", "t1")), (4, ("m3", "t2"))])
