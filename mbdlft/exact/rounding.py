@@ -73,6 +73,33 @@ def or_one(size: Array) -> Array:
     return np.where(size > 0.0, size, 1.0)
 
 
+_MOST_SWEEPS = 30
+
+
+def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:
+    """Powers of two (n,) with which what enters and what leaves each channel has one size."""
+    coupled = M11 - np.diag(np.diagonal(M11))  # no scale changes the diagonal
+    return balanced_channels(coupled, M12, M21, _MOST_SWEEPS)[0]
+
+
+def balanced_channels(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[Array, Array, Array]:
+    """Powers of two for the channels, and the squares of what then enters and leaves each."""
+    inner, first, last = M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
+    scale = np.ones(len(M11))
+    into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
+    for _ in range(sweeps):
+        used = (into > 0) & (out > 0)
+        step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
+        step = 2.0 ** np.round(0.25 * np.log2(step))
+        if (step == 1.0).all():
+            break
+        scale *= step
+        step = step * step
+        inner, first, last = step[:, None] * inner / step, step * first, last / step
+        into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
+    return scale, into, out
+
+
 _DIGITS = 53  # binary, of a double
 _SLICES = 5  # of a factor
 _SETTLED = 2.0**-90  # of the largest entry of a column: what is smaller is not solved for

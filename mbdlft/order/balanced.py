@@ -17,10 +17,10 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.exact.matrices import Balls, TooFewBitsError, ball_matrix, balls_of, entries_of
-from mbdlft.exact.rounding import or_one
+from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.reduction_in_doubles import channel_scales, in_scales
+from mbdlft.order.reduction_in_doubles import in_scales
 
 _SWEEPS, _ROUNDS = 3, 5
 _WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough

@@ -33,8 +33,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.exact.matrices import Residues, multiplied, null_space, rank, row_echelon, solved
-from mbdlft.order.reduction import ExactLFT, reachable_bases
+from mbdlft.exact.matrices import (
+    Residues,
+    multiplied,
+    null_space,
+    rank,
+    reduced_residues,
+    row_echelon,
+    solved,
+)
+from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_solutions
 
 _EXTRA = 2  # samples more than needed
@@ -72,7 +80,9 @@ def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     degrees = {}
     for block, rows in zip(a.blocks, a.parts, strict=True):
         channels = np.arange(rows.start, rows.stop)
-        degrees[block.name] = sum(minimal(_restricted(M, channels, n), [block.size], a.M.prime)[1])
+        degrees[block.name] = sum(
+            reduced_residues(_restricted(M, channels, n), [block.size], a.M.prime)[1]
+        )
     return degrees
 
 
@@ -97,22 +107,6 @@ def at_random(a: ExactLFT, seed: int = 0) -> Residues:
 def _restricted(M: Residues, channels: Residues, n: int) -> Residues:
     """The rows and columns of some of n channels, and of the signals."""
     return np.asarray(M[np.ix_(np.r_[channels, n : M.shape[0]], np.r_[channels, n : M.shape[1]])])
-
-
-def minimal(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-    """[A B ; C D] in the channels of each block that are reachable and observable, and their numbers."""
-    for _ in range(2):
-        n = sum(sizes)
-        spaces = reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
-        starts = np.cumsum([0, *sizes]).tolist()
-        kept = [s + k for s, space in zip(starts[:-1], spaces, strict=True) for k in space.pivots]
-        M = M[[*kept, *range(n, len(M))]]
-        inner = [
-            multiplied(M[:, s:e], space.basis.T, prime)
-            for s, e, space in zip(starts[:-1], starts[1:], spaces, strict=True)
-        ]
-        M, sizes = np.hstack([*inner, M[:, n:]]).T, [len(space.pivots) for space in spaces]
-    return M, sizes
 
 
 class JointBound:
@@ -306,7 +300,7 @@ def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: b
     channels = np.concatenate([np.arange(part.start, part.stop) for _, part in kept])
     prime = a.M.prime
     M = at_random(a).T if is_transposed else at_random(a)
-    M, counts = minimal(_restricted(M, channels, a.order), [b.size for b, _ in kept], prime)
+    M, counts = reduced_residues(_restricted(M, channels, a.order), [b.size for b, _ in kept], prime)
     n = sum(counts)
     # inputs and outputs that are combinations of others do not matter
     _, columns = row_echelon(M[:n, n:], prime)

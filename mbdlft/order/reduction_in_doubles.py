@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import one_thread
-from mbdlft.exact.rounding import product
+from mbdlft.exact.rounding import balanced_channels, channel_scales, product
 from mbdlft.lft.block import consecutive
 from mbdlft.lft.lft import LFT, Block, check_plain, eliminate
 
@@ -29,7 +29,7 @@ _EPS = float(np.finfo(float).eps)
 _THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger
 _MOST_ERROR = 2.0**-40
 _LARGE = 300  # channels; for fewer, changing the number of threads would cost more than it gains
-_BALANCE_SWEEPS, _MOST_SWEEPS = 4, 30
+_BALANCE_SWEEPS = 4
 _ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
 
@@ -77,7 +77,7 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
     inputs = _power_of_two(np.sum(a.M12**2, axis=0))
     outputs = _power_of_two(np.sum(a.M21**2, axis=1))
     M12, M21 = a.M12 / inputs, a.M21 / outputs[:, None]
-    scale, into, out = _channel_scales(a.M11, M12, M21, _BALANCE_SWEEPS)
+    scale, into, out = balanced_channels(a.M11, M12, M21, _BALANCE_SWEEPS)
     sizes = tuple(block.size for block in a.blocks)
     errors = [
         tuple(
@@ -95,30 +95,6 @@ def in_scales(a: LFT) -> LFT:
     """The same LFT with what enters and what leaves each channel of one size; signals keep units."""
     scale = channel_scales(a.M11, a.M12, a.M21)
     return LFT(scale[:, None] * a.M11 / scale, scale[:, None] * a.M12, a.M21 / scale, a.M22, a.blocks)
-
-
-def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:
-    """Powers of two (n,) with which what enters and what leaves each channel has one size."""
-    coupled = M11 - np.diag(np.diagonal(M11))  # no scale changes the diagonal
-    return _channel_scales(coupled, M12, M21, _MOST_SWEEPS)[0]
-
-
-def _channel_scales(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[Array, Array, Array]:
-    """Powers of two for the channels, and the squares of what then enters and leaves each."""
-    inner, first, last = M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
-    scale = np.ones(len(M11))
-    into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
-    for _ in range(sweeps):
-        used = (into > 0) & (out > 0)
-        step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
-        step = 2.0 ** np.round(0.25 * np.log2(step))
-        if (step == 1.0).all():
-            break
-        scale *= step
-        step = step * step
-        inner, first, last = step[:, None] * inner / step, step * first, last / step
-        into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
-    return scale, into, out
 
 
 def _power_of_two(squares: Array) -> Array:

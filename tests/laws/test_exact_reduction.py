@@ -12,12 +12,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact.matrices import rank, rough_values
+from mbdlft.exact import matrices as module
+from mbdlft.exact.matrices import Space, rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
-from mbdlft.order import reduction as module
-from mbdlft.order.reduction import ExactLFT, Space, reduce_exactly
+from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order
 from tests.close import roundoff
 from tests.extracted import FIELD, exact_matrix, exactly

@@ -14,7 +14,7 @@ from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
-from mbdlft.pipeline.extract.channels import close, walk
+from mbdlft.pipeline.extract.graph import close, walk
 from mbdlft.problem.sx import evaluation
 from mbdlft.problem.sx.evaluation import MANY, evaluate_many, vectors
 from mbdlft.problem.sx.tapes import arithmetic, fold, rules, steps

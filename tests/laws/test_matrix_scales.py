@@ -19,8 +19,8 @@ import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
+from mbdlft.exact.rounding import channel_scales
 from mbdlft.matrix.relations import problem_of_matrix
-from mbdlft.order.reduction_in_doubles import channel_scales
 from mbdlft.pipeline import forms, stages
 from tests.close import CLOSED_FORM, exact, target
 from tests.laws.loewner import degrees

@@ -25,8 +25,7 @@ from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
-from mbdlft.pipeline.extract.channels import close
-from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
+from mbdlft.pipeline.extract.graph import Scaled, SignalGraph, close
 from mbdlft.pipeline.extract.noncommuting import Dependence, Row
 from mbdlft.problem.relations import linearize
 from tests.close import roundoff
@@ -187,7 +186,7 @@ def test_planted_blindness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as patch:
         patch.setattr(Dependence, "combination", lambda *_: None)
         assert found_by(law_orders)
-    monkeypatch.setattr("mbdlft.pipeline.extract.channels.smallest", words.reached)
+    monkeypatch.setattr("mbdlft.pipeline.extract.graph.smallest", words.reached)
     assert found_by(law_orders)
 
 

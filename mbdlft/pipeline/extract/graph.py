@@ -1,4 +1,6 @@
-"""The signal graph: signals as unknowns of a sparse linear system, parameters as channels.
+"""From the tape of linear relations to an LFT; the last place that knows CasADi.
+
+The tape becomes a signal graph: signals are unknowns of a sparse linear system, parameters are channels.
 
 A coefficient depends on parameters only; a signal is linear in the inputs. Both are hash-consed, so
 equal sub-expressions exist once. Coefficient times signal:
@@ -10,12 +12,56 @@ equal sub-expressions exist once. Coefficient times signal:
     a / b               y with apply(b, y) = s, then apply(a, y); needs no inverse
 
 Numbers are exact, so terms that cancel leave nothing, and sums that are multiples of each other are one.
+The graph is reduced, and its channels are closed (`noncommuting.py`).
 """
 
+from collections import Counter
+from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
-from mbdlft.base.errors import NotRationalError, WellPosednessError
-from mbdlft.exact.numbers import Exact, Field
+import casadi as ca
+
+from mbdlft.base.errors import NotRationalError, StructureError, WellPosednessError
+from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.numbers import Constant, Exact, Field, constant_of
+from mbdlft.order.reduction import ExactLFT
+from mbdlft.pipeline.extract.noncommuting import Item, Term, Words, closed, reached, smallest
+from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.sx.constants import constants_in
+from mbdlft.problem.sx.tapes import Rules, fold, rules
+
+
+class Extraction(NamedTuple):
+    """An LFT, and the channels by parameter of the graph it was made of."""
+
+    lft: ExactLFT
+    channels: dict[str, int]
+
+
+def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
+    """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
+
+    `maps` are those of the deltas to the symbols p, if these are not the internal values. A
+    NotRationalError if an operation on a coefficient is not rational, or one on a signal is not linear;
+    a StructureError if products are nested too deeply; a WellPosednessError if a denominator vanishes
+    at the nominal values.
+    """
+    signals = ca.vertcat(model.unknown, model.known)
+    outputs = ca.vertcat(model.residual, model.output)
+    constants, numbers = constants_in(outputs)
+    tape = ca.Function("relations", [signals, model.p, constants], [ca.densify(outputs)])
+    names = [parameter.name for parameter in model.parameters]
+    try:
+        graph = walk(tape, names, numbers)
+    except RecursionError:
+        raise StructureError(
+            "products stand inside of each other more deeply than can be followed. Declare a part as a "
+            "parameter."
+        ) from None
+    counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
+    lft = close(graph, names, maps or [parameter.map for parameter in model.parameters])
+    return Extraction(lft, {name: counts[name] for name in sorted(names)})
 
 
 class Coefficient(NamedTuple):
@@ -40,7 +86,7 @@ class SignalGraph:
 
     def __init__(self, inputs: int, field: Field) -> None:
         self.inputs, self.field = inputs, field
-        self.zero = Scaled(field.zero, -1)
+        self.zero, self.minus_one = Scaled(field.zero, -1), field.rational(-1)
         self.size = inputs  # signals 0 .. inputs-1 are the inputs
         self.equations: list[tuple[int, tuple[Scaled, ...]]] = []  # signal = sum
         self.quotients: list[tuple[int, int, Scaled]] = []  # (signal y, divisor b, s): b y = s
@@ -90,10 +136,14 @@ class SignalGraph:
 
     def combine(self, terms: list[Scaled]) -> Scaled:
         """Sum of scaled signals."""
+        # parts of numbers are written out here and in `scaled`: most numbers are made there
         merged: dict[int, Exact] = {}
         for factor, index in terms:
             if index >= 0:
-                merged[index] = merged[index] + factor if index in merged else factor
+                before = merged.get(index)
+                if before is not None:
+                    factor = Exact(before.ball + factor.ball, before.residue + factor.residue)
+                merged[index] = factor
         kept = [Scaled(factor, k) for k, factor in sorted(merged.items()) if factor.residue]
         if not kept:
             return self.zero
@@ -101,8 +151,9 @@ class SignalGraph:
             return kept[0]
         first = kept[0].factor
         if first is not self.field.one:
-            kept = [Scaled(factor / first, index) for factor, index in kept]
-        key = tuple((int(factor.residue), index) for factor, index in kept)
+            ball, residue = first.ball, first.residue
+            kept = [Scaled(Exact(f.ball / ball, f.residue / residue), index) for f, index in kept]
+        key = tuple([(int(factor.residue), index) for factor, index in kept])
         if key not in self._sums:
             self._sums[key] = self._new()
             self.equations.append((self._sums[key], tuple(kept)))
@@ -125,7 +176,10 @@ class SignalGraph:
             return signal
         if not factor.residue or signal.number < 0:
             return self.zero
-        return Scaled(factor if signal.factor is one else factor * signal.factor, signal.number)
+        other, number = signal
+        if other is one:
+            return Scaled(factor, number)
+        return Scaled(Exact(factor.ball * other.ball, factor.residue * other.residue), number)
 
     def _apply(self, number: int, signal: Scaled) -> Scaled:
         operation, arguments = self.nodes[number]
@@ -207,6 +261,10 @@ class SignalGraph:
                 return other if value.residue else self.constant(value)
         return self.node("multiply", a, b)
 
+    def subtract(self, a: Element, b: Element) -> Element:
+        """Difference of two signals, or of two coefficients."""
+        return self.add(a, self.multiply(self.constant(self.minus_one), b))
+
     def quotient(self, a: Element, b: Element) -> Element:
         """A signal or a coefficient over a coefficient."""
         if isinstance(b, Scaled):
@@ -238,3 +296,126 @@ class SignalGraph:
         graph.nodes, graph._numbers = list(self.nodes), dict(self._numbers)
         graph._constants = dict(self._constants)
         return graph
+
+
+def walk(tape: ca.Function, names: list[str], numbers: Sequence[Constant] = ()) -> SignalGraph:
+    """Signal graph of a function (signals, p, constants) -> outputs, linear in the signals.
+
+    `names` are those of the parameters p, for messages, and `numbers` what the constants are.
+    """
+    field = Field(numbers)
+    graph = SignalGraph(tape.size1_in(0), field)
+    signals = [Scaled(field.one, k) for k in range(graph.inputs)]
+    parameters = [graph.node("parameter", float(k)) for k in range(tape.size1_in(1))]
+    exact = [field.of(number) for number in numbers]
+    constants = [graph.constant(number) for number in exact]
+    (outputs,) = fold(tape, _graph_rules(graph, names), signals, parameters, constants)
+    graph.outputs = [_output(graph, element, row) for row, element in enumerate(outputs)]
+    return graph
+
+
+def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
+    """Coefficients and signals of a graph as a number system."""
+
+    def missing(operation: str, where: str, *operands: Element) -> Element:
+        coefficients = [item for item in operands if not isinstance(item, Scaled)]
+        used = sorted({names[k] for item in coefficients for k in graph.parameters_of(item)})
+        raise NotRationalError(
+            f"{where} is not a rational operation (parameters: {', '.join(used) or 'none'}; acts on a "
+            f"{'signal' if len(coefficients) < len(operands) else 'coefficient'}). "
+            "Declare the whole function value as a parameter, or keep the equations implicit."
+        )
+
+    return rules(
+        cache(lambda value: graph.constant(graph.field.rational(constant_of(value)))),
+        add=graph.add,
+        sub=graph.subtract,
+        mul=graph.multiply,
+        div=graph.quotient,
+        missing=missing,
+    )
+
+
+def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
+    if isinstance(element, Scaled):
+        return element
+    value = graph.constant_value(element)
+    if value is not None and not value:
+        return graph.zero
+    raise StructureError(
+        f"row {row} of the relations does not vanish with the signals: it is not linear in them. "
+        "Linearize around an equilibrium first."
+    )
+
+
+def close(
+    graph: SignalGraph, names: Sequence[str], maps: Sequence[BilinearMap], *, all_kept: bool = False
+) -> ExactLFT:
+    """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
+
+    With `all_kept`, every channel of the graph that something depends on is one of the LFT.
+    """
+    small = graph if all_kept else condensed(graph)
+    words = opened(small)
+    words = reached(words, all_kept=True) if all_kept else smallest(words)
+    return closed(words, len(small.quotients), names, maps)
+
+
+def condensed(graph: SignalGraph) -> SignalGraph:
+    """The same outputs from the fewest channels and quotients, if the divisors were letters, too.
+
+    A graph that would not be smaller is returned as it is.
+    """
+    if not graph.quotients:
+        return graph
+    items: list[Item] = [Item(None, ())] * (graph.size - graph.inputs)
+    for signal, terms in graph.equations:
+        items[signal - graph.inputs] = Item(None, _given(*terms))
+    letters = {k: graph.node("parameter", float(k)) for k in {k for _, k, _ in graph.channels}}
+    for signal, parameter, z in graph.channels:
+        items[signal - graph.inputs] = Item(letters[parameter], _given(z))
+    for signal, divisor, z in graph.quotients:
+        items[signal - graph.inputs] = Item(-1 - divisor, _given(z))
+    outputs = [_given(output) for output in graph.outputs]
+    words = smallest(Words(graph.inputs, items, outputs, graph.field))
+    small = graph.without_signals()
+    signals = [Scaled(graph.field.one, k) for k in range(words.inputs)]
+    for item in words.items:
+        assert item.letter is not None
+        z, number = _combined(small, signals, item.terms), item.letter
+        signals.append(small.divide(-1 - number, z) if number < 0 else small.apply(number, z))
+    small.outputs = [_combined(small, signals, output) for output in words.outputs]
+    return small if len(small.channels) < len(graph.channels) else graph
+
+
+def _given(*terms: Scaled) -> list[Term]:
+    return [(factor, number) for factor, number in terms if number >= 0]
+
+
+def _combined(graph: SignalGraph, signals: Sequence[Scaled], terms: Sequence[Term]) -> Scaled:
+    return graph.combine([graph.scaled(factor, signals[number]) for factor, number in terms])
+
+
+def opened(graph: SignalGraph) -> Words:
+    """Channels by parameter; quotients are inputs, and b y - s of each is one of the first outputs."""
+    quotients = [signal for signal, _, _ in graph.quotients]
+    is_quotient = set(quotients)
+    others = [k for k in range(graph.inputs, graph.size) if k not in is_quotient]
+    order = [*range(graph.inputs), *quotients, *others]
+    renumbered = {signal: k for k, signal in enumerate(order)}
+    first = graph.inputs + len(quotients)
+
+    def terms(*scaled: Scaled) -> list[Term]:
+        return [(factor, renumbered[number]) for factor, number in _given(*scaled)]
+
+    items: list[Item] = [Item(None, ())] * len(others)
+    for signal, summed in graph.equations:
+        items[renumbered[signal] - first] = Item(None, terms(*summed))
+    for signal, parameter, z in graph.channels:
+        items[renumbered[signal] - first] = Item(parameter, terms(z))
+    loops = [
+        terms(left, graph.scaled(graph.minus_one, right))
+        for left, (_, _, right) in zip(graph.products, graph.quotients, strict=True)
+    ]
+    outputs = [*loops, *(terms(output) for output in graph.outputs)]
+    return Words(first, items, outputs, graph.field)

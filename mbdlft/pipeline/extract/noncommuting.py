@@ -15,18 +15,30 @@ commute (Beck, Doyle 1999), in channels that were there before.
 
 A quotient y, b y = s, is a letter of its own in the first round, y = (1/b) s: equal sums of quotients
 by one divisor are found. In the second round, y is an input and b y - s an output.
+
+Then the channels are closed. One of a parameter with p = b0 + gain delta/(1 + a1 delta) is
+w = b0 z + gain w', w' = delta (z - a1 w'). Each z, and each y, follows from inputs, w' and what is
+solved before it, but for the loops of quotients: one row after the other is enough, and what is zero by
+structure is zero exactly.
 """
 
 import heapq
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from mbdlft.exact.numbers import Exact, Field
-from mbdlft.pipeline.extract.graph import Scaled, SignalGraph
+import numpy as np
+
+from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.matrices import ExactMatrix, from_rows, identity, to_rows
+from mbdlft.exact.numbers import Exact, Field, decimal
+from mbdlft.lft.block import Block
+from mbdlft.lft.sampling import components
+from mbdlft.order.reduction import ExactLFT
 
 Row = dict[int, Exact]  # entries by column, none of them zero
-# factor, and the number of a signal
-Term = tuple[Exact, int]
+Term = tuple[Exact, int]  # factor, and the number of a signal
 
 
 class Item(NamedTuple):
@@ -62,41 +74,35 @@ def reached(words: Words, *, all_kept: bool = False) -> Words:
             used[number] += 1
     # each signal in inputs and kept items
     one = words.field.one
-    held: list[Row | None] = [{k: one} for k in range(words.inputs)]
+    held: list[Row] = [{k: one} for k in range(words.inputs)]
     kept: list[Item] = []
     letters: dict[int, Dependence] = {}
 
     def added(terms: Sequence[Term]) -> Row:
-        values: Row = {}
-        for factor, number in terms:
-            row = held[number]
-            assert row is not None
+        values = combined(terms, held)
+        for _, number in terms:
             used[number] -= 1
             if not used[number]:
-                held[number] = None
-            if len(terms) == 1 and factor is one:
-                return row
-            add(values, row, factor)
+                held[number] = {}
         return values
 
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
         if not used[number]:
             for _, unused in terms:
                 used[unused] -= 1
-            held.append(None)
+            held.append({})
             continue
         values = added(terms)
         if letter is None:
             held.append(values)
             continue
-        own = words.inputs + len(kept)
-        found = None
+        new, factors = words.inputs + len(kept), None
         if not all_kept:
-            found = letters.setdefault(letter, Dependence()).combination(own, values)
-        if found is None:
+            factors = letters.setdefault(letter, Dependence()).combination(new, values)
+        if factors is None:
             kept.append(Item(letter, _terms(values)))
-            found = {own: one}
-        held.append(found)
+            factors = {new: one}
+        held.append(factors)
     outputs = [_terms(added(terms)) for terms in words.outputs]
     return Words(words.inputs, kept, outputs, words.field)
 
@@ -120,66 +126,6 @@ def transposed(words: Words) -> Words:
         for factor, number in terms:
             readers[number].append((factor, own))
     return Words(inputs, items, readers[: words.inputs], words.field)
-
-
-def condensed(graph: SignalGraph) -> SignalGraph:
-    """The same outputs from the fewest channels and quotients, if the divisors were letters, too.
-
-    A graph that would not be smaller is returned as it is.
-    """
-    if not graph.quotients:
-        return graph
-    items: list[Item] = [Item(None, ())] * (graph.size - graph.inputs)
-    for signal, terms in graph.equations:
-        items[signal - graph.inputs] = Item(None, _given(*terms))
-    letters = {k: graph.node("parameter", float(k)) for k in {k for _, k, _ in graph.channels}}
-    for signal, parameter, z in graph.channels:
-        items[signal - graph.inputs] = Item(letters[parameter], _given(z))
-    for signal, divisor, z in graph.quotients:
-        items[signal - graph.inputs] = Item(-1 - divisor, _given(z))
-    outputs = [_given(output) for output in graph.outputs]
-    words = smallest(Words(graph.inputs, items, outputs, graph.field))
-    small = graph.without_signals()
-    signals = [Scaled(graph.field.one, k) for k in range(words.inputs)]
-    for item in words.items:
-        assert item.letter is not None
-        z, number = _combined(small, signals, item.terms), item.letter
-        signals.append(small.divide(-1 - number, z) if number < 0 else small.apply(number, z))
-    small.outputs = [_combined(small, signals, output) for output in words.outputs]
-    return small if len(small.channels) < len(graph.channels) else graph
-
-
-def _given(*terms: Scaled) -> list[Term]:
-    return [(factor, number) for factor, number in terms if number >= 0]
-
-
-def _combined(graph: SignalGraph, signals: Sequence[Scaled], terms: Sequence[Term]) -> Scaled:
-    return graph.combine([graph.scaled(factor, signals[number]) for factor, number in terms])
-
-
-def opened(graph: SignalGraph) -> Words:
-    """Channels by parameter; quotients are inputs, and b y - s of each is one of the first outputs."""
-    quotients = [signal for signal, _, _ in graph.quotients]
-    is_quotient = set(quotients)
-    others = [k for k in range(graph.inputs, graph.size) if k not in is_quotient]
-    order = [*range(graph.inputs), *quotients, *others]
-    renumbered = {signal: k for k, signal in enumerate(order)}
-    first = graph.inputs + len(quotients)
-
-    def terms(*scaled: Scaled) -> list[Term]:
-        return [(factor, renumbered[number]) for factor, number in _given(*scaled)]
-
-    items: list[Item] = [Item(None, ())] * len(others)
-    for signal, summed in graph.equations:
-        items[renumbered[signal] - first] = Item(None, terms(*summed))
-    for signal, parameter, z in graph.channels:
-        items[renumbered[signal] - first] = Item(parameter, terms(z))
-    loops = [
-        terms(left, Scaled(-right.factor, right.number))
-        for left, (_, _, right) in zip(graph.products, graph.quotients, strict=True)
-    ]
-    outputs = [*loops, *(terms(output) for output in graph.outputs)]
-    return Words(first, items, outputs, graph.field)
 
 
 class Dependence:
@@ -222,18 +168,33 @@ class Dependence:
             if column not in remainder:  # met twice, or cancelled
                 continue
             number = owner[column][1]
-            entries = self.rows[number]
-            factors[number] = factor = remainder[column] / entries[column]
-            for c in subtract(remainder, entries, factor):
+            factors[number], new = cleared(remainder, self.rows[number], column)
+            for c in new:
                 if c in owner:
                     heapq.heappush(waiting, (-owner[c][0], c))
         for pivot, number, echelon_row, made_of in self.rests:
             if pivot in remainder:
-                factor = remainder[pivot] / echelon_row[pivot]
-                subtract(remainder, echelon_row, factor)
+                factor, _ = cleared(remainder, echelon_row, pivot)
                 subtract(factors, made_of, factor)
                 factors[number] = factor
         return remainder, factors
+
+
+def combined(terms: Sequence[Term], rows: Sequence[Row] | Mapping[int, Row]) -> Row:
+    """The sum of some rows, each with its factor; a single one itself."""
+    if len(terms) == 1 and terms[0][0].residue == 1:
+        return rows[terms[0][1]]
+    total: Row = {}
+    for factor, number in terms:
+        add(total, rows[number], factor)
+    return total
+
+
+def cleared(row: Row, other: Row, column: int) -> tuple[Exact, list[int]]:
+    """Subtract the multiple of another row that leaves nothing in a column; its factor, new columns."""
+    entry, pivot = row[column], other[column]
+    factor = Exact(entry.ball / pivot.ball, entry.residue / pivot.residue)
+    return factor, subtract(row, other, factor)
 
 
 def subtract(row: Row, other: Row, factor: Exact) -> list[int]:
@@ -261,3 +222,104 @@ def _add(row: Row, other: Row, ball: Any, residue: Any) -> list[int]:
         else:
             del row[column]
     return new
+
+
+def closed(words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]) -> ExactLFT:
+    """Inputs to outputs in normalized deltas; the last inputs are y, the first outputs their loops."""
+    closing = _Closing(words, quotients, names, maps)
+    for component in closing.components():
+        closing.solve(component)
+    return closing.lft()
+
+
+class _Closing:
+    """Rows in [w', inputs] of all signals, filled in one component after the other.
+
+    Unknowns are numbered: quotients first, as they follow from their loops, then items. Before it is
+    solved, the row of an item w = b0 z + gain w' has its second term only.
+    """
+
+    def __init__(
+        self, words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
+    ) -> None:
+        self.words, self.quotients, self.count = words, quotients, len(words.items)
+        self.inputs, one = words.inputs - quotients, words.field.one
+        letters = [item.letter for item in words.items if item.letter is not None]
+        self.order = sorted(range(self.count), key=lambda k: names[letters[k]])  # in the LFT
+        exact = [[words.field.rational(decimal(x)) for x in (m.b0, m.gain, m.a1)] for m in maps]
+        self.maps = [exact[letter] for letter in letters]
+        counts = Counter(names[letter] for letter in letters)
+        self.blocks = tuple(Block(name, counts[name]) for name in sorted(names))
+        # what each unknown follows from: the loop of a quotient, or z
+        self.equations = [*words.outputs[:quotients], *(item.terms for item in words.items)]
+        self.z: list[Row] = [{} for _ in range(self.count)]
+        self.rows: list[Row] = [{self.count + k: one} for k in range(self.inputs)]
+        self.rows += [{} for _ in range(words.inputs - self.inputs + self.count)]
+        for k, item in enumerate(self.order):
+            self.rows[words.inputs + item] = {k: self.maps[item][1]}
+        self.inverses: dict[bytes, ExactMatrix] = {}  # many loops are those of one divisor
+
+    def components(self) -> list[list[int]]:
+        """Unknowns that depend on each other, after all that they need."""
+        if not self.quotients:
+            return [[k] for k in range(self.count)]
+        needs = [[n - self.inputs for _, n in terms if n >= self.inputs] for terms in self.equations]
+        readers = np.repeat(np.arange(len(needs)), [len(need) for need in needs])
+        sources = np.array([k for need in needs for k in need], dtype=int)
+        return [loop.tolist() for loop in components(readers, sources, len(needs))]
+
+    def solve(self, unknowns: list[int]) -> None:
+        """Fill in the rows of unknowns that depend on each other; all others that they need are known."""
+        values = [combined(self.equations[u], self.rows) for u in unknowns]
+        if len(unknowns) > 1 or unknowns[0] < self.quotients:
+            values = self._loop(unknowns, values)
+        for u, row in zip(unknowns, values, strict=True):
+            if u < self.quotients:
+                self.rows[self.inputs + u] = row
+                continue
+            item = u - self.quotients
+            self.z[item], b0 = row, self.maps[item][0]
+            if b0.residue:
+                add(self.rows[self.inputs + u], row, b0)
+
+    def _loop(self, unknowns: list[int], right: list[Row]) -> list[Row]:
+        """Unknowns of a loop from their rows in what is known."""
+        one, prime = self.words.field.one, self.words.field.prime
+        through = {
+            self.inputs + u: {k: one if u < self.quotients else self.maps[u - self.quotients][0]}
+            for k, u in enumerate(unknowns)
+        }
+        matrix: list[Row] = [{} if u < self.quotients else {k: one} for k, u in enumerate(unknowns)]
+        for row, u in zip(matrix, unknowns, strict=True):
+            for factor, number in self.equations[u]:
+                if number in through:
+                    subtract(row, through[number], factor)
+        columns = sorted({column for row in right for column in row})
+        place = {column: k for k, column in enumerate(columns)}
+        dense = [{place[c]: value for c, value in row.items()} for row in right]
+        inverse = self._inverse(from_rows(matrix, len(unknowns), prime))
+        solution = to_rows(inverse @ from_rows(dense, len(columns), prime))
+        return [{columns[k]: value for k, value in row.items()} for row in solution]
+
+    def lft(self) -> ExactLFT:
+        """The LFT, once all unknowns are solved for."""
+        outputs = [combined(terms, self.rows) for terms in self.words.outputs[self.quotients :]]
+        inner = [dict(self.z[item]) for item in self.order]
+        for k, item in enumerate(self.order):
+            if self.maps[item][2].residue:
+                subtract(inner[k], {k: self.words.field.one}, self.maps[item][2])
+        matrix = from_rows([*inner, *outputs], self.count + self.inputs, self.words.field.prime)
+        return ExactLFT(matrix, self.blocks)
+
+    def _inverse(self, matrix: ExactMatrix) -> ExactMatrix:
+        """matrix^-1, or an error that says the model is not well posed at nominal."""
+        key = matrix.residues.tobytes()
+        if key not in self.inverses:
+            try:
+                self.inverses[key] = matrix.solve(identity(len(matrix.residues), matrix.prime))
+            except ZeroDivisionError:
+                raise WellPosednessError(
+                    "a denominator vanishes at the nominal values of the parameters, so there is no "
+                    "linear fractional form around them. Move the nominal values."
+                ) from None
+        return self.inverses[key]

@@ -197,6 +197,7 @@ def _function(values: Rule) -> Rule:
 _SIZES = rules(
     lambda value: _of_itself(np.float64(value)),
     add=lambda x, y: (x[0] + y[0], x[1] + y[1]),
+    sub=lambda x, y: (x[0] - y[0], x[1] + y[1]),
     neg=lambda x: (-x[0], x[1]),
     mul=lambda x, y: (x[0] * y[0], x[1] * y[1]),
     div=lambda x, y: (x[0] / y[0], x[1] * y[1] / (y[0] * y[0])),
