@@ -1,4 +1,4 @@
-"""C99 without dependency: physical parameters to A, B, C, D and the trim, for embedded gain schedules.
+"""C99 without dependency: physical parameters to A, B, C, D and the trim; and Julia, which calls it.
 
 CasADi's code generator writes the functions of numbers: the value of an LFT, Theta and its slopes, a step
 of Newton's method. The texts here put the promises of the header around them: ranges, a status, nothing
@@ -7,12 +7,13 @@ written unless it is valid. With Delta from physical values and channels in unit
     X = (I - M11 Delta)^-1,   value = M22 + M21 Delta (X M12 + X (M12 - (I - M11 Delta) X M12))
 
 where the second term improves the solution once; the condition number |I - M11 Delta| |X| in the 1-norm
-says whether the model is singular to working precision. In the texts, names with ``$`` are filled in.
+says whether the model is singular to working precision. The script of Julia reads an archive with HDF5.jl;
+it compiles and calls the C for nonlinear functions only.
 """
 
+import json
 import re
 from collections.abc import Sequence
-from string import Template
 from textwrap import fill, indent
 from typing import Any
 
@@ -26,266 +27,18 @@ from mbdlft.base.formula import formula_value
 from mbdlft.base.parameter import DIVISORS, Parameter
 from mbdlft.dae.text import SYMBOLIC
 from mbdlft.export.matlab import table_of
-from mbdlft.export.names import check_plain_model, identifier, identifiers, listed, one_line, places_of
+from mbdlft.export.names import (
+    check_plain_model,
+    filled,
+    identifier,
+    identifiers,
+    listed,
+    one_line,
+    places_of,
+)
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel, Parameters, System
 from mbdlft.system.theta import DeltaThetaModel, Table, ThetaFunction, named_tables
-
-_HEADER = """\
-/* A model with its parameters left in, evaluated at physical values. Written by mbdlft.
- *
- * Model: $model
-$table
- */
-#ifndef MBDLFT_${name}_H
-#define MBDLFT_${name}_H
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-
-/* sizes */
-enum {
-    ${name}_parameters = $np,
-    ${name}_states = $nx,
-    ${name}_inputs = $nu,
-    ${name}_outputs = $ny,
-    ${name}_trimmed = $nt
-};
-
-/* what a function returns */
-enum {
-    ${name}_ok = 0,
-    ${name}_outside = 1, /* a value is outside its range, or not a number */
-    ${name}_singular = 2 /* the model is singular there, and has no value */
-};
-
-/* places of the parameters in an array of values */
-enum {
-$indices    ${name}_end
-};
-$ranges
-/* State matrices at physical values, row by row: A (states x states), B (states x inputs),
- * C (outputs x states), D (outputs x inputs).
- *
- * values: one number for each parameter, in its unit. Nothing is written unless 0 is returned; a matrix
- * that is not needed, or is empty, may be a null pointer. Needs $stack bytes of the stack; any number
- * of threads may call it.
- */
-int ${name}_matrices(const double *values, double *A, double *B, double *C, double *D);
-$trim$theta
-#ifdef __cplusplus
-}
-#endif
-
-#endif
-"""
-
-_RANGES = """
-/* ranges and nominal values, in the units above */
-extern const double ${name}_low[$np], ${name}_nominal[$np], ${name}_high[$np];
-"""
-
-_TRIM_DECLARATION = """
-/* What holds the equilibrium at physical values: $nt numbers. As above. */
-int ${name}_trim(const double *values, double *trim);
-"""
-
-_SOURCE = """\
-/* Written by mbdlft. Model: $model. See $stem.h. C99. */
-#include "$stem.h"
-
-#include <float.h>
-#include <stddef.h>
-
-$generated
-$tables
-typedef int (*generated)(const double **, double **, int *, double *, int);
-static int is_outside(const double *values)
-{
-$outside
-    (void)values;
-    return 0;
-}
-
-/* The value of an LFT, row by row. */
-static int evaluate(generated function, const double *values, double *value)
-{
-    double work[$work], condition = 0.0;
-    const double *arguments[$arguments] = {values};
-    double *results[$results] = {value, &condition};
-    int integers[$integers];
-    if (is_outside(values)) {
-        return ${name}_outside;
-    }
-    if (function(arguments, results, integers, work, 0) != 0 || !(condition * DBL_EPSILON <= 1.0)) {
-        return ${name}_singular;
-    }
-    return ${name}_ok;
-}
-
-/* Rows and columns of the value, from a place on, to a target that is not null. */
-static void copy(const double *place, size_t rows, size_t columns, double *target)
-{
-    size_t i, j;
-    for (i = 0; target != NULL && i < rows; i++) {
-        for (j = 0; j < columns; j++) {
-            target[i * columns + j] = place[i * ($nx + $nu) + j];
-        }
-    }
-}
-
-int ${name}_matrices(const double *values, double *A, double *B, double *C, double *D)
-{
-    double value[$size], *const below = value + $nx * ($nx + $nu);
-    const int status = evaluate(${name}_f_value, values, value);
-    if (status == ${name}_ok) {
-        copy(value, $nx, $nx, A);
-        copy(value + $nx, $nx, $nu, B);
-        copy(below, $ny, $nx, C);
-        copy(below + $nx, $ny, $nu, D);
-    }
-    return status;
-}
-"""
-
-_OUTSIDE = """\
-    size_t k;
-    for (k = 0; k < $np; k++) {
-        const double slack = 1e-9 * (${name}_high[k] - ${name}_low[k]);
-        if (!(values[k] >= ${name}_low[k] - slack && values[k] <= ${name}_high[k] + slack)) {
-            return 1;
-        }
-    }"""
-
-_TRIM = """
-int ${name}_trim(const double *values, double *trim)
-{
-    double value[$nt];
-    const int status = evaluate(${name}_f_trim, values, value);
-    size_t k;
-    for (k = 0; status == ${name}_ok && k < $nt; k++) {
-        trim[k] = value[k];
-    }
-    return status;
-}
-"""
-
-_THETA_DECLARATION = """
-/* the nonlinear functions Theta */
-enum {
-    ${name}_free_inputs = $free,  /* u: the first inputs */
-    ${name}_read_outputs = $read, /* y: the first outputs */
-    ${name}_functions = $nz,
-    ${name}_arguments = $no,
-    ${name}_out_of_range = 3, /* an argument of Theta is outside of its range, or not a number */
-    ${name}_unsolved = 4      /* the values of Theta were not found */
-};
-
-/* consistent states at nominal parameters, and values of Theta there */
-extern const double ${name}_initial[$nx + 1], ${name}_zeta_at_start[$nz + 1];
-
-/* The functions: zeta (functions), and their slopes (functions x arguments), of omega (arguments).
- *
-$functions
- */
-int ${name}_theta(const double *omega, double *zeta, double *slopes);
-
-/* Derivatives of the states and outputs y at states x, inputs u and physical values of the parameters.
- *
- * zeta: in, values of Theta near which they are searched; out, those that were found; may be null.
- * Nothing is written unless 0 is returned; rates and y may be null pointers.
- */
-int ${name}_derivative(const double *values, const double *x, const double *u, double *zeta,
-    double *rates, double *y);
-"""
-
-_THETA = """
-int ${name}_theta(const double *omega, double *zeta, double *slopes)
-{
-    double work[$work];
-    const double *arguments[$arguments] = {omega};
-    double *results[$results] = {zeta, slopes};
-    int integers[$integers];
-    size_t k;
-    for (k = 0; k < $no; k++) {
-        if (!(omega[k] >= range_low[k] && omega[k] <= range_high[k])) {
-            return ${name}_out_of_range;
-        }
-    }
-    return ${name}_f_theta(arguments, results, integers, work, 0);
-}
-
-/* Values with zeta = Theta(c + D zeta), by Newton's method with halved steps. */
-static int solve_theta(const double *value, const double *x, const double *u, double *zeta,
-    double *omega)
-{
-    double residual[$nz], terms[$nz], newton[$nz], step[$nz], from[$nz], scale[$nz], work[$work];
-    const double *arguments[$arguments] = {value, x, u, zeta};
-    double *results[$results] = {residual, terms, newton, omega};
-    double last = HUGE_VAL, factor = 1.0;
-    int turn, more = 1, integers[$integers];
-    size_t i;
-    for (turn = 0; turn < 400; turn++) {
-        double worst = 0.0, size = 0.0;
-        (void)${name}_f_newton(arguments, results, integers, work, 0);
-        for (i = 0; turn > 0 && i < $nz; i++) {
-            size += residual[i] / scale[i] * (residual[i] / scale[i]);
-        }
-        size = sqrt(size);
-        if (turn > 0 && factor > 1e-6 && !(size < last * (1.0 - 0.1 * factor)) && !(size <= 1e-12)) {
-            factor *= 0.5;
-            for (i = 0; i < $nz; i++) {
-                zeta[i] = from[i] + factor * step[i];
-            }
-            continue;
-        }
-        last = 0.0;
-        for (i = 0; i < $nz; i++) {
-            if (!isfinite(residual[i]) || !isfinite(newton[i])) {
-                return 1;
-            }
-            worst = fmax(worst, fabs(residual[i]) / fmax(terms[i], 1e-300));
-            scale[i] = fmax(terms[i], 1.0);
-            last += residual[i] / scale[i] * (residual[i] / scale[i]);
-        }
-        if (worst <= 1e-12 && more-- == 0) {
-            return 0;
-        }
-        last = sqrt(last);
-        factor = 1.0;
-        for (i = 0; i < $nz; i++) {
-            from[i] = zeta[i];
-            zeta[i] += step[i] = newton[i];
-        }
-    }
-    return 1;
-}
-
-int ${name}_derivative(const double *values, const double *x, const double *u, double *zeta,
-    double *rates, double *y)
-{
-    double value[$size], omega[$no], solution[$nz], work[$work];
-    const double *arguments[$arguments] = {value, x, u, solution};
-    double *results[$results] = {rates, y};
-    int status = evaluate(${name}_f_value, values, value), integers[$integers];
-    size_t k;
-    if (status != ${name}_ok) {
-        return status;
-    }
-    for (k = 0; k < $nz; k++) {
-        solution[k] = zeta != NULL ? zeta[k] : ${name}_zeta_at_start[k];
-    }
-    if (solve_theta(value, x, u, solution, omega) != 0) {
-        return ${name}_unsolved;
-    }
-    status = ${name}_theta(omega, NULL, NULL);
-    for (k = 0; status == ${name}_ok && zeta != NULL && k < $nz; k++) {
-        zeta[k] = solution[k];
-    }
-    return status != ${name}_ok ? status : ${name}_f_rates(arguments, results, integers, work, 0);
-}
-"""
 
 
 def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
@@ -313,6 +66,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
         "ny": len(linear.outputs),
         "nt": 0 if trim is None else trim.shape[0],
         "size": linear.lft.M22.size + 1,
+        "theta": isinstance(model, DeltaThetaModel),
     }
     tables = [
         _table(f"const double {name}_{field}", [getattr(p, field) for p in linear.parameters])
@@ -333,21 +87,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
         "generated": _generated(functions, name),
         "tables": "\n".join(tables),
     }
-    return _filled(entries, has_theta=isinstance(model, DeltaThetaModel))
-
-
-def _filled(entries: dict[str, Any], *, has_theta: bool) -> tuple[str, str]:
-    """The texts with what a model has."""
-    has_trim, has_parameters = entries["nt"] > 0, entries["np"] > 0
-    for key, text, has in (
-        ("outside", _OUTSIDE, has_parameters),
-        ("ranges", _RANGES, has_parameters),
-        ("trim", _TRIM_DECLARATION, has_trim),
-        ("theta", _THETA_DECLARATION, has_theta),
-    ):
-        entries[key] = Template(text * has).substitute(entries)
-    source = Template(_SOURCE + _TRIM * has_trim + _THETA * has_theta)
-    return source.substitute(entries), Template(_HEADER).substitute(entries)
+    return filled("model.c", entries), filled("model.h", entries)
 
 
 def _value_function(name: str, parameters: Parameters, lft: LFT) -> ca.Function:
@@ -476,3 +216,43 @@ def _looked_up(table: Table) -> Any:
         return ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside)
 
     return value
+
+
+def julia_text(model: System | DeltaThetaModel, stem: str, archive: str) -> str:
+    """The script of a model; `archive` is the path of its archive from the folder of the script."""
+    linear = model.linear if isinstance(model, DeltaThetaModel) else model
+    check_plain_model(linear, "the Julia script")
+    shown = {name: _literal(name) for name in linear.parameters.names}
+    entries = {
+        "stem": one_line(stem),
+        "table": "\n".join(table_of(linear, "#     ", shown)),
+        "archive": _literal(archive),
+        "model": _literal(linear.name),
+        "theta": isinstance(model, DeltaThetaModel),
+    }
+    if isinstance(model, DeltaThetaModel):
+        places, parameters = places_of(model, "the Julia script"), linear.parameters
+        entries |= {
+            "name": identifier(model.name),
+            "source": _literal(f"{stem}.c"),
+            "functions": listed(model, "#     "),
+            "initial": _vector(model.initial),
+            "start": _vector(model.zeta_at_start),
+            "names": ", ".join(map(_literal, parameters.names)),
+            "nz": len(places.zeta),
+            "no": len(places.omega),
+            "nx": len(linear.states),
+            "ny": len(places.y),
+        }
+        for key in ("low", "nominal", "high"):
+            entries[key] = _vector([getattr(p, key) for p in parameters])
+    return filled("model.jl", entries)
+
+
+def _vector(values: Sequence[float]) -> str:
+    return f"Float64[{', '.join(repr(float(x)) for x in values)}]"
+
+
+def _literal(text: str) -> str:
+    """A string of Julia; a dollar sign begins an expression there."""
+    return json.dumps(text, ensure_ascii=False).replace("$", "\\$")

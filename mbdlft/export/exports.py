@@ -23,8 +23,7 @@ from mbdlft.archive.archive import permissions_of, save, target_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
-from mbdlft.export.c import c_texts
-from mbdlft.export.julia import julia_text
+from mbdlft.export.c import c_texts, julia_text
 from mbdlft.export.matlab import cells, column, items_of_matlab, m_texts, matlab_image, signals
 from mbdlft.export.matlab_theta import items_of_theta_matlab, rates_text
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers

@@ -1,4 +1,7 @@
-"""Names for other languages, and the places of signals in the arrays that they exchange.
+"""Texts and names of other languages, and the places of signals in the arrays that they exchange.
+
+The texts are templates in `assets`: what stands in ``<< >>`` is filled in, and lines with ``<% %>`` say
+what only some models have.
 
 Names are identifiers of ASCII letters, digits and underscores.
 
@@ -9,7 +12,8 @@ is written as its code, so that ``θ₁`` is ``theta1`` and ``日`` is ``u65E5``
 import re
 import unicodedata
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from mbdlft.base.errors import StructureError
 from mbdlft.system.model import System
@@ -21,9 +25,25 @@ break case catch classdef continue do else elseif end end_try_catch end_unwind_p
 endif endparfor endswitch endwhile for function global if otherwise parfor persistent return spmd switch
 try until unwind_protect unwind_protect_cleanup while
 """
-RESERVED = frozenset(
-    _WORDS.split()
-)  # of MATLAB and Octave; in C every name has that of the model before it
+# of MATLAB and Octave; in C every name has that of the model before it
+RESERVED = frozenset(_WORDS.split())
+
+
+def filled(template: str, entries: Mapping[str, Any]) -> str:
+    """The text of a template of `assets` with these entries."""
+    import jinja2  # here because it is slow to import
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent / "assets"),
+        undefined=jinja2.StrictUndefined,
+        variable_start_string="<<",
+        variable_end_string=">>",
+        block_start_string="<%",
+        block_end_string="%>",
+        trim_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template(template).render(entries)
 
 
 def identifier(name: str) -> str:
@@ -91,16 +111,12 @@ def check_plain_model(model: System, what: str) -> None:
 class Places(NamedTuple):
     """Numbers, from 0 on, of inputs and outputs of the linear part."""
 
-    # u, one, zeta: inputs; `one` is empty without the constant 1
     u: list[int]
-    one: list[int]
+    one: list[int]  # empty without the constant 1
     zeta: list[int]
-    # y, omega: outputs
     y: list[int]
     omega: list[int]
-    # low, high: of omega, where all functions may be evaluated, with what rounding
-    # may add
-    low: list[float]
+    low: list[float]  # of omega, where all functions may be evaluated, with what rounding may add
     high: list[float]
 
 

@@ -12,8 +12,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from mbdlft.archive.archive import target_of
-from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.archive.archive import put, target_of
+from mbdlft.base.errors import ArchiveError, MbdlftError, SceneError
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.scene.toml import scene_from_toml
 from mbdlft.show.viewer.data import view_data
@@ -39,12 +39,12 @@ class Page:
     html: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to the file `path`; a SceneError if it cannot be written."""
+        """Write the page to the file `path`, whole or not at all; a SceneError if it cannot be written."""
         file = target_of(Path(path))
         try:
-            file.write_text(self.html, encoding="utf-8")
-        except OSError as error:
-            raise SceneError(f"{file}: cannot be written: {error.strerror or error}.") from None
+            put(file, self.html.encode("utf-8"))
+        except ArchiveError as error:
+            raise SceneError(str(error)) from None
         return file
 
     def _repr_html_(self) -> str:

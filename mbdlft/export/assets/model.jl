@@ -1,32 +1,18 @@
-"""Julia: a script that reads an archive with HDF5.jl and evaluates its model.
-
-Nonlinear functions are solved for by the exported C, which the script compiles and calls.
-"""
-
-import json
-from collections.abc import Sequence
-from string import Template
-
-from mbdlft.export.matlab import table_of
-from mbdlft.export.names import check_plain_model, identifier, listed, one_line, places_of
-from mbdlft.system.model import System
-from mbdlft.system.theta import DeltaThetaModel
-
-_SCRIPT = r"""# A model with its parameters left in: its archive is read and evaluated. Written by mbdlft.
+# A model with its parameters left in: its archive is read and evaluated. Written by mbdlft.
 #
-#     include("$stem.jl")
+#     include("<<stem>>.jl")
 #     A, B, C, D = matrices_at(Dict("NAME" => value))    # physical values; the others are nominal
 #     trim_at(Dict("NAME" => value))                     # what holds the equilibrium
 #
 # Needs Julia 1.6 or newer and the package HDF5.jl. ARCHIVE says where the archive is.
 #
-$table
+<<table>>
 
 using HDF5
 using LinearAlgebra
 
-const ARCHIVE = normpath(joinpath(@__DIR__, $archive))
-const MODEL = $model
+const ARCHIVE = normpath(joinpath(@__DIR__, <<archive>>))
+const MODEL = <<model>>
 
 # HDF5 is row-major and Julia is column-major: a matrix is read as its transpose
 matrix(group, name) = permutedims(read(group[name]))
@@ -38,7 +24,7 @@ function deltas_of(group, values)
     substitutions, maps = texts(group, "substitution"), matrix(group, "map")
     low, high, reference = read(group["low"]), read(group["high"]), read(group["reference"])
     for name in keys(values)
-        name in names || error("unknown parameter $$name. Existing: $$(join(names, ", "))")
+        name in names || error("unknown parameter $name. Existing: $(join(names, ", "))")
     end
     deltas = zeros(length(names))
     for (k, name) in enumerate(names)
@@ -46,7 +32,7 @@ function deltas_of(group, values)
         value = Float64(values[name])
         slack = 1e-9 * (high[k] - low[k])
         if !(low[k] - slack <= value <= high[k] + slack)
-            error("$$name = $$value is outside its range [$$(low[k]), $$(high[k])] $$(units[k])")
+            error("$name = $value is outside its range [$(low[k]), $(high[k])] $(units[k])")
         end
         internal = value
         if substitutions[k] != "identity"
@@ -91,34 +77,32 @@ function trim_at(values = Dict{String,Float64}(); archive = ARCHIVE, model = MOD
         return Dict(zip(texts(group["trim"], "name"), found[:, 1]))
     end
 end
-"""
+<% if theta %>
 
-
-_THETA = r"""
-# The nonlinear functions Theta, by $stem.c, which the compiler CC (by default cc) is called for:
+# The nonlinear functions Theta, by <<stem>>.c, which the compiler CC (by default cc) is called for:
 #
 #     rates, y, zeta = rates_at(x, u, Dict("NAME" => value))   # parameters that are not given are nominal
 #     zeta, slopes = theta(omega)
 #
-$table
+<<functions>>
 
 using Libdl
 
 const LIBRARY = joinpath(mktempdir(), "model." * Libdl.dlext)
-const SOURCE = joinpath(@__DIR__, $source)
-run(`$$(get(ENV, "CC", "cc")) -std=c99 -O2 -shared -fPIC -o $$LIBRARY $$SOURCE -lm`)
+const SOURCE = joinpath(@__DIR__, <<source>>)
+run(`$(get(ENV, "CC", "cc")) -std=c99 -O2 -shared -fPIC -o $LIBRARY $SOURCE -lm`)
 
-const INITIAL = $initial
-const ZETA_AT_START = $start
-const PARAMETERS = String[$names]
-const LOW, NOMINAL, HIGH = $low, $nominal, $high
+const INITIAL = <<initial>>
+const ZETA_AT_START = <<start>>
+const PARAMETERS = String[<<names>>]
+const LOW, NOMINAL, HIGH = <<low>>, <<nominal>>, <<high>>
 const REASONS = ("a value is outside of its range", "the model is singular there",
                  "Theta is evaluated outside of the range of an argument",
                  "the values of Theta were not found near those that were given")
 
 function theta(omega)
-    zeta, slopes = zeros($nz), zeros($no, $nz)
-    status = ccall((:${name}_theta, LIBRARY), Cint, (Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}),
+    zeta, slopes = zeros(<<nz>>), zeros(<<no>>, <<nz>>)
+    status = ccall((:<<name>>_theta, LIBRARY), Cint, (Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}),
                    Vector{Float64}(omega), zeta, slopes)
     status == 0 || error(REASONS[status])
     return zeta, permutedims(slopes)  # rows of C are columns of Julia
@@ -126,62 +110,19 @@ end
 
 function rates_at(x, u, values = Dict{String,Float64}(); zeta = ZETA_AT_START)
     for name in keys(values)
-        name in PARAMETERS || error("unknown parameter $$name. Existing: $$(join(PARAMETERS, ", "))")
+        name in PARAMETERS || error("unknown parameter $name. Existing: $(join(PARAMETERS, ", "))")
     end
     p = Float64[get(values, name, nominal) for (name, nominal) in zip(PARAMETERS, NOMINAL)]
     for (name, value, low, high) in zip(PARAMETERS, p, LOW, HIGH)
         slack = 1e-9 * (high - low)
         low - slack <= value <= high + slack ||
-            error("$$name = $$value is outside its range [$$low, $$high]")
+            error("$name = $value is outside its range [$low, $high]")
     end
-    rates, y, found = zeros($nx), zeros($ny), Vector{Float64}(zeta)
-    status = ccall((:${name}_derivative, LIBRARY), Cint,
+    rates, y, found = zeros(<<nx>>), zeros(<<ny>>), Vector{Float64}(zeta)
+    status = ccall((:<<name>>_derivative, LIBRARY), Cint,
                    (Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}, Ptr{Cdouble}),
                    p, Vector{Float64}(x), Vector{Float64}(u), found, rates, y)
     status == 0 || error(REASONS[status])
     return (rates = rates, y = y, zeta = found)
 end
-"""
-
-
-def julia_text(model: System | DeltaThetaModel, stem: str, archive: str) -> str:
-    """The script of a model; `archive` is the path of its archive from the folder of the script."""
-    linear = model.linear if isinstance(model, DeltaThetaModel) else model
-    theta = _theta(model, stem) if isinstance(model, DeltaThetaModel) else ""
-    check_plain_model(linear, "the Julia script")
-    shown = {name: _literal(name) for name in linear.parameters.names}
-    script = Template(_SCRIPT).substitute(
-        stem=one_line(stem),
-        table="\n".join(table_of(linear, "#     ", shown)),
-        archive=_literal(archive),
-        model=_literal(linear.name),
-    )
-    return script + theta
-
-
-def _theta(model: DeltaThetaModel, stem: str) -> str:
-    """What is behind the script of the linear part."""
-    places, parameters = places_of(model, "the Julia script"), model.linear.parameters
-    return Template(_THETA).substitute(
-        stem=one_line(stem),
-        name=identifier(model.name),
-        source=_literal(f"{stem}.c"),
-        table=listed(model, "#     "),
-        initial=_vector(model.initial),
-        start=_vector(model.zeta_at_start),
-        names=", ".join(map(_literal, parameters.names)),
-        **{key: _vector([getattr(p, key) for p in parameters]) for key in ("low", "nominal", "high")},
-        nz=len(places.zeta),
-        no=len(places.omega),
-        nx=len(model.linear.states),
-        ny=len(places.y),
-    )
-
-
-def _vector(values: Sequence[float]) -> str:
-    return f"Float64[{', '.join(repr(float(x)) for x in values)}]"
-
-
-def _literal(text: str) -> str:
-    """A string of Julia; a dollar sign begins an expression there."""
-    return json.dumps(text, ensure_ascii=False).replace("$", "\\$")
+<% endif %>
