@@ -39,7 +39,7 @@ class Page:
     html: str
 
     def save(self, path: str | Path) -> Path:
-        """Write the page to the file `path`, whole or not at all; a SceneError if it cannot be written."""
+        """Write the page to the file `path`, whole or not at all; a SceneError if that fails."""
         file = target_of(Path(path))
         try:
             put(file, self.html.encode("utf-8"))
