@@ -7,8 +7,9 @@ written unless it is valid. With Delta from physical values and channels in unit
     X = (I - M11 Delta)^-1,   value = M22 + M21 Delta (X M12 + X (M12 - (I - M11 Delta) X M12))
 
 where the second term improves the solution once; the condition number |I - M11 Delta| |X| in the 1-norm
-says whether the model is singular to working precision. The script of Julia reads an archive; for nonlinear
-functions it compiles and calls the C.
+says whether the model is singular to working precision.
+
+The script of Julia reads an archive. It compiles and calls the C for nonlinear functions only.
 """
 
 import json
