@@ -21,6 +21,7 @@ at the frequency of the peak, where u and v are the singular vectors of G.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,19 +129,16 @@ def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Comple
     """Poles and gradients at deltas; left and right vectors (nx, nx), as columns."""
     import scipy.linalg  # here because it is slow to import
 
-    n = len(model.A)
-    try:
-        K, L = model.into(delta)[:, :n], model.out_of(delta)[:n]
-    except np.linalg.LinAlgError:
-        raise WellPosednessError("it is singular at one of the points of the search.") from None
-    if not n:
+    plant = at_delta(model, delta)
+    if plant is None:
+        raise WellPosednessError("it is singular at one of the points of the search.")
+    if not len(model.A):
         none = np.zeros((0, 0), dtype=complex)
         return Moving(none.ravel(), np.zeros((0, len(delta)), dtype=complex)), none, none
-    A = model.A + (model.B * model.spread(delta)) @ K
-    poles, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
+    poles, U, V = scipy.linalg.eig(plant.A, left=True, check_finite=False)
     with np.errstate(all="ignore"):
-        terms = (np.conj(U.T) @ L) * (K @ V).T / np.sum(np.conj(U) * V, axis=0)[:, None]
-    return Moving(poles, model.by_parameter(terms)), U, V
+        slopes = model.slopes(delta, np.conj(U.T), V.T) / np.sum(np.conj(U) * V, axis=0)[:, None]
+    return Moving(poles, slopes), U, V
 
 
 def push_right(
@@ -214,25 +212,36 @@ def smallest_crossing(model: Realization, largest: float, most: float = np.inf) 
     if not q:
         return best
     poles = np.linalg.eigvals(model.A)
-    starts = [(np.zeros(q), poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
+    upper = [complex(poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
     random = np.random.default_rng(0)
-    for count, (delta, pole) in enumerate((*starts, *[(None, None)] * _RANDOM)):
+    for count, pole in enumerate((*upper, *[None] * _RANDOM)):
         if count >= most:
             break
-        if delta is None:
-            reach = min(best.size, largest)
-            delta = 0.7 * reach * random.uniform(-1.0, 1.0, q)
-            best = _towards_singular(model, delta, largest, best)
-            pole = _rightmost(model, delta)
-        best = _followed(model, delta, pole, largest, best)
+        delta = np.zeros(q)
+        if pole is None:
+            delta = 0.7 * min(best.size, largest) * random.uniform(-1.0, 1.0, q)
+        best = _searched(model, delta, largest, best, pole)
     return best
 
 
 def improved(model: Realization, delta: Array, best: Crossing, largest: float) -> Crossing:
     """The best crossing that is near to given deltas."""
-    best = _better(best, model, delta, largest)
-    best = _towards_singular(model, delta, largest, best)
-    return _followed(model, delta, _rightmost(model, delta), largest, best)
+    return _searched(model, delta, largest, _better(best, model, delta, largest), None)
+
+
+def _searched(
+    model: Realization, delta: Array, largest: float, best: Crossing, pole: complex | None
+) -> Crossing:
+    """The best crossing to which following a pole leads; without one, steps to singular models, too."""
+    if pole is None:
+        for point in _towards_singular(model, delta, largest):
+            best = _better(best, model, point, largest)
+        A = state_matrices(model, delta)
+        poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
+        pole = complex(poles[int(np.argmax(poles.real))])
+    for point in _path(model, delta, pole, largest):
+        best = _better(best, model, point, largest)
+    return best
 
 
 def _better(best: Crossing, model: Realization, delta: Array, largest: float) -> Crossing:
@@ -241,77 +250,55 @@ def _better(best: Crossing, model: Realization, delta: Array, largest: float) ->
 
 
 def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossing:
-    """Where on the way from 0 to delta a pole first seems to cross; `NONE` if delta is stable.
+    """Where on the way from 0 to delta a computed pole first is on or beyond the axis; else `NONE`."""
 
-    The end is a point whose computed pole is on or beyond the axis.
-    """
+    def is_beyond(t: float) -> bool:
+        return abscissa(model, t * delta) >= 0.0
+
     size = float(np.max(np.abs(delta), initial=0.0))
-    if size == 0.0 or size > largest * (1.0 + 1e-12) or not abscissa(model, delta) >= 0.0:
+    if size == 0.0 or size > largest * (1.0 + 1e-12) or not is_beyond(1.0):
         return NONE
-    low, high = 0.0, 1.0
-    for t in np.linspace(0.0, 1.0, 9)[1:-1]:  # an earlier crossing, if it is long
-        if abscissa(model, t * delta) >= 0.0:
-            high = float(t)
-            break
-        low = float(t)
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if abscissa(model, middle * delta) >= 0.0:
-            high = middle
-        else:
-            low = middle
+    grid = np.linspace(0.0, 1.0, 9).tolist()  # an earlier crossing is found, if it is long
+    first = next(i for i, t in enumerate(grid) if i and (t == 1.0 or is_beyond(t)))
+    high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS)
     end = high * delta
-    singular = Crossing(high * size, end, np.inf, np.zeros(len(delta)))
-    if state_matrices(model, end) is None:
-        return singular
-    try:
-        there, _, _ = moving_at(model, end)
-    except (np.linalg.LinAlgError, WellPosednessError):
-        return singular
-    i = int(np.argmax(there.poles.real))
-    slope = there.gradients[i].real
-    slope = slope if np.all(np.isfinite(slope)) else np.zeros(len(delta))
-    return Crossing(high * size, end, float(abs(there.poles[i].imag)), slope)
+    slope, frequency = np.zeros(len(delta)), np.inf
+    with suppress(np.linalg.LinAlgError, WellPosednessError):
+        if state_matrices(model, end) is not None:
+            there = moving_at(model, end)[0]
+            i = int(np.argmax(there.poles.real))
+            frequency, real = float(abs(there.poles[i].imag)), there.gradients[i].real
+            slope = real if np.all(np.isfinite(real)) else slope
+    return Crossing(high * size, end, frequency, slope)
 
 
-def _rightmost(model: Realization, delta: Array) -> complex:
-    A = state_matrices(model, delta)
-    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
-    return complex(poles[int(np.argmax(poles.real))])
+def bisected(condition: Callable[[float], bool], low: float, high: float, halvings: int) -> float:
+    """A number where a condition holds, near one where it does not; it holds at `high`, not at `low`."""
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if condition(middle) else (middle, high)
+    return high
 
 
-def _followed(
-    model: Realization, delta: Array, pole: complex, largest: float, best: Crossing
-) -> Crossing:
-    """The best of what was known and of what following a pole from given deltas leads to."""
-    for point in _path(model, delta, pole, largest):
-        best = _better(best, model, point, largest)
-    return best
-
-
-def _towards_singular(model: Realization, delta: Array, largest: float, best: Crossing) -> Crossing:
-    """The best of what was known and of where steps towards det(I - Delta D) = 0 lead to.
+def _towards_singular(model: Realization, delta: Array, largest: float) -> Iterator[Array]:
+    """Deltas of steps towards det(I - Delta D) = 0.
 
     The determinant f is 1 at delta = 0; the smallest box with a zero of its linearization is a corner.
     """
-    if not np.any(model.D):
-        return best
-    for _ in range(_FOLLOWED_STEPS):
+    for _ in range(_FOLLOWED_STEPS if np.any(model.D) else 0):
         loop = np.eye(len(model.D)) - model.spread(delta)[:, None] * model.D
         if np.linalg.slogdet(loop)[0] <= 0.0:
-            best = _better(best, model, delta, largest)
+            yield delta
             delta = 0.5 * delta
             continue
-        by_channel = np.diagonal(np.linalg.solve(loop.T, model.D.T))
-        slope = model.by_parameter(by_channel)  # of -log f
+        slope = model.by_parameter(np.diagonal(np.linalg.solve(loop.T, model.D.T)))  # of -log f
         steepness = float(np.sum(np.abs(slope)))
         if steepness == 0.0:
-            return best
+            return
         size = min(1.02 * (float(slope @ delta) + 1.0) / steepness, largest)
         target = size * np.sign(slope)
-        best = _better(best, model, target, largest)
+        yield target
         delta = delta + 0.5 * (target - delta)
-    return best
 
 
 def _path(model: Realization, delta: Array, pole: complex, largest: float) -> Iterator[Array]:
@@ -329,19 +316,15 @@ def _path(model: Realization, delta: Array, pole: complex, largest: float) -> It
             nearest = int(np.argmax(poles.real))
         pole, slope = complex(poles[nearest]), moves[nearest].real
         steepness = float(np.sum(np.abs(slope)))
-        if steepness == 0.0:
-            return
-        size = min((float(slope @ delta) - pole.real) / steepness, largest)
+        size = min((float(slope @ delta) - pole.real) / steepness, largest) if steepness else 0.0
         if size <= 0.0:
             return
-        target = size * np.sign(slope)
         blend = 1.0 if np.array_equal(np.sign(slope), signs) or step < 3 else 0.5
         signs = np.sign(slope)
-        new = delta + blend * (target - delta)
-        moved = float(np.max(np.abs(new - delta)))
-        delta = new
+        new = delta + blend * (size * signs - delta)
+        moved, delta = float(np.max(np.abs(new - delta))), new
         yield delta
-        yield min(1.02 * size, largest) * np.sign(slope)
+        yield min(1.02 * size, largest) * signs
         if moved <= _ENDS * size:
             return
 
@@ -415,20 +398,18 @@ def peak_at(model: Realization, delta: Array) -> Peak:
 
 def slope_at(model: Realization, peak: Peak) -> Array:
     """Derivatives of the gain at the frequency of a peak by the deltas."""
-    n, N = len(model.A), len(model.D)
-    w = model.spread(peak.delta)
-    B, C = np.hstack([model.B, model.E]), np.vstack([model.C, model.G])
-    D = np.block([[model.D, model.F], [model.H, model.J]])
-    M: Complex = D.astype(complex)
+    plant = at_delta(model, peak.delta)
+    assert plant is not None, "a peak is that of a model"
+    A, B, C, D = plant
+    row: NDArray[Any] = 0.0 * C  # at infinity
+    column: NDArray[Any] = 0.0 * B
     if np.isfinite(peak.frequency):
-        M = M + C @ np.linalg.solve(1j * peak.frequency * np.eye(n) - model.A, B)
-    inner = np.linalg.inv(np.eye(N) - M[:N, :N] * w)
-    column = inner @ M[:N, N:]
-    row = M[N:, :N] @ (np.eye(N) + w[:, None] * inner @ M[:N, :N])
-    G = M[N:, N:] + (M[N:, :N] * w) @ column
-    u, _, v = np.linalg.svd(G)
-    by_channel = ((u[:, 0].conj() @ row) * (column @ v[0].conj())).real
-    return model.by_parameter(by_channel)
+        inverse = np.linalg.inv(1j * peak.frequency * np.eye(len(A)) - A)
+        row, column = C @ inverse, inverse @ B
+    u, _, v = np.linalg.svd(D + C @ column)
+    left = u[:, 0].conj() @ np.hstack([row, np.eye(len(C))])
+    right = np.vstack([column, np.eye(B.shape[1])]) @ v[0].conj()
+    return np.asarray(model.slopes(peak.delta, left[None], right[None])[0].real)
 
 
 def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> Peak:
@@ -436,27 +417,17 @@ def largest_peak(model: Realization, k: float, more: tuple[Array, ...] = ()) -> 
     q = len(model.sizes)
     random = np.random.default_rng(0)
     best = peak_at(model, np.zeros(q))
-    if not q:
-        return best
-    starts = [np.zeros(q), *more]
-    starts += [k * np.sign(random.uniform(-1.0, 1.0, q)) for _ in range(_STARTS)]
-    for start in starts:
-        best = _climbed(model, k, start, best)
-        if not np.isfinite(best.gain):
-            break
-    return best
-
-
-def _climbed(model: Realization, k: float, start: Array, best: Peak) -> Peak:
-    """The best of what was known and of what an ascent leads to."""
-    reached = [best]
 
     def look(delta: Array) -> tuple[float, Callable[[], Array]]:
+        nonlocal best
         peak = peak_at(model, delta)
-        if peak.gain > reached[0].gain:
-            reached[0] = peak
+        best = peak if peak.gain > best.gain else best
         gain = float(np.log(peak.gain)) if peak.gain > 0.0 else -1e30
         return gain, lambda: slope_at(model, peak) / max(peak.gain, 1e-30)
 
-    climb(look, k, start)
-    return reached[0]
+    corners = [k * np.sign(random.uniform(-1.0, 1.0, q)) for _ in range(_STARTS)]
+    for start in (np.zeros(q), *more, *corners) if q else ():
+        climb(look, k, start)
+        if not np.isfinite(best.gain):
+            break
+    return best

@@ -30,6 +30,7 @@ from mbdlft.robust.bisect.search import (
     bounds_at,
     check_numbers,
     cost_of,
+    crew_of,
     cut,
     enlarged,
     expanded,
@@ -39,7 +40,6 @@ from mbdlft.robust.bisect.search import (
     resistance,
     too_large,
 )
-from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN, loop_of

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
+from mbdlft.lft.block import Block
 from mbdlft.lft.lft import check_plain
 from mbdlft.response.modes import balancing
 from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz
@@ -41,22 +42,35 @@ def realization(
     if not others_are_zero:
         check_plain(lft, f"the analysis of {model.name!r}")
     blocks = [block for block in lft.blocks if block.size and block.kind == "real"]
+    stay = states_that_stay(model, leave_out, outputs)
+    names, sizes = tuple(block.name for block in blocks), tuple(block.size for block in blocks)
+    plain = Realization(names, sizes, *matrices_of(model, blocks, stay, inputs, outputs))
+    if not balanced:
+        return plain
+    scale = balancing(plain.A)
+    return turned(plain, np.diag(1.0 / scale), np.diag(scale))
+
+
+def matrices_of(
+    model: System,
+    blocks: Sequence[Block],
+    states: Sequence[int],
+    inputs: Sequence[int],
+    outputs: Sequence[int],
+) -> tuple[Array, Array, Array, Array, Array, Array, Array, Array, Array]:
+    """A, B, C, D, E, F, G, H, J of a `Realization`, of some blocks, states, inputs and outputs."""
+    lft = model.lft
     z = [k for block in blocks for k in range(lft.order)[lft.slices()[block.name]]]
     w = [k for block in blocks for k in range(lft.M11.shape[1])[lft.columns()[block.name]]]
-    i, j = list(outputs), list(inputs)
-    stay = states_that_stay(model, leave_out, i)
-    A = model.A[np.ix_(stay, stay)]
-    scale = balancing(A) if balanced else np.ones(len(stay))
-    return Realization(
-        tuple(block.name for block in blocks),
-        tuple(block.size for block in blocks),
-        A * (scale / scale[:, None]),
-        model.B_w[np.ix_(stay, w)] / scale[:, None],
-        model.C_z[np.ix_(z, stay)] * scale,
+    x, i, j = list(states), list(outputs), list(inputs)
+    return (
+        model.A[np.ix_(x, x)],
+        model.B_w[np.ix_(x, w)],
+        model.C_z[np.ix_(z, x)],
         model.D_zw[np.ix_(z, w)],
-        model.B_u[np.ix_(stay, j)] / scale[:, None],
+        model.B_u[np.ix_(x, j)],
         model.D_zu[np.ix_(z, j)],
-        model.C_y[np.ix_(i, stay)] * scale,
+        model.C_y[np.ix_(i, x)],
         model.D_yw[np.ix_(i, w)],
         model.D_yu[np.ix_(i, j)],
     )
@@ -67,29 +81,21 @@ def states_that_stay(model: System, leave_out: Sequence[str], outputs: Sequence[
     names = [state.name for state in model.states]
     gone = positions_of(list(leave_out), names, f"model {model.name!r}, states to leave out")
     stay = [k for k in range(len(names)) if k not in gone]
-    _check_unneeded(model, gone, stay, outputs)
-    return stay
-
-
-def _check_unneeded(
-    model: System, gone: Sequence[int], stay: Sequence[int], outputs: Sequence[int]
-) -> None:
-    """Raise an AnalysisError if what stays depends on states to be left out."""
     channels = [block.name for block in model.lft.blocks for _ in range(block.inputs)]
     readers = (
-        ("state", [model.states[k].name for k in stay], model.A[stay]),
+        ("state", [names[k] for k in stay], model.A[stay]),
         ("uncertain quantity", channels, model.C_z),
         ("output", [model.outputs[k].name for k in outputs], model.C_y[list(outputs)]),
     )
-    for what, names, rows in readers:
+    for what, readers_of, rows in readers:
         for k in gone:
             reading = np.flatnonzero(rows[:, k])
             if len(reading):
                 raise AnalysisError(
-                    f"model {model.name!r}: the state {model.states[k].name} cannot be left out: the "
-                    f"{what} {names[int(reading[0])]} depends on it. Leave that out, too, or close a "
-                    "loop."
+                    f"model {model.name!r}: the state {names[k]} cannot be left out: the {what} "
+                    f"{readers_of[int(reading[0])]} depends on it. Leave that out, too, or close a loop."
                 )
+    return stay
 
 
 def stable_states(

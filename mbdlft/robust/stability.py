@@ -34,6 +34,7 @@ from mbdlft.robust.bisect.search import (
     bounds_at,
     check_numbers,
     cost_of,
+    crew_of,
     cut,
     enlarged,
     expanded,
@@ -41,7 +42,6 @@ from mbdlft.robust.bisect.search import (
     last_of,
     resistance,
 )
-from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of

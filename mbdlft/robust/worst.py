@@ -39,6 +39,7 @@ from mbdlft.robust.bisect.search import (
     bounds_at,
     check_numbers,
     cost_of,
+    crew_of,
     cut,
     expanded,
     last_of,
@@ -46,7 +47,6 @@ from mbdlft.robust.bisect.search import (
     resistance,
     too_large,
 )
-from mbdlft.robust.crew import crew_of
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import check_constant, physical, realization

@@ -25,8 +25,7 @@ from mbdlft import (
 )
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.robust.bisect.search import Asked
-from mbdlft.robust.crew import crew_of
+from mbdlft.robust.bisect.search import Asked, crew_of
 from mbdlft.robust.evidence import IntervalProof, Multipliers
 from mbdlft.robust.mu import coverage as loops
 from mbdlft.robust.mu.coverage import loop_of
@@ -376,7 +375,7 @@ def test_crews_are_checked() -> None:
         with pytest.raises(AnalysisError, match="expected at least 1 worker"):
             robust_stability(cut_system(), workers=workers)
     with crew_of(None, None, "test") as crew:
-        assert crew.map(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
+        assert crew(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
 
 
 def singular_size(system: System, seed: int) -> float:

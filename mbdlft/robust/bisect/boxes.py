@@ -22,7 +22,7 @@ enough, if its own middle is stable. No open frequency may be infinite, where po
 Cuts and faces are a list of integers, with which `replayed` repeats the proof without a search.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.running import after, tell
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, is_stable_at
-from mbdlft.robust.crew import ALONE, Crew
 
 _EPS = float(np.finfo(float).eps)
 _WIDER = 64.0 * _EPS  # rad: more than angles in doubles are off, so that edges pass their check
@@ -49,6 +48,8 @@ _FIRST = 1.0  # units of work that are done before boxes are given to others
 _BATCH = 8  # boxes that are given to others at a time
 _SHARE = 0.5  # of the work that is left, for one of them
 Check = Callable[[Array], bool]
+Task = tuple[Any, ...]
+Crew = Callable[[Callable[..., Any], Sequence[Task]], list[Any]]  # results in the order of the tasks
 
 
 class Piece(NamedTuple):
@@ -166,7 +167,8 @@ def turn_of(piece: Piece, axis: int) -> int:
     along = cone(np.diff(p, axis=axis), 2.0 * error + 2.0 * _EPS * _largest(p))
     if along is None:
         return 0
-    speed = cone(np.diff(p, axis=-1), _pairs(error) + 2.0 * _EPS * _pairs(_largest(p)))
+    pairs = error + 2.0 * _EPS * _largest(p)
+    speed = cone(np.diff(p, axis=-1), pairs[1:] + pairs[:-1])
     if speed is None:
         return 0
     edges = np.array(along)
@@ -178,10 +180,6 @@ def turn_of(piece: Piece, axis: int) -> int:
 def _largest(values: Values) -> Array:
     """The largest size for each power of t (m + 1,)."""
     return np.asarray(np.max(np.abs(values), axis=tuple(range(values.ndim - 1))))
-
-
-def _pairs(row: Array) -> Array:
-    return row[..., 1:] + row[..., :-1]
 
 
 def spreads(piece: Piece) -> Array:
@@ -248,8 +246,8 @@ def prove(
     polynomials: Polynomials,
     work: float,
     is_wrong: Check,
-    gain: float = 0.0,
-    crew: Crew = ALONE,
+    gain: float,
+    crew: Crew,
 ) -> Outcome:
     """Try to prove that all models of the box |delta| <= k are stable, and of a gain below 1/gain.
 
@@ -268,7 +266,7 @@ def prove(
         share = _SHARE * max(work - used, 0.0)
         tasks = [(model, k, scale, box, share, is_wrong, gain) for box in batch]
         with after(used):
-            outcomes = [outcome for outcome, _ in crew.map(_explored, tasks)]
+            outcomes = [outcome for outcome, _ in crew(_explored, tasks)]
         used += sum(outcome.work for outcome in outcomes)
         for outcome in outcomes:
             if outcome.log is None:
@@ -297,7 +295,7 @@ def _explored(
         tell(used)
         if not pieces:
             log.append(LEAF)
-            if _is_face(box) and not is_stable_at(model, k * box.center):
+            if not np.all(box.half) and not is_stable_at(model, k * box.center):
                 return Outcome(None, box.center, box, used, frequency), None
             continue
         frequency = _frequency(pieces, scale)
@@ -334,7 +332,7 @@ def replayed(
         box = box._replace(pieces=pieces)
         axis, kind = divmod(step - 1, 3)
         if step == LEAF:
-            if pieces or (_is_face(box) and not is_stable_at(model, k * box.center)):
+            if pieces or (not np.all(box.half) and not is_stable_at(model, k * box.center)):
                 return False
         elif not 0 <= axis < len(box.center) or box.half[axis] == 0.0:
             return False
@@ -381,22 +379,12 @@ def _is_worth_cutting(piece: Piece, *, patient: bool) -> bool:
     return float(along_t) > _SLOW * max(map(float, deltas), default=0.0)
 
 
-def _is_face(box: Box) -> bool:
-    """Whether a box without zeros says nothing before its middle is looked at."""
-    return not np.all(box.half)
-
-
 def _side(box: Box, axis: int) -> int:
     """The side to which all open pieces turn; 0 if there is none."""
-    side = 0
     if any(piece.high == 1.0 for piece in box.pieces):
         return 0
-    for piece in box.pieces:
-        turn = turn_of(piece, axis)
-        if turn == 0 or turn == -side:
-            return 0
-        side = turn
-    return side
+    side = turn_of(box.pieces[0], axis)
+    return side if side and all(turn_of(piece, axis) == side for piece in box.pieces[1:]) else 0
 
 
 def _on_face(box: Box, axis: int, side: int) -> Box:

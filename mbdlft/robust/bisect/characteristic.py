@@ -79,6 +79,15 @@ class Realization(NamedTuple):
         sums = [np.sum(terms[..., a:b], axis=-1) for a, b in pairwise(ends)]
         return np.stack(sums, axis=-1) if sums else terms[..., :0]
 
+    def slopes(self, delta: Array, left: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
+        """Derivatives (..., m, number of deltas) of l'[A E; G J] v at deltas, for m rows l and v.
+
+        With L = [B; H] (I - Delta D)^-1 and K = (I - D Delta)^-1 [C F], that by delta_k is l'L_k K_k v,
+        with the columns of L and the rows of K of block k. Rows may end after the states.
+        """
+        L = self.out_of(delta)[..., : left.shape[-1], :]
+        return self.by_parameter((left @ L) * (right @ self.into(delta)[..., : right.shape[-1]].mT))
+
 
 class Polynomials(NamedTuple):
     """Bernstein coefficients on the box |delta_k| <= k and omega in [0, inf].

@@ -1,12 +1,19 @@
-"""What searches for bounds share: arguments, the bounds so far, and two bisections over proofs.
+"""What searches for bounds share: arguments, the bounds so far, two bisections over proofs, processes.
 
 A search is a generator of states, none worse than the one before. Whoever runs it keeps the last, so it
 may be interrupted at any time. Margins are proved from below: sizes of the box nearer and nearer to one
 that is reached (`enlarged`). Gains and poles are proved from above: levels nearer and nearer to a value
 that is reached (`lowered`).
+
+A search gives its tasks in batches that do not depend on who computes them, this process, processes of
+this machine, or a Dask cluster (`crew_of`), and gets results in the order of the tasks. So its answer
+does not, either.
 """
 
-from collections.abc import Callable, Generator, Mapping
+import os
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
 from math import prod
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -14,10 +21,10 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.running import after, budget
-from mbdlft.robust.bisect.boxes import Check, Outcome, prove
+from mbdlft.base.running import after, budget, one_thread
+from mbdlft.base.worker import Pool
+from mbdlft.robust.bisect.boxes import Check, Crew, Outcome, Task, prove
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, polynomials
-from mbdlft.robust.crew import ALONE, Crew
 from mbdlft.robust.evidence import Bounds as Bounds
 from mbdlft.robust.evidence import Proof
 from mbdlft.robust.realization import physical, shares
@@ -49,6 +56,49 @@ def check_numbers(what: str, **numbers: float) -> None:
             )
 
 
+def alone(function: Callable[..., Any], task: Task) -> Any:
+    """What a worker does."""
+    with one_thread():
+        return function(*task)
+
+
+def by_itself(function: Callable[..., Any], tasks: Sequence[Task]) -> list[Any]:
+    """The crew that is this process."""
+    return [function(*task) for task in tasks]
+
+
+@contextmanager
+def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
+    """What applies functions to tasks: `with crew_of(...) as crew`; two tasks start the processes."""
+    if client is not None:
+        try:
+            import_module("distributed")  # an optional extra
+        except ImportError:
+            raise AnalysisError(f"{what}: a cluster needs Dask: pip install 'mbdlft[cluster]'.") from None
+        yield lambda function, tasks: list(
+            client.gather([client.submit(alone, function, task, pure=False) for task in tasks])
+        )
+        return
+    if workers is not None and (isinstance(workers, bool) or not workers >= 1):
+        raise AnalysisError(f"{what}: expected at least 1 worker, got {workers}.")
+    # some systems do not tell which cores this process may use
+    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
+    count = workers or len(allowed) or os.cpu_count() or 1
+    pool: Pool | None = None
+    with ExitStack() as stack:
+
+        def by_processes(function: Callable[..., Any], tasks: Sequence[Task]) -> list[Any]:
+            nonlocal pool
+            if len(tasks) < 2 or count == 1:
+                return by_itself(function, tasks)
+            advice = "the analysis", "part of the box", "Take fewer workers."
+            pool = pool or stack.enter_context(Pool(f"{__name__}:alone", count, advice))
+            results = dict(pool.run({k: (function, task) for k, task in enumerate(tasks)}))
+            return [results[k] for k in range(len(tasks))]
+
+        yield by_processes
+
+
 class Asked(NamedTuple):
     """What is asked for; arguments are those of `robust_stability`."""
 
@@ -58,7 +108,7 @@ class Asked(NamedTuple):
     progress: Progress | None = None
     leave_out: tuple[str, ...] = ()
     largest: float = LARGEST
-    crew: Crew = ALONE
+    crew: Crew = by_itself
 
 
 class State(NamedTuple, Generic[Worst]):

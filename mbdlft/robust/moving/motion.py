@@ -17,7 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.base.array import Array
-from mbdlft.robust.ascent import by_damping, moving_at, state_matrices
+from mbdlft.robust.ascent import bisected, by_damping, moving_at, state_matrices
 from mbdlft.robust.bisect.characteristic import Realization
 
 _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not in steps
@@ -50,45 +50,34 @@ def unstable_motion(
     `rates_in` gives rates of deltas (1/s) (number of deltas,) that are allowed everywhere in the box
     |delta| <= k; 0 for constants, inf for any motion.
     """
-    best, work_left = NONE, work
+    best, rounds = NONE, iter(range(int(work / (_UNIT * (len(model.A) + 6.0) ** 3))))
+
+    def climbed(size: float, period: float, deltas: Array) -> Motion:
+        """The part that just does not fall of a motion that is near, and grows more."""
+        rates = rates_in(size)
+        return _on_ray(
+            model, rates, period, _climbed(model, period, deltas, (size, rates * period / _POINTS))
+        )
+
     for period, deltas in _starts(model, most):
         size = most
         for _ in range(_ROUNDS):
-            work_left -= _unit(model)
-            if work_left < 0.0:
+            if next(rounds, None) is None:
                 return best
-            rates = rates_in(size)
-            limits = size, rates * period / _POINTS
-            deltas = _climbed(model, period, deltas, limits)
-            motion = _on_ray(model, rates, period, deltas)
+            motion = climbed(size, period, deltas)
             if not motion.size < size * (1.0 - 1e-3):
                 break
             best = motion if motion.size < best.size else best
             size, deltas = motion.size, motion.deltas
-    return _tuned(model, rates_in, best, work_left)
-
-
-def _tuned(
-    model: Realization, rates_in: Callable[[float], Array], best: Motion, work_left: float
-) -> Motion:
-    """The same motion with another period, as long as a smaller one grows; `left` units of work."""
-    for step in _TUNED:
+    for step in _TUNED:  # another period, as long as a smaller motion grows
         for share in (1.0 + step, 1.0 / (1.0 + step)):
-            while np.isfinite(best.size) and (work_left := work_left - _unit(model)) > 0.0:
-                size, period = best.size * (1.0 + step), best.period * share
-                rates = rates_in(size)
-                deltas = best.deltas * (1.0 + step)
-                deltas = _climbed(model, period, deltas, (size, rates * period / _POINTS))
-                motion = _on_ray(model, rates, period, deltas)
+            while np.isfinite(best.size) and next(rounds, None) is not None:
+                more = 1.0 + step
+                motion = climbed(best.size * more, best.period * share, best.deltas * more)
                 if not motion.size < best.size * (1.0 - 1e-4):
                     break
                 best = motion
     return best
-
-
-def _unit(model: Realization) -> float:
-    """Units of work of a round."""
-    return _UNIT * (len(model.A) + 6.0) ** 3
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
@@ -176,16 +165,13 @@ def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
     k = int(np.argmax(np.abs(values)))
     if not values[k]:
         return None
-    n = len(model.A)
-    K, L = model.into(deltas)[..., :n], model.out_of(deltas)[:, :n]
-    row, rows = U[k], []
+    row, lefts = U[k], []
     for step in steps[::-1]:
-        rows.append(row)
+        lefts.append(row)
         row = row @ step
-    lefts = np.array(rows[::-1])
-    rights = np.array([middle @ V[:, k] for middle in before[1:]])
-    terms = np.einsum("ti,tij->tj", lefts, L) * np.einsum("tji,ti->tj", K, rights) / values[k]
-    return np.asarray(model.by_parameter(terms.real) * (period / len(A)))
+    rights = [(middle @ V[:, k])[None] for middle in before[1:]]
+    terms = model.slopes(deltas, np.array(lefts[::-1])[:, None], np.array(rights))[:, 0] / values[k]
+    return np.asarray(terms.real * (period / len(A)))
 
 
 def _fitted(row: Array, size: float, step: float) -> Array:
@@ -222,11 +208,7 @@ def _on_ray(model: Realization, rates: Array, period: float, deltas: Array) -> M
     fine = 1 if np.all(np.isinf(rates) | (rates == 0.0)) else _FINE
     if not growth(model, rates, period, deltas, fine) >= 0.0:
         return NONE
-    low, high = 0.0, 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        if growth(model, rates, period, middle * deltas, fine) >= 0.0:
-            high = middle
-        else:
-            low = middle
+    high = bisected(
+        lambda t: growth(model, rates, period, t * deltas, fine) >= 0.0, 0.0, 1.0, _BISECTIONS
+    )
     return Motion(high * float(np.max(np.abs(deltas))), period, high * deltas)

@@ -27,6 +27,7 @@ from mbdlft.robust.ascent import by_damping
 from mbdlft.robust.evidence import Interval, Multipliers
 from mbdlft.robust.mu.intervals import Channels, Extent, balance, channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import Structure, structure_of, upper_bound
+from mbdlft.robust.realization import matrices_of
 from mbdlft.system.model import System
 
 _MOST_ENTRIES = 250  # of multipliers: more take minutes for the whole of the frequencies
@@ -73,22 +74,13 @@ def loop_of(
 ) -> Loop:
     """The loop of a system, of the states that stay, and of a block that joins inputs and outputs."""
     check(not system.lft.is_complex, "the margin of a system needs real entries; one is complex")
-    rows, columns, lft = [], [], system.lft
-    blocks = [block for block in lft.blocks if block.inputs and block.outputs]
-    for block in blocks:
-        rows += list(range(*lft.slices()[block.name].indices(lft.M11.shape[0])))
-        columns += list(range(*lft.columns()[block.name].indices(lft.M11.shape[1])))
-    i, j = list(outputs), list(inputs)
-    whole_B = np.hstack([system.B_w[np.ix_(stay, columns)], system.B_u[np.ix_(stay, j)]])
-    whole_C = np.vstack([system.C_z[np.ix_(rows, stay)], system.C_y[np.ix_(i, stay)]])
-    D_u = np.vstack([system.D_zu[np.ix_(rows, j)], system.D_yu[np.ix_(i, j)]])
-    D_w = np.vstack([system.D_zw[np.ix_(rows, columns)], system.D_yw[np.ix_(i, columns)]])
-    if i and j:
-        blocks.append(FullBlock(GAIN, len(i), len(j)))
+    blocks = [block for block in system.lft.blocks if block.inputs and block.outputs]
+    A, B, C, D, E, F, G, H, J = matrices_of(system, blocks, stay, inputs, outputs)
+    if inputs and outputs:
+        blocks.append(FullBlock(GAIN, len(outputs), len(inputs)))
     kept = check_fixed(system, fixed)
     grows = np.array([block.name not in kept for block in blocks], dtype=bool)
-    A = system.A[np.ix_(stay, stay)]
-    whole = Channels(A, whole_B, whole_C, np.hstack([D_w, D_u]))
+    whole = Channels(A, np.hstack([B, E]), np.vstack([C, G]), np.block([[D, F], [H, J]]))
     return _balanced(whole, tuple(blocks), grows)
 
 
@@ -239,7 +231,7 @@ def covered(loop: Loop, box: Part) -> Cover:
             todo.append((low, high))
             break
         kept.append((interval, multipliers))
-        todo += _rest(low, high, interval)
+        todo += [(a, b) for a, b in ((low, interval.low), (interval.high, high)) if b > a]
     ends = tuple(interval for interval, _ in kept), tuple(multipliers for _, multipliers in kept)
     return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used)
 
@@ -343,16 +335,6 @@ def looks(first: Array) -> Array:
         return np.append(np.geomspace(1e-2, 1e2, _LOOKS), np.inf)
     around = np.geomspace(0.1 * np.min(sizes), 10.0 * np.max(sizes), _LOOKS)
     return np.concatenate([first, around, [np.inf]])
-
-
-def _rest(low: float, high: float, interval: Interval) -> list[tuple[float, float]]:
-    """What an interval leaves of another."""
-    open_intervals = []
-    if interval.low > low:
-        open_intervals.append((low, interval.low))
-    if interval.high < high:
-        open_intervals.append((interval.high, high))
-    return open_intervals
 
 
 def first_frequencies(A: Array) -> Array:

@@ -13,8 +13,9 @@ Nonlinear Control 7, 1997; here parts have intervals of frequency in place of on
 tried in batches that do not depend on how many processes there are.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -24,6 +25,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.running import after
 from mbdlft.robust.ascent import NONE, Crossing, improved, largest_peak, smallest_crossing
+from mbdlft.robust.bisect.boxes import Crew
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     UNSTABLE,
@@ -35,7 +37,6 @@ from mbdlft.robust.bisect.search import (
     enlarged,
     last_of,
 )
-from mbdlft.robust.crew import Crew
 from mbdlft.robust.evidence import Bounds, Interval, IntervalProof, Multipliers
 from mbdlft.robust.mu.coverage import (
     GAIN,
@@ -58,6 +59,7 @@ from mbdlft.robust.mu.intervals import holds
 from mbdlft.robust.mu.multipliers import best_square, fits
 from mbdlft.robust.mu.small_delta import SmallDelta, best_near, by_name, changes, first_reached, nothing
 from mbdlft.robust.realization import realization
+from mbdlft.system.conversion import positions_of
 
 _BATCH = 8  # parts at a time, whatever the number of workers: results do not depend on it
 _SMALLEST = 2.0**-16  # of the box: a part of this size is not cut again
@@ -74,7 +76,9 @@ _REACH = 0.1  # units of work of a search for small deltas
 class Attempt(NamedTuple):
     """What came of an attempt to prove a box."""
 
-    tree: "_Node | None"  # of parts, if all are proved; None: one resisted, or is unstable
+    # covers of all parts, and the blocks that these are cut along, depth first; None: one resisted, or is
+    # unstable
+    parts: Sequence[tuple[Cover, int]] | None
     low: Array  # (number of blocks,), with `high`: a part that resisted
     high: Array
     at: float  # where it did (rad/s); NaN if none did
@@ -82,15 +86,12 @@ class Attempt(NamedTuple):
     state: "State[Reached]"  # with the best deltas that were found near parts that resist
 
 
-@dataclass(slots=True)
-class _Node:
-    """A part, what covers it, and its halves; `rough`: parts above it at which rounding failed."""
+class _Node(NamedTuple):
+    """A part, whether it is the lower (0) or upper half (1) of each part around it, and its history."""
 
     box: Part
-    cover: Cover | None = None
-    rough: int = 0
-    cut: int = -1
-    halves: "tuple[_Node, _Node] | None" = None
+    path: tuple[int, ...] = ()
+    rough: int = 0  # parts around it at which rounding failed
 
 
 def attempt(
@@ -108,8 +109,9 @@ def attempt(
     with one, its `upper` is k or less.
     """
     low, high = ends_of(loop, k)
-    root = _Node(Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE))
-    waiting, used, batches, widths = [root], 0.0, 0, high - low
+    waiting = [_Node(Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE))]
+    parts: dict[tuple[int, ...], tuple[Cover, int]] = {}
+    used, batches, widths = 0.0, 0, high - low
     real = np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
     while waiting:
         if used > work:
@@ -117,29 +119,32 @@ def attempt(
             return Attempt(None, box.low, box.high, box.at, used, state)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
         with after(used):
-            covers_of = crew.map(covered, [(loop, node.box) for node in batch])
-        worst = None
+            covers_of = crew(covered, [(loop, node.box) for node in batch])
         for node, cover in zip(batch, covers_of, strict=True):
-            node.cover, used = cover, used + cover.work
-            if cover.todo and (worst is None or worst[1].beta < cover.beta):
-                worst = node.box, cover
-        if worst is None:
+            used += cover.work
+            parts[node.path] = cover, -1
+        resisting = [pair for pair in zip(batch, covers_of, strict=True) if pair[1].todo]
+        if not resisting:
             continue
-        center = 0.5 * (worst[0].low + worst[0].high)[real]
+        (box, _, _), cover = max(resisting, key=lambda pair: pair[1].beta)
         if batches % _OFTEN == 0:
-            state = reach(state, center, worst[1].at)
+            state = reach(state, 0.5 * (box.low + box.high)[real], cover.at)
             if state.upper <= k:
-                return Attempt(None, worst[0].low, worst[0].high, worst[1].at, used, state)
+                return Attempt(None, box.low, box.high, cover.at, used, state)
         batches += 1
-        for node, cover in zip(batch, covers_of, strict=True):
-            if not cover.todo:
-                continue
-            node.cut = _cut(loop, node, cover, real, widths)
-            if node.cut < 0:
+        for node, cover in resisting:
+            axis = _cut(loop, node, cover, real, widths)
+            if axis < 0:
                 return Attempt(None, node.box.low, node.box.high, cover.at, used, state)
-            node.halves = _halves(node, cover)
-            waiting += node.halves[::-1]
-    return Attempt(root, low, high, np.nan, used, state)
+            parts[node.path] = cover, axis
+            inherited = node.box._replace(todo=cover.todo, at=cover.at, start=cover.last)
+            rough = node.rough + (not cover.beta > 1.0)
+            halves = [
+                _Node(inherited._replace(low=a, high=b), (*node.path, side), rough)
+                for side, (a, b) in enumerate(_cut_in_two(node.box.low, node.box.high, axis))
+            ]
+            waiting += halves[::-1]
+    return Attempt([parts[path] for path in sorted(parts)], low, high, np.nan, used, state)
 
 
 def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
@@ -165,22 +170,9 @@ def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, 
     best = np.inf
     for factor in _FACTORS:
         weight = np.where(loop.owner == axis, factor, 1.0)
-        try:
+        with suppress(np.linalg.LinAlgError):
             best = min(best, best_square(scaled_M, weight[:, None] * known.D, known.G * half))
-        except np.linalg.LinAlgError:
-            continue
     return best
-
-
-def _halves(node: _Node, cover: Cover) -> tuple[_Node, _Node]:
-    """Both halves of a part, the lower first, with the frequencies that are open."""
-    inherited = node.box._replace(todo=cover.todo, at=cover.at, start=cover.last)
-    rough = node.rough + (not cover.beta > 1.0)
-    first, second = (
-        _Node(inherited._replace(low=low, high=high), rough=rough)
-        for low, high in _cut_in_two(node.box.low, node.box.high, node.cut)
-    )
-    return first, second
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:
@@ -190,29 +182,17 @@ def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array]
     return (low, below), (above, high)
 
 
-def proof_of(
-    loop: Loop, k: float, tree: _Node | Cover, signals: tuple[tuple[str, ...], tuple[str, ...]]
-) -> IntervalProof:
-    """The proof of a tree of parts, or of the whole box."""
-    log: list[int] = []
-    intervals: list[Interval] = []
-    multipliers: list[Multipliers] = []
-
-    def add(cover: Cover, cut: int) -> None:
-        log.extend((len(cover.intervals), cut + 1))
-        intervals.extend(cover.intervals)
-        multipliers.extend(scaled(multiplier, 1.0 / loop.scale) for multiplier in cover.multipliers)
-
-    waiting = [tree] if isinstance(tree, _Node) else []
-    if isinstance(tree, Cover):
-        add(tree, -1)
-    while waiting:
-        node = waiting.pop()
-        if node.cover is not None:
-            add(node.cover, node.cut)
-        waiting += node.halves[::-1] if node.halves else ()
+def proof_of(loop: Loop, k: float, parts: Sequence[tuple[Cover, int]], signals: Signals) -> IntervalProof:
+    """The proof of covers of parts, and the blocks that these are cut along, depth first."""
     fixed = [b.name for b, grows in zip(loop.blocks, loop.grows, strict=True) if not grows]
-    return IntervalProof(k, tuple(log), tuple(intervals), tuple(multipliers), tuple(fixed), *signals)
+    return IntervalProof(
+        k,
+        tuple(number for cover, axis in parts for number in (len(cover.intervals), axis + 1)),
+        tuple(interval for cover, _ in parts for interval in cover.intervals),
+        tuple(scaled(pair, 1.0 / loop.scale) for cover, _ in parts for pair in cover.multipliers),
+        tuple(fixed),
+        *signals,
+    )
 
 
 def wrong_in(loop: Loop, proof: IntervalProof) -> str:
@@ -271,11 +251,8 @@ class _Question(NamedTuple):
     @property
     def model(self) -> Realization:
         system = self.asked.system
-        names = [s.name for s in system.inputs], [s.name for s in system.outputs]
-        j, i = (
-            [known.index(name) for name in chosen]
-            for known, chosen in zip(names, self.signals, strict=True)
-        )
+        j = positions_of(list(self.signals[0]), [s.name for s in system.inputs], "inputs")
+        i = positions_of(list(self.signals[1]), [s.name for s in system.outputs], "outputs")
         return realization(system, j, i, self.asked.leave_out, others_are_zero=True)
 
 
@@ -307,7 +284,7 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
         cover = shrunk(loop, most, asked.gap, state.left(asked))
     state = state._replace(used=state.used + cover.work)
     if not cover.todo:
-        proof = proof_of(loop, cover.k, cover, signals)
+        proof = proof_of(loop, cover.k, [(cover, -1)], signals)
         state = state._replace(lower=cover.k * _INSIDE, proof=proof)
         yield state
     if not _follows_poles(loop) and not state.is_closed(asked) and np.isfinite(cover.peak):
@@ -377,8 +354,8 @@ def _tried(question: _Question, cover: Cover, state: State[Reached], k: float) -
     with after(state.used):
         outcome = attempt(loop, k, work, cover, reach, state, asked.crew)
     before, state = state.upper, outcome.state._replace(used=outcome.state.used + outcome.work)
-    if outcome.tree is not None:
-        proof = proof_of(loop, k, outcome.tree, question.signals)
+    if outcome.parts is not None:
+        proof = proof_of(loop, k, outcome.parts, question.signals)
         return state._replace(lower=k * _INSIDE, proof=proof)
     if not state.upper < before:
         return state._replace(reason=_resistance(question, outcome, k))

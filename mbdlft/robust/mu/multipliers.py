@@ -192,22 +192,16 @@ def upper_bound(
 def _ahead(M: Complex, beta: float, X: Complex, structure: Structure) -> tuple[float, Complex, Complex]:
     """The best beta^2 on the tangent of the path of centers, and D and G there."""
     U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
-    i, j = structure.rows, structure.columns
     P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
     turn = 0.5 * (X @ V - U.conj().T @ X)
     turn = turn + turn.conj().T
     PU, VP = P @ U.conj().T, V @ P
-    change = (PU - VP @ turn @ PU - VP).T[i, j]
-    H = _hessian(U, V, P, R, structure)
-    step, _ = _newton_step(H, np.concatenate([change.real, -change.imag]), structure.basis)
-    move = np.zeros_like(X)
-    move[i, j] = step[: len(i)] + 1j * step[len(i) :]
+    move, _ = _newton_step(U, V, P, R, structure, PU - VP @ turn @ PU - VP)
     D, G = _parts(X, beta)
     smallest = (best_square(M, D, G), D, G)
     length = beta - float(np.sqrt(max(smallest[0], 0.0)))
     while length < beta:
-        new = X - length * move
-        D, G = _parts(new, beta - length)
+        D, G = _parts(X - length * move, beta - length)
         try:
             best = best_square(M, D, G)
         except LinAlgError:
@@ -237,25 +231,12 @@ def _form(U: Complex, V: Complex, X: Complex) -> Complex:
     return -0.5 * (half + half.conj().T)
 
 
-def _hessian(
-    U: Complex, V: Complex, P: Any, R: Any, structure: Structure, small: float = _SMALL
-) -> Array:
-    """Second derivatives of the objective of a center; P and R are inverses of S and of X + X'."""
-    i, j = structure.rows, structure.columns
-    UP, VP = U @ P, V @ P
-    H = _curvature(VP @ U.conj().T, UP @ U.conj().T, VP @ V.conj().T, i, j)
-    H = H + 4.0 * _curvature(R, R, R, i, j)
-    H[np.diag_indices(len(H))] += small
-    return H
-
-
 def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL) -> Complex:
     """Minimum of tr (X + X')/2 - log det S(X) - log det(X + X') from an X where both are positive.
 
     A little of |X|^2 keeps parts bounded that do nothing.
     """
     U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
-    i, j = structure.rows, structure.columns
 
     def objective(X: Complex) -> float:
         try:
@@ -268,17 +249,10 @@ def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: fl
         return size - 2.0 * float(np.sum(logs))
 
     value = objective(X)
-    if not np.isfinite(value):
-        return X
-    for _ in range(_NEWTON):
+    for _ in range(_NEWTON if np.isfinite(value) else 0):
         P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
-        slope = (V @ P @ U.conj().T - 2.0 * R).T[i, j]
-        H = _hessian(U, V, P, R, structure, small)
-        x = small * X[i, j]
-        g = np.concatenate([slope.real + x.real + (i == j), -slope.imag + x.imag])
-        step, fall = _newton_step(H, g, structure.basis)
-        move = np.zeros_like(X)
-        move[i, j] = step[: len(i)] + 1j * step[len(i) :]
+        gradient = V @ P @ U.conj().T - 2.0 * R + np.eye(len(M)) + small * X.conj().T
+        move, fall = _newton_step(U, V, P, R, structure, gradient, small)
         length = 1.0 if fall < 0.5 else 1.0 / (1.0 + np.sqrt(fall))
         for _ in range(_SHRINK):
             new = X + length * move
@@ -305,10 +279,24 @@ def _curvature(c: Complex, uu: Complex, vv: Complex, i: NDArray[np.int64], j: ND
     )
 
 
-def _newton_step(H: Array, g: Array, basis: Array | None) -> tuple[Array, float]:
-    """-H^-1 g in the entries, and how much the objective falls along it."""
+def _newton_step(
+    U: Complex, V: Complex, P: Any, R: Any, structure: Structure, gradient: Complex, small: float = _SMALL
+) -> tuple[Complex, float]:
+    """The step of X to a center, and how much the objective falls along it.
+
+    P and R are inverses of S and of X + X'; to first order the objective changes by Re tr(gradient dX).
+    """
+    i, j = structure.rows, structure.columns
+    UP, VP = U @ P, V @ P
+    H = _curvature(VP @ U.conj().T, UP @ U.conj().T, VP @ V.conj().T, i, j)
+    H = H + 4.0 * _curvature(R, R, R, i, j)
+    H[np.diag_indices(len(H))] += small
+    entries = gradient.T[i, j]
+    g, basis = np.concatenate([entries.real, -entries.imag]), structure.basis
     if basis is not None:
         H, g = basis.T @ H @ basis, basis.T @ g
     step = newton_step(H, g)
-    fall = float(-g @ step)
-    return (step if basis is None else basis @ step), fall
+    of_entries = step if basis is None else basis @ step
+    move = np.zeros_like(U)
+    move[i, j] = of_entries[: len(i)] + 1j * of_entries[len(i) :]
+    return move, float(-g @ step)

@@ -16,7 +16,8 @@ in real deltas, phases, the vectors of full blocks (of rank one), and, if it is 
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from functools import lru_cache, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,12 +36,12 @@ _ENOUGH = 1e-6  # of a bound that need not be improved
 _CLEAR = 1e-12  # of the norm of M: an eigenvalue below this is zero
 _FAR = 1e12  # of the norm of M: a larger eigenvalue says that fixed blocks alone are enough
 _TINY = 1e-300  # in place of a size of 0 that is divided by
-
-Complex = NDArray[np.complex128]
-Value = TypeVar("Value")
-At = Callable[[float], tuple[Complex, Complex]]  # M and its derivative by log omega
 _CORNERS = 4  # of real deltas, at random
 _MOST = 24  # frequencies of poles
+
+Complex = NDArray[np.complex128]
+At = Callable[[float], tuple[Complex, Complex]]  # M and its derivative by log omega
+Grows = Sequence[bool] | NDArray[np.bool_]
 
 
 class SmallDelta(NamedTuple):
@@ -53,7 +54,10 @@ class SmallDelta(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """A block, and its rows and columns of M."""
+    """A block, and its rows and columns of M.
+
+    Its variables are a real delta, a phase, or, of a full block a b'/(|a||b|), the parts of a and b.
+    """
 
     block: Block
     z: slice
@@ -64,104 +68,109 @@ class _Place(NamedTuple):
         eye = np.eye(self.block.size) if self.block.kind != "full" else 1.0
         into[self.w, self.z] = value * eye
 
+    def facing(self, w: Complex, z: Complex) -> Any:
+        """The value of size 1 of a block that is not real for which w'Delta z is largest."""
+        return _phase(np.vdot(z, w)) if self.block.kind == "complex" else _unit_dyad(w, z)
+
+    def random(self, random: Any) -> Any:
+        """A value of size 1: an end of a real delta."""
+        if self.block.kind == "real":
+            return random.choice([-1.0, 1.0])
+        if self.block.kind == "complex":
+            return np.exp(2j * np.pi * random.uniform())
+        u, v = (random.standard_normal(2 * n) for n in (self.block.outputs, self.block.inputs))
+        return _unit_dyad(u[::2] + 1j * u[1::2], v[::2] + 1j * v[1::2])
+
+    def variables(self, delta: Complex) -> Array:
+        """The variables of a Delta of norm 1."""
+        here = delta[self.w, self.z]
+        if self.block.kind == "real":
+            return np.array([here[0, 0].real])
+        if self.block.kind == "complex":
+            return np.array([np.angle(here[0, 0])])
+        u, _, v = np.linalg.svd(here)
+        whole = np.concatenate([u[:, 0], v[0].conj()])
+        return np.concatenate([whole.real, whole.imag])
+
+    def vectors(self, x: Array) -> tuple[Complex, Complex]:
+        """a and b of the variables."""
+        n = self.block.outputs
+        both = x[: n + self.block.inputs] + 1j * x[n + self.block.inputs :]
+        return both[:n], both[n:]
+
+    def value(self, x: Array) -> Any:
+        """The value for the variables."""
+        if self.block.kind == "real":
+            return float(np.clip(x[0], -1.0, 1.0))
+        return np.exp(1j * x[0]) if self.block.kind == "complex" else _unit_dyad(*self.vectors(x))
+
+    def slopes(self, x: Array, delta: Complex, p: Complex, v: Complex) -> Complex:
+        """Derivatives of p Delta v by the variables."""
+        p, v = p[self.w], v[self.z]
+        if self.block.kind == "real":
+            return np.array([p @ v])
+        value = p @ delta[self.w, self.z] @ v
+        if self.block.kind == "complex":
+            return np.array([1j * value])
+        a, b = self.vectors(x)
+        sizes = max(float(np.linalg.norm(a)), _TINY), max(float(np.linalg.norm(b)), _TINY)
+        by_a, by_b = p * (b.conj() @ v) / (sizes[0] * sizes[1]), (p @ a) * v / (sizes[0] * sizes[1])
+        more_a, more_b = value / sizes[0] ** 2, value / sizes[1] ** 2
+        real = [by_a - more_a * a.real, by_b - more_b * b.real]
+        return np.concatenate([*real, 1j * by_a - more_a * a.imag, -1j * by_b - more_b * b.imag])
+
 
 def small_delta(
-    M: Complex,
-    blocks: Sequence[Block],
-    enough: float = np.inf,
-    grows: Sequence[bool] | NDArray[np.bool_] | None = None,
+    M: Complex, blocks: Sequence[Block], enough: float = np.inf, grows: Grows | None = None
 ) -> SmallDelta:
     """The smallest Delta of the blocks that was found to make I - M Delta singular.
 
     The search ends when its bound is nearly `enough`, such as an upper bound. Blocks that do not grow
     are of size 1.
     """
-    places = _places_of(blocks, grows)
-    best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0)
-    size = float(np.linalg.norm(M, 2)) if M.size else 0.0
-    if size == 0.0:
-        return best
-    random = np.random.default_rng(0)
-    for _ in range(_STARTS):
-        if best.bound >= enough * (1.0 - _ENOUGH):
-            break
-        for unit in (_iterated(M / size, places, random), _random(places, M.shape, random)):
-            reached = _enlarged(lambda _: (M, 0.0 * M), places, unit, None)
-            if reached.bound > best.bound and reached.bound > _CLEAR * size:
-                best = reached
-    return best
+    grows = [True] * len(blocks) if grows is None else grows
+    return delta_near(lambda _: (M, 0.0 * M), blocks, grows, starts=_STARTS, enough=enough)
 
 
 def delta_near(
     at: At,
     blocks: Sequence[Block],
-    grows: Sequence[bool] | NDArray[np.bool_],
-    omega: float,
+    grows: Grows,
+    omega: float = float("nan"),
     real: Array | None = None,
     starts: int = 1,
+    enough: float = np.inf,
 ) -> SmallDelta:
     """The same near a frequency, which moves, too; `real` are real deltas of size 1 to begin with."""
-    places = _places_of(blocks, grows)
-    M = at(omega)[0]
+    places, M, random = _places_of(blocks, grows), at(omega)[0], np.random.default_rng(0)
     best = SmallDelta(0.0, np.zeros(M.T.shape, dtype=complex), 1.0, omega)
     size = float(np.linalg.norm(M, 2)) if M.size else 0.0
-    if size == 0.0:
-        return best
-    random = np.random.default_rng(0)
-    for _ in range(starts):
-        unit = _iterated(M / size, places, random)
+    for _ in range(starts if size else 0):
+        if best.bound >= enough * (1.0 - _ENOUGH):
+            break
+        units = [_iterated(M / size, places, random)]
+        if np.isnan(omega):
+            units.append(np.zeros_like(best.delta))
+            for place in places:
+                place.put(units[1], place.random(random))
         if real is not None:
             of_real = [place for place in places if place.block.kind == "real"]
             for value, place in zip(real, of_real, strict=True):
-                place.put(unit, value)
-            _turn(M, unit, places)
-        reached = _enlarged(at, places, unit, omega)
-        if reached.bound > max(best.bound, _CLEAR * size):
-            best = reached
+                place.put(units[0], value)
+            _turn(M, units[0], places)
+        for unit in units:
+            reached = _enlarged(at, places, unit, omega)
+            best = reached if reached.bound > max(best.bound, _CLEAR * size) else best
     return best
 
 
-def block_changes(
-    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], small: SmallDelta
-) -> Array:
-    """Derivatives (number of blocks,) of the bound by the logarithm of the size of each block."""
-    places, unit = _places_of(blocks, grows), small.delta.copy()
-    for place in places:
-        if place.grows:
-            unit[place.w, place.z] *= small.bound
-    lam, u, v = _eigen(M, unit, places)
-    p = u @ M
-    return np.array(
-        [
-            ((1.0 if place.grows else lam) * (p[place.w] @ unit[place.w, place.z] @ v[place.z])).real
-            for place in places
-        ]
-    )
-
-
-def _places_of(blocks: Sequence[Block], grows: Sequence[bool] | NDArray[np.bool_] | None) -> list[_Place]:
+def _places_of(blocks: Sequence[Block], grows: Grows) -> list[_Place]:
     places, z, w = [], 0, 0
-    for block, grow in zip(blocks, [True] * len(blocks) if grows is None else grows, strict=True):
+    for block, grow in zip(blocks, grows, strict=True):
         rows, columns = slice(z, z + block.inputs), slice(w, w + block.outputs)
         places.append(_Place(block, rows, columns, bool(grow)))
         z, w = z + block.inputs, w + block.outputs
     return [place for place in places if place.block.inputs and place.block.outputs]
-
-
-def _random(places: Sequence[_Place], shape: tuple[int, int], random: Any) -> Complex:
-    """A Delta of norm 1, real deltas at their ends."""
-    delta = np.zeros((shape[1], shape[0]), dtype=complex)
-    for place in places:
-        block = place.block
-        if block.kind == "real":
-            place.put(delta, random.choice([-1.0, 1.0]))
-        elif block.kind == "complex":
-            place.put(delta, np.exp(2j * np.pi * random.uniform()))
-        else:
-            u, v = (random.standard_normal(2 * n) for n in (block.outputs, block.inputs))
-            u, v = (x[::2] + 1j * x[1::2] for x in (u, v))
-            place.put(delta, _unit_dyad(u, v))
-    return delta
 
 
 def _iterated(M: Complex, places: Sequence[_Place], random: Any) -> Complex:
@@ -172,22 +181,19 @@ def _iterated(M: Complex, places: Sequence[_Place], random: Any) -> Complex:
         x = random.standard_normal(n) + 1j * random.standard_normal(n)
         return np.asarray(x / np.linalg.norm(x))
 
+    def normed(x: Complex) -> Complex:
+        return np.asarray(x / max(float(np.linalg.norm(x)), _TINY))
+
     b, w = unit(n_w), unit(n_w)
     q = np.ones(len(places))
     for _ in range(_ITERATIONS):
-        a = _normed(M @ b)
+        a = normed(M @ b)
         z = _aligned(places, q, a, b, w, n_z, to_z=True)
-        w = _normed(M.conj().T @ z)
+        w = normed(M.conj().T @ z)
         b = _aligned(places, q, a, b, w, n_w, to_z=False)
     delta = np.zeros((n_w, n_z), dtype=complex)
     for k, place in enumerate(places):
-        w_block, z_block = w[place.w], a[place.z]
-        if place.block.kind == "real":
-            place.put(delta, q[k])
-        elif place.block.kind == "complex":
-            place.put(delta, _phase(np.vdot(z_block, w_block)))
-        else:
-            place.put(delta, _unit_dyad(w_block, z_block))
+        place.put(delta, q[k] if place.block.kind == "real" else place.facing(w[place.w], a[place.z]))
     return delta
 
 
@@ -220,20 +226,12 @@ def _turn(M: Complex, unit: Complex, places: Sequence[_Place]) -> None:
         for place in places:
             a, z = (1.0 if place.grows else lam) * p[place.w], v[place.z]
             size = float(np.linalg.norm(a) * np.linalg.norm(z))
-            if place.block.kind == "real" or not np.isfinite(size) or size == 0.0:
-                continue
-            if place.block.kind == "complex":
-                place.put(unit, np.conj(_phase(a @ z)))
-            else:
-                place.put(unit, np.outer(a.conj(), z.conj()) / size)
+            if place.block.kind != "real" and np.isfinite(size) and size > 0.0:
+                place.put(unit, place.facing(a.conj(), z))
 
 
 def _phase(number: Any) -> complex:
     return complex(number / abs(number)) if number else 1.0
-
-
-def _normed(x: Complex) -> Complex:
-    return np.asarray(x / max(float(np.linalg.norm(x)), _TINY))
 
 
 def _unit_dyad(a: Complex, b: Complex) -> Complex:
@@ -242,91 +240,33 @@ def _unit_dyad(a: Complex, b: Complex) -> Complex:
     return np.asarray(np.outer(a, b.conj()) / size)
 
 
-def _vectors(x: Array, block: Block) -> tuple[Complex, Complex]:
-    """The vectors a and b of a full block a b'/(|a||b|)."""
-    n = block.outputs
-    half = x[: n + block.inputs] + 1j * x[n + block.inputs :]
-    return half[:n], half[n:]
-
-
-def _first(places: Sequence[_Place], unit: Complex) -> list[Array]:
-    """The variables of a Delta of norm 1, one array for each part."""
-    variables = []
-    for place in places:
-        here = unit[place.w, place.z]
-        if place.block.kind == "real":
-            variables.append(np.array([here[0, 0].real]))
-        elif place.block.kind == "complex":
-            variables.append(np.array([np.angle(here[0, 0])]))
-        else:
-            u, _, v = np.linalg.svd(here)
-            whole = np.concatenate([u[:, 0], v[0].conj()])
-            variables.append(np.concatenate([whole.real, whole.imag]))
-    return variables
-
-
-def _delta_of(places: Sequence[_Place], x: Sequence[Array], shape: tuple[int, ...]) -> Complex:
-    delta = np.zeros(shape, dtype=complex)
-    for place, here in zip(places, x, strict=True):
-        if place.block.kind == "real":
-            place.put(delta, float(np.clip(here[0], -1.0, 1.0)))
-        elif place.block.kind == "complex":
-            place.put(delta, np.exp(1j * here[0]))
-        else:
-            place.put(delta, _unit_dyad(*_vectors(here, place.block)))
-    return delta
-
-
-def _slopes(place: _Place, x: Array, delta: Complex, p: Complex, v: Complex) -> Complex:
-    """Derivatives of p Delta v by the variables of a part."""
-    if place.block.kind == "real":
-        return np.array([p @ v])
-    value = p @ delta @ v
-    if place.block.kind == "complex":
-        return np.array([1j * value])
-    a, b = _vectors(x, place.block)
-    sizes = max(float(np.linalg.norm(a)), _TINY), max(float(np.linalg.norm(b)), _TINY)
-    by_a, by_b = p * (b.conj() @ v) / (sizes[0] * sizes[1]), (p @ a) * v / (sizes[0] * sizes[1])
-    more_a, more_b = value / sizes[0] ** 2, value / sizes[1] ** 2
-    real = [by_a - more_a * a.real, by_b - more_b * b.real]
-    imaginary = [1j * by_a - more_a * a.imag, -1j * by_b - more_b * b.imag]
-    return np.concatenate([*real, *imaginary])
-
-
-def _once(function: Callable[[Array], Value]) -> Callable[[Array], Value]:
-    """The function, evaluated once: objective, constraint and slopes are asked for at the same point."""
-    last: list[tuple[Array, Value]] = []
-
-    def of(x: Array) -> Value:
-        if not last or not np.array_equal(last[0][0], x):
-            last[:] = [(x.copy(), function(x))]
-        return last[0][1]
-
-    return of
-
-
-def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | None) -> SmallDelta:
+def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float) -> SmallDelta:
     """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
-    first = _first(places, unit)
+    from scipy.optimize import minimize  # here because it is slow to import
+
+    first = [place.variables(unit) for place in places]
     ends = np.cumsum([len(x) for x in first])
-    moves = omega is not None and bool(0.0 < omega < np.inf)
-    middle = float("nan") if omega is None else omega
+    moves = bool(0.0 < omega < np.inf)
     start = np.concatenate([*first, np.zeros(int(moves))])
 
-    def split(x: Array) -> tuple[list[Array], float]:
-        w = middle * float(np.exp(x[-1])) if moves else middle
-        return np.split(x[: ends[-1]], ends[:-1]), w
+    def split(x: Array) -> tuple[list[Array], Complex, float]:
+        """The variables of each place, their Delta, and the frequency."""
+        variables = np.split(x[: ends[-1]], ends[:-1])
+        delta = np.zeros(unit.shape, dtype=complex)
+        for place, here in zip(places, variables, strict=True):
+            place.put(delta, place.value(here))
+        return variables, delta, omega * float(np.exp(x[-1])) if moves else omega
 
-    @_once
-    def value(x: Array) -> tuple[complex, Complex]:
+    @lru_cache(maxsize=1)  # objective, constraint and slopes are asked for at the same point
+    def value(x: bytes) -> tuple[complex, Complex]:
         """lambda, and its derivatives."""
-        variables, w = split(x)
-        delta, (M, turned) = _delta_of(places, variables, unit.shape), at(w)
+        variables, delta, w = split(np.frombuffer(x))
+        M, turned = at(w)
         lam, u, v = _eigen(M, delta, places)
         weights = [1.0 if place.grows else lam for place in places]
         p = u @ M
         slopes = [
-            weight * _slopes(place, here, delta[place.w, place.z], p[place.w], v[place.z])
+            weight * place.slopes(here, delta, p, v)
             for place, here, weight in zip(places, variables, weights, strict=True)
         ]
         if moves:
@@ -336,33 +276,32 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float | No
             slopes.append(np.array([u @ turned @ moved]))
         return lam, np.concatenate(slopes)
 
-    size = max(abs(value(start)[0]), 1e-12 * float(np.linalg.norm(at(middle)[0])))
+    size = max(abs(value(start.tobytes())[0]), 1e-12 * float(np.linalg.norm(at(omega)[0])))
 
     def objective(x: Array) -> tuple[float, Array]:
-        eigenvalue, slopes = value(x)
+        eigenvalue, slopes = value(x.tobytes())
         return -eigenvalue.real / size, -slopes.real / size
 
     limits: list[tuple[float | None, float | None]] = []
     for place, x in zip(places, first, strict=True):
         limits += [(-1.0, 1.0) if place.block.kind == "real" else (None, None)] * len(x)
     limits += [(-1.0, 1.0)] * moves
-    from scipy.optimize import minimize  # here because it is slow to import
-
+    is_real = {
+        "type": "eq",
+        "fun": lambda x: value(x.tobytes())[0].imag / size,
+        "jac": lambda x: value(x.tobytes())[1].imag / size,
+    }
     solution = minimize(
         objective,
         start,
         jac=True,
         bounds=limits,
-        constraints={
-            "type": "eq",
-            "fun": lambda x: value(x)[0].imag / size,
-            "jac": lambda x: value(x)[1].imag / size,
-        },
+        constraints=is_real,
         method="SLSQP",
         options={"maxiter": _STEPS, "ftol": 1e-12},
     )
-    variables, w = split(solution.x if np.all(np.isfinite(solution.x)) else start)
-    return _verified(at(w)[0], _delta_of(places, variables, unit.shape), places)._replace(omega=w)
+    _, delta, w = split(solution.x if np.all(np.isfinite(solution.x)) else start)
+    return _verified(at(w)[0], delta, places)._replace(omega=w)
 
 
 def _sides(M: Complex, delta: Complex, places: Sequence[_Place]) -> tuple[Complex, Complex]:
@@ -416,33 +355,31 @@ def matrix_and_slope(loop: Loop, omega: float) -> tuple[Complex, Complex]:
     """M(j omega) (n_z, n_w) without the zeros that make blocks square, and its slope by log omega."""
     A, B, C, _ = loop.channels
     place = np.ix_(loop.structure.inputs, loop.structure.outputs)
-    M = channels_matrix(loop.channels, omega)
+    M = channels_matrix(loop.channels, omega)[place]
     if not len(A) or not 0.0 < omega < np.inf:
-        return M[place], np.zeros_like(M[place])
+        return M, np.zeros_like(M)
     shifted = 1j * omega * np.eye(len(A)) - A
-    slope = -1j * omega * (C @ np.linalg.solve(shifted, np.linalg.solve(shifted, B)))
-    return M[place], slope[place]
+    return M, (-1j * omega * (C @ np.linalg.solve(shifted, np.linalg.solve(shifted, B))))[place]
 
 
 def best_near(
     loop: Loop, best: SmallDelta, omega: float, real: Array | None = None, starts: int = 1
 ) -> SmallDelta:
     """The better of what was known and of what is found near a frequency, and near real deltas."""
-
-    def at(w: float) -> tuple[Complex, Complex]:
-        return matrix_and_slope(loop, w)
-
     if 0.0 < omega < np.inf:
+        at = partial(matrix_and_slope, loop)
         reached = delta_near(at, loop.blocks, loop.grows, omega, real, starts)
     else:
-        reached = small_delta(at(omega)[0], loop.blocks, np.inf, loop.grows)._replace(omega=omega)
+        M = matrix_and_slope(loop, omega)[0]
+        reached = small_delta(M, loop.blocks, grows=loop.grows)._replace(omega=omega)
     return reached if reached.bound > best.bound else best
 
 
 def first_reached(loop: Loop) -> SmallDelta:
     """The smallest delta that is found from frequencies of the poles, and from corners."""
-    best = nothing(loop)
-    for omega in _places(loop.channels.A):
+    A, best = loop.channels.A, nothing(loop)
+    poles = np.linalg.eigvals(A) if len(A) else np.ones(1)
+    for omega in np.unique([*np.abs(poles[by_damping(poles)][:_MOST]), 0.0, np.inf]).tolist():
         best = best_near(loop, best, omega)
     if not best.bound:
         return best
@@ -454,18 +391,11 @@ def first_reached(loop: Loop) -> SmallDelta:
     return best
 
 
-def _places(A: Array) -> list[float]:
-    poles = np.linalg.eigvals(A) if len(A) else np.ones(1)
-    return [float(w) for w in np.unique([*np.abs(poles[by_damping(poles)][:_MOST]), 0.0, np.inf])]
-
-
 def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:
     """Numbers and matrices of the blocks of a Delta (n_w, n_z)."""
     values: dict[str, Any] = {}
-    z = w = 0
-    for block in loop.blocks:
-        value = delta[w : w + block.outputs, z : z + block.inputs]
-        z, w = z + block.inputs, w + block.outputs
+    for block, z, w, _ in _places_of(loop.blocks, loop.grows):
+        value = delta[w, z]
         if block.kind == "real":
             values[block.name] = float(value[0, 0].real)
         else:
@@ -474,6 +404,17 @@ def by_name(loop: Loop, delta: Complex) -> dict[str, Any]:
 
 
 def changes(loop: Loop, small: SmallDelta) -> Array:
-    """How much the bound changes, to first order, as blocks grow by the same part (number of blocks,)."""
+    """Derivatives (number of blocks,) of the bound by the logarithm of the size of each block."""
     M = matrix_and_slope(loop, small.omega)[0]
-    return block_changes(M, loop.blocks, loop.grows, small)
+    places, unit = _places_of(loop.blocks, loop.grows), small.delta.copy()
+    for place in places:
+        if place.grows:
+            unit[place.w, place.z] *= small.bound
+    lam, u, v = _eigen(M, unit, places)
+    p = u @ M
+    return np.array(
+        [
+            ((1.0 if place.grows else lam) * (p[place.w] @ unit[place.w, place.z] @ v[place.z])).real
+            for place in places
+        ]
+    )
