@@ -51,21 +51,17 @@ def low_pass(
         A quantity is not positive, or its unit does not fit.
     """
     quantities = {"bandwidth": Expected(bandwidth, "rad/s")}
-    if damping is None:
-        return _filter(
-            name,
-            quantities,
-            parameters,
-            lambda v: [[-v["bandwidth"], v["bandwidth"]], [1.0, 0.0]],
-            ["lag"],
-        )
-    quantities["damping"] = Expected(damping, "1")
+    if damping is not None:
+        quantities["damping"] = Expected(damping, "1")
 
     def matrix(v: Mapping[str, Any]) -> list[list[Any]]:
-        w, xi = v["bandwidth"], v["damping"]
+        w, xi = v["bandwidth"], v.get("damping")
+        if xi is None:
+            return [[-w, w], [1.0, 0.0]]
         return [[0.0, w, 0.0], [-w, -2.0 * w * xi, w], [1.0, 0.0, 0.0]]
 
-    return _filter(name, quantities, parameters, matrix, ["low", "low_rate"])
+    states = ["lag"] if damping is None else ["low", "low_rate"]
+    return _filter(name, quantities, parameters, matrix, states)
 
 
 def band_pass(
@@ -210,24 +206,21 @@ def imbalance(
     SceneError
         The speed is not positive, an imbalance is negative, or a unit does not fit.
     """
-    return linear_block(
-        name,
-        {
-            "static": Expected(static, "kg m"),
-            "dynamic": Expected(dynamic, "kg m^2"),
-            "speed": Expected(speed, "rad/s"),
-        },
-        parameters,
-        _forces_and_torques,
-        may_vanish=("static", "dynamic"),
-        inputs=[f"{name}.cosine", f"{name}.sine"],
-        outputs=["force.x", "force.y", "torque.x", "torque.y"],
-    )
 
+    def matrix(v: Mapping[str, Any]) -> list[list[Any]]:
+        force, torque = (v[key] * (v["speed"] * v["speed"]) for key in ("static", "dynamic"))
+        return [[force, 0.0], [0.0, force], [0.0, -torque], [torque, 0.0]]
 
-def _forces_and_torques(v: Mapping[str, Any]) -> list[list[Any]]:
-    force, torque = (v[key] * (v["speed"] * v["speed"]) for key in ("static", "dynamic"))
-    return [[force, 0.0], [0.0, force], [0.0, -torque], [torque, 0.0]]
+    quantities = {
+        "static": Expected(static, "kg m"),
+        "dynamic": Expected(dynamic, "kg m^2"),
+        "speed": Expected(speed, "rad/s"),
+    }
+    signals = {
+        "inputs": [f"{name}.cosine", f"{name}.sine"],
+        "outputs": ["force.x", "force.y", "torque.x", "torque.y"],
+    }
+    return linear_block(name, quantities, parameters, matrix, ("static", "dynamic"), **signals)
 
 
 def linear_block(
@@ -245,6 +238,7 @@ def linear_block(
     """
     symbols = {p.name: ca.SX.sym(p.name) for p in parameters}
     in_si = {p.name: p.factor * symbols[p.name] for p in parameters}
+    dimensions = {p.name: Dimension(parse_unit(p.unit).dimension) for p in parameters}
     values = {}
     for label, expected in quantities.items():
         where = f"{name}, {label} = {expected.source!r}"
@@ -254,8 +248,12 @@ def linear_block(
         try:
             parsed = parse(source)
             values[label] = evaluate(parsed, {**BUILTIN_CONSTANTS, **in_si})
-            dimension = evaluate(parsed, _dimensions(parameters), functions=DIMENSIONS)
-            _check_dimension(dimension, expected.unit)
+            dimension = evaluate(parsed, {**BUILTIN_CONSTANTS, **dimensions}, functions=DIMENSIONS)
+            known = dimension.exponents if isinstance(dimension, Dimension) else None
+            if known not in (None, parse_unit(expected.unit).dimension):
+                raise SceneError(
+                    f"the unit does not fit: expected {expected.unit}, got {dimension_name(known)}."
+                )
         except MbdlftError as error:
             raise type(error)(f"{where}: {error}") from None
         lowest = _lowest(values[label], parameters, symbols)
@@ -272,18 +270,6 @@ def linear_block(
     stacked = ca.vertcat(*(ca.horzcat(*row) for row in rows))
     used_symbols = {p.name: symbols[p.name] for p in used}
     return realize(stacked, used, symbols=used_symbols, name=name, search=0.0, **signals)
-
-
-def _dimensions(parameters: Sequence[Parameter]) -> dict[str, Any]:
-    return {**BUILTIN_CONSTANTS, **{p.name: Dimension(parse_unit(p.unit).dimension) for p in parameters}}
-
-
-def _check_dimension(value: Any, unit: str) -> None:
-    wanted = parse_unit(unit).dimension
-    if isinstance(value, Dimension) and value.exponents not in (None, wanted):
-        raise SceneError(
-            f"the unit does not fit: expected {unit}, got {dimension_name(value.exponents)}."
-        )
 
 
 def _lowest(value: Any, parameters: Sequence[Parameter], symbols: Mapping[str, ca.SX]) -> float:

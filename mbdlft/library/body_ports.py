@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from mbdlft.base.description import AXES
-from mbdlft.base.errors import AnalysisError, SceneError, unknown_name
+from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, select
@@ -79,7 +79,10 @@ def two_port(
         A port or an axis is unknown, a port is named twice or cannot hold the body.
     """
     ports = _ports(body, children, parent)
-    used = _axes(body, axes)
+    check_known("axis", map(str, axes), DIRECTIONS, f"two_port of body {body.name!r}")
+    if not axes:
+        raise SceneError(f"two_port of body {body.name!r}: axes: name at least one.")
+    used = tuple(axis for axis in DIRECTIONS if axis in axes)
     model = to_lft(_scene(body, parameters, constants or {}, ports, parent, used), search)
     loads, accelerations = (
         {port: _signals(port, kinds, used) for port in (*ports, parent)}
@@ -105,34 +108,19 @@ def _ports(body: Body, children: Sequence[str] | None, parent: str) -> tuple[str
     if children is None:
         declared = body.elastic_ports() if isinstance(body, ElasticBody) else tuple(body.ports)
         children = [port for port in declared if port != parent]
-    for port in (*children, parent):
-        if port not in body.port_names():
-            raise SceneError(
-                f"two_port of body {body.name!r}: " + unknown_name("port", str(port), body.port_names())
-            )
+    where = f"two_port of body {body.name!r}"
+    check_known("port", map(str, (*children, parent)), body.port_names(), where)
     if len({*children, parent}) < len(children) + 1:
         raise SceneError(
-            f"two_port of body {body.name!r}: a port is named twice among the children "
+            f"{where}: a port is named twice among the children "
             f"{', '.join(children)} and the parent {parent}. Each port is one of them."
         )
     if isinstance(body, ElasticBody) and parent != "origin":
         raise SceneError(
-            f"two_port of body {body.name!r}: an elastic body is held at its origin, got the parent "
+            f"{where}: an elastic body is held at its origin, got the parent "
             f"{parent!r}. Take the two-port at the origin and exchange its ends with invert_channels."
         )
     return tuple(children)
-
-
-def _axes(body: Body, axes: Sequence[str]) -> tuple[str, ...]:
-    """The axes in the order of `DIRECTIONS`, checked."""
-    for axis in axes:
-        if axis not in DIRECTIONS:
-            raise SceneError(
-                f"two_port of body {body.name!r}: " + unknown_name("axis", str(axis), DIRECTIONS)
-            )
-    if not axes:
-        raise SceneError(f"two_port of body {body.name!r}: axes: name at least one.")
-    return tuple(axis for axis in DIRECTIONS if axis in axes)
 
 
 def _scene(
@@ -177,11 +165,7 @@ def _scene(
 
 def _own(body: Body) -> tuple[list[Signal], list[Signal]]:
     """Inputs and outputs of the body itself, as the model names them."""
-    inputs, outputs = (
-        [Signal(f"{body.name}.{signal.name}", signal.unit) for signal in signals]
-        for signals in (body.inputs(), body.outputs())
-    )
-    return inputs, outputs
+    return [s.of(body.name) for s in body.inputs()], [s.of(body.name) for s in body.outputs()]
 
 
 def _split(axes: Sequence[str], kinds: tuple[str, str]) -> list[tuple[str, str]]:

@@ -179,16 +179,8 @@ def wheel_cluster(
         bodies.append(
             RigidBody(name=f"{name}{k}_rotor", mass=mass, inertia=_inertia(axis, axial, across))
         )
-        joints.append(
-            Revolute(
-                name=f"{name}{k}",
-                parent=port,
-                child=f"{name}{k}_rotor",
-                axis=axis,
-                rate=rate,
-                damping=damping,
-            )
-        )
+        ends = {"parent": port, "child": f"{name}{k}_rotor"}
+        joints.append(Revolute(name=f"{name}{k}", **ends, axis=axis, rate=rate, damping=damping))
     return WheelCluster(tuple(bodies), tuple(joints))
 
 
@@ -211,13 +203,10 @@ def _inertia(axis: Sequence[float], axial: float | str, across: float | str) -> 
         for j, second in enumerate(AXES[i:], start=i):
             share = a[i] * a[j] / square
             text = f"({share.numerator}/{share.denominator})*(({axial}) - ({across}))"
-            entries[first + second] = (
-                (axial if share == 1 else across if i == j else 0.0)
-                if share in (0, 1)
-                else f"({across}) + {text}"
-                if i == j
-                else text
-            )
+            if share in (0, 1):
+                entries[first + second] = axial if share else across if i == j else 0.0
+            else:
+                entries[first + second] = f"({across}) + {text}" if i == j else text
     return Inertia(**entries)
 
 

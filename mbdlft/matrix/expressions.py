@@ -5,11 +5,11 @@ names that no text can contain, so that each number system gives its own cosine 
 arithmetic then shows that no denominator vanishes in the range of the parameters.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -38,6 +38,7 @@ from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.multibody.scene.quantities import AngleSum
 
+T = TypeVar("T")
 _MOST_TURNS = 16
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
@@ -70,14 +71,9 @@ class Resolved:
         return frozenset(name.rpartition(" ")[2] for name in used)
 
 
-def cosine_name(angle: str) -> str:
-    """Name of the cosine of an angle parameter."""
-    return f"cos {angle}"
-
-
-def sine_name(angle: str) -> str:
-    """Name of the sine of an angle parameter."""
-    return f"sin {angle}"
+def parts(angle: str, cosine: T, sine: T) -> dict[str, T]:
+    """Cosine and sine of an angle parameter, by their names."""
+    return {f"cos {angle}": cosine, f"sin {angle}": sine}
 
 
 def entry_place(problem: MatrixProblem, i: int, j: int) -> str:
@@ -127,7 +123,7 @@ class _Resolver:
         self.depends: dict[str, frozenset[str]] = {}  # parameters of each shared expression
         self.degrees = dict.fromkeys(self.plain, 1)
         for angle in self.angles:
-            self.degrees |= {cosine_name(angle): 1, sine_name(angle): 1}
+            self.degrees |= parts(angle, 1, 1)
         self.place = ""
 
     def run(self) -> Resolved:
@@ -228,7 +224,7 @@ class _Resolver:
             constant = Number(angle.constant)
             cosine_sine = (Call("cos", constant), Call("sin", constant))
         for name, count in sorted(angle.multiples.items()):
-            cosine_of, sine_of = Name(cosine_name(name)), Name(sine_name(name))
+            cosine_of, sine_of = map(Name, parts(name, 1, 1))
             turn: tuple[Expression, Expression] = (cosine_of, sine_of if count > 0 else Negative(sine_of))
             for _ in range(abs(count)):
                 first, label = not label, f"{label} {'+' if count > 0 else '-'} {name}".lstrip(" +")
@@ -263,7 +259,13 @@ def check_denominators(problem: MatrixProblem, resolved: Resolved) -> None:
     ]
     for p in problem.parameters:
         _check_size(f"matrix {problem.name!r}: parameter {p.name!r}", (p.low, p.high), _LEAST)
-    for place, divisor in _divisors(problem, resolved):
+    every = {f"expression {name!r}": expression for name, expression in resolved.shared.items()}
+    every |= {f"entry ({i}, {j})": e for i, row in enumerate(resolved.entries) for j, e in enumerate(row)}
+    places: dict[Expression, str] = {}  # of each denominator, the first
+    for where, expression in every.items():
+        for divisor in denominators(expression):
+            places.setdefault(divisor, f"matrix {problem.name!r}, {where}")
+    for divisor, place in places.items():
         used = sorted(resolved.parameters_of(divisor) & parameters.keys())
         value = partial(_enclosure, divisor, resolved, constants, parameters)
         _check_size(f"{place}: the denominator {write(divisor)}", map(value, corners), _LEAST)
@@ -301,24 +303,6 @@ def _check_size(what: str, values: Iterable[Interval | float], least: float = 0.
         )
 
 
-def _divisors(problem: MatrixProblem, resolved: Resolved) -> Iterator[tuple[str, Expression]]:
-    seen: set[Expression] = set()
-    places = [
-        (f"matrix {problem.name!r}, expression {name!r}", expression)
-        for name, expression in resolved.shared.items()
-    ]
-    places += [
-        (entry_place(problem, i, j), entry)
-        for i, row in enumerate(resolved.entries)
-        for j, entry in enumerate(row)
-    ]
-    for place, expression in places:
-        for divisor in denominators(expression):
-            if divisor not in seen:
-                seen.add(divisor)
-                yield place, divisor
-
-
 def _enclosure(
     divisor: Expression,
     resolved: Resolved,
@@ -337,12 +321,11 @@ def _enclosure(
 
 def _intervals(parameters: Mapping[str, Parameter], box: Mapping[str, Interval]) -> dict[str, Interval]:
     """Parameters over intervals; an angle by its cosine and sine."""
-    values = {}
+    values: dict[str, Interval] = {}
     for name, item in box.items():
         if parameters[name].is_angle:
             angle = item * parameters[name].factor
-            values[cosine_name(name)] = FUNCTIONS["cos"](angle)
-            values[sine_name(name)] = FUNCTIONS["sin"](angle)
+            values |= parts(name, FUNCTIONS["cos"](angle), FUNCTIONS["sin"](angle))
         else:
             values[name] = item
     return values

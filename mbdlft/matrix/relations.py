@@ -1,25 +1,45 @@
-"""The front end for matrices: from a matrix of expressions to the problem that the pipeline solves."""
+"""The front end for matrices: from a matrix of expressions to the problem that the pipeline solves.
+
+Its values come from balls of 50 digits, without any LFT, with what rounding changes in them.
+"""
 
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import casadi as ca
+import flint
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import SceneError, WellPosednessError
+from mbdlft.base.expression import Number
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
+from mbdlft.exact.numbers import decimal, precision
+from mbdlft.exact.operators import Operators
 from mbdlft.exact.rounding import conditioning, or_one
-from mbdlft.matrix.digits import transfers_in_digits, values_in_digits
-from mbdlft.matrix.expressions import Resolved, check_denominators, resolve
+from mbdlft.matrix.expressions import (
+    Resolved,
+    check_denominators,
+    entry_place,
+    matrix_values,
+    parts,
+    resolve,
+)
 from mbdlft.matrix.problem import MatrixProblem, matrix_to_toml
 from mbdlft.matrix.symbolic import expanded_matrix, written_matrix
+from mbdlft.problem.digits import BITS, Balls, ball, rounded, transfers_of
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.problem.references import NEGLIGIBLE, transfers
 from mbdlft.problem.relations import LinearModel
 
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
+_MORE_BITS = 2400  # terms up to 1e308 may cancel to 1e-280, and 130 digits are left
+_CLEAR = 100  # bits of an entry, of its `BITS`, that rounding of its terms has left
+_LEAST = 1e-280  # of an entry: its rounding is a float, too
 
 
 def problem_of_matrix(matrix: MatrixProblem, stage: Stage = nullcontext) -> Problem:
@@ -57,15 +77,14 @@ class _Scaled(NamedTuple):
 
     points: Array  # (N, n_p), physical
     reference: Reference  # values at the points
-    # rows, columns: powers of two by which rows and columns are divided
-    rows: Array
-    columns: Array
+    rows: Array  # powers of two by which rows are divided
+    columns: Array  # and columns
     factors: Array  # (rows, columns), by which entries are multiplied for that
 
 
 def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter]) -> _Scaled:
     points = check_points(parameters, SEED)
-    in_balls = values_in_digits(matrix, resolved, parameters, points)
+    in_balls = _values_in_digits(matrix, resolved, parameters, points)
     values, terms, states = in_balls.values, in_balls.sizes, len(matrix.signals()[0])
     largest = np.max(np.abs(values), axis=0)
     rows, columns = _units(values)
@@ -74,6 +93,11 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
     least = NEGLIGIBLE * both
     scale = np.where(largest > 0.0, np.maximum(largest, least), both)
     own_scale = np.where(largest > 0.0, scale, or_one(np.max(terms, axis=0)))
+
+    def in_digits(some: Sequence[int], frequencies: Array) -> NDArray[np.complex128]:
+        with precision(BITS):
+            return transfers_of([in_balls.balls[k] for k in some], states, frequencies)
+
     reference = Reference(
         values=values,
         scale=scale,
@@ -83,10 +107,9 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
         transfers=lambda some, frequencies: transfers(values[list(some)], states, frequencies),
-        transfers_in_digits=lambda some, w: transfers_in_digits(in_balls, states, some, w),
+        transfers_in_digits=in_digits,
     )
-    factors = 1.0 / np.outer(rows, columns)
-    return _Scaled(points, reference, rows, columns, factors)
+    return _Scaled(points, reference, rows, columns, 1.0 / both)
 
 
 def _units(values: Array) -> tuple[Array, Array]:
@@ -116,3 +139,138 @@ def _forms(matrix: MatrixProblem, resolved: Resolved, factors: Array) -> Iterato
                 nothing, entries @ known, nothing, known, form.q, tuple(matrix.parameters)
             )
             yield Form(relations, is_transposed=turned)
+
+
+class MatrixValues(NamedTuple):
+    """Values of a matrix at N points."""
+
+    values: Array  # (N, rows, columns)
+    sizes: Array  # (N, rows, columns), of the values if nothing cancelled in sums
+    balls: Balls  # (N, rows, columns), the values before they are rounded
+
+
+class Sized(Operators):
+    """A value and its size; ``+ - * /`` as for numbers.
+
+    The size of a number is its own. Sizes of terms add up; of two factors the one counts in which
+    more cancelled. Rounding of all numbers changes the value by about 2.2e-16 of the size.
+    """
+
+    __slots__ = ("size", "value")
+    __array_ufunc__ = None
+
+    def __init__(self, value: Any, size: Any) -> None:
+        self.value, self.size = value, size
+
+    @staticmethod
+    def of(number: Any) -> "Sized":
+        """A number or array, of its own size."""
+        return number if isinstance(number, Sized) else Sized(number, np.abs(number))
+
+    def __add__(self, other: "Sized | float") -> "Sized":
+        o = Sized.of(other)
+        return Sized(self.value + o.value, self.size + o.size)
+
+    def __neg__(self) -> "Sized":
+        return Sized(-self.value, self.size)
+
+    def __mul__(self, other: "Sized | float") -> "Sized":
+        o = Sized.of(other)
+        size = np.maximum(np.abs(self.value) * o.size, self.size * np.abs(o.value))
+        return Sized(self.value * o.value, size)
+
+    def __truediv__(self, other: "Sized | float") -> "Sized":
+        o = Sized.of(other)
+        if isinstance(o.value, float) and o.value == 0.0:
+            raise SceneError("division by zero in a constant.")
+        inverse = 1.0 / o.value
+        return self * Sized(inverse, o.size * inverse * inverse)
+
+
+def _values_in_digits(
+    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array
+) -> MatrixValues:
+    """The matrix at physical points (N, n_p), the numbers in its texts taken as decimals.
+
+    Functions of constants and of angles have all digits, too. An entry that loses digits, as its terms
+    cancel, is computed with more bits; if it may be zero then, it is.
+    """
+    balls = _in_balls(problem, resolved, parameters, points, BITS)
+    # bits that are right: not above 0 where a ball may be zero and is not known to be
+    bits = np.vectorize(lambda x: min(int(x.rel_accuracy_bits()), _MORE_BITS), otypes=[int])(balls)
+    lost = np.any(bits < _CLEAR, axis=0)
+    if np.any(lost):
+        entries = tuple(
+            tuple(entry if lost[i, j] else Number(0.0) for j, entry in enumerate(row))
+            for i, row in enumerate(resolved.entries)
+        )
+        more = replace(resolved, entries=entries)
+        again = _in_balls(problem, more, parameters, points, _MORE_BITS)
+        balls = np.where(lost, again, balls)
+    values = np.vectorize(rounded, otypes=[float])(balls)
+    sizes = _sizes(problem, resolved, parameters, points)
+    _check_sizes(problem, np.max(np.abs(values), axis=0), np.max(sizes, axis=0))
+    return MatrixValues(values, sizes, balls)
+
+
+def _in_balls(
+    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array, bits: int
+) -> Balls:
+    """Values (N, ., .) with so many bits."""
+    with precision(bits):
+        known: dict[str, Any] = {k: ball(decimal(x)) for k, x in problem.constant_values().items()}
+        known |= {"pi": flint.arb.pi(), "deg": flint.arb.pi() / 180}
+        for k, p in enumerate(parameters):
+            physical = np.array([flint.arb(x) for x in points[:, k].tolist()], dtype=object)
+            known[p.name] = physical
+            if p.is_angle:
+                angles = physical * (known["deg"] if p.unit == "deg" else 1)
+                both = ([x.cos() for x in angles], [x.sin() for x in angles])
+                known |= parts(p.name, *(np.array(x, dtype=object) for x in both))
+        rows = matrix_values(problem, resolved, known, lambda x: ball(decimal(x)), _FUNCTIONS)
+        balls = _stacked(rows, len(points), object)
+    is_finite = np.vectorize(lambda x: x.is_finite() and abs(float(x)) < np.inf, otypes=[bool])(balls)
+    if not np.all(is_finite):
+        k, i, j = np.argwhere(~is_finite)[0]
+        raise WellPosednessError(
+            f"{entry_place(problem, i, j)}: is not finite at "
+            f"{', '.join(f'{p.name} = {x:g}' for p, x in zip(parameters, points[k], strict=True))}."
+        )
+    return balls
+
+
+_FUNCTIONS = {name: getattr(flint.arb, name) for name in ("cos", "sin", "atan", "sqrt")}
+
+
+def _sizes(
+    problem: MatrixProblem, resolved: Resolved, parameters: Sequence[Parameter], points: Array
+) -> Array:
+    """Sizes (N, ., .) of the entries if nothing cancelled but numbers."""
+    known: dict[str, Any] = dict(problem.constant_values())
+    for k, p in enumerate(parameters):
+        known[p.name] = Sized.of(points[:, k])
+        if p.is_angle:
+            angle = points[:, k] * p.factor
+            known |= parts(p.name, Sized.of(np.cos(angle)), Sized.of(np.sin(angle)))
+    with np.errstate(all="ignore"):
+        rows = matrix_values(problem, resolved, known, float)
+        return _stacked([[Sized.of(entry).size for entry in row] for row in rows], len(points), float)
+
+
+def _check_sizes(problem: MatrixProblem, largest: Array, terms: Array) -> None:
+    """Raise a SceneError if an entry is too small, or its terms too large, for a float."""
+    for i, j in np.ndindex(problem.shape):
+        if not np.isfinite(terms[i, j]) or 0.0 < largest[i, j] < _LEAST:
+            raise SceneError(
+                f"{entry_place(problem, i, j)} has the size {largest[i, j]:.3g}, and its terms "
+                f"{terms[i, j]:.3g}. Expected at least {_LEAST:g}, or zero, and finite terms. Choose "
+                "other units."
+            )
+
+
+def _stacked(rows: Sequence[Sequence[Any]], count: int, kind: type) -> NDArray[Any]:
+    """Entries, one number or `count` of them each, as an array (count, rows, columns) of a kind."""
+    entries: list[list[NDArray[Any]]] = [
+        [np.broadcast_to(np.asarray(entry, dtype=kind), count) for entry in r] for r in rows
+    ]
+    return np.moveaxis(np.array(entries), 2, 0)

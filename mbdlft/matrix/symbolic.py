@@ -19,12 +19,12 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, unknown_name
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, check_known
 from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Number, names, write
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.numbers import decimal
 from mbdlft.exact.operators import Operators
-from mbdlft.matrix.expressions import MatrixForm, Resolved, cosine_name, matrix_values, sine_name
+from mbdlft.matrix.expressions import MatrixForm, Resolved, matrix_values, parts
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS, literal, pi_times
@@ -71,7 +71,10 @@ def matrix_problem(
             f"matrix {name!r}: parameters: expected a list of parameters, got {parameters!r}."
         )
     symbols = {} if symbols is None else symbols
-    if not isinstance(symbols, Mapping) or not all(map(_names_a_symbol, symbols.items())):
+    if not isinstance(symbols, Mapping) or not all(
+        isinstance(name, str) and isinstance(x, ca.SX) and x.is_scalar() and x.is_symbolic()
+        for name, x in symbols.items()
+    ):
         raise SceneError(
             f"matrix {name!r}: symbols: expected SX symbols by the names of parameters, such as "
             f"{{'m': m}}, got {symbols!r}."
@@ -94,19 +97,12 @@ def written_matrix(
     values |= {"pi": pi_times(1), "deg": pi_times(Fraction(1, 180))}
     for k, parameter in enumerate(problem.parameters):
         if parameter.is_angle:
-            values[cosine_name(parameter.name)] = cosine[k]
-            values[sine_name(parameter.name)] = sine[k]
+            values |= parts(parameter.name, cosine[k], sine[k])
         else:
             values[parameter.name] = q[k]
     rows = matrix_values(problem, resolved, values, literal, FUNCTIONS)
     matrix = ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
     return MatrixForm(q, ca.DM(factors) * matrix)
-
-
-def _names_a_symbol(item: tuple[Any, Any]) -> bool:
-    name, symbol = item
-    is_scalar = isinstance(symbol, ca.SX) and symbol.is_scalar()
-    return isinstance(name, str) and is_scalar and bool(symbol.is_symbolic())
 
 
 class _Node(NamedTuple):
@@ -143,22 +139,16 @@ class _Texts:
         self.rows = by_columns.T.tolist()
 
     def _free(self, matrix: ca.SX, symbols: Mapping[str, ca.SX]) -> tuple[ca.SX, list[str]]:
-        for name in symbols:
-            if name not in self.parameters:
-                raise SceneError(
-                    f"matrix {self.name!r}, symbols: " + unknown_name("parameter", name, self.parameters)
-                )
+        where = f"matrix {self.name!r}"
+        check_known("parameter", symbols, self.parameters, f"{where}, symbols")
         free, used = [], []
         for symbol in ca.symvar(matrix):
             matching = [name for name, item in symbols.items() if ca.is_equal(item, symbol)]
             name = matching[0] if matching else symbol.name()
-            if name not in self.parameters:
-                raise SceneError(
-                    f"matrix {self.name!r}: " + unknown_name("symbol", name, self.parameters)
-                )
+            check_known("symbol", [name], self.parameters, where)
             if name in used:
                 raise SceneError(
-                    f"matrix {self.name!r}: two symbols are named {name!r}. Use one symbol for each "
+                    f"{where}: two symbols are named {name!r}. Use one symbol for each "
                     "parameter, or tell them apart with symbols={'parameter': symbol}."
                 )
             free.append(symbol)
@@ -346,14 +336,12 @@ def expanded_matrix(
 
 
 def _horner(terms: dict[tuple[int, ...], Fraction], symbols: list[ca.SX]) -> ca.SX:
-    if not terms:
-        return ca.SX(0)
     if not symbols:
-        return ca.SX(literal(terms[()]))
+        return ca.SX(literal(terms[()]) if terms else 0)
     powers: dict[int, dict[tuple[int, ...], Fraction]] = {}
     for exponents, value in terms.items():
         powers.setdefault(exponents[0], {})[exponents[1:]] = value
     total = ca.SX(0)
-    for exponent in range(max(powers), -1, -1):
+    for exponent in range(max(powers, default=-1), -1, -1):
         total = symbols[0] * total + _horner(powers.get(exponent, {}), symbols[1:])
     return total
