@@ -250,7 +250,13 @@ def load_robot(
         outputs=outputs if outputs is not None else _outputs(making, joints),
     )
     _check(scene, making)
-    check_limits(scene, _to_check(making, set(chosen)))
+    # limits may exclude the place where the file closes its loops
+    stay = {
+        making.names[joint.name]
+        for joint in robot.joints.values()
+        if robot.loops and outside(joint) and f"{joint.name}.position" not in chosen
+    }
+    check_limits(scene, {k: position for k, position in limits(making).items() if k.joint not in stay})
     if gravity is None and robot.gravity is None:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
     return scene, ImportReport(ignored_of(robot, making.moves), tuple(assumed), tuple(limits(making)))
@@ -269,26 +275,13 @@ def _chosen(
     return chosen
 
 
-def _to_check(making: Making, chosen: set[str]) -> dict[JointLimit, Quantity]:
-    """The limits to be checked: not those that exclude the place where the file closes its loops."""
-    robot = making.robot
-    stay = {
-        making.names[joint.name]
-        for joint in robot.joints.values()
-        if robot.loops and outside(joint) and f"{joint.name}.position" not in chosen
-    }
-    return {limit: at for limit, at in limits(making).items() if limit.joint not in stay}
-
-
 def _inputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
     """Signals of the joints and loads that have an actuator, or None if the file has no actuators."""
     if making.robot.inputs is None:
         return None
     chosen = {making.names[name] for name in making.robot.inputs}
-    efforts = [
-        f"{j.name}.{freedom.effort.name}" for j in joints if j.name in chosen for freedom in j.freedoms
-    ]
-    thrusts = [load for load in making.robot.loads if load.name in making.robot.inputs]
+    efforts = [f"{j.name}.{f.effort.name}" for j in joints if j.name in chosen for f in j.freedoms]
+    thrusts = (load for load in making.robot.loads if load.name in making.robot.inputs)
     return [*efforts, *(f"{making.names[load.name]}.{load.kind}" for load in thrusts)] or None
 
 

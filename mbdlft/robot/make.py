@@ -7,12 +7,13 @@ orientation is R_z(yaw) R_y(pitch) R_x(roll). The user says which joints move an
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
 
 from mbdlft.base.description import AXES, Quantity, Vector
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.multibody.body import GROUND, Body, Ground, Inertia, RigidBody
 from mbdlft.multibody.body.rigid import negative_mass
 from mbdlft.multibody.force import Buoyancy, Force, Load, Torque
@@ -20,7 +21,7 @@ from mbdlft.multibody.joint import Fixed, Free, Joint, Planar, Prismatic, Revolu
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
 from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
-from mbdlft.robot.description import ENTRIES, WORLD, JointLimit, Robot, RobotJoint, RobotLink, RobotLoad
+from mbdlft.robot.description import ENTRIES, WORLD, JointLimit, Robot, RobotJoint, RobotLoad
 from mbdlft.robot.values import AXIAL, HINGES, PLANAR, SPRINGS, Values
 
 _BUILT_IN_PORTS = ("origin", "center_of_mass")
@@ -105,21 +106,19 @@ def bodies(making: Making) -> list[Body]:
     for loop in robot.loops:
         ports[loop.parent][f"{making.port(loop.name)}_parent"] = loop.at_parent
         ports[loop.child][f"{making.port(loop.name)}_child"] = loop.at_child
-    links = [_body(making, link, ports[link.name]) for link in robot.links.values()]
-    return [Ground(ports=ports[WORLD]), *links] if ports[WORLD] else [*links]
-
-
-def _body(making: Making, link: RobotLink, ports: dict[str, Vector]) -> RigidBody:
-    """The body of a link."""
-    entries = {entry: making.values[f"{link.name}.inertia.{entry}"] for entry in ENTRIES}
-    inertia = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
-    return RigidBody(
-        name=making.names[link.name],
-        mass=making.values[f"{link.name}.mass"],
-        center_of_mass=making.vector(f"{link.name}.center_of_mass"),
-        inertia=Inertia(**inertia),
-        ports=ports,
-    )
+    made: list[Body] = [Ground(ports=ports[WORLD])] if ports[WORLD] else []
+    for link in robot.links:
+        entries = {entry: making.values[f"{link}.inertia.{entry}"] for entry in ENTRIES}
+        inertia = {name: entry for name, entry in entries.items() if name[0] == name[1] or entry != 0.0}
+        body = RigidBody(
+            name=making.names[link],
+            mass=making.values[f"{link}.mass"],
+            center_of_mass=making.vector(f"{link}.center_of_mass"),
+            inertia=Inertia(**inertia),
+            ports=ports[link],
+        )
+        made.append(body)
+    return made
 
 
 def joint_of(making: Making, joint: RobotJoint) -> Joint:
@@ -139,11 +138,8 @@ def joint_of(making: Making, joint: RobotJoint) -> Joint:
         ),
     }
     moving = joint.name in making.moves
-    springs = {
-        key: making.values[f"{joint.name}.{key}"]
-        for key in SPRINGS
-        if f"{joint.name}.{key}" in making.values
-    }
+    labels = {key: f"{joint.name}.{key}" for key in SPRINGS}
+    springs = {key: making.values[label] for key, label in labels.items() if label in making.values}
     if joint.kind == "fixed" or (joint.kind == "spherical" and not moving):
         return Fixed(**fields)
     if joint.kind == "floating":
@@ -165,18 +161,12 @@ def holds(making: Making) -> list[Load]:
     """Forces and torques on each free link, along its own axes, whose magnitudes the trim finds."""
     free = [joint.child for joint in making.robot.joints.values() if joint.kind == "floating"]
     kinds: tuple[type[Force | Torque], ...] = (Force, Torque)
-    return [
-        kind(
-            name=f"{making.names[link]}_hold_{kind.kind}_{axis}"
-            if len(free) > 1
-            else f"hold_{kind.kind}_{axis}",
-            port=making.names[link],
-            direction=direction,
-        )
-        for link in free
-        for kind in kinds
-        for axis, direction in _AXES.items()
-    ]
+    loads: list[Load] = []
+    for link, kind, (axis, direction) in product(free, kinds, _AXES.items()):
+        port = making.names[link]
+        name = f"{port}_hold_{kind.kind}_{axis}".removeprefix("" if len(free) > 1 else f"{port}_")
+        loads.append(kind(name=name, port=port, direction=direction))
+    return loads
 
 
 def load_of(making: Making, load: RobotLoad) -> Load:
@@ -190,11 +180,8 @@ def load_of(making: Making, load: RobotLoad) -> Load:
 
 def sensors(making: Making) -> list[Sensor]:
     """The sensors of the scene."""
-    kinds = {"accelerometer": Accelerometer, "gyro": Gyro}
-    return [
-        kinds[sensor.kind](name=making.names[sensor.name], port=making.names[sensor.link])
-        for sensor in making.robot.sensors
-    ]
+    kinds, names = {"accelerometer": Accelerometer, "gyro": Gyro}, making.names
+    return [kinds[s.kind](name=names[s.name], port=names[s.link]) for s in making.robot.sensors]
 
 
 def loops(making: Making) -> list[Loop]:
@@ -213,18 +200,14 @@ def loops(making: Making) -> list[Loop]:
 
 def limits(making: Making) -> dict[JointLimit, Quantity]:
     """Limits and positions of the joints that turn or slide, also of locked joints."""
-    return {
-        JointLimit(
-            making.names[joint.name],
-            "m" if joint.kind == "prismatic" else "rad",
-            joint.lower,
-            joint.upper,
-            joint.effort,
-            joint.velocity,
-        ): making.values[f"{joint.name}.position"]
-        for joint in making.robot.joints.values()
-        if joint.kind in AXIAL
-    }
+    positions = {}
+    for joint in making.robot.joints.values():
+        if joint.kind in AXIAL:
+            unit = "m" if joint.kind == "prismatic" else "rad"
+            ends = (joint.lower, joint.upper, joint.effort, joint.velocity)
+            limit = JointLimit(making.names[joint.name], unit, *ends)
+            positions[limit] = making.values[f"{joint.name}.position"]
+    return positions
 
 
 def unphysical(links: Iterable[Body], nominal: Mapping[str, Any]) -> dict[str, str]:
@@ -259,9 +242,7 @@ def on_the_ground(robot: Robot, base: str | None) -> Robot:
     kinds = {"fixed": "fixed", "free": "floating"}
     if base not in kinds:
         raise SceneError(f"base: expected 'fixed' or 'free', got {base!r}.")
-    chosen = {
-        joint.name: joint._replace(kind=kinds[base]) for joint in robot.joints.values() if _is_base(joint)
-    }
+    chosen = {name: j._replace(kind=kinds[base]) for name, j in robot.joints.items() if _is_base(j)}
     if not chosen:
         roots = [joint.name for joint in robot.joints.values() if joint.parent == WORLD]
         raise SceneError(
@@ -278,19 +259,15 @@ def _is_base(joint: RobotJoint) -> bool:
 
 def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
     """Names of the joints that move."""
-    joints = [joint for joint in robot.joints.values() if not _is_base(joint)]
-    can = frozenset(joint.name for joint in joints if joint.kind != "fixed")
-    always = frozenset(
-        joint.name for joint in robot.joints.values() if _is_base(joint) and joint.kind == "floating"
-    )
+    able = {name: joint for name, joint in robot.joints.items() if joint.kind != "fixed"}
+    always = frozenset(name for name, joint in able.items() if _is_base(joint))
+    can = frozenset(able) - always
     if moving is None:
         return can | always
     if isinstance(moving, str):
         raise SceneError(f"moving: expected a list of names of joints, got the text {moving!r}.")
     chosen = frozenset(moving)
-    for name in sorted(chosen):
-        if name not in can:
-            raise SceneError(f"moving: {unknown_name('joint that can move', name, can)}")
+    check_known("joint that can move", sorted(chosen), can, "moving")
     for name in sorted(can - chosen):
         if robot.joints[name].kind not in (*AXIAL, "spherical"):
             raise SceneError(

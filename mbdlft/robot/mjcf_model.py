@@ -16,6 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.robot.description import (
     WORLD,
+    ZERO,
     Mimic,
     RobotLoad,
     RobotLoop,
@@ -83,10 +84,7 @@ class Compiled:
     @property
     def gravity(self) -> Triple:
         """Gravity (m/s^2)."""
-        if self.disabled("GRAVITY"):
-            return (0.0, 0.0, 0.0)
-        x, y, z = (float(entry) + 0.0 for entry in self.arrays.opt.gravity)
-        return x, y, z
+        return ZERO if self.disabled("GRAVITY") else three(self.arrays.opt.gravity)
 
     def name_of(self, kind: str, number: int) -> str:
         """The name that the file gives to an object, or its kind with its number."""
@@ -181,7 +179,13 @@ def sites_of(model: Compiled) -> Sites:
     """Links at the sites that inertial sensors and thrusters use, by number."""
     used = {int(model.of("sensor_objid")[k]) for k in _inertial(model)}
     used |= {int(model.of("actuator_trnid")[k][0]) for k in _thrusters(model)}
-    return {number: _site(model, number) for number in sorted(used)}
+    sites = {}
+    for number in sorted(used):
+        name, body = site_link(model, number), model.body(int(model.of("site_bodyid")[number]))
+        weld = unused(f"weld_{name}", model.joint_names)
+        R = of_quaternion(model.of("site_quat")[number])
+        sites[number] = welded(name, weld, body, model.of("site_pos")[number], R)
+    return sites
 
 
 def _inertial(model: Compiled) -> list[int]:
@@ -208,13 +212,6 @@ def _thrusters(model: Compiled) -> list[int]:
 def site_link(model: Compiled, number: int) -> str:
     """The name of the link at a site."""
     return unused(f"{model.name_of('SITE', number)}_site", model.body_names)
-
-
-def _site(model: Compiled, number: int) -> Side:
-    name, body = site_link(model, number), model.body(int(model.of("site_bodyid")[number]))
-    weld = unused(f"weld_{name}", model.joint_names)
-    R = of_quaternion(model.of("site_quat")[number])
-    return welded(name, weld, body, model.of("site_pos")[number], R)
 
 
 def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...], tuple[str, ...]]:
@@ -283,8 +280,9 @@ def loops_of(model: Compiled) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
         for k in _active(model, word):
             name = unused(model.name_of("EQUALITY", k), model.joint_names)
             (a, at_a), (b, at_b), R = _ends(model, k, word)
-            ends = (_body(model, a), _body(model, b), three(at_a), three(at_b))
-            loop, carriers = aligned(RobotLoop(name, kind, *ends), R, model.body_names)
+            parent, child = (model.body(number) if number else WORLD for number in (a, b))
+            loop = RobotLoop(name, kind, parent, child, three(at_a), three(at_b))
+            loop, carriers = aligned(loop, R, model.body_names)
             loops.append(loop)
             sides += carriers
     return tuple(loops), tuple(sides)
@@ -315,7 +313,3 @@ def _active(model: Compiled, word: str) -> list[int]:
         for k in range(model.count("neq"))
         if model.of("eq_type")[k] == code and model.of("eq_active0")[k] and not model.disabled("EQUALITY")
     ]
-
-
-def _body(model: Compiled, number: int) -> str:
-    return model.body(number) if number else WORLD

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.robot.description import (
     WORLD,
     Robot,
@@ -25,7 +25,7 @@ from mbdlft.robot.description import (
     unused,
     welded,
 )
-from mbdlft.robot.sdf_frames import Frames, Pose, flag, frames_of, joints_of, scopes
+from mbdlft.robot.sdf_frames import Frames, flag, frames_of, joints_of, scopes
 from mbdlft.robot.urdf import Element, child_numbers, content_numbers, name_of, others
 from mbdlft.robot.values import AXIAL
 
@@ -107,8 +107,7 @@ def chosen_model(top: Element, name: str | None) -> tuple[Element, Element | Non
                 "model='...', on the command line --model."
             )
         return places[moving[0] if len(places) > 1 else 0]
-    if name not in names:
-        raise SceneError(f"model: {unknown_name('model', name, names)}")
+    check_known("model", [name], names, "model")
     return places[names.index(name)]
 
 
@@ -200,10 +199,8 @@ def _bases(
     roots = [name for name in links if name not in carried]
     bases: dict[str, RobotJoint] = {}
     for root in roots:
-        label = "root_joint" if len(roots) == 1 else f"root_joint_{root}"
-        name = unused(label, {*joints, *bases})
-        at: Pose = frames.in_world(root)
-        kind = "fixed" if static else "floating"
+        name = unused("root_joint" if len(roots) == 1 else f"root_joint_{root}", {*joints, *bases})
+        at, kind = frames.in_world(root), "fixed" if static else "floating"
         bases[name] = RobotJoint(name, 0, kind, WORLD, root, three(at.p), angles_of(at.R))
     return bases
 

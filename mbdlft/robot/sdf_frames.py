@@ -14,14 +14,13 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known, unknown_name
 from mbdlft.robot.description import (
     WORLD,
     RobotJoint,
     RobotLink,
     RobotLoop,
     Side,
-    Triple,
     aligned,
     angles_of,
     of_angles,
@@ -158,9 +157,8 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
     by_name = {_WORLD: Frame(_pose(placed, model.called()), MODEL, model.line)}
     wanted: list[tuple[str, str, str]] = []
     for scope, owner in scopes(model):
-        for attribute in ("placement_frame", "canonical_link"):
-            if attribute == "placement_frame" and owner.attributes.get(attribute):
-                raise SceneError(f"line {owner.line}: {owner.called()}: {attribute} is not read.")
+        if owner.attributes.get("placement_frame"):
+            raise SceneError(f"line {owner.line}: {owner.called()}: placement_frame is not read.")
         for element in owner.children:
             if element.tag not in ("link", "joint", "frame", "model"):
                 continue
@@ -200,12 +198,9 @@ def _default(element: Element) -> str:
 
 def _relative(pose: Element | None, version: tuple[int, int]) -> str:
     """The frame that a pose names."""
-    if pose is None:
-        return ""
-    older = pose.attributes.get("frame", "")
-    if older and version < (1, 7):
-        return older
-    return pose.attributes.get("relative_to", "")
+    named = {} if pose is None else pose.attributes
+    older = named.get("frame", "") if version < (1, 7) else ""
+    return older or named.get("relative_to", "")
 
 
 def _pose(pose: Element | None, where: str) -> Pose:
@@ -221,8 +216,7 @@ def _pose(pose: Element | None, where: str) -> Pose:
     *place, roll, pitch, yaw = content_numbers(pose, where, 6)
     degrees = pose.attributes.get("degrees", "false") in ("true", "1")
     unit = np.pi / 180.0 if degrees else 1.0
-    rpy: Triple = (unit * roll, unit * pitch, unit * yaw)
-    return Pose(np.array(place), of_angles(rpy))
+    return Pose(np.array(place), of_angles((unit * roll, unit * pitch, unit * yaw)))
 
 
 def flag(owner: Element, tag: str, *, default: bool = False) -> bool:
@@ -277,9 +271,8 @@ def _end(
         raise SceneError(f"line {element.line}: {where}: <{side}> is missing.")
     if name == "world":
         return WORLD
-    if scope + name not in links:
-        known = [link.removeprefix(scope) for link in links]
-        raise SceneError(f"line {element.line}: {where}, {side}: {unknown_name('link', name, known)}")
+    known = [link[len(scope) :] for link in links if link.startswith(scope)]
+    check_known("link", [name], known, f"line {element.line}: {where}, {side}")
     return scope + name
 
 
@@ -367,8 +360,9 @@ def joints_of(
                 f"line {joint.line}: joint {joint.name!r} closes a loop; expected a hinge, a ball or a "
                 f"fixed joint without spring and damper, got {joint.kind!r}."
             )
-        place = frames.between(joint.parent, joint.child) if joint.parent else None
-        R = (place or frames.in_world(joint.child)).R
+        R = (
+            frames.between(joint.parent, joint.child) if joint.parent else frames.in_world(joint.child)
+        ).R
         kind = _LOOPS[joint.kind]
         axis = three(R @ np.array(joint.axis)) if kind == "revolute" else None
         ends = (joint.parent, joint.child, joint.xyz, joint.anchor)

@@ -13,7 +13,7 @@ import numpy as np
 from mbdlft.base.description import AXES, Quantity
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
-from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink, of_angles, said
+from mbdlft.robot.description import ENTRIES, Robot, RobotJoint, RobotLink, of_angles, said, three
 
 Values = dict[str, Quantity]
 
@@ -95,12 +95,9 @@ def _angle(angle: float, right_angle: float, snapped: list[float]) -> Quantity:
 
 def _inertia(link: RobotLink, right_angle: float, snapped: list[float]) -> Mapping[str, float]:
     """Entries of the inertia matrix in the axes of the link."""
-    roll, pitch, yaw = (
-        angle if angle == 0.0 or _angle(angle, right_angle, snapped) == angle
-        else round(angle / (math.pi / 2.0)) * math.pi / 2.0
-        for angle in link.rpy
-    )  # fmt: skip
-    R_lc = of_angles((roll, pitch, yaw))
+    right = [round(angle / (math.pi / 2.0)) * math.pi / 2.0 for angle in link.rpy]
+    is_right = [angle != 0.0 and _angle(angle, right_angle, snapped) != angle for angle in link.rpy]
+    R_lc = of_angles(three(np.where(is_right, right, link.rpy)))
     if np.array_equal(R_lc, np.eye(3)):
         return link.inertia
     J_c = np.array([[link.inertia["".join(sorted(a + b))] for b in AXES] for a in AXES])
@@ -114,20 +111,16 @@ def varied(label: str, percent: float, file: Mapping[str, Quantity]) -> Paramete
     Its name is the label with underscores for dots.
     """
     check_label("vary", label, file)
-    number, unit = file[label], _unit(label)
-    if unit is None or not isinstance(number, float) or number == 0.0:
+    number, match = file[label], re.search(rf"\.({'|'.join(_UNITS)})(\.[xyz]{{1,2}})?$", label)
+    if match is None or not isinstance(number, float) or number == 0.0:
         raise SceneError(
             f"vary, {label!r}: expected a mass, an inertia or a length of the file that is not zero, got "
             f"{number!r}. Declare other parameters in `parameters`, and name them in `values`."
         )
     name = re.sub(r"\W", "_", label)
-    return Parameter(name if name.isidentifier() else f"_{name}", number, percent=percent, unit=unit)
-
-
-def _unit(label: str) -> str | None:
-    """Unit of a mass, an inertia or a length; None for other labels."""
-    match = re.search(rf"\.({'|'.join(_UNITS)})(\.[xyz]{{1,2}})?$", label)
-    return _UNITS[match[1]] if match else None
+    return Parameter(
+        name if name.isidentifier() else f"_{name}", number, percent=percent, unit=_UNITS[match[1]]
+    )
 
 
 def check_label(what: str, label: str, file: Mapping[str, Quantity]) -> None:
@@ -157,9 +150,8 @@ def set_positions(robot: Robot, values: Values, chosen: set[str], assumed: list[
     """
     for joint in robot.joints.values():
         label = f"{joint.name}.position"
-        if label in chosen or joint.kind not in AXIAL or joint.mimic is not None:
-            continue
-        if not outside(joint):
+        is_free = label not in chosen and joint.kind in AXIAL and joint.mimic is None
+        if not (is_free and outside(joint)):
             continue
         if robot.loops:
             assumed.append(

@@ -60,13 +60,9 @@ def as_system(
         The item is something else or not continuous, or the names do not fit.
     """
     made = _converted(item)
-    return replace(
-        made,
-        name=made.name if name is None else name,
-        inputs=_named(made, "inputs", made.inputs, inputs),
-        outputs=_named(made, "outputs", made.outputs, outputs),
-        states=_named(made, "states", made.states, states),
-    )
+    names = {"inputs": inputs, "outputs": outputs, "states": states}
+    signals = {key: _named(made, key, given) for key, given in names.items()}
+    return replace(made, name=made.name if name is None else name, **signals)  # type: ignore[arg-type]
 
 
 def state_space(
@@ -111,8 +107,7 @@ def state_space(
             raise StructureError(
                 f"system {name!r}: {label} needs shape {shape}, got {matrices[label].shape}."
             )
-    blocks = (matrices[label].reshape(shape) for label, shape in shapes.items())
-    a, b, c = blocks
+    a, b, c = (matrices[label].reshape(shape) for label, shape in shapes.items())
     made = _static(np.block([[a, b], [c, d]]), n, name)
     return as_system(made, inputs=inputs, outputs=outputs, states=states)
 
@@ -136,7 +131,13 @@ def _converted(item: Any) -> System:
         except (ValueError, NotImplementedError) as error:
             raise StructureError(f"system {item.name!r}: no state space of it: {error}") from None
     if all(hasattr(item, label) for label in _STATE_SPACE):
-        return _of_control(item)
+        if item.dt not in (None, 0):
+            raise StructureError(
+                f"system {item.name!r}: expected continuous time (dt = 0), got dt = {item.dt!r}."
+            )
+        value = np.block([[item.A, item.B], [item.C, item.D]]).reshape(item.nstates + item.noutputs, -1)
+        labels = {"inputs": item.input_labels, "outputs": item.output_labels, "states": item.state_labels}
+        return as_system(_static(value, item.nstates, item.name), **labels)
     try:
         matrix = matrix_of(item)
         if item is None:
@@ -151,31 +152,20 @@ def _converted(item: Any) -> System:
     return _static(matrix, 0, "gain")
 
 
-def _of_control(item: Any) -> System:
-    if item.dt not in (None, 0):
-        raise StructureError(
-            f"system {item.name!r}: expected continuous time (dt = 0), got dt = {item.dt!r}."
-        )
-    matrices = np.block([[item.A, item.B], [item.C, item.D]])
-    made = _static(matrices.reshape(item.nstates + item.noutputs, -1), item.nstates, item.name)
-    labels = {"inputs": item.input_labels, "outputs": item.output_labels}
-    return as_system(made, **labels, states=item.state_labels)
-
-
 def _static(matrix: Any, states: int, name: str) -> System:
     """Value [A B ; C D] with default names."""
     lft = matrix if isinstance(matrix, LFT) else constant(matrix)
     sizes = {"x": states, "u": lft.shape[1] - states, "y": lft.shape[0] - states}
     x, u, y = (tuple(Signal(f"{c}{k}", "1") for k in range(n)) for c, n in sizes.items())
-    parameters = [block for block in lft.blocks if block.kind != "real"]
-    lft = replace(lft, blocks=tuple(parameters))
+    lft = replace(lft, blocks=tuple(block for block in lft.blocks if block.kind != "real"))
     return System(name, lft, x, u, y, Parameters())
 
 
-def _named(made: System, what: str, signals: Sequence[Signal], names: Names) -> tuple[Signal, ...]:
-    """Signals with other names."""
+def _named(made: System, what: str, names: Names) -> tuple[Signal, ...]:
+    """Its inputs, outputs or states with other names."""
+    signals: tuple[Signal, ...] = getattr(made, what)
     if names is None:
-        return tuple(signals)
+        return signals
     where = f"model {made.name!r}, {what}"
     known = [signal.name for signal in signals]
     if isinstance(names, str):
@@ -210,7 +200,10 @@ def positions_of(asked: Any, known: Sequence[str], where: str) -> list[int]:
     A slice between names includes both, as there is no name behind the last.
     """
     if isinstance(asked, slice):
-        start, stop = (_end(end, known, where) for end in (asked.start, asked.stop))
+        start, stop = (
+            _position(end, known, where) if isinstance(end, str) else end
+            for end in (asked.start, asked.stop)
+        )
         if isinstance(asked.stop, str) and stop is not None:
             stop += 1
         return list(range(len(known)))[slice(start, stop, asked.step)]
@@ -219,10 +212,6 @@ def positions_of(asked: Any, known: Sequence[str], where: str) -> list[int]:
     positions = [_position(item, known, where) for item in items]
     check_once([known[k] for k in positions], where)
     return positions
-
-
-def _end(item: Any, known: Sequence[str], where: str) -> int | None:
-    return _position(item, known, where) if isinstance(item, str) else item
 
 
 def _position(item: Any, known: Sequence[str], where: str) -> int:

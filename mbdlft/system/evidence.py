@@ -87,29 +87,30 @@ def composed(
     lft = with_blocks(wired if exchange else reduced(wired), parameters.names)
     seed = next((p.certificate.seed for p in systems if isinstance(p, LFTModel)), _SEED)
     deltas = sampled_deltas(parameters, seed)
-    if not lft.is_complex:
-        check_determinant(_of_parameters(lft), deltas, what, parameters)
+    if not lft.is_complex:  # the blocks that are not parameters are zero
+        others = (block for block in lft.blocks if block.kind != "real")
+        zero = {b.name: np.zeros((b.outputs, b.inputs) if b.kind == "full" else ()) for b in others}
+        check_determinant(fix(lft, zero), deltas, what, parameters)
     error = _error(systems, wiring, lft, parameters, deltas, what)
-    fields: dict[str, Any] = {
-        "name": like.name,
-        "lft": lft,
-        "states": state_names(systems),
-        "inputs": tuple(inputs),
-        "outputs": tuple(outputs),
-        "parameters": parameters,
-        "description": like.description,
-    }
+    whole = (like.name, lft, state_names(systems), tuple(inputs), tuple(outputs), parameters)
     certified = [system for system in systems if isinstance(system, LFTModel)]
     if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in systems):
-        return System(**fields)
+        return System(*whole, description=like.description)
     if exchange:
         certificate = _in_other_coordinates(certified[0].certificate, error)
-    else:
-        twin = with_blocks(reduced(wire(_moved(systems), wiring, what)), parameters.names)
+    else:  # every entry of the twin is moved by what may be wrong with it
+        moved_systems = [
+            replace(p, lft=moved(p.lft, _SEED, p.certificate.max_relative_error))
+            if isinstance(p, LFTModel) and p.lft.is_plain
+            else p
+            for p in systems
+        ]
+        twin = with_blocks(reduced(wire(moved_systems, wiring, what)), parameters.names)
         certificate = _certificate(certified, lft, twin, error, seed)
     are_proved = all(system.certificate.well_posed == PROVED for system in certified)
     return LFTModel(
-        **fields,
+        *whole,
+        description=like.description,
         trim=_trim(certified, parameters.names),
         certificate=replace(certificate, **well_posed(lft, parameters, what, are_proved=are_proved)),
         provenance=_provenance(systems, certified[0].provenance, operation),
@@ -174,23 +175,16 @@ def state_names(systems: Sequence[System]) -> tuple[Signal, ...]:
     return tuple(signals)
 
 
-def _of_parameters(a: LFT) -> LFT:
-    """The LFT with the blocks that are not parameters at zero."""
-    zero = {b.name: np.zeros((b.outputs, b.inputs)) for b in a.blocks if b.kind == "full"}
-    return fix(a, zero | {b.name: 0.0 for b in a.blocks if b.kind == "complex"})
-
-
 def _other_deltas(systems: Sequence[System], count: int) -> dict[str, Any]:
     """Random values (N) of the blocks that are not parameters, zero at the first point."""
     random = np.random.default_rng(_SEED)
     values: dict[str, Any] = {}
     for block in sorted({b for system in systems for b in system.lft.blocks if b.kind != "real"}):
-        full = block.kind == "full"
-        shape = (count, block.outputs, block.inputs) if full else (count, 1, 1)
+        shape = (count, block.outputs, block.inputs) if block.kind == "full" else (count, 1, 1)
         value = random.standard_normal(shape) + 1j * random.standard_normal(shape)
         value *= _RADIUS / np.linalg.norm(value, 2, axis=(1, 2))[:, None, None]
         value[0] = 0.0
-        values[block.name] = value if full else value[:, 0, 0]
+        values[block.name] = value if block.kind == "full" else value[:, 0, 0]
     return values
 
 
@@ -224,16 +218,6 @@ def _error(
             "size of an entry. Either a loop is nearly singular, or this is a bug: please report it."
         )
     return lft_error + largest(reference.errors, scale)
-
-
-def _moved(systems: Sequence[System]) -> list[System]:
-    """Parts with every entry moved by what may be wrong with it: the error of the way to the whole."""
-    return [
-        replace(system, lft=moved(system.lft, _SEED, system.certificate.max_relative_error))
-        if isinstance(system, LFTModel) and system.lft.is_plain
-        else system
-        for system in systems
-    ]
 
 
 def _certificate(
@@ -270,10 +254,11 @@ def _at_generic(a: LFT) -> LFT:
     random, values = np.random.default_rng(_SEED), {}
     for block in a.blocks:
         if block.kind != "real":
-            full = block.kind == "full"
-            value = random.standard_normal((block.outputs, block.inputs) if full else (1, 1))
+            value = random.standard_normal(
+                (block.outputs, block.inputs) if block.kind == "full" else (1, 1)
+            )
             value *= _RADIUS / np.linalg.norm(value, 2)
-            values[block.name] = value if full else value[0, 0]
+            values[block.name] = value if block.kind == "full" else value[0, 0]
     return fix(a, values) if values else a
 
 

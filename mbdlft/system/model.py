@@ -166,7 +166,7 @@ class System:
         return _operation("selected", self, key)
 
     def __neg__(self) -> "System":
-        return self * -1.0
+        return -1.0 * self
 
     def __add__(self, other: Any) -> "System":
         return _operation("combine", self, other)

@@ -174,13 +174,11 @@ def state_space_at(model: System, values: Mapping[str, Any]) -> "StateSpace":
             f"model {model.name!r}: its matrices are complex there, which python-control does not "
             "allow; use matrices_at(model, values)."
         )
-    return control.ss(
-        *(matrix.real for matrix in matrices),
-        name=model.name.replace(".", "_"),
-        states=[signal.name.replace(".", "_") for signal in model.states],
-        inputs=[signal.name.replace(".", "_") for signal in model.inputs],
-        outputs=[signal.name.replace(".", "_") for signal in model.outputs],
-    )
+    names = {
+        key: [signal.name.replace(".", "_") for signal in getattr(model, key)]
+        for key in ("states", "inputs", "outputs")
+    }
+    return control.ss(*(m.real for m in matrices), name=model.name.replace(".", "_"), **names)
 
 
 def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], what: str) -> None:
@@ -193,12 +191,9 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
         numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[chunk, None, :])
         singular = np.flatnonzero(~(numbers <= 1.0 / float(np.finfo(float).eps)))
         if len(singular):
-            first = int(singular[0])
-            physical = [
-                float(to_physical(p, d)) for p, d in zip(parameters, deltas[chunk][first], strict=True)
-            ]
-            exactly = np.isinf(numbers[first])
-            how = "" if exactly else f" to working precision (condition {numbers[first]:.1e})"
+            at, number = deltas[chunk][singular[0]], numbers[singular[0]]
+            physical = [float(to_physical(p, d)) for p, d in zip(parameters, at, strict=True)]
+            how = "" if np.isinf(number) else f" to working precision (condition {number:.1e})"
             raise WellPosednessError(
                 f"{what}: it is singular{how} at {at_values(parameters, physical)}, and has no value "
                 "there. Choose other values, or narrow the ranges and make the model again."
@@ -243,7 +238,10 @@ def with_digits(a: LFT, points: Array, values: Array) -> Array:
     if not needs_digits(a, points, values):
         return values
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
-    return np.array([_in_twice(a, deltas) for deltas in spread])
+    loops = (np.eye(a.order) - a.M11 * deltas for deltas in spread)  # each value is rounded once
+    solved = (rounding.solve_twofold(loop, a.M12) for loop in loops)
+    both = zip(spread, solved, strict=True)
+    return np.array([rounding.multiply_add(a.M22, a.M21 * deltas, x) for deltas, x in both])
 
 
 def needs_digits(a: LFT, points: Array, values: Array) -> bool:
@@ -264,12 +262,6 @@ def lost(a: LFT, deltas: Array, value: Array) -> float:
     rows, columns = equilibrate(value[None])
     size = np.maximum(np.abs(value), _NEGLIGIBLE / np.outer(rows, columns))
     return float(np.max(change / size, initial=0.0))
-
-
-def _in_twice(a: LFT, deltas: Array) -> Array:
-    """The value at deltas (order,), rounded once."""
-    solved = rounding.solve_twofold(np.eye(a.order) - a.M11 * deltas, a.M12)
-    return rounding.multiply_add(a.M22, a.M21 * deltas, solved)
 
 
 def value_by_program(

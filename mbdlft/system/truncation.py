@@ -136,8 +136,7 @@ def truncate_lft(a: LFT, tolerance: float) -> tuple[LFT, float]:
 
 def check_tolerance(tolerance: float) -> None:
     """Raise a StructureError unless a tolerance is a positive number."""
-    number = isinstance(tolerance, Real) and not isinstance(tolerance, bool)
-    if not (number and 0.0 < tolerance < np.inf):
+    if not isinstance(tolerance, Real) or isinstance(tolerance, bool) or not 0.0 < tolerance < np.inf:
         raise StructureError(
             f"truncation needs a tolerance above 0, such as 0.01, got {tolerance!r}. Without "
             "truncation the model is exact."
@@ -156,7 +155,11 @@ def typical_sizes(a: LFT) -> tuple[Array, Array]:
     rows, columns = np.ones(a.shape[0]), np.ones(a.shape[1])
     i, j = np.flatnonzero(a.M21.any(axis=1)), np.flatnonzero(a.M12.any(axis=0))
     size = np.max(np.abs(evaluate_at(a, points)), axis=0)[np.ix_(i, j)]
-    counts = size > _ROUNDING * _term_sizes(a, points[: _TERM_POINTS + 1])[np.ix_(i, j)]
+    # entries that are nothing but rounding of terms that cancel do not count
+    d = np.repeat(points[: _TERM_POINTS + 1], [block.size for block in a.blocks], axis=1)[:, None, :]
+    inverse = np.abs(np.linalg.inv(np.eye(a.order) - a.M11[None] * d))
+    terms = np.max(np.abs(a.M22) + (np.abs(a.M21)[None] * np.abs(d)) @ inverse @ np.abs(a.M12), axis=0)
+    counts = size > _ROUNDING * terms[np.ix_(i, j)]
     squares = np.where(counts, size, 0.0) ** 2
     used = np.maximum(np.sum(counts, axis=1), 1), np.maximum(np.sum(counts, axis=0), 1)
     c = np.ones(len(j))
@@ -167,14 +170,6 @@ def typical_sizes(a: LFT) -> tuple[Array, Array]:
         c[c == 0.0] = 1.0
         rows[i], columns[j] = np.sqrt(r), np.sqrt(c)
     return rows, columns
-
-
-def _term_sizes(a: LFT, points: Array) -> Array:
-    """Sizes (n_out, n_in) that the entries of the value would have if nothing cancelled, at points."""
-    d = np.repeat(points, [block.size for block in a.blocks], axis=1)
-    inverse = np.abs(np.linalg.inv(np.eye(a.order) - a.M11[None] * d[:, None, :]))
-    through = (np.abs(a.M21)[None] * np.abs(d)[:, None, :]) @ inverse @ np.abs(a.M12)
-    return np.asarray(np.max(np.abs(a.M22) + through, axis=0))
 
 
 def balance(a: LFT, points: Array) -> tuple[LFT, Array]:
@@ -195,17 +190,12 @@ def balance(a: LFT, points: Array) -> tuple[LFT, Array]:
         reach += np.einsum("nij,nkj->ik", z, z) / len(points)
         see += np.einsum("nij,nik->jk", f, f) / len(points)
     T, T_inverse, sigma = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    for rows in a.slices().values():
-        T[rows, rows], T_inverse[rows, rows], sigma[rows] = _balanced(reach[rows, rows], see[rows, rows])
+    for rows in a.slices().values():  # T^-1 reach T^-T = T' see T = diag(sigma)
+        reach_root, see_root = _root(reach[rows, rows]), _root(see[rows, rows])
+        U, sigma[rows], Vt = np.linalg.svd(see_root.T @ reach_root)
+        T[rows, rows] = reach_root @ Vt.T / np.sqrt(sigma[rows])
+        T_inverse[rows, rows] = (U / np.sqrt(sigma[rows])).T @ see_root.T
     return LFT(T_inverse @ a.M11 @ T, T_inverse @ a.M12, a.M21 @ T, a.M22, a.blocks), sigma
-
-
-def _balanced(reach: Array, see: Array) -> tuple[Array, Array, Array]:
-    """T, its inverse, and the sigmas: T^-1 reach T^-T = T' see T = diag(sigma)."""
-    reach_root, see_root = _root(reach), _root(see)
-    U, sigma, Vt = np.linalg.svd(see_root.T @ reach_root)
-    T = reach_root @ Vt.T / np.sqrt(sigma)
-    return T, (U / np.sqrt(sigma)).T @ see_root.T, sigma
 
 
 def _root(gramian: Array) -> Array:
