@@ -253,21 +253,24 @@ def target_of(file: Path) -> Path:
 
 
 @contextmanager
-def locked(file: Path) -> Iterator[None]:
-    """A context in which no other process writes a file; it waits for one that does."""
+def locked(file: Path, patience: float | None = None, busy: str = "") -> Iterator[None]:
+    """A context in which no other process writes a file; it waits for one that does, so many seconds.
+
+    `busy` says what that one does, if it does not end until then.
+    """
     beside = file.with_name(f"{file.name}.lock")
-    end = time.monotonic() + _PATIENCE
+    patience = _PATIENCE if patience is None else patience
+    end = time.monotonic() + patience
     try:
         handle = _open(beside)
         while not (_try_lock(handle) and _is_same(handle, beside)):
             os.close(handle)
             if time.monotonic() > end:
-                raise ArchiveError(
-                    f"{file}: cannot be written: another process holds {beside} for "
-                    f"{_PATIENCE:g} s. Does it still run?"
-                )
+                does = busy or f"holds {beside} for {patience:g} s. Does it still run?"
+                raise ArchiveError(f"{file}: cannot be written: {_holder(beside)} {does}")
             time.sleep(0.02)
             handle = _open(beside)
+        os.write(handle, str(os.getpid()).encode())
     except OSError as error:
         if isinstance(error, ArchiveError):
             raise
@@ -283,6 +286,13 @@ def locked(file: Path) -> Iterator[None]:
         with contextlib.suppress(OSError):
             beside.unlink()
         os.close(handle)
+
+
+def _holder(lock: Path) -> str:
+    """Words for the process that has a lock: it has written its number."""
+    with contextlib.suppress(OSError, ValueError):
+        return f"process {int(lock.read_text(encoding='ascii'))}"
+    return "another process"
 
 
 def _open(file: Path) -> int:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.archive.archive import check_file, check_name
+from mbdlft.archive.archive import check_file, check_name, locked
 from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places
 from mbdlft.archive.sweep import finish_sweep
 from mbdlft.base.array import Array, ArrayLike
@@ -37,6 +37,8 @@ from mbdlft.batch.staging import (
 )
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
+
+_BUSY = "computes this sweep now. Wait until it ends, or give this one another name."
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,8 +131,8 @@ def sweep(
     TrimError
         The unknown efforts of the scene are redundant, or its elastic bodies carry a load.
     ArchiveError
-        The archive, or the folder beside it, cannot be written; or a number is too large for single
-        precision.
+        The archive, or the folder beside it, cannot be written; another process computes a sweep of this
+        name now; or a number is too large for single precision.
     """
     begun = time.perf_counter()
     if not isinstance(source, Scene | LFTModel):
@@ -147,17 +149,18 @@ def sweep(
         definition = source_of(source)
         extra = asked_of(definition, all_samples, poles=poles, function=function, single=float32)
     folder = file.parent / f".{file.name}.{key}.sweep"
-    work = prepare(folder, source, all_samples, extra, restart=restart)
-    todo = missing(folder, work)
-    resumed = work.count - sum(map(work.rows_of, todo))
-    done = resumed
-    if progress is not None:
-        progress(done, work.count)
-    for shard in _computed(folder, source, work, todo, workers, client):
-        done += work.rows_of(shard)
+    with locked(folder, patience=0.0, busy=_BUSY):
+        work = prepare(folder, source, all_samples, extra, restart=restart)
+        todo = missing(folder, work)
+        resumed = work.count - sum(map(work.rows_of, todo))
+        done = resumed
         if progress is not None:
             progress(done, work.count)
-    counts = _put_together(file, key, folder, source, work)
+        for shard in _computed(folder, source, work, todo, workers, client):
+            done += work.rows_of(shard)
+            if progress is not None:
+                progress(done, work.count)
+        counts = _put_together(file, key, folder, source, work)
     return SweepReport(
         name=key,
         count=work.count,

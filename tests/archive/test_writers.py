@@ -80,7 +80,7 @@ def test_lock_that_is_never_released(tmp_path: Path, monkeypatch: pytest.MonkeyP
     file = tmp_path / "a.h5"
     with (
         archive.locked(file),
-        says(ArchiveError, f"{file}: cannot be written: another process holds {file}.lock for 0 s"),
+        says(ArchiveError, f"{file}: cannot be written: process {os.getpid()} holds {file}.lock for 0 s"),
     ):
         save(file, models.bare())
     save(file, models.bare())

@@ -101,6 +101,21 @@ def test_options(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_page_that_cannot_be_written_leaves_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    page = mbdlft.view(pendulum())
+    page.save(tmp_path / "a.html")
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(SceneError, match="cannot be written: No space left on device"):
+        mbdlft.show.Page("other", "other").save(tmp_path / "a.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.html"]
+    assert (tmp_path / "a.html").read_text(encoding="utf-8") == page.html
+
+
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     for name, kind in (("a.toml", SceneError), ("a.urdf", SceneError), ("a.h5", ArchiveError)):
         with pytest.raises(kind):

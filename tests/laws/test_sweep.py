@@ -91,6 +91,23 @@ def same(a: mbdlft.Sweep, b: mbdlft.Sweep) -> None:
     assert a.layout == b.layout
 
 
+def test_a_sweep_that_another_one_computes_is_refused(tmp_path: Path) -> None:
+    """The error names the process; the first one goes on, and another name is free."""
+    file, refused = tmp_path / "a.h5", list[str]()
+
+    def again(done: int, count: int) -> None:
+        with pytest.raises(mbdlft.base.ArchiveError) as error:
+            mbdlft.sweep(arm(), RandomSamples(5), file, name="q", workers=1)
+        refused.append(str(error.value))
+
+    mbdlft.sweep(arm(), RandomSamples(5), file, name="q", workers=1, progress=again)
+    assert all(f"process {os.getpid()} computes this sweep now" in text for text in refused)
+    assert len(refused) == 2
+    assert all(".a.h5.q.sweep" in text for text in refused)
+    assert mbdlft.sweep(arm(), RandomSamples(5), file, name="q", workers=1).solved == 5
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
 def test_rows_are_the_closed_form(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     values = drawn(400, 2)
     report = mbdlft.sweep(arm(), values, tmp_path / "a.h5", workers=1)
