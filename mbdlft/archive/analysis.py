@@ -46,7 +46,6 @@ from mbdlft.system.model import System
 
 _BY_NAME = ("worst", "sensitivity", "rates")
 _PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof}
-_INSIDE = 1.0 - 1e-15  # a margin is not above 1/beta, however it was rounded
 
 
 def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | None = None) -> None:
@@ -147,6 +146,7 @@ def load_analysis(
 def _values(bounds: Bounds) -> dict[str, Any]:
     """Bounds and their proof as values by path."""
     values = {**of_fields("", ANALYSIS_TYPE, bounds), **_delta_values(bounds)}
+    del values["@proved"]  # nothing that a file says of its proof is believed
     for name in _BY_NAME:
         by_name = getattr(bounds, name)
         values |= {f"{name}/name": list(by_name), f"{name}/value": list(by_name.values())}
@@ -188,12 +188,15 @@ def _delta_values(bounds: Bounds) -> dict[str, Any]:
 
 
 def _bounds(items: Items) -> Bounds:
-    by_name = {
+    values: dict[str, Any] = {
         name: dict(zip(words(items, f"{name}/name"), items[f"{name}/value"].tolist(), strict=True))
         for name in _BY_NAME
         if f"{name}/name" in items  # rates are not in the first files
     }
-    return record(Bounds, items, "", delta=_delta(items), proof=_proof(items), **by_name)
+    for name in ("inputs", "outputs"):  # signals were in the proof at first
+        paths = [path for path in (name, *(f"{group}/{name}" for group in _PROOFS)) if path in items]
+        values |= {name: words(items, paths[0])} if paths else {}
+    return record(Bounds, items, "", delta=_delta(items), proof=_proof(items), **values)
 
 
 def _delta(items: Items) -> dict[str, Any]:
@@ -230,7 +233,7 @@ def _proof(items: Items) -> Proof | None:
     if not groups:
         return None
     is_first = "intervals@beta" in items  # one part, and a bound of mu
-    if len(groups) > 1 or ("intervals" in groups and is_first == ("intervals@k" in items)):
+    if len(groups) > 1 or ("intervals" in groups and is_first == ("intervals/log" in items)):
         raise ArchiveError("its proof is not whole.")
     if "intervals" not in groups:
         return record(_PROOFS[groups[0]], items, groups[0])
@@ -240,5 +243,5 @@ def _proof(items: Items) -> Proof | None:
     beta = plain(items, "intervals@beta") if is_first else 1.0
     multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G / beta**2, strict=True))
     if is_first:
-        return IntervalProof(_INSIDE / beta, (len(intervals), 0), intervals, multipliers)
+        return IntervalProof((len(intervals), 0), intervals, multipliers)
     return record(IntervalProof, items, "intervals", intervals=intervals, multipliers=multipliers)

@@ -170,7 +170,7 @@ _ANALYSIS = """
     @encoding_type @encoding_version @digest: text
     @model @model_digest @kind @reason: text
     @lower @upper @frequency @work: float64
-    @proved: bool
+    @proved?: bool
     worst/name: text p
     worst/value: float64 p
     rates/name?: text r
@@ -182,33 +182,35 @@ _ANALYSIS = """
     delta/real delta/imaginary: float64 e
     leave_out: text o
     fixed?: text fb
+    inputs?: text u
+    outputs?: text y
     motion?: float64 t d
 """
+# proofs: what is optional was in them, and is in the claim or follows from it
 _BOXES = """
-    boxes@k boxes@gain boxes@shift? boxes@slope?: float64
+    boxes@k? boxes@gain? boxes@shift? boxes@slope?: float64
     boxes/log: int64 n
-    boxes/inputs: text u
-    boxes/outputs: text y
+    boxes/inputs?: text u
+    boxes/outputs?: text y
 """
 _INTERVALS = """
+    intervals@k? intervals@beta?: float64
     intervals/low intervals/at intervals/high: float64 i
     intervals/D_real intervals/D_imaginary intervals/G_real intervals/G_imaginary: float64 i m m
-"""
-_PARTS = """
-    intervals@k: float64
-    intervals/log: int64 n
-    intervals/fixed: text if
-    intervals/inputs: text iu
-    intervals/outputs: text iy
+    intervals/log?: int64 n
+    intervals/fixed?: text if
+    intervals/inputs?: text u
+    intervals/outputs?: text y
 """
 _FORM = """
-    form@k form@gain form@time: float64
+    form@k? form@gain?: float64
+    form@time: float64
     form/P: float64 v v
     form/X form/Y: float64 s s
     form/states: float64 fx fx
     form/channels: float64 w
-    form/inputs: text fu
-    form/outputs: text fy
+    form/inputs?: text u
+    form/outputs?: text y
 """
 # what a group needs, by type and version: all of "", and of the others what it has the beginning of
 _MODEL_PARTS = {"theta/": _THETA, "theta/table": _TABLES, "program/": _PROGRAM}
@@ -216,13 +218,7 @@ _SWEEP_PARTS = {
     "poles/": "poles/real poles/imaginary: float N x",
     "function/": "function/name: text f\nfunction/value: float N f",
 }
-_ANALYSIS_PARTS = {
-    "boxes": _BOXES,
-    "intervals": _INTERVALS,
-    "intervals@k": _PARTS,
-    "intervals@beta": "intervals@beta: float64",  # in the first files
-    "form": _FORM,
-}
+_ANALYSIS_PARTS = {"boxes": _BOXES, "intervals": _INTERVALS, "form": _FORM}
 _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
     key: {beginning: _wanted(table) for beginning, table in parts.items()}
     for key, parts in {

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 _WITH = " with "  # in the name of a loop
 _PRINTED = (
-    *("kind", "lower", "upper", "frequency", "worst", "fixed", "rates", "proved"),
+    *("kind", "lower", "upper", "frequency", "worst", "inputs", "outputs", "fixed", "rates"),
     *("sensitivity", "work", "reason"),
 )
 _RATE = "NAME=BOUND, such as mass=0.1 or mass=inf."
@@ -80,7 +80,9 @@ def margin(
     system, ignored = _loop(archive, model, controller), leave_out or ()
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": ignored, "workers": workers}
     asked |= {"rates": numbers_by_name("--rate", rate, _RATE), "fixed": fixed or ()}
-    bounds = _answer(archive, system, analyze.robust_stability, asked, store=not no_save, as_json=as_json)
+    bounds, _ = _answer(
+        archive, system, analyze.robust_stability, asked, store=not no_save, as_json=as_json
+    )
     if figure is not None:
         show.save_mu(figure, system, bounds, leave_out=ignored)
 
@@ -106,9 +108,10 @@ def wcgain(
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
     asked |= {"rates": numbers_by_name("--rate", rate, _RATE)}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
-    bounds = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
+    answer = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
-        bound = bounds.upper if bounds.proved else None
+        bounds, is_proved = answer
+        bound = bounds.upper if is_proved else None
         shown = chosen_channels(system, outputs, inputs)
         show.save_singular_values(figure, shown, worst=bounds.worst or None, bound=bound)
 
@@ -147,15 +150,20 @@ def verify(archive: Archive, as_json: AsJson = False) -> None:
             system, bounds = archives.load_analysis(archive, name)
             start = time.perf_counter()
             wrong = analyze.verify(system, bounds)
-            entry = {"name": name, "lower": bounds.lower, "upper": bounds.upper}
+            entry = {
+                "name": name,
+                "claim": str(bounds.claim),
+                "lower": bounds.lower,
+                "upper": bounds.upper,
+            }
             entry |= {"proved": not wrong, "reason": wrong, "seconds": time.perf_counter() - start}
             checked.append(entry)
     if as_json:
         print_json(checked)
     else:
         for entry in checked:
-            verdict_text = "proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"
-            say(f"{entry['name']}: {verdict_text}")
+            verdict = f"{entry['claim']}: proved" if entry["proved"] else f"NOT PROVED: {entry['reason']}"
+            say(f"{entry['name']}: {verdict}")
     if not all(entry["proved"] for entry in checked):
         raise typer.Exit(1)
 
@@ -210,24 +218,28 @@ def _answer(
     *,
     store: bool,
     as_json: bool,
-) -> "Bounds":
-    """Search, and say how far it is; store and print the bounds."""
+) -> tuple["Bounds", bool]:
+    """Search, and say how far it is; store and print the bounds. Also whether their claim is proved."""
     start = time.perf_counter()
     with progress_of(system.name) as progress:
         bounds = search(system, **asked, progress=progress.bounds)
+        wrong = analyze.verify(system, bounds)
     seconds = time.perf_counter() - start
     if store:
         archives.save_analysis(archive, system, bounds)
     if as_json:
-        print_json({**{name: getattr(bounds, name) for name in _PRINTED}, "seconds": seconds})
+        values = {name: getattr(bounds, name) for name in _PRINTED}
+        print_json({**values, "proved": not wrong, "seconds": seconds})
     else:
-        _print(system, bounds)
-    return bounds
+        _print(system, bounds, wrong)
+    return bounds, not wrong
 
 
-def _print(system: "System", bounds: "Bounds") -> None:
+def _print(system: "System", bounds: "Bounds", wrong: str) -> None:
     """What is proved, the worst case, and why not more is proved."""
-    say(f"{system.name}, {bounds.kind}:", _sentence(bounds))
+    say(f"{system.name}, {bounds.kind}:", "nothing is proved" if wrong else f"{bounds.claim}: proved")
+    if wrong and bounds.proof is not None:
+        say(f"its proof is none: {wrong}")
     if bounds.motion is not None:
         say(
             f"not stable at a motion of {bounds.upper:.6g} times the ranges, of the period "
@@ -235,9 +247,8 @@ def _print(system: "System", bounds: "Bounds") -> None:
         )
     if bounds.worst:
         units = {p.name: p.unit for p in system.parameters}
-        reached = bounds.lower if _is_largest(bounds) else bounds.upper
         near = f" at {bounds.frequency:.6g} rad/s" if math.isfinite(bounds.frequency) else ""
-        title = f"worst case: {reached:.6g}{near}"
+        title = f"worst case: {bounds.reached:.6g}{near}"
         delta, share = (defaultdict(float, of) for of in (bounds.delta, bounds.sensitivity))
         rows = (
             (name, f"{value:.6g}", units[name], f"{delta[name]:.4f}", f"{share[name]:.3f}")
@@ -246,24 +257,3 @@ def _print(system: "System", bounds: "Bounds") -> None:
         print_table(title, "parameter | value > | unit | delta > | share >", rows)
     if bounds.reason:
         say(f"why not more: {bounds.reason}")
-
-
-def _is_largest(bounds: "Bounds") -> bool:
-    """Whether what is large is bad: its lower bound is reached, and its upper one proved."""
-    return not bounds.kind.startswith(("robust", "smallest"))
-
-
-def _sentence(bounds: "Bounds") -> str:
-    """What is proved, as a sentence."""
-    moving = ", ".join(f"{name} {rate:g}" for name, rate in bounds.rates.items())
-    how = f"for rates up to {moving} per second" if moving else "for all frequencies"
-    if not bounds.proved:
-        return "nothing is proved"
-    if bounds.kind == "robust stability":
-        others = f", {', '.join(bounds.fixed)} in theirs" if bounds.fixed else ""
-        return f"stable for all values in {bounds.lower:.6g} times the ranges{others}: proved {how}"
-    if bounds.kind == "smallest damping":
-        return f"at least {bounds.lower:.6g} for all values in the ranges: proved"
-    bound = f"at most {bounds.upper:.6g}" if _is_largest(bounds) else f"at least {bounds.lower:.6g}"
-    unit = " rad/s" if bounds.kind == "largest real part" else ""
-    return f"{bound}{unit} for all values in the ranges: proved {how}"

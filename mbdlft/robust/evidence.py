@@ -1,5 +1,6 @@
-"""What an analysis returns: bounds, the worst case, and a proof that can be checked again."""
+"""What an analysis returns: bounds, the worst case, a claim, and a proof that can be checked again."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -11,6 +12,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.display import heading, table
 
 Complex = NDArray[np.complex128]
+_EPS = float(np.finfo(float).eps)
 
 
 class Multipliers(NamedTuple):
@@ -35,62 +37,32 @@ class IntervalProof:
 
     Attributes
     ----------
-    k : float
-        Size of the blocks that are not fixed.
     log : tuple of int
         Two numbers for each part, depth first, the lower half first: how many of the intervals are its
         own; 0, or 1 + the number of the block that is cut in the middle.
     intervals : tuple of Interval
     multipliers : tuple of Multipliers
         For beta = 1 and the size of the part.
-    fixed : tuple of str
-        Blocks of size 1.
-    inputs, outputs : tuple of str
-        Signals that a full block of performance joins; its size is one over the gain.
     """
 
-    k: float
     log: tuple[int, ...]
     intervals: tuple[Interval, ...]
     multipliers: tuple[Multipliers, ...]
-    fixed: tuple[str, ...] = ()
-    inputs: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoxProof:
-    """Cuts of the box |delta| <= k that prove a bound, as `mbdlft.robust.bisect.boxes` explains them.
+    """Cuts of the box that prove a claim, as `mbdlft.robust.bisect.boxes` explains them."""
 
-    Attributes
-    ----------
-    k : float
-    log : tuple of int
-    gain : float
-        One over the bound of the gain that is proved, too; 0 if only stability is.
-    inputs, outputs : tuple of str
-        Signals of the gain.
-    shift, slope : float
-        Poles are left of shift + (j - slope) omega (rad/s) and of its mirror image; 0 for stability.
-    """
-
-    k: float
     log: tuple[int, ...]
-    gain: float = 0.0
-    inputs: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
-    shift: float = 0.0
-    slope: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProof:
-    """A form that proves a bound for parameters that move (`mbdlft.robust.moving.variation`).
+    """A form that proves a claim for parameters that move (`mbdlft.robust.moving.variation`).
 
     Attributes
     ----------
-    k : float
-        The deltas stay in [-k, k].
     P, X, Y : arrays (n + n_s, n + n_s), (m, m), (m, m)
     states : array (n, n)
         P is for this times the states.
@@ -98,25 +70,95 @@ class MotionProof:
         Powers of two that z and w were divided by; X and Y are for these.
     time : float
         The power of two that time was multiplied by (rad/s).
-    gain : float
-        The bound of the gain that is proved, too; 0 if only stability is.
-    inputs, outputs : tuple of str
-        Signals of the gain.
     """
 
-    k: float
     P: Array
     X: Array
     Y: Array
     states: Array
     channels: Array
     time: float
-    gain: float = 0.0
-    inputs: tuple[str, ...] = ()
-    outputs: tuple[str, ...] = ()
 
 
 Proof = BoxProof | IntervalProof | MotionProof
+STABILITY, PERFORMANCE, GAIN = "robust stability", "robust performance", "worst-case gain"
+REAL_PART, DAMPING, DISK = "largest real part", "smallest damping", "smallest disk margin"
+SENTENCES = {
+    STABILITY: "stable for all values in {bound} times the ranges{fixed}",
+    PERFORMANCE: "the gain {signals} is at most 1/{bound} for all values in {bound} times the ranges",
+    GAIN: "the gain {signals} is at most {bound} for all values in the ranges",
+    REAL_PART: "no pole has a real part above {bound} rad/s for all values in the ranges",
+    DAMPING: "no pole is damped less than {bound} for all values in the ranges",
+    DISK: "the disk margin {signals} is at least {bound} for all values in the ranges",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """What is said of a system, at all frequencies and for all values in a box: a proof is of a claim.
+
+    Attributes
+    ----------
+    kind : one of `SENTENCES`
+    bound : float
+        Of a margin, how many times the declared ranges; of others, the number that is not passed.
+    inputs, outputs : tuple of str
+        Signals of a gain, a performance, or a disk margin.
+    rates : mapping of names to bounds of the rates of parameters, in their units per second
+        inf where a parameter may move in any way; constant parameters are not named.
+    fixed : tuple of str
+        Blocks that stay in their ranges whatever the margin.
+    leave_out : tuple of str
+        States that do not count.
+    """
+
+    kind: str
+    bound: float
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    rates: Mapping[str, float] = field(default_factory=dict)
+    fixed: tuple[str, ...] = ()
+    leave_out: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """How many times the declared ranges the box is."""
+        return self.bound if self.kind in (STABILITY, PERFORMANCE) else 1.0
+
+    @property
+    def gain(self) -> float:
+        """One over the largest gain that is allowed; 0 if there is none."""
+        if self.kind == GAIN:
+            return one_over(self.bound)
+        return self.bound if self.kind in (PERFORMANCE, DISK) else 0.0
+
+    @property
+    def edge(self) -> tuple[float, float]:
+        """Poles are left of shift + (j - slope) omega (rad/s), and its mirror image: shift and slope."""
+        if self.kind == REAL_PART:
+            return self.bound, 0.0
+        return 0.0, slope_of(self.bound) if self.kind == DAMPING else 0.0
+
+    def __str__(self) -> str:
+        signals = f"from {', '.join(self.inputs)} to {', '.join(self.outputs)}"
+        fixed = f", {', '.join(self.fixed)} in theirs" if self.fixed else ""
+        bound = f"{self.bound:.6g}"
+        text = SENTENCES.get(self.kind, self.kind).format(bound=bound, signals=signals, fixed=fixed)
+        if self.rates:
+            moving = ", ".join(f"{name} {rate:g}" for name, rate in self.rates.items())
+            text += f", also while they move at rates up to {moving} per second"
+        return text + (f"; {', '.join(self.leave_out)} left out" if self.leave_out else "")
+
+
+def one_over(bound: float) -> float:
+    """A number whose product with a positive bound is 1 or more."""
+    return float(np.nextafter(1.0 / bound, np.inf)) if bound else np.inf
+
+
+def slope_of(damping: float) -> float:
+    """A slope of edges left of which poles are damped by at least so much, which is inside (-1, 1)."""
+    slope = damping / math.sqrt((1.0 - damping) * (1.0 + damping))
+    return slope + 8.0 * _EPS * abs(slope)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,20 +169,17 @@ class Bounds:
     ----------
     kind : str
         ``robust stability``, ``worst-case gain``, ``robust performance``, ``largest real part``,
-        ``smallest damping``; ``worst-case H2 norm`` and others have no proof.
+        ``smallest damping``, ``smallest disk margin``; ``worst-case H2 norm`` and others have no proof.
     lower, upper : float
-        Of a margin, `lower` is proved and `upper` is reached at `worst`; of a gain, `upper` is proved and
-        `lower` is reached at `worst`. What is reached is checked by evaluation. A margin counts multiples
-        of the declared box, in which deltas are in [-1, 1].
+        Of a margin and a damping, `lower` is claimed and `upper` is reached at `worst`; of a gain and a
+        real part, `upper` is claimed and `lower` is reached at `worst`. A margin counts multiples of the
+        declared box, in which deltas are in [-1, 1].
     worst : mapping of names to physical values, in the units of the parameters
         Empty if none was found. Beyond the box they are where the map of a parameter leads.
     delta : mapping of names to deltas [1]
         Of blocks that are no parameters, too: complex numbers, and matrices of full blocks.
     frequency : float
         Of the pole on the axis, or of the peak of the gain, at `worst` (rad/s).
-    proved : bool
-        Whether the bound that is said to be proved is, for every frequency and every value, and is not
-        trivial (0 of a margin, inf of a gain).
     sensitivity : mapping of names to numbers that add up to 1
         Shares of the ranges in how the result changes, to first order, if all grow by the same part.
     work : float
@@ -148,13 +187,9 @@ class Bounds:
     reason : str
         Why the gap is larger than what was asked for; empty if it is not.
     proof : BoxProof, IntervalProof, MotionProof, or None
-        What `verify` needs to prove the bound again, without a search.
-    leave_out : tuple of str
-        States that do not count.
-    rates : mapping of names to bounds of the rates of parameters, in their units per second
-        inf where a parameter may move in any way; constant parameters are not named.
-    fixed : tuple of str
-        Blocks of size 1 whatever the margin.
+        Evidence for `claim`: what `verify` needs to prove it again, without a search.
+    inputs, outputs, rates, fixed, leave_out
+        As those of the claim.
     motion : array (N, 1 + number of deltas), or None
         A periodic motion that is `upper` large and does not come to rest, if no constant values are as
         near: times (s) in the middle of even steps, and the deltas there, in the order of `delta`. Those
@@ -167,7 +202,6 @@ class Bounds:
     worst: Mapping[str, float]
     delta: Mapping[str, Any]
     frequency: float
-    proved: bool
     sensitivity: Mapping[str, float]
     work: float
     reason: str = ""
@@ -176,6 +210,30 @@ class Bounds:
     rates: Mapping[str, float] = field(default_factory=dict)
     motion: Array | None = None
     fixed: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+    @property
+    def is_from_above(self) -> bool:
+        """Whether what is large is bad: `upper` is claimed, and `lower` reached."""
+        return not self.kind.startswith(("robust", "smallest"))
+
+    @property
+    def reached(self) -> float:
+        """The bound that `worst` reaches."""
+        return self.lower if self.is_from_above else self.upper
+
+    @property
+    def claim(self) -> Claim:
+        """What `proof` is evidence for."""
+        bound = self.upper if self.is_from_above else self.lower
+        named = self.inputs, self.outputs, self.rates, self.fixed, self.leave_out
+        return Claim(self.kind, bound, *named)
+
+    @property
+    def proved(self) -> bool:
+        """Whether there is a proof of the claim; `verify` says whether it is one."""
+        return self.proof is not None
 
     @property
     def gap(self) -> float:
@@ -183,12 +241,15 @@ class Bounds:
         return 1.0 - self.lower / self.upper if self.upper < float("inf") else 1.0
 
     def __repr__(self) -> str:
-        said = "proved" if self.proved else f"not proved{self.reason and ': '}{self.reason}"
-        return f"<{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}>"
+        return f"<{self._head()}>"
+
+    def _head(self) -> str:
+        why = f"{self.reason and ': '}{self.reason}"
+        text = "with a proof" if self.proof else f"no proof{why}"
+        return f"{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {text}"
 
     def _repr_html_(self) -> str:
-        said = "proved" if self.proved else "not proved"
-        text = heading(f"{self.kind}: {self.lower:.6g} to {self.upper:.6g}, {said}", self.reason)
+        text = heading(self._head(), "")
         if self.worst:
             text += heading("", f"worst case, at {self.frequency:.6g} rad/s")
         rows = ((name, float(v), self.sensitivity.get(name, 0.0)) for name, v in self.worst.items())

@@ -40,9 +40,10 @@ from mbdlft.robust.bisect.search import (
     resistance,
     too_large,
 )
-from mbdlft.robust.evidence import Bounds, BoxProof
+from mbdlft.robust.evidence import GAIN, PERFORMANCE, Bounds, BoxProof, one_over
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
-from mbdlft.robust.mu.coverage import GAIN, loop_of
+from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
+from mbdlft.robust.mu.coverage import loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.realization import check_constant, realization, stable_states, states_that_stay
 from mbdlft.system.conversion import positions_of
@@ -50,7 +51,6 @@ from mbdlft.system.model import System
 
 _BISECTIONS = 40  # of the margin that is reached: more than its gap ever needs
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
-_OUTSIDE = 1.0 + 1e-15  # a bound is not below 1 over what was proved, however that was rounded
 
 
 def worst_case_gain(
@@ -103,13 +103,13 @@ def worst_case_gain(
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
         if not moving and chosen.model is None:
-            return _by_multipliers(asked, chosen, "worst-case gain")
+            return _by_multipliers(asked, chosen, GAIN)
         model = chosen.model or realization(system, chosen.inputs, chosen.outputs, leave_out)
         if not moving:
-            state = last_of(asked, State(NOTHING), _gains(asked, model, chosen.names))
-            return _gain_bounds(asked, model, state)
-        constant = _gain_bounds(asked, model, _reached(model))
-        return moving_gain(asked, model, moving, constant, chosen.names)
+            state = last_of(asked, State(NOTHING), _gains(asked, model))
+            return _gain_bounds(asked, model, state, chosen.names)
+        constant = _gain_bounds(asked, model, _reached(model), chosen.names)
+        return moving_gain(asked, model, moving, constant)
 
 
 def robust_performance(
@@ -157,12 +157,10 @@ def robust_performance(
     with one_thread(), crew_of(workers, client, what) as crew:
         asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
         if chosen.model is None:
-            return _by_multipliers(asked, chosen, "robust performance")
-        search = _margins_of_performance(asked, chosen.model, chosen.names)
-        state = last_of(asked, State(NOTHING), search)
+            return _by_multipliers(asked, chosen, PERFORMANCE)
+        state = last_of(asked, State(NOTHING), _margins_of_performance(asked, chosen.model))
         reason = "" if state.is_closed(asked) else state.reason
-        kind, is_proved = "robust performance", state.lower > 0.0
-        return _with_peak(asked, chosen.model, state, kind, proved=is_proved, reason=reason)
+        return _with_peak(asked, chosen.model, state, PERFORMANCE, reason, chosen.names)
 
 
 class _Chosen(NamedTuple):
@@ -200,8 +198,8 @@ def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
     stay = states_that_stay(system, asked.leave_out, chosen.outputs)
     loop = loop_of(system, stay, (), chosen.inputs, chosen.outputs)
     inner = None
-    if kind == "worst-case gain":
-        grows = np.array([block.name == GAIN for block in loop.blocks], dtype=bool)
+    if kind == GAIN:
+        grows = np.array([block.name == GAIN_BLOCK for block in loop.blocks], dtype=bool)
         loop, inner = loop._replace(grows=grows), loop_of(system, stay)
     return by_multipliers(asked, loop, kind, chosen.names, inner)
 
@@ -210,7 +208,7 @@ def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
     return peak_at(model, k * delta).gain * gain >= 1.0
 
 
-def _gains(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
+def _gains(asked: Asked, model: Realization) -> Search[Peak]:
     """Bounds of the largest gain; `lower` is that of the best peak."""
     state = _reached(model)
     if np.isinf(state.lower):
@@ -230,9 +228,7 @@ def _gains(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
         return max(state.lower, _ZERO) * (1.0 + 0.5 * asked.gap * steps)
 
     return (
-        yield from lowered(
-            asked, state, is_open, level, partial(_bounded, asked, model, signals, polynomials)
-        )
+        yield from lowered(asked, state, is_open, level, partial(_bounded, asked, model, polynomials))
     )
 
 
@@ -247,44 +243,36 @@ def _reached(model: Realization) -> State[Peak]:
 
 
 def _bounded(
-    asked: Asked,
-    model: Realization,
-    signals: Signals,
-    polynomials: Polynomials,
-    state: State[Peak],
-    goal: float,
+    asked: Asked, model: Realization, polynomials: Polynomials, state: State[Peak], goal: float
 ) -> State[Peak]:
     """The state after an attempt to prove that no gain is above a goal."""
     is_wrong = partial(_is_above, model, 1.0, 1.0 / goal)
-    state, outcome = cut(asked, state, model, (1.0, polynomials), is_wrong, 1.0 / goal)
+    state, outcome = cut(asked, state, model, (1.0, polynomials), is_wrong, one_over(goal))
     if outcome.log is not None:
-        proof = BoxProof(1.0, outcome.log, 1.0 / goal, *signals)
-        return state._replace(proof=proof, upper=goal * _OUTSIDE)
+        return state._replace(proof=BoxProof(outcome.log), upper=goal)
     if outcome.counterexample is not None:
         peak = largest_peak(model, 1.0, (outcome.counterexample,))
         return state._replace(worst=peak, lower=peak.gain)
     return state._replace(reason=resistance(outcome, 1.0, model))
 
 
-def _gain_bounds(asked: Asked, model: Realization, state: State[Peak]) -> Bounds:
+def _gain_bounds(asked: Asked, model: Realization, state: State[Peak], signals: Signals) -> Bounds:
     is_open = not state.upper * (1.0 - asked.gap) <= state.lower or state.lower == 0.0
     reason = state.reason if is_open or np.isinf(state.lower) else ""
-    proved = bool(np.isfinite(state.upper))
-    return _with_peak(asked, model, state, "worst-case gain", proved=proved, reason=reason)
+    return _with_peak(asked, model, state, GAIN, reason, signals)
 
 
 def _with_peak(
-    asked: Asked, model: Realization, state: State[Peak], kind: str, *, proved: bool, reason: str
+    asked: Asked, model: Realization, state: State[Peak], kind: str, reason: str, signals: Signals
 ) -> Bounds:
     """The result with the best peak."""
     peak, slope = state.worst, np.zeros(0)
     if len(peak.delta) == len(model.names) and 0.0 < peak.gain < np.inf:
         slope = slope_at(model, peak)
-    worst = peak.delta, peak.frequency
-    return bounds_at(asked, state, kind, model, worst, slope, proved=proved, reason=reason)
+    return bounds_at(asked, state, kind, model, (peak.delta, peak.frequency), slope, reason, signals)
 
 
-def _margins_of_performance(asked: Asked, model: Realization, signals: Signals) -> Search[Peak]:
+def _margins_of_performance(asked: Asked, model: Realization) -> Search[Peak]:
     """Bounds of the largest k at which the gain on the box of size k is at most 1/k."""
     state: State[Peak] = State(NOTHING)
     low, high = 0.0, min(smallest_crossing(model, asked.largest).size, asked.largest)
@@ -309,7 +297,7 @@ def _margins_of_performance(asked: Asked, model: Realization, signals: Signals) 
         is_wrong, work = partial(_is_above, model, k, k), state.share(asked)
         state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, k, work)
         if outcome.log is not None:
-            return state._replace(lower=k, proof=BoxProof(k, outcome.log, k, *signals))
+            return state._replace(lower=k, proof=BoxProof(outcome.log))
         if outcome.counterexample is not None:
             return state._replace(upper=k, worst=peak_at(model, k * outcome.counterexample))
         return state

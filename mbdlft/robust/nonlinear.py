@@ -33,6 +33,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
+from mbdlft.robust.proofs import verify
 from mbdlft.robust.realization import realization, turned
 from mbdlft.robust.sector import sector_bounds, slope_bounds
 from mbdlft.system.connection import connect
@@ -111,12 +112,15 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
     proof = bounds.proof
     if not isinstance(proof, MotionProof) or bounds.kind != "robust stability":
         raise AnalysisError("safe_region: expected the bounds of robust_stability(..., rates=inf).")
-    if proof.k < 1.0 or proof.P.shape != proof.states.shape:
+    if bounds.lower < 1.0 or proof.P.shape != proof.states.shape:
         raise AnalysisError(
-            f"safe_region: the proof is for {proof.k:.4g} times the box"
-            + ("." if proof.k < 1.0 else ", with parameters in V.")
+            f"safe_region: the proof is for {bounds.lower:.4g} times the box"
+            + ("." if bounds.lower < 1.0 else ", with parameters in V.")
             + " Expected bounds.lower >= 1, with rates=inf for all parameters."
         )
+    wrong = verify(system, bounds)
+    if wrong:
+        raise AnalysisError(f"safe_region: the bounds are not proved: {wrong}")
     names = [s.name for s in system.outputs]
     rows = positions_of(list(ranges), names, "safe_region: ranges")
     signals = []

@@ -42,7 +42,7 @@ from mbdlft.robust.bisect.search import (
     last_of,
     resistance,
 )
-from mbdlft.robust.evidence import Bounds, BoxProof
+from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers
@@ -138,7 +138,7 @@ def robust_stability(
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
                 return _margin(asked, model, last_of(asked, State(NONE), _margins(asked, model)))
-        return by_multipliers(asked, loop_of(system, stay, kept), "robust stability")
+        return by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
 
 
 def _reached(asked: Asked, model: Realization) -> State[Crossing]:
@@ -159,7 +159,7 @@ def _margins(asked: Asked, model: Realization) -> Search[Crossing]:
         is_wrong, work = partial(_is_unstable, model, k), state.share(asked)
         state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, work=work)
         if outcome.log is not None:
-            return state._replace(lower=k, proof=BoxProof(k, outcome.log))
+            return state._replace(lower=k, proof=BoxProof(outcome.log))
         point = outcome.counterexample
         if point is None:
             point = outcome.open_box.center
@@ -173,8 +173,7 @@ def _margins(asked: Asked, model: Realization) -> Search[Crossing]:
 def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
     is_open, crossing = state.lower < state.upper * (1.0 - asked.gap), state.worst
     worst, reason = (crossing.delta, crossing.frequency), state.reason if is_open else ""
-    kind, is_proved = "robust stability", state.lower > 0.0
-    return bounds_at(asked, state, kind, model, worst, crossing.slope, proved=is_proved, reason=reason)
+    return bounds_at(asked, state, STABILITY, model, worst, crossing.slope, reason)
 
 
 def _is_unstable(model: Realization, k: float, delta: Array) -> bool:

@@ -47,7 +47,7 @@ from mbdlft.robust.bisect.search import (
     resistance,
     too_large,
 )
-from mbdlft.robust.evidence import Bounds, BoxProof
+from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, BoxProof, slope_of
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import check_constant, physical, realization
 from mbdlft.system.algebra import feedback
@@ -56,9 +56,9 @@ from mbdlft.system.model import System
 
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
-_INSIDE = 1.0 - 1e-15  # a damping is not above what was proved, however it was rounded
+_INSIDE = 1.0 - 1e-15  # one over a bound is not above what was proved, however it was rounded
 Function = Callable[[Array, Array, Array, Array], float]
-POLES = {"real part": "largest real part", "damping": "smallest damping"}
+POLES = {"real part": REAL_PART, "damping": DAMPING}
 _NAMES = (*POLES, "disk margin", "H2 norm")
 _STARTS = 8  # random corners from which a function is climbed
 _DIFFERENCE = 1e-6  # of delta: small beside the box, and far above rounding
@@ -73,7 +73,7 @@ class _Pole(NamedTuple):
 
 
 def _aim(kind: str) -> Aim:
-    return UNDAMPED if kind == "smallest damping" else RIGHT
+    return UNDAMPED if kind == DAMPING else RIGHT
 
 
 def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool:
@@ -152,10 +152,8 @@ def _behind(
     if aim is UNDAMPED and not -1.0 < goal < 1.0:
         why = "no damping is below -1, that of an unstable real pole"
         return state._replace(reason=why, ended=True)
-    if aim is RIGHT:
-        region = model._replace(shift=goal)
-    else:
-        region = model._replace(slope=-goal / float(np.sqrt(1.0 - goal * goal)))
+    shift, slope = (goal, 0.0) if aim is RIGHT else (0.0, slope_of(-goal))
+    region = model._replace(shift=shift, slope=slope)
     if not is_stable_at(region, np.zeros(len(model.sizes))):
         why = "the nominal poles are not proved to be left of the edge"
         return state._replace(reason=why, ended=True)
@@ -165,8 +163,7 @@ def _behind(
     is_wrong = partial(_is_beyond, model, kind, goal)
     state, outcome = cut(asked, state, region, (1.0, polynomials), is_wrong)
     if outcome.log is not None:
-        proof = BoxProof(1.0, outcome.log, shift=region.shift, slope=region.slope)
-        return state._replace(proof=proof, upper=goal)
+        return state._replace(proof=BoxProof(outcome.log), upper=goal)
     if outcome.counterexample is not None:
         state, pole = _looked(model, aim, state, outcome.counterexample)
         return _pushed(model, aim, state, outcome.counterexample, pole)
@@ -188,12 +185,8 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
     k = int(np.argmin(np.abs(moving.poles - pole)))
     slope = aim.slope(complex(moving.poles[k]), moving.gradients[k])
     if aim is UNDAMPED:
-        edge = state.proof.slope if isinstance(state.proof, BoxProof) else -np.inf
-        least = edge / float(np.hypot(1.0, edge)) if state.proof else -1.0
-        lower = least - abs(least) * (1.0 - _INSIDE)
-        state = state._replace(lower=lower, upper=-state.lower)
-    worst, is_proved = (delta, abs(pole.imag)), state.proof is not None
-    return bounds_at(asked, state, kind, model, worst, slope, proved=is_proved, reason=state.reason)
+        state = state._replace(lower=max(-state.upper, -1.0), upper=-state.lower)
+    return bounds_at(asked, state, kind, model, (delta, abs(pole.imag)), slope, state.reason)
 
 
 def worst_case(
@@ -301,7 +294,7 @@ def _inverted(progress: Progress | None) -> Progress | None:
 def _inverse(gain: Bounds) -> Bounds:
     """The disk margin of a worst-case gain."""
     lower, upper = (1.0 / value if value else np.inf for value in (gain.upper, gain.lower))
-    return replace(gain, kind="smallest disk margin", lower=lower * (1.0 - 1e-15), upper=upper)
+    return replace(gain, kind=DISK, lower=lower * _INSIDE, upper=upper)
 
 
 def _searched(
@@ -338,7 +331,6 @@ def _searched(
         worst=physical(system, model.names, best[1]),
         delta=dict(zip(model.names, best[1].tolist(), strict=True)),
         frequency=np.nan,
-        proved=False,
         sensitivity={},
         work=0.0,
         reason=UNSTABLE

@@ -116,10 +116,10 @@ def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     assert verify(system, found) == ""
     lower, upper, leaf = 3 * 0 + 2, 3 * 0 + 3, 0
     for k, log in ((0.9, (lower, leaf)), (0.9, (upper, leaf)), (0.9, (leaf,))):
-        claim = replace(found, lower=k, proof=BoxProof(k, log))
+        claim = replace(found, lower=k, proof=BoxProof(log))
         assert verify(system, claim)
     for log in ((leaf,), (lower, leaf)):  # without zeros, any model speaks for all
-        assert verify(system, replace(found, lower=0.4, proof=BoxProof(0.4, log))) == ""
+        assert verify(system, replace(found, lower=0.4, proof=BoxProof(log))) == ""
 
 
 def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bounds:
@@ -139,7 +139,7 @@ def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
     loop = loop_of(system, range(len(system.states)))
     assert isinstance(found.proof, IntervalProof)
     assert found.proof.log == (len(found.proof.intervals), 0)
-    extent = extent_of(loop, *ends_of(loop, found.proof.k))
+    extent = extent_of(loop, *ends_of(loop, found.lower))
     random = np.random.default_rng(seed)
     for interval, multipliers in zip(found.proof.intervals, found.proof.multipliers, strict=True):
         high = min(interval.high, 1e4 * max(interval.at, 1.0))
@@ -224,9 +224,8 @@ def test_a_proof_of_a_gain_is_checked() -> None:
     found = worst_case_gain(loop)
     assert verify(loop, found) == ""
     assert verify(loop, replace(found, upper=0.99 * found.upper))
-    assert isinstance(found.proof, BoxProof)
-    sharper = replace(found.proof, gain=1.0 / (0.98 * found.lower))
-    assert verify(loop, replace(found, upper=0.99 * found.lower, proof=sharper))
+    assert verify(loop, replace(found, lower=0.9 * found.lower, upper=0.99 * found.lower))
+    assert "is not reached" in verify(loop, replace(found, lower=1.0001 * found.lower))
 
 
 def random_loop_with_channels() -> mbdlft.LFTModel:
@@ -294,41 +293,33 @@ def test_robust_performance_is_between_its_bounds() -> None:
 def damaged(found: Bounds) -> list[Bounds]:
     """Bounds with proofs that are not proofs, or that say more than they prove."""
     proof = found.proof
-    more = replace(found, lower=found.upper * 1.001)
+    more = replace(found, lower=found.upper * 1.001, upper=found.upper * 1.001)
     if isinstance(proof, BoxProof):
-        wider = replace(proof, k=found.upper * 1.001)
         logs = [proof.log[:-1], (*proof.log, 0), (3 * 99 + 1, *proof.log), ()]
-        return [
-            more,
-            replace(more, proof=wider),
-            *(replace(found, proof=replace(proof, log=log)) for log in logs),
-        ]
+        return [more, *(replace(found, proof=replace(proof, log=log)) for log in logs)]
     assert isinstance(proof, IntervalProof)
-    above = proof.k * 1.05
     count, *rest = proof.log
     kept = [k for k, interval in enumerate(proof.intervals) if interval.low > 0.0]
     holes = tuple(tuple(part[k] for k in kept) for part in (proof.intervals, proof.multipliers))
     whole = proof.intervals[0]._replace(high=np.inf)
     full = tuple(m._replace(D=m.D + 1e-18) for m in proof.multipliers)
+    small = tuple(m._replace(D=m.D[:-1, :-1], G=m.G[:-1, :-1]) for m in proof.multipliers)
     larger = tuple(m._replace(beta=1.05) for m in proof.multipliers)
     named = ("log", "intervals", "multipliers")
     wrong = [
         dict(zip(named, ((len(kept), *rest), *holes), strict=True)),
         {"log": (1, 0), "intervals": (whole,), "multipliers": proof.multipliers[:1]},
         {"multipliers": full},
+        {"multipliers": small},
         {"multipliers": larger},
         {"log": (*proof.log, 0)},
         {"log": (*proof.log, 0, 0)},
         {"log": (count, 1)},
         {"log": (count, 1, 0, 0)},
         {"log": (count, 99, 0, 0, 0, 0)},
-        {"fixed": ("d0",)},
     ]
-    return [
-        more,
-        replace(found, lower=above, proof=replace(proof, k=above)),
-        *(replace(found, proof=replace(proof, **change)) for change in wrong),
-    ]
+    claims = [more, replace(found, lower=0.999 * found.upper), replace(found, fixed=("d0",))]
+    return [*claims, *(replace(found, proof=replace(proof, **change)) for change in wrong)]
 
 
 def test_no_damaged_proof_is_accepted() -> None:

@@ -30,7 +30,8 @@ def test_scenes_models_and_bounds() -> None:
     rows = cells(bounds)
     for name, value in bounds.worst.items():
         assert rows[name][1] == f"{value:.6g}"
-    assert "not proved" in replace(bounds, proved=False)._repr_html_()
+    assert "with a proof" in bounds._repr_html_()
+    assert "no proof" in replace(bounds, proof=None)._repr_html_()
 
 
 def test_texts_are_not_markup() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
-from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
 from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
 from mbdlft.show.viewer.picture import scene_picture
@@ -115,10 +115,11 @@ def test_stored_proofs_are_told(tmp_path: Path) -> None:
     found = mbdlft.worst_case_gain(model, "pivot.torque", "pivot.angle", work=2.0)
     mbdlft.save_analysis(path, model, found)
     other = mbdlft.as_system(model, name="other")
-    mbdlft.save_analysis(path, other, replace(found, proof=None, proved=False))
+    mbdlft.save_analysis(path, other, replace(found, proof=None))
     html = model_report(mbdlft.load(path, "pendulum"), path).html
-    assert f"The gain is at most {found.upper:.6g} for all values" in html
-    assert "is stored in the archive" in html
+    signals = "from pivot.torque to pivot.angle"
+    assert f"The gain {signals} is at most {found.upper:.6g} for all values" in html
+    assert "was checked when this page was made" in html
     assert ">proved<" in html
     assert "Nothing is proved." not in html
     html = model_report(mbdlft.load(path, "other"), path).html
@@ -129,25 +130,29 @@ def test_stored_proofs_are_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "words", "reached"),
     [
-        ("robust stability", "stable for all values in 1.5 times", "2.5"),
-        ("robust performance", "kept for all values in 1.5 times", "2.5"),
-        ("worst-case gain", "at most 2.5 for all values", "1.5"),
-        ("largest real part", "above 2.5 rad/s", "1.5"),
-        ("smallest damping", "damped less than 1.5,", "2.5"),
-        ("smallest disk margin", "at least 1.5 for all values", "2.5"),
-        ("worst-case H2 norm", "from 1.5 to 2.5", "1.5"),
+        ("robust stability", "stable for all values in 1.5 times the ranges", 2.5),
+        ("robust performance", "the gain from u to y is at most 1/1.5 for all values in 1.5 times", 2.5),
+        ("worst-case gain", "the gain from u to y is at most 2.5 for all values in the ranges", 1.5),
+        ("largest real part", "no pole has a real part above 2.5 rad/s for all values", 1.5),
+        ("smallest damping", "no pole is damped less than 1.5 for all values", 2.5),
+        ("smallest disk margin", "the disk margin from u to y is at least 1.5 for all values", 2.5),
     ],
 )
-def test_the_proved_end_is_told_and_the_reached_one(kind: str, words: str, reached: str) -> None:
-    bounds = Bounds(kind, 1.5, 2.5, {"m": 2.0}, {"m": 0.0}, 3.0, True, {}, 0.0)
-    system = model_of("pendulum")
-    (told,) = worst_cases([("a", system, bounds)])
-    assert words in told.sentences[0]
-    assert f"Reached: {reached}, at 3 rad/s" in told.sentences[1]
-    (moving,) = worst_cases([("a", system, replace(bounds, rates={"m": 0.5}))])
-    assert "m 0.5 per second" in moving.sentences[0]
-    (open_,) = worst_cases([("a", system, replace(bounds, proved=False))])
-    assert open_.sentences[0] == "Nothing is proved."
+def test_a_claim_is_told_and_believed_by_no_report(kind: str, words: str, reached: float) -> None:
+    bounds = Bounds(
+        kind, 1.5, 2.5, {"m": 2.0}, {"m": 0.0}, 3.0, {}, 0.0,
+        proof=BoxProof((0,)), inputs=("u",), outputs=("y",),
+    )  # fmt: skip
+    assert str(bounds.claim).startswith(words)
+    assert bounds.reached == reached
+    assert "m 0.5 per second" in str(replace(bounds, rates={"m": 0.5}).claim)
+    named = {"inputs": ("pivot.torque",), "outputs": ("pivot.angle",)} if "from" in words else {}
+    forged = replace(bounds, **{"inputs": (), "outputs": (), **named})
+    (told,) = worst_cases([("a", model_of("pendulum"), forged)])
+    assert not told.proved
+    assert told.sentences[0] == "Nothing is proved."
+    assert told.sentences[1].startswith("The proof that is stored is none: ")
+    assert f"Reached: {reached:g}, at 3 rad/s" in told.sentences[2]
 
 
 def test_models_with_little_to_tell() -> None:

@@ -73,19 +73,24 @@ def test_poles_of_the_arm() -> None:
 
 
 def damaged(found: Bounds) -> list[Bounds]:
-    """Claims of more than is proved."""
+    """Claims of more than is proved, or of another kind, and worst cases that are none."""
     proof = found.proof
     assert isinstance(proof, BoxProof)
-    better = replace(found, lower=found.upper * 1.01, upper=found.lower - abs(found.lower))
-    edge = {"shift": proof.shift * 1.02} if proof.shift else {"slope": proof.slope * 1.02}
+    width = found.upper - found.lower
+    is_real = found.kind == "largest real part"
+    sharper = {"upper": found.lower + 0.5 * width} if is_real else {"lower": found.lower + 0.5 * width}
+    off = {"lower": found.lower - width} if is_real else {"upper": found.upper + width}
+    nominal = {name: 0.0 for name in found.delta}
     return [
-        better,
-        replace(found, kind="robust stability", lower=1.0),
-        replace(better, proof=replace(proof, **edge)),
-        replace(found, proof=replace(proof, k=0.5)),
-        replace(found, proof=replace(proof, shift=0.0, slope=0.0)),
+        replace(found, **sharper),
+        replace(found, **off),
+        replace(found, kind="robust stability", lower=1.0, upper=2.0),
+        replace(found, kind="worst-case gain", lower=0.0),
         replace(found, proof=replace(proof, log=proof.log[:-1])),
-        replace(better, proof=replace(proof, shift=-1e3)),
+        replace(found, delta={name: 2.0 * delta for name, delta in found.delta.items()}),
+        replace(found, delta=nominal),
+        replace(found, worst={name: 1.0001 * value for name, value in found.worst.items()}),
+        replace(found, delta={}, worst={}),
     ]
 
 

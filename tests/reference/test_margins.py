@@ -86,8 +86,8 @@ def test_transport_aircraft_is_closed() -> None:
     assert found.lower >= 5.42812 * (1.0 - 1e-4)
     assert found.proof is not None
     model = realization(system)
-    again = polynomials(model, found.proof.k)
-    assert replayed(model, found.proof.k, again, found.proof.log)
+    again = polynomials(model, found.lower)
+    assert replayed(model, found.lower, again, found.proof.log)
 
 
 def test_transport_aircraft_at_frequencies() -> None:

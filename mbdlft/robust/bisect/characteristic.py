@@ -126,16 +126,16 @@ def polynomials(model: Realization, k: float) -> Polynomials:
 
 def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
     """Whether all poles at these deltas are proved to lie in the region."""
-    return _is_proved(lambda: _straightened(_at(model, delta), model.slope))
+    return verdict_of(lambda: straightened(_at(model, delta), model.slope)) is True
 
 
 def is_hurwitz(A: Array) -> bool:
     """Whether all eigenvalues of a matrix are proved to have negative real parts."""
-    return _is_proved(lambda: list(_matrix(A).charpoly().coeffs()))
+    return verdict_of(lambda: list(_matrix(A).charpoly().coeffs())) is True
 
 
-def _is_proved(coefficients: Callable[[], list[Any] | None]) -> bool:
-    """Whether a polynomial is Hurwitz, by Routh's scheme with as many bits as that needs."""
+def verdict_of(coefficients: Callable[[], list[Any] | None]) -> bool | None:
+    """Whether a polynomial is Hurwitz, by Routh's scheme; None if too many bits would be needed."""
     bits = _BITS
     while bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
@@ -143,7 +143,13 @@ def _is_proved(coefficients: Callable[[], list[Any] | None]) -> bool:
         if verdict is not None:
             return verdict
         bits *= 2
-    return False
+    return None
+
+
+def is_root_near(coefficients: list[Any], s: complex, distance: float) -> bool:
+    """Whether a polynomial has a root so near to s: one is within n |p/p'| (Laguerre)."""
+    p = flint.acb_poly(coefficients)
+    return bool(abs(p(flint.acb(s))) * p.degree() < abs(p.derivative()(flint.acb(s))) * distance)
 
 
 def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:
@@ -156,7 +162,7 @@ def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:
     return np.array(powers, dtype=np.complex128), 8.0 * _EPS
 
 
-def _straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | None:
+def straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | None:
     """Coefficients of a real polynomial that is Hurwitz if the zeros of p are left of the two edges.
 
     With s = (1 + j slope) u the edge becomes the axis of u; the other one comes with the conjugate.

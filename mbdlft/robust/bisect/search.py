@@ -43,6 +43,7 @@ _DEAR = 20.0  # units of work: above this a polynomial costs more than multiplie
 
 Progress = Callable[[float, float], None]
 Signals = tuple[tuple[str, ...], tuple[str, ...]]  # names of the inputs and outputs of a gain
+NO_SIGNALS: Signals = ((), ())
 Worst = TypeVar("Worst")
 
 
@@ -247,9 +248,8 @@ def bounds_of(
     kind: str,
     worst: tuple[Mapping[str, Any], float],
     changes: Array,
-    *,
-    proved: bool,
     reason: str,
+    signals: Signals = NO_SIGNALS,
 ) -> Bounds:
     """The result with deltas of blocks and frequency of the worst case, and parts of its change."""
     system, (delta, frequency) = asked.system, worst
@@ -262,12 +262,13 @@ def bounds_of(
         physical(system, names, values) if names else {},
         delta,
         frequency,
-        proved,
         shares(list(delta), changes) if delta and np.any(changes) else {},
         state.used,
         reason,
         state.proof,
         asked.leave_out,
+        inputs=signals[0],
+        outputs=signals[1],
     )
 
 
@@ -278,9 +279,8 @@ def bounds_at(
     model: Realization,
     worst: tuple[Array, float],
     slope: Array,
-    *,
-    proved: bool,
     reason: str,
+    signals: Signals = NO_SIGNALS,
 ) -> Bounds:
     """The result with deltas, frequency and slope of the worst case, as far as these are known."""
     delta, frequency = worst
@@ -288,7 +288,7 @@ def bounds_at(
     by_name = dict(zip(model.names, delta.tolist(), strict=True)) if is_known else {}
     has_slope = len(slope) == len(delta) and bool(np.all(np.isfinite(slope)))
     changes = delta * slope if has_slope else np.zeros(len(delta))
-    return bounds_of(asked, state, kind, (by_name, frequency), changes, proved=proved, reason=reason)
+    return bounds_of(asked, state, kind, (by_name, frequency), changes, reason, signals)
 
 
 def cost_of(model: Realization) -> float:

@@ -96,6 +96,12 @@ def growth(model: Realization, rates: Array, period: float, deltas: Array, fine:
         return total + float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
 
 
+def growth_of(model: Realization, rates: Array, period: float, deltas: Array) -> float:
+    """As `growth`, with finer steps if a rate is bounded."""
+    fine = 1 if np.all(np.isinf(rates) | (rates == 0.0)) else _FINE
+    return growth(model, rates, period, deltas, fine)
+
+
 def _points(deltas: Array, rates: Array, fine: int) -> Array:
     """Deltas at the middles of finer steps."""
     if fine == 1:
@@ -205,10 +211,7 @@ def _best(slope: Array, size: float, step: float) -> Array:
 
 def _on_ray(model: Realization, rates: Array, period: float, deltas: Array) -> Motion:
     """The part of a motion that just does not fall; `NONE` if the whole falls."""
-    fine = 1 if np.all(np.isinf(rates) | (rates == 0.0)) else _FINE
-    if not growth(model, rates, period, deltas, fine) >= 0.0:
+    if not growth_of(model, rates, period, deltas) >= 0.0:
         return NONE
-    high = bisected(
-        lambda t: growth(model, rates, period, t * deltas, fine) >= 0.0, 0.0, 1.0, _BISECTIONS
-    )
+    high = bisected(lambda t: growth_of(model, rates, period, t * deltas) >= 0.0, 0.0, 1.0, _BISECTIONS)
     return Motion(high * float(np.max(np.abs(deltas))), period, high * deltas)

@@ -16,7 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.search import Asked, Search, Signals, State, last_of
+from mbdlft.robust.bisect.search import Asked, Search, State, last_of
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
 from mbdlft.robust.moving.variation import (
@@ -99,7 +99,6 @@ class _Question(NamedTuple):
     model: Realization
     rates: Mapping[str, float]  # bounds by name
     constant: Bounds  # for constant parameters
-    signals: Signals = ((), ())
 
     def proof_of(self, k: float, gain: float = 0.0) -> tuple[MotionProof | None, float]:
         """A proof for deltas in [-k, k], None if none is found; and units of work."""
@@ -113,8 +112,7 @@ class _Question(NamedTuple):
         P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
         if not is_negative(form, sizes, gain, states, P, X, Y):
             return None, cost_of(form)
-        proof = MotionProof(k, P, X, Y, states, channels, time, gain, *self.signals)
-        return proof, cost_of(form)
+        return MotionProof(P, X, Y, states, channels, time), cost_of(form)
 
     def least(self, gain: float) -> tuple[float, float]:
         """Nearly the least gain that can be proved, of the size of a gain, inf if none; units of work."""
@@ -161,7 +159,6 @@ class _Question(NamedTuple):
             self.constant,
             lower=state.lower,
             upper=state.upper,
-            proved=state.proof is not None,
             proof=state.proof,
             work=self.constant.work + state.used,
             reason=(why or "no more is proved by a quadratic form of this kind") if is_open else "",
@@ -236,11 +233,9 @@ def _margins(question: _Question) -> Search[Motion]:
     return state
 
 
-def moving_gain(
-    asked: Asked, model: Realization, rates: Mapping[str, float], constant: Bounds, signals: Signals
-) -> Bounds:
+def moving_gain(asked: Asked, model: Realization, rates: Mapping[str, float], constant: Bounds) -> Bounds:
     """Bounds of the energy gain of parameters that move in the box, given those of constant ones."""
-    question = _Question(asked, model, rates, constant, signals)
+    question = _Question(asked, model, rates, constant)
     state = last_of(asked, State(NONE, constant.lower), _gains(question))
     is_open = isinf(state.lower) or not state.upper * (1.0 - asked.gap) <= state.lower
     return question.bounds(state, is_open=is_open)
@@ -278,24 +273,29 @@ def _gains(question: _Question) -> Search[Motion]:
         if proof is None:
             low, factor = goal, max(factor * factor, _FACTOR)
         else:
-            state = state._replace(proof=proof, upper=goal * _OUTSIDE)
+            state = state._replace(proof=proof, upper=goal)
         yield state
     return state
 
 
-def checked(system: System, model: Realization, rates: Mapping[str, float], proof: MotionProof) -> str:
-    """What is wrong with a proof for parameters that move; empty if it is one."""
+def checked(
+    system: System,
+    model: Realization,
+    rates: Mapping[str, float],
+    k: float,
+    gain: float,
+    proof: MotionProof,
+) -> str:
+    """What is wrong with a proof for deltas in [-k, k] that move; empty if it is one."""
     for powers, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
         if powers.shape != (size,) or not np.all(np.frexp(powers)[0] == 0.5):
             return "its scales are not powers of two for each channel"
     if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
         return "its states are not those of the system"
-    scaled_model = scaled(model, proof.channels, proof.time)
-    bounds = delta_rates(system, model.names, rates, proof.k) / proof.time
-    form = form_of(scaled_model, bounds)
+    bounds = delta_rates(system, model.names, rates, k) / proof.time
+    form = form_of(scaled(model, proof.channels, proof.time), bounds)
     if not is_structured(form, proof.P, proof.X, proof.Y):
         return "its matrices are not of the structure of Delta"
-    matrices = proof.states, proof.P, proof.X, proof.Y
-    if not is_negative(form, sizes_of(form, proof.k, bounds), proof.gain, *matrices):
-        return f"its form is not negative for {proof.k:g} times the box"
+    if not is_negative(form, sizes_of(form, k, bounds), gain, proof.states, proof.P, proof.X, proof.Y):
+        return f"its form is not negative for {k:g} times the box"
     return ""

@@ -182,25 +182,21 @@ def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array]
     return (low, below), (above, high)
 
 
-def proof_of(loop: Loop, k: float, parts: Sequence[tuple[Cover, int]], signals: Signals) -> IntervalProof:
+def proof_of(loop: Loop, parts: Sequence[tuple[Cover, int]]) -> IntervalProof:
     """The proof of covers of parts, and the blocks that these are cut along, depth first."""
-    fixed = [b.name for b, grows in zip(loop.blocks, loop.grows, strict=True) if not grows]
     return IntervalProof(
-        k,
         tuple(number for cover, axis in parts for number in (len(cover.intervals), axis + 1)),
         tuple(interval for cover, _ in parts for interval in cover.intervals),
         tuple(scaled(pair, 1.0 / loop.scale) for cover, _ in parts for pair in cover.multipliers),
-        tuple(fixed),
-        *signals,
     )
 
 
-def wrong_in(loop: Loop, proof: IntervalProof) -> str:
-    """What is wrong with a proof; empty if it is one. Nothing is searched."""
+def wrong_in(loop: Loop, k: float, proof: IntervalProof) -> str:
+    """What is wrong with a proof for blocks of size k; empty if it is one. Nothing is searched."""
     if len(proof.log) % 2 or len(proof.intervals) != len(proof.multipliers):
         return "the list of parts is not whole"
     known: tuple[Interval, ...] = ()
-    waiting, used = [(*ends_of(loop, proof.k), known)], 0
+    waiting, used = [(*ends_of(loop, k), known)], 0
     for count, cut in zip(proof.log[::2], proof.log[1::2], strict=True):
         if not waiting or count < 0 or used + count > len(proof.intervals):
             return "the list of parts is not whole"
@@ -272,7 +268,7 @@ def by_multipliers(
 
 def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
     """Sizes of the blocks that grow: `lower` and `upper` are sizes, also of a gain."""
-    asked, loop, signals = question.asked, question.loop, question.signals
+    asked, loop = question.asked, question.loop
     if question.is_gain and question.inner is not None and question.inner.blocks:
         state = _with_fixed_blocks(question, question.inner, state)
         if state.upper == 0.0:
@@ -284,7 +280,7 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
         cover = shrunk(loop, most, asked.gap, state.left(asked))
     state = state._replace(used=state.used + cover.work)
     if not cover.todo:
-        proof = proof_of(loop, cover.k, [(cover, -1)], signals)
+        proof = proof_of(loop, [(cover, -1)])
         state = state._replace(lower=cover.k * _INSIDE, proof=proof)
         yield state
     if not _follows_poles(loop) and not state.is_closed(asked) and np.isfinite(cover.peak):
@@ -355,7 +351,7 @@ def _tried(question: _Question, cover: Cover, state: State[Reached], k: float) -
         outcome = attempt(loop, k, work, cover, reach, state, asked.crew)
     before, state = state.upper, outcome.state._replace(used=outcome.state.used + outcome.work)
     if outcome.parts is not None:
-        proof = proof_of(loop, k, outcome.parts, question.signals)
+        proof = proof_of(loop, outcome.parts)
         return state._replace(lower=k * _INSIDE, proof=proof)
     if not state.upper < before:
         return state._replace(reason=_resistance(question, outcome, k))
@@ -404,9 +400,8 @@ def _answer(question: _Question, state: State[Reached]) -> Bounds:
         delta.pop(GAIN, None)
         by_block = changes(loop, small)[: len(delta)] if small.bound else np.zeros(0)
     is_open = not state.is_closed(asked) or not state.upper or np.isinf(state.upper)
-    why, is_proved = _why(loop, state.reason) if is_open else "", state.lower > 0.0
-    worst, kind = (delta, frequency), question.kind
-    bounds = bounds_of(asked, state, kind, worst, by_block, proved=is_proved, reason=why)
+    why, worst = _why(loop, state.reason) if is_open else "", (delta, frequency)
+    bounds = bounds_of(asked, state, question.kind, worst, by_block, why, question.signals)
     if question.is_gain:
         lower, upper = _turned(state)
         return replace(bounds, lower=lower, upper=upper)

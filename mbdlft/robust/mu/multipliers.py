@@ -117,6 +117,9 @@ def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
 def fits(multipliers: Multipliers, blocks: Sequence[Block]) -> bool:
     """Whether D and G have the structure of the blocks, exactly: then F < 0 says something about mu."""
     D, G, start = multipliers.D, multipliers.G, 0
+    size = sum(max(block.inputs, block.outputs) for block in blocks)
+    if D.shape != (size, size) or G.shape != D.shape:
+        return False
     if not all(np.array_equal(X, X.conj().T) and np.all(np.isfinite(X)) for X in (D, G)):
         return False
     outside = np.array([D, G])
@@ -130,7 +133,7 @@ def fits(multipliers: Multipliers, blocks: Sequence[Block]) -> bool:
             return False
         outside[:, block_rows, block_rows] = 0.0
         start += size
-    return start == len(D) and not np.any(outside)
+    return not np.any(outside)
 
 
 def squared(M: Complex, structure: Structure) -> Complex:

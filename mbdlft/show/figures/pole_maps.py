@@ -20,6 +20,7 @@ from mbdlft.response.modes import poles
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.mu.singular_value import mu_bands
+from mbdlft.robust.proofs import verify
 from mbdlft.robust.worst import worst_case
 from mbdlft.show.figures.figures import (
     COLORS,
@@ -175,7 +176,7 @@ def save_growth(
     axes.step(scales, reached, ".-", where="post", color=COLORS[1], linewidth=1.0, label="reached")
     if margin is not None:
         for value, style, label in (
-            (margin.lower, "--", f"margin, proved: {margin.lower:.4g}"),
+            (margin.lower, "--", f"margin, {_word(model, margin)}: {margin.lower:.4g}"),
             (margin.upper, ":", f"margin, worst case: {margin.upper:.4g}"),
         ):
             if np.isfinite(value):
@@ -196,6 +197,10 @@ def _scaled(model: System, size: float) -> System:
     scaled = LFT(size * lft.M11, size * lft.M12, lft.M21, lft.M22, lft.blocks)
     name = f"{model.name}, {size:.4g} times the box"
     return System(name, scaled, model.states, model.inputs, model.outputs, model.parameters)
+
+
+def _word(model: System, margin: Bounds) -> str:
+    return "not proved" if verify(model, margin) else "proved"
 
 
 def _finite(values: Sequence[float] | Array) -> Array:
@@ -246,7 +251,7 @@ def save_mu(
             label="reached at one frequency",
         )  # fmt: skip
     if margin is not None and margin.lower > 0.0:
-        label = f"proved for all: {1.0 / margin.lower:.4g}, margin {margin.lower:.4g}"
+        label = f"{_word(model, margin)} for all: {1.0 / margin.lower:.4g}, margin {margin.lower:.4g}"
         axes.axhline(1.0 / margin.lower, color=WORST, linestyle="--", linewidth=1.0, label=label)
     if margin is not None and np.isfinite(margin.upper) and margin.upper > 0.0:
         label = f"worst case: {1.0 / margin.upper:.4g} at {margin.frequency:.4g} rad/s"

@@ -14,6 +14,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.samples import corners, random
 from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.proofs import verify
 from mbdlft.robust.stability import check_stability
 from mbdlft.system.model import Certificate, LFTModel, System
 from mbdlft.system.sampled import trim_at
@@ -26,15 +27,6 @@ _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix beg
 _MOST_CORNERS = 10  # parameters, whose corners are tried
 _SAMPLES = 300  # of the trim, as many as figures have
 _ROUNDING = 1e-12  # of the largest value: what is less is rounding and shown as 0
-_PROVED = {
-    "robust stability": "It is stable for all values in {low} times the declared ranges{how}.",
-    "robust performance": "The performance is kept for all values in {low} times the ranges{how}.",
-    "worst-case gain": "The gain is at most {high} for all values in the ranges{how}.",
-    "largest real part": "No pole has a real part above {high} rad/s, for all values in the ranges{how}.",
-    "smallest damping": "No pole is damped less than {low}, for all values in the ranges{how}.",
-    "smallest disk margin": "The disk margin is at least {low} for all values in the ranges{how}.",
-}
-_FROM_ABOVE = ("worst-case gain", "largest real part")  # others prove `lower`
 _KINDS = {
     "BoxProof": "boxes of values",
     "IntervalProof": "intervals of frequency",
@@ -333,7 +325,8 @@ def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, 
             )
             for parameter, value in bounds.worst.items()
         )
-        worst.append(Worst(name, bounds.proved, tuple(_said(bounds)), rows))
+        wrong = verify(system, bounds)
+        worst.append(Worst(name, not wrong, tuple(_said(bounds, wrong)), rows))
     return tuple(worst)
 
 
@@ -341,34 +334,24 @@ def _delta(value: object) -> str:
     return f"{value:.4f}" if isinstance(value, float | int | complex) else "a matrix"
 
 
-def _said(bounds: Bounds) -> list[str]:
-    """Sentences on one analysis."""
-    low, high = short(bounds.lower), short(bounds.upper)
-    moving = ", ".join(f"{name} {short(rate)}" for name, rate in bounds.rates.items())
-    how = f", also while parameters move at rates up to {moving} per second" if moving else ""
-    from_above = bounds.kind in _FROM_ABOVE or bounds.kind not in _PROVED
-    sentence = _PROVED.get(bounds.kind, f"{bounds.kind}: from {{low}} to {{high}}{{how}}.")
-    said = ["Nothing is proved."]
-    if bounds.proved:
-        said = [sentence.format(low=low, high=high, how=how)]
-    reached = bounds.lower if from_above else bounds.upper
-    infinite = from_above and not bounds.proved and math.isinf(reached)
+def _said(bounds: Bounds, wrong: str) -> list[str]:
+    """Sentences on one analysis, in whose proof something is wrong, or nothing."""
+    claim = str(bounds.claim)
+    reached, infinite = bounds.reached, bounds.is_from_above and math.isinf(bounds.reached)
+    said = ["Nothing is proved." if wrong else f"{claim[0].upper()}{claim[1:]}: proved."]
     if infinite:
         said = ["It is infinite: there is no bound to prove."]
+    elif wrong and bounds.proof is not None:
+        said.append(f"The proof that is stored is none: {wrong.rstrip('.')}.")
     if bounds.worst and math.isfinite(reached):
         said.append(f"Reached: {short(reached)}, at {short(bounds.frequency)} rad/s, at these values.")
     if bounds.motion is not None:
-        said.append(f"A motion of {high} times the ranges that does not come to rest is stored.")
+        said.append(
+            f"A motion of {short(reached)} times the ranges that does not come to rest is stored."
+        )
     if bounds.reason:
         said.append(f"{'Why' if infinite else 'Why not more'}: {bounds.reason.rstrip('.')}.")
-    if bounds.leave_out:
-        said.append(f"States that do not count: {', '.join(bounds.leave_out)}.")
-    if bounds.proof is not None:
+    if not wrong:
         kind = _KINDS[type(bounds.proof).__name__]
-        said.append(
-            f"The proof, by {kind}, is stored in the archive; mbdlft verify checks it again without a "
-            "search."
-        )
-    elif bounds.proved:
-        said.append("The proof is not stored.")
+        said.append(f"The proof, by {kind}, is stored, and was checked when this page was made.")
     return said

@@ -1,0 +1,250 @@
+"""Analyses of all kinds, and changes of them that a check has to see."""
+
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import mbdlft
+from mbdlft import Bounds, ComplexBlock, Parameter, System, realize
+from mbdlft.base.array import Array
+from mbdlft.lft.lft import LFT
+from mbdlft.robust.evidence import SENTENCES, BoxProof, Interval, IntervalProof, MotionProof, Multipliers
+
+UNCLAIMED = ("sensitivity", "work", "reason")  # what is said beside a claim, and nothing rests on
+_FACTORS = (0.0, -1.0, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 1e3, 1e-3, 1e300, np.nan, np.inf)
+KINDS = (
+    *("margin", "fixed", "moving", "slow", "mixed", "gain", "gain of one", "moving gain", "mixed gain"),
+    *("performance", "real part", "damping", "disk margin"),
+)
+
+
+def cart() -> System:
+    """A mass on a spring."""
+    own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
+    matrix = [
+        ["0", "1", "0", "0"],
+        ["-k/m", "-1.4/m", "1/m", "k"],
+        ["1", "0", "0", "0"],
+        ["0", "m", "0", "0.1"],
+    ]
+    return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"], name="cart")
+
+
+def with_error(system: System) -> System:
+    """The system from f to x with an uncertain gain of 0.3 in its input."""
+    part: Any = system["x", "f"]
+    one = np.ones((1, 1))
+    lft = LFT(0.0 * one, one, 0.3 * one, one, (ComplexBlock("e", 1),))
+    error = System("error", lft, (), part.inputs, part.inputs, mbdlft.Parameters(()))
+    return mbdlft.series(error, part)
+
+
+@cache
+def analyses() -> dict[str, tuple[System, Bounds]]:
+    """One of each kind, with its system."""
+    plant = cart()
+    mixed, weighted = with_error(plant), 0.2 * plant
+    found = {
+        "margin": (plant, mbdlft.robust_stability(plant)),
+        "fixed": (plant, mbdlft.robust_stability(plant, fixed=["m"], gap=0.05)),
+        "moving": (plant, mbdlft.robust_stability(plant, rates={"k": np.inf}, gap=0.3, work=3.0)),
+        "slow": (plant, mbdlft.robust_stability(plant, rates={"k": 0.5}, gap=0.3, work=3.0)),
+        "mixed": (mixed, mbdlft.robust_stability(mbdlft.feedback(mixed, np.ones((1, 1))), gap=0.1)),
+        "gain": (plant, mbdlft.worst_case_gain(plant, gap=0.05)),
+        "gain of one": (plant, mbdlft.worst_case_gain(plant, "f", "x", gap=0.05)),
+        "moving gain": (plant, mbdlft.worst_case_gain(plant, "f", "x", rates={"k": np.inf}, gap=0.3)),
+        "mixed gain": (mixed, mbdlft.worst_case_gain(mixed, gap=0.1)),
+        "performance": (weighted, mbdlft.robust_performance(weighted, gap=0.1)),
+    }
+    found["mixed"] = (mbdlft.as_system(mbdlft.feedback(mixed, np.ones((1, 1)))), found["mixed"][1])
+    for what in ("real part", "damping", "disk margin"):
+        one: System = plant["x", "f"] if what == "disk margin" else plant
+        found[what] = (one, mbdlft.worst_case(one, what, gap=0.05))
+    return found
+
+
+def changed(bounds: Bounds, random: np.random.Generator) -> tuple[Bounds, str]:
+    """The analysis with one field changed, of its proof half of the times; and which."""
+    proof: Any = bounds.proof
+    names = [field.name for field in fields(Bounds) if field.name not in (*UNCLAIMED, "proof")]
+    inner = [field.name for field in fields(proof)]
+    if random.uniform() < 0.5:
+        name = str(random.choice(inner))
+        new = replace(proof, **{name: _other(name, getattr(proof, name), random)})
+        return replace(bounds, proof=new), f"proof.{name}"
+    name = str(random.choice(names))
+    return replace(bounds, **{name: _other(name, getattr(bounds, name), random)}), name
+
+
+def _other(name: str, value: Any, random: np.random.Generator) -> Any:
+    """Another value of a field of its kind."""
+    if name == "kind":
+        return str(random.choice([kind for kind in SENTENCES if kind != value]))
+    if name == "log":
+        return _log(value, random)
+    if name == "rates":
+        return random.choice([{}, {"k": np.inf, "m": np.inf}, {"m": 0.1}, {"k": 1e-3}])  # type: ignore[arg-type]
+    if name in ("inputs", "outputs", "fixed", "leave_out"):
+        known = {"inputs": ("f", "g"), "outputs": ("x", "v"), "fixed": ("k", "m", "e")}
+        pool = known.get(name, ("x1", "x2", "x3"))
+        return tuple(str(word) for word in random.permutation(pool)[: random.integers(0, 3)])
+    if isinstance(value, float):
+        return value * float(random.choice(_FACTORS))
+    if isinstance(value, dict):
+        return _mapping(value, random)
+    if isinstance(value, np.ndarray):
+        return _array(value, random)
+    if name == "intervals":
+        return _item(value, lambda i: Interval(*_array(np.array(i), random).tolist()), random)
+    if name == "multipliers":
+        return _item(value, lambda m: _multipliers(m, random), random)
+    return np.ones((4, 3)) if value is None else value
+
+
+def _log(log: tuple[int, ...], random: np.random.Generator) -> tuple[int, ...]:
+    way, k = random.integers(0, 4), int(random.integers(0, max(1, len(log))))
+    if way == 0:
+        return log[:k]
+    if way == 1:
+        return (*log[:k], int(random.integers(0, 10)), *log[k:])
+    if way == 2:
+        return (0,)
+    return tuple(x + int(random.choice([-1, 1, 3])) * (i == k) for i, x in enumerate(log))
+
+
+def _mapping(values: dict[str, Any], random: np.random.Generator) -> dict[str, Any]:
+    if not values or random.uniform() < 0.2:
+        return {} if values else {"k": 1.0}
+    name = str(random.choice(list(values)))
+    factor = float(random.choice(_FACTORS))
+    with np.errstate(all="ignore"):
+        return {**values, name: values[name] * factor}
+
+
+def _array(array: Array, random: np.random.Generator) -> Array:
+    """An array with one entry changed, or one row less."""
+    other = array.copy()
+    if len(array) and random.uniform() < 0.2:
+        return other[:-1] if array.ndim == 2 else other * 2.0
+    if other.size:
+        with np.errstate(all="ignore"):
+            other.flat[random.integers(0, other.size)] *= float(random.choice(_FACTORS))
+    return other
+
+
+def _multipliers(multipliers: Multipliers, random: np.random.Generator) -> Multipliers:
+    """Other ones: a matrix with an entry and its conjugate changed, or one row and column less."""
+    name = str(random.choice(["D", "G"]))
+    matrix = getattr(multipliers, name).copy()
+    if random.uniform() < 0.2:
+        return multipliers._replace(D=multipliers.D[:-1, :-1], G=multipliers.G[:-1, :-1])
+    if random.uniform() < 0.1:
+        return multipliers._replace(beta=float(random.choice(_FACTORS)))
+    i, j = random.integers(0, len(matrix), 2)
+    with np.errstate(all="ignore"):
+        matrix[i, j] *= float(random.choice(_FACTORS))
+    matrix[j, i] = np.conj(matrix[i, j])
+    return multipliers._replace(**{name: matrix})
+
+
+def _item(items: tuple[Any, ...], change: Any, random: np.random.Generator) -> tuple[Any, ...]:
+    k = int(random.integers(0, len(items)))
+    if random.uniform() < 0.2:
+        return items[:k] + items[k + 1 :]
+    return (*items[:k], change(items[k]), *items[k + 1 :])
+
+
+def is_true(system: System, other: Bounds, fresh: Bounds) -> bool:
+    """Whether an accepted claim is true: beside a fresh run, or at samples of the box."""
+    claim, before = other.claim, fresh.claim
+    same = replace(claim, bound=0.0) == replace(before, bound=0.0)
+    if same:
+        is_weaker = claim.bound >= before.bound if fresh.is_from_above else claim.bound <= before.bound
+        return is_weaker or fresh.lower <= claim.bound <= fresh.upper
+    return _at_samples(system, other)
+
+
+def _at_samples(system: System, bounds: Bounds) -> bool:
+    """Whether no sample of the box passes the bound; parameters are constant there."""
+    claim, random = bounds.claim, np.random.default_rng(0)
+    names = system.parameters.names
+    size = claim.size
+    deltas = random.uniform(-1.0, 1.0, (400, len(names)))
+    deltas[:200] = np.sign(deltas[:200])
+    scale = np.array([1.0 if name in claim.fixed else size for name in names])
+    values = {p.name: _physical(p, scale[k] * deltas[:, k]) for k, p in enumerate(system.parameters)}
+    part: Any = system[list(claim.outputs), list(claim.inputs)] if claim.outputs else system
+    A, B, C, D = mbdlft.matrices_at(part, values)
+    poles = np.linalg.eigvals(A)
+    if claim.kind == "largest real part":
+        return bool(np.max(poles.real) <= claim.bound)
+    if claim.kind == "smallest damping":
+        return bool(np.min(-poles.real / np.abs(poles)) >= claim.bound)
+    if np.max(poles.real) >= 0.0:
+        return False
+    if claim.kind == "robust stability":
+        return True
+    s = 1j * np.geomspace(1e-2, 1e2, 400)[None, :, None, None]
+    eye = np.eye(A.shape[1])
+    G = C[:, None] @ np.linalg.solve(s * eye - A[:, None], B[:, None] + 0j) + D[:, None]
+    if claim.kind == "smallest disk margin":
+        one = np.eye(G.shape[-1])
+        G = 0.5 * one - G @ np.linalg.inv(one + G)
+    gain = float(np.max(np.linalg.svd(G, compute_uv=False)))
+    return gain * claim.gain <= 1.0 + 1e-9
+
+
+def _physical(p: Parameter, deltas: Array) -> Array:
+    from mbdlft.base.parameter import to_physical
+
+    return np.array([to_physical(p, delta) for delta in deltas])
+
+
+def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
+    """Analyses that claim what is not proved, by name; none may be accepted."""
+    better = 0.5 * (bounds.lower + bounds.upper)
+    is_closed = bounds.is_from_above
+    for step in (1e-3, 0.5, 1.0, 10.0):
+        width = bounds.upper - bounds.lower
+        if is_closed:
+            yield f"upper {step}", replace(bounds, upper=bounds.lower - step * abs(width))
+        else:
+            yield f"lower {step}", replace(bounds, lower=bounds.upper + step * abs(width))
+    yield "lower above upper", replace(bounds, lower=bounds.upper * 1.1 + 1.0)
+    yield "not a number", replace(bounds, lower=np.nan)
+    yield "no proof", replace(bounds, proof=None)
+    yield "no signals, or some", replace(bounds, inputs=() if bounds.inputs else ("f",), outputs=())
+    for kind in SENTENCES:
+        if kind != bounds.kind:
+            size = 1e-3 if kind == "worst-case gain" else 1e3
+            yield (
+                kind,
+                replace(bounds, kind=kind, lower=0.1 * size * abs(better), upper=size * abs(better)),
+            )
+    if bounds.delta and bounds.motion is None:
+        zero = {name: 0.0 * np.asarray(d) for name, d in bounds.delta.items()}
+        nominal = {name: x[()] if x.ndim == 0 else x for name, x in zero.items()}
+        yield "the worst case is nominal", replace(bounds, delta=nominal)
+        wide = {name: 3.0 * d for name, d in bounds.delta.items()}
+        yield "the worst case is outside", replace(bounds, delta=wide)
+        yield "nothing is the worst case", replace(bounds, delta={})
+    if not bounds.rates:
+        yield "moving", replace(bounds, rates={"k": np.inf})
+    else:
+        yield "constant", replace(bounds, rates={})
+    proof = bounds.proof
+    if isinstance(proof, BoxProof):
+        yield "no cuts", replace(bounds, proof=BoxProof(()))
+        yield "fixed", replace(bounds, fixed=("m",))
+    elif isinstance(proof, IntervalProof):
+        small = tuple(m._replace(D=m.D[:1, :1], G=m.G[:1, :1]) for m in proof.multipliers)
+        yield (
+            "multipliers that are too small",
+            replace(bounds, proof=replace(proof, multipliers=small[:0])),
+        )
+        yield "multipliers of one channel", replace(bounds, proof=replace(proof, multipliers=small))
+    elif isinstance(proof, MotionProof):
+        yield "no form", replace(bounds, proof=replace(proof, P=0.0 * proof.P))

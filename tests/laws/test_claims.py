@@ -1,0 +1,39 @@
+"""Any field of an analysis that is changed is refused, or what it claims is still true."""
+
+import numpy as np
+import pytest
+
+from mbdlft import Bounds, MbdlftError, System, verify
+from tests.claims import KINDS, analyses, changed, forged, is_true
+
+DRAWS = 40
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_changed_analysis_is_refused_or_true(kind: str) -> None:
+    """Any one field, numbers of proofs too; the words that come of it are those of the claim."""
+    system, bounds = analyses()[kind]
+    assert verify(system, bounds) == ""
+    random, refused = np.random.default_rng(KINDS.index(kind)), 0
+    for _ in range(DRAWS):
+        other, what = changed(bounds, random)
+        if is_accepted(system, other):
+            assert is_true(system, other, bounds), f"{what}: {other.claim}"
+        else:
+            refused += 1
+    assert refused > DRAWS // 3
+
+
+def is_accepted(system: System, bounds: Bounds) -> bool:
+    try:
+        return verify(system, bounds) == ""
+    except MbdlftError:
+        return False
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_forged_analysis_is_accepted(kind: str) -> None:
+    """Claims with the proofs of others, and the worst cases of others."""
+    system, bounds = analyses()[kind]
+    for what, other in forged(bounds):
+        assert not is_accepted(system, other), what
