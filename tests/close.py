@@ -26,6 +26,7 @@ class Method(float):
 
 
 EVALUATION = 1e-14
+ONE_ROUNDING = ROOM * EPS  # times the number of roundings of half a unit, with room
 MESH = Method(4e-2)  # extents of meshes that were thinned
 PAGE = Method(1e-6)  # positions in a picture, and loads beside it
 NOTHING = 1e-13  # of the largest entry: what is left of zeros
@@ -88,21 +89,27 @@ def error(actual: ArrayLike, expected: ArrayLike, scale: float | None = None) ->
     return difference / size if size > 0 else difference
 
 
+def _kept(found: float, bound: float, promised: str) -> None:
+    """An error is within a promise of rounding, with room for other kernels."""
+    assert found <= bound, f"relative error {found:.2e}, {promised}"
+    room = f"relative error {found:.2e} is within a factor of {ROOM:g} of {bound:.1e}"
+    assert ROOM * found <= bound, f"{room}: another kernel may break the promise"
+
+
 def roundoff(
     actual: ArrayLike, expected: ArrayLike, kappa: float = 1.0, scale: float | None = None
 ) -> None:
     """An algebraic identity in float64; `kappa` is the condition number of the solve involved."""
-    found = error(actual, expected, scale)
-    assert found <= _ROUNDOFF * EPS * max(kappa, 1.0), f"relative error {found:.2e}"
+    _kept(error(actual, expected, scale), _ROUNDOFF * EPS * max(kappa, 1.0), f"condition {kappa:.1e}")
 
 
 def target(actual: ArrayLike, expected: ArrayLike, bound: float, scale: float | None = None) -> None:
     """A promised relative error, one of the names above; promises of rounding keep their room."""
     found = error(actual, expected, scale)
-    assert found <= bound, f"relative error {found:.2e}, promised {bound:.0e}"
-    if not isinstance(bound, Method):
-        room = f"relative error {found:.2e} is within a factor of {ROOM:g} of {bound:.0e}"
-        assert ROOM * found <= bound, f"{room}: another kernel may break the promise"
+    if isinstance(bound, Method):
+        assert found <= bound, f"relative error {found:.2e}, promised {bound:.0e}"
+    else:
+        _kept(found, bound, f"promised {bound:.0e}")
 
 
 def published(actual: float, printed: str) -> None:
@@ -141,8 +148,7 @@ HARD_CHAIN = 0.1
 
 def conditioned(actual: ArrayLike, expected: ArrayLike, kappa: float, factor: float = HARD) -> None:
     """A number whose relative condition is `kappa`: error within a small factor of kappa eps."""
-    found = error(actual, expected)
-    assert found <= factor * EPS * kappa, f"relative error {found:.2e}, condition {kappa:.1e}"
+    _kept(error(actual, expected), factor * EPS * kappa, f"condition {kappa:.1e}")
 
 
 # zeros: eigenvalues of a pencil that is left after several rank decisions

@@ -1,6 +1,7 @@
 """Products and solutions in twice the working precision against rational arithmetic, entry by entry.
 
-1. base + left right has the error of one rounding, although almost all of it cancels
+1. base + left right has the error of one rounding, although almost all of it cancels, and of as many
+   roundings of its low part as there are levels of slices: eps/2 |value| + 5 (eps/2)^2 of its terms
 2. matrix^-1 right has the error of one rounding in each entry, with condition numbers up to 1e13
 3. an elimination with such a matrix costs the digits of its condition once, not twice
 4. the low parts are what rounding took from the high ones
@@ -17,7 +18,7 @@ from mbdlft.exact import rounding
 from mbdlft.lft import lft as algebra
 from mbdlft.lft.lft import constant, delta
 from mbdlft.lft.sampling import evaluate
-from tests.close import EPS, conditioned
+from tests.close import EPS, ONE_ROUNDING, conditioned, target
 
 seeds = st.integers(0, 1000)
 Exact = np.ndarray  # of Fraction
@@ -42,10 +43,11 @@ def solved(matrix: Exact, right: Exact) -> Exact:
     return a[:, n:]
 
 
-def entries(found: np.ndarray, expected: Exact) -> None:
-    """Each entry relative to itself."""
-    ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, expected.flat)])  # noqa: B905
-    conditioned(ratio, np.ones(expected.size), 1.0, 1.0)
+def entries(found: np.ndarray, expected: Exact, terms: float | np.ndarray = 0.0) -> None:
+    """Each entry relative to itself; `terms` are the sizes of what was added up."""
+    away = ((fractions(found) - expected) / expected).astype(float)
+    roundings = 0.5 + 1.25 * EPS * terms / np.abs(expected.astype(float))
+    target(away / roundings, np.zeros(found.shape), ONE_ROUNDING, 1.0)
 
 
 def hilbert(n: int) -> np.ndarray:
@@ -84,6 +86,7 @@ def test_products(seed: int) -> None:
     entries(
         rounding.multiply_add(base, left, rounding.Twofold(right, 0.0 * right)),
         fractions(base) + fractions(left) @ fractions(right),
+        np.abs(base) + np.abs(left) @ np.abs(right),
     )
 
 
@@ -106,7 +109,12 @@ def test_eliminations(n: int) -> None:
     upper = constant(H) + constant(change) @ delta("d", n)
     relation = algebra.stack_rows(algebra.stack_columns(upper, B), algebra.stack_columns(constant(C), D))
     found = evaluate(algebra.eliminate(relation, n), {"d": 1.0})
-    exact = -solved(fractions(H) + fractions(change), fractions(B))
-    both = np.vstack([exact, fractions(C) @ exact + fractions(D)])
-    ratio = np.array([float(a / b) for a, b in zip(fractions(found).flat, both.flat)])  # noqa: B905
-    conditioned(ratio, np.ones(both.size), algebra.condition(H))
+    G, forced = solved(fractions(H), fractions(change)), solved(fractions(H), fractions(B))
+    loop = G + fractions(np.eye(n))
+    x = -solved(loop, forced)
+    # entries of G and of H^-1 B are rounded, and (I + G) x = -H^-1 B is solved for
+    error = abs(solved(loop, fractions(np.eye(n)))) @ (abs(G) @ abs(x) + abs(x) + abs(forced))
+    y, size = fractions(C) @ x + fractions(D), abs(fractions(C))
+    errors = np.vstack([error, size @ (error + abs(x)) + abs(fractions(D))]).astype(float)
+    away = (fractions(found) - np.vstack([x, y])).astype(float) / errors
+    target(away, np.zeros(found.shape), ONE_ROUNDING, 1.0)
