@@ -1,11 +1,6 @@
-"""Random scenes against their Lagrangian: state space, trim, certificate, regrouping, symmetries.
+"""Random scenes against their Lagrangian: state space, trim, certificate, regrouping."""
 
-The planted bugs at the end show that the same comparison finds what it should.
-"""
-
-from collections.abc import Callable, Mapping
 from functools import cache
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
@@ -14,15 +9,13 @@ from hypothesis import given
 
 import mbdlft
 from benchmarks.cases.lagrangian import Reference, lagrangian, state_space
-from mbdlft.multibody.joint import Joint
 from mbdlft.problem.references import NEGLIGIBLE
 from mbdlft.system.sampled import deltas_of
 from tests import close
 from tests.strategies import random_scene, scenes
 
-SEEDS = range(60)
-SOME = range(0, 60, 3)
-DAMPED = 3
+SEEDS = range(24)
+SOME = range(0, 24, 3)
 Points = dict[str, np.ndarray]
 
 
@@ -160,85 +153,6 @@ def test_certificate_is_roundoff(seed: int) -> None:
     close.roundoff(model.certificate.max_relative_error, 0.0, kappa)
 
 
-def test_certificate_of_an_effort_that_cancels() -> None:
-    """A torque that vanishes for every angle, but only to rounding, is not an error of the model."""
-    scene = mbdlft.Scene(
-        name="vertical axis",
-        gravity=(-3.0, -5.0, -7.0),
-        parameters=(mbdlft.Angle("theta", 20.0, plus=40.0),),
-        bodies=(
-            mbdlft.RigidBody(
-                name="arm",
-                mass=2.0,
-                center_of_mass=(0.3, 0.1, -0.2),
-                inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1),
-            ),
-        ),
-        joints=(
-            mbdlft.Revolute(
-                name="pivot", parent="ground", child="arm", axis=(3.0, 5.0, 7.0), position="theta"
-            ),
-        ),
-    )
-    _, model, points, reference = case_of(scene)
-    compare(model, points, reference)
-    close.roundoff(model.certificate.max_relative_error, 0.0)
-
-
-# symmetries ----------------------------------------------------------------------------------
-
-
-def parts(model: mbdlft.LFTModel, points: Points, reference: Reference) -> tuple[np.ndarray, ...]:
-    """M^-1, -M^-1 K and -M^-1 D from the model, joints in the order and units of `compare`."""
-    unit = np.sqrt(np.max(np.einsum("nii->ni", reference.M), axis=0))
-    joint, n = index_of(reference), len(unit)
-    value = matrices(model, points)[:, n : 2 * n]
-    rows = np.argsort([joint[signal.name] for signal in model.states[n:]])
-    inputs = np.argsort([joint[signal.name] for signal in model.inputs])
-    inverse = value[:, rows][:, :, 2 * n + inputs] * unit[:, None] * unit
-    springs = value[:, rows][:, :, rows] * unit[:, None] / unit
-    dampers = value[:, rows][:, :, n + rows] * unit[:, None] / unit
-    return inverse, springs, dampers
-
-
-@pytest.mark.parametrize("seed", SEEDS)
-def test_mass_is_symmetric_positive_definite_and_stiffness_symmetric(seed: int) -> None:
-    """All forces at rest have a potential: uniform acceleration and springs."""
-    _, model, points, reference = case(seed)
-    inverse, springs, _ = parts(model, points, reference)
-    kappa = max(condition(M) for M in reference.M)
-    noise = np.max(rounding(model.lft, deltas_of(model, points)))
-    close.roundoff(inverse, np.swapaxes(inverse, 1, 2), kappa * noise)
-    assert np.min(np.linalg.eigvalsh(inverse)) > 0
-    stiffness = -np.linalg.solve(inverse, springs)
-    scale = max(np.max(np.abs(springs)), np.max(np.abs(stiffness))) or 1.0
-    close.roundoff(stiffness, np.swapaxes(stiffness, 1, 2), kappa**2 * noise, scale)
-
-
-def spectrum_is_symmetric(case: Case) -> None:
-    """With every eigenvalue its negative: the odd terms of det(s I - A) vanish."""
-    _, model, points, reference = case
-    _, springs, dampers = parts(model, points, reference)
-    count, n = springs.shape[:2]
-    eye, zero = np.broadcast_to(np.eye(n), (count, n, n)), np.zeros((count, n, n))
-    matrix = np.block([[zero, eye], [springs, dampers]])
-    kappa = max(condition(M) for M in reference.M)
-    for A in matrix:
-        size = np.linalg.norm(A, 2)
-        odd = np.poly(A / size)[1::2]
-        close.roundoff(odd, np.zeros(n), kappa, scale=2 * n * comb(2 * n, n))
-
-
-@pytest.mark.parametrize("seed", SOME)
-def test_eigenvalues_without_damping_come_in_pairs(seed: int) -> None:
-    spectrum_is_symmetric(case_of(without_damping(random_scene(seed))))
-
-
-def test_damping_breaks_the_pairs() -> None:
-    with pytest.raises(AssertionError):
-        spectrum_is_symmetric(case(DAMPED))
-
-
 # what must not matter ------------------------------------------------------------------------
 
 
@@ -323,28 +237,12 @@ def changed(item, **fields):
     return type(item)(**{**kept, **fields})
 
 
-# planted bugs --------------------------------------------------------------------------------
-
-
-def with_joints(change: Callable[[Joint], Mapping]) -> Callable[[mbdlft.Scene], mbdlft.Scene]:
-    return lambda scene: changed(
-        scene, joints=tuple(changed(joint, **change(joint)) for joint in scene.joints)
-    )
-
-
-def without(field: str) -> Callable[[mbdlft.Scene], mbdlft.Scene]:
-    return with_joints(lambda joint: {} if joint.kind == "fixed" else {field: 0.0})
-
-
-without_damping = without("damping")
-
-
 # the scenes ----------------------------------------------------------------------------------
 
 
 def test_scenes_repeat_and_cover() -> None:
-    drawn = [random_scene(seed) for seed in SEEDS]
-    assert drawn == [random_scene(seed) for seed in SEEDS]
+    drawn = [random_scene(seed) for seed in range(60)]
+    assert drawn[:10] == [random_scene(seed) for seed in range(10)]
     joints = [joint for scene in drawn for joint in scene.joints]
     bodies = [body for scene in drawn for body in scene.bodies]
     parameters = [p for scene in drawn for p in scene.parameters]

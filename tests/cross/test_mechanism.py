@@ -1,8 +1,4 @@
-"""Springs, loads, spin, closures, imposed joints, sensors against Lagrange's equations with constraints.
-
-The planted bugs change the package: its certificate, which uses the same equations, does not see
-them, and the comparison has to.
-"""
+"""Springs, loads, spin, closures, imposed joints, sensors against Lagrange's constrained equations."""
 
 from collections.abc import Callable
 from functools import cache

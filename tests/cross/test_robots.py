@@ -1,7 +1,7 @@
 """Robots that people have, from their URDF files, against pinocchio and MuJoCo.
 
 Joint angles, masses and lengths are parameters of one model; the other tools are asked again at each
-value. The planted bugs at the end show that the comparison finds what it should.
+value.
 """
 
 import re

@@ -214,9 +214,6 @@ def test_long_literals() -> None:
     roundoff(mbdlft.matrices_at(last, {"a": 0.7}).D, [[0.7]])
 
 
-# planted bugs ---------------------------------------------------------------------------------------
-
-
 def test_a_form_does_not_depend_on_constants_that_were_made_before() -> None:
     """A constant may get another symbol later; its product with the reciprocal of the first is not 1."""
 

@@ -1,4 +1,4 @@
-"""Laws of elastic bodies: symmetry, energy, momentum, statics, rigid limits; each finds a planted bug."""
+"""Laws of elastic bodies: symmetry, energy, momentum, statics, rigid limits."""
 
 import casadi as ca
 import numpy as np

@@ -203,9 +203,6 @@ def test_parts_of_an_lft() -> None:
     assert a.rounded().shape == (2, 1)
 
 
-# planted bugs --------------------------------------------------------------------------------------
-
-
 def test_balls_of_zeros_are_zero() -> None:
     third = exact_matrix([[Fraction(1, 3)]])
     assert (third + third + -third + -third).balls[0, 0] == 0

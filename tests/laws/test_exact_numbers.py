@@ -357,9 +357,6 @@ def test_no_prime(monkeypatch: pytest.MonkeyPatch) -> None:
         Field([Constant("root", Fraction(p)) for p in primes])
 
 
-# planted bugs --------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("field", [FIELD, Field([Constant("root", Fraction(7))])])
 def test_whole_numbers_below_2_to_the_60_are_not_zero(field: Field) -> None:
     """A multiple of the prime is taken for zero, so the least one is beyond: 1e-18 is the chance."""

@@ -1,4 +1,4 @@
-"""Laws of mechanics that every model of a scene obeys, and the planted bugs that break them."""
+"""Laws of mechanics that every model of a scene obeys."""
 
 import casadi as ca
 import numpy as np

@@ -1,4 +1,4 @@
-"""Laws of component modes; each has a planted bug that breaks it."""
+"""Laws of component modes."""
 
 from collections.abc import Callable
 

@@ -103,13 +103,3 @@ def test_scales_do_not_change_ranks(power: int) -> None:
     )
     assert reduce_order(scaled).blocks == blocks
     assert lower_bound(scaled) == dict(blocks)
-
-
-def test_bound_does_not_count_what_cancels() -> None:
-    """diag(t, (p q - q p) t) is diag(t, 0): terms that cancel leave rounding, which is not rank."""
-    from mbdlft.lft.lft import stack_diagonal
-
-    p, q, t = (np.array([[0.3]]) + delta(name) for name in ("p", "q", "t"))
-    for seed in range(20):
-        a = stack_diagonal(t, (p @ q - q @ p) @ t)
-        assert lower_bound(a, seed) == {"p": 0, "q": 0, "t": 1}

@@ -75,9 +75,6 @@ def case(name: str) -> LFT:
         return power(1.0 + power(a, 2) + b @ a, 5) - power(1.0 + a + b, 3)
     if name == "O3":
         return stack_rows(d1 @ d2 @ d3, d2 @ d3 @ d1, d3 @ d1 @ d2)
-    if name == "O5":
-        quotient = inverse(1.0 + d1 + d2)
-        return stack_rows(quotient, quotient)
     assert name == "O13"
     rows = (
         (5.0 * np.eye(1) @ a - 1.0, -10.0 * np.eye(1) @ (1.0 + b), 1.0 + b),
@@ -85,17 +82,6 @@ def case(name: str) -> LFT:
         (numbers(1.0), numbers(1.0), numbers(0.0)),
     )
     return stack_rows(*(stack_columns(*row) for row in rows))
-
-
-@pytest.mark.parametrize(("name", "order"), [("O1", 8), ("O2", 15), ("O3", 3), ("O5", 2), ("O13", 6)])
-def test_orders_of_the_literature(name: str, order: int) -> None:
-    """Matrices of two and more parameters whose smallest order is known."""
-    plain = reduce_order(case(name))
-    bound = lower_bound(plain)
-    small = smallest(plain)
-    assert small.order == order == sum(bound.values())
-    points = np.random.default_rng(2).uniform(-0.9, 0.9, (50, len(plain.blocks)))
-    roundoff(evaluate_at(small, points), evaluate_at(plain, points), 1e4)
 
 
 def test_arm_reaches_its_bound_and_stays_exact() -> None:

@@ -229,22 +229,18 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(one, drawn(20_000, 5))
 
 
-def die(folder: Path, shard: int) -> None:
-    os._exit(3)
-
-
 def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
 
     pool = worker.Pool
-    monkeypatch.setattr(run, "Pool", lambda _, *more: pool(f"{__name__}:die", *more))
+    monkeypatch.setattr(run, "Pool", lambda _, *more: pool("tests.dying:die", *more))
     with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
 
 
 def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    count, file = 500_000, tmp_path / "a.h5"  # 123 shards, of which a few are there at the kill
-    few = random.randint(1, 12)
+    count, file = 250_000, tmp_path / "a.h5"  # 62 shards, of which a few are there at the kill
+    few = random.randint(1, 6)
     model = mbdlft.to_lft(cart(), search=0.0)
     mbdlft.save(file, model)
     before, folder = file.read_bytes(), tmp_path / ".a.h5.two_link_arm.sweep"

@@ -126,9 +126,6 @@ def test_a_double_root_does_not_change_the_sign() -> None:
         exact(sampling.vanishes(a, np.array([[3.0]])), [expected])
 
 
-# planted bugs ------------------------------------------------------------------------------------
-
-
 def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """No line is seen to vanish, and a pole is not nearer than the norm allows."""
 
