@@ -14,6 +14,7 @@ from benchmarks.cases.arm import (
     state_and_input,
     worst_response_error,
 )
+from benchmarks.cases.pendulum import DAMPING, GRAVITY, POSITIONS, pendulum
 from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE, target
 
 
@@ -85,3 +86,27 @@ def test_python_control_gives_the_same_model(model: mbdlft.LFTModel) -> None:
     ours = mbdlft.frequency_response(model, values, omega)[0]
     theirs = np.moveaxis(system(1j * omega), -1, 0)
     target(ours, theirs, CLOSED_FORM)
+
+
+# The pendulum against its closed form, at three positions -------------------------------------------
+
+
+@pytest.mark.parametrize("name", POSITIONS)
+def test_exact_minimal_and_of_the_right_sign(name: str) -> None:
+    position, cosine = POSITIONS[name]
+    model = pendulum(position)
+    inside, outer = mbdlft.random(model.parameters, 100), mbdlft.corners(model.parameters)
+    values = {p.name: np.concatenate([inside[p.name], outer[p.name]]) for p in model.parameters}
+    m, L = values["m"], values["L"]
+    matrices = mbdlft.matrices_at(model, values)
+    stiffness = m * GRAVITY * L * cosine
+    target(matrices.A[:, 1, 0], -stiffness / (m * L**2), CLOSED_FORM, scale=GRAVITY)
+    target(matrices.A[:, 1, 1], -DAMPING / (m * L**2), CLOSED_FORM)
+    target(matrices.B[:, 1, 0], 1 / (m * L**2), CLOSED_FORM)
+    # the torque that holds it, and with it the sign of the angle
+    sine = {"hanging": 0.0, "horizontal": 1.0, "inverted": 0.0}[name]
+    torque = mbdlft.trim_at(model, values)[:, 0]
+    target(torque, m * GRAVITY * L * sine, CLOSED_FORM, scale=float(np.max(m * GRAVITY * L)))
+    assert np.all(np.sign(np.round(-matrices.A[:, 1, 0], 9)) == np.sign(cosine))
+    assert model.certificate.minimal
+    assert dict(model.lft.blocks) == {"L": 2, "m": 1}
