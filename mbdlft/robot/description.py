@@ -30,18 +30,15 @@ _STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about th
 
 
 class RobotLink(NamedTuple):
-    """One link: `mass` (kg), `center` of mass (m) and `inertia` (kg m^2) about it.
-
-    `rpy` (rad) turns the axes of the inertia against those of the link. `line` is the line in the file.
-    """
+    """One link."""
 
     name: str
-    line: int
+    line: int  # in the file
     inertial: bool
-    mass: float = 0.0
-    center: Triple = ZERO
-    rpy: Triple = ZERO
-    inertia: Mapping[str, float] = dict.fromkeys(ENTRIES, 0.0)
+    mass: float = 0.0  # kg
+    center: Triple = ZERO  # of mass (m)
+    rpy: Triple = ZERO  # turns the axes of the inertia against those of the link (rad)
+    inertia: Mapping[str, float] = dict.fromkeys(ENTRIES, 0.0)  # about the center of mass (kg m^2)
 
 
 class Mimic(NamedTuple):
@@ -53,34 +50,26 @@ class Mimic(NamedTuple):
 
 
 class RobotJoint(NamedTuple):
-    """One joint.
-
-    It stands at `xyz` (m) in its parent, turned by `rpy` (rad), and at `anchor` (m) in its child;
-    `axis` is in the axes of the child. Its position in the file is `position` (rad or m). The limits of
-    position (`lower`, `upper`, rad or m), `effort` (N m or N) and `velocity` (rad/s or m/s) are None if
-    the file has none. `reflected_inertia` (kg m^2 or kg) is that of an actuator, felt behind its gear.
-    `stiffness` and `damping` act on every coordinate of the joint; its spring is slack at the position
-    `slack`.
-    """
+    """One joint: units of its position are rad or m, of its effort N m or N; no limit is None."""
 
     name: str
     line: int
     kind: str
     parent: str
     child: str
-    xyz: Triple = ZERO
-    rpy: Triple = ZERO
-    anchor: Triple = ZERO
-    axis: Triple = (1.0, 0.0, 0.0)
-    position: float = 0.0
-    lower: float | None = None
+    xyz: Triple = ZERO  # where it stands in its parent (m)
+    rpy: Triple = ZERO  # how it is turned there (rad)
+    anchor: Triple = ZERO  # where it stands in its child (m)
+    axis: Triple = (1.0, 0.0, 0.0)  # in the axes of the child
+    position: float = 0.0  # in the file
+    lower: float | None = None  # limits of the position
     upper: float | None = None
-    effort: float | None = None
-    velocity: float | None = None
-    stiffness: float = 0.0
-    slack: float = 0.0
-    damping: float = 0.0
-    reflected_inertia: float = 0.0
+    effort: float | None = None  # limit
+    velocity: float | None = None  # limit
+    stiffness: float = 0.0  # of every coordinate
+    slack: float = 0.0  # the position at which the spring is slack
+    damping: float = 0.0  # of every coordinate
+    reflected_inertia: float = 0.0  # of an actuator, felt behind its gear (kg m^2 or kg)
     friction: float = 0.0
     mimic: Mimic | None = None
 
@@ -101,17 +90,13 @@ class JointLimit(NamedTuple):
 
 
 class RobotLoad(NamedTuple):
-    """A load that acts on a link: a `force`, a `torque`, or `buoyancy`.
-
-    A force or torque is along `direction`, in the axes of the link, and an input. `displaced` (kg) is
-    the mass whose weight holds the link at its center of mass.
-    """
+    """A load that acts on a link: an input ``force`` or ``torque``, or ``buoyancy``."""
 
     name: str
     kind: str
     link: str
-    direction: Triple = ZERO
-    displaced: float = 0.0
+    direction: Triple = ZERO  # of a force or torque, in the axes of the link
+    displaced: float = 0.0  # kg, whose weight holds the link at its center of mass
 
 
 class RobotSensor(NamedTuple):
@@ -123,10 +108,7 @@ class RobotSensor(NamedTuple):
 
 
 class RobotLoop(NamedTuple):
-    """A joint that closes a loop, at points of two links (m): spherical, revolute or fixed.
-
-    `axis` is that of a revolute one, in the axes of the parent.
-    """
+    """A joint that closes a loop, at points of two links (m): spherical, revolute or fixed."""
 
     name: str
     kind: str
@@ -134,36 +116,23 @@ class RobotLoop(NamedTuple):
     child: str
     at_parent: Triple
     at_child: Triple
-    axis: Triple | None = None
+    axis: Triple | None = None  # of a revolute one, in the axes of the parent
 
 
 class Robot(NamedTuple):
-    """A robot: its links and joints by name, the ground being the parent `WORLD`.
-
-    Attributes
-    ----------
-    name : str
-    links, joints : by name
-        A joint stands after the one that carries its parent.
-    loads, sensors, loops : beside the joints
-    gravity : three numbers (m/s^2), or None if the file does not say
-    inputs : names of joints and loads that have an actuator; None if the file has no actuators
-    rates : names of joints whose rate is measured
-    others : counts by tag of the elements that say nothing about the dynamics
-    ignored, assumed : sentences for the report
-    """
+    """A robot: its links and joints by name, the ground being the parent `WORLD`."""
 
     name: str
     links: Mapping[str, RobotLink]
-    joints: Mapping[str, RobotJoint]
+    joints: Mapping[str, RobotJoint]  # each after the one that carries its parent
     loads: tuple[RobotLoad, ...] = ()
     sensors: tuple[RobotSensor, ...] = ()
     loops: tuple[RobotLoop, ...] = ()
-    gravity: Triple | None = None
-    inputs: tuple[str, ...] | None = None
-    rates: tuple[str, ...] = ()
-    others: Mapping[str, int] = {}
-    ignored: tuple[str, ...] = ()
+    gravity: Triple | None = None  # m/s^2; None if the file does not say
+    inputs: tuple[str, ...] | None = None  # joints and loads with actuators; None if the file has none
+    rates: tuple[str, ...] = ()  # joints whose rate is measured
+    others: Mapping[str, int] = {}  # counts by tag of what says nothing about the dynamics
+    ignored: tuple[str, ...] = ()  # sentences for the report
     assumed: tuple[str, ...] = ()
 
 
@@ -175,12 +144,11 @@ def unique(what: str, items: Sequence[Item]) -> dict[str, Item]:
     """The items by name; a SceneError if two have one name."""
     by_name: dict[str, Item] = {}
     for item in items:
-        if item.name in by_name:
+        first = by_name.setdefault(item.name, item)
+        if first is not item:
             raise SceneError(
-                f"line {item.line}: {what} {item.name!r} is given twice; first in line "
-                f"{by_name[item.name].line}."
+                f"line {item.line}: {what} {item.name!r} is given twice; first in line {first.line}."
             )
-        by_name[item.name] = item
     return by_name
 
 

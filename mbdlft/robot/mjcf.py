@@ -17,9 +17,9 @@ report. Source: MuJoCo documentation, chapters Computation (section Actuation mo
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,28 +55,23 @@ def _problems(model: Compiled) -> Iterator[str]:
     """Sentences on what moves or pushes the bodies in a way of its own."""
     if model.count("nflex"):
         yield f"flex {model.name_of('FLEX', 0)!r} is a deformable body."
-    for body in _where(model.of("body_plugin") >= 0):
+    for body in np.flatnonzero(model.of("body_plugin") >= 0).tolist():
         yield f"body {model.body(body)!r} has a plugin, whose forces are unknown."
-    for joint in _where(np.any(model.of("jnt_stiffnesspoly") != 0.0, axis=1)):
+    for joint in np.flatnonzero(np.any(model.of("jnt_stiffnesspoly") != 0.0, axis=1)).tolist():
         yield f"joint {model.joint(joint)!r} has a nonlinear spring."
-    for joint in _where(model.of("jnt_springyield") > 0.0):
+    for joint in np.flatnonzero(model.of("jnt_springyield") > 0.0).tolist():
         yield f"joint {model.joint(joint)!r} has a spring that yields."
     for joint in range(model.count("njnt")):
-        dof = int(model.of("jnt_dofadr")[joint])
-        if model.kind(joint) == "floating" and model.of("dof_armature")[dof] != 0.0:
+        armature = model.of("dof_armature")[model.of("jnt_dofadr")[joint]]
+        if model.kind(joint) == "floating" and armature != 0.0:
             yield (
-                f"the free joint {model.joint(joint)!r} has an armature, "
-                f"{model.of('dof_armature')[dof]:g}: its body would be heavier to move than to lift."
+                f"the free joint {model.joint(joint)!r} has an armature, {armature:g}: its body would be "
+                "heavier to move than to lift."
             )
     for k in range(model.count("neq")):
         kind = model.word("mjtEq", model.of("eq_type")[k])
         if model.of("eq_active0")[k] and kind not in _EQUALITIES and not model.disabled("EQUALITY"):
             yield f"equality {model.name_of('EQUALITY', k)!r} is of the type {kind.lower()}."
-
-
-def _where(true: Any) -> list[int]:
-    """The numbers of the entries of an array (n,) that are true."""
-    return [int(k) for k in np.flatnonzero(true)]
 
 
 def ignored(model: Compiled) -> tuple[str, ...]:
@@ -116,27 +111,16 @@ class Drive(NamedTuple):
     inertia: float = 0.0
 
 
-class Driven(NamedTuple):
-    """What actuators add to joints, by name, with sentences for the report."""
-
-    joints: dict[str, Drive]
-    said: tuple[str, ...]
-    ignored: tuple[str, ...]
-
-
-def driven(model: Compiled) -> Driven:
-    """What the actuators on joints do; those on other things are sentences."""
+def driven(model: Compiled) -> tuple[dict[str, Drive], list[str], list[str]]:
+    """What actuators add to joints, by name, and sentences on what acts and on what is left out."""
     joints: dict[str, Drive] = {}
     says, left_out, lawless = list[str](), list[str](), list[str]()
     for number in range(model.count("nactuator")):
         name = model.name_of("ACTUATOR", number)
         transmission = model.word("mjtTrn", model.of("actuator_trntype")[number])
         target = int(model.of("actuator_trnid")[number][0])
-        axial = transmission in ("JOINT", "JOINTINPARENT") and model.kind(target) in (
-            "revolute",
-            "prismatic",
-        )
-        if not axial:
+        on_joint = transmission in ("JOINT", "JOINTINPARENT")
+        if not on_joint or model.kind(target) not in ("revolute", "prismatic"):
             if transmission != "SITE" or model.of("actuator_trnid")[number][1] >= 0:
                 left_out.append(f"{name} ({transmission.lower()})")
             else:
@@ -155,7 +139,7 @@ def driven(model: Compiled) -> Driven:
         *said("actuators that do not act on one hinge or slide: {}", left_out),
         *said("laws and states of the actuators {}: what they exert is an input", lawless),
     ]
-    return Driven(joints, tuple(says), tuple(ignored))
+    return joints, says, ignored
 
 
 def _at_site(model: Compiled, number: int) -> str:
@@ -193,19 +177,19 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
         names = [model.name_of("KEY", k) for k in range(model.count("nkey"))]
         check_known("keyframe", [keyframe], names, "keyframe")
         positions = np.asarray(model.of("key_qpos")[names.index(keyframe)])
-    actuators = driven(model)
-    links, joints = _links(model), _joints(model, positions, actuators)
+    drives, acts, left_out = driven(model)
+    links, joints = _links(model), _joints(model, positions, drives)
     sites = sites_of(model)
     loops, sides = loops_of(model)
     for link, joint in (*sites.values(), *sides):
         links[link.name], joints[joint.name] = link, joint
     sensors, rates, unused_sensors = sensors_of(model)
-    servos = (name for name, drive in actuators.joints.items() if drive.stiffness or drive.damping)
+    servos = (name for name, drive in drives.items() if drive.stiffness or drive.damping)
     assumed = [f"mujoco says: {text}" for text in model.warnings]
     assumed += said("servos act as springs and dampers of {}", servos)
-    assumed += [f"inputs: {'; '.join(actuators.said)}"] if actuators.said else []
+    assumed += [f"inputs: {'; '.join(acts)}"] if acts else []
     loads = loads_of(model, sites)
-    inputs = (*actuators.joints, *(load.name for load in loads if load.kind != "buoyancy"))
+    inputs = (*drives, *(load.name for load in loads if load.kind != "buoyancy"))
     return Robot(
         name=model.name,
         links=links,
@@ -216,7 +200,7 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
         gravity=model.gravity,
         inputs=inputs or None,
         rates=rates,
-        ignored=(*ignored(model), *actuators.ignored, *unused_sensors),
+        ignored=(*ignored(model), *left_out, *unused_sensors),
         assumed=tuple(assumed),
     )
 
@@ -244,7 +228,7 @@ def _links(model: Compiled) -> dict[str, RobotLink]:
     return links
 
 
-def _joints(model: Compiled, positions: Array, actuators: Driven) -> dict[str, RobotJoint]:
+def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> dict[str, RobotJoint]:
     """The joints of all bodies; a body without joints is welded to its parent."""
     joints: dict[str, RobotJoint] = {}
     for body in range(1, model.count("nbody")):
@@ -266,14 +250,14 @@ def _joints(model: Compiled, positions: Array, actuators: Driven) -> dict[str, R
                 at, turned = start[:3], of_quaternion(start[3:7])
             elif made.kind == "spherical":
                 turned = R @ of_quaternion(start[:4])
-            drive = actuators.joints.get(made.name)
-            if drive:
-                made = made._replace(
-                    stiffness=made.stiffness + drive.stiffness,
-                    damping=made.damping + drive.damping,
-                    reflected_inertia=made.reflected_inertia + drive.inertia,
-                )
-            joints[made.name] = made._replace(xyz=three(at + R @ anchor), rpy=angles_of(turned))
+            drive = drives.get(made.name, Drive())
+            joints[made.name] = made._replace(
+                xyz=three(at + R @ anchor),
+                rpy=angles_of(turned),
+                stiffness=made.stiffness + drive.stiffness,
+                damping=made.damping + drive.damping,
+                reflected_inertia=made.reflected_inertia + drive.inertia,
+            )
             outer, at, R = child, np.zeros(3), np.eye(3)
     return joints
 

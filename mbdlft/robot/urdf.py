@@ -9,9 +9,8 @@ as well; docs/architecture.md says why the file is read by hand.
 import math
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 from xml.parsers import expat
 
 from mbdlft.base.errors import SceneError, unknown_name
@@ -99,12 +98,8 @@ def name_of(element: Element) -> str:
     return name
 
 
-class Reader(Protocol):
-    """Reads `count` finite numbers called `key` of an element; None if it has none, or is None."""
-
-    def __call__(
-        self, owner: Element | None, key: str, where: str, count: int = 1
-    ) -> Sequence[float] | None: ...
+# (element or None, key, where, count = 1): finite numbers called `key`; None if there are none
+Reader = Callable[..., Sequence[float] | None]
 
 
 def attribute_numbers(
@@ -136,10 +131,8 @@ def needed(element: Element, key: str, where: str, count: int = 1) -> Sequence[f
     """The numbers of an attribute that must be there."""
     numbers = attribute_numbers(element, key, where, count)
     if numbers is None:
-        raise SceneError(
-            f"line {element.line}: {where}: <{element.tag}>, {key}: is missing; expected "
-            f"{_expected(count)}."
-        )
+        place = f"line {element.line}: {where}: <{element.tag}>, {key}"
+        raise SceneError(f"{place}: is missing; expected {_expected(count)}.")
     return numbers
 
 
@@ -270,7 +263,7 @@ def _joint(element: Element) -> RobotJoint:
     xyz, rpy = origin_of(element, where)
     # files often give 0 0 0 as the axis of a joint that has none
     axis = element.only("axis") if kind not in ("fixed", "floating") else None
-    direction = (1.0, 0.0, 0.0) if axis is None else needed(axis, "xyz", where, 3)
+    direction = needed(axis, "xyz", where, 3) if axis else (1.0, 0.0, 0.0)
     limit, dynamics = element.only("limit"), element.only("dynamics")
     lower, upper = _number(limit, "lower", where), _number(limit, "upper", where)
     if limit is None or kind not in ("revolute", "prismatic") or lower is upper is None:

@@ -77,34 +77,26 @@ class Table:
 
     def __call__(self, argument: ArrayLike) -> Array:
         """Values at arguments, numbers or arrays."""
-        a = np.asarray(argument, dtype=float)
-        b, v = np.array(self.breakpoints), np.array(self.values)
+        return np.asarray(self._values(np.asarray(argument, dtype=float), float), dtype=float)
+
+    def exactly(self, argument: Fraction) -> Fraction:
+        """The value at a number, without rounding."""
+        value: Fraction = self._values(np.array([argument]), Fraction)[0]
+        return value
+
+    def _values(self, a: Any, number: type) -> Any:
+        """Values at arguments (N) in a number system."""
+        b, v = (np.array([number(x) for x in entries]) for entries in (self.breakpoints, self.values))
         k = np.clip(np.searchsorted(b, a, side="right") - 1, 0, len(b) - 2)
         h, rise = np.diff(b), np.diff(v)
         t = (a - b[k]) / h[k]
         inside = v[k] + t * rise[k]
         if self.slopes:
-            start, end = np.array(self.slopes).T
-            bend = (1.0 - t) * (h * start - rise)[k] - t * (h * end - rise)[k]
-            inside = inside + t * (1.0 - t) * bend
-        inside = np.where(a < b[0], v[0] + self.below * (a - b[0]), inside)
-        return np.asarray(np.where(a > b[-1], v[-1] + self.above * (a - b[-1]), inside))
-
-    def exactly(self, argument: Fraction) -> Fraction:
-        """The value at a number, without rounding."""
-        b, v = (tuple(map(Fraction, x)) for x in (self.breakpoints, self.values))
-        if argument <= b[0]:
-            return v[0] + Fraction(self.below) * (argument - b[0])
-        if argument >= b[-1]:
-            return v[-1] + Fraction(self.above) * (argument - b[-1])
-        k = max(j for j in range(len(b) - 1) if b[j] <= argument)
-        h, rise = b[k + 1] - b[k], v[k + 1] - v[k]
-        t = (argument - b[k]) / h
-        value = v[k] + t * rise
-        if self.slopes:
-            start, end = (Fraction(x) for x in self.slopes[k])
-            value += t * (1 - t) * ((1 - t) * (h * start - rise) - t * (h * end - rise))
-        return value
+            start, end = (np.array([number(x) for x in ends]) for ends in zip(*self.slopes, strict=True))
+            bend = (1 - t) * (h * start - rise)[k] - t * (h * end - rise)[k]
+            inside = inside + t * (1 - t) * bend
+        inside = np.where(a < b[0], v[0] + number(self.below) * (a - b[0]), inside)
+        return np.where(a > b[-1], v[-1] + number(self.above) * (a - b[-1]), inside)
 
 
 def named_tables(tables: Sequence[Table]) -> dict[str, Table]:
