@@ -133,11 +133,7 @@ class Description(BaseModel):
         return "\n".join(lines)
 
 
-def _words_of(*fields: tuple[str, str]) -> dict[str, str]:
-    return {name: words for names, words in fields for name in names.split()}
-
-
-_EXPECTED = _words_of(
+_WORDS = (
     ("gravity acceleration center_of_mass", "three numbers or expressions"),
     ("axis axis1 axis2 direction", "three numbers"),
     ("ports", "a table of positions, three numbers or expressions each"),
@@ -149,14 +145,16 @@ _EXPECTED = _words_of(
     ("expressions", "numbers or expressions by name"),
     ("parent child about port joint frame name kind description unit", "a text"),
     ("unchecked", "true or false"),
+    *(
+        (name, f"a list of {name}")
+        for name in ("parameters", "bodies", "joints", "loads", "sensors", "loops")
+    ),
 )
-_LISTS = ("parameters", "bodies", "joints", "loads", "sensors", "loops")
+_EXPECTED = {name: words for names, words in _WORDS for name in names.split()}
 
 
 def _expected(field: str, owner: type[BaseModel]) -> str:
     """The values that a field takes, in words."""
-    if field in _LISTS:
-        return f"a list of {field}"
     if field == "states":
         return "a text" if owner.model_fields[field].annotation is str else "a list of names"
     return _EXPECTED.get(field) or _expected_type(owner.model_fields.get(field))
@@ -172,7 +170,6 @@ def _expected_type(field: FieldInfo | None) -> str:
     for kind in (field.annotation, *get_args(field.annotation)):
         entries = get_args(kind) if get_origin(kind) is tuple else ()
         if len(entries) > 1 and ... not in entries:
-            return f"a list of {len(entries)} " + (
-                "numbers or expressions" if Quantity in entries else "numbers"
-            )
+            words = "numbers or expressions" if Quantity in entries else "numbers"
+            return f"a list of {len(entries)} {words}"
     return "a finite number or an expression"

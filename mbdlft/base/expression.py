@@ -28,10 +28,7 @@ from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
 from mbdlft.base.unit import Exponents, dimension_name, in_si, parse_unit
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "sin": math.sin,
-    "cos": math.cos,
-    "atan": math.atan,
+    name: getattr(math, name) for name in ("sqrt", "sin", "cos", "atan")
 }
 _OPERATIONS = {"+": add, "-": sub, "*": mul, "/": truediv}
 _MAX_EXPONENT = 64  # as many factors in a product; each is a channel of a model
@@ -203,15 +200,13 @@ class _Parser:
         if self.token not in ("^", "**"):
             return base
         self._advance()
-        parenthesis = self.token == "("
-        if parenthesis:
+        if parenthesis := self.token == "(":
             self._advance()
-        sign = -1 if self.token == "-" else 1
-        if self.token in ("+", "-"):
+        if (sign := self.token) in ("+", "-"):
             self._advance()
         if self.kind != "number" or not self.token.isdigit() or float(self.token) > _MAX_EXPONENT:
             raise self._error(f"an integer power of at most {_MAX_EXPONENT}")
-        exponent = sign * int(self.token)
+        exponent = int(f"-{self.token}" if sign == "-" else self.token)
         self._advance()
         if parenthesis:
             self._close()

@@ -307,12 +307,11 @@ def _range(
                 f"{where}: {percent:g} percent of the nominal {nominal:g} is not a range. Give a "
                 "positive percent of a nominal that is not zero, or low and high."
             )
-        half = abs(nominal) * percent / 100.0
-        return float(nominal - half), float(nominal + half)
-    if plus is not None or minus is not None:
-        if plus is None:
-            raise SceneError(f"{where}: minus is given without plus.")
+        plus = abs(nominal) * percent / 100.0
+    if plus is not None:
         return float(nominal - (plus if minus is None else minus)), float(nominal + plus)
+    if minus is not None:
+        raise SceneError(f"{where}: minus is given without plus.")
     if low is None or high is None:
         raise SceneError(f"{where}: {'low' if low is None else 'high'} is missing.")
     return float(low), float(high)
@@ -328,7 +327,7 @@ def _problem(parameter: Parameter) -> str | None:
     if p.substitution not in SUBSTITUTIONS:
         return f"substitution is one of {', '.join(SUBSTITUTIONS)}; got {p.substitution!r}."
     try:
-        parse_unit(p.unit)
+        factor = p.factor
     except SceneError as error:
         return str(error)
     if not p.is_angle and p.unit in ANGLE_UNITS:
@@ -351,15 +350,13 @@ def _problem(parameter: Parameter) -> str | None:
             f"{p.unit}: the other end would be mapped with a loss of digits. Move the nominal."
         )
     if p.is_angle:
-        factor, reach = p.factor, np.pi * DIVISORS[p.substitution] / 2.0
+        reach = np.pi * DIVISORS[p.substitution] / 2.0
         farthest = max(abs(p.low * factor - p.reference), abs(p.high * factor - p.reference))
         if farthest >= reach * (1.0 - _NEAREST_SINGULAR):
             center = p.reference / factor
-            advice = (
-                "Use substitution = 'quarter-angle'."
-                if p.substitution == "half-angle" and farthest < 2.0 * np.pi * (1.0 - 1e-12)
-                else "Move the reference or narrow the range."
-            )
+            advice = "Move the reference or narrow the range."
+            if p.substitution == "half-angle" and farthest < 2.0 * np.pi * (1.0 - 1e-12):
+                advice = "Use substitution = 'quarter-angle'."
             if p.unit == "rad" and max(abs(p.low), abs(p.high)) > 4.0 * np.pi:
                 advice = "If these are degrees, give unit = 'deg'."
             return (

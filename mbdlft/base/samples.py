@@ -111,8 +111,6 @@ def check_points(
 
 def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
     """Raise an AnalysisError unless this is a sequence of parameters."""
-    if isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters):
-        return
-    raise AnalysisError(
-        f"{where}: expected parameters, such as model.parameters, got {type(parameters).__name__}."
-    )
+    if not (isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters)):
+        got = type(parameters).__name__
+        raise AnalysisError(f"{where}: expected parameters, such as model.parameters, got {got}.")

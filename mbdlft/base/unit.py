@@ -1,7 +1,7 @@
 """Units, such as ``"N m/rad"``: a factor to SI and a dimension; and signals, whose values have units."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 from functools import cache
@@ -42,52 +42,41 @@ class Unit:
         return Unit(self.factor**exponent, dimension)
 
 
+_TWO_PI = 2.0 * float(np.pi)
+_FACTORS = {  # dimension: factors by symbol
+    (0, 0, 0, 0, 0): {"1": 1.0, "%": 0.01, "rad": 1.0, "deg": float(np.pi) / 180.0, "rev": _TWO_PI},
+    (1, 0, 0, 0, 0): {"g": 1e-3, "kg": 1.0, "t": 1e3},
+    (0, 1, 0, 0, 0): {"m": 1.0},
+    (0, 0, 1, 0, 0): {"s": 1.0, "min": 60.0, "h": 3600.0},
+    (0, 0, -1, 0, 0): {"rpm": _TWO_PI / 60.0, "Hz": _TWO_PI},
+    (1, 1, -2, 0, 0): {"N": 1.0},
+    (1, -1, -2, 0, 0): {"Pa": 1.0},
+    (1, 2, -2, 0, 0): {"J": 1.0},
+    (1, 2, -3, 0, 0): {"W": 1.0},
+    (0, 0, 0, 1, 0): {"A": 1.0},
+    (0, 0, 0, 0, 1): {"K": 1.0},
+    (0, 0, 1, 1, 0): {"C": 1.0},
+    (1, 2, -3, -1, 0): {"V": 1.0},
+    (1, 2, -3, -2, 0): {"Ohm": 1.0},
+    (-1, -2, 3, 2, 0): {"S": 1.0},
+    (-1, -2, 4, 2, 0): {"F": 1.0},
+    (1, 2, -2, -2, 0): {"H": 1.0},
+    (1, 2, -2, -1, 0): {"Wb": 1.0},
+    (1, 0, -2, -1, 0): {"T": 1.0},
+}
+_WITH_PI = ("deg", "rev", "rpm", "Hz")
 _BASE = {
-    "1": Unit(1.0, (0, 0, 0, 0, 0)),
-    "%": Unit(0.01, (0, 0, 0, 0, 0)),
-    "rad": Unit(1.0, (0, 0, 0, 0, 0)),
-    "deg": Unit(float(np.pi) / 180.0, (0, 0, 0, 0, 0)),
-    "g": Unit(1e-3, (1, 0, 0, 0, 0)),
-    "kg": Unit(1.0, (1, 0, 0, 0, 0)),
-    "t": Unit(1e3, (1, 0, 0, 0, 0)),
-    "m": Unit(1.0, (0, 1, 0, 0, 0)),
-    "s": Unit(1.0, (0, 0, 1, 0, 0)),
-    "min": Unit(60.0, (0, 0, 1, 0, 0)),
-    "h": Unit(3600.0, (0, 0, 1, 0, 0)),
-    "rev": Unit(2.0 * float(np.pi), (0, 0, 0, 0, 0)),
-    "rpm": Unit(2.0 * float(np.pi) / 60.0, (0, 0, -1, 0, 0)),
-    "Hz": Unit(2.0 * float(np.pi), (0, 0, -1, 0, 0)),
-    "N": Unit(1.0, (1, 1, -2, 0, 0)),
-    "Pa": Unit(1.0, (1, -1, -2, 0, 0)),
-    "J": Unit(1.0, (1, 2, -2, 0, 0)),
-    "W": Unit(1.0, (1, 2, -3, 0, 0)),
-    "A": Unit(1.0, (0, 0, 0, 1, 0)),
-    "K": Unit(1.0, (0, 0, 0, 0, 1)),
-    "C": Unit(1.0, (0, 0, 1, 1, 0)),
-    "V": Unit(1.0, (1, 2, -3, -1, 0)),
-    "Ohm": Unit(1.0, (1, 2, -3, -2, 0)),
-    "S": Unit(1.0, (-1, -2, 3, 2, 0)),
-    "F": Unit(1.0, (-1, -2, 4, 2, 0)),
-    "H": Unit(1.0, (1, 2, -2, -2, 0)),
-    "Wb": Unit(1.0, (1, 2, -2, -1, 0)),
-    "T": Unit(1.0, (1, 0, -2, -1, 0)),
+    symbol: Unit(factor, dimension, None if symbol in _WITH_PI else Fraction(repr(factor)))
+    for dimension, factors in _FACTORS.items()
+    for symbol, factor in factors.items()
 }
 _PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
 _PREFIXED = (
     *("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t"),
     *("A", "K", "C", "V", "Ohm", "S", "F", "H", "Wb", "T"),
 )
-_WITH_PI = ("deg", "rev", "rpm", "Hz")
-
-
-def _exact(name: str) -> Unit:
-    """A unit of the table, with its factor as a fraction."""
-    unit = _BASE[name]
-    return unit if name in _WITH_PI else replace(unit, exact=Fraction(repr(unit.factor)))
-
-
-_SYMBOLS = {name: _exact(name) for name in _BASE} | {
-    prefix + name: _exact(name) * Unit(factor, _NONE, Fraction(repr(factor)))
+_SYMBOLS = _BASE | {
+    prefix + name: _BASE[name] * Unit(factor, _NONE, Fraction(repr(factor)))
     for prefix, factor in _PREFIX.items()
     for name in _PREFIXED
     if prefix + name not in _BASE
