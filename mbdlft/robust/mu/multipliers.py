@@ -37,6 +37,7 @@ _ENOUGH = 0.1  # of the fall that the slope promises
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
+_NOTHING = 1e-8  # of M: below that mu is nothing, and the forms are singular to doubles
 _SHRINK = 40  # halvings of a step, to 1e-12
 
 
@@ -174,7 +175,7 @@ def upper_bound(
     square = best + 0.3 * max(abs(best), 1e-3)
     smallest = (best, D, G)
     for _ in range(_CENTERS):
-        if best <= enough * enough:
+        if best <= max(enough, _NOTHING) ** 2:
             break
         beta = float(np.sqrt(square))
         X = _center(M, beta, D - 1j * G / beta, structure)
