@@ -183,24 +183,30 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
 
 def _h2(plant: Plant) -> tuple[float, float, str]:
     """A norm, the relative difference of two ways to it, and why it is infinite."""
-    import scipy.linalg  # here because it is slow to import
-
     if np.any(plant.D):
         return np.inf, 0.0, "the direct path D is not zero"
     plant, reason = _seen_if_needed(plant)
     if reason:
         return np.inf, 0.0, reason
-    A, B, C, _ = plant
-    if not len(A):
+    _, B, C, _ = plant
+    if not len(B):
         return 0.0, 0.0, ""
-    Ah, Bh, Ch = (np.conj(matrix.T) for matrix in (A, B, C))
-    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ Bh)
-    Q = scipy.linalg.solve_continuous_lyapunov(Ah, -Ch @ C)
+    P, Q = gramians(plant)
+    Bh, Ch = np.conj(B.T), np.conj(C.T)
     by_states, by_costates = (float(np.trace(product).real) for product in (C @ P @ Ch, Bh @ Q @ B))
     mean = 0.5 * (by_states + by_costates)
     if mean <= 0.0:
         return 0.0, 0.0 if by_states == by_costates == 0.0 else np.inf, ""
     return float(np.sqrt(mean)), abs(by_states - by_costates) / (2.0 * mean), ""
+
+
+def gramians(plant: Plant) -> tuple[Array, Array]:
+    """P and Q (n, n) with A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, of a stable system."""
+    import scipy.linalg  # here because it is slow to import
+
+    A, B, C, _ = plant
+    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ np.conj(B.T))
+    return P, scipy.linalg.solve_continuous_lyapunov(np.conj(A.T), -np.conj(C.T) @ C)
 
 
 def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:

@@ -17,6 +17,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
+from mbdlft.response.norms import gramians
 from mbdlft.robust.ascent import (
     RIGHT,
     UNDAMPED,
@@ -103,7 +104,7 @@ def _pushed(
 def _reached(model: Realization, aim: Aim) -> State[_Pole]:
     """Modes pushed from the nominal point, and the worst poles of corners."""
     q = len(model.sizes)
-    state, _ = _looked(model, aim, _no_pole(q), np.zeros(q))
+    state, _ = _looked(model, aim, State(_Pole(complex(np.nan), np.zeros(q)), -np.inf), np.zeros(q))
     poles = moving_at(model, np.zeros(q))[0].poles
     kept = poles[poles.imag >= 0.0]
     order = np.argsort(-aim.value(kept), kind="stable")[:_MODES]
@@ -117,10 +118,6 @@ def _reached(model: Realization, aim: Aim) -> State[_Pole]:
         with suppress(WellPosednessError):
             state = _pushed(model, aim, state, start, pole)
     return state
-
-
-def _no_pole(count: int) -> State[_Pole]:
-    return State(_Pole(complex(np.nan), np.zeros(count)), -np.inf)
 
 
 def _edges(asked: Asked, model: Realization, kind: str) -> Search[_Pole]:
@@ -179,7 +176,8 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
     def shown(state: State[_Pole]) -> tuple[float, float]:
         return (state.lower, state.upper) if aim is RIGHT else (-state.upper, -state.lower)
 
-    state = last_of(asked, _no_pole(len(model.sizes)), _edges(asked, model, kind), shown)
+    start = State(_Pole(complex(np.nan), np.zeros(len(model.sizes))), -np.inf)
+    state = last_of(asked, start, _edges(asked, model, kind), shown)
     pole, delta = state.worst
     moving = moving_at(model, delta)[0]
     k = int(np.argmin(np.abs(moving.poles - pole)))
@@ -343,11 +341,8 @@ def _searched(
 def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:
     """The H2 norm, infinite with a direct path or without stability, and its slope by the deltas.
 
-    With A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, h^2 = tr C P C', and to first order
-    d h^2 = 2 tr(Q dA P) + 2 tr(Q dB B') + 2 tr(dC P C').
+    With the Gramians P, Q, h^2 = tr C P C' and d h^2 = 2 tr(Q dA P) + 2 tr(Q dB B') + 2 tr(dC P C').
     """
-    import scipy.linalg  # here because it is slow to import
-
     plant = at_delta(model, delta)
     none = np.zeros(len(delta))
     if plant is None or np.any(plant.D):
@@ -357,15 +352,13 @@ def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], 
         return 0.0, lambda: none
     if not np.max(np.linalg.eigvals(A).real) < 0.0:
         return np.inf, lambda: none
-    P = scipy.linalg.solve_continuous_lyapunov(A, -B @ B.T)
-    Q = scipy.linalg.solve_continuous_lyapunov(A.T, -C.T @ C)
+    P, Q = gramians(plant)
     value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))
 
     def slope() -> Array:
-        L, K = model.out_of(delta), model.into(delta)
-        by_entry = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
-        by_channel = np.einsum("ik,ij,kj->k", L, by_entry, K)
-        return np.asarray(model.by_parameter(by_channel) / max(value, 1e-300))
+        of_entries = np.block([[Q @ P, Q @ B], [C @ P, np.zeros((len(C), B.shape[1]))]])
+        by_row = model.slopes(delta, np.eye(len(of_entries)), of_entries)
+        return np.asarray(np.sum(by_row, axis=0) / max(value, 1e-300))
 
     return value, slope
 

@@ -25,7 +25,9 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.robust.balls import balls, entries
 
+Balls = NDArray[np.object_]
 _EPS = float(np.finfo(float).eps)
 _BITS, _MOST_BITS = 128, 4096  # of balls: at first, and when doubling ends
 # parts that the radius of a ball may be: of the largest coefficient of its power of t, and of all
@@ -131,19 +133,17 @@ def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
 
 def is_hurwitz(A: Array) -> bool:
     """Whether all eigenvalues of a matrix are proved to have negative real parts."""
-    return verdict_of(lambda: list(_matrix(A).charpoly().coeffs())) is True
+    return verdict_of(lambda: list(balls(A).charpoly().coeffs())) is True
 
 
 def verdict_of(coefficients: Callable[[], list[Any] | None]) -> bool | None:
     """Whether a polynomial is Hurwitz, by Routh's scheme; None if too many bits would be needed."""
-    bits = _BITS
-    while bits <= _MOST_BITS:
+    bits, verdict = _BITS, None
+    while verdict is None and bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
             verdict = _routh(coefficients())
-        if verdict is not None:
-            return verdict
         bits *= 2
-    return None
+    return verdict
 
 
 def is_root_near(coefficients: list[Any], s: complex, distance: float) -> bool:
@@ -202,63 +202,31 @@ def _scale(A: Array) -> float:
     return float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
 
 
-def _whole(model: Realization) -> Any:
+def _whole(model: Realization) -> Balls:
     """[D C F; B A E; H G J] as balls: channels first, in the order of the blocks."""
     rows = [[model.D, model.C, model.F], [model.B, model.A, model.E], [model.H, model.G, model.J]]
-    whole = _matrix(np.block(rows))
+    whole = entries(balls(np.block(rows)))
     for k in range(len(model.D), len(model.D) + len(model.A) if model.shift else 0):
         whole[k, k] = whole[k, k] - flint.arb(model.shift)
     return whole
 
 
-def _matrix(a: Array) -> Any:
-    return flint.arb_mat(a.shape[0], a.shape[1], a.ravel().tolist())
-
-
-def _part(a: Any, rows: range, columns: range) -> Any:
-    """A part of a matrix of balls."""
-    entries = [a[i, j] for i in rows for j in columns]
-    return flint.arb_mat(len(rows), len(columns), entries)
-
-
-class _Parts(NamedTuple):
-    """A matrix of balls in four parts, the first as large as a block."""
-
-    first: Any
-    right: Any
-    below: Any
-    other: Any
-
-
-def _parts(whole: Any, size: int) -> _Parts:
-    r, c = whole.nrows(), whole.ncols()
-    first = range(size)
-    return _Parts(
-        _part(whole, first, first),
-        _part(whole, first, range(size, c)),
-        _part(whole, range(size, r), first),
-        _part(whole, range(size, r), range(size, c)),
-    )
-
-
-def _closed(blocks: _Parts, value: Any) -> tuple[Any, Any]:
+def _closed(whole: Balls, size: int, value: Any) -> tuple[Balls, Any]:
     """What is left when w = value z closes the first channels, and the determinant of that loop."""
-    n = blocks.first.nrows()
-    loop = flint.arb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
-    loop = loop - blocks.first * value
-    return blocks.other + blocks.below * value * loop.solve(blocks.right), loop.det()
+    loop = balls(np.eye(size)) - balls(whole[:size, :size]) * value
+    through = balls(whole[size:, :size]) * value * loop.solve(balls(whole[:size, size:]))
+    return whole[size:, size:] + entries(through), loop.det()
 
 
 def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
     """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None where that vanishes."""
-    whole = _whole(model)
+    whole, n = _whole(model), len(model.A)
     for size, value in zip(model.sizes, delta, strict=True):
         try:
-            whole, _ = _closed(_parts(whole, size), flint.arb(float(value)))
+            whole, _ = _closed(whole, size, flint.arb(float(value)))
         except ZeroDivisionError:
             return None
-    states = range(len(model.A))
-    return list(_part(whole, states, states).charpoly().coeffs())
+    return list(balls(whole[:n, :n]).charpoly().coeffs())
 
 
 def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
@@ -267,16 +235,15 @@ def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
     shape = [size + 1 for size in model.sizes]
     values: list[Any] = []
 
-    def descend(whole: Any, factor: Any, depth: int) -> None:
+    def descend(whole: Balls, factor: Any, depth: int) -> None:
         if depth == len(shape):
             values.append(_rows(model, whole, factor, scale))
             return
         size = model.sizes[depth]
-        blocks = _parts(whole, size)
         for node in range(size + 1):
             value = flint.arb(k) * flint.arb(flint.fmpq(2 * node - size, size))
             try:
-                inner, loop = _closed(blocks, value)
+                inner, loop = _closed(whole, size, value)
             except ZeroDivisionError:
                 raise WellPosednessError(
                     f"the model is singular, or too near to it, at {float(value.mid()):.6g} times the "
@@ -285,50 +252,39 @@ def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
             descend(inner, factor * loop, depth + 1)
 
     descend(_whole(model), flint.arb(1), 0)
-    balls = np.empty((len(values), len(values[0]), n + 1), dtype=object)
-    for place, rows in enumerate(values):
-        for row, entries in enumerate(rows):
-            balls[place, row] = entries
-    balls = np.moveaxis(balls.reshape(*shape, -1, n + 1), -2, 0)
+    coefficients = np.array(values, dtype=object).reshape(*shape, len(values[0]), n + 1)
+    coefficients = np.moveaxis(coefficients, -2, 0)
     for axis, size in enumerate(model.sizes, start=1):
         if size > 1:
-            balls = _converted(balls, axis, size)
-    middles = np.array([float(x.mid()) for x in balls.ravel()]).reshape(balls.shape)
-    radii = np.array([float(x.rad()) for x in balls.ravel()]).reshape(balls.shape)
-    return middles, np.max(radii, axis=tuple(range(1, balls.ndim - 1))) * (1.0 + 4.0 * _EPS)
+            coefficients = _converted(coefficients, axis, size)
+    middles = np.array([float(x.mid()) for x in coefficients.ravel()]).reshape(coefficients.shape)
+    radii = np.array([float(x.rad()) for x in coefficients.ravel()]).reshape(coefficients.shape)
+    return middles, np.max(radii, axis=tuple(range(1, radii.ndim - 1))) * (1.0 + 4.0 * _EPS)
 
 
-def _rows(model: Realization, whole: Any, factor: Any, scale: float) -> list[list[Any]]:
+def _rows(model: Realization, whole: Balls, factor: Any, scale: float) -> list[list[Any]]:
     """Coefficients of p and of p G_ij, lowest first, in the Bernstein basis of t but for powers of j."""
     n = len(model.A)
-    states = range(n)
-    A = _part(whole, states, states)
+    A = balls(whole[:n, :n])
     p = list(A.charpoly().coeffs())
     rows = [p]
-    for i in range(n, whole.nrows()):
-        for j in range(n, whole.ncols()):
-            column, row = (_part(whole, states, range(j, j + 1)), _part(whole, range(i, i + 1), states))
-            other = (A - column * row).charpoly().coeffs()
+    for i in range(n, len(whole)):
+        for j in range(n, whole.shape[1]):
+            around = A - balls(whole[:n, j : j + 1]) * balls(whole[i : i + 1, :n])
             direct = flint.arb(1) - whole[i, j]
-            rows.append([a - direct * b for a, b in zip(other, p, strict=True)])
+            rows.append([a - direct * b for a, b in zip(around.charpoly().coeffs(), p, strict=True)])
     weights = [factor * flint.arb(scale) ** i / comb(n, i) for i in range(n + 1)]
     return [[a * b for a, b in zip(row, weights, strict=True)] for row in rows]
 
 
-def _converted(balls: NDArray[np.object_], axis: int, size: int) -> NDArray[np.object_]:
+def _converted(values: Balls, axis: int, size: int) -> Balls:
     """Values at size + 1 even nodes of an axis as Bernstein coefficients."""
-    basis = flint.fmpq_mat(
-        size + 1,
-        size + 1,
-        [
-            flint.fmpq(comb(size, i) * j**i * (size - j) ** (size - i), size**size)
-            for j in range(size + 1)
-            for i in range(size + 1)
-        ],
-    )
-    turn = flint.arb_mat(basis.inv())
-    moved = np.moveaxis(balls, axis, 0)
-    flat = flint.arb_mat(size + 1, moved[0].size, moved.reshape(-1).tolist())
-    coefficients = np.empty(moved.size, dtype=object)
-    coefficients[:] = (turn * flat).entries()
+    basis = [
+        flint.fmpq(comb(size, i) * j**i * (size - j) ** (size - i), size**size)
+        for j in range(size + 1)
+        for i in range(size + 1)
+    ]
+    turn = flint.arb_mat(flint.fmpq_mat(size + 1, size + 1, basis).inv())
+    moved = np.moveaxis(values, axis, 0)
+    coefficients = entries(turn * balls(moved.reshape(size + 1, -1)))
     return np.moveaxis(coefficients.reshape(moved.shape), 0, axis)
