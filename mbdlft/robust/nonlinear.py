@@ -35,7 +35,7 @@ from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.realization import realization, turned
-from mbdlft.robust.sector import sector_bounds, slope_bounds
+from mbdlft.robust.sector import checked_range, sector_bounds, slope_bounds
 from mbdlft.system.connection import connect
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import Parameters, System
@@ -78,13 +78,6 @@ class SafeRegion:
         return dict(zip(self.states, largest.tolist(), strict=True))
 
 
-class _Signal(NamedTuple):
-    """An output with the size that it may have."""
-
-    name: str
-    size: float
-
-
 def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float, float]]) -> SafeRegion:
     """States from which outputs stay in their ranges, for all motions of the parameters in the box.
 
@@ -123,26 +116,27 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
         raise AnalysisError(f"safe_region: the bounds are not proved: {wrong}")
     names = [s.name for s in system.outputs]
     rows = positions_of(list(ranges), names, "safe_region: ranges")
-    signals = []
     for name, (low, high) in ranges.items():
         if not low < 0.0 < high:
             raise AnalysisError(
                 f"safe_region: the range [{low:g}, {high:g}] of {name} has no zero inside."
             )
-        signals.append(_Signal(name, min(-low, high)))
     with one_thread():
         model = scaled(realization(system, (), rows, bounds.leave_out), proof.channels, proof.time)
-        levels = [_level(model, proof, k, signal) for k, signal in enumerate(signals)]
+        levels = [
+            _level(model, proof, k, name, min(-low, high))
+            for k, (name, (low, high)) in enumerate(ranges.items())
+        ]
     L = proof.states
     states = tuple(s.name for s in system.states if s.name not in bounds.leave_out)
     return SafeRegion(states, max(levels) * (L.T @ proof.P @ L))
 
 
-def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) -> float:
+def _level(model: Realization, proof: MotionProof, row: int, name: str, most: float) -> float:
     """A number with |y| <= r where this times x'P x is at most 1; an error if none was proved."""
     y = model._replace(
-        G=model.G[row : row + 1] / signal.size,
-        H=model.H[row : row + 1] / signal.size,
+        G=model.G[row : row + 1] / most,
+        H=model.H[row : row + 1] / most,
         E=model.E[:, :0],
         F=model.F[:, :0],
         J=model.J[row : row + 1, :0],
@@ -164,7 +158,7 @@ def _level(model: Realization, proof: MotionProof, row: int, signal: _Signal) ->
         if is_negative(falling, sizes, 1.0, proof.states, proof.P, wider, Y):
             return float(level)
     raise AnalysisError(
-        f"safe_region: no level of V was proved to keep {signal.name} in its range. Take functions of "
+        f"safe_region: no level of V was proved to keep {name} in its range. Take functions of "
         "signals that depend less on parameters."
     )
 
@@ -219,27 +213,14 @@ def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Ki
     taken = {*model.linear.parameters.names}
     gains: list[_Gain] = []
     for f in model.functions:
-        ends = [_range(f, j, known) for j in range(len(f.signals))]
+        what, ends = f"with_sectors: function {f.name!r}", []
+        for j, signal in enumerate(f.signals):
+            advice = f"Give one: ranges={{{signal!r}: (low, high)}}."
+            ends.append(checked_range(f, j, known.get(signal, f.ranges[j]), what, advice))
         for signal, argument, bounds in zip(f.signals, f.arguments, _bounds(f, ends, of), strict=True):
             name = _identifier(f.name if len(f.signals) == 1 else f"{f.name}_{argument}", taken)
             gains.append(_Gain(_parameter(name, f, bounds), f.name, signal))
     return _closed(model, gains)
-
-
-def _range(f: ThetaFunction, j: int, known: Ranges) -> tuple[float, float]:
-    signal, whole = f.signals[j], f.ranges[j]
-    low, high = (float(x) for x in known.get(signal, whole))
-    if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise AnalysisError(
-            f"with_sectors: function {f.name!r}: the range [{low:g}, {high:g}] of {signal} is not "
-            f"finite. Give one: ranges={{{signal!r}: (low, high)}}."
-        )
-    if low < whole[0] or high > whole[1]:
-        raise AnalysisError(
-            f"with_sectors: function {f.name!r}: the range [{low:g}, {high:g}] of {signal} is not inside "
-            f"that of the function, [{whole[0]:g}, {whole[1]:g}]."
-        )
-    return low, high
 
 
 def _bounds(

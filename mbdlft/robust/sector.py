@@ -158,9 +158,7 @@ def _sign(a: Any) -> Dual:
 def _less(a: Any, b: Any) -> bool | None:
     """Whether a < b on the whole box; None if that is not known."""
     first, second = Dual.of(a).value, Dual.of(b).value
-    if first.high < second.low:
-        return True
-    return False if first.low >= second.high else None
+    return True if first.high < second.low else False if first.low >= second.high else None
 
 
 def _equal(a: Any, b: Any) -> bool | None:
@@ -321,7 +319,14 @@ def sector_bounds(
     AnalysisError
         The function has several arguments, the range is not finite or not inside that of the function.
     """
-    ends = _range(function, low, high)
+    if len(function.arguments) != 1:
+        raise AnalysisError(
+            f"sector of {function.name!r}: it has {len(function.arguments)} arguments, expected one. "
+            "Make the model with delta_theta(..., 'fewest'), or look at a function of one argument."
+        )
+    least, most = function.ranges[0]
+    ends = (least if low is None else low, most if high is None else high)
+    ends = checked_range(function, 0, ends, f"sector of {function.name!r}", "Give low and high.")
     kinks = [x for table in function.tables for x in table.breakpoints if ends[0] < x < ends[1]]
     zero = [0.0] if ends[0] < 0.0 < ends[1] else []
     grid = np.union1d(np.linspace(*ends, max(1, int(boxes)) + 1), [*zero, *kinks]).tolist()
@@ -385,19 +390,16 @@ def slope_bounds(
     return tuple(_hull(slopes) for slopes in slopes_of)
 
 
-def _range(f: ThetaFunction, low: float | None, high: float | None) -> tuple[float, float]:
-    if len(f.arguments) != 1:
-        raise AnalysisError(
-            f"sector of {f.name!r}: it has {len(f.arguments)} arguments, expected one. Make the "
-            "model with delta_theta(..., 'fewest'), or look at a function of one argument."
-        )
-    least, most = f.ranges[0]
-    low, high = least if low is None else float(low), most if high is None else float(high)
-    what = f"sector of {f.name!r}: the range [{low:g}, {high:g}]"
+def checked_range(
+    f: ThetaFunction, j: int, ends: tuple[float, float], what: str, advice: str
+) -> tuple[float, float]:
+    """A range of an argument as floats; an error unless it is finite and inside that of the function."""
+    (least, most), low, high = f.ranges[j], float(ends[0]), float(ends[1])
+    text = f"{what}: the range [{low:g}, {high:g}] of {f.signals[j]}"
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
-        raise AnalysisError(f"{what} of {f.signals[0]} is not finite. Give low and high.")
+        raise AnalysisError(f"{text} is not finite. {advice}")
     if low < least or high > most:
-        raise AnalysisError(f"{what} is not inside that of the function, [{least:g}, {most:g}].")
+        raise AnalysisError(f"{text} is not inside that of the function, [{least:g}, {most:g}].")
     return low, high
 
 
@@ -437,25 +439,17 @@ def _is_zero_at_zero(f: ThetaFunction) -> bool:
 
 def _only_at(argument: int, value: int) -> Callable[[Fraction], Fraction]:
     """A function that is known at one number."""
-
-    def of(a: Fraction) -> Fraction:
-        if a != argument:
-            raise ArithmeticError("no exact value")
-        return Fraction(value)
-
-    return of
+    return lambda a: Fraction(value) if a == argument else _unknown()
 
 
-def _whole_power(a: Fraction, b: Fraction) -> Fraction:
-    if b.denominator != 1 or abs(b) > _MOST_POWER:
-        raise ArithmeticError("no exact value")
-    return a ** int(b)
+def _unknown() -> Fraction:
+    raise ArithmeticError("no exact value")
 
 
 _EXACT: Mapping[str, Callable[..., Any]] = {
     **ARITHMETIC,
     "number": decimal,
-    "**": _whole_power,
+    "**": lambda a, b: a ** int(b) if b == int(b) and abs(b) <= _MOST_POWER else _unknown(),
     "neg": operator.neg,
     "abs": abs,
     "min": min,

@@ -103,13 +103,16 @@ def structured_singular_value(
         raise AnalysisError(
             f"structured_singular_value: model {system.name!r}: expected a block that is not fixed."
         )
-    bound = _upper_bound if np.all(grows) else _skew_bound
+    structure, all_grow = structure_of(blocks), bool(np.all(grows))
     bounds: list[tuple[Multipliers, SmallDelta]] = []
     last = None
     with one_thread():
         for w in omega:
             M = channels_at(system, float(w))
-            last = bound(M, blocks, grows, last)
+            if all_grow:
+                last = upper_bound(squared(M, structure), structure, start=last)
+            else:
+                last = _skew_bound(M, blocks, grows)
             bounds.append((last, small_delta(M, blocks, last.beta, grows)))
     return StructuredSingularValue(
         omega.astype(float),
@@ -121,16 +124,7 @@ def structured_singular_value(
     )
 
 
-def _upper_bound(
-    M: Complex, blocks: Sequence[Block], _: NDArray[np.bool_], last: Multipliers | None
-) -> Multipliers:
-    structure = structure_of(blocks)
-    return upper_bound(squared(M, structure), structure, start=last)
-
-
-def _skew_bound(
-    M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_], _: Multipliers | None
-) -> Multipliers:
+def _skew_bound(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]) -> Multipliers:
     """Multipliers for which M'k D M + j(GM - M'G) - D < 0, k = 1 of fixed blocks, 1/beta^2 of others."""
     loop = loop_of_matrix(M, blocks, grows)
     size = float(np.linalg.norm(M, 2))
