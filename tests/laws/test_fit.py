@@ -161,8 +161,8 @@ def other_root(t: np.ndarray) -> np.ndarray:
     return -1 / t
 
 
-def test_the_branch_is_that_of_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    """tan theta has two half angles, t and -1/t; the planted bug follows the other one."""
+def test_the_branch_is_that_of_the_start() -> None:
+    """tan theta has two half angles, t and -1/t."""
     case = CASES["closed form"]
     other = Case(tangent, [(0.4, 0.5, 0.6), (-0.1, 0.0, 0.1)], [-3.0], 1e-6)
     p = np.array(other.points(9))
@@ -174,10 +174,6 @@ def test_the_branch_is_that_of_the_start(monkeypatch: pytest.MonkeyPatch) -> Non
 
     same_branch(other, other_root(expected))
     same_branch(Case(tangent, other.box, case.start, 1e-6), expected)
-    right = fitting.follow
-    monkeypatch.setattr(fitting, "follow", lambda *a: other_root(right(*a)))
-    with pytest.raises(AssertionError):
-        same_branch(other, other_root(expected))
 
 
 def test_rational_equilibrium_has_its_own_degree() -> None:
@@ -208,18 +204,9 @@ def test_polynomial_equilibrium_needs_no_denominator() -> None:
     bound_holds(case, fit, case.points(9))
 
 
-def test_a_peak_between_the_samples_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The planted bug takes the bound from points: it misses the peak and the bound is wrong."""
+def test_a_peak_between_the_samples_is_found() -> None:
     points = [(x,) for x in (0.1, 0.313, 0.3137, 0.3145, 0.8)]
     bound_holds(PEAK, PEAK.fit(largest_degree=12), points)
-
-    def at_points(s: Any, fits: Any, low: Any, high: Any, radius: Any) -> Any:
-        middle = 0.5 * (low + high)
-        return branches._errors_at(s, fits, middle), np.zeros_like(middle)
-
-    monkeypatch.setattr(branches, "enclose", at_points)
-    with pytest.raises(AssertionError, match="error"):
-        bound_holds(PEAK, PEAK.fit(), points)
 
 
 def test_a_pole_between_the_samples_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -288,28 +275,14 @@ def test_taylor_models_enclose(name: str, order: int) -> None:
 def test_singular_jacobian_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """t = 0 is a root for all p, but p0 t = sin t has others where p0 is near to 1.
 
-    The samples do not see it. The planted bug takes df/dt for constant on each piece.
+    The samples do not see it.
     """
     case = Case(lambda t, p, m: [p[0] * t[0] - m.sin(t[0])], [(0.5, 2.0, 2.6)], [0.0], 1e-6)
     monkeypatch.setattr(fitting, "follow", lambda s, nominal, root, p: np.zeros((len(p), 1)))
 
-    def refused() -> None:
-        with pytest.raises(TrimError, match="nothing can be proved near") as caught:
-            case.fit()
-        roundoff(place(str(caught.value), ["p1"]), [1.0], kappa=1e10)
-
-    refused()
-    right = branches._on_boxes
-
-    def constant(s: Any, tape: Any, *others: Any) -> list[taylor.Taylor]:
-        found = right(s, tape, *others)
-        if tape is s.residual:
-            return found
-        return [taylor.constant(f.space, f.c[0], len(f.r)) for f in found]
-
-    monkeypatch.setattr(branches, "_on_boxes", constant)
-    with pytest.raises(pytest.fail.Exception):
-        refused()
+    with pytest.raises(TrimError, match="nothing can be proved near") as caught:
+        case.fit()
+    roundoff(place(str(caught.value), ["p1"]), [1.0], kappa=1e10)
 
 
 def test_bifurcation_of_a_column() -> None:
