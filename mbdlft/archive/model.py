@@ -144,7 +144,7 @@ def _system(items: Items, name: str) -> System:
     return LFTModel(
         **common,
         trim=trim,
-        program=program_of_items(items, len(parameters), lft, trim.lft),
+        program=program_of_items(items, parameters, lft, trim.lft),
         certificate=_certificate(items, sizes),
         provenance=record(Provenance, items, "provenance", scene=scene),
     )

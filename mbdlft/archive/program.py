@@ -3,9 +3,16 @@
 Whoever wrote the file, a program that is read here can do nothing but arithmetic on its registers: each
 instruction reads what was written before it, and the number of instructions is limited. A function is a
 formula, which is parsed and never run as code.
+
+A program whose values are not those of its LFT is not used. Entries of an LFT are smooth, so those of a
+program depend on no size and no maximum. And the values are compared at points of a Latin hypercube: the
+range of each parameter is cut into as many slabs as there are points, and one point is in each slab. So
+no slab of a parameter that is twice as wide can have other values. Rounding keeps residues from deciding:
+the program has the numbers of the equations, and the LFT its own, both rounded to doubles.
 """
 
 import warnings
+from collections.abc import Sequence
 from itertools import accumulate, pairwise
 from typing import Any
 
@@ -14,8 +21,9 @@ from numpy.typing import NDArray
 
 from mbdlft.archive.layout import VERSION, Items, columns, nested, word, words
 from mbdlft.base.array import Array
-from mbdlft.base.errors import ArchiveError, MbdlftWarning, StructureError
+from mbdlft.base.errors import ArchiveError, MbdlftWarning, StructureError, WellPosednessError
 from mbdlft.base.formula import parsed
+from mbdlft.base.parameter import Parameter, to_physical
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.tape import (
     ADD,
@@ -33,13 +41,16 @@ from mbdlft.lft.program.tape import (
     Program,
     compact,
 )
-from mbdlft.lft.sampling import LONGEST, ModelProgram
+from mbdlft.lft.sampling import LONGEST, ModelProgram, agrees, values_by
 from mbdlft.system.model import LFTModel
 from mbdlft.system.theta import ONE, DeltaThetaModel, Table, ThetaFunction
 
 # the codes of a file: their order is part of the format
 OPERATIONS = (ADD, SUBTRACT, MULTIPLY, DIVIDE, SIZE, MAXIMUM, ROOT, COSINE, SINE)
 ONE_SIDED = (SIZE, ROOT, COSINE, SINE)  # what they have on the right does not count
+_STEPS = (SIZE, MAXIMUM)  # of pivots alone
+_SLABS, _FEWEST = 512, 32  # points at which a program is compared with its LFT
+_WORK = 1e9  # products for that, about: a second at most
 _ITEMS = ("operation", "left", "right", "numbers", "result", "pivots")
 
 
@@ -83,27 +94,55 @@ def coded(program: Program, row: Array) -> Items:
     return {name: items[name] for name in _ITEMS}
 
 
-def program_of_items(items: Items, inputs: int, lft: LFT, trim: LFT | None) -> ModelProgram | None:
-    """The program of a model; None if it has none, or one of a newer version that is not understood.
-
-    `inputs` is the number of its parameters.
-    """
+def program_of_items(
+    items: Items, parameters: Sequence[Parameter], lft: LFT, trim: LFT | None
+) -> ModelProgram | None:
+    """The program of a model; None if it has none, or one that is false or newer than this version."""
     if "program/operation" not in items:
         return None
+    written = word(items, "@encoding_version")
     try:
         size = lft.M22.size + (trim.M22.size if trim is not None else 0)
         arrays = {name: items[f"program/{name}"] for name in _ITEMS}
-        return ModelProgram(*decoded(arrays, inputs, size), lft, trim)
+        known = ModelProgram(*decoded(arrays, len(parameters), size), lft, trim)
+        problem = mistake_of(known, parameters)
     except ArchiveError as error:
-        written = word(items, "@encoding_version")
         if written in ("1.0", VERSION):
             raise
-        warnings.warn(
-            f"the program of a model of version {written} is left out, and its LFT evaluated: {error}",
-            MbdlftWarning,
-            stacklevel=2,
-        )
-        return None
+        problem = str(error)
+    if not problem:
+        return known
+    text = f"the program of a model of version {written} is left out, and its LFT evaluated: {problem}"
+    warnings.warn(text, MbdlftWarning, stacklevel=2)
+    return None
+
+
+def mistake_of(known: ModelProgram, parameters: Sequence[Parameter]) -> str:
+    """Why the values of a program are not those of its LFTs; empty if nothing speaks against them."""
+    stepped: set[Operand] = set()
+    for instruction in known.program.instructions:
+        reads = {k for k in (instruction.left, instruction.right) if isinstance(k, int)}
+        if instruction.operation in _STEPS or reads & stepped:
+            stepped.add(instruction.target)
+    if any(register in stepped for _, register in known.program.entries):
+        return "an entry of its matrices depends on a size or a maximum, which entries of an LFT do not."
+    if known.lft.is_complex or any(block.kind != "real" for block in known.lft.blocks):
+        return ""  # it is not used
+    count = int(np.clip(_WORK / max(1, known.lft.order) ** 3, _FEWEST, _SLABS))
+    drawn = np.random.default_rng(0)
+    deltas, physical = np.empty((count, len(parameters))), np.empty((count, len(parameters)))
+    for k, p in enumerate(parameters):
+        slabs = drawn.permutation(count)
+        deltas[:, k] = 2.0 * (slabs + drawn.uniform(size=count)) / count - 1.0
+        physical[:, k] = to_physical(p, deltas[:, k])
+    for lft in filter(None, (known.lft, known.trim)):
+        try:
+            same = agrees(lft, deltas, *values_by(known, lft, physical), most=count)
+        except WellPosednessError as error:
+            return str(error)
+        if not same:
+            return "it has other values."
+    return ""
 
 
 def decoded(items: Items, inputs: int, size: int) -> tuple[Program, Array]:

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive.program import mistake_of
 from mbdlft.archive.rows import SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError, StructureError
@@ -30,7 +31,7 @@ from mbdlft.lft.program.native import (
     user_cache,
 )
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, compact, rows_of_numbers
-from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram, agrees, values_by
+from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram
 from mbdlft.multibody.scene import Scene, scene_from_toml
 from mbdlft.problem.sample_program import StraightLine, straight_line
 from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
@@ -352,9 +353,6 @@ def fastest(source: EquationSource | ModelSource, count: int) -> Source:
     return source if code.reason else code
 
 
-_COMPARED = 32  # samples at which a stored program is compared with the LFT
-
-
 def with_program(model: LFTModel) -> LFTModel:
     """The model with a straight-line program of its values: the equations of its scene, eliminated.
 
@@ -398,11 +396,8 @@ def with_program(model: LFTModel) -> LFTModel:
     entries = tuple(entry for entry in line.program.entries if entry[0][1] < size)
     program = Program(line.program.inputs, line.program.instructions, entries, line.program.pivots)
     known = ModelProgram(compact(program), line.row[:size], model.lft, model.trim.lft)
-    points = points_of(RandomSamples(_COMPARED, 0), model.parameters, 0, _COMPARED)
-    deltas = deltas_at(model, points)
-    for lft in (model.lft, model.trim.lft):
-        if lft is not None and not agrees(lft, deltas, *values_by(known, lft, points)):
-            raise StructureError(
-                f"{what}: the equations of its scene have other values than the model; please report it."
-            )
+    if mistake_of(known, model.parameters):
+        raise StructureError(
+            f"{what}: the equations of its scene have other values than the model; please report it."
+        )
     return replace(model, program=known)

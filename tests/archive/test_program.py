@@ -205,11 +205,56 @@ def test_wrong_values_are_seen(tmp_path: Path) -> None:
     file = written(tmp_path, model)
     edit(file, lambda g: g["program/operation"].__setitem__(-1, 5), "models/carried")
     edit(file, lambda g: g["program/numbers"].__setitem__(slice(None), 2.0), "models/carried")
-    found = mbdlft.load(file)
-    assert found.program is not None
-    assert found.program.program != model.program.program  # type: ignore[union-attr]
+    with pytest.warns(MbdlftWarning, match="is left out, and its LFT evaluated"):
+        found = mbdlft.load(file)
+    assert found.program is None
     values = mbdlft.random(model.parameters, COUNT)
     roundoff(matrix_of(mbdlft.matrices_at(found, values)), dense(model, values), kappa=100.0)
+
+
+def with_bump(model: LFTModel, place: int, share: float, *, smooth: bool) -> LFTModel:
+    """Its program with 50 more in an entry where a parameter is in the middle of a slab of its range.
+
+    It is 50 / (1 + z^32) or, with an edge, 50 max(0, 1 - |z|): z is 1 at the ends of the slab.
+    """
+    program = model.program.program  # type: ignore[union-attr]
+    p, kind = model.parameters[place], type(program.instructions[0])
+    middle, half = p.low + 0.371 * (p.high - p.low), 0.5 * share * (p.high - p.low)
+    steps: list[tuple[str, Any, Any]] = [("subtract", place, middle), ("divide", -1, half)]
+    if smooth:
+        steps += [*[("multiply", -1, -1)] * 5, ("add", -1, 1.0), ("divide", 50.0, -1)]
+    else:
+        steps += [("size", -1, 0.0), ("subtract", 1.0, -1), ("maximum", -1, 0.0), ("multiply", -1, 50.0)]
+    first = program.inputs + len(program.instructions)
+    (_, k), register = program.entries[0]
+    steps.append(("add", register, -1))
+    added = [
+        kind(name, first + n, *(first + n - 1 if x == -1 else x for x in operands))
+        for n, (name, *operands) in enumerate(steps)
+    ]
+    entries = (((0, k), added[-1].target), *program.entries[1:])
+    return changed(model, instructions=(*program.instructions, *added), entries=entries)
+
+
+@pytest.mark.parametrize("smooth", [False, True], ids=["edges", "smooth"])
+@pytest.mark.parametrize("share", [0.004, 0.02])
+def test_a_program_that_is_false_in_a_slab_is_not_used(share: float, *, smooth: bool) -> None:
+    """In a slab of each parameter, which random samples of a call may not meet."""
+    model = models.carried()
+    assert not stored.mistake_of(model.program, model.parameters)  # type: ignore[arg-type]
+    words = "it has other values" if smooth else "depends on a size or a maximum"
+    for place, p in enumerate(model.parameters):
+        other = with_bump(model, place, share, smooth=smooth)
+        assert words in stored.mistake_of(other.program, model.parameters), p.name  # type: ignore[arg-type]
+
+
+def test_a_file_with_a_program_that_is_false_in_a_slab(tmp_path: Path) -> None:
+    model = models.carried()
+    other = with_bump(model, 0, 0.005, smooth=True)
+    with pytest.warns(MbdlftWarning, match="it has other values"):
+        mbdlft.save(tmp_path / "a.h5", other)
+    with pytest.warns(MbdlftWarning, match="is left out, and its LFT evaluated: it has other values"):
+        assert mbdlft.load(tmp_path / "a.h5").program is None
 
 
 def test_where_digits_are_lost_the_lft_may_be_singular(monkeypatch: pytest.MonkeyPatch) -> None:
