@@ -235,18 +235,13 @@ def _plan(a: LFT) -> tuple[Program, Plan] | None:
 
 
 def agrees(
-    a: LFT,
-    points: Array,
-    values: Array,
-    lost: NDArray[np.bool_],
-    different: float = _DIFFERENT,
-    most: int = _PROBES,
+    a: LFT, points: Array, values: Array, lost: NDArray[np.bool_], different: float = _DIFFERENT
 ) -> bool:
-    """Whether values are the dense ones at `most` of the points, if not lost, up to rounding.
+    """Whether values are the dense ones at some of the points that are not lost, up to rounding.
 
     Entries may be `different`, too, by this part of the largest of their row and column.
     """
-    probes = np.unique(np.linspace(0, len(points) - 1, most).astype(int))
+    probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes = probes[~lost[probes]]
     expected, sizes = values_and_sizes(a, points[probes])
     within = _ROUNDING * a.order * sizes
