@@ -16,7 +16,7 @@ from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.alias import rational
 from mbdlft.dae.index import blocks_of, independent, listed
 from mbdlft.dae.newton import Found, System, solve
-from mbdlft.dae.structure import Quantity, Structure, parameter_points
+from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
@@ -116,12 +116,6 @@ class Balance(NamedTuple):
     @property
     def z(self) -> ca.SX:
         return column_of(q.symbol for q in self.quantities)
-
-
-def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
-    """Start values and sizes (n,) of unknowns."""
-    start = np.array([q.start for q in unknown])
-    return start, np.array([q.variable.nominal for q in unknown])
 
 
 def no_equilibrium(

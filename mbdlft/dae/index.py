@@ -16,6 +16,7 @@ SIAM J. Sci. Comput. 14 (1993).
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import casadi as ca
@@ -53,27 +54,16 @@ class Entry(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Differentiated:
-    """All equations and their derivatives that determine a model.
-
-    Attributes
-    ----------
-    dae : Dae
-    counts : tuple of int
-        Differentiations of each equation, c_i.
-    orders : tuple of int
-        Of the highest derivative of each variable, d_j.
-    symbols : mapping of `Entry` to SX
-    residuals : mapping of `Row` to SX
-    input_rates : tuple of (input, order, SX)
-        Derivatives of inputs that occur.
-    """
+    """All equations and their derivatives that determine a model."""
 
     dae: Dae
-    counts: tuple[int, ...]
-    orders: tuple[int, ...]
+    counts: tuple[int, ...]  # differentiations of each equation, c_i
+    orders: tuple[int, ...]  # of the highest derivative of each variable, d_j
     symbols: dict[Entry, ca.SX]
     residuals: dict[Row, ca.SX]
-    input_rates: tuple[tuple[Variable, int, ca.SX], ...]
+    input_rates: tuple[
+        tuple[Variable, int, ca.SX], ...
+    ]  # derivatives of inputs: order, symbol
 
     @property
     def index(self) -> int:
@@ -119,17 +109,12 @@ def _signature(dae: Dae) -> Pattern:
     """Highest order of each variable in each equation; -1 where it does not occur."""
     residuals = column_of(e.residual for e in dae.equations)
     sigma = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
-    for order in (0, 1):
-        chosen = [
-            (j, symbol)
-            for j, v in enumerate(dae.variables)
-            if (symbol := v.derivative if order else v.symbol) is not None
-        ]
-        if not chosen or not residuals.numel():
-            continue
-        pattern = ca.jacobian_sparsity(residuals, column_of(s for _, s in chosen))
-        rows, columns = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
-        sigma[rows, np.array([j for j, _ in chosen])[columns]] = order
+    for order, symbols in enumerate(zip(*((v.symbol, v.derivative) for v in dae.variables), strict=True)):
+        known = [j for j, symbol in enumerate(symbols) if symbol is not None]
+        if known and residuals.numel():
+            pattern = ca.jacobian_sparsity(residuals, column_of(symbols[j] for j in known))
+            rows, columns = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
+            sigma[rows, np.array(known)[columns]] = order
     return sigma
 
 
@@ -192,19 +177,17 @@ def _derivatives(
 ) -> tuple[dict[Row, ca.SX], tuple[tuple[Variable, int, ca.SX], ...]]:
     residuals = {Row(i, 0): e.residual for i, e in enumerate(dae.equations)}
     n = len(dae.variables)
+    most = max(counts, default=0)
     rates = {
         Entry(n + k, order): ca.SX.sym(name_of(u.name, order)) if order else u.symbol
         for k, u in enumerate(dae.inputs)
-        for order in range(max(counts, default=0) + 1)
+        for order in range(most + 1)
     }
     signals = symbols | rates
-    moving = [
-        (symbol, signals[rate])
-        for (j, order), symbol in signals.items()
-        if (rate := Entry(j, order + 1)) in signals
-    ]
-    symbols_now, rates_now = column_of([s for s, _ in moving]), column_of([r for _, r in moving])
-    for order in range(1, max(counts, default=0) + 1):
+    moving = [entry for entry in signals if Entry(entry.variable, entry.order + 1) in signals]
+    symbols_now = column_of(signals[entry] for entry in moving)
+    rates_now = column_of(signals[Entry(j, order + 1)] for j, order in moving)
+    for order in range(1, most + 1):
         rows = [i for i, count in enumerate(counts) if count >= order]
         before = column_of(residuals[Row(i, order - 1)] for i in rows)
         after = ca.jtimes(before, symbols_now, rates_now)
@@ -233,9 +216,9 @@ def blocks_of(pattern: ca.Sparsity) -> tuple[Block, ...]:
     """The block-triangular order of a square pattern: later blocks need earlier ones."""
     if not pattern.size1():
         return ()
-    count, rows, columns, r, c, _, _ = pattern.btf()
-    blocks = [Block(tuple(rows[r[k] : r[k + 1]]), tuple(columns[c[k] : c[k + 1]])) for k in range(count)]
-    return tuple(blocks)
+    _, rows, columns, r, c, _, _ = pattern.btf()
+    pairs = zip(pairwise(r), pairwise(c), strict=True)
+    return tuple(Block(tuple(rows[a:b]), tuple(columns[i:j])) for (a, b), (i, j) in pairs)
 
 
 def dummy_derivatives(
@@ -244,15 +227,9 @@ def dummy_derivatives(
     points: Callable[[], Sequence[Array]],
     wanted: Collection[str],
 ) -> set[Entry]:
-    """The derivatives that become algebraic variables.
+    """The derivatives that become algebraic variables; states that are `wanted` are kept if possible.
 
-    Parameters
-    ----------
-    d : Differentiated
-    signals : all symbols of the equations but parameters, then these
-    points : function without arguments
-        Values of these at some points.
-    wanted : names of states that are kept if there is a choice
+    `signals` are all symbols of the equations but parameters, then these; `points()` are values of them.
     """
     dae, n = d.dae, len(d.dae.equations)
     rows = [Row(i, d.counts[i]) for i in range(n)]
@@ -273,29 +250,27 @@ def dummy_derivatives(
         matrix = jacobian[list(block.rows), list(block.columns)]
         alone = len(block.rows) == 1 and matrix.nnz() and not ca.symvar(ca.SX(matrix.nz[0]))
         if not alone:
-            _check_regular(d, matrix, highest, points, [rows[i] for i in block.rows], block, entries)
+            of_block = [rows[i] for i in block.rows], [entries[j] for j in block.columns]
+            _check_regular(d, matrix, column_of(highest), points, *of_block)
         if any(d.counts[i] for i in block.rows):
             at = [m[np.ix_(block.rows, block.columns)] for m in matrices()]
-            chosen = [(rows[i].order) for i in block.rows]
-            dummies |= _selected(d, at, chosen, [entries[j] for j in block.columns], wanted)
+            orders = [rows[i].order for i in block.rows]
+            dummies |= _selected(d, at, orders, [entries[j] for j in block.columns], wanted)
     return dummies
 
 
 def _check_regular(
     d: Differentiated,
     matrix: ca.SX,
-    highest: Sequence[ca.SX],
+    highest: ca.SX,
     points: Callable[[], Sequence[Array]],
     rows: Sequence[Row],
-    block: Block,
     entries: Sequence[Entry],
 ) -> None:
-    signals = column_of(highest)
-    singular = singular_part(matrix, signals, d.dae.p, points)
+    dae, singular = d.dae, singular_part(matrix, highest, d.dae.p, points)
     if singular is None:
         return
-    dae = d.dae
-    unknowns = [entries[block.columns[j]] for j in singular.columns]
+    unknowns = [entries[j] for j in singular.columns]
     names = [name_of(dae.variables[j].name, order) for j, order in unknowns]
     certain = "whatever the parameters are" if singular.exact else "at all points that were tried"
     raise StructureError(

@@ -43,21 +43,13 @@ _POINTS, _SEED = 3, 11  # at which pivots are looked at
 
 
 class Quantity(NamedTuple):
-    """A variable or one of its derivatives.
-
-    Attributes
-    ----------
-    name : such as ``x``, ``der(x)``, ``der(x, 2)``
-    symbol : SX (1, 1), in `unit`
-    variable : what it is, or is a derivative of
-    order : of the derivative
-    """
+    """A variable or one of its derivatives, such as ``x``, ``der(x)``, ``der(x, 2)``."""
 
     name: str
-    symbol: ca.SX
+    symbol: ca.SX  # (1, 1), in `unit`
     unit: str
-    variable: Variable
-    order: int
+    variable: Variable  # which it is, or is a derivative of
+    order: int  # of the derivative
 
     @property
     def start(self) -> float:
@@ -130,7 +122,7 @@ class Structure:
     @cached_property
     def symbols(self) -> ca.SX:
         """Symbols of [unknowns ; states ; inputs]."""
-        return ca.vertcat(self.unknown, self.x, self.u)
+        return column_of(q.symbol for q in self.quantities)
 
     @property
     def owner(self) -> str:
@@ -181,13 +173,20 @@ def reduce_index(
     points = cache(partial(_consistent_points, d, inputs))
     known = {v.name for v in dae.variables}
     for name in states:
-        if _base(name) not in known:
+        variable = name.removeprefix("der(").split(",")[0].rstrip(")") if name[:4] == "der(" else name
+        if variable not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
     # what may be the state that a name asks for: its alias, or the derivative that it is
     remaining, written = {a.name: a.of for a in aliases}, _written_rates(reduced)
     wanted = {name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states}
     dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values())})
     return _assembled(dae, aliases, d, dummies, inputs, wanted)
+
+
+def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
+    """Start values and sizes (n,) of unknowns."""
+    start = np.array([q.start for q in unknown])
+    return start, np.array([q.variable.nominal for q in unknown])
 
 
 def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:
@@ -198,41 +197,31 @@ def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:
 def _written_rates(dae: Dae) -> dict[str, str]:
     """Variables that an equation w = der(x) gives: the names of these derivatives, ``der(x)``."""
     variables = {v.symbol.element_hash(): v.name for v in dae.variables}
-    rates = {
-        v.derivative.element_hash(): name_of(v.name, 1) for v in dae.variables if v.derivative is not None
-    }
+    derivatives = [(v.derivative, v.name) for v in dae.variables if v.derivative is not None]
+    rates = {symbol.element_hash(): name_of(name, 1) for symbol, name in derivatives}
     rate_of = {}
     for e in dae.equations:
-        symbols = ca.symvar(e.residual)
-        names = [variables.get(s.element_hash()) for s in symbols]
-        ends = [rates.get(s.element_hash()) for s in symbols]
-        if len(symbols) == 2 and sum(name is not None for name in names) == 1 and any(ends):
-            slopes = ca.densify(ca.jacobian(e.residual, column_of(symbols)))
+        keys = [s.element_hash() for s in ca.symvar(e.residual)]
+        names, ends = ([t[key] for key in keys if key in t] for t in (variables, rates))
+        if len(keys) == 2 and len(names) == len(ends) == 1:
+            slopes = ca.densify(ca.jacobian(e.residual, column_of(ca.symvar(e.residual))))
             if slopes.is_constant() and float(slopes[0]) == -float(slopes[1]):
-                rate_of[next(n for n in names if n)] = next(n for n in ends if n)
+                rate_of[names[0]] = ends[0]
     return rate_of
-
-
-def _base(name: str) -> str:
-    return name.removeprefix("der(").split(",")[0].rstrip(")") if name.startswith("der(") else name
 
 
 def rate_unit(unit: str, order: int = 1) -> str:
     """The unit of a derivative of a quantity in `unit`."""
     if not order:
         return unit
-    power = "s" if order == 1 else f"s^{order}"
-    if unit.endswith("/s"):
-        return f"{unit}^{order + 1}"
-    return f"{unit}/{power}"
+    return f"{unit}^{order + 1}" if unit.endswith("/s") else f"{unit}/s" + f"^{order}" * (order > 1)
 
 
 def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Array]:
     """Values of all symbols, inputs and parameters, at nominal and at some other parameters."""
     dae = d.dae
-    entries = list(d.symbols)
-    start = np.array([(dae.variables[j].start or 0.0) if not order else 0.0 for j, order in entries])
-    sizes = np.array([dae.variables[j].nominal for j, _ in entries])
+    unknown = [_quantity(dae.variables[j], order, symbol) for (j, order), symbol in d.symbols.items()]
+    start, sizes = start_of(unknown)
     knowns = column_of([*(q.symbol for q in inputs), *ca.vertsplit(dae.p)])
     residual = column_of(d.residuals.values())
     u = [q.start for q in inputs]
@@ -254,11 +243,10 @@ def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Ar
 
 def parameter_points(dae: Dae, count: int) -> list[Array]:
     """Values of the parameters as the symbols have them: nominal, then random ones."""
-    nominal = {p.name: np.full(1, p.nominal) for p in dae.parameters}
-    drawn = random(dae.parameters, count - 1, _SEED) if dae.parameters and count > 1 else {}
-    physical = [np.concatenate([nominal[p.name], drawn.get(p.name, [])]) for p in dae.parameters]
-    if not physical:
+    if not dae.parameters:
         return [np.zeros(0)]
+    drawn = random(dae.parameters, count - 1, _SEED) if count > 1 else {}
+    physical = [np.concatenate([[p.nominal], drawn.get(p.name, [])]) for p in dae.parameters]
     return list(in_symbols(dae, np.stack(physical, axis=1)))
 
 
@@ -284,17 +272,13 @@ def _assembled(
     wanted: Mapping[str, set[str]],
 ) -> Structure:
     dae = d.dae
-    is_state = {
-        entry: entry.order < d.orders[entry.variable]
-        and Entry(entry.variable, entry.order + 1) not in dummies
-        for entry in d.symbols
-    }
-    quantity = {
-        entry: _quantity(dae.variables[entry.variable], entry.order, symbol)
-        for entry, symbol in d.symbols.items()
-    }
-    states = [entry for entry in d.symbols if is_state[entry]]
-    unknowns = [entry for entry in d.symbols if not is_state[entry]]
+    quantity = {e: _quantity(dae.variables[e.variable], e.order, s) for e, s in d.symbols.items()}
+    states = [
+        Entry(j, order)
+        for j, order in d.symbols
+        if order < d.orders[j] and Entry(j, order + 1) not in dummies
+    ]
+    unknowns = [entry for entry in d.symbols if entry not in set(states)]
     names = {quantity[entry].name for entry in states}
     for name, candidates in wanted.items():
         if not candidates & names:
@@ -329,11 +313,8 @@ def report(s: Structure) -> str:
         f"  aliases: {_counted(s.aliases, 'variable')} taken out as others or numbers, "
         f"{len(s.dae.variables)} left",
         f"  index {s.index}"
-        + (
-            f": differentiated {listed(f'{place} {n} x' for place, n in s.differentiations)}"
-            if s.differentiations
-            else ""
-        ),
+        + ": differentiated " * bool(s.differentiations)
+        + listed(f"{place} {n} x" for place, n in s.differentiations),
         f"  {_counted(s.states, 'state')}: {listed(q.name for q in s.states) or 'none'}",
     ]
     large = [b for b in s.blocks if len(b.rows) > 1]
@@ -342,7 +323,9 @@ def report(s: Structure) -> str:
         + (f", the largest of {max(len(b.rows) for b in large)}" if large else "")
     )
     for block in large[:5]:
-        kind = "linear" if _is_linear(s, block) else "nonlinear"
+        unknown = s.unknown[list(block.columns)]
+        slopes = ca.jacobian(s.residual[list(block.rows)], unknown)
+        kind = "nonlinear" if ca.depends_on(slopes, unknown) else "linear"
         unknowns = listed(s.unknowns[j].name for j in block.columns)
         lines.append(f"    {len(block.rows)} equations, {kind}: {unknowns}")
     return "\n".join(lines)
@@ -351,9 +334,3 @@ def report(s: Structure) -> str:
 def _counted(items: Sized, noun: str) -> str:
     """Such as "1 input" and "2 inputs"."""
     return f"{len(items)} {noun}{'' if len(items) == 1 else 's'}"
-
-
-def _is_linear(s: Structure, block: Block) -> bool:
-    residual = s.residual[list(block.rows)]
-    unknown = s.unknown[list(block.columns)]
-    return not ca.depends_on(ca.jacobian(residual, unknown), unknown)

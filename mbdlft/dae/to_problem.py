@@ -14,9 +14,8 @@ from mbdlft.base.errors import AnalysisError, StructureError
 from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal, parse_unit
-from mbdlft.dae.balance import start_of
 from mbdlft.dae.newton import System, solve, values_of
-from mbdlft.dae.structure import Structure, in_symbols
+from mbdlft.dae.structure import Structure, in_symbols, parameter_points, start_of
 from mbdlft.dae.text import column_of, formula_of
 from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form
 from mbdlft.dae.theta.separation import Arrange
@@ -111,9 +110,7 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
     """
     quantities = [*s.unknowns, *s.states]
     _, sizes = start_of(quantities)
-    if p is None:
-        nominal = np.array([[parameter.nominal for parameter in s.dae.parameters]])
-        p = in_symbols(s.dae, nominal)[0] if s.dae.parameters else np.zeros(0)
+    p = parameter_points(s.dae, 1)[0] if p is None else p
     starts = [
         q.start if q.order or q.variable.start_of is None else q.variable.start_of
         for q in (*quantities, *s.inputs)

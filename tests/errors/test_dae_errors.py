@@ -165,7 +165,7 @@ def test_units_that_do_not_fit() -> None:
         (("1/s", "Hz"), lambda d, x, y: x - y, r"s.-1 and Hz are added"),
         (("km", "m"), lambda d, x, y: x - d.number(0.001) * y, None),
         (("mV", "kOhm uA"), lambda d, x, y: x - 5 * y, None),
-        (("mm", "m"), lambda d, x, y: x * y - y * y, r"0.001 m.2 and m.2 are added"),
+        (("mm", "m"), lambda d, x, y: y * x - y * y, r"0.001 m.2 and m.2 are"),
         (("mm^2", "mm"), lambda d, x, y: ca.sqrt(x) - y, None),
         (("mm^2", "m"), lambda d, x, y: ca.sqrt(x) - y, "0.001 m and m are added"),
     ],
