@@ -61,9 +61,7 @@ class Differentiated:
     orders: tuple[int, ...]  # of the highest derivative of each variable, d_j
     symbols: dict[Entry, ca.SX]
     residuals: dict[Row, ca.SX]
-    input_rates: tuple[
-        tuple[Variable, int, ca.SX], ...
-    ]  # derivatives of inputs: order, symbol
+    input_rates: tuple[tuple[Variable, int, ca.SX], ...]  # derivatives of inputs: order, symbol
 
     @property
     def index(self) -> int:

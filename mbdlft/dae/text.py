@@ -4,6 +4,7 @@ import math
 import operator
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from functools import partial
 from typing import Any, NamedTuple
@@ -274,11 +275,10 @@ def _followed(name: str, rule: Callable[..., _Piece]) -> Callable[..., _Piece]:
     def apply(*operands: _Piece) -> _Piece:
         result = rule(*operands)
         of = {id(operand.of): operand.of for operand in operands if operand.of is not None}
-        if len(of) > 1:
-            return result
-        piecewise = applied(name, *(operand.piecewise for operand in operands))
-        if piecewise is not None:
-            result.of, result.piecewise = next(iter(of.values()), None), piecewise
+        if len(of) <= 1:
+            with suppress(NotRationalError):
+                result.piecewise = applied(name, *(operand.piecewise for operand in operands))
+                result.of = next(iter(of.values()), None)
         return result
 
     return apply

@@ -6,105 +6,131 @@ with values at the breakpoints. So the Delta-Theta form finds tables in expressi
 """
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
-from itertools import pairwise, zip_longest
-from typing import Literal, NamedTuple
+from functools import partial, reduce
+from itertools import pairwise
+from typing import Any, Literal
 
 import casadi as ca
+import flint
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.exact.numbers import constant_of, decimal
+from mbdlft.exact.operators import Operators
 from mbdlft.problem.sx.constants import constants_in, literal
-from mbdlft.problem.sx.tapes import Rules, fold
+from mbdlft.problem.sx.tapes import Rule, Rules, fold, rules
 from mbdlft.system.theta import Table
 
-Polynomial = tuple[Fraction, ...]  # coefficients from the constant on, without zeros at the end
 _MOST_BREAKS, _MOST_DEGREE = 512, 3
+Number = flint.fmpq
+Polynomial = flint.fmpq_poly
 
 
-class Piecewise(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class Piecewise(Operators):
     """Polynomials (n + 1,) between breakpoints (n,), and the values at these."""
 
-    breaks: tuple[Fraction, ...]
+    breaks: tuple[Number, ...]
     pieces: tuple[Polynomial, ...]
-    at: tuple[Fraction, ...]
+    at: tuple[Number, ...]
 
     def table(self, least: int = 2) -> Table | None:
         """The table that this is, if it is continuous, has lines beyond its ends, and enough points."""
         f = _simple(self)
-        ends = (f.pieces[0], f.pieces[-1])
-        if len(f.breaks) < max(least, 2) or any(len(p) > 2 for p in ends):
+        slopes = [p.derivative() for p in f.pieces]
+        if len(f.breaks) < max(least, 2) or any(slopes[k].degree() > 0 for k in (0, -1)):
             return None
-        for b, value, lower_piece, right in zip(f.breaks, f.at, f.pieces, f.pieces[1:], strict=False):
-            if not _value(lower_piece, b) == value == _value(right, b):
+        for b, value, (lower, right) in zip(f.breaks, f.at, pairwise(f.pieces), strict=True):
+            if not lower(b) == value == right(b):
                 return None
-        inner = f.pieces[1:-1]
-        slopes: tuple[tuple[float, float], ...] = ()
-        if any(len(p) > 2 for p in inner):
-            pairs = zip(inner, f.breaks, f.breaks[1:], strict=False)
-            slopes = tuple((float(_slope(p, a)), float(_slope(p, b))) for p, a, b in pairs)
-        below, above = (float(_slope(p, Fraction(0))) for p in ends)
-        breakpoints = tuple(map(float, f.breaks))
+        inside: tuple[tuple[float, float], ...] = ()
+        if any(slope.degree() > 0 for slope in slopes):
+            pairs = zip(slopes[1:-1], pairwise(f.breaks), strict=True)
+            inside = tuple((_float(slope(a)), _float(slope(b))) for slope, (a, b) in pairs)
+        breakpoints = tuple(map(_float, f.breaks))
         if len({*breakpoints}) < len(breakpoints):
             return None
-        return Table(breakpoints, tuple(map(float, f.at)), below, above, slopes)
+        below, above = (_float(slopes[k][0]) for k in (0, -1))
+        return Table(breakpoints, tuple(map(_float, f.at)), below, above, inside)
+
+    def refined(self, breaks: Iterable[Number]) -> "Piecewise":
+        """The same with more breakpoints."""
+        pieces, at, k = [self.pieces[0]], [], 0
+        every = tuple(sorted({*self.breaks, *breaks}))
+        if every == self.breaks:
+            return self
+        for b in every:
+            if k < len(self.breaks) and self.breaks[k] == b:
+                at.append(self.at[k])
+                k += 1
+            else:
+                at.append(self.pieces[k](b))
+            pieces.append(self.pieces[k])
+        return Piecewise(every, tuple(pieces), tuple(at))
+
+    def _with(self, other: "Piecewise", operation: Callable[[Any, Any], Any]) -> "Piecewise":
+        """An operation of two functions, on the breakpoints of both."""
+        a, b = self.refined(other.breaks), other.refined(self.breaks)
+        pieces, at = map(operation, a.pieces, b.pieces), map(operation, a.at, b.at)
+        return Piecewise(a.breaks, tuple(pieces), tuple(at))
+
+    def __add__(self, other: "Piecewise") -> "Piecewise":
+        return self._with(other, operator.add)
+
+    def __mul__(self, other: "Piecewise") -> "Piecewise":
+        return self._with(other, operator.mul)
+
+    def __neg__(self) -> "Piecewise":
+        return self * constant(-1)
+
+    def __truediv__(self, other: "Piecewise") -> "Piecewise":
+        if other.breaks or other.pieces[0].degree() != 0:
+            raise NotRationalError("no division by a function, or by zero")
+        return self * constant(1 / other.pieces[0][0])
+
+    def __pow__(self, other: "Piecewise") -> "Piecewise":
+        exponent = other.pieces[0][0]
+        is_number = not other.breaks and other.pieces[0].degree() <= 0
+        if not is_number or exponent.q != 1 or not 0 <= exponent <= _MOST_DEGREE:
+            raise NotRationalError("no such power")
+        return reduce(operator.mul, [self] * int(exponent.p), constant(1))
+
+    @property
+    def is_condition(self) -> bool:
+        """Whether its values are 0 and 1."""
+        return all(bool(p == 0 or p == 1) for p in (*self.pieces, *self.at))
 
 
-def constant(value: Fraction) -> Piecewise:
+def _float(value: Number) -> float:
+    return int(value.p) / int(value.q)
+
+
+def constant(value: Fraction | Number | int) -> Piecewise:
     """A number."""
-    return Piecewise((), (_trimmed([value]),), ())
+    exact = Number(value.numerator, value.denominator) if isinstance(value, Fraction) else value
+    return Piecewise((), (Polynomial([exact]),), ())
 
 
-ARGUMENT = Piecewise((), ((Fraction(0), Fraction(1)),), ())
+ARGUMENT = Piecewise((), (Polynomial([0, 1]),), ())
 
 
-def applied(operation: str, *operands: Piecewise) -> Piecewise | None:
-    """What an operation of CasADi makes of functions of one argument; None if it is no such function."""
-    rule = _RULES.get(operation)
-    polynomial = rule(*operands) if rule is not None else None
-    if polynomial is None or len(polynomial.breaks) > _MOST_BREAKS:
-        return None
-    return None if any(len(p) > _MOST_DEGREE + 1 for p in polynomial.pieces) else polynomial
-
-
-def _trimmed(coefficients: list[Fraction]) -> Polynomial:
-    while coefficients and not coefficients[-1]:
-        coefficients.pop()
-    return tuple(coefficients)
-
-
-def _value(p: Polynomial, at: Fraction) -> Fraction:
-    total = Fraction(0)
-    for c in reversed(p):
-        total = total * at + c
-    return total
-
-
-def _slope(p: Polynomial, at: Fraction) -> Fraction:
-    return _value(tuple(k * c for k, c in enumerate(p))[1:], at)
-
-
-def _plus(a: Polynomial, b: Polynomial) -> Polynomial:
-    return _trimmed([x + y for x, y in zip_longest(a, b, fillvalue=Fraction(0))])
-
-
-def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    coefficients = [Fraction(0)] * (len(a) + len(b))
-    for j, x in enumerate(a):
-        for k, y in enumerate(b):
-            coefficients[j + k] += x * y
-    return _trimmed(coefficients)
+def applied(operation: str, *operands: Piecewise) -> Piecewise:
+    """What an operation of CasADi makes of functions of one argument; an error if it is none."""
+    f: Piecewise = _RULES.operations.get(operation, partial(_RULES.missing, operation, ""))(*operands)
+    if len(f.breaks) > _MOST_BREAKS or any(p.degree() > _MOST_DEGREE for p in f.pieces):
+        raise NotRationalError("too many breakpoints, or too high a degree")
+    return f
 
 
 def _simple(f: Piecewise) -> Piecewise:
     """Without breakpoints at which nothing changes."""
     breaks, pieces, at = [], [f.pieces[0]], []
     for b, value, p in zip(f.breaks, f.at, f.pieces[1:], strict=True):
-        if p == pieces[-1] and _value(p, b) == value:
+        if p == pieces[-1] and p(b) == value:
             continue
         breaks.append(b)
         at.append(value)
@@ -112,168 +138,74 @@ def _simple(f: Piecewise) -> Piecewise:
     return Piecewise(tuple(breaks), tuple(pieces), tuple(at))
 
 
-def _refined(f: Piecewise, breaks: tuple[Fraction, ...]) -> Piecewise:
-    """The same with more breakpoints."""
-    pieces, at, k = [f.pieces[0]], [], 0
-    for b in breaks:
-        if k < len(f.breaks) and f.breaks[k] == b:
-            at.append(f.at[k])
-            k += 1
-        else:
-            at.append(_value(f.pieces[k], b))
-        pieces.append(f.pieces[k])
-    return Piecewise(breaks, tuple(pieces), tuple(at))
-
-
-def _together(
-    a: Piecewise,
-    b: Piecewise,
-    of_polynomials: Callable[[Polynomial, Polynomial], Polynomial],
-    of_numbers: Callable[[Fraction, Fraction], Fraction],
-) -> Piecewise:
-    """An operation of two functions, on the breakpoints of both."""
-    if a.breaks != b.breaks:
-        breaks = tuple(sorted({*a.breaks, *b.breaks}))
-        a, b = _refined(a, breaks), _refined(b, breaks)
-    pieces, at = map(of_polynomials, a.pieces, b.pieces), map(of_numbers, a.at, b.at)
-    return Piecewise(a.breaks, tuple(pieces), tuple(at))
-
-
-def _add(a: Piecewise, b: Piecewise) -> Piecewise:
-    return _together(a, b, _plus, operator.add)
-
-
-def _times(a: Piecewise, b: Piecewise) -> Piecewise:
-    return _together(a, b, _product, operator.mul)
-
-
-def _negative(a: Piecewise) -> Piecewise:
-    return _times(constant(Fraction(-1)), a)
-
-
-def _minus(a: Piecewise, b: Piecewise) -> Piecewise:
-    return _add(a, _negative(b))
-
-
-def _over(a: Piecewise, b: Piecewise) -> Piecewise | None:
-    if b.breaks or len(b.pieces[0]) != 1:
-        return None
-    return _times(a, constant(1 / b.pieces[0][0]))
-
-
-def _power(a: Piecewise, b: Piecewise) -> Piecewise | None:
-    if b.breaks or len(b.pieces[0]) > 1:
-        return None
-    exponent = b.pieces[0][0] if b.pieces[0] else Fraction(0)
-    if exponent.denominator != 1 or not 0 <= exponent <= _MOST_DEGREE:
-        return None
-    power = constant(Fraction(1))
-    for _ in range(int(exponent)):
-        power = _times(power, a)
-    return power
-
-
-def _compared(holds: Callable[[Fraction], bool]) -> Callable[..., Piecewise | None]:
+def _compared(holds: Callable[[Number], bool]) -> Callable[..., Piecewise]:
     """1 where a condition on a - b holds, 0 elsewhere; its polynomials are lines, so signs are known."""
 
-    def rule(a: Piecewise, b: Piecewise) -> Piecewise | None:
-        d = _minus(a, b)
-        if any(len(p) > 2 for p in d.pieces):
-            return None
-        roots = {-p[0] / p[1] for p in d.pieces if len(p) == 2}
-        d = _refined(d, tuple(sorted({*d.breaks, *roots})))
-        ends = (None, *d.breaks), (*d.breaks, None)
-        inside = [_inside(a, b) for a, b in zip(*ends, strict=True)]
-        constant_one = (Fraction(1),)
-        return Piecewise(
-            d.breaks,
-            tuple(
-                constant_one if holds(_value(p, x)) else () for p, x in zip(d.pieces, inside, strict=True)
-            ),
-            tuple(Fraction(int(holds(x))) for x in d.at),
-        )
+    def rule(a: Piecewise, b: Piecewise) -> Piecewise:
+        d: Piecewise = a - b
+        if any(p.degree() > 1 for p in d.pieces):
+            raise NotRationalError("a comparison of curves")
+        d = d.refined(-p[0] / p[1] for p in d.pieces if p.degree() == 1)
+        ends = [d.breaks[0] - 1, *d.breaks, d.breaks[-1] + 1] if d.breaks else [Number(0), Number(0)]
+        inside = [
+            p((left + right) / 2) for p, (left, right) in zip(d.pieces, pairwise(ends), strict=True)
+        ]
+        pieces = tuple(Polynomial([int(holds(x))]) for x in inside)
+        return Piecewise(d.breaks, pieces, tuple(Number(int(holds(x))) for x in d.at))
 
     return rule
 
 
-def _inside(a: Fraction | None, b: Fraction | None) -> Fraction:
-    """A number between two others, or beyond one."""
-    if a is None:
-        return Fraction(0) if b is None else b - 1
-    return a + 1 if b is None else (a + b) / 2
-
-
-def _is_condition(f: Piecewise) -> bool:
-    return {*f.pieces} <= {(), (Fraction(1),)} and {*f.at} <= {0, 1}
-
-
-def _chosen(condition: Piecewise | None, a: Piecewise) -> Piecewise | None:
+def _chosen(condition: Piecewise, a: Piecewise) -> Piecewise:
     """a where a condition holds, 0 elsewhere."""
-    return _times(condition, a) if condition is not None and _is_condition(condition) else None
-
-
-def _opposite(condition: Piecewise) -> Piecewise | None:
-    return _minus(constant(Fraction(1)), condition) if _is_condition(condition) else None
+    if not condition.is_condition:
+        raise NotRationalError("no condition")
+    return condition * a
 
 
 _less, _least = _compared(lambda x: x < 0), _compared(lambda x: x <= 0)
 
 
-def _smaller(a: Piecewise, b: Piecewise) -> Piecewise | None:
+def _smaller(a: Piecewise, b: Piecewise) -> Piecewise:
     """The smaller one: b + (a - b where it is negative)."""
-    smaller = _chosen(_less(a, b), _minus(a, b))
-    return None if smaller is None else _add(b, smaller)
+    return b + _chosen(_less(a, b), a - b)
 
 
-def _larger(a: Piecewise, b: Piecewise) -> Piecewise | None:
-    larger = _smaller(_negative(a), _negative(b))
-    return None if larger is None else _negative(larger)
+def _larger(a: Piecewise, b: Piecewise) -> Piecewise:
+    return -_smaller(-a, -b)
 
 
-_RULES: Mapping[str, Callable[..., Piecewise | None]] = {
-    "assign": lambda a: a,
-    "add": _add,
-    "sub": _minus,
-    "mul": _times,
-    "div": _over,
-    "neg": _negative,
-    "twice": lambda a: _add(a, a),
-    "sq": lambda a: _times(a, a),
-    "constpow": _power,
-    "pow": _power,
-    "lt": _less,
-    "le": _least,
-    "not": _opposite,
-    "and": lambda a, b: _chosen(a, b) if _is_condition(b) else None,
-    "if_else_zero": _chosen,
-    "fmin": _smaller,
-    "fmax": _larger,
-    "fabs": lambda a: _larger(a, _negative(a)),
+_OTHERS: dict[str, Rule] = {
+    **dict.fromkeys(("pow", "constpow"), operator.pow),
+    **{"lt": _less, "le": _least, "if_else_zero": _chosen},
+    "and": lambda a, b: _chosen(a, _chosen(b, constant(1))),
+    "not": lambda a: constant(1) - _chosen(a, constant(1)),
+    **{"fmin": _smaller, "fmax": _larger, "fabs": lambda a: _larger(a, -a)},
 }
+_RULES: Rules = rules(
+    lambda value: constant(constant_of(value)),
+    add=operator.add,
+    mul=operator.mul,
+    div=operator.truediv,
+    **_OTHERS,
+)
 
 
 def piecewise_of(expression: ca.SX, argument: ca.SX) -> Piecewise | None:
     """An expression as polynomials of a symbol; None if it is none, or has another symbol."""
     constants, numbers = constants_in(expression)
+    known = {s.element_hash() for s in ca.vertsplit(ca.vertcat(argument, constants))}
     if any(number.kind != "rational" for number in numbers):
         return None
-    known = {s.element_hash() for s in ca.vertsplit(ca.vertcat(argument, constants))}
     if any(s.element_hash() not in known for s in ca.symvar(expression)):
         return None
     function = ca.Function("piecewise", [argument, constants], [ca.densify(expression)])
-
-    def follow(name: str, *operands: Piecewise | None) -> Piecewise | None:
-        dependent = [operand for operand in operands if operand is not None]
-        return applied(name, *dependent) if len(dependent) == len(operands) else None
-
-    table = Rules(
-        lambda value: constant(constant_of(value)),
-        {name: partial(follow, name) for name in _RULES},
-        lambda operation, where, *operands: None,
-    )
-    values = [constant(number.argument) for number in numbers]
-    ((polynomial,),) = fold(function, table, [ARGUMENT], values)
-    return polynomial if isinstance(polynomial, Piecewise) else None
+    table = _RULES._replace(operations={name: partial(applied, name) for name in _RULES.operations})
+    try:
+        ((f,),) = fold(function, table, [ARGUMENT], [constant(number.argument) for number in numbers])
+    except NotRationalError:
+        return None
+    return f if isinstance(f, Piecewise) else None
 
 
 Interpolation = Literal["linear", "cubic"]
