@@ -18,6 +18,7 @@ from mbdlft.dae.index import independent
 from mbdlft.dae.newton import System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of
+from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles, literal
 
 
@@ -171,17 +172,15 @@ def _posed(
     s: Structure, fixed: Mapping[str, float | str], free: Sequence[str], moving: Sequence[str]
 ) -> Balance:
     """Equations with rates of zero and what is given, and what is unknown in them."""
-    inputs = {q.name for q in s.inputs}
+    posed = {*fixed, *(q.name for q in s.inputs if q.name not in free)}
     unknown, old, new = [], [], []
     for q in s.quantities:
-        if q.order and not (q.order == 1 and q.variable.name in moving):
-            old.append(q.symbol)
-            new.append(ca.SX(0))
-        elif q.name in fixed or (q.name in inputs and q.name not in free):
-            old.append(q.symbol)
-            new.append(_given_value(s, q, fixed))
-        else:
+        at_rest = q.order > 1 or (q.order == 1 and q.variable.name not in moving)
+        if not at_rest and q.name not in posed:
             unknown.append(q)
+            continue
+        old.append(q.symbol)
+        new.append(ca.SX(0) if at_rest else _given_value(s, q, fixed))
     residual = ca.substitute(s.residual, column_of(old), column_of(new))
     return Balance(residual, tuple(place for place, _ in s.equations), tuple(unknown))
 
@@ -202,12 +201,9 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     columns = independent(J, np.array([int(q.name in states) for q in unknown], dtype=int))
     held = [q for k, q in enumerate(unknown) if k not in columns]
     kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
-    if held:
-        old = column_of([q.symbol for q in held])
-        new = column_of([_given_value(s, q, fixed) for q in held])
-        residual = ca.substitute(residual, old, new)
+    new = column_of(_given_value(s, q, fixed) for q in held)
+    residual = ca.substitute(residual, column_of(q.symbol for q in held), new)
     chosen = tuple(q for k, q in enumerate(unknown) if k in columns)
     if len(kept) < len(places):  # the equations that are left out have to hold as well
         at_points(s, Balance(residual, places, chosen), fixed)
-    rows = residual[kept] if kept else ca.SX(0, 1)
-    return Balance(rows, tuple(places[i] for i in kept), chosen)
+    return Balance(rows_of(residual, kept), tuple(places[i] for i in kept), chosen)

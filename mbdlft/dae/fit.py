@@ -113,20 +113,11 @@ def _fits(
 
 
 class Fitted(NamedTuple):
-    """What was fitted.
+    """What was fitted: expressions of the parameters."""
 
-    Attributes
-    ----------
-    values : mapping of names of unknowns to SX of the parameters
-    slopes : mapping of (row, column) to SX of the parameters
-        Entries of the Jacobian of [residual ; outputs] by [unknowns ; states ; inputs].
-    bound : float
-        Proved bound of all errors, each relative to the size of its quantity.
-    """
-
-    values: Mapping[str, ca.SX]
-    slopes: Mapping[tuple[int, int], ca.SX]
-    bound: float
+    values: Mapping[str, ca.SX]  # by names of unknowns
+    slopes: Mapping[tuple[int, int], ca.SX]  # of [residual ; outputs] by [unknowns ; states ; inputs]
+    bound: float  # proved, of all errors, each relative to the size of its quantity
 
 
 def fitted(
@@ -137,25 +128,16 @@ def fitted(
     values: Mapping[str, ca.SX],
     tolerance: float,
 ) -> Fitted:
-    """Fits of the unknowns that are left, and of slopes that are not rational.
+    """Fits of the unknowns at `unsolved` (row, column) of a problem, and of slopes that are not rational.
 
-    Parameters
-    ----------
-    s : Structure
-    problem : Balance
-    unsolved : sequence of (row, column) of `problem`
-    at_nominal : array (n,)
-        All unknowns of `problem` at nominal parameters.
-    values : mapping of names to SX
-        All others, exact; numbers or rational in the parameters.
-    tolerance : float
+    `at_nominal` (n,) are all unknowns of the problem at nominal parameters; `values` are all others.
     """
     z = [problem.quantities[j] for _, j in unsolved]
     known = [q for q in s.quantities if q.name in values]
     old = column_of([q.symbol for q in known])
     new = column_of([values[q.name] for q in known])
-    residuals = [problem.residual[i] for i, _ in unsolved]
-    rows = ca.SX(ca.substitute(column_of(residuals), old, new))
+    rows = column_of(problem.residual[i] for i, _ in unsolved)
+    rows = ca.SX(ca.substitute(rows, old, new))
     places, entries = _slopes(s, old, new)
     if not z and not entries:
         return Fitted({}, {}, 0.0)
@@ -206,12 +188,9 @@ def _slopes(s: Structure, old: ca.SX, new: ca.SX) -> tuple[list[tuple[int, int]]
     """Places and values of entries of the Jacobian that are not rational in what is left and p."""
     stacked = ca.vertcat(s.residual, *(y.expression for y in s.dae.outputs))
     J = ca.SX(ca.sparsify(ca.substitute(ca.jacobian(stacked, s.symbols), old, new)))
-    places, entries = [], []
-    for i, j in zip(*J.sparsity().get_triplet(), strict=True):
-        if not is_rational(J[i, j]):
-            places.append((i, j))
-            entries.append(J[i, j])
-    return places, entries
+    every = zip(*J.sparsity().get_triplet(), strict=True)
+    places = [(i, j) for i, j in every if not is_rational(J[i, j])]
+    return places, [J[i, j] for i, j in places]
 
 
 def is_rational(expression: ca.SX) -> bool:
@@ -225,12 +204,8 @@ def is_rational(expression: ca.SX) -> bool:
 def _parameters(s: Structure, expressions: Sequence[ca.SX]) -> tuple[list[Parameter], list[ca.SX]]:
     """The parameters that expressions depend on, and their symbols."""
     stacked = ca.vertcat(*expressions)
-    symbols = ca.vertsplit(s.dae.p)
-    pairs = [
-        (p, symbol)
-        for p, symbol in zip(s.dae.parameters, symbols, strict=True)
-        if ca.depends_on(stacked, symbol)
-    ]
+    every = zip(s.dae.parameters, ca.vertsplit(s.dae.p), strict=True)
+    pairs = [(p, symbol) for p, symbol in every if ca.depends_on(stacked, symbol)]
     angles = [p.name for p, _ in pairs if p.is_angle]
     if angles:
         raise NotRationalError(

@@ -16,6 +16,7 @@ import numpy as np
 
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.equilibria import DaeTrim
+from mbdlft.dae.newton import values_of
 from mbdlft.dae.structure import at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
@@ -161,8 +162,7 @@ class _Equilibrium:
 
     def number(self, value: ca.SX) -> float:
         """The value of an expression of the parameters at nominal."""
-        function = ca.Function("value", [self.dae.p], [ca.densify(in_doubles(value))])
-        return float(function(parameter_points(self.dae, 1)[0]))
+        return float(values_of([value], self.dae.p, parameter_points(self.dae, 1)[0])[0])
 
     def compare(self, below: ca.SX, above: ca.SX, text: str, places: Sequence[str]) -> None:
         """Raise a TrimError if two branches differ in their values or slopes at the equilibrium."""

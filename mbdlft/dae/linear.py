@@ -18,6 +18,7 @@ from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
+from mbdlft.problem.equations import rows_of
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
 from mbdlft.problem.relations import LinearModel
@@ -35,12 +36,11 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         linear = _Linear(at)
         relations = linear.relations()
     trimmed = linear.trimmed()
-    inputs = tuple(Signal(q.name, q.unit) for q in s.inputs)
-    outputs = tuple(Signal(y.name, y.unit) for y in s.dae.outputs)
+    signals = [tuple(Signal(x.name, x.unit) for x in every) for every in (s.inputs, s.dae.outputs)]
     return problem_of(
         s,
         relations,
-        (inputs, outputs),
+        (signals[0], signals[1]),
         partial(_reference, at, relations, trimmed),
         ("the nonlinear equations", "the linearized equations do"),
         trimmed,
@@ -135,16 +135,13 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     s = at.structure
     expressions = _expressions(at)
     posed = {*at.given, *(q.name for q in s.inputs)} - {*at.free}
-    free = [
-        k
-        for k, q in enumerate(s.quantities)
-        if q.name not in posed and ca.symvar(in_doubles(expressions[k]))
-    ]
+    moving = [bool(ca.symvar(in_doubles(expressions[k]))) for k in range(expressions.numel())]
+    free = [k for k, q in enumerate(s.quantities) if q.name not in posed and moving[k]]
     values, p = _exact_values(at, points), in_symbols(s.dae, points)
     if not free:
         return values
     held = [k for k in range(expressions.numel()) if k not in free]
-    held_symbols = ca.vertcat(s.symbols[held], s.dae.p) if held else s.dae.p
+    held_symbols = ca.vertcat(rows_of(s.symbols, held), s.dae.p)
     sizes = np.array([q.variable.nominal for q in s.quantities])
     system = System(s.residual, s.symbols[free], held_symbols, sizes[held])
     start = np.array([at.nominal[s.quantities[k].name] for k in free])

@@ -8,6 +8,7 @@ Functions of one argument whose sum is a table become one function.
 
 import operator
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -22,7 +23,7 @@ from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.dae.theta.piecewise import piecewise_of
 from mbdlft.exact.numbers import Field, constant_of
 from mbdlft.problem.sx.constants import constants_in, is_constant, literal
-from mbdlft.problem.sx.tapes import Rule, fold, rules, steps
+from mbdlft.problem.sx.tapes import fold, rules, steps
 
 ONE_KEY = "1"
 
@@ -36,20 +37,11 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mixed:
-    """A value in an equation.
+    """A value in an equation."""
 
-    Attributes
-    ----------
-    linear : mapping of the text of a coefficient to `Part`
-        The forms have numbers only.
-    constant : SX, or None for zero
-        Of parameters and numbers.
-    terms : mapping of numbers of functions to their factors SX
-    """
-
-    linear: Mapping[str, Part]
-    constant: ca.SX | None
-    terms: Mapping[int, ca.SX]
+    linear: Mapping[str, Part]  # by the text of the coefficient; the forms have numbers only
+    constant: ca.SX | None  # of parameters and numbers; None for zero
+    terms: Mapping[int, ca.SX]  # factors by the numbers of functions
 
     @property
     def is_coefficient(self) -> bool:
@@ -95,22 +87,15 @@ def plus(a: Mixed, b: Mixed) -> Mixed:
     for number, factor in b.terms.items():
         terms[number] = terms[number] + factor if number in terms else factor
     terms = {number: factor for number, factor in terms.items() if not _is_zero(factor)}
-    if a.constant is None or b.constant is None:
-        constant = b.constant if a.constant is None else a.constant
-    else:
-        constant = a.constant + b.constant
-        constant = None if _is_zero(constant) else constant
-    return Mixed(linear, constant, terms)
+    constants = [value.constant for value in (a, b) if value.constant is not None]
+    constant = constants[0] + constants[1] if len(constants) == 2 else (*constants, None)[0]
+    return Mixed(linear, None if constant is None or _is_zero(constant) else constant, terms)
 
 
 def times(a: Mixed, factor: ca.SX) -> Mixed:
     """Times a coefficient."""
-    number = rational(factor)
-    if number is not None:
-        if not number:
-            return NOTHING
-        if number == 1:
-            return a
+    if rational(factor) in (0, 1):
+        return a if rational(factor) else NOTHING
     linear: dict[str, Part] = {}
     for key, term in a.linear.items():
         if is_constant(factor):
@@ -175,7 +160,8 @@ class Registry:
         """The symbol of an argument, and the number that it has to be multiplied with."""
         row, is_rational = self._row(value)
         lead = row[min(row, key=str)]
-        key = (is_rational, tuple(sorted((str(k), _key(x / lead)) for k, x in row.items())))
+        ratios = sorted((str(k), x / lead if is_rational else int(x / lead)) for k, x in row.items())
+        key = (is_rational, tuple(ratios))
         for index, before in self._arguments.get(key, ()):
             ratio = lead / before if is_rational else _fraction(lead / before, self._field.prime)
             if ratio is not None:
@@ -192,13 +178,8 @@ class Registry:
 
     def function(self, expression: ca.SX, hint: str) -> int:
         """The number of a function."""
-        used = tuple(
-            sorted(
-                self._argument_of[s.element_hash()]
-                for s in ca.symvar(expression)
-                if s.element_hash() in self._argument_of
-            )
-        )
+        numbered = (self._argument_of.get(s.element_hash()) for s in ca.symvar(expression))
+        used = tuple(sorted(k for k in numbered if k is not None))
         symbols = [self.arguments[k].symbol for k in used]
         constants, numbers = constants_in(expression)
         function = ca.Function("f", [column_of(symbols), constants], [ca.densify(expression)])
@@ -212,13 +193,9 @@ class Registry:
     def _row(self, value: Mixed) -> tuple[Row, bool]:
         """Coefficients by signal, and whether all of them are rational numbers."""
         constant = ca.SX(0) if value.constant is None else ca.SX(value.constant)
-        fractions = all(key == ONE_KEY for key in value.linear) and constant.is_zero()
-        fractions = fractions and all(is_constant(c) for c in value.terms.values())
-        if fractions:
-            try:
+        if value.is_plain and constant.is_zero():
+            with suppress(NotRationalError):
                 return self._collected(value, exactly=True), True
-            except NotRationalError:
-                pass
         return self._collected(value, exactly=False), False
 
     def _collected(self, value: Mixed, *, exactly: bool) -> Row:
@@ -235,29 +212,19 @@ class Registry:
             row["one", 0] = self._values(value.constant, exactly=exactly)[0]
         return {key: x for key, x in row.items() if x != 0}
 
-    def _residue(self, value: float) -> Any:
-        return self._field.residue(constant_of(value))
-
     def _values(self, expressions: ca.SX, *, exactly: bool) -> list[Any]:
         constants, numbers = constants_in(expressions)
         if exactly and any(number.kind != "rational" for number in numbers):
             raise NotRationalError("not rational")
         function = ca.Function("values", [self._p, constants], [ca.densify(expressions)])
-        if exactly:
-            make: Rule = constant_of
-            numbers_of_arguments: list[Any] = [number.argument for number in numbers]
-            p: Sequence[Any] = [Fraction(0)] * self._p.numel()
-        else:
-            make = self._residue
-            numbers_of_arguments = [self._field.of(number).residue for number in numbers]
-            p = self._drawn
+        field = self._field
+        of_numbers = [n.argument if exactly else field.of(n).residue for n in numbers]
+
+        def make(value: float) -> Any:
+            return constant_of(value) if exactly else field.residue(constant_of(value))
+
         table = rules(make, add=operator.add, mul=operator.mul, div=operator.truediv)
-        return fold(function, table, p, numbers_of_arguments)[0]
-
-
-def _key(value: Any) -> Any:
-    """A key of a fraction or residue."""
-    return value if isinstance(value, Fraction) else int(value)
+        return fold(function, table, self._drawn, of_numbers)[0]
 
 
 def _fraction(residue: Any, prime: int) -> Fraction | None:

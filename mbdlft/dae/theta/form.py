@@ -17,7 +17,7 @@ from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.unit import Signal, dimension_name, parse_unit
 from mbdlft.dae.index import blocks_of
-from mbdlft.dae.newton import singular_part
+from mbdlft.dae.newton import singular_part, values_of
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import ONE_KEY, Function, Mixed, number
@@ -25,7 +25,7 @@ from mbdlft.dae.theta.separation import Arrange, Separated, Separation
 from mbdlft.dae.units import open_unit, unit_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.relations import LinearModel
-from mbdlft.problem.sx.constants import in_doubles, is_constant
+from mbdlft.problem.sx.constants import is_constant
 from mbdlft.system.theta import ONE
 
 _NEGLIGIBLE = 1e-6  # of the largest slope of a function: what may be rounding
@@ -36,25 +36,16 @@ _DIGITS = 3  # of slopes that are moved from a function into the linear part
 class ThetaForm:
     """Linear relations, and the functions that close them.
 
-    Attributes
-    ----------
-    relations : LinearModel
-        unknown = [rates of the states ; others], known = [states ; inputs ; one ; zeta],
-        output = [outputs ; omega].
-    functions : tuple of (name of zeta, expression of arguments, numbers of arguments)
-    arguments : tuple of (name of omega, symbol, SX of the signals of the relations)
-    zeta : tuple of SX symbols, of the functions
-    one : SX
-        The constant input 1, or nothing (0, 1).
-    shifted : names of functions from which a linear part was taken, as the rest needs it
+    unknown = [rates of the states ; others], known = [states ; inputs ; one ; zeta],
+    output = [outputs ; omega].
     """
 
     relations: LinearModel
-    functions: tuple[tuple[str, ca.SX, tuple[int, ...]], ...]
-    arguments: tuple[tuple[str, ca.SX, ca.SX], ...]
+    functions: tuple[tuple[str, ca.SX, tuple[int, ...]], ...]  # zeta, its expression, its arguments
+    arguments: tuple[tuple[str, ca.SX, ca.SX], ...]  # omega, its symbol, its expression of signals
     zeta: tuple[ca.SX, ...]
-    one: ca.SX
-    shifted: tuple[str, ...]
+    one: ca.SX  # the constant input 1, or nothing (0, 1)
+    shifted: tuple[str, ...]  # functions from which a linear part was taken
 
 
 def theta_form(s: Structure, arrange: Arrange, at: Array) -> ThetaForm:
@@ -77,6 +68,7 @@ class _Form:
         every = ca.vertcat(s.residual, *(y.expression for y in dae.outputs))
         self.separation = Separation(dae, every, arrange)
         self.internal = self.separation.internal
+        self.nominal = np.array([float(to_internal(p, p.nominal)) for p in dae.parameters])
         self.one = ca.SX.sym("one")
         self.zetas: dict[int, ca.SX] = {}  # of functions that are used, with what was moved out
         self.symbols: dict[int, ca.SX] = {}
@@ -140,14 +132,10 @@ class _Form:
         for block in blocks_of(pattern):
             matrix = jacobian[list(block.rows), list(block.columns)]
             # residues do not decide all coefficients
-            singular = singular_part(matrix, ca.SX(0, 1), self.internal, lambda: [self._nominal()])
+            singular = singular_part(matrix, ca.SX(0, 1), self.internal, lambda: [self.nominal])
             if singular is not None:
                 return tuple(block.rows[i] for i in singular.rows)
         return None
-
-    def _nominal(self) -> Array:
-        """Internal values of the nominal parameters."""
-        return np.array([float(to_internal(p, p.nominal)) for p in self.s.dae.parameters])
 
     def _move(self, rows: Sequence[Mixed], unknown: ca.SX) -> None:
         """Take the slopes at the initial point out of functions of these rows that act on unknowns."""
@@ -172,9 +160,8 @@ class _Form:
         registry = self.separation.registry
         symbols = column_of([registry.arguments[a].symbol for a in function.arguments])
         values = np.array([self._value(a) for a in function.arguments])
-        slopes = ca.jacobian(function.expression, symbols)
-        slopes_at = ca.Function("slopes", [symbols], [ca.densify(in_doubles(slopes))])
-        numbers = slopes_at(values).full()[0]
+        slopes = ca.densify(ca.jacobian(function.expression, symbols)).T
+        numbers = values_of([slopes], symbols, values)
         least = _NEGLIGIBLE * np.max(np.abs(numbers), initial=0.0)
         return {
             a: number(decimal(float(f"{x:.{_DIGITS}g}")))
@@ -186,19 +173,17 @@ class _Form:
         """The value of an argument at the initial point."""
         s, registry = self.s, self.separation.registry
         value = registry.arguments[argument].value
-        free = ca.vertcat(s.symbols, self.internal)
         linear = sum((p.coefficient * p.form for p in value.linear.values()), ca.SX(0))
         linear = linear + (value.constant if value.constant is not None else 0)
-        factors = column_of(value.terms.values())
-        function = ca.Function("value", [free], [in_doubles(linear), in_doubles(factors)])
-        total, weights = function(np.concatenate([self.at[: s.symbols.numel()], self._nominal()]))
-        nominal = float(total)
-        for k, weight in zip(value.terms, np.ravel(weights.full()), strict=True):
+        point = np.concatenate([self.at[: s.symbols.numel()], self.nominal])
+        free = ca.vertcat(s.symbols, self.internal)
+        total, *weights = values_of([linear, *value.terms.values()], free, point)
+        for k, weight in zip(value.terms, weights, strict=True):
             f = registry.functions[k]
             symbols = column_of([registry.arguments[a].symbol for a in f.arguments])
-            evaluate = ca.Function("f", [symbols], [in_doubles(f.expression)])
-            nominal += weight * float(evaluate(np.array([self._value(a) for a in f.arguments])))
-        return nominal
+            at = np.array([self._value(a) for a in f.arguments])
+            total += weight * values_of([f.expression], symbols, at)[0]
+        return float(total)
 
     def _sx(self, value: Mixed) -> ca.SX:
         """A value as an expression linear in signals, one and zeta."""
@@ -227,14 +212,11 @@ class _Form:
     def _assembled(self, residual: list[ca.SX], output: list[ca.SX], equations: Separated) -> ThetaForm:
         s, registry = self.s, self.separation.registry
         names = self._names()
-        used = sorted(
-            a for a in self.psi if any(a in registry.functions[k].arguments for k in self.symbols)
-        )
+        used = sorted({a for k in self.symbols for a in registry.functions[k].arguments} & {*self.psi})
         position = {a: j for j, a in enumerate(used)}
         functions = []
         for k in self.symbols:
-            f = registry.functions[k]
-            moved = self.slopes.get(k, {})
+            f, moved = registry.functions[k], self.slopes.get(k, {})
             moved_terms = sum((x * registry.arguments[a].symbol for a, x in moved.items()), ca.SX(0))
             expression = f.expression - moved_terms if moved else f.expression
             functions.append((names[k], expression, tuple(position[a] for a in f.arguments)))
@@ -264,26 +246,22 @@ class _Form:
 
     def _names(self) -> dict[int, str]:
         """Names of zeta: that of the unknown of the equation where a function occurs first."""
-        registry, names = self.separation.registry, {}
-        taken = {q.name for q in self.s.inputs}
+        taken = [q.name for q in self.s.inputs]
         for k in self.symbols:
-            base = f"theta.{registry.functions[k].hint}"
+            base = f"theta.{self.separation.registry.functions[k].hint}"
             numbered = (base if n == 1 else f"{base}.{n}" for n in count(1))
-            names[k] = next(name for name in numbered if name not in taken)
-            taken.add(names[k])
-        return names
+            taken.append(next(name for name in numbered if name not in taken))
+        return dict(zip(self.symbols, taken[len(self.s.inputs) :], strict=True))
 
     def _argument_names(self, used: Sequence[int]) -> list[str]:
         """Names of omega that no output has."""
-        taken = {y.name for y in self.s.dae.outputs}
-        names: list[str] = []
+        taken = [y.name for y in self.s.dae.outputs]
         for a in used:
             name = self._argument_name(a)
             while name in taken:
                 name += "_"
-            taken.add(name)
-            names.append(name)
-        return names
+            taken.append(name)
+        return taken[len(self.s.dae.outputs) :]
 
     def _argument_name(self, a: int) -> str:
         """The name of omega: of the signal that it is, or its number."""

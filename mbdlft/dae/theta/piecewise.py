@@ -102,7 +102,8 @@ class Piecewise(Operators):
     @property
     def is_condition(self) -> bool:
         """Whether its values are 0 and 1."""
-        return all(bool(p == 0 or p == 1) for p in (*self.pieces, *self.at))
+        values: list[Any] = [*self.pieces, *self.at]
+        return all(value in (0, 1) for value in values)
 
 
 def _float(value: Number) -> float:

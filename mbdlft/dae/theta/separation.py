@@ -18,45 +18,23 @@ from mbdlft.dae.alias import rational
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
-from mbdlft.dae.theta.arguments import (
-    NOTHING,
-    ONE_KEY,
-    Mixed,
-    Registry,
-    coefficient,
-    independent,
-    number,
-    plus,
-    signal,
-    term,
-    times,
-    with_tables,
-)
+from mbdlft.dae.theta import arguments as args
+from mbdlft.dae.theta.arguments import NOTHING, ONE_KEY, Mixed, coefficient, number, plus, term, times
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
 from mbdlft.problem.sx.constants import is_constant, literal, numbers_of
-from mbdlft.problem.sx.tapes import Rules, fold
+from mbdlft.problem.sx.tapes import fold, rules
 
 Arrange = Literal["fewest", "blocks"]
-_PRODUCTS = ("mul", "div")
+_PRODUCTS, _NOT_LINEAR = ("mul", "div"), ("mul", "div", "pow", "constpow")
 _OPERATIONS = {**ARITHMETIC_OF_SX, **FUNCTIONS}
 
 
 class Separation:
-    """Follows equations; collects arguments and functions.
+    """Follows equations; collects arguments and functions. `expressions` are all that will be followed.
 
-    Parameters
-    ----------
-    dae : Dae
-    expressions : SX
-        All that will be followed.
-    arrange : {"fewest", "blocks"}
-
-    Attributes
-    ----------
-    internal : SX (n_p,)
-        The symbols of parameters; of angles, those of their internal values.
+    `internal` (n_p,) are the symbols of parameters; of angles, those of their internal values.
     """
 
     def __init__(self, dae: Dae, expressions: ca.SX, arrange: Arrange) -> None:
@@ -68,11 +46,18 @@ class Separation:
         cosine, sine = cosines_sines(dae.parameters, self.internal)
         self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
         p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
-        self.registry = Registry(ca.vertcat(expressions, cosine, sine), p)
+        self.registry = args.Registry(ca.vertcat(expressions, cosine, sine), p)
         self.coefficients = {s.element_hash() for s in ca.vertsplit(p)}
         self.values: dict[int, Mixed] = {}  # of replaced unknowns, by the hash of their symbol
         self.place = self.hint = ""
-        self._operations = {name: partial(self.apply, name) for name in _OPERATIONS}
+        self._rules = rules(
+            lambda value: coefficient(number(constant_of(value))),
+            add=plus,
+            neg=lambda a: times(a, ca.SX(-1)),
+            twice=lambda a: times(a, ca.SX(2)),
+            missing=self._refused,
+            **{name: partial(self.apply, name) for name in (*FUNCTIONS, *_NOT_LINEAR)},
+        )
 
     def follow(self, expression: ca.SX, place: str, hint: str) -> Mixed:
         """The value of an expression; `place` is for messages, `hint` names its functions."""
@@ -80,10 +65,7 @@ class Separation:
         free = ca.symvar(expression)
         function = ca.Function("equation", [column_of(free)], [ca.densify(expression)])
         elements = [self._element(s) for s in free]
-        table = Rules(
-            lambda value: coefficient(number(constant_of(value))), self._operations, self._refused
-        )
-        mixed: Mixed = fold(function, table, elements)[0][0]
+        mixed: Mixed = fold(function, self._rules, elements)[0][0]
         self._check_angles(mixed)
         return mixed
 
@@ -105,7 +87,7 @@ class Separation:
                     continue
             for i, place in zip(block.rows, places, strict=True):
                 row = self.follow(residuals[i], place, name)
-                rows.append(with_tables(self.registry, row, name, -1))
+                rows.append(args.with_tables(self.registry, row, name, -1))
             kept += unknowns
         free = {x.element_hash() for x in kept}
         position = {x.element_hash(): k for k, x in enumerate(ca.vertsplit(s.symbols))}
@@ -115,7 +97,7 @@ class Separation:
             if rate.element_hash() not in free:
                 value = self.follow(rate, f"state {q.name!r}", q.name)
                 rate = ca.SX.sym(f"rate of {q.name}")
-                rows.append(plus(times(value, ca.SX(-1)), signal(rate)))
+                rows.append(plus(times(value, ca.SX(-1)), args.signal(rate)))
             rates.append(rate)
         taken = {rate.element_hash() for rate in rates}
         others = [x for x in kept if x.element_hash() not in taken]
@@ -134,13 +116,13 @@ class Separation:
         value = self.follow(ca.substitute(residual, unknown, ca.SX(0)), place, name)
         if not value.is_plain:
             return None
-        return with_tables(self.registry, times(value, -1 / number), name, 1)
+        return args.with_tables(self.registry, times(value, -1 / number), name, 1)
 
     def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()
         if is_constant(symbol) or key in self.coefficients:
             return coefficient(symbol)
-        return self.values.get(key) or signal(symbol)
+        return self.values.get(key) or args.signal(symbol)
 
     def _refused(self, operation: str, where: str, *operands: Mixed) -> Mixed:
         raise NotRationalError(f"{self.owner}, {self.place}: operation {operation!r} is not supported.")
@@ -148,20 +130,6 @@ class Separation:
     def apply(self, operation: str, *operands: Mixed) -> Mixed:
         """The value of an operation."""
         match operation:
-            case "assign":
-                return operands[0]
-            case "add":
-                return plus(*operands)
-            case "sub":
-                return plus(operands[0], times(operands[1], ca.SX(-1)))
-            case "neg":
-                return times(operands[0], ca.SX(-1))
-            case "twice":
-                return times(operands[0], ca.SX(2))
-            case "sq":
-                return self.apply("mul", operands[0], operands[0])
-            case "inv":
-                return self.apply("div", coefficient(ca.SX(1)), operands[0])
             case "mul":
                 for a, b in (operands, operands[::-1]):
                     if b.is_coefficient:
@@ -259,7 +227,7 @@ class Separation:
     def _of_signals(self, form: ca.SX) -> ca.SX:
         """A linear form with arguments in place of its signals."""
         signals = free_symbols(form)
-        symbols = [self.registry.argument(signal(s))[0] for s in signals]
+        symbols = [self.registry.argument(args.signal(s))[0] for s in signals]
         return ca.SX(ca.substitute(form, column_of(signals), column_of(symbols)))
 
     def _reduced(self, expression: ca.SX) -> ca.SX:
@@ -267,7 +235,7 @@ class Separation:
         registry = self.registry
         symbols = {a.symbol.element_hash(): a for a in registry.arguments}
         used = [symbols[s.element_hash()] for s in ca.symvar(expression) if s.element_hash() in symbols]
-        rows = independent(used)
+        rows = args.independent(used)
         if rows is None:
             return expression
         old = column_of([a.symbol for a in used])
