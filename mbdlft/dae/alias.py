@@ -7,7 +7,7 @@ an input, or a number.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import casadi as ca
 
@@ -121,28 +121,19 @@ class _Classes:
     def __init__(self, dae: Dae) -> None:
         self.dae = dae
         self.parent: dict[str, tuple[str | None, Fraction]] = {}
-        shown = {s.element_hash() for y in dae.outputs for s in [y.expression] if s.is_symbolic()}
-        self.rank = {
-            v.name: (
-                v.fixed,
-                v.derivative is not None,
-                v.start is not None,
-                v.symbol.element_hash() in shown,
-                -k,
-            )
-            for k, v in enumerate(dae.variables)
-        }
+        shown = {y.expression.element_hash() for y in dae.outputs if y.expression.is_symbolic()}
+        self.rank = {}  # of two variables, the one of the higher rank stays
+        for k, v in enumerate(dae.variables):
+            known = (v.fixed, v.derivative is not None, v.start is not None)
+            self.rank[v.name] = (*known, v.symbol.element_hash() in shown, -k)
         self.inputs = {v.name for v in dae.inputs}
 
     def root(self, name: str) -> tuple[str | None, Fraction]:
         """What a signal is a factor of; None for the number 1."""
-        factor, at = Fraction(1), name
-        while at in self.parent:
-            above, f = self.parent[at]
+        factor, at = Fraction(1), cast("str | None", name)
+        while at is not None and at in self.parent:
+            at, f = self.parent[at]
             factor *= f
-            if above is None:
-                return None, factor
-            at = above
         return at, factor
 
     def join(self, equation: Equation, relation: _Relation) -> bool:
@@ -154,11 +145,11 @@ class _Classes:
         offset = total.pop(None)
         factors = {name: factor for name, factor in total.items() if name and factor}
         if not factors:
+            does = "contradicts" if offset else "says"
+            names = ", ".join(name for name, _ in relation.terms)
             raise StructureError(
-                f"{self.dae.owner}: equation {equation.place} "
-                + ("says what others" if not offset else "contradicts what others")
-                + f" say already of {', '.join(name for name, _ in relation.terms)}: the model is "
-                "singular. Remove one of these equations."
+                f"{self.dae.owner}: equation {equation.place} {does} what others say already of {names}: "
+                "the model is singular. Remove one of these equations."
             )
         free = [name for name in factors if name not in self.inputs]
         if not free or (len(factors) == 2 and offset):
@@ -181,9 +172,7 @@ def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) 
     stays = {v.name: v for v in dae.variables if v.name not in gone}
     inputs = {v.name: v for v in dae.inputs}
     old, new = [], []
-    for v in dae.variables:
-        if v.name not in gone:
-            continue
+    for v in (v for v in dae.variables if v.name in gone):
         _, of, factor = gone[v.name]
         times = ca.SX(literal(factor))
         target = ca.SX(1) if of is None else (stays.get(of) or inputs[of]).symbol
@@ -207,7 +196,7 @@ def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) 
     replaced = iter(ca.vertsplit(column))
     return replace(
         dae,
-        variables=tuple(stays[v.name] for v in dae.variables if v.name in stays),
+        variables=tuple(stays.values()),
         equations=tuple(replace(e, residual=next(replaced)) for e in kept),
         initial=tuple(replace(e, residual=next(replaced)) for e in dae.initial),
         outputs=tuple(replace(y, expression=next(replaced)) for y in dae.outputs),

@@ -144,11 +144,12 @@ class Dae:
             raise SceneError(f"{self.owner}: p has one symbol for each parameter.")
         for v in (*self.variables, *self.inputs):
             _check_variable(self, v)
+        known = {s.element_hash() for s in symbols_of(self)}
+        for e in (*self.equations, *self.initial):
+            _check_expression(self, f"equation {e.place}", e.residual, known)
         for y in self.outputs:
             _check_unit(self, y.name, y.unit)
-        known = {s.element_hash() for s in symbols_of(self)}
-        for what, expression in _expressions(self):
-            _check_expression(self, what, expression, known)
+            _check_expression(self, f"output {y.name!r}", y.expression, known)
 
     @property
     def owner(self) -> str:
@@ -180,11 +181,6 @@ def symbols_of(dae: Dae) -> list[ca.SX]:
     return [*signals, *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)]
 
 
-def _expressions(dae: Dae) -> list[tuple[str, ca.SX]]:
-    equations = [(f"equation {e.place}", e.residual) for e in (*dae.equations, *dae.initial)]
-    return [*equations, *((f"output {y.name!r}", y.expression) for y in dae.outputs)]
-
-
 def _check_once(dae: Dae, what: str, names: Sequence[str]) -> None:
     for name, count in Counter(names).items():
         if count > 1:
@@ -200,16 +196,15 @@ def _check_unit(dae: Dae, name: str, unit: str) -> None:
 
 def _check_variable(dae: Dae, v: Variable) -> None:
     _check_unit(dae, v.name, v.unit)
-    if not (v.symbol.is_scalar() and v.symbol.is_symbolic()):
-        raise SceneError(f"{dae.owner}, {v.name!r}: expected a symbol of one entry.")
-    if v.start is not None and not math.isfinite(v.start):
-        raise SceneError(f"{dae.owner}, {v.name!r}: start is {v.start}, expected a finite number.")
-    if not (0.0 < v.nominal < math.inf):
-        raise SceneError(f"{dae.owner}, {v.name!r}: nominal is {v.nominal}, expected a size > 0.")
-    if not v.minimum <= v.maximum:
-        raise SceneError(
-            f"{dae.owner}, {v.name!r}: the range [{v.minimum:g}, {v.maximum:g}] {v.unit} is empty."
-        )
+    checks = (
+        (v.symbol.is_scalar() and v.symbol.is_symbolic(), "expected a symbol of one entry"),
+        (v.start is None or math.isfinite(v.start), f"start is {v.start}, expected a finite number"),
+        (0.0 < v.nominal < math.inf, f"nominal is {v.nominal}, expected a size > 0"),
+        (v.minimum <= v.maximum, f"the range [{v.minimum:g}, {v.maximum:g}] {v.unit} is empty"),
+    )
+    for holds, message in checks:
+        if not holds:
+            raise SceneError(f"{dae.owner}, {v.name!r}: {message}.")
 
 
 def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -> None:
@@ -220,9 +215,8 @@ def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -
         )
     for symbol in free_symbols(expression):
         if symbol.element_hash() not in known:
-            names = [s.name() for s in symbols_of(dae)]
+            message = unknown_name("symbol", symbol.name(), [s.name() for s in symbols_of(dae)])
             raise SceneError(
-                f"{dae.owner}, {what}: "
-                + unknown_name("symbol", symbol.name(), names)
-                + " A symbol is that of a variable, an input, a parameter or a derivative of this model."
+                f"{dae.owner}, {what}: {message} A symbol is that of a variable, an input, a parameter "
+                "or a derivative of this model."
             )

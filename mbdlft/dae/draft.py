@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,8 @@ from mbdlft.dae.text import column_of, with_literals
 from mbdlft.dae.theta.piecewise import Beyond, Interpolation, table_expression
 from mbdlft.exact.numbers import Constant
 from mbdlft.problem.sx.constants import constant, literal, shown
+
+T = TypeVar("T")
 
 
 class DaeDraft:
@@ -55,21 +57,18 @@ class DaeDraft:
 
     def variable(self, name: str, unit: str = "1", **fields: Any) -> ca.SX:
         """The symbol of a new variable; `fields` are others of `Variable`."""
-        self._check_new(name)
-        self._variables[name] = Variable(name, ca.SX.sym(name), unit, **fields)
-        return self._variables[name].symbol
+        new = Variable(name, ca.SX.sym(name), unit, **fields)
+        return self._declared(self._variables, name, new).symbol
 
     def input(self, name: str, unit: str = "1", **fields: Any) -> ca.SX:
         """The symbol of a new input."""
-        self._check_new(name)
-        self._inputs[name] = Variable(name, ca.SX.sym(name), unit, **fields)
-        return self._inputs[name].symbol
+        new = Variable(name, ca.SX.sym(name), unit, **fields)
+        return self._declared(self._inputs, name, new).symbol
 
     def parameter(self, parameter: Parameter) -> ca.SX:
         """The symbol of a parameter that stays in the model; that of an angle is in rad."""
-        self._check_new(parameter.name)
-        self._parameters[parameter.name] = (parameter, ca.SX.sym(parameter.name))
-        return self._parameters[parameter.name][1]
+        name = parameter.name
+        return self._declared(self._parameters, name, (parameter, ca.SX.sym(name)))[1]
 
     def number(self, value: float) -> ca.SX:
         """A number that is not rounded when it meets others, and that may carry a unit, 1 and 2, too.
@@ -87,10 +86,9 @@ class DaeDraft:
         The models that are made with it are not exact: their certificates have the bound, in the unit
         of the coefficient. Errors as those of `fit_coefficient`.
         """
-        pairs = self._parameters.values()
-        coefficient_fit = fit_coefficient(
-            coefficient, [p for p, _ in pairs], [symbol for _, symbol in pairs], tolerance
-        )
+        parameters = [parameter for parameter, _ in self._parameters.values()]
+        symbols = [symbol for _, symbol in self._parameters.values()]
+        coefficient_fit = fit_coefficient(coefficient, parameters, symbols, tolerance)
         self._fit_error_bound = max(self._fit_error_bound, coefficient_fit.bound)
         return coefficient_fit.expression
 
@@ -124,8 +122,7 @@ class DaeDraft:
         """
         name = variable if isinstance(variable, str) else _name_of(variable)
         known = self._variables.get(name)
-        is_it = isinstance(variable, str) or (known is not None and ca.is_equal(known.symbol, variable))
-        if known is None or not is_it:
+        if known is None or not (isinstance(variable, str) or ca.is_equal(known.symbol, variable)):
             raise SceneError(
                 f"model {self.name!r}, der: "
                 + unknown_name("variable", name, self._variables)
@@ -156,10 +153,7 @@ class DaeDraft:
     def output(self, name: str, expression: Any = None, unit: str | None = None) -> None:
         """Add an output: an expression, or the variable of this name."""
         if expression is None:
-            if name not in self._variables:
-                raise SceneError(
-                    f"model {self.name!r}, output: " + unknown_name("variable", name, self._variables)
-                )
+            check_known("variable", [name], self._variables, f"model {self.name!r}, output")
             expression = self._variables[name].symbol
         if unit is None:
             known = self._variables.get(_name_of(ca.SX(expression)))
@@ -195,9 +189,11 @@ class DaeDraft:
         lhs, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
         return Equation(name or text, lhs - right, line, unit)
 
-    def _check_new(self, name: str) -> None:
+    def _declared(self, table: dict[str, T], name: str, entry: T) -> T:
         if name in {*self._variables, *self._inputs, *self._parameters}:
             raise SceneError(f"model {self.name!r}: {name!r} is declared twice.")
+        table[name] = entry
+        return entry
 
 
 def _name_of(expression: ca.SX) -> str:

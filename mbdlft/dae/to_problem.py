@@ -1,6 +1,6 @@
 """The front end for DAEs: from a structure to the problem that the pipeline solves."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from keyword import iskeyword
@@ -116,9 +116,9 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
         for q in (*quantities, *s.inputs)
     ]
     start, u = np.split(values_of([ca.SX(x) for x in starts], s.dae.p, p), [len(quantities)])
-    held = np.array([q.variable.fixed and not q.order for q in quantities], dtype=bool)
     symbols = ca.vertcat(s.unknown, s.x)
-    free, fixed = np.flatnonzero(~held).tolist(), np.flatnonzero(held).tolist()
+    fixed = [k for k, q in enumerate(quantities) if q.variable.fixed and not q.order]
+    free = [k for k in range(len(quantities)) if k not in {*fixed}]
     places = [*(place for place, _ in s.equations), *(e.place for e in s.dae.initial)]
     residual = ca.vertcat(s.residual, *(e.residual for e in s.dae.initial))
     knowns = ca.vertcat(s.u, s.dae.p, *(symbols[k] for k in fixed))
@@ -131,9 +131,8 @@ def consistent_point(s: Structure, p: Array | None = None) -> Array:
             f"missed by {point.missing[worst]:.1e} of its terms. Give start values near a solution, or "
             "fix fewer of them."
         )
-    values = start.copy()
-    values[free] = point.values
-    return np.concatenate([values, u, p])
+    start[free] = point.values
+    return np.concatenate([start, u, p])
 
 
 def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
@@ -240,26 +239,17 @@ def theta_functions(s: Structure, form: ThetaForm, units: Mapping[str, str]) -> 
     variables = {q.name: q.variable for q in s.quantities if not q.order}
     functions = []
     for name, expression, used in form.functions:
-        arguments = [form.arguments[a] for a in used]
-        names = _identifiers([omega for omega, _, _ in arguments])
-        text, tables = formula_of(expression, [symbol for _, symbol, _ in arguments], names)
-        argument_variables = [variables.get(omega.removeprefix("omega.")) for omega, _, _ in arguments]
-        ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in argument_variables]
-        functions.append(
-            ThetaFunction(
-                name,
-                tuple(omega for omega, _, _ in arguments),
-                tuple(names),
-                text,
-                tuple((float(a), float(b)) for a, b in ranges),
-                units[name],
-                tables,
-            )
-        )
+        signals = tuple(form.arguments[a][0] for a in used)
+        names = _identifiers(signals)
+        text, tables = formula_of(expression, [form.arguments[a][1] for a in used], names)
+        limits = [variables.get(omega.removeprefix("omega.")) for omega in signals]
+        ranges = [(-np.inf, np.inf) if v is None else (v.minimum, v.maximum) for v in limits]
+        floats = tuple((float(a), float(b)) for a, b in ranges)
+        functions.append(ThetaFunction(name, signals, names, text, floats, units[name], tables))
     return tuple(functions)
 
 
-def _identifiers(names: list[str]) -> list[str]:
+def _identifiers(names: Sequence[str]) -> tuple[str, ...]:
     names_made: list[str] = []
     for name in names:
         plain = "".join(c if c.isalnum() else "_" for c in name.removeprefix("omega.")).strip("_")
@@ -269,7 +259,7 @@ def _identifiers(names: list[str]) -> list[str]:
         while plain in names_made or iskeyword(plain):  # formulas are read as Python's own
             plain += "_"
         names_made.append(plain)
-    return names_made
+    return tuple(names_made)
 
 
 def text_of(s: Structure) -> str:

@@ -23,15 +23,7 @@ _LONG, _MOST_FACTORS = 50, 1000
 
 
 class Evaluator:
-    """Evaluates expressions.
-
-    Parameters
-    ----------
-    lookup : function
-        The value of a name, or None if there is none.
-    derivative : function
-        der of a value.
-    """
+    """Evaluates expressions: `lookup` is the value of a name, or None; `derivative` is der of a value."""
 
     def __init__(
         self, lookup: Callable[[str], Value | None], derivative: Callable[[Value], Value]
@@ -44,10 +36,8 @@ class Evaluator:
         match expression:
             case tree.Number(text):
                 return Fraction(text)
-            case tree.Text(text):
-                return text
-            case tree.Truth(truth):
-                return truth
+            case tree.Text(value) | tree.Truth(value):
+                return value
             case tree.Reference():
                 return self._reference(expression)
             case tree.Binary():
@@ -230,13 +220,6 @@ def _semi_linear(x: Value, above: Value, below: Value) -> Value:
     return v.chosen(at, v.binary("*", above, x), v.binary("*", below, x))
 
 
-def _cross(a: Value, b: Value) -> Value:
-    def entry(i: int, j: int) -> Value:
-        return v.binary("-", v.binary("*", a[i], b[j]), v.binary("*", a[j], b[i]))
-
-    return entry(1, 2), entry(2, 0), entry(0, 1)
-
-
 def _skew(a: Value) -> Value:
     zero = Fraction(0)
     x, y, z = a
@@ -267,7 +250,7 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and nu
     ("sum", 1): v.total,
     ("semiLinear", 3): _semi_linear,
     ("transpose", 1): lambda a: tuple(zip(*a, strict=True)),
-    ("cross", 2): _cross,
+    ("cross", 2): lambda a, b: v.binary("*", _skew(a), b),
     ("skew", 1): _skew,
     ("identity", 1): lambda size: _diagonal((Fraction(1),) * int(size)),
     ("diagonal", 1): _diagonal,

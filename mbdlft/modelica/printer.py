@@ -1,7 +1,7 @@
 """Syntax trees as text: expressions for messages, and whole models as flat Modelica."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from mbdlft.modelica import tree
 from mbdlft.modelica.expression import KEYWORDS
@@ -13,12 +13,7 @@ _SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
 
 
 def flat_text(model: tree.FlatModel) -> str:
-    """The text of a flat model that nothing in it is refused of; `flat_model` reads it again.
-
-    Parameters
-    ----------
-    model : FlatModel
-    """
+    """The text of a flat model that nothing in it is refused of; `flat_model` reads it again."""
     comment = f" {_text(model.comment)}" if model.comment else ""
     name = _part(model.name)
     lines = [f"model {name}{comment}"]
@@ -26,8 +21,7 @@ def flat_text(model: tree.FlatModel) -> str:
     for title, statements in (("initial equation", model.initial), ("equation", model.equations)):
         if statements:
             lines.append(title)
-        for statement in statements:
-            lines += _lines(statement, "  ")
+        lines += _block(statements, "")
     lines.append(f"end {name};")
     return "\n".join(lines) + "\n"
 
@@ -73,6 +67,11 @@ def _entries(entries: Mapping[str, Expression]) -> str:
     return ", ".join(f"{key} = {write(value)}" for key, value in entries.items())
 
 
+def _block(statements: Sequence[tree.Statement], indent: str) -> Iterator[str]:
+    for statement in statements:
+        yield from _lines(statement, f"{indent}  ")
+
+
 def _lines(statement: tree.Statement, indent: str) -> Iterator[str]:
     match statement:
         case tree.Equation(left, right, _):
@@ -81,18 +80,15 @@ def _lines(statement: tree.Statement, indent: str) -> Iterator[str]:
             yield f"{indent}assert({write(condition)}, {_text(message)});"
         case tree.Loop(index, values, body, _):
             yield f"{indent}for {index} in {write(values)} loop"
-            for inner in body:
-                yield from _lines(inner, f"{indent}  ")
+            yield from _block(body, indent)
             yield f"{indent}end for;"
         case tree.Choice(branches, otherwise, _):
             for k, (condition, body) in enumerate(branches):
                 yield f"{indent}{'else' * (k > 0)}if {write(condition)} then"
-                for inner in body:
-                    yield from _lines(inner, f"{indent}  ")
+                yield from _block(body, indent)
             if otherwise:
                 yield f"{indent}else"
-            for inner in otherwise:
-                yield from _lines(inner, f"{indent}  ")
+            yield from _block(otherwise, indent)
             yield f"{indent}end if;"
 
 

@@ -7,8 +7,8 @@ its spans, numbers as they are written, and annotations.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from mbdlft.base.errors import SceneError
@@ -17,19 +17,13 @@ from mbdlft.modelica.text import declared_annotation
 from mbdlft.modelica.tree import Expression
 
 _ANNOTATION = b"mbdlft"
-_NOTHING: Mapping[str, Expression] = MappingProxyType({})
 
 
 class Sources:
-    """Texts of files by the numbers that a compiler gives them.
+    """Texts of files, the most likely ones first, by the numbers that a compiler gives them.
 
     The compiler does not say which file has which number: a file has a number if at the spans of all
-    names of this number it has these names.
-
-    Parameters
-    ----------
-    files : files that may have been read, the most likely one first
-    variables : the table of variables
+    names of this number in the table of variables it has these names.
     """
 
     def __init__(self, files: Iterable[Path], variables: Mapping[str, Any]) -> None:
@@ -50,30 +44,31 @@ class Sources:
                 if source not in self._texts and all(text[a:b].endswith(name) for a, b, name in places):
                     self._texts[source] = text
 
+    def _text(self, span: Any) -> bytes | None:
+        return self._texts.get(span["source"]) if isinstance(span, dict) else None
+
     def line(self, span: Any) -> int:
         """The line where a span begins; 0 if it is not known."""
-        text = self._texts.get(span["source"]) if isinstance(span, dict) else None
+        text = self._text(span)
         return 0 if text is None else text[: span["start"]].count(b"\n") + 1
 
     def number(self, span: Any, value: float) -> str:
         """A number as it is written at a span; the digits that its double prints as, otherwise."""
-        text = self._texts.get(span["source"]) if isinstance(span, dict) else None
+        text = self._text(span)
         if text is not None:
             written = text[span["start"] : span["end"]].decode("utf-8", "replace").strip()
-            try:
+            with suppress(ValueError):
                 if written[:1].isdigit() and float(written) == value:
                     return written
-            except ValueError:
-                pass
         if not math.isfinite(value):
             raise SceneError(f"{self.name}: the number {value} is not finite.")
         return repr(value)
 
     def annotation(self, span: Any) -> Mapping[str, Expression]:
         """The entries of `annotation(mbdlft(...))` of the declaration that ends a span with its name."""
-        text = self._texts.get(span["source"]) if isinstance(span, dict) else None
+        text = self._text(span)
         if text is None or _ANNOTATION not in text[span["end"] :]:
-            return _NOTHING
+            return {}
         first = text[span["start"] : span["end"]].rfind(b" ") + 1 + span["start"]
         return declared_annotation(text[first:].decode("utf-8", "replace"), self.name, self.line(span))
 
@@ -181,7 +176,7 @@ class _Reader:
             side.lower(),
             final=bool(self.tables["variable_final_flags"].get(item["name"])),
             top=top if side != "Input" else item["name"].partition(".")[0] in self.tops or top,
-            attributes=MappingProxyType(attributes),
+            attributes=attributes,
             binding=None if binding is None else self._expression(binding),
             annotation=self.sources.annotation(span),
             comment=item["description"] or "",
@@ -199,12 +194,10 @@ class _Reader:
     # equations -------------------------------------------------------------------------------
 
     def _equation(self, item: Mapping[str, Any]) -> tree.Equation:
-        residual, line = item["residual"], self.sources.line(item["span"])
-        difference = residual.get("Binary", {})
-        if difference.get("op") == "Sub":
-            left, right = (self._expression(difference[side]) for side in ("lhs", "rhs"))
-            return tree.Equation(left, right, line)
-        return tree.Equation(self._expression(residual), tree.Number("0"), line)
+        residual, line = self._expression(item["residual"]), self.sources.line(item["span"])
+        if isinstance(residual, tree.Binary) and residual.operator == "-":
+            return tree.Equation(residual.left, residual.right, line)
+        return tree.Equation(residual, tree.Number("0"), line)
 
     def _check(self, item: Mapping[str, Any]) -> tree.Check:
         message = self._expression(item["message"])
@@ -238,8 +231,7 @@ class _Reader:
             case "VarRef":
                 return self._reference(body)
             case "Binary" if body["op"] in _OPERATORS:
-                left, right = self._chain(body)
-                return tree.Binary(_OPERATORS[body["op"]], left, right)
+                return self._chain(body)
             case "Unary" if body["op"] in ("Minus", "Not", "Plus"):
                 operand = self._expression(body["rhs"])
                 if body["op"] == "Plus":
@@ -251,33 +243,28 @@ class _Reader:
             case "FunctionCall":
                 return tree.Call(body["name"]["name"], self._all(body["args"]))
             case "If":
-                branches = tuple(
-                    (self._expression(when), self._expression(then)) for when, then in body["branches"]
-                )
-                return tree.If(branches, self._expression(body["else_branch"]))
+                branches = [self._all(branch) for branch in body["branches"]]
+                pairs = tuple((when, then) for when, then in branches)
+                return tree.If(pairs, self._expression(body["else_branch"]))
             case "Array":
                 return tree.Array(self._all(body["elements"]))
             case "Range":
-                step = body["step"]
-                return tree.Range(
-                    self._expression(body["start"]),
-                    None if step is None else self._expression(step),
-                    self._expression(body["end"]),
-                )
+                bounds = (body["start"], body["step"], body["end"])
+                return tree.Range(*(None if x is None else self._expression(x) for x in bounds))
             case _:
                 raise self._unknown(f"the expression {kind!r}", body.get("span"))
 
-    def _chain(self, body: Mapping[str, Any]) -> tuple[Expression, Expression]:
-        """Both sides of an operator; long sums nest to the left, and are read in a loop."""
+    def _chain(self, body: Mapping[str, Any]) -> Expression:
+        """Operators and their sides; long sums nest to the left, and are read in a loop."""
         pending = [body]
         while (left := pending[-1]["lhs"]).keys() == {"Binary"}:
             pending.append(left["Binary"])
         first = self._expression(pending[-1]["lhs"])
-        for inner in pending[:0:-1]:
+        for inner in reversed(pending):
             if inner["op"] not in _OPERATORS:
                 raise self._unknown(f"the operator {inner['op']!r}", inner.get("span"))
             first = tree.Binary(_OPERATORS[inner["op"]], first, self._expression(inner["rhs"]))
-        return first, self._expression(body["rhs"])
+        return first
 
     def _all(self, items: Iterable[Mapping[str, Any]]) -> tuple[Expression, ...]:
         return tuple(self._expression(item) for item in items)
@@ -297,14 +284,15 @@ class _Reader:
         subscripts: list[Expression] = []
         for item in body["subscripts"]:
             ((kind, inner),) = item.items() if isinstance(item, dict) else ((item, {}),)
-            if kind == "Index":
-                subscripts.append(tree.Number(str(inner["value"])))
-            elif kind == "Expr":
-                subscripts.append(self._expression(inner["expr"]))
-            elif kind == "Colon":
-                subscripts.append(tree.Range())
-            else:
-                raise self._unknown(f"the subscript {kind!r}", body.get("span"))
+            match kind:
+                case "Index":
+                    subscripts.append(tree.Number(str(inner["value"])))
+                case "Expr":
+                    subscripts.append(self._expression(inner["expr"]))
+                case "Colon":
+                    subscripts.append(tree.Range())
+                case _:
+                    raise self._unknown(f"the subscript {kind!r}", body.get("span"))
         return tree.Reference(name, tuple(subscripts))
 
 

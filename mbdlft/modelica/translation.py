@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.dae.dae import Dae, Equation, Output
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
@@ -23,6 +23,10 @@ T = TypeVar("T")
 
 _PREFERRED = (tree.Reference("StateSelect.prefer"), tree.Reference("StateSelect.always"))
 _LISTED = 12  # of what is refused
+_TIME = (
+    "A variable that a formula of time and parameters alone gives, u = f(time), becomes an input; time "
+    "anywhere else is not supported. Make an input of what it stands for."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +115,9 @@ class _Translation:
         for name, line in model.fixed:
             value = self.parameters.values.get(name)
             if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
-                raise SceneError(
-                    self._place(
-                        line,
-                        f"equations are chosen by the value of {name!r}, which cannot stay then: keep "
-                        f"it a number ({name} = false in the table), or choose by a signal.",
-                    )
-                )
+                text = f"equations are chosen by the value of {name!r}, which cannot stay then: keep it"
+                remedy = f"a number ({name} = false in the table), or choose by a signal."
+                raise SceneError(self._place(line, f"{text} {remedy}"))
         self.variables = Variables(self.parameters, self._of_declaration)
         self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 
@@ -151,13 +151,13 @@ class _Translation:
             text=flat_text(self.model),
             units_checked=True,
         )
-        preferred = tuple(
-            name
-            for d in self.declared
-            if d.attributes.get("stateSelect") in _PREFERRED
-            for name in names_in(self.variables.values[d.name])
-        )
-        return dae, ModelicaReport(tuple(sources), preferred, tuple(self.parameters.notes))
+        preferred = self._names(lambda d: d.attributes.get("stateSelect") in _PREFERRED)
+        return dae, ModelicaReport(tuple(sources), tuple(preferred), tuple(self.parameters.notes))
+
+    def _names(self, chosen: Callable[[tree.Declaration], bool]) -> list[str]:
+        """Names of the variables, and of entries of arrays, whose declarations are chosen."""
+        values = [self.variables.values[d.name] for d in self.declared if chosen(d)]
+        return [name for value in values for name in names_in(value)]
 
     def _of_declaration(self, d: tree.Declaration) -> str:
         return self._place(d.line, f"{d.variability or 'variable'} {d.name!r}")
@@ -235,19 +235,11 @@ class _Translation:
         chosen = self._equations(body)
         for value, equations in reversed(made):
             if len(equations) != len(chosen):
-                raise SceneError(
-                    self._place(
-                        choice.line,
-                        f"the branches of 'if' have {len(equations)} and {len(chosen)} equations, "
-                        "expected equally many.",
-                    )
-                )
-            chosen = [
-                replace(
-                    a, name=f"{a.name}, or {b.name}", residual=v.chosen(value, a.residual, b.residual)
-                )
-                for a, b in zip(equations, chosen, strict=True)
-            ]
+                counts = f"{len(equations)} and {len(chosen)} equations, expected equally many."
+                raise SceneError(self._place(choice.line, f"the branches of 'if' have {counts}"))
+            for k, (a, b) in enumerate(zip(equations, chosen, strict=True)):
+                residual = v.chosen(value, a.residual, b.residual)
+                chosen[k] = replace(a, name=f"{a.name}, or {b.name}", residual=residual)
         return chosen
 
     # inputs and outputs ----------------------------------------------------------------------
@@ -269,14 +261,7 @@ class _Translation:
             slope = ca.jacobian(e.residual, variables[0].symbol) if len(variables) == 1 else ca.SX(0)
             plain = slope.is_constant() and abs(float(slope)) == 1.0
             if not plain or ca.depends_on(e.residual, rates):
-                raise SceneError(
-                    self._place(
-                        e.line,
-                        f"{e.name!r} depends on time. A variable that a formula of time and "
-                        "parameters alone gives, u = f(time), becomes an input; time anywhere else is "
-                        "not supported. Make an input of what it stands for.",
-                    )
-                )
+                raise SceneError(self._place(e.line, f"{e.name!r} depends on time. {_TIME}"))
             x = variables[0]
             at_zero = ca.substitute(e.residual, x.symbol, 0) / -slope
             start = self.variables.at_nominal(at_zero)
@@ -287,12 +272,7 @@ class _Translation:
 
     def _inputs(self, sources: list[str]) -> list[str]:
         """Names of inputs: what the model itself declares as one, and sources of time."""
-        declared = [
-            name
-            for d in self.declared
-            if d.causality == "input" and d.top and d.binding is None
-            for name in names_in(self.variables.values[d.name])
-        ]
+        declared = self._names(lambda d: d.causality == "input" and d.top and d.binding is None)
         names = [*declared, *(name for name in sources if name not in declared)]
         for name in names:
             if name in self.variables.rates:
@@ -304,18 +284,11 @@ class _Translation:
 
     def _outputs(self) -> Iterator[Output]:
         """What the table or the declarations say to be outputs."""
-        by_name = self.variables.by_name
-        names = [
-            name
-            for d in self.declared
-            if d.causality == "output" and d.top
-            for name in names_in(self.variables.values[d.name])
-        ]
-        for name in names if self.table.outputs is None else self.table.outputs:
-            if name not in by_name:
-                raise SceneError(
-                    f"{self.model.source}: outputs: " + unknown_name("variable", name, by_name)
-                )
+        by_name, names = self.variables.by_name, self.table.outputs
+        if names is None:
+            names = tuple(self._names(lambda d: d.causality == "output" and d.top))
+        check_known("variable", names, by_name, f"{self.model.source}: outputs")
+        for name in names:
             yield Output(name, by_name[name].symbol, by_name[name].unit)
 
 

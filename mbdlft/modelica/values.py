@@ -5,6 +5,7 @@ constant of CasADi where it meets a variable. An array is a tuple, a matrix a tu
 """
 
 import math
+import operator as operators
 from collections.abc import Callable, Mapping
 from fractions import Fraction
 from typing import Any
@@ -155,24 +156,23 @@ def _product(left: tuple[Value, ...], right: tuple[Value, ...]) -> Value:
     return total(tuple(_times(a, b) for a, b in zip(left, right, strict=True)))
 
 
-def _add(a: Value, b: Value) -> Value:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a + b
-    return to_sx(a) + to_sx(b)
+def _exactly(operation: Callable[[Any, Any], Any]) -> Callable[[Value, Value], Value]:
+    """An operation of numbers as fractions, and of others as expressions."""
+
+    def of(a: Value, b: Value) -> Value:
+        both = isinstance(a, Fraction) and isinstance(b, Fraction)
+        return operation(a, b) if both else operation(to_sx(a), to_sx(b))
+
+    return of
 
 
-def _times(a: Value, b: Value) -> Value:
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a * b
-    return to_sx(a) * to_sx(b)
+_add, _times, _quotient = map(_exactly, (operators.add, operators.mul, operators.truediv))
 
 
 def _over(a: Value, b: Value) -> Value:
     if isinstance(b, Fraction) and b == 0:
         raise SceneError("division by zero.")
-    if isinstance(a, Fraction) and isinstance(b, Fraction):
-        return a / b
-    return to_sx(a) / to_sx(b)
+    return _quotient(a, b)
 
 
 def _power(a: Value, b: Value) -> Value:
@@ -211,12 +211,9 @@ _SCALAR: Mapping[str, Callable[[Value, Value], Value]] = {
     "^": _power,
 }
 _RELATIONS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
+    **{"<": operators.lt, "<=": operators.le, "==": operators.eq, "<>": operators.ne},
     ">": lambda a, b: b < a,
     ">=": lambda a, b: b <= a,
-    "==": lambda a, b: a == b,
-    "<>": lambda a, b: a != b,
 }
 
 

@@ -38,19 +38,11 @@ _RANGE = frozenset(("percent", "plus", "minus", "low", "high"))
 
 
 class Parameters(NamedTuple):
-    """Parameters and constants by name.
-
-    Attributes
-    ----------
-    values : mapping of names to values
-    kept : mapping of names in the model to parameters that stay
-    symbols : mapping of names in the model to symbols
-    notes : list of str
-    """
+    """Parameters and constants by their names in the model."""
 
     values: dict[str, Value]
-    kept: dict[str, Parameter]
-    symbols: dict[str, ca.SX]
+    kept: dict[str, Parameter]  # those that stay
+    symbols: dict[str, ca.SX]  # of these
     notes: list[str]
 
 
@@ -66,7 +58,11 @@ def read_values(
             declared[d.name] = d
     check_known("parameter", (*table.parameters, *table.values), declared, model.source)
     parameters = Parameters({}, {}, {}, [])
-    evaluator = Evaluator(parameters.values.get, _no_derivative)
+
+    def no_derivative(value: Value) -> Value:
+        raise SceneError(f"der of the parameter {described(value)}.")
+
+    evaluator = Evaluator(parameters.values.get, no_derivative)
     for name in _ordered(declared, place):
         d = declared[name]
         try:
@@ -78,10 +74,6 @@ def read_values(
         except SceneError as error:
             raise SceneError(f"{place(d)}: {error}") from None
     return parameters
-
-
-def _no_derivative(value: Value) -> Value:
-    raise SceneError(f"der of the parameter {described(value)}.")
 
 
 def _ordered(
@@ -102,12 +94,9 @@ def _ordered(
 def _needed(d: tree.Declaration) -> set[str]:
     """Names that the value and the limits of a parameter are made of."""
     limits = [d.attributes.get(key) for key in ("min", "max", "nominal")]
-    needed: set[str] = set()
-    for expression in (_binding(d), *d.sizes, *limits):
-        if expression is not None:
-            for reference in tree.references(expression):
-                needed |= {reference.name, write(reference)}
-    return needed
+    expressions = [x for x in (_binding(d), *d.sizes, *limits) if x is not None]
+    used = [reference for x in expressions for reference in tree.references(x)]
+    return {name for reference in used for name in (reference.name, write(reference))}
 
 
 def _binding(d: tree.Declaration) -> Expression | None:
@@ -222,28 +211,14 @@ def _declared_unit(d: tree.Declaration, notes: list[str]) -> str:
 
 
 class Variables:
-    """Variables by name, and the values of all names of a model.
-
-    Parameters
-    ----------
-    parameters : Parameters
-    place : function
-        Where a declaration stands, for messages.
-
-    Attributes
-    ----------
-    values : dict of names to values: parameters, variables, arrays, ``time``
-    by_name : dict of names to `Variable`, one for each entry of an array
-    rates : dict of names to symbols of derivatives that occur
-    evaluator : Evaluator
-    """
+    """Variables by name, and the values of all names of a model; `place` says where one is declared."""
 
     def __init__(self, parameters: Parameters, place: Callable[[tree.Declaration], str]) -> None:
         self.parameters, self.place = parameters, place
         self.time = ca.SX.sym("time")
         self.values: dict[str, Value] = {**parameters.values, "time": self.time}
-        self.by_name: dict[str, Variable] = {}
-        self.rates: dict[str, ca.SX] = {}
+        self.by_name: dict[str, Variable] = {}  # one for each entry of an array
+        self.rates: dict[str, ca.SX] = {}  # symbols of derivatives that occur
         self.evaluator = Evaluator(self.values.get, self.derivative)
 
     def declare(self, d: tree.Declaration) -> None:
