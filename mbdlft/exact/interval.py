@@ -127,11 +127,7 @@ FUNCTIONS: Mapping[str, Callable[..., Interval]] = {
 def find_zero(
     function: Callable[[Mapping[str, Interval]], Interval], bounds: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], bool] | None:
-    """Where a function of intervals by name may vanish in a box (low, high); None if it is shown not to.
-
-    The middle of a part of the box in which a zero could not be excluded, and whether that part is as
-    small as rounding allows; if not, there were too many parts to tell.
-    """
+    """The middle of a part of a box (low, high) where a function of intervals may vanish, or None."""
     boxes = [tuple(bounds.values())]
     sizes = [
         max(_SMALLEST * (high - low), _ROUNDING * max(abs(low), abs(high))) for low, high in boxes[0]

@@ -87,11 +87,7 @@ class ExactMatrix:
         return ExactMatrix(-self.residues % self.prime, balls, self.prime)
 
     def solve(self, right: "ExactMatrix") -> "ExactMatrix":
-        """self^-1 right.
-
-        A ZeroDivisionError if the matrix is singular, a TooFewBitsError if it is not, but too near to it
-        for the bits of the balls.
-        """
+        """self^-1 right; a ZeroDivisionError if singular, a TooFewBitsError if nearly so."""
         n, m = right.shape
         if n == 0 or m == 0:
             return zeros(n, m, self.prime)
@@ -104,10 +100,7 @@ class ExactMatrix:
         return _paired(residues, balls, self.prime)
 
     def values(self) -> Array:
-        """The nearest doubles (n, m), or those next to them; 0.0 exactly where the residue is.
-
-        A TooFewBitsError if a ball is too wide.
-        """
+        """Doubles (n, m) next to the entries, 0.0 for zeros; a TooFewBitsError if balls are wide."""
         values = np.zeros(self.shape)
         for place in zip(*np.nonzero(self.residues), strict=True):
             ball = self.balls[place]
@@ -183,11 +176,7 @@ def limbs(a: Residues) -> Array:
 
 
 def times(a: Residues, b: Array, prime: int) -> Residues:
-    """a b modulo a prime, for the `limbs` of b; a and b share fewer than 2048 rows and columns.
-
-    Sums of products of 21 bits are exact in doubles. They are put together from above: r 2^21 - q P, with
-    the quotient q in doubles, is right modulo 2^64, and small.
-    """
+    """a b modulo a prime, for the `limbs` of b: sums of products of 21 bits are exact in doubles."""
     if a.shape[1] > _MOST_SUMMED:
         half = a.shape[1] // 2
         first, second = (times(a[:, :half], b[:, :half], prime), times(a[:, half:], b[:, half:], prime))
@@ -321,11 +310,7 @@ def _parts(sizes: Sequence[int]) -> list[slice]:
 
 
 class Space:
-    """A subspace that grows: its reduced echelon form, and which candidates were taken at each step.
-
-    The basis (dimension, n) is the identity in the columns `pivots`; `taken` are, for each step, the
-    candidates that were independent of all before.
-    """
+    """A growing subspace: its echelon form, the identity in `pivots`; what was `taken` at each step."""
 
     def __init__(self, size: int, prime: int) -> None:
         self.size, self.prime = size, prime
@@ -418,10 +403,7 @@ def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
 
 
 def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
-    """A basis of a subspace in coordinates that are channels, with factors of moderate size.
-
-    `scale` (n,) is that of the channels, in which they have one size.
-    """
+    """A basis of a subspace in coordinates that are channels of a size (n,), with moderate factors."""
     n, d = krylov.shape
     if d in (0, n):
         return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
@@ -442,10 +424,7 @@ def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
 
 
 def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows in which a basis has no factors above `_MOST_FACTOR`, from those in which it is the identity.
-
-    Each exchange of a row multiplies the determinant of the chosen rows by such a factor.
-    """
+    """Rows in which a basis has no factors above `_MOST_FACTOR`: each exchange has such a factor."""
     rows, basis = rows.copy(), basis.copy()
     for _ in range(_MOST_EXCHANGES * len(rows)):
         row, column = np.unravel_index(np.argmax(np.abs(basis)), basis.shape)

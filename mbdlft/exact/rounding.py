@@ -32,10 +32,7 @@ def product(left: Array, right: Array) -> Array:
 
 
 def solution_size(inverse: Array, matrix: Any, solution: Array, right: Array) -> Array:
-    """Size of the terms of matrix^-1 right: |matrix^-1| (|matrix| |solution| + |right|).
-
-    `matrix` may be sparse.
-    """
+    """Size of the terms of matrix^-1 right: |matrix^-1| (|matrix| |solution| + |right|)."""
     terms: Array = abs(matrix) @ np.abs(solution) + np.abs(right)
     return np.asarray(np.abs(inverse) @ terms)
 
@@ -126,10 +123,7 @@ def bits_of(terms: int) -> int:
 
 
 def slices(matrix: Twofold, axis: int) -> list[Array]:
-    """Arrays whose sum is the matrix, in units that fall by the same factor along an axis.
-
-    What is left out is below 2^-95 of the largest entry along the axis, for up to 800 terms.
-    """
+    """Arrays whose sum is the matrix but for 2^-95 of the largest along an axis, for 800 terms."""
     bits = bits_of(matrix.high.shape[axis])
     largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
     unit = np.ldexp(1.0, np.frexp(largest)[1])
@@ -166,11 +160,7 @@ def multiply_add(base: Array, left: Array, right: Twofold) -> Array:
 
 
 def solve_twofold(matrix: Array, right: Array) -> Twofold:
-    """matrix^-1 right; entries much smaller than others of their column have their digits, too.
-
-    Iterative refinement with residuals and a solution of twice the working precision (Demmel, Hida,
-    Kahan, Li, Mukherjee, Riedy 2006): only the rounding of the data is left.
-    """
+    """matrix^-1 right, refined in twice the precision: small entries have their digits, too."""
     # powers of two change nothing, and make rows and columns of one size
     rows = _power(np.max(np.abs(matrix), axis=1, initial=0.0))
     scaled = matrix / rows[:, None]

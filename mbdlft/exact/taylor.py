@@ -246,11 +246,7 @@ Part = tuple[tuple[float, float], ...]  # (low, high) of each variable
 
 
 class Sign(NamedTuple):
-    """What is known of the sign of a function in a box.
-
-    A point where it is negative by more than the slack, with its value there, or boxes (low, high) of
-    each variable in which it was not shown to be above the slack; neither if that is proved everywhere.
-    """
+    """A point where a function is negative and its value, or boxes left open; neither: proved."""
 
     point: Mapping[str, float] | None = None
     value: float = 0.0

@@ -155,11 +155,7 @@ def _places(a: LFT) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _well_posed(a: LFT) -> tuple[Array, float, Array]:
-    """X that proves I - M11 Delta to be invertible on |delta_k| <= rho, with rho as large as found.
-
-    The box is made larger, from a point, as far as the X of the smaller one allows. Also the inverse of
-    the last S.
-    """
+    """X that proves I - M11 Delta regular on |delta_k| <= rho, the rho it grew to, and S^-1."""
     n = a.order
     eye, places = np.eye(n), _places(a)
     X, rho = np.eye(n), 0.0
@@ -185,10 +181,7 @@ def _well_posed(a: LFT) -> tuple[Array, float, Array]:
 
 
 def _center(form: _Form, X: Array, g: float, weight: float) -> tuple[Array, float, Array]:
-    """Minimum of weight (g + small |X|^2/2) - log det S - log det(X + X') by Newton's method.
-
-    Also the inverse of S there. Without inputs g stays 0, and |X|^2/2 has the weight.
-    """
+    """Minimum of weight (g + small |X|^2/2) - log det S - log det(X + X'), and S^-1."""
     i, j, m = form.rows, form.columns, form.inputs
     spring = weight * (_SMALL if m else 1.0)
 

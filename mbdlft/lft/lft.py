@@ -268,10 +268,7 @@ def eliminate(relation: LFT, n: int) -> LFT:
 
 
 def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
-    """The LFT in the remaining deltas, with the named ones fixed to values [1], full ones to matrices.
-
-    A WellPosednessError if I - M11 Delta is singular there.
-    """
+    """The LFT with deltas fixed to values [1] or matrices; a WellPosednessError if singular."""
     for name in values:
         check_name(a, name)
     rows, columns = a.slices(), a.columns()

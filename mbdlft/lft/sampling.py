@@ -237,10 +237,7 @@ def _plan(a: LFT) -> tuple[Program, Plan] | None:
 def agrees(
     a: LFT, points: Array, values: Array, lost: NDArray[np.bool_], different: float = _DIFFERENT
 ) -> bool:
-    """Whether values are the dense ones at some of the points that are not lost, up to rounding.
-
-    Entries may be `different`, too, by this part of the largest of their row and column.
-    """
+    """Whether some values that are not lost are the dense ones up to rounding and a `different` part."""
     probes = np.unique(np.linspace(0, len(points) - 1, _PROBES).astype(int))
     probes = probes[~lost[probes]]
     expected, sizes = values_and_sizes(a, points[probes])
@@ -325,10 +322,7 @@ def is_native(known: ModelProgram, count: int) -> bool:
 
 
 def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Values (N, n_out, n_in) of one of its LFTs, and where a pivot has lost digits (N,).
-
-    `physical` (N, n_p) are in the units of the parameters.
-    """
+    """Values (N, n_out, n_in) of one of its LFTs at physical values (N, n_p); where digits are lost."""
     first, size = (0 if a is known.lft else known.lft.M22.size), a.M22.size
     row, count = known.row[first : first + size], len(physical)
     values = np.empty((count, size))
@@ -378,10 +372,7 @@ def diagonal_blocks(matrix: Array) -> list[Channels]:
 
 
 def values_at(a: LFT, deltas: Array) -> tuple[Array, Array]:
-    """Values at points (N, number of blocks), and the signs of det(I - M11 Delta): 1, 0 or -1.
-
-    Where the determinant is zero the value has no meaning.
-    """
+    """Values at points (N, blocks), and signs of det(I - M11 Delta): at 0 values mean nothing."""
     check_plain(a, "the determinant at many points")
     values, signs = np.repeat(a.M22[None], len(deltas), axis=0), np.ones(len(deltas))
     sides = _Sides(a)

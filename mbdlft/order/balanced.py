@@ -58,10 +58,7 @@ def _values(a: ExactLFT, deltas: Array) -> Array:
 
 
 def _error(a: LFT, truth: Array, deltas: Array) -> float:
-    """Largest error of an entry of the value at some deltas, relative to its largest size there.
-
-    It is infinite where doubles do not tell the loop from a singular one.
-    """
+    """Largest error of an entry at some deltas, relative to its largest size; infinite where singular."""
     spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, None, :]
     try:
         inner = np.linalg.solve(np.eye(a.order) - a.M11 * spread, a.M12)
@@ -80,11 +77,7 @@ def _condition(a: LFT, deltas: Array) -> float:
 
 
 def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[LFT]:
-    """The LFT in better and better coordinates, until its condition at `deltas` is not above `most`.
-
-    `rough` is the LFT, rounded. Where it has nothing but rounding for what matters least, so has T; the
-    next T, of what this one makes in balls, then sees it.
-    """
+    """The LFT in better and better coordinates, until its condition at `deltas` is at most `most`."""
     n, M = a.order, a.M.balls
     for _ in range(_ROUNDS):
         scale = channel_scales(rough.M11, rough.M12, rough.M21)

@@ -37,11 +37,7 @@ _BALANCES = 3  # of rows and columns in turn
 
 
 class CircleValues(NamedTuple):
-    """Values (count, rows, columns), without those for delta = 0, for rows and columns of size one.
-
-    `points` (count, deltas) are of absolute value one, `radii` those of the circles. `rows` and
-    `columns` are those of the LFT that are there, and what they are multiplied with.
-    """
+    """Values (count, rows, columns), scaled, less those at 0, at points (count, deltas) of circles."""
 
     points: Complex
     radii: Array
@@ -77,10 +73,7 @@ def pole_distance(loop: Array, largest: float) -> float:
 
 
 def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work) -> CircleValues:
-    """Values at random points of the circles, enough for so many real unknowns.
-
-    A LinAlgError if a pole is at one of the points.
-    """
+    """Values at random points of circles, enough for so many real unknowns; a LinAlgError at a pole."""
     rows = np.flatnonzero(np.any(a.M21, axis=1))
     columns = np.flatnonzero(np.any(a.M12, axis=0))
     each = 2 * max(1, len(rows) * len(columns))
@@ -158,10 +151,7 @@ _WORST = 1e6  # condition of the part of the dependences that is divided by
 
 
 def independent(a: LFT, work: Work) -> LFT:
-    """The same value in channels with independent functions; `a` itself if they are.
-
-    Numbers decide what is dependent, so the value is to be compared with that of `a`.
-    """
+    """The same value in channels with independent functions, to be compared with `a`; `a` if they are."""
     while True:
         smaller = _without_dependent(a, work)
         smaller = transpose(_without_dependent(transpose(smaller), work))
@@ -194,10 +184,7 @@ def _without_dependent(a: LFT, work: Work) -> LFT:
 
 
 def _functions(a: LFT, work: Work) -> Array:
-    """Values (samples, outputs + channels) of the functions 1 and Y Delta, in real and imaginary parts.
-
-    The deltas run over circles, where their powers are orthogonal.
-    """
+    """Values (samples, outputs + channels) of 1 and Y Delta on circles, in real and imaginary parts."""
     n, outputs = a.order, a.shape[0]
     random = np.random.default_rng(_SEED)
     points = int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs

@@ -52,11 +52,7 @@ _FAR = 1e-3  # of the largest reciprocal of a pole: smaller ones are poles at in
 
 
 class Bound(NamedTuple):
-    """Repetitions of a delta that are proved to be needed, and whether rounding may hide more.
-
-    `doubtful` is the number of singular values that are neither clear nor clearly rounding; they do not
-    count.
-    """
+    """Proved repetitions of a delta, and singular values neither clear nor clearly rounding."""
 
     degree: int
     doubtful: int
@@ -156,10 +152,7 @@ def _alone(realization: _Realization, rows: slice, center: float) -> _Realizatio
 
 
 def _triangular(realization: _Realization) -> _Realization:
-    """The same in coordinates in which A is upper triangular.
-
-    The iteration of LAPACK for complex matrices may turn in a circle, where that for real ones ends.
-    """
+    """The same with A upper triangular; the real iteration ends where the complex one may not."""
     try:
         A, Q = schur(realization.A, output="complex")
     except np.linalg.LinAlgError:
@@ -205,11 +198,7 @@ def _circle(radius: float, count: int, random: np.random.Generator) -> NDArray[A
 
 
 def _rings(reciprocals: NDArray[Any], share: float) -> list[tuple[complex, float, int]]:
-    """Center and radius of circles, each about poles that are close to each other, and their number.
-
-    The poles are given by their reciprocals; the radius is a part of the distance to the next ones. Those
-    at infinity are inside of the largest circle, seen from there.
-    """
+    """Centers, radii, numbers of circles about close poles, which are given by reciprocals."""
     near = np.abs(reciprocals) > _FAR * np.max(np.abs(reciprocals))
     poles = 1.0 / reciprocals[near]
     groups: list[NDArray[Any]] = []

@@ -110,10 +110,7 @@ def _restricted(M: Residues, channels: Residues, n: int) -> Residues:
 
 
 class JointBound:
-    """The bound by pairs and triples of the deltas of one LFT; each of them is looked at once.
-
-    Of the LFT residues are enough; the degrees are those of `exact_degrees`.
-    """
+    """The bound by pairs and triples of deltas of one LFT, each once; residues are enough."""
 
     def __init__(self, a: ExactLFT, degrees: Mapping[str, int]) -> None:
         self.a, self.degrees = a, degrees
@@ -135,10 +132,7 @@ class JointBound:
         return [pair for pair in proved if pair is not None]
 
     def of_all(self, work: Work) -> int:
-        """Proved minimum of the order of any LFT of the same matrix, by all pairs and triples.
-
-        It is at least the sum of the degrees; what the work did not suffice for does not count.
-        """
+        """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows."""
         for first, second in combinations([name for name, n in self.degrees.items() if n], 2):
             self.pairs(first, second, work)
         while True:
@@ -262,10 +256,7 @@ class _Span(NamedTuple):
 def more_needed(
     a: ExactLFT, first: str, second: str, degrees: Mapping[str, int], work: Work, *, is_transposed: bool
 ) -> tuple[int, int]:
-    """Repetitions that each of two deltas needs above its degree if the other has none.
-
-    (0, 0) if nothing is proved: both may have their degree.
-    """
+    """Repetitions that each of two deltas needs above its degree if the other has none; (0, 0): open."""
     if work.is_over:
         return 0, 0
     H = _function(a, (first, second), work, is_transposed=is_transposed)

@@ -129,11 +129,7 @@ def _with_channels(
 
 
 def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
-    """Rows and columns of M, without those of a delta, where its channels may end and begin.
-
-    They begin where they depend on what is there, and end where something depends on them. Of the deltas
-    that least goes through all other channels are added, as long as E does not get too large.
-    """
+    """Rows and columns of M, without those of a delta, where its channels may end and begin."""
     block = a.slices()[name]
     own = np.zeros(a.order, dtype=bool)
     own[block] = True
@@ -195,10 +191,7 @@ def _family(left: Fit, E: Array, sites: tuple[Mask, Mask], work: Work) -> _Famil
 
 
 def _null_space(matrix: Array) -> Array:
-    """Orthonormal vectors (columns, count) of the null space of a matrix with more rows than columns.
-
-    Pivots are three times faster than singular values, and the gap to zero is wide.
-    """
+    """Orthonormal vectors (columns, count) of the null space, by pivots: faster than an SVD."""
     triangle, pivots = qr(np.linalg.qr(matrix, mode="r"), mode="r", pivoting=True)
     sizes = np.abs(np.diag(triangle))
     rank = int(np.sum(sizes > _NULL * sizes[0]))

@@ -11,10 +11,7 @@ from mbdlft.lft.lft import LFT
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExactLFT:
-    """value = M22 + M21 Delta (I - M11 Delta)^-1 M12, in exact numbers: M is [M11 M12 ; M21 M22].
-
-    Blocks are sorted by name.
-    """
+    """M22 + M21 Delta (I - M11 Delta)^-1 M12 in exact numbers, M = [M11 M12 ; M21 M22]."""
 
     M: ExactMatrix
     blocks: tuple[Block, ...]

@@ -34,11 +34,7 @@ _ZERO = 2.0**-46  # an entry of a basis below this is rounding
 
 
 class Core(NamedTuple):
-    """The part of an LFT that a reduction works on, scaled to entries of order one.
-
-    `error_in` and `error_out` are the rounding errors, for each block, of what enters its channels
-    (rows of M11 and M12) and of what leaves them (columns of M11 and M21).
-    """
+    """What is reduced of an LFT, scaled; for each block the rounding of what enters and leaves."""
 
     M11: Array
     M12: Array
@@ -70,10 +66,7 @@ def _transpose(core: Core) -> Core:
 
 
 def balance(a: LFT) -> tuple[Core, Array, Array]:
-    """The core in powers of two of the inputs, the outputs and the channels; the first two scales.
-
-    Inputs and outputs get length one; what enters and what leaves each channel gets one size.
-    """
+    """The core with signals of length one and channels balanced, in powers of two; scales of signals."""
     inputs = _power_of_two(np.sum(a.M12**2, axis=0))
     outputs = _power_of_two(np.sum(a.M21**2, axis=1))
     M12, M21 = a.M12 / inputs, a.M21 / outputs[:, None]

@@ -107,10 +107,7 @@ def is_affine(a: LFT, name: str, work: Work) -> bool:
 
 
 def at_one_side(a: LFT, name: str, work: Work) -> tuple[int, LFT] | None:
-    """The size of the block, and the LFT opened in it; None if the delta does not enter affinely.
-
-    The factors of the delta are constants on that side on which fewer channels are enough.
-    """
+    """The size of a block, the LFT opened in it on the smaller side; None if it is not affine."""
     change = _slope(a, name, work)
     if change is None:
         return None
@@ -125,10 +122,7 @@ def at_one_side(a: LFT, name: str, work: Work) -> tuple[int, LFT] | None:
 
 
 def _slope(a: LFT, name: str, work: Work) -> tuple[Array, Array, Array] | None:
-    """Changes of the values with a delta (points, rows, columns) over scales of rows and columns.
-
-    None if it is not the same on both sides of zero.
-    """
+    """Changes of the values (points, rows, columns) with a delta, scaled; None if they are not affine."""
     random = np.random.default_rng(0)
     points = {b.name: random.uniform(-0.9, 0.9, _SLOPE_POINTS) for b in a.blocks if b.name != name}
     work.add(solutions(3 * _SLOPE_POINTS, a.order, a.shape[1], is_complex=False))
@@ -146,10 +140,7 @@ def _slope(a: LFT, name: str, work: Work) -> tuple[Array, Array, Array] | None:
 
 
 def _span(values: Array, scale: Array) -> Array:
-    """K (rows, d), the identity in d rows, with values = K values[d rows] at all points.
-
-    Values (points, rows, columns) are divided by a scale (rows), K is not.
-    """
+    """K (rows, d), the identity in d rows, with values (points, rows, columns) = K values[d rows]."""
     all_columns = np.hstack(list(values))
     _, factor, pivots = qr(all_columns.T, mode="economic", pivoting=True)
     sizes = np.abs(np.diagonal(factor))

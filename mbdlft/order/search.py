@@ -50,16 +50,7 @@ _CANCELED = 1e-2  # of the terms of an entry: a smaller one is compared with tha
 
 
 class Budget(NamedTuple):
-    """What a search may cost.
-
-    Attributes
-    ----------
-    work : float
-        Units of work; one is about what one core does in a second. The result of a search depends on
-        this number alone, not on the machine and its load.
-    seconds : float, optional
-        Upper limit of the time (s); a search that it cuts off says so.
-    """
+    """What a search may cost: units of work, which decide its result, and at most so many seconds."""
 
     work: float
     seconds: float | None = None
@@ -70,10 +61,7 @@ IN_PROCESS = "search in this process: its result may depend on the processor"  #
 
 
 class Smallest(NamedTuple):
-    """The smallest LFT that was found, and the least order that any LFT of the same value can have.
-
-    `is_cut_off` says whether the limit in seconds ended the search before its work was done.
-    """
+    """The smallest LFT, the least order of any, and whether seconds ended the search early."""
 
     lft: LFT
     order_bound: int
@@ -223,10 +211,7 @@ class Truth:
 
 
 def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> bool:
-    """Whether the values are the same, and the loop is far from singular, at all points.
-
-    Each entry is compared with its size; the difference is `largest` at most.
-    """
+    """Whether each entry is the same up to `largest` of its size, and the loop well-conditioned."""
     fields, values, size = truth.values
     n, count, inputs = candidate.order, len(values), candidate.shape[1]
     work.add(2 * solutions(count, n, inputs, is_complex=False))

@@ -14,11 +14,7 @@ _SINGULAR_VALUES = 12.0  # per entry and row: they take several sweeps
 
 
 class Work:
-    """A count of operations that ends after so many units.
-
-    `is_late` is another reason to stop, asked for whenever `is_over` is; the result then depends on it.
-    `tell` is told the units that are spent.
-    """
+    """A count of operations with an end, after units or when `is_late`; `tell` gets what is spent."""
 
     def __init__(
         self,

@@ -76,10 +76,7 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
 def _error_of_transfers(
     problem: Problem, values: Array, some: Sequence[int], at: Reference
 ) -> tuple[float, tuple[float, ...]]:
-    """Largest error of transfer functions at some of the points, and the frequencies (rad/s).
-
-    `values` (N, ., .) are those of a model there. What doubles do not carry is compared in 50 digits.
-    """
+    """Largest error of transfer functions at some points, in 50 digits if needed; frequencies."""
     states = len(problem.states)
     if not (states and problem.inputs and problem.outputs):
         return 0.0, ()
@@ -108,10 +105,7 @@ def _error_of_transfers(
 def error_of_values(
     values: Array, at: Reference, some: slice = slice(None)
 ) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """Largest relative error of values of [A B ; C D] at all or some of the points of a reference.
-
-    The second are the entries whose errors are relative to their terms, as they are nothing but rounding.
-    """
+    """Largest relative error of [A B ; C D] at points, and entries that are rounding of terms."""
     return _error_of(values, at.values[some], at)
 
 

@@ -42,10 +42,7 @@ _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
 
 def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:
-    """The smallest certified model of a problem that a budget of search leads to.
-
-    `prove` are units of work for the proof that it is well posed.
-    """
+    """The smallest certified model that a budget of search leads to; `prove`: work for well-posedness."""
     trim = Trim((), (), None)
     if problem.trim is not None:
         with stage("trim"):

@@ -44,10 +44,7 @@ def matrices_in_digits(
 def transfers_in_digits(
     exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array, frequencies: Array
 ) -> NDArray[np.complex128]:
-    """Transfer functions (N, F, n_y, n_u) of the exact equations, rounded at the end.
-
-    `points` (N, n_p) are physical, `frequencies` (F,) in rad/s; raises as `matrices_in_digits`.
-    """
+    """Transfer functions (N, F, n_y, n_u) at physical points (N, n_p), frequencies (F,) in rad/s."""
     with precision(BITS):
         balls = _of_equations(exact, inputs, outputs, points)
         return transfers_of(balls, len(exact.states), frequencies)

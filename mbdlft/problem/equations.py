@@ -16,8 +16,7 @@ CURVED = 10.0  # of the bound of a fit: what terms of second order may add to wh
 
 
 class Moved(NamedTuple):
-    """A coordinate whose motion is an input: its position among the displacements, and the positions in u
-    of its displacement, rate and acceleration (3,)."""
+    """A coordinate with imposed motion, and positions in u of displacement, rate, acceleration."""
 
     coordinate: int
     inputs: tuple[int, int, int]
@@ -125,19 +124,13 @@ def physical_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
 
 @lru_cache(maxsize=1)  # the trim and the linearization of one scene share them
 def exact_symbols(parameters: tuple[Parameter, ...]) -> ParameterSymbols:
-    """The equations as rational functions of internal values: angles by tangents of a part of them.
-
-    Constants are not rounded.
-    """
+    """Rational functions of internal values: angles by tangents of a part of them; nothing is rounded."""
     p = ca.SX.sym("internal", len(parameters))
     return ParameterSymbols(p, p, *cosines_sines(parameters, p))
 
 
 def cosines_sines(parameters: Sequence[Parameter], p: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,).
-
-    Those of the references are constants of `sx.constants`.
-    """
+    """Cosines and sines (n_p,) of the angles among parameters of internal values p (n_p,), exact."""
     cosine, sine = ca.SX(len(parameters), 1), ca.SX(len(parameters), 1)
     for k, parameter in enumerate(parameters):
         if not parameter.is_angle:

@@ -109,10 +109,7 @@ def _idle(e: Equations, matrices: Array) -> str:
 
 
 def _solved(matrix: Array, right: Array) -> Array:
-    """matrix^-1 right (N, n, k), refined once; unknowns that one equation gives alone are taken from it.
-
-    The acceleration of an imposed coordinate is exactly its input, whatever stiffness is beside it.
-    """
+    """matrix^-1 right (N, n, k), refined once; what one equation gives, as imposed motion, is exact."""
     pattern, acted = (np.any(entries != 0.0, axis=0) for entries in (matrix, right))
     rows = np.flatnonzero(pattern.sum(axis=1) == 1)
     alone = pattern[rows].argmax(axis=1)
@@ -149,10 +146,7 @@ def slope_function(
 def _at_trim(
     equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Symbols of the parameters and the efforts, and as their functions, at rest: slopes, residual.
-
-    The slopes are those of [residual ; chosen outputs] by unknown, known and trim unknowns.
-    """
+    """Symbols of parameters and efforts; slopes by unknown, known, trim unknowns; residual at rest."""
     return _at_rest(equations, physical_symbols(equations.parameters), inputs, outputs)
 
 
@@ -162,10 +156,7 @@ def slopes_at_trim(
     inputs: tuple[int, ...],
     outputs: tuple[int, ...],
 ) -> tuple[ca.SX, ca.SX]:
-    """Symbols [parameters ; efforts], and the slopes of `_at_trim` as their function.
-
-    `symbols` are those of the parameters, then p, cosine and sine in terms of them.
-    """
+    """Symbols [parameters ; efforts] and slopes of `_at_trim`; `symbols` as of `physical_symbols`."""
     parameters, effort, slopes, _ = _at_rest(equations, symbols, inputs, outputs)
     return ca.vertcat(parameters, effort), slopes
 

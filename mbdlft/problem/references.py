@@ -126,10 +126,7 @@ def reference_of(
     need: Need,
     points: Array,
 ) -> Reference:
-    """The nonlinear equations, trimmed and linearized again with numbers at points (N, n_p).
-
-    `exact` are the same equations with constants that are not rounded.
-    """
+    """Nonlinear equations trimmed and linearized at points (N, n_p); `exact` ones are not rounded."""
     e, states = equations, len(equations.states)
     at = relinearize(e, inputs, outputs, points)
     matrices = at.linear.matrices
@@ -203,11 +200,7 @@ def _sizes_at(
 def entry_sizes(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
 ) -> Array:
-    """Sizes of the entries of [A B ; C D] over all points if nothing cancelled.
-
-    A stiffness that vanishes for all parameters, or the acceleration of an imposed joint, has no
-    size of its own to compare its rounding with.
-    """
+    """Sizes of the entries of [A B ; C D] over all points if nothing cancelled, zeros included."""
     entries, solved, terms, inverse = _sizes_at(equations, inputs, outputs, at)
     unknown, _ = split(equations, inputs)
     n, states = unknown.numel(), len(equations.states)

@@ -144,10 +144,7 @@ def at_rest(
     alone: ca.SX,
     scale: ca.SX,
 ) -> ca.SX:
-    """Residual at rest, times `scale`: u and load are already multiplied by it.
-
-    `alone` is the residual without either, what the spin of the frame needs.
-    """
+    """Residual at rest, times `scale` as u and load are; `alone` is that of the spin of the frame."""
     e = equations
     none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z, e.u, e.load)]
     if not alone.nnz():
@@ -263,10 +260,7 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
 
 
 def needed_states(relations: LinearModel, states: int) -> Need:
-    """The relations without states and signals that are not driven or not seen.
-
-    The first unknowns are the derivatives of the n_x `states`, the first known signals the states.
-    """
+    """The relations without states and signals that are not driven or not seen; states come first."""
     m = relations
     n, known, outputs = m.unknown.numel(), m.known.numel(), m.output.numel()
     rows = _pattern(m)

@@ -46,11 +46,7 @@ def straight_line(
     kept: tuple[NDArray[np.intp], NDArray[np.intp]],
     longest: int,
 ) -> StraightLine | None:
-    """The program of trim and linearization; None if it would be too long, or has no pivots.
-
-    `kept` are the rows and columns of [A B ; C D] that are asked for, `longest` is the number of
-    instructions that the program may have.
-    """
+    """The program of trim and linearization, of `kept` rows and columns; None if too long or singular."""
     tape = Tape(len(equations.parameters), longest)
     try:
         return _written(equations, tuple(inputs), tuple(outputs), kept, tape)

@@ -181,10 +181,7 @@ def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
 
 
 def _equilibrated(matrix: Array) -> Array:
-    """A matrix with rows and columns of one size: newtons, newton meters and meters can be compared.
-
-    Source: D. Ruiz, A scaling algorithm to equilibrate both rows and columns norms in matrices (2001).
-    """
+    """A matrix with rows and columns of one size, as units differ (Ruiz 2001)."""
     scaled = matrix
     for _ in range(_ROUNDS):
         for axis in (1, 0):

@@ -43,10 +43,7 @@ def sparse(entries: Sequence[Sequence[Operand]]) -> Sparse:
 
 
 def solve(tape: Tape, matrix: Sparse, right: Sparse, probes: Array) -> tuple[Sparse, list[Pivot]] | None:
-    """matrix^-1 right, as rows of the unknowns, and the pivots.
-
-    None if the matrix is singular at a probe; `probes` (N, n, n) are its values at some samples.
-    """
+    """matrix^-1 right, as rows, and pivots; None if singular at a probe, one of the values (N, n, n)."""
     n = len(matrix)
     rows, sides = [dict(row) for row in matrix], [dict(row) for row in right]
     terms: dict[tuple[int, int], list[Operand]] = {}

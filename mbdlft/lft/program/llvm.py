@@ -56,10 +56,7 @@ class Code(NamedTuple):
 
 
 def code(program: Program, size: int) -> Code:
-    """The text of a program; its entries have the places (0, k) in rows of `size` numbers.
-
-    There are no cosines and sines: they are inputs by now.
-    """
+    """The text of a program without cosines and sines; entries have places (0, k) in rows."""
     kept = needed(program)
     pieces = [kept[start : start + _LENGTH] for start in range(0, len(kept), _LENGTH)]
     numbers = _Numbers()

@@ -125,10 +125,7 @@ def is_number(operand: Operand, value: float) -> bool:
 def rows_of_numbers(
     tape: Tape, outcome: Sequence[Operand], pivots: Sequence[Pivot]
 ) -> tuple[Program, Array]:
-    """A program of rows, and the row (size,) of those of its numbers that are constants.
-
-    One more pivot is 1 where all numbers of a row are finite, and not a number elsewhere.
-    """
+    """A program of rows with a pivot that tells finite numbers, and the constant row (size,)."""
     row = np.array([number if isinstance(number, float) else 0.0 for number in outcome])
     places = tuple(((0, k), number) for k, number in enumerate(outcome) if isinstance(number, int))
     total: Operand = 1.0
@@ -239,11 +236,7 @@ def plan(program: Program) -> Plan:
 
 
 def run(planned: Plan, points: Array, values: Array) -> NDArray[np.bool_]:
-    """Write the entries that depend on inputs (N, inputs) into values (N, n_out, n_in).
-
-    True (N,) at samples at which a pivot is so small beside its terms that digits are lost, or not a
-    number.
-    """
+    """Write entries at inputs (N, inputs) to values (N, n_out, n_in); True (N,) where digits are lost."""
     program = planned.program
     size = -(-len(points) // max(1, -(-len(points) // planned.samples)))  # vectors of one length
     room, bound = np.empty((planned.vectors, size)), []

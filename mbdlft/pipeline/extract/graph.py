@@ -299,10 +299,7 @@ class SignalGraph:
 
 
 def walk(tape: ca.Function, names: list[str], numbers: Sequence[Constant] = ()) -> SignalGraph:
-    """Signal graph of a function (signals, p, constants) -> outputs, linear in the signals.
-
-    `names` are those of the parameters p, for messages, and `numbers` what the constants are.
-    """
+    """Signal graph of a function (signals, p, constants) -> outputs, linear in the signals."""
     field = Field(numbers)
     graph = SignalGraph(tape.size1_in(0), field)
     signals = [Scaled(field.one, k) for k in range(graph.inputs)]
@@ -351,10 +348,7 @@ def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
 def close(
     graph: SignalGraph, names: Sequence[str], maps: Sequence[BilinearMap], *, all_kept: bool = False
 ) -> ExactLFT:
-    """Inputs to outputs as an LFT in the normalized deltas of the parameters `names`.
-
-    With `all_kept`, every channel of the graph that something depends on is one of the LFT.
-    """
+    """The LFT in the deltas of the parameters `names`; with `all_kept`, of every channel that is used."""
     small = graph if all_kept else condensed(graph)
     words = opened(small)
     words = reached(words, all_kept=True) if all_kept else smallest(words)
@@ -362,10 +356,7 @@ def close(
 
 
 def condensed(graph: SignalGraph) -> SignalGraph:
-    """The same outputs from the fewest channels and quotients, if the divisors were letters, too.
-
-    A graph that would not be smaller is returned as it is.
-    """
+    """The same outputs from the fewest channels if divisors were letters, or the graph itself."""
     if not graph.quotients:
         return graph
     items: list[Item] = [Item(None, ())] * (graph.size - graph.inputs)

@@ -84,10 +84,7 @@ def _called(function: ca.Function, *points: Array) -> list[Array]:
 def evaluate_in_chunks(
     function: ca.Function, points: Array, *others: Array
 ) -> Iterator[tuple[slice, list[Array]]]:
-    """As `evaluate_many`, for chunks of points whose values stay near a core.
-
-    The values are overwritten by those of the next chunk.
-    """
+    """As `evaluate_many`, by chunks that stay near a core; the next one overwrites the values."""
     count = len(points)
     program = vectors(function) if count >= MANY else None
     if program is None:
