@@ -1,12 +1,40 @@
-"""LFTs of exact numbers, and their n-D reduction, whose ranks `exact/matrices.py` decides."""
+"""LFTs of exact numbers: their n-D reduction, and coordinates in which their doubles keep their digits.
 
+Every rank of the reduction is decided exactly (`exact/matrices.py`). Coordinates w = T w', one T for each
+delta, leave the value as it is. What enters and what leaves the channels of a delta,
+
+    P = [M11 M12] [M11 M12]',    Q = [M11 ; M21]' [M11 ; M21]    (rows and columns of the delta),
+
+become equal and diagonal, as Gramians do in a balanced realization (Moore 1981). Channels of beams with
+their lengths as parameters lose eight digits otherwise: I - M11 Delta then has a condition of 1e7, and of
+2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from mbdlft.exact.matrices import ExactMatrix, reduced, stacked
+from mbdlft.base.array import Array
+from mbdlft.exact.matrices import (
+    Balls,
+    ExactMatrix,
+    TooFewBitsError,
+    ball_matrix,
+    balls_of,
+    entries_of,
+    reduced,
+    stacked,
+)
+from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.block import Block, consecutive
 from mbdlft.lft.lft import LFT
+from mbdlft.order.reduction_in_doubles import in_scales
+
+_SWEEPS, _ROUNDS = 3, 5
+_WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough
+_LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,3 +92,123 @@ def reduce_exactly(a: ExactLFT) -> ExactLFT:
     return ExactLFT(
         M, tuple(Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True))
     )
+
+
+def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
+    """The LFT in doubles; in balanced coordinates if its values are nearer to the exact ones in these.
+
+    `most` is the condition, at `deltas` (N, number of blocks), up to which channels keep their zeros.
+    """
+    rough = a.rounded()
+    plain = in_scales(rough)
+    if _condition(plain, deltas) <= most:
+        return plain
+    choices = [plain, *_balanced(a, rough, deltas, most)]
+    truth = _values(a, deltas[-1:])
+    return min(choices, key=lambda lft: _error(lft, truth, deltas[-1:]))
+
+
+def _values(a: ExactLFT, deltas: Array) -> Array:
+    """Values (N, ., .) at some deltas, computed in balls."""
+    n, sizes, balls = a.order, [block.size for block in a.blocks], a.M.balls
+    values = []
+    for at in deltas:
+        delta = balls_of(np.repeat(at, sizes))
+        loop = -balls[:n, :n] * delta
+        loop[np.arange(n), np.arange(n)] += 1
+        try:
+            z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
+        except ZeroDivisionError:
+            raise TooFewBitsError("A loop is not invertible in balls.") from None
+        values.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
+    return np.array(values)
+
+
+def _error(a: LFT, truth: Array, deltas: Array) -> float:
+    """Largest error of an entry at some deltas, relative to its largest size; infinite where singular."""
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, None, :]
+    try:
+        inner = np.linalg.solve(np.eye(a.order) - a.M11 * spread, a.M12)
+    except np.linalg.LinAlgError:
+        return float("inf")
+    size = or_one(np.max(np.abs(truth), axis=0))
+    return float(np.max(np.abs(a.M22 + (a.M21 * spread) @ inner - truth) / size))
+
+
+def _condition(a: LFT, deltas: Array) -> float:
+    """Largest condition of I - M11 Delta at some deltas."""
+    if not a.order:
+        return 1.0
+    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
+    return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
+
+
+def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[LFT]:
+    """The LFT in better and better coordinates, until its condition at `deltas` is at most `most`."""
+    n, M = a.order, a.M.balls
+    for _ in range(_ROUNDS):
+        scale = channel_scales(rough.M11, rough.M12, rough.M21)
+        M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
+        values = np.array([float(x) for x in M.ravel()]).reshape(M.shape)
+        rough = LFT(values[:n, :n], values[:n, n:], values[n:, :n], rough.M22, a.blocks)
+        yield rough
+        if _condition(rough, deltas) <= most:
+            return
+
+
+def _in_coordinates(M: Balls, T: Array, blocks: Sequence[slice]) -> Balls:
+    """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
+    M = M.copy()
+    for rows in blocks:
+        if rows.start == rows.stop:
+            continue
+        block = ball_matrix(balls_of(T[rows, rows]))
+        try:
+            inverse = block.inv()
+        except ZeroDivisionError:
+            raise TooFewBitsError(
+                "the balls of a change of coordinates contain a singular one."
+            ) from None
+        M[rows] = entries_of(inverse * ball_matrix(M[rows]))
+        M[:, rows] = entries_of(ball_matrix(M[:, rows]) * block)
+    return M
+
+
+def _transformation(a: LFT) -> Array:
+    """T (n, n), block diagonal, for an LFT whose channels are scaled."""
+    M11: Array = a.M11
+    M12, M21 = a.M12, a.M21
+    total: Array = np.eye(a.order)
+    for _ in range(_SWEEPS):
+        inputs = or_one(np.linalg.norm(M12, axis=0))
+        outputs = or_one(np.linalg.norm(M21, axis=1))[:, None]
+        T: Array = np.eye(a.order)
+        for rows in a.slices().values():
+            into = np.hstack([M11[rows], M12[rows] / inputs])
+            out = np.vstack([M11[:, rows], M21[:, rows] / outputs])
+            T[rows, rows] = _of_block(into @ into.T, out.T @ out)
+        M11 = np.asarray(np.linalg.solve(T, M11 @ T), dtype=float)
+        M12 = np.asarray(np.linalg.solve(T, M12), dtype=float)
+        M21 = np.asarray(M21 @ T, dtype=float)
+        total = np.asarray(total @ T, dtype=float)
+    return total
+
+
+def _of_block(P: Array, Q: Array) -> Array:
+    """T with T^-1 P T^-1' = T' Q T, diagonal."""
+    size = len(P)
+    P = P + _LEAST * (np.trace(P) or 1.0) * np.eye(size)
+    Q = Q + _LEAST * (np.trace(Q) or 1.0) * np.eye(size)
+    L, R = np.linalg.cholesky(P), np.linalg.cholesky(Q)
+    _, values, right = np.linalg.svd(R.T @ L)
+    return np.asarray(L @ right.T / np.sqrt(values))
+
+
+def rough_balls(product: Any, constant: Any) -> Array:
+    """The sum of a matrix of FLINT and an array of balls, in doubles; none is wide beside the largest."""
+    total = (entries_of(product) + constant).ravel()
+    values = np.array([float(x) for x in total])
+    widest = max((float(x.rad()) for x in total), default=0.0)
+    if not widest <= _WIDE * np.max(np.abs(values), initial=0.0):
+        raise TooFewBitsError(f"a value is known up to {widest:.1e} only.")
+    return values.reshape(constant.shape)

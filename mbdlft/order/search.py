@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from itertools import combinations
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -86,60 +87,37 @@ def find_smallest(
     truth: LFT | None = None,
     exact: ExactLFT | None = None,
 ) -> Smallest:
-    """The smallest LFT of equal value that is found within a budget, and the best bound on its order.
+    """The smallest LFT of the value of some `closed` ones that is found, and the best bound on its order.
 
-    Parameters
-    ----------
-    closed : LFTs of one value, with the same blocks but for their sizes
-        Ways to write the model; the result has the names of the smallest, in their order.
-    bound : mapping of names to the lower bounds of the repetitions
-    relations : LFTs of one value, with the same blocks but for their sizes
-        What the model was closed from, if it was: there masses and lengths are polynomial, and closing
-        them can hide that parameters cancel.
-    close : function of an LFT
-        The model, reduced, from LFTs like `relations`; required with them.
-    truth : LFT
-        The closed model before it was reduced; it shows which entries are only what is left of terms
-        that cancel. By default the smallest of `closed`.
-    exact : ExactLFT, optional
-        The model in exact numbers, for bounds by pairs and triples; without it there are none.
+    All have the same blocks but for their sizes; `bound` are lower bounds of these by name. In the
+    `relations` that the model was closed from, masses and lengths are polynomial, and closing can hide
+    that parameters cancel; `close` makes the reduced model of LFTs like them. The model before it was
+    reduced, `truth`, shows what is left of terms that cancel. With the `exact` model there are bounds by
+    pairs and triples.
     """
     with running.budget(budget.work):
-        return _found(closed, bound, budget, relations, close, truth, exact)
-
-
-def _found(
-    closed: Sequence[LFT],
-    bound: Mapping[str, int],
-    budget: Budget,
-    relations: Sequence[LFT],
-    close: Callable[[LFT], LFT] | None,
-    truth: LFT | None,
-    exact: ExactLFT | None,
-) -> Smallest:
-    """As `find_smallest`, inside its budget."""
-    smallest = min(closed, key=_order)
-    work = Work(budget.work, _is_late(budget.seconds), running.tell)
-    proof = _Proof(bound, smallest, work, exact)
-    if smallest.order <= proof.order_bound or work.is_over:
+        smallest = min(closed, key=attrgetter("order"))
+        work = Work(budget.work, _is_late(budget.seconds), running.tell)
+        proof = _Proof(bound, smallest, work, exact)
+        if smallest.order <= proof.order_bound or work.is_over:
+            return Smallest(smallest, proof.order_bound, work.is_cut_off)
+        level = _level_of_closed(smallest, truth, proof)
+        # dependent channels are seen in a moment, so they go before anything takes its share of the work
+        best = _smaller(smallest, [independent(smallest, work)], level, work)
+        if best.order > _LARGE:
+            proof.improve()
+        if relations and best.order > proof.order_bound:
+            assert close is not None
+            share = _FEW if best.order < min(form.order for form in relations) else _MOST
+            opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
+            solved = close(_search(relations, opened, proof, work.part(share)))
+            best = solved if solved.order < best.order and proof.allows(solved) else best
+        if best.order > proof.order_bound and not work.is_over:
+            forms = [best, *(form for form in closed if form is not best)]
+            best = min(best, _search(forms, level, proof, work), key=attrgetter("order"))
+        if best.order < smallest.order:
+            smallest = with_blocks(best, [block.name for block in smallest.blocks])
         return Smallest(smallest, proof.order_bound, work.is_cut_off)
-    level = _level_of_closed(smallest, truth, proof)
-    # dependent channels are seen in a moment, so they go before anything takes its share of the work
-    best = _smaller(smallest, [independent(smallest, work)], level, work)
-    if best.order > _LARGE:
-        proof.improve()
-    if relations and best.order > proof.order_bound:
-        assert close is not None
-        share = _FEW if best.order < min(form.order for form in relations) else _MOST
-        opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-        closed_result = close(_search(relations, opened, proof, work.part(share)))
-        best = closed_result if closed_result.order < best.order and proof.allows(closed_result) else best
-    if best.order > proof.order_bound and not work.is_over:
-        forms = [best, *(form for form in closed if form is not best)]
-        best = min(best, _search(forms, level, proof, work), key=_order)
-    if best.order < smallest.order:
-        smallest = with_blocks(best, [block.name for block in smallest.blocks])
-    return Smallest(smallest, proof.order_bound, work.is_cut_off)
 
 
 def _is_late(seconds: float | None) -> Callable[[], bool]:
@@ -297,10 +275,10 @@ def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
     rounded = Truth(lambda: form, part_of_either)
     if truth is None:
         exact = _Check(Truth(lambda: form, part_of_largest), SAME)
-        return _Level((exact,), (_Check(rounded, FITTED),), _itself, proof)
+        return _Level((exact,), (_Check(rounded, FITTED),), lambda form: form, proof)
     unreduced = Truth(lambda: truth, part_of_either)
     fitted = (_Check(rounded, SAME), _Check(unreduced, FITTED))
-    return _Level((_Check(unreduced, SAME),), fitted, _itself, proof)
+    return _Level((_Check(unreduced, SAME),), fitted, lambda form: form, proof)
 
 
 def _level_of_relations(
@@ -318,14 +296,6 @@ def _level_of_relations(
     )
 
 
-def _itself(a: LFT) -> LFT:
-    return a
-
-
-def _order(a: LFT) -> int:
-    return a.order
-
-
 def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) -> LFT:
     """The smallest of some LFTs that are made by algebra and have the value."""
     for candidate in candidates:
@@ -336,7 +306,7 @@ def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) ->
 
 def _comparable(forms: Sequence[LFT]) -> list[LFT]:
     """Forms without empty blocks, the smallest first, in its deltas; none is far larger."""
-    forms = sorted((_without_empty(form) for form in forms), key=_order)
+    forms = sorted((_without_empty(form) for form in forms), key=attrgetter("order"))
     names = [block.name for block in forms[0].blocks]  # the least that the value depends on
     near = [form for form in forms if form.order <= _FAR * forms[0].order]
     return [form for form in near if [block.name for block in form.blocks] == names]
@@ -374,7 +344,7 @@ def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, se
     """
     random, tried = np.random.default_rng(seed), 0
     pool = {form.blocks: form for form in forms[::-1]}
-    best = min(pool.values(), key=_order)
+    best = min(pool.values(), key=attrgetter("order"))
     while tried < _VAIN and best.order > proof.order_bound and not work.is_over:
         start = list(pool.values())[int(random.integers(len(pool)))] if tried % 2 else best
         tried += 1
@@ -382,10 +352,10 @@ def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, se
             near = form.order < best.order + _CLOSE and form.blocks not in pool
             if near and level.keeps(work, level.exact, form):
                 pool[form.blocks] = form
-        kept = sorted(pool.values(), key=_order)[:_POOL]
+        kept = sorted(pool.values(), key=attrgetter("order"))[:_POOL]
         tried = 0 if kept[0].order < best.order else tried
         best, pool = kept[0], {form.blocks: form for form in kept}
-    return sorted(pool.values(), key=_order)
+    return sorted(pool.values(), key=attrgetter("order"))
 
 
 def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:
