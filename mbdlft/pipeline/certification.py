@@ -11,11 +11,12 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import values_at, vanishes
 from mbdlft.order.degree import Bound
+from mbdlft.pipeline.forms import reduced_relations
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
-from mbdlft.system.regular import PROVED, SAMPLED, check_no_zero, physical_boxes, regularity
+from mbdlft.system.regular import PROVED, SAMPLED, Regularity, check_no_zero, physical_boxes, regularity
 from mbdlft.system.sampled import at_values
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
@@ -151,26 +152,44 @@ def values_at_points(
 
 
 def open_boxes(lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is_searched: bool) -> Boxes:
-    """Physical boxes in which it was not proved that a model and its trim are regular.
-
-    What the LFT itself does not show, a theorem about its problem may: the determinant of a reduced LFT
-    divides that of the relations that it comes from. A search may have made another one.
-    """
+    """Physical boxes in which a model, its trim and its closed loops were not proved to be regular."""
+    looked_at = []
+    known = regularity(lft, prove if is_searched else min(prove, _AT_FIRST))
+    # a theorem about the problem may show more than the LFT itself: the determinant of a reduced LFT
+    # divides that of the relations that it comes from. A search may have made another one
+    is_open = not (is_searched or known.is_proved or known.zero is not None)
+    if not is_open or not problem.is_regular():
+        looked_at.append((lft, regularity(lft, prove) if is_open else known, "the model is singular"))
+    if trim is not None:
+        looked_at.append((trim, regularity(trim, prove), "no finite efforts hold it"))
+    if (constraints := problem.constraints()) is not None:
+        square, every = map(reduced_relations, constraints)
+        looked_at.append((every, _of_loops(square, every, prove), _BRANCHES))
     boxes: Boxes = ()
-    for checked, problem_is in ((lft, "the model is singular"), (trim, "no finite efforts hold it")):
-        if checked is None:
-            continue
-        names = [block.name for block in checked.blocks]
-        what = f"{problem.nouns.owner}: {problem_is}"
-        by_theorem = checked is lft and not is_searched
-        known = regularity(checked, min(prove, _AT_FIRST) if by_theorem else prove)
-        if by_theorem and not known.is_proved and known.zero is None:
-            if problem.is_regular():
-                continue
-            known = regularity(checked, prove)
+    for checked, known, problem_is in looked_at:
+        names, what = [block.name for block in checked.blocks], f"{problem.nouns.owner}: {problem_is}"
         check_no_zero(known, names, problem.parameters, what, problem.nouns.narrow)
         boxes += physical_boxes(known.open_boxes, names, problem.parameters)
     return boxes
+
+
+# where constraints depend on each other no linear model exists, also if the reduced LFT is regular: what
+# is singular has cancelled in it
+_BRANCHES = "the constraints of its loops depend on each other, and branches of its motion meet,"
+
+
+def _of_loops(square: LFT, every: LFT, prove: float) -> Regularity:
+    """Whether constraints are independent: proved by the coordinates that follow, or by all of them."""
+    by_followers = regularity(square, prove)
+    if by_followers.is_proved:
+        return by_followers
+    known, names = regularity(every, prove), [block.name for block in every.blocks]
+    if known.zero is not None or by_followers.zero is None:
+        return known
+    named = dict(zip((b.name for b in square.blocks), by_followers.zero, strict=True))
+    at = np.array([named.get(name, 0.0) for name in names])
+    inside = any(np.all(np.abs(at - center) <= half) for center, half in known.open_boxes)
+    return Regularity(known.open_boxes, at if inside else None)
 
 
 def certificate(
@@ -189,11 +208,8 @@ def certificate(
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    `is_exact` says whether bounds come from exact numbers, `boxes` are those in which the model could not
-    be proved to be regular, `near` are relations that its numbers nearly have.
-
-    It is exact unless the equilibrium is a fit. A bound that the model contradicts by being smaller rests
-    on a wrong rank in doubles: then nothing is claimed for that parameter, and nothing for pairs.
+    A bound that the model contradicts by being smaller rests on a wrong rank in doubles: then nothing is
+    claimed for that parameter, and nothing for pairs.
     """
     order = dict(lft.blocks)
     wrong = {name for name, size in order.items() if bounds[name].degree > size}

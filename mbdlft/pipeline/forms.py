@@ -21,8 +21,7 @@ from mbdlft.base.running import without_collection
 from mbdlft.exact.matrices import TooFewBitsError
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, MOST_BITS, Constant, precision
 from mbdlft.lft.lft import LFT, condition
-from mbdlft.order.balanced import in_good_coordinates
-from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.order.reduction import ExactLFT, eliminated, in_good_coordinates, reduce_exactly, transposed
 from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.problem import Form, Problem

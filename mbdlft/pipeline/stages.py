@@ -21,7 +21,6 @@ from mbdlft.order.reduction import residues_alone
 from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.certification import (
-    Boxes,
     Checked,
     certificate,
     error_of_values,
@@ -33,7 +32,7 @@ from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
-from mbdlft.system.regular import PROVE, Regularity, check_no_zero, physical_boxes, regularity
+from mbdlft.system.regular import PROVE
 
 _ENOUGH = 1e-11  # error of a result of a search that is used whatever it was before
 _MOST_BY_SEARCH = 10.0  # times the error before a search
@@ -74,7 +73,6 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("prove"):
         boxes = open_boxes(lft, trim.lft, problem, prove, is_searched=is_searched)
-        boxes += _open_to_loops(problem, prove)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
@@ -178,34 +176,6 @@ def _in_units(problem: Problem, a: LFT) -> LFT:
         return a
     rows, columns = problem.row_units[:, None], problem.column_units
     return LFT(a.M11, a.M12 * columns, rows * a.M21, rows * a.M22 * columns, a.blocks)
-
-
-def _open_to_loops(problem: Problem, prove: float) -> Boxes:
-    """Physical boxes in which closed loops were not proved to keep their freedoms.
-
-    Where constraints depend on each other, branches of the motion meet and no linear model exists, also
-    if the reduced LFT is regular: what is singular has cancelled in it.
-    """
-    constraints = problem.constraints()
-    if constraints is None:
-        return ()
-    square, every = map(reduced_relations, constraints)
-    by_followers = regularity(square, prove)
-    if by_followers.is_proved:
-        return ()
-    known, names = regularity(every, prove), [block.name for block in every.blocks]
-    zero = known.zero
-    if zero is None and by_followers.zero is not None:
-        named = dict(zip((b.name for b in square.blocks), by_followers.zero, strict=True))
-        at = np.array([named.get(name, 0.0) for name in names])
-        if any(np.all(np.abs(at - center) <= half) for center, half in known.open_boxes):
-            zero = at
-    what = (
-        f"{problem.nouns.owner}: the constraints of its loops depend on each other, and branches of its "
-        "motion meet,"
-    )
-    check_no_zero(Regularity((), zero), names, problem.parameters, what, problem.nouns.narrow)
-    return physical_boxes(known.open_boxes, names, problem.parameters)
 
 
 def _trim(problem: Problem, trim: TrimRelations) -> Trim:
