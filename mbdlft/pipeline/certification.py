@@ -11,7 +11,6 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import values_at, vanishes
 from mbdlft.order.degree import Bound
-from mbdlft.pipeline.forms import reduced_relations
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
 from mbdlft.system.evidence import deltas_at, largest
@@ -151,7 +150,15 @@ def values_at_points(
     return values
 
 
-def open_boxes(lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is_searched: bool) -> Boxes:
+def open_boxes(
+    lft: LFT,
+    trim: LFT | None,
+    loops: tuple[LFT, ...],
+    problem: Problem,
+    prove: float,
+    *,
+    is_searched: bool,
+) -> Boxes:
     """Physical boxes in which a model, its trim and its closed loops were not proved to be regular."""
     looked_at = []
     known = regularity(lft, prove if is_searched else min(prove, _AT_FIRST))
@@ -162,9 +169,8 @@ def open_boxes(lft: LFT, trim: LFT | None, problem: Problem, prove: float, *, is
         looked_at.append((lft, regularity(lft, prove) if is_open else known, "the model is singular"))
     if trim is not None:
         looked_at.append((trim, regularity(trim, prove), "no finite efforts hold it"))
-    if (constraints := problem.constraints()) is not None:
-        square, every = map(reduced_relations, constraints)
-        looked_at.append((every, _of_loops(square, every, prove), _BRANCHES))
+    if loops:
+        looked_at.append((loops[1], _of_loops(*loops, prove), _BRANCHES))
     boxes: Boxes = ()
     for checked, known, problem_is in looked_at:
         names, what = [block.name for block in checked.blocks], f"{problem.nouns.owner}: {problem_is}"

@@ -72,7 +72,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     is_searched = lft is not reduced[0].lft
     lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("prove"):
-        boxes = open_boxes(lft, trim.lft, problem, prove, is_searched=is_searched)
+        loops = tuple(map(reduced_relations, problem.constraints() or ()))
+        boxes = open_boxes(lft, trim.lft, loops, problem, prove, is_searched=is_searched)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
