@@ -151,13 +151,7 @@ def values_at_points(
 
 
 def open_boxes(
-    lft: LFT,
-    trim: LFT | None,
-    loops: tuple[LFT, ...],
-    problem: Problem,
-    prove: float,
-    *,
-    is_searched: bool,
+    lft: LFT, trim: LFT | None, loops: Sequence[LFT], problem: Problem, prove: float, *, is_searched: bool
 ) -> Boxes:
     """Physical boxes in which a model, its trim and its closed loops were not proved to be regular."""
     looked_at = []
@@ -170,7 +164,8 @@ def open_boxes(
     if trim is not None:
         looked_at.append((trim, regularity(trim, prove), "no finite efforts hold it"))
     if loops:
-        looked_at.append((loops[1], _of_loops(*loops, prove), _BRANCHES))
+        square, every = loops
+        looked_at.append((every, _of_loops(square, every, prove), _BRANCHES))
     boxes: Boxes = ()
     for checked, known, problem_is in looked_at:
         names, what = [block.name for block in checked.blocks], f"{problem.nouns.owner}: {problem_is}"

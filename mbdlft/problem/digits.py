@@ -20,9 +20,9 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import DIVISORS, Parameter
 from mbdlft.exact.matrices import entries_of
 from mbdlft.exact.numbers import Field, constant_of, precision
-from mbdlft.problem.equations import Equations, split
+from mbdlft.problem.equations import Equations, ParameterSymbols, split
 from mbdlft.problem.equations import rounded as in_doubles
-from mbdlft.problem.linearization import slopes_at_trim
+from mbdlft.problem.linearization import slopes_at_rest
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constants_in, literal, pi_times
 from mbdlft.problem.sx.tapes import fold, rules
@@ -165,7 +165,8 @@ def _tapes(exact: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]) 
     """Parameters to the relations of the trim, and parameters and efforts to slopes at rest."""
     symbols = physical_in_digits(exact)
     trim = _tape(symbols[0], relations_at_rest(exact, symbols))
-    return trim, _tape(*slopes_at_trim(exact, symbols, inputs, outputs))
+    parameters, effort, slopes, _ = slopes_at_rest(exact, symbols, inputs, outputs)
+    return trim, _tape(ca.vertcat(parameters, effort), slopes)
 
 
 def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
@@ -177,7 +178,7 @@ def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
     return _Tape(function, [field.of(number).ball for number in numbers])
 
 
-def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+def physical_in_digits(exact: Equations) -> ParameterSymbols:
     """Symbols of physical values, and arguments p, cosine, sine: the factors of units not rounded."""
     p = ca.SX.sym("p", len(exact.parameters))
     angles = ca.SX(p.numel(), 1)
@@ -186,7 +187,7 @@ def physical_in_digits(exact: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
             unit = parameter.factor
             is_deg = parameter.unit == "deg"
             angles[k] = p[k] * (pi_times(Fraction(1, 180)) if is_deg else literal(unit))
-    return p, p, ca.cos(angles), ca.sin(angles)
+    return ParameterSymbols(p, p, ca.cos(angles), ca.sin(angles))
 
 
 def _efforts(exact: Equations, trim: _Tape, physical: list[Any]) -> list[Any]:

@@ -12,6 +12,7 @@ from mbdlft.base.errors import WellPosednessError
 from mbdlft.problem.equations import (
     WITH_CONSTANTS,
     Equations,
+    ParameterSymbols,
     equation_function,
     given_value,
     load_value,
@@ -82,7 +83,7 @@ def linearized(
 
 
 def _linear(e: Equations, unknown: int, known: int, jacobian: Array) -> Linear:
-    """Solve slopes (N, ., .) as in `_at_trim` for the unknown signals, which come first."""
+    """Solve slopes (N, ., .) as in `slopes_at_rest` for the unknown signals, which come first."""
     try:
         solved = _solved(
             jacobian[:, :unknown, :unknown], -jacobian[:, :unknown, unknown : unknown + known]
@@ -137,7 +138,7 @@ def _solved(matrix: Array, right: Array) -> Array:
 def slope_function(
     equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> ca.Function:
-    """(physical values, efforts) -> slopes, as in `_at_trim`."""
+    """(physical values, efforts) -> slopes, as in `slopes_at_rest`."""
     symbols, effort, slopes, _ = _at_trim(equations, inputs, outputs)
     return ca.Function("reference", [symbols, effort], [slopes])
 
@@ -146,27 +147,14 @@ def slope_function(
 def _at_trim(
     equations: Equations, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Symbols of parameters and efforts; slopes by unknown, known, trim unknowns; residual at rest."""
-    return _at_rest(equations, physical_symbols(equations.parameters), inputs, outputs)
+    """`slopes_at_rest` as functions of physical values."""
+    return slopes_at_rest(equations, physical_symbols(equations.parameters), inputs, outputs)
 
 
-def slopes_at_trim(
-    equations: Equations,
-    symbols: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
-    inputs: tuple[int, ...],
-    outputs: tuple[int, ...],
-) -> tuple[ca.SX, ca.SX]:
-    """Symbols [parameters ; efforts] and slopes of `_at_trim`; `symbols` as of `physical_symbols`."""
-    parameters, effort, slopes, _ = _at_rest(equations, symbols, inputs, outputs)
-    return ca.vertcat(parameters, effort), slopes
-
-
-def _at_rest(
-    e: Equations,
-    arguments: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
-    inputs: tuple[int, ...],
-    outputs: tuple[int, ...],
+def slopes_at_rest(
+    e: Equations, arguments: ParameterSymbols, inputs: tuple[int, ...], outputs: tuple[int, ...]
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Symbols of parameters and efforts; slopes by unknown, known, trim unknowns; residual at rest."""
     symbols, p, cosine, sine = arguments
     values = equation_function(e)(e.xdot, e.x, e.z, e.u, load_value(e, p), p, cosine, sine)
     stacked = ca.vertcat(values[0], rows_of(values[1], outputs))

@@ -171,6 +171,14 @@ def reference_of(
     )
 
 
+class _Counts(NamedTuple):
+    """Numbers of unknown and known signals, and of states."""
+
+    unknown: int
+    known: int
+    states: int
+
+
 class _Sizes(NamedTuple):
     """Sizes (N, ., .) of [A B ; C D], unknowns, slopes, and of the inverse of those by the unknowns."""
 
@@ -180,21 +188,24 @@ class _Sizes(NamedTuple):
     inverse: Array
 
 
+def _uncancelled(jacobian: Array, terms: Array, solved: Array, counts: _Counts) -> _Sizes:
+    """Sizes if nothing cancelled, neither in slopes nor in solving (Skeel 1979), at each point."""
+    n, end = counts.unknown, counts.unknown + counts.known
+    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
+    unknowns = inverse @ (terms[:, :n, n:end] + terms[:, :n, :n] @ np.abs(solved))
+    read = terms[:, n:, n:end] + terms[:, n:, :n] @ unknowns
+    entries = np.concatenate([unknowns[:, : counts.states], read], axis=1)
+    return _Sizes(entries, unknowns, terms, inverse)
+
+
 def _sizes_at(
     equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
 ) -> _Sizes:
-    """Sizes if nothing cancelled, neither in a slope nor in solving (Skeel 1979), at each point."""
-    e, jacobian = equations, at.linear.jacobian
-    terms = slope_sizes(e, inputs, outputs, at)
-    unknown, known = split(e, inputs)
-    n, nk = unknown.numel(), known.numel()
-    right = terms[:, :n, n : n + nk]
-    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-    # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
-    solved = inverse @ (right + terms[:, :n, :n] @ np.abs(at.linear.solved))
-    read = terms[:, n:, n : n + nk] + terms[:, n:, :n] @ solved
-    entries = np.concatenate([solved[:, : len(e.states)], read], axis=1)
-    return _Sizes(entries, solved, terms, inverse)
+    unknown, known = (signals.numel() for signals in split(equations, inputs))
+    counts = _Counts(unknown, known, len(equations.states))
+    terms = slope_sizes(equations, inputs, outputs, at)
+    return _uncancelled(at.linear.jacobian, terms, at.linear.solved, counts)
 
 
 def entry_sizes(
@@ -248,7 +259,9 @@ def _whole(size: Array, states: int, floor: float) -> Array:
 
 def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Reference:
     """Values [A B ; C D] of relations at physical points (N, n_p)."""
-    internal = _internal_values(model, points)
+    internal = np.empty((len(points), len(model.parameters)))
+    for k, parameter in enumerate(model.parameters):
+        internal[:, k] = to_internal(parameter, points[:, k])
     sizes = _Counts(model.unknown.numel(), model.known.numel(), model.derivatives)
     slopes = _slopes(model)
     sparse = ca.sparsify(in_doubles(slopes))
@@ -270,8 +283,9 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     def terms() -> Array:
         sums, matrices = term_sizes(function, internal), []
         for chunk in chunks:
-            jacobian, size = spread(entries[chunk]), spread(sums[chunk])
-            matrices.append(_uncancelled(jacobian, size, sizes, owner))
+            jacobian = spread(entries[chunk])
+            solved = _solved(jacobian, sizes, owner)[1]
+            matrices.append(_uncancelled(jacobian, spread(sums[chunk]), solved, sizes).entries)
         return np.concatenate(matrices)
 
     def coarse() -> tuple[Array, float]:
@@ -285,7 +299,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         jacobian = spread(entries[list(some)])
-        return implicit_transfers(jacobian, (*sizes[:2], sizes.states), frequencies)
+        return implicit_transfers(jacobian, sizes, frequencies)
 
     return Reference(
         values=values,
@@ -301,23 +315,9 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     )
 
 
-def _internal_values(model: LinearModel, points: Array) -> Array:
-    """Internal values (N, n_p) of physical ones."""
-    internal = np.empty((len(points), len(model.parameters)))
-    for k, parameter in enumerate(model.parameters):
-        internal[:, k] = to_internal(parameter, points[:, k])
-    return internal
-
-
 def column_of_entries(matrix: ca.SX) -> ca.SX:
     """The entries (n, 1) of a sparse matrix that are not structural zeros, by columns."""
     return ca.vec(ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
-
-
-class _Counts(NamedTuple):
-    unknown: int
-    known: int
-    states: int
 
 
 def _slopes(model: LinearModel) -> ca.SX:
@@ -340,13 +340,3 @@ def _solved(jacobian: Array, sizes: _Counts, owner: str) -> tuple[Array, Array]:
     )
     read = jacobian[:, n:, n:] + jacobian[:, n:, :n] @ solved
     return np.concatenate([solved[:, : sizes.states], read], axis=1), np.asarray(solved)
-
-
-def _uncancelled(jacobian: Array, terms: Array, sizes: _Counts, owner: str) -> Array:
-    """Sizes of [A B ; C D] if nothing cancelled, neither in slopes nor in solving."""
-    n = sizes.unknown
-    _, solved = _solved(jacobian, sizes, owner)
-    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
-    uncancelled = inverse @ (terms[:, :n, n:] + terms[:, :n, :n] @ np.abs(solved))
-    read = terms[:, n:, n:] + terms[:, n:, :n] @ uncancelled
-    return np.concatenate([uncancelled[:, : sizes.states], read], axis=1)

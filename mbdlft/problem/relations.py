@@ -108,7 +108,10 @@ class _Implicit:
         self, equations: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX], alone: ca.SX
     ) -> None:
         self.equations, self.function, self.at, self.alone = equations, function, at, alone
-        self.loaded = is_loaded(equations)
+        # does anything act on the equilibrium? Else the unknown efforts are zero for all parameters
+        e, none = equations, [ca.SX(s.numel(), 1) for s in (equations.xdot, equations.x, equations.z)]
+        offset = function(*none, given_value(e, at[0]), load_value(e, at[0]), *at)[0]
+        self.loaded = bool(ca.sparsify(offset).nnz())
         self.unknown: list[ca.SX] = []
         self.relations: list[ca.SX] = []
 
@@ -124,15 +127,6 @@ class _Implicit:
         relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
         self.relations.append(rows_of(relations, trim_rows(rounded(e))))
         return u
-
-
-def is_loaded(equations: Equations) -> bool:
-    """Whether anything acts on the equilibrium: else the unknown efforts are zero for all parameters."""
-    e, function = equations, equation_function(equations)
-    _, p, cosine, sine = exact_symbols(e.parameters)
-    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
-    offset = function(*none, given_value(e, p), load_value(e, p), p, cosine, sine)[0]
-    return bool(ca.sparsify(offset).nnz())
 
 
 def at_rest(

@@ -21,6 +21,7 @@ from mbdlft.exact.rounding import cleaned
 from mbdlft.problem.equations import (
     CURVED,
     Equations,
+    ParameterSymbols,
     equation_function,
     given_value,
     load_value,
@@ -172,9 +173,9 @@ def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
     """
     if not matrix.size:
         return matrix
-    symbols, residual, u, _ = _at_rest(e)
-    slopes = ca.densify(ca.jacobian(residual, u[list(e.unknown)]))
-    sizes = term_sizes(ca.Function("slopes", [symbols], [slopes]), points)
+    symbols = physical_symbols(e.parameters)
+    slopes = relations_at_rest(e, symbols)[1]
+    sizes = term_sizes(ca.Function("slopes", [symbols.symbols], [slopes]), points)
     rows, columns = matrix.shape[1:]
     sizes = sizes.reshape(-1, columns, rows).transpose(0, 2, 1)
     return cleaned(matrix, np.maximum(sizes, np.max(np.abs(matrix), axis=1, keepdims=True)))
@@ -210,7 +211,8 @@ def _explained(e: Equations, points: Array, efforts: Array, matrix: Array) -> Ar
 
 def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array:
     """Derivatives (N, rows, entries) of the equations at rest by entries of xdot, x and u."""
-    symbols, moved = _residual(e, e.xdot, e.x, e.u)
+    symbols = physical_symbols(e.parameters)
+    moved = _residual(e, e.xdot, e.x, e.u, symbols)
     effort, moving = ca.SX.sym("u", e.u.numel()), ca.vertcat(e.xdot, e.x)
     by_around = ca.substitute(
         ca.jacobian(moved, around),
@@ -218,7 +220,7 @@ def _slopes(e: Equations, points: Array, efforts: Array, around: ca.SX) -> Array
         ca.vertcat(ca.SX.zeros(moving.numel()), effort),
     )
     (slopes,) = evaluate_many(
-        ca.Function("slopes", [symbols, effort], [ca.densify(by_around)]), points, efforts
+        ca.Function("slopes", [symbols.symbols, effort], [ca.densify(by_around)]), points, efforts
     )
     return slopes
 
@@ -230,8 +232,8 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     displacements of 1 rad or 1 m do. In a scene of numbers only the last ones are left.
     """
     n = e.degrees_of_freedom
-    symbols, residual, u, known_efforts = _at_rest(e)
-    offset = ca.densify(ca.substitute(residual, u, known_efforts))
+    at = physical_symbols(e.parameters)
+    symbols, (offset, _, _) = at.symbols, relations_at_rest(e, at)
     terms = term_sizes(ca.Function("offset", [symbols], [offset]), points)
     by_motion = _slopes(e, points, efforts, ca.vertcat(e.xdot[n:], e.x[:n]))
     by_motion = np.max(np.abs(by_motion), axis=1)
@@ -244,19 +246,17 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     return np.asarray(np.maximum(largest, PART * np.maximum(pull * inertia, stiffness)))
 
 
-def _at_rest(e: Equations) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Symbols of physical values, residual at rest, u in it, and the given entries of u."""
-    u = ca.SX.sym("u", e.u.numel())
-    still = ca.SX(e.x.numel(), 1)
-    symbols, residual = _residual(e, still, still, u)
-    return symbols, residual, u, given_value(e, symbols)
+def _at_rest(e: Equations, symbols: ParameterSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Residual at rest, u in it, and the given entries of u."""
+    u, still = ca.SX.sym("u", e.u.numel()), ca.SX(e.x.numel(), 1)
+    return _residual(e, still, still, u, symbols), u, given_value(e, symbols.symbols)
 
 
-def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Symbols of physical values, and the residual as their function, with multipliers of the trim."""
-    symbols, p, cosine, sine = physical_symbols(e.parameters)
+def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX, symbols: ParameterSymbols) -> ca.SX:
+    """The residual, with multipliers of the trim."""
+    _, p, cosine, sine = symbols
     none = ca.SX(e.z.numel(), 1)
-    return symbols, equation_function(e)(xdot, x, none, u, load_value(e, p), p, cosine, sine)[0]
+    return equation_function(e)(xdot, x, none, u, load_value(e, p), p, cosine, sine)[0]
 
 
 def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
@@ -269,24 +269,12 @@ def _relations_at(e: Equations, points: Array) -> tuple[Array, Array, Array]:
 def relation_function(e: Equations) -> ca.Function:
     """Physical values -> residual at rest with the given entries of u, its slopes, given entries."""
     symbols = physical_symbols(e.parameters)
-    return ca.Function("trim", [symbols[0]], list(relations_at_rest(e, symbols)))
+    return ca.Function("trim", [symbols.symbols], list(relations_at_rest(e, symbols)))
 
 
-def relations_at_rest(
-    e: Equations, symbols: tuple[ca.SX, ca.SX, ca.SX, ca.SX]
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Residual at rest with the given entries of u, its slopes by the unknown ones, given entries.
-
-    `symbols` are those of the parameters, then p, cosine and sine in terms of them.
-    """
-    parameters, p, cosine, sine = symbols
-    u = ca.SX.sym("u", e.u.numel())
-    still, none = ca.SX(e.x.numel(), 1), ca.SX(e.z.numel(), 1)
-    at = (load_value(e, p), p, cosine, sine)
-    residual, known_efforts = (
-        equation_function(e)(still, still, none, u, *at)[0],
-        given_value(e, parameters),
-    )
+def relations_at_rest(e: Equations, symbols: ParameterSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Residual at rest with the given entries of u, its slopes by the unknown ones, given entries."""
+    residual, u, known_efforts = _at_rest(e, symbols)
     slopes = ca.jacobian(residual, u[list(e.unknown)]) if e.unknown else ca.SX(residual.numel(), 0)
     offset = ca.substitute(residual, u, known_efforts)
     return ca.densify(offset), ca.densify(slopes), ca.densify(known_efforts)
