@@ -236,9 +236,7 @@ def _searched(
     if pole is None:
         for point in _towards_singular(model, delta, largest):
             best = _better(best, model, point, largest)
-        A = state_matrices(model, delta)
-        poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
-        pole = complex(poles[int(np.argmax(poles.real))])
+        pole = _rightmost(model, delta)
     for point in _path(model, delta, pole, largest):
         best = _better(best, model, point, largest)
     return best
@@ -249,19 +247,31 @@ def _better(best: Crossing, model: Realization, delta: Array, largest: float) ->
     return min(best, crossing_on_ray(model, delta, largest), key=lambda crossing: crossing.size)
 
 
-def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossing:
-    """Where on the way from 0 to delta a computed pole first is on or beyond the axis; else `NONE`."""
+def crossing_on_ray(
+    model: Realization, delta: Array, largest: float, fixed: NDArray[np.bool_] | None = None
+) -> Crossing:
+    """Where on the way from 0 to delta a computed pole first is on or beyond the axis; else `NONE`.
+
+    Deltas that are fixed are the same on all of the way.
+    """
+
+    kept = np.zeros(len(delta), dtype=bool) if fixed is None else fixed
+
+    def at(t: float) -> Array:
+        return np.where(kept, delta, t * delta)
 
     def is_beyond(t: float) -> bool:
-        return abscissa(model, t * delta) >= 0.0
+        return abscissa(model, at(t)) >= 0.0
 
-    size = float(np.max(np.abs(delta), initial=0.0))
+    size = float(np.max(np.abs(delta), initial=0.0, where=~kept))
+    if np.any(kept) and is_beyond(0.0):
+        return Crossing(0.0, at(0.0), np.nan, np.zeros(len(delta)))
     if size == 0.0 or size > largest * (1.0 + 1e-12) or not is_beyond(1.0):
         return NONE
     grid = np.linspace(0.0, 1.0, 9).tolist()  # an earlier crossing is found, if it is long
     first = next(i for i, t in enumerate(grid) if i and (t == 1.0 or is_beyond(t)))
     high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS)
-    end = high * delta
+    end = at(high)
     slope, frequency = np.zeros(len(delta)), np.inf
     with suppress(np.linalg.LinAlgError, WellPosednessError):
         if state_matrices(model, end) is not None:
@@ -270,6 +280,45 @@ def crossing_on_ray(model: Realization, delta: Array, largest: float) -> Crossin
             frequency, real = float(abs(there.poles[i].imag)), there.gradients[i].real
             slope = real if np.all(np.isfinite(real)) else slope
     return Crossing(high * size, end, frequency, slope)
+
+
+def smallest_beside(
+    model: Realization,
+    fixed: NDArray[np.bool_],
+    largest: float,
+    best: Crossing,
+    start: Array | None = None,
+) -> Crossing:
+    """The best of a crossing and of those to which pushing poles leads, where fixed deltas stay below 1.
+
+    Poles are pushed from a start, or all from 0, in boxes that end before the crossing that is known.
+    """
+    if start is not None:
+        starts = [(start, _rightmost(model, start))]
+    else:
+        poles = np.linalg.eigvals(model.A)
+        starts = [(np.zeros(len(fixed)), complex(p)) for p in poles[by_damping(poles)] if p.imag >= 0.0]
+    for delta, pole in starts:
+        for _ in range(_STEPS):
+            ends = np.where(fixed, 1.0, min(best.size * (1.0 - 1e-3), largest))
+            if not np.all(ends > 0.0):
+                return best
+            rows = model.spread(ends)[:, None]
+            unit = model._replace(C=model.C * rows, D=model.D * rows, F=model.F * rows)
+            with suppress(WellPosednessError):
+                inside = np.clip(delta / ends, -1.0, 1.0)
+                delta = ends * push_right(unit, inside, pole, _STEPS)[0]
+            crossing = crossing_on_ray(model, delta, largest, fixed)
+            if not crossing.size < best.size:
+                break
+            best, delta, pole = crossing, crossing.delta, 1j * crossing.frequency
+    return best
+
+
+def _rightmost(model: Realization, delta: Array) -> complex:
+    A = state_matrices(model, delta)
+    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
+    return complex(poles[int(np.argmax(poles.real))])
 
 
 def bisected(condition: Callable[[float], bool], low: float, high: float, halvings: int) -> float:

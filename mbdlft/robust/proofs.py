@@ -98,8 +98,6 @@ def _malformed(system: System, claim: Claim, proof: Proof) -> str:
         return f"the proof is for {'constant' if moving else 'moving'} parameters"
     if moving and (claim.kind not in (STABILITY, GAIN) or claim.fixed):
         return f"there is no proof of a {claim.kind} for parameters that move"
-    if isinstance(proof, BoxProof) and claim.fixed:
-        return "the proof is for blocks that all grow"
     return ""
 
 
@@ -125,10 +123,11 @@ def _unproved(system: System, claim: Claim, proof: Proof) -> str:
         gain = claim.bound if claim.kind == GAIN else 0.0
         rates = rates_of(system, claim.rates, "verify")
         return checked(system, model, rates, claim.size, gain, proof)
+    ends = np.array([1.0 if name in claim.fixed else claim.size for name in model.names])
     try:
-        coefficients = polynomials(model, claim.size)
+        coefficients = polynomials(model, ends)
     except (WellPosednessError, AnalysisError) as error:
         return str(error)
-    if not replayed(model, claim.size, coefficients, proof.log, claim.gain):
+    if not replayed(model, ends, coefficients, proof.log, claim.gain):
         return f"the cuts do not prove that {claim}"
     return ""

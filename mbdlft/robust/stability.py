@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
@@ -21,7 +22,16 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
-from mbdlft.robust.ascent import NONE, Crossing, abscissa, improved, push_right, smallest_crossing
+from mbdlft.robust.ascent import (
+    NONE,
+    Crossing,
+    abscissa,
+    crossing_on_ray,
+    improved,
+    push_right,
+    smallest_beside,
+    smallest_crossing,
+)
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
@@ -134,10 +144,12 @@ def robust_stability(
             model = realization(system, leave_out=leave_out)
             constant = _margin(asked, model, _reached(asked, model))
             return moving_margin(asked, model, moving, constant)
-        if system.lft.is_plain and not kept:
+        if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
-                return _margin(asked, model, last_of(asked, State(NONE), _margins(asked, model)))
+                stays = np.array([name in kept for name in model.names], dtype=bool)
+                state = last_of(asked, State(NONE), _margins(asked, model, stays))
+                return replace(_margin(asked, model, state), fixed=kept)
         return by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
 
 
@@ -147,24 +159,34 @@ def _reached(asked: Asked, model: Realization) -> State[Crossing]:
     return State(crossing, upper=crossing.size)
 
 
-def _margins(asked: Asked, model: Realization) -> Search[Crossing]:
+def _margins(asked: Asked, model: Realization, fixed: NDArray[np.bool_]) -> Search[Crossing]:
     """Bounds of the margin of a system with parameters only; `upper` is the size of the best crossing."""
-    state = _reached(asked, model)
+    some = bool(np.any(fixed))
+    state = State(NONE) if some else _reached(asked, model)
+    if some:
+        crossing = smallest_beside(model, fixed, asked.largest, NONE)
+        state = State(crossing, upper=crossing.size)
     yield state
 
     def tried(state: State[Crossing], k: float) -> State[Crossing]:
-        state, polynomials = expanded(state, model, k)
+        ends = np.where(fixed, 1.0, k)
+        state, polynomials = expanded(state, model, k, ends)
         if polynomials is None:
             return state
-        is_wrong, work = partial(_is_unstable, model, k), state.share(asked)
-        state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, work=work)
+        is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
+        state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=work)
         if outcome.log is not None:
             return state._replace(lower=k, proof=BoxProof(outcome.log))
         point = outcome.counterexample
         if point is None:
             point = outcome.open_box.center
-            state = state._replace(reason=resistance(outcome, k, model))
-        crossing = improved(model, k * point, state.worst, asked.largest)
+            state = state._replace(reason=resistance(outcome, k, model, ends))
+        if some:
+            crossing = crossing_on_ray(model, ends * point, asked.largest, fixed)
+            crossing = min(state.worst, crossing, key=lambda each: each.size)
+            crossing = smallest_beside(model, fixed, asked.largest, crossing, ends * point)
+        else:
+            crossing = improved(model, k * point, state.worst, asked.largest)
         return state._replace(worst=crossing, upper=crossing.size)
 
     return (yield from enlarged(asked, state, tried, cost_of(model)))
@@ -176,8 +198,8 @@ def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
     return bounds_at(asked, state, STABILITY, model, worst, crossing.slope, reason)
 
 
-def _is_unstable(model: Realization, k: float, delta: Array) -> bool:
-    return abscissa(model, k * delta) >= 0.0
+def _is_unstable(model: Realization, ends: Array, delta: Array) -> bool:
+    return abscissa(model, ends * delta) >= 0.0
 
 
 @dataclass(frozen=True, slots=True)

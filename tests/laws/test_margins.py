@@ -62,6 +62,40 @@ def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
     assert verify(system, found) == ""
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2, 5, 7])
+def test_no_model_is_unstable_where_some_parameters_stay_in_their_ranges(seed: int) -> None:
+    """Skew mu: the ranges of the others grow; random models of the box, the fixed ones at ends, too."""
+    system, random = random_system(seed), np.random.default_rng(seed)
+    names = system.parameters.names
+    fixed = names[::2] if len(names) > 1 else ()
+    found = robust_stability(system, fixed=fixed, work=2.0, largest=10.0)
+    assert found.lower <= found.upper
+    if found.lower == 0.0:
+        return
+    assert verify(system, found) == ""
+    assert verify(system, replace(found, lower=found.upper, upper=found.upper)) or found.gap <= 0.0
+    is_fixed = np.array([name in fixed for name in names])
+    ends = np.where(is_fixed, 1.0, found.lower)
+    deltas = ends * np.clip(random.uniform(-1.5, 1.5, (2000, len(names))), -1.0, 1.0)
+    assert np.max(np.linalg.eigvals(state_matrices(system, deltas)).real) < 0.0
+
+
+def test_a_cart_whose_damping_grows_alone_is_stable_until_it_is_zero() -> None:
+    """Twice the range of c, which is half of it, leads to 0: for any mass and spring in their ranges."""
+    own = [
+        Parameter("k", 2.0, low=1.0, high=3.0),
+        Parameter("m", 1.0, low=0.8, high=1.2),
+        Parameter("c", 1e-4, percent=50),
+    ]
+    cart = realize([["0", "1"], ["-k/m", "-c/m"]], own, states=2, inputs=[], outputs=[])
+    found = robust_stability(cart, fixed=["m", "k"], work=3.0)
+    assert 2.0 * 0.99 <= found.lower <= 2.0 * (1.0 + BOUND)
+    assert abs(found.upper - 2.0) <= BOUND
+    assert verify(cart, found) == ""
+    assert verify(cart, replace(found, lower=2.5, upper=2.5))
+    assert found.worst["c"] == pytest.approx(0.0, abs=1e-12)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("first", range(100, 400, 10))
 def test_no_model_inside_a_proved_margin_of_300_systems_is_unstable(first: int) -> None:

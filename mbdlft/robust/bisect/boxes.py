@@ -48,6 +48,7 @@ _FIRST = 1.0  # units of work that are done before boxes are given to others
 _BATCH = 8  # boxes that are given to others at a time
 _SHARE = 0.5  # of the work that is left, for one of them
 Check = Callable[[Array], bool]
+Ends = float | Array  # of all deltas of a box, or of each
 Task = tuple[Any, ...]
 Crew = Callable[[Callable[..., Any], Sequence[Task]], list[Any]]  # results in the order of the tasks
 
@@ -242,7 +243,7 @@ class Outcome(NamedTuple):
 
 def prove(
     model: Realization,
-    k: float,
+    k: Ends,
     polynomials: Polynomials,
     work: float,
     is_wrong: Check,
@@ -282,7 +283,7 @@ _Rest = tuple[tuple[int, ...], tuple[Box, ...]]
 
 
 def _explored(
-    model: Realization, k: float, scale: float, box: Box, work: float, is_wrong: Check, gain: float
+    model: Realization, k: Ends, scale: float, box: Box, work: float, is_wrong: Check, gain: float
 ) -> tuple[Outcome, _Rest | None]:
     """What comes of a part of the box; and where it ended for want of work: cuts, and boxes that wait."""
     coefficients_left, log, frequency = work * UNIT, list[int](), np.nan
@@ -320,7 +321,7 @@ def _explored(
 
 
 def replayed(
-    model: Realization, k: float, polynomials: Polynomials, log: tuple[int, ...], gain: float = 0.0
+    model: Realization, k: Ends, polynomials: Polynomials, log: tuple[int, ...], gain: float = 0.0
 ) -> bool:
     """Whether a list of cuts and faces proves what `prove` says; nothing is searched."""
     waiting, steps = [_root(polynomials)], iter(log)

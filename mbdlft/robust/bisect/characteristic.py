@@ -103,10 +103,11 @@ class Polynomials(NamedTuple):
     outputs: int  # rows of the transfer G
 
 
-def polynomials(model: Realization, k: float) -> Polynomials:
+def polynomials(model: Realization, k: float | Array) -> Polynomials:
     """Bernstein coefficients of p(j omega, delta), and of p G for each entry of the transfer G.
 
-    With another region than the left half plane, of p along its edge. A WellPosednessError says at which
+    The box is |delta| <= k, a number, or one for each delta. With another region than the left half
+    plane, of p along its edge. A WellPosednessError says at which
     node of the box the model is singular.
     """
     scale, bits = _scale(model.A), _BITS
@@ -229,11 +230,11 @@ def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
     return list(balls(whole[:n, :n]).charpoly().coeffs())
 
 
-def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
+def _balls(model: Realization, k: float | Array, scale: float) -> tuple[Array, Array]:
     """Middles and radii of the Bernstein coefficients; those in omega stand for powers of j."""
     n = len(model.A)
     shape = [size + 1 for size in model.sizes]
-    values: list[Any] = []
+    ends, values = np.broadcast_to(k, len(shape)), list[Any]()
 
     def descend(whole: Balls, factor: Any, depth: int) -> None:
         if depth == len(shape):
@@ -241,7 +242,7 @@ def _balls(model: Realization, k: float, scale: float) -> tuple[Array, Array]:
             return
         size = model.sizes[depth]
         for node in range(size + 1):
-            value = flint.arb(k) * flint.arb(flint.fmpq(2 * node - size, size))
+            value = flint.arb(float(ends[depth])) * flint.arb(flint.fmpq(2 * node - size, size))
             try:
                 inner, loop = _closed(whole, size, value)
             except ZeroDivisionError:

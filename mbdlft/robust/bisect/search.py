@@ -215,12 +215,15 @@ def lowered(
 
 
 def expanded(
-    state: State[Worst], model: Realization, k: float
+    state: State[Worst], model: Realization, k: float, ends: Array | None = None
 ) -> tuple[State[Worst], Polynomials | None]:
-    """The polynomials on the box of size k; None, and a reason, if the model is singular in it."""
+    """The polynomials on the box of size k; None, and a reason, if the model is singular in it.
+
+    `ends` are those of the deltas, if not all are k.
+    """
     state = state._replace(used=state.used + cost_of(model))
     try:
-        return state, polynomials(model, k)
+        return state, polynomials(model, k if ends is None else ends)
     except WellPosednessError as error:
         reason = str(error) if k == 1.0 else f"at {k:.4g} times the box {error}"
         return state._replace(reason=reason), None
@@ -230,7 +233,7 @@ def cut(
     asked: Asked,
     state: State[Worst],
     model: Realization,
-    box: tuple[float, Polynomials],
+    box: tuple[float | Array, Polynomials],
     is_wrong: Check,
     gain: float = 0.0,
     work: float | None = None,
@@ -313,14 +316,14 @@ def too_large(model: Realization) -> str:
     )
 
 
-def resistance(outcome: Outcome, k: float, model: Realization) -> str:
-    """What resisted a proof, and where."""
-    box = outcome.open_box
-    ends = ", ".join(
-        f"{name} in [{k * (c - h):.3g}, {k * (c + h):.3g}]"
-        for name, c, h in zip(model.names, box.center, box.half, strict=True)
+def resistance(outcome: Outcome, k: float, model: Realization, ends: Array | None = None) -> str:
+    """What resisted a proof, and where; `ends` are those of the deltas, if not all are k."""
+    box, sizes = outcome.open_box, np.broadcast_to(k if ends is None else ends, len(model.names))
+    where = ", ".join(
+        f"{name} in [{size * (c - h):.3g}, {size * (c + h):.3g}]"
+        for name, size, c, h in zip(model.names, sizes, box.center, box.half, strict=True)
     )
     return (
         f"at {k:.4g} times the box, neither stability nor an unstable point was found with this work "
-        f"for deltas {ends}, near {outcome.frequency:.4g} rad/s"
+        f"for deltas {where}, near {outcome.frequency:.4g} rad/s"
     )
