@@ -237,14 +237,7 @@ _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
 
 
 def encode(kind: str, values: Mapping[str, Any]) -> Items:
-    """Items of values by path, of the types of the table; a value that is None is left out.
-
-    Parameters
-    ----------
-    kind : str
-        Such as ``"lft-model"``.
-    values : mapping of paths to texts, numbers, or (nested) sequences of them
-    """
+    """Items of values by path, of the types of the table; a value that is None is left out."""
     layout = {path: w for section in _LAYOUTS[kind, VERSION].values() for path, w in section.items()}
     values = {"@encoding_type": kind, "@encoding_version": VERSION, **values}
     return {path: _item(path, layout[path], value) for path, value in values.items() if value is not None}

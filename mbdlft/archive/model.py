@@ -234,12 +234,9 @@ def _check_unique(items: Items, group: str) -> tuple[str, ...]:
 
 
 def rests_on(certificate: Certificate) -> dict[str, str]:
-    """What each number of a certificate rests on.
+    """What each number of a certificate rests on, by name.
 
-    Returns
-    -------
-    dict of names to "proved" (a theorem, in exact or outward-rounded arithmetic), "checked" (computed in
-    floating point, or compared at points) or "open" (nothing is known)
+    "proved": exact or outward-rounded arithmetic; "checked": floating point, or at points; or "open".
     """
     c = certificate
     basis = {

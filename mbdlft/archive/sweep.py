@@ -95,18 +95,8 @@ def finish_sweep(
 ) -> None:
     """Make an archive of a file of rows (`make_rows`), and put it in place of an archive.
 
-    The other contents of the archive stay; a sweep of this name is replaced. The archive is complete or
-    unchanged.
-
-    Parameters
-    ----------
-    path : file
-    name : name of the sweep
-    layout : Layout
-    rows : file, on the same disk; it is moved
-    blocks : array (., 32)
-        The SHA-256 of each `block_rows` rows.
-    model, scene : name of the model, or text of the scene
+    Other contents of the archive stay. The file of `rows`, on the same disk, is moved; `blocks` (., 32)
+    are the SHA-256 of each `block_rows` rows.
     """
     file = Path(path)
     check_name(file, "sweep", name)

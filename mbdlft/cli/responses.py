@@ -244,7 +244,9 @@ def poles(
         verdict = analyze.check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
-            _print_poles_json(system, point, modes, at_zero, verdict)
+            data = {"name": system.name, "point": point, **_modes_data(modes)}
+            data["zeros"] = None if at_zero is None else [_parts(z) for z in at_zero]
+            print_json({**data, "verdict": _verdict_data(verdict)})
         else:
             _print_poles(system, point, modes, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
@@ -275,16 +277,10 @@ def _print_poles(
     say(str(verdict))
 
 
-def _print_poles_json(
-    system: "System",
-    point: dict[str, float],
-    modes: "DampingTable",
-    at_zero: list[complex] | None,
-    verdict: "StabilityVerdict",
-) -> None:
-    """Everything as plain data."""
+def _verdict_data(verdict: "StabilityVerdict") -> dict[str, Any]:
+    """A verdict as plain data."""
     worst = verdict.worst_pole
-    proof = {
+    return {
         "sentence": str(verdict),
         "nominal": verdict.nominal,
         "counterexample": dict(verdict.counterexample) or None,
@@ -293,10 +289,6 @@ def _print_poles_json(
         "points": verdict.points,
         "proved": bool(verdict.proof),
     }
-    zeros = None if at_zero is None else [_parts(z) for z in at_zero]
-    print_json(
-        {"name": system.name, "point": point, **_modes_data(modes), "zeros": zeros, "verdict": proof}
-    )
 
 
 def print_poles(system: "System") -> None:

@@ -90,11 +90,7 @@ def print_model(model: "System") -> None:
         console().print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     if isinstance(model, systems.LFTModel):
         _print_repetitions(model)
-        content = rooms.content
-        say(*content.order_sentences(model), content.largest_error(model))
-        say(*content.checked_beside(model), *content.well_posed(model))
-        if model.certificate.condition > 0.0:
-            say(content.conditioning(model.certificate))
+        say(*rooms.content.certificate_sentences(model))
         if model.trim.signals:
             pairs = zip(model.trim.signals, model.trim.nominal, strict=True)
             efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)

@@ -12,7 +12,7 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.samples import random
 from mbdlft.response.frequency import response_frequencies, unbounded_frequencies
 from mbdlft.response.modes import Names, chosen
@@ -44,6 +44,14 @@ def check_figure(path: str | Path) -> None:
         problem = f"expected the ending {known}, got {file.suffix!r}."
     if problem:
         raise AnalysisError(f"{file}: the figure cannot be written: {problem}")
+
+
+def check_parameter(model: System, parameter: str | None) -> None:
+    """Raise an AnalysisError for the name of a parameter that a model does not have."""
+    if parameter is not None:
+        check_known(
+            "parameter", [parameter], model.parameters.names, f"model {model.name!r}", AnalysisError
+        )
 
 
 def write_figure(figure: Figure, path: str | Path) -> None:
@@ -93,18 +101,12 @@ def facts(model: System) -> str:
 
 
 class Channels(NamedTuple):
-    """Panels of the channels that a figure shows.
-
-    Attributes
-    ----------
-    rows, columns : numbers of the outputs and inputs in the model
-    axes : object array (outputs, panels of a channel, inputs)
-    """
+    """Panels of the channels that a figure shows."""
 
     figure: Figure
-    rows: list[int]
-    columns: list[int]
-    axes: NDArray[Any]
+    rows: list[int]  # numbers of the outputs in the model
+    columns: list[int]  # and of the inputs
+    axes: NDArray[Any]  # (outputs, panels of a channel, inputs)
 
     def finish(self, model: System, count: int, x: str) -> None:
         """Label the horizontal axes and the whole figure, which shows `count` samples."""

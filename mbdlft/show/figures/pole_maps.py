@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import grid
 from mbdlft.lft.lft import LFT
 from mbdlft.response.modes import poles
@@ -27,6 +27,7 @@ from mbdlft.show.figures.figures import (
     SAMPLES,
     WORST,
     check_figure,
+    check_parameter,
     draw_grid,
     drawn_samples,
     facts,
@@ -71,10 +72,7 @@ def save_pole_map(
     check_figure(path)
     if not model.states:
         raise AnalysisError(f"model {model.name!r}: without states there are no poles to draw.")
-    if parameter is not None and parameter not in model.parameters.names:
-        raise AnalysisError(
-            f"model {model.name!r}: " + unknown_name("parameter", parameter, model.parameters.names)
-        )
+    check_parameter(model, parameter)
     labels = "real part (rad/s)", "imaginary part (rad/s)"
     figure, axes = panel(f"{model.name}: poles", *labels, (8.0, 6.0))
     nominal = poles(model)[0]

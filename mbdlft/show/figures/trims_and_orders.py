@@ -9,9 +9,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import grid, random
-from mbdlft.show.figures.figures import COLORS, WORST, check_figure, draw_grid, write_figure
+from mbdlft.show.figures.figures import (
+    COLORS,
+    WORST,
+    check_figure,
+    check_parameter,
+    draw_grid,
+    write_figure,
+)
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import trim_at
 
@@ -77,18 +84,11 @@ def orders_figure(model: LFTModel) -> Figure:
 
 
 class TrimCurves(NamedTuple):
-    """Trimmed signals over one parameter.
-
-    Attributes
-    ----------
-    values : array (N,), of the parameter, in its unit
-    nominal : array (N, nt), with the other parameters nominal
-    low, high : array (N, nt), the least and the largest over samples of the others
-    """
+    """Trimmed signals over one parameter, whose values (N,) are in its unit."""
 
     values: Array
-    nominal: Array
-    low: Array
+    nominal: Array  # (N, nt), with the other parameters nominal
+    low: Array  # (N, nt), the least and the largest over samples of the others
     high: Array
 
 
@@ -171,10 +171,7 @@ def _checked(model: System, parameter: str | None) -> LFTModel:
         problem = "without parameters the trim is one number each, which `mbdlft show` prints"
     if problem or not isinstance(model, LFTModel):
         raise AnalysisError(f"model {model.name!r}: {problem}.")
-    if parameter is not None and parameter not in model.parameters.names:
-        raise AnalysisError(
-            f"model {model.name!r}: " + unknown_name("parameter", parameter, model.parameters.names)
-        )
+    check_parameter(model, parameter)
     return model
 
 

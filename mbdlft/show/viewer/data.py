@@ -26,7 +26,7 @@ from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import steps
 from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
 from mbdlft.response.modes import balancing, spectrum
-from mbdlft.show.viewer.drawing import Drawing, Item, draw
+from mbdlft.show.viewer.drawing import Drawing, draw
 from mbdlft.show.viewer.looks import robot_looks
 from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, scene_poses
 
@@ -209,10 +209,7 @@ def view_data(
 ) -> dict[str, Any]:
     """What the page of a scene shows; `values` are those that its sliders have at the beginning.
 
-    The looks of the links of the file `robot` are added to the bodies of their names.
-
-    A scene without an equilibrium, or without a linear model, is shown without loads and modes; the
-    reason is among the `notes`.
+    Without an equilibrium or a linear model there are no loads and modes; `notes` have the reason.
     """
     placed = scene_poses(scene)
     parameters = placed.resolved.parameters
@@ -245,7 +242,11 @@ def view_data(
 def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[str]:
     """Add the meshes and primitives of a robot to its bodies; sentences on what is missing."""
     looks = robot_looks(robot, model)
-    bodies = {item["name"]: item for item in drawing.items if _is_body(item)}
+    bodies = {
+        item["name"]: item
+        for item in drawing.items
+        if item["group"] == "bodies" or (item["group"], item["name"]) == ("world", GROUND)
+    }
     for name in (name for name in looks.shapes if name in bodies):
         at = drawing.frame(name)
         bodies[name]["shapes"] += [
@@ -255,10 +256,6 @@ def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[s
     if without := [name for name in looks.shapes if name not in bodies]:
         looks.notes.append(f"The scene has no body for the shapes of {', '.join(without)}.")
     return list(dict.fromkeys(looks.notes))
-
-
-def _is_body(item: Item) -> bool:
-    return item["group"] == "bodies" or (item["group"], item["name"]) == ("world", GROUND)
 
 
 def reach(drawing: Drawing) -> float:

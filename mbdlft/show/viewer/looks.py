@@ -249,16 +249,9 @@ class Looks(NamedTuple):
 def robot_looks(path: str | Path, model: str | None = None) -> Looks:
     """Shapes of the links of a URDF, SDF or MJCF file, by the names that their bodies have in a scene.
 
-    Each has a ``place``, the 16 entries of its matrix in the frame of the link by rows; the sizes of a
-    ``box``, a ``sphere``, a ``cylinder``, a ``capsule``, a ``cone``, an ``ellipsoid`` or a ``plane``
-    (m), or the ``triangles`` of a mesh: corners as base64 of float32; and, if it moves and has an end,
+    Each has a ``place``, the 16 entries of its matrix in the frame of the link by rows; its sizes (m) by
+    kind, or the ``triangles`` of a mesh: corners as base64 of float32; and, if it moves and has an end,
     its ``extent`` in the frame of the link: the least and the largest coordinates (m).
-
-    Parameters
-    ----------
-    path : file
-    model : str, optional
-        Which model of an SDF file that has several.
     """
     file, notes = Path(path), list[str]()
     top = top_of(file)
