@@ -164,9 +164,19 @@ def _expected_type(field: FieldInfo | None) -> str:
     """The values that a field of numbers takes, in words, by its type."""
     if field is None:
         return "a finite number or an expression"
-    if field.annotation is int:
-        least = [item.ge for item in field.metadata if hasattr(item, "ge")]
-        return "a whole number" + "".join(f" of at least {number}" for number in least)
+    annotated = [get_args(kind) for kind in get_args(field.annotation) if get_origin(kind) is Annotated]
+    optional = [extra.metadata for kind, extra, *_ in annotated if kind is int]  # its limits stay there
+    if field.annotation is int or optional:
+        limits = optional[0] if optional else field.metadata
+        least, most = (
+            next((getattr(item, end) for item in limits if hasattr(item, end)), None)
+            for end in ("ge", "le")
+        )
+        return (
+            f"a whole number of at least {least}"
+            if most is None
+            else f"a whole number from {least} to {most}"
+        )
     for kind in (field.annotation, *get_args(field.annotation)):
         entries = get_args(kind) if get_origin(kind) is tuple else ()
         if len(entries) > 1 and ... not in entries:

@@ -8,9 +8,9 @@ from .modal import EffectiveMasses as EffectiveMasses
 from .modal import ModalModel as ModalModel
 from .modal import effective_masses as effective_masses
 from .modal import modal_model as modal_model
+from .modal import model_of_results as model_of_results
 from .nodes import Interface as Interface
 from .nodes import Nodes as Nodes
 from .nodes import every_dof as every_dof
 from .partition import FiniteElements as FiniteElements
 from .partition import to_si as to_si
-from .results import model_of_results as model_of_results

@@ -60,17 +60,8 @@ def flexible_body(
     StructureError
         `modal_model` raises it, or the number of damping ratios is not that of the modes.
     """
-    model = modal_model(
-        mass_matrix,
-        stiffness_matrix,
-        nodes,
-        parent,
-        ports,
-        method=method,
-        modes=modes,
-        frequency=frequency,
-        effective_mass=effective_mass,
-    )
+    choice: dict[str, Any] = {"modes": modes, "frequency": frequency, "effective_mass": effective_mass}
+    model = modal_model(mass_matrix, stiffness_matrix, nodes, parent, ports, method=method, **choice)
     return modal_body(name, model, damping=damping, prestress=prestress)
 
 
@@ -226,11 +217,8 @@ def _matrices(folder: Path, table: Mapping[str, Any]) -> FiniteElements:
     """Matrices of the files that the table names, in SI units."""
     data = folder / table["data"]
     if "bulk" in table:
-        names = {
-            "mass": table.get("mass_matrix", "MAA"),
-            "stiffness": table.get("stiffness_matrix", "KAA"),
-        }
-        elements = load_nastran(data, folder / table["bulk"], **names)
+        mass, stiffness = table.get("mass_matrix", "MAA"), table.get("stiffness_matrix", "KAA")
+        elements = load_nastran(data, folder / table["bulk"], mass=mass, stiffness=stiffness)
     else:
         elements = load_matrices(data)
     if any(unit in table for unit in _UNITS):

@@ -98,13 +98,7 @@ def save_matrices(path: str | Path, elements: FiniteElements) -> None:
         The name of the file has another ending.
     """
     file = Path(path)
-    nodes = elements.nodes
-    arrays: dict[str, Any] = {
-        "numbers": np.asarray(nodes.numbers),
-        "coordinates": np.asarray(nodes.coordinates),
-        "dof": np.asarray(nodes.dof),
-        "axes": np.asarray(nodes.axes),
-    }
+    arrays: dict[str, Any] = {key: np.asarray(getattr(elements.nodes, key)) for key in (*_TABLE, "axes")}
     for name, matrix in zip(_MATRICES, elements[:2], strict=True):
         arrays |= _in_coordinates(name, sp.tril(sp.csr_array(matrix)))
     if file.suffix == ".npz":
@@ -318,8 +312,12 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> di
             pair = [_named(matrices_by_name, name) for name in (mass, stiffness)]
             dof = _rows(cards, table, numbers)
         else:
-            frames = cards.rddmig(str(source))
-            pair, dof = _of_cards([_named(frames, name) for name in (mass, stiffness)])
+            tables = cards.rddmig(str(source))
+            frames = [_named(tables, name) for name in (mass, stiffness)]
+            index = frames[0].index.union(frames[1].index)  # the rows of both
+            dof = np.array([(int(n), int(c)) for n, c in index], dtype=np.int64)
+            full = (frame.reindex(index=index, columns=index, fill_value=0.0) for frame in frames)
+            pair = [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full]
     except MbdlftError as error:
         raise StructureError(f"{source}: {error}") from None
     except Exception as error:  # pyYeti raises what it meets
@@ -367,14 +365,6 @@ def _rows(cards: Any, table: Path, numbers: Indices) -> Indices:
     points = cards.rdcards(str(table), "spoint", no_data_return=None)
     scalar = np.asarray([] if points is None else points, dtype=np.int64).ravel()
     return np.vstack([every_dof(np.sort(numbers)), np.stack([scalar, 0 * scalar], axis=1)])
-
-
-def _of_cards(frames: list[Any]) -> tuple[list[Any], Indices]:
-    """Matrices (N, N) of two DMIG tables with the union of their rows, and these rows (N, 2)."""
-    index = frames[0].index.union(frames[1].index)
-    dof = np.array([(int(n), int(c)) for n, c in index], dtype=np.int64)
-    full = [frame.reindex(index=index, columns=index, fill_value=0.0) for frame in frames]
-    return [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full], dof
 
 
 def _named(matrices: dict[str, Any] | None, name: str) -> Any:

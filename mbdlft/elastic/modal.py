@@ -1,40 +1,37 @@
 """Bodies in modal form, held at their parent, from mass and stiffness matrices of free structures.
 
-The rigid properties are those of the rigid-body mass matrix about the origin,
+With the participation factors P and the rigid-body mass matrix R' M R (`partition`), the effective masses
+of the modes are the squares of P, and R' M R - P P' is the residual mass.
 
-    R' M R = [[m 1, -m [c]x], [m [c]x, J]]
-
-The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
-[c]x the matrix of the cross product with c, and J the inertia about the origin. With the participation
-factors P, the effective masses of the modes are the squares of P, and R' M R - P P' is the residual mass.
+A structure that is held at its parent and vibrates in a mode phi of unit mass loads the parent with
+w^2 phi' M R. So P = reaction / w^2 for those who have the results of a modal analysis only.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, unknown_name
-from mbdlft.elastic.nodes import DIRECTIONS, Nodes, transport
-from mbdlft.elastic.partition import Partition, checked, partitioned
+from mbdlft.elastic.nodes import DIRECTIONS, Nodes, finite
+from mbdlft.elastic.partition import Rigid, checked, mass_matrix, partitioned, rigid_properties
 from mbdlft.elastic.reduction import (
     MASSLESS,
+    NO_MASS,
     Candidates,
+    Limit,
     Reduced,
     Structure,
     candidates,
+    chosen,
+    first,
     static_correction,
 )
-from mbdlft.elastic.select import NO_MASS, Limit, chosen, first
 
-_CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
-_ROUNDING = 1e-14  # rounding of a coordinate of the center, of the size of the structure
-# rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
-_CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
 METHODS = ("hurty", "craig-bampton", "effective-mass", "static-correction")
 SLOWEST, FASTEST = 6e-4, 6e6  # rad/s: 0.0001 Hz and 1 MHz; no structure is beyond
 _GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, of the first mode
@@ -42,20 +39,10 @@ _GROUNDED = 1e-3  # largest frequency of a rigid motion on the given stiffness, 
 # of the rigid mass
 _NOTHING = float(np.sqrt(np.finfo(float).eps))
 _MASSLESS = 1e-10  # a smaller inertia, of the rigid mass, is none: a bar about its own axis
+_RESIDUAL = 1e-6  # negative residual mass that is rounding, of the rigid mass: printed digits are few
 _RIGHT = 0.01  # a smaller error of a frequency is that of any truncation
 # rounding of the energy of a rigid motion, of the terms that cancel in it
 _CANCELLED = 1e3 * float(np.finfo(float).eps)
-
-
-class Rigid(NamedTuple):
-    """Mass (kg), center of mass (3,) from the origin (m), inertia (3, 3) about the origin (kg m^2).
-
-    Entries of the inertia that a structure without some displacements does not determine are nan.
-    """
-
-    mass: float
-    center: Array
-    inertia: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,9 +164,9 @@ def modal_model(
         ports=at.positions,
         rigid=rigid,
         grounding=grounding,
-        port_errors=_port_errors(structure, free_ports, kept, rigid.mass)
-        if method == "effective-mass"
-        else {},
+        port_errors={}
+        if method != "effective-mass"
+        else _port_errors(structure, free_ports, kept, rigid.mass),
     )
 
 
@@ -199,18 +186,18 @@ def _structure(
 
 
 def _first_frequency(free_ports: Candidates) -> float:
-    """The lowest frequency (rad/s) of the structure free_ports at its parent, ports free."""
+    """The lowest frequency (rad/s) of the structure held at its parent, ports free."""
     frequencies = free_ports.modes(1).frequencies
     if not len(frequencies):
         raise StructureError("mass matrix: nothing that can move has mass; no frequency is finite.")
-    first = float(frequencies[0])
-    if not SLOWEST < first < FASTEST:
+    lowest = float(frequencies[0])
+    if not SLOWEST < lowest < FASTEST:
         raise StructureError(
-            f"the first frequency is {first / (2.0 * np.pi):.3g} Hz; expected one between 0.0001 "
+            f"the first frequency is {lowest / (2.0 * np.pi):.3g} Hz; expected one between 0.0001 "
             "Hz and 1 MHz. The units of the matrices do not fit together: give m, kg, s, N, or "
             "convert consistent units (mm, t, s, N) with mbdlft.to_si."
         )
-    return first
+    return lowest
 
 
 def _port_errors(
@@ -285,72 +272,90 @@ def _modal(reduced: Reduced) -> tuple[Array, Array, Array]:
     return w, coupling * sign, ports * sign
 
 
-def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
-    """Rigid properties from `bodily`, R' M R (r, r) for the directions that the structure can move in."""
-    full = np.full((6, 6), np.nan)
-    full[np.ix_(at.directions, at.directions)] = bodily
-    moved = [d for d in at.directions if d < 3]
-    if not moved:
-        raise StructureError(
-            "the structure has no displacements at its parent, so its mass is not determined. Keep "
-            "them in the matrices."
-        )
-    masses = full[moved, moved]
-    mass = float(np.mean(masses))
-    if not mass > 0.0:
-        raise StructureError(f"mass matrix: the mass of the structure is {mass:g} kg; expected more.")
-    if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
-        listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
-        raise StructureError(
-            f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
-            "of the rows, and that no coordinate with mass was left out."
-        )
-    center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
-    size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
-    center[np.abs(center) < _ROUNDING * size] = 0.0
-    inertia = full[3:, 3:]
-    inertia[np.abs(inertia) < _ROUNDING * mass * size**2] = 0.0
-    rigid = Rigid(mass, center, inertia)
-    expected = mass_matrix(rigid)
-    length = max(float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass))
-    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
-    difference = (full - expected) / (mass * np.outer(scale, scale))
-    if np.nanmax(np.abs(difference)) > _CONSISTENT:
-        i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
-        raise StructureError(
-            f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
-            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
-            "order of the rows, the coordinates and the axes of the nodes."
-        )
-    return rigid
+# results of a modal analysis -----------------------------------------------------------------
 
 
-def mass_matrix(rigid: Rigid) -> Array:
-    """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
-    matrix = rigid.mass * transport(rigid.center)
-    matrix[3:, :3] = matrix[:3, 3:].T
-    matrix[3:, 3:] = rigid.inertia
-    return matrix
+def model_of_results(
+    frequencies: ArrayLike,
+    reactions: ArrayLike,
+    shapes: Mapping[str, ArrayLike],
+    ports: Mapping[str, ArrayLike],
+    *,
+    mass: float,
+    center: ArrayLike,
+    inertia: ArrayLike,
+    modal_masses: ArrayLike | None = None,
+) -> ModalModel:
+    """Make a modal model of frequencies, reactions at the parent and mode shapes at the ports.
 
+    Parameters
+    ----------
+    frequencies : (n,) rad/s
+        Frequencies of the structure that is held at its parent, with its ports free.
+    reactions : (6, n) N, N m
+        Force and torque about the origin that the structure exerts on its support in each mode: minus
+        the single-point constraint forces that finite-element programs print.
+    shapes : (6, n) for each port
+        Displacements and rotations of the port in these modes.
+    ports : (3,) for each port, its position from the origin (m)
+    mass, center, inertia : kg; (3,) from the origin, m; (3, 3) about the origin, kg m^2
+    modal_masses : (n,), optional
+        Generalized masses of the modes, in the scale of `reactions` and `shapes`; 1 by default.
 
-def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
-    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
-
-    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
-    the nodes tell it if all of them have the same coordinate.
+    Raises
+    ------
+    StructureError
+        Shapes of arrays do not fit, a frequency is out of range, a port has no mode shape, or the
+        participation factors exceed the rigid mass.
     """
-    moments = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
-    if moments:
-        return float(np.mean(moments))
-    along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
-    if np.ptp(along) > 0.0:
+    w = finite("frequencies", frequencies, (np.size(frequencies),))
+    n = len(w)
+    if not n or np.any(w <= SLOWEST) or np.any(w >= FASTEST):
         raise StructureError(
-            "the structure has no displacements that tell where its center of mass is along "
-            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
-            "the nodes in the matrices."
+            "frequencies: expected some between 0.0006 and 6e6 rad/s, in rad/s (not Hz, not "
+            f"squares), got {w[(w <= SLOWEST) | (w >= FASTEST)][:1].tolist() or 'none'}."
         )
-    mass = np.nanmean(np.diag(full)[:3])
-    return float(mass * along[0])
+    masses = finite("modal_masses", np.ones(n) if modal_masses is None else modal_masses, (n,))
+    if np.any(masses <= 0.0):
+        raise StructureError(f"modal_masses: expected positive masses, got {masses.min():g}.")
+    for name in {*shapes} ^ {*ports}:
+        what = "position in `ports`" if name in shapes else "mode shapes in `shapes`"
+        raise StructureError(f"port {name!r} has no {what}.")
+    scale = 1.0 / np.sqrt(masses)
+    order = np.argsort(w, kind="stable")
+    participation = finite("reactions", reactions, (6, n)) * scale / w**2
+    mass = float(finite("mass", mass, ()))
+    rigid = Rigid(mass, finite("center", center, (3,)), finite("inertia", inertia, (3, 3)))
+    total = mass_matrix(rigid)
+    if np.max(np.abs(rigid.inertia - rigid.inertia.T)) > _RESIDUAL * np.max(np.abs(rigid.inertia)):
+        raise StructureError("inertia: expected a symmetric matrix.")
+    size = np.sqrt(np.maximum(np.diag(total), _RESIDUAL * np.max(np.diag(total))))
+    residual = (total - participation @ participation.T) / np.outer(size, size)
+    smallest = float(np.linalg.eigvalsh(residual)[0])
+    if smallest < -_RESIDUAL:
+        shares = np.sum(participation**2, axis=1) / size**2
+        raise StructureError(
+            "reactions: the participation factors exceed the rigid mass: the residual mass matrix "
+            f"has the eigenvalue {smallest:.3g} of the rigid mass, the largest effective mass is "
+            f"{np.max(shares):.3g} of it. Check that the modes have unit mass (or give "
+            "modal_masses), the point of the torques (the origin of the body), the units, and the "
+            "mass, center and inertia."
+        )
+    port_shapes = {name: finite(f"shapes of {name!r}", shape, (6, n)) for name, shape in shapes.items()}
+    return ModalModel(
+        method="effective-mass",
+        kept=n,
+        frequencies=w[order],
+        participation=participation[:, order],
+        shapes={name: (shape * scale)[:, order] for name, shape in port_shapes.items()},
+        ports={name: finite(f"ports of {name!r}", place, (3,)) for name, place in ports.items()},
+        rigid=rigid,
+        grounding=0.0,
+        port_errors={},
+    )
+
+
+# effective masses ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True, eq=False)

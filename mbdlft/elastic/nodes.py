@@ -112,9 +112,8 @@ def rigid_motions(nodes: Nodes, origin: ArrayLike) -> Array:
     place = places(nodes, dof[:, 0], 0)
     axes = np.asarray(nodes.axes)[place]
     move = transport(np.asarray(nodes.coordinates)[place] - np.asarray(origin, dtype=float))
-    turned = np.concatenate(
-        [np.swapaxes(axes, 1, 2) @ move[:, :3], np.swapaxes(axes, 1, 2) @ move[:, 3:]], axis=1
-    )
+    back = np.swapaxes(axes, 1, 2)
+    turned = np.concatenate([back @ move[:, :3], back @ move[:, 3:]], axis=1)
     motions = turned[np.arange(len(dof)), np.maximum(dof[:, 1] - 1, 0)]
     motions[dof[:, 1] == 0] = 0.0
     return np.asarray(motions)
@@ -132,10 +131,7 @@ def transport(r: ArrayLike) -> Array:
 
 
 def places(nodes: Nodes, numbers: ArrayLike, missing: int | None = None) -> Indices:
-    """Position of each number in the node table; `missing`, if given, for a number that is not there.
-
-    Without `missing`, a number that is not there is a `StructureError`.
-    """
+    """Position of each number in the node table; of an unknown one `missing`, or a `StructureError`."""
     known = {int(number): k for k, number in enumerate(np.asarray(nodes.numbers))}
     try:
         positions = [

@@ -5,10 +5,17 @@ of the structure are q = T [q_n ; u_1 ; ... ; u_k ; u_r], with the interior coor
 motions u_1 ... u_k of the ports, e numbers in all, and the motion u_r (r,) of the parent. A motion has
 three displacements and three rotations in the axes of the coordinates of the nodes; directions in which
 the structure cannot move at all (those out of the plane of a plane model) are left out of it.
+
+The rigid properties are those of the rigid-body mass matrix about the origin,
+
+    R' M R = [[m 1, -m [c]x], [m [c]x, J]]
+
+The columns of R are the rigid motions (`mbdlft.elastic.nodes.rigid_motions`), c is the center of mass,
+[c]x the matrix of the cross product with c, and J the inertia about the origin.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +29,10 @@ from mbdlft.elastic.nodes import DIRECTIONS, Indices, Interface, Nodes, places, 
 _SYMMETRY = 1e-8  # asymmetry that is rounding, of the largest entry: files have few digits
 # a smaller singular value is none: nodes on a line do not determine the rotation about it
 _ROUNDING = 1e-9
+_CONSISTENT = 1e-6  # error of entries of the mass matrix that is rounding: files have few digits
+_NO_OFFSET = 1e-14  # rounding of a coordinate of the center, of the size of the structure
+# rows and columns of the mass matrix where m c_x, m c_y and m c_z are, each with its sign
+_CENTER = (((1, 5, 1.0), (2, 4, -1.0)), ((2, 3, 1.0), (0, 5, -1.0)), ((0, 4, 1.0), (1, 3, -1.0)))
 
 
 class FiniteElements(NamedTuple):
@@ -55,11 +66,8 @@ def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> Fini
     component = np.asarray(nodes.dof)[:, 1]
     # a coordinate that belongs to no node (component 0) may have any scale
     scale = sp.diags_array(np.where(component <= 3, 1.0 / L, 1.0))
-    matrices = [m * L**2 * (scale @ sp.csr_array(matrix) @ scale) for matrix in elements[:2]]
-    coordinates = L * np.asarray(nodes.coordinates)
-    mass_matrix, stiffness_matrix = matrices
-    table = Nodes(nodes.numbers, coordinates, nodes.dof, nodes.axes)
-    return FiniteElements(mass_matrix, stiffness_matrix, table)
+    M, K = (m * L**2 * (scale @ sp.csr_array(matrix) @ scale) for matrix in elements[:2])
+    return FiniteElements(M, K, replace(nodes, coordinates=L * np.asarray(nodes.coordinates)))
 
 
 def checked(what: str, matrix: Any, rows: int) -> Any:
@@ -99,28 +107,16 @@ def _factor(what: str, unit: str, si: str) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Partition:
-    """The matrix T, and where interior, ports and parent are in it.
+    """The matrix T, and where interior, ports and parent are in it."""
 
-    Attributes
-    ----------
-    expand : T, sparse (N, n + e + r)
-    interior : number n of interior coordinates
-    ports : the slice of the n + e + r coordinates that is the motion of each port
-    directions : which of the directions 0 to 5 the motions of the parent and of each port have, r of them
-    positions : (3,) for each port, its position from the origin (m)
-    rigid : (n + e + r, r), the coordinates in the rigid motions about the origin
-    origin : (3,), the point of the parent in the coordinates of the nodes (m)
-    rows : (n,), the row of the matrices that each interior coordinate has
-    """
-
-    expand: Any
-    interior: int
-    ports: Mapping[str, slice]
-    directions: tuple[int, ...]
-    positions: Mapping[str, Array]
-    rigid: Array
-    origin: Array
-    rows: Indices
+    expand: Any  # T, sparse (N, n + e + r)
+    interior: int  # number n of interior coordinates
+    ports: Mapping[str, slice]  # of the n + e + r coordinates, the motion of each port
+    directions: tuple[int, ...]  # which of 0 to 5 the motions of the parent and of each port have, r
+    positions: Mapping[str, Array]  # (3,) of each port from the origin (m)
+    rigid: Array  # (n + e + r, r) the coordinates in the rigid motions about the origin
+    origin: Array  # (3,) the point of the parent in the coordinates of the nodes (m)
+    rows: Indices  # (n,) the row of the matrices that each interior coordinate has
 
     @property
     def free(self) -> int:
@@ -172,16 +168,8 @@ def partitioned(nodes: Nodes, parent: Any, ports: Mapping[str, Any]) -> Partitio
         placed = np.zeros((len(dof), block.shape[1]))
         placed[its_rows] = block
         columns.append(sp.csr_array(placed))
-    return Partition(
-        expand=sp.csr_array(sp.hstack(columns)),
-        interior=len(rows),
-        ports=where,
-        directions=tuple(directions),
-        positions=positions,
-        rigid=np.vstack(rigid),
-        origin=origin,
-        rows=rows,
-    )
+    T = sp.csr_array(sp.hstack(columns))
+    return Partition(T, len(rows), where, tuple(directions), positions, np.vstack(rigid), origin, rows)
 
 
 def _interface(what: str, place: Any) -> Interface:
@@ -233,3 +221,85 @@ def _moved(what: str, nodes: Nodes, interface: Interface) -> tuple[Array, Indice
             "Give more nodes, or a node with rotations."
         )
     return point, rows, directions, motion[:, directions]
+
+
+# rigid properties ------------------------------------------------------------------------------
+
+
+class Rigid(NamedTuple):
+    """Mass (kg), center of mass (3,) from the origin (m), inertia (3, 3) about the origin (kg m^2).
+
+    Entries of the inertia that a structure without some displacements does not determine are nan.
+    """
+
+    mass: float
+    center: Array
+    inertia: Array
+
+
+def rigid_properties(nodes: Nodes, at: Partition, bodily: Array) -> Rigid:
+    """Rigid properties from `bodily`, R' M R (r, r) for the directions that the structure can move in."""
+    full = np.full((6, 6), np.nan)
+    full[np.ix_(at.directions, at.directions)] = bodily
+    moved = [d for d in at.directions if d < 3]
+    if not moved:
+        raise StructureError(
+            "the structure has no displacements at its parent, so its mass is not determined. Keep "
+            "them in the matrices."
+        )
+    masses = full[moved, moved]
+    mass = float(np.mean(masses))
+    if not mass > 0.0:
+        raise StructureError(f"mass matrix: the mass of the structure is {mass:g} kg; expected more.")
+    if np.max(np.abs(masses - mass)) > _CONSISTENT * mass:
+        listed = ", ".join(f"{DIRECTIONS[d]}: {full[d, d]:.9g} kg" for d in moved)
+        raise StructureError(
+            f"mass matrix: the mass is not the same in all directions ({listed}). Check the order "
+            "of the rows, and that no coordinate with mass was left out."
+        )
+    center = np.array([_center(nodes, at, full, k) for k in range(3)]) / mass
+    size = float(np.max(np.abs(np.asarray(nodes.coordinates) - at.origin)))
+    center[np.abs(center) < _NO_OFFSET * size] = 0.0
+    inertia = full[3:, 3:]
+    inertia[np.abs(inertia) < _NO_OFFSET * mass * size**2] = 0.0
+    rigid = Rigid(mass, center, inertia)
+    expected = mass_matrix(rigid)
+    length = max(float(np.linalg.norm(center)), np.sqrt(np.nanmax(np.diag(full)[3:], initial=0.0) / mass))
+    scale = np.array([1.0] * 3 + [length if length > 0.0 else 1.0] * 3)
+    difference = (full - expected) / (mass * np.outer(scale, scale))
+    if np.nanmax(np.abs(difference)) > _CONSISTENT:
+        i, j = np.unravel_index(int(np.nanargmax(np.abs(difference))), (6, 6))
+        raise StructureError(
+            f"mass matrix: not that of a body: in a rigid motion, the entry ({DIRECTIONS[i]}, "
+            f"{DIRECTIONS[j]}) is {full[i, j]:.6g} and would be {expected[i, j]:.6g}. Check the "
+            "order of the rows, the coordinates and the axes of the nodes."
+        )
+    return rigid
+
+
+def mass_matrix(rigid: Rigid) -> Array:
+    """R' M R (6, 6) about the origin; nan where the inertia is not determined."""
+    matrix = rigid.mass * transport(rigid.center)
+    matrix[3:, :3] = matrix[:3, 3:].T
+    matrix[3:, 3:] = rigid.inertia
+    return matrix
+
+
+def _center(nodes: Nodes, at: Partition, full: Array, axis: int) -> float:
+    """Mass times the coordinate `axis` of the center of mass, from the origin (kg m).
+
+    It is an entry of the mass matrix (6, 6) `full`. Where the structure lacks the motions of this entry,
+    the nodes tell it if all of them have the same coordinate.
+    """
+    moments = [sign * full[i, j] for i, j, sign in _CENTER[axis] if not np.isnan(full[i, j])]
+    if moments:
+        return float(np.mean(moments))
+    along = np.asarray(nodes.coordinates)[:, axis] - at.origin[axis]
+    if np.ptp(along) > 0.0:
+        raise StructureError(
+            "the structure has no displacements that tell where its center of mass is along "
+            f"{DIRECTIONS[axis]}, and its nodes are at several places. Keep all displacements of "
+            "the nodes in the matrices."
+        )
+    mass = np.nanmean(np.diag(full)[:3])
+    return float(mass * along[0])

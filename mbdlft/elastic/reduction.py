@@ -17,7 +17,7 @@ Modes are the lowest ones of K phi = w^2 M phi with K positive definite and M po
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -37,6 +37,14 @@ _SINGULAR = 1e-12  # a pivot that is smaller, relative to its diagonal entry, co
 _INDEFINITE = 1e-9
 _COMPLETE = 1e-9  # a smaller residual flexibility, of the whole one, is rounding of the matrices
 MASSLESS = 1e-13  # a 1/w^2 below this part of the largest counts as zero: no mass moves
+_FIRST = 20  # modes computed at first; the number is doubled until there are enough
+_BELOW = {"frequency": np.inf, "effective_mass": 1.0}
+_EXPECTED = {
+    "frequency": "a positive number (rad/s)",
+    "effective_mass": "a fraction of the rigid mass between 0 and 1",
+}
+_MOST = 640  # most modes of a large structure that are computed for an effective mass
+NO_MASS = 1e-9  # a smaller mass, of the largest, is none: a bar has no inertia about its own axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,18 +173,12 @@ class Structure(NamedTuple):
 
 
 class Candidates(NamedTuple):
-    """The modes among which the user chooses, and what is made of them.
+    """The modes among which the user chooses, and what is made of them."""
 
-    `modes(count)` computes at least `count` modes, or all. `reduce` makes the reduced matrices of given
-    modes; in these the modes come first, then the motions of the ports. `deflections()` are the columns
-    (f, e) of K^-1 by unit loads on the ports, with the parent fixed and the ports free. `corrects` says
-    that the motions of the ports depend on which modes there are.
-    """
-
-    modes: Callable[[int], Modes]
-    reduce: Callable[[Modes], Reduced]
-    deflections: Callable[[], Array]
-    corrects: bool = False
+    modes: Callable[[int], Modes]  # computes at least so many modes, or all
+    reduce: Callable[[Modes], Reduced]  # the modes come first, then the motions of the ports
+    deflections: Callable[[], Array]  # (f, e), K^-1 by unit loads on the ports: parent fixed, ports free
+    corrects: bool = False  # the motions of the ports depend on which modes there are
 
 
 def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
@@ -186,13 +188,9 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
         modes, solver = _computed(structure, nodes, at.free)
         deflections = cache(lambda: solver(np.eye(at.free)[:, n:]))
         if method == "effective-mass":
-            return Candidates(modes, lambda modes: effective_mass(structure, modes), deflections)
-        return Candidates(
-            modes,
-            lambda modes: static_correction(structure, modes, deflections()),
-            deflections,
-            corrects=True,
-        )
+            return Candidates(modes, lambda modes: projected(structure, modes.shapes), deflections)
+        reduce = lambda modes: static_correction(structure, modes, deflections())  # noqa: E731
+        return Candidates(modes, reduce, deflections, corrects=True)
     modes, solver = _computed(structure, nodes, n)
     none = lambda: np.zeros((at.free, 0))  # noqa: E731
     constraint = -solver(structure.stiffness[:n, n:].toarray())
@@ -204,10 +202,7 @@ def candidates(structure: Structure, method: str, nodes: Nodes) -> Candidates:
 
 
 def _computed(structure: Structure, nodes: Nodes, rows: int) -> tuple[Callable[[int], Modes], Solver]:
-    """A function that computes modes of the first `rows` coordinates with the others fixed, and K^-1.
-
-    The function remembers the modes of its last call and computes new ones only where these are too few.
-    """
+    """A function that computes, and remembers, modes of the first `rows` coordinates; and K^-1."""
     mass, stiffness = (matrix[:rows, :rows] for matrix in structure[:2])
     solver = Solver(stiffness, _names(structure, nodes))
     last: list[Modes] = []
@@ -221,16 +216,13 @@ def _computed(structure: Structure, nodes: Nodes, rows: int) -> tuple[Callable[[
 
 
 def hurty(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
-    """Reduced matrices with fixed-interface modes and the constraint modes (n, e) of the ports.
-
-    The elastic coordinates are relative to the rigid motion with the parent.
-    """
+    """Reduced matrices with fixed-interface modes and the constraint modes (n, e) of the ports."""
     n, free = structure.at.interior, structure.at.free
     basis = np.zeros((free, len(modes) + free - n))
     basis[:n, : len(modes)] = modes.shapes
     basis[:n, len(modes) :] = constraint
     basis[n:, len(modes) :] = np.eye(free - n)
-    return _projected(structure, basis)
+    return projected(structure, basis)
 
 
 def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Reduced:
@@ -251,11 +243,6 @@ def craig_bampton(structure: Structure, modes: Modes, constraint: Array) -> Redu
     return Reduced(mass[elastic, elastic], stiffness[elastic, elastic], (mass @ rigid)[elastic], ports)
 
 
-def effective_mass(structure: Structure, modes: Modes) -> Reduced:
-    """Reduced matrices with modes of the structure that is held at its parent, with its ports free."""
-    return _projected(structure, modes.shapes)
-
-
 def static_correction(structure: Structure, modes: Modes, deflections: Array) -> Reduced:
     """Reduced matrices as `effective_mass`, with what the modes lack of the deflections (f, e).
 
@@ -269,10 +256,10 @@ def static_correction(structure: Structure, modes: Modes, deflections: Array) ->
     values, vectors = np.linalg.eigh(0.5 * (flexibility + flexibility.T))
     lacking = values > _COMPLETE
     correction = (residual * scale) @ (vectors[:, lacking] / np.sqrt(values[lacking]))
-    return _projected(structure, np.hstack([modes.shapes, correction]))
+    return projected(structure, np.hstack([modes.shapes, correction]))
 
 
-def _projected(structure: Structure, basis: Array) -> Reduced:
+def projected(structure: Structure, basis: Array) -> Reduced:
     """Reduced matrices with the columns of `basis` (f, q), motions with the parent held."""
     free = structure.at.free
     inertia = structure.mass @ structure.at.rigid
@@ -295,3 +282,115 @@ def _names(structure: Structure, nodes: Nodes) -> Callable[[int], str]:
         return next(f"port {port!r}" for port, place in at.ports.items() if row < place.stop)
 
     return name
+
+
+# how many modes a body keeps ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """One of: number of modes, highest frequency (rad/s), smallest fraction of the rigid mass."""
+
+    modes: int | None
+    frequency: float | None
+    effective_mass: float | None
+
+    def __post_init__(self) -> None:
+        limits = {name: value for name, value in asdict(self).items() if value is not None}
+        if len(limits) != 1:
+            raise StructureError(
+                "expected one of modes (a number), frequency (rad/s) and effective_mass (a "
+                f"fraction), got {' and '.join(limits) or 'none'}."
+            )
+        ((name, value),) = limits.items()
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        if name == "modes" and not (whole and value >= 0):
+            raise StructureError(f"modes: expected a whole number, 0 or more, got {value!r}.")
+        if name != "modes" and not 0.0 < float(value) < _BELOW[name]:
+            raise StructureError(f"{name}: expected {_EXPECTED[name]}, got {value!r}.")
+
+
+def chosen(candidates: Candidates, limit: Limit, rigid: Array) -> tuple[int, Reduced]:
+    """The number of modes that `limit` asks for, and the reduced matrices with these modes.
+
+    `rigid` (r,) is the rigid mass of each direction, about the origin.
+    """
+    if limit.effective_mass is not None:
+        return _by_mass(candidates, limit.effective_mass, rigid)
+    if limit.modes is not None:
+        modes = candidates.modes(limit.modes)
+        if len(modes) < limit.modes:
+            raise StructureError(
+                f"modes: {limit.modes} are asked for and there are {len(modes)}; ask for fewer, or "
+                "refine the mesh."
+            )
+        count = limit.modes
+    else:
+        top = float(limit.frequency or 0.0)
+        modes = _until(candidates, lambda modes: bool(modes.frequencies[-1] > top))
+        count = int(np.sum(modes.frequencies <= top))
+    reduced = candidates.reduce(first(modes, count))
+    if not len(reduced.mass):
+        lowest = f", the first is at {modes.frequencies[0]:g} rad/s" if len(modes) else ""
+        raise StructureError(f"no mode is kept{lowest}: ask for at least one.")
+    return count, reduced
+
+
+def first(modes: Modes, count: int) -> Modes:
+    """The first `count` modes."""
+    return Modes(modes.frequencies[:count], modes.shapes[:, :count], complete=False)
+
+
+def effective(reduced: Reduced) -> Array:
+    """Effective mass (r,) of all modes in each direction: the diagonal of P M^-1 P'."""
+    scale = 1.0 / np.sqrt(np.diag(reduced.mass))
+    coupling = scale[:, None] * reduced.coupling
+    solved = np.linalg.solve(reduced.mass * np.outer(scale, scale), coupling)
+    return np.asarray(np.einsum("qr,qr->r", coupling, solved))
+
+
+def _until(candidates: Candidates, enough: Callable[[Modes], bool]) -> Modes:
+    """Modes that are `enough`, or all modes; their number is doubled as long as they are not enough."""
+    count = _FIRST
+    while True:
+        modes = candidates.modes(count)
+        if modes.complete or not len(modes) or enough(modes):
+            return modes
+        count *= 2
+
+
+def _by_mass(candidates: Candidates, fraction: float, rigid: Array) -> tuple[int, Reduced]:
+    """The fewest modes whose effective mass is this fraction of `rigid` (r,), and their matrices."""
+    has_mass = rigid > NO_MASS * np.max(rigid)
+
+    def enough(reduced: Reduced) -> bool:
+        if not len(reduced.mass):
+            return False
+        return bool(np.all(effective(reduced)[has_mass] >= fraction * rigid[has_mass]))
+
+    modes = _until(candidates, lambda modes: len(modes) >= _MOST or enough(candidates.reduce(modes)))
+    total = candidates.reduce(modes)
+
+    def with_first(count: int) -> Reduced:
+        if candidates.corrects:
+            return candidates.reduce(first(modes, count))
+        keep = [*range(count), *range(len(modes), len(total.mass))]
+        both = np.ix_(keep, keep)
+        ports = total.ports[:, keep]
+        return Reduced(total.mass[both], total.stiffness[both], total.coupling[keep], ports)
+
+    if not enough(total):
+        reached = np.min(effective(total)[has_mass] / rigid[has_mass])
+        raise StructureError(
+            f"effective_mass: {fraction:g} is asked for; {len(modes)} modes have {reached:.4g} of "
+            "the rigid mass in the direction that has least. What moves with the parent is in no "
+            "mode; ask for less, or refine the mesh."
+        )
+    low, high = -1, len(modes)  # bisection: the effective mass never falls with the number of modes
+    while high - low > 1:
+        middle = (low + high) // 2
+        if enough(with_first(middle)):
+            high = middle
+        else:
+            low = middle
+    return high, with_first(high)

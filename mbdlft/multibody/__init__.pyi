@@ -30,7 +30,6 @@ from .joint import Rotation as Rotation
 from .joint import Spherical as Spherical
 from .joint import Universal as Universal
 from .loop import Loop as Loop
-from .overlooked import notes as notes
 from .scene import Constant as Constant
 from .scene import Fit as Fit
 from .scene import Scene as Scene
@@ -50,3 +49,4 @@ from .sensor import Momentum as Momentum
 from .sensor import Position as Position
 from .sensor import SmallRotation as SmallRotation
 from .sensor import Velocity as Velocity
+from .to_problem import notes as notes

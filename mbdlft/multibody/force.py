@@ -25,7 +25,7 @@ aside, where a spring between two ports leans.
 
 import abc
 from functools import partial
-from typing import Annotated, ClassVar, NamedTuple, Protocol, Self, final
+from typing import Annotated, ClassVar, NamedTuple, Self, final
 
 import casadi as ca
 from pydantic import AfterValidator, field_validator, model_validator
@@ -42,41 +42,8 @@ from mbdlft.base.description import (
 )
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.spatial import move_wrench
+from mbdlft.multibody.spatial import Space, move_wrench
 from mbdlft.problem.sx.constants import unit_vector
-
-
-class Space(Protocol):
-    """The positions of the bodies that a load may ask for, displaced and at equilibrium.
-
-    `gravity` (3,) is that of the scene, in its axes (m/s^2). `elastic` is 1; it is 0 where the magnitude
-    of a spring already follows the law of the spring, so that its elongation must not be counted again.
-    """
-
-    gravity: ca.SX
-
-    def port(self, port: str) -> tuple[str, ca.SX]:
-        """Body of a port, and its position (3,) from the inboard port in the axes of the body (m)."""
-
-    def outward(self, vector: ca.SX, body: str) -> ca.SX:
-        """Components (3,) in the axes of a body of a vector that is constant in the axes of the scene."""
-
-    def between(self, a: str, b: str) -> ca.SX:
-        """Vector (3,) from port a to port b, in the axes of the body of a (m)."""
-
-    def between_at_rest(self, a: str, b: str) -> ca.SX:
-        """The same vector (3,) at equilibrium (m)."""
-
-    def across_now(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        """Components (3,) in the axes of the body `target` of a vector in those of the body `source`."""
-
-    def departure(self, a: str, b: str, order: int) -> ca.SX:
-        """Displacement (order 0) or velocity (1) of b relative to a, (3,), to first order.
-
-        The components are in the axes that the body of a has at equilibrium.
-        """
-
-    elastic: float
 
 
 class BodyWrench(NamedTuple):

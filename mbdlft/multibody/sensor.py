@@ -9,54 +9,13 @@ the wrench of a joint are constraint loads, effort, spring and damper together.
 """
 
 import abc
-from typing import ClassVar, NamedTuple, Protocol, final
+from typing import ClassVar, final
 
 import casadi as ca
 
 from mbdlft.base.description import AXES, Description, Name, Text
 from mbdlft.base.unit import Signal
-
-
-class Small(NamedTuple):
-    """Small rotation and displacement (3,) of a point, or their first or second time derivatives."""
-
-    rotation: ca.SX
-    displacement: ca.SX
-
-
-class View(Protocol):
-    """The motions and wrenches that a sensor may ask for.
-
-    Components of vectors are in the axes of a body; those of the ground are the axes of the scene.
-    """
-
-    def small(self, port: str, order: int) -> tuple[str, Small]:
-        """Body of a port, and the port's displacement (order 0), velocity (1) or acceleration (2)."""
-
-    def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        """Components (3,) in the axes of body `target` of a vector (3,) in those of body `source`.
-
-        The bodies are where they are at equilibrium.
-        """
-
-    def motion(self, port: str) -> ca.SX:
-        """Motion (3, 3) of a port, as defined in `mbdlft.multibody.spatial`.
-
-        Gravity is in it as an acceleration of the scene's frame by minus gravity.
-        """
-
-    def joint_wrench(self, joint: str) -> ca.SX:
-        """Wrench (3, 2) that a joint exerts on its child, about the child's port and in its axes."""
-
-    def momentum(self, order: int) -> ca.SX:
-        """Momentum [linear, angular] (3, 2) about the origin of the scene, with small motions for rates.
-
-        With `order` 1 the velocities of `small` make the momentum; with `order` 0 the displacements take
-        their place.
-        """
-
-    def mass(self) -> ca.SX:
-        """Total mass (kg)."""
+from mbdlft.multibody.spatial import Space
 
 
 class Sensor(Description, abc.ABC):
@@ -74,7 +33,7 @@ class Sensor(Description, abc.ABC):
         return tuple(component.of(self.name) for component in self.components)
 
     @abc.abstractmethod
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         """The measured quantity (n,), one entry for each component."""
 
 
@@ -96,7 +55,7 @@ class PortSensor(Sensor, abc.ABC):
     port: Text
     frame: Text = "ground"
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         body, small = view.small(self.port, self.order)
         vector = small.rotation if self.turns else small.displacement
         return view.across(vector, body, self.frame)
@@ -165,7 +124,7 @@ class Accelerometer(Sensor):
 
     port: Text
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         return view.motion(self.port)[:, 2]
 
 
@@ -181,7 +140,7 @@ class Gyro(Sensor):
 
     port: Text
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         return view.motion(self.port)[:, 0]
 
 
@@ -196,7 +155,7 @@ class Momentum(Sensor):
     kind: ClassVar[str] = "momentum"
     components: ClassVar[tuple[Signal, ...]] = (*by_axis("N s", "linear."), *by_axis("N m s", "angular."))
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         return ca.vec(view.momentum(1))
 
 
@@ -207,7 +166,7 @@ class CenterOfMass(Sensor):
     kind: ClassVar[str] = "center_of_mass"
     components: ClassVar[tuple[Signal, ...]] = by_axis("m")
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         return view.momentum(0)[:, 0] / view.mass()
 
 
@@ -223,7 +182,7 @@ class JointWrench(Sensor):
 
     joint: Text
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         return ca.vec(view.joint_wrench(self.joint))
 
 

@@ -19,7 +19,7 @@ All files use these two orders of columns.
 
 from collections.abc import Iterable
 from functools import cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -37,6 +37,59 @@ class Coordinate(NamedTuple):
     def part(self, entries: int | slice) -> "Coordinate":
         """Displacements, rates and accelerations of some of the coordinates."""
         return Coordinate(self.q[entries], self.v[entries], self.a[entries])
+
+
+class Small(NamedTuple):
+    """Small rotation and displacement (3,) of a point, or their first or second time derivatives."""
+
+    rotation: ca.SX
+    displacement: ca.SX
+
+
+class Space(Protocol):
+    """What loads and sensors may ask of the bodies, which ports name.
+
+    Vectors (3,) are in the axes of a body; those of the ground are the axes of the scene.
+    """
+
+    gravity: ca.SX  # (3,) of the scene, in its axes (m/s^2)
+    elastic: float  # 1; 0 where the magnitude of a spring follows its law: its elongation counts once
+
+    def port(self, port: str) -> tuple[str, ca.SX]:
+        """Body of a port, and its position (3,) from the inboard port in the axes of the body (m)."""
+
+    def outward(self, vector: ca.SX, body: str) -> ca.SX:
+        """Components (3,) in the axes of a body of a vector that is constant in the axes of the scene."""
+
+    def between(self, a: str, b: str) -> ca.SX:
+        """Vector (3,) from port a to port b, in the axes of the body of a (m)."""
+
+    def between_at_rest(self, a: str, b: str) -> ca.SX:
+        """The same vector (3,) at equilibrium (m)."""
+
+    def across_now(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """Components (3,) in the axes of body `target` of a vector (3,) in those of body `source`."""
+
+    def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
+        """The same at equilibrium."""
+
+    def departure(self, a: str, b: str, order: int) -> ca.SX:
+        """Displacement (order 0) or velocity (1) (3,) of b from a, in the axes of the body of a."""
+
+    def small(self, port: str, order: int) -> tuple[str, Small]:
+        """Body of a port, and the port's displacement (order 0), velocity (1) or acceleration (2)."""
+
+    def motion(self, port: str) -> ca.SX:
+        """Motion (3, 3) of a port; gravity is in it as an acceleration of the frame by minus gravity."""
+
+    def joint_wrench(self, joint: str) -> ca.SX:
+        """Wrench (3, 2) that a joint exerts on its child, about the child's port and in its axes."""
+
+    def momentum(self, order: int) -> ca.SX:
+        """Momentum [linear, angular] (3, 2) of velocities (order 1) or displacements (0)."""
+
+    def mass(self) -> ca.SX:
+        """Total mass (kg)."""
 
 
 def column(entries: Iterable[ca.SX | float]) -> ca.SX:
@@ -98,11 +151,6 @@ def _across(axis: ca.SX) -> tuple[ca.SX, ca.SX]:
     first = ca.sparsify(ca.cross(axis, unit))
     across = ca.horzcat(first, ca.cross(axis, first))
     return across, across / ca.dot(first, first)
-
-
-def rotate_back(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
-    """R' v for each column v; the inverse of `rotate`."""
-    return rotate(axis, cosine, -sine, vectors)
 
 
 def move_motion(motion: ca.SX, r: ca.SX) -> ca.SX:

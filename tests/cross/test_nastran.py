@@ -18,8 +18,8 @@ from pyyeti.nastran import bulk, op4
 import mbdlft
 from mbdlft import FiniteElements, Interface, load_nastran, modal_model, to_si
 from mbdlft.elastic import files
-from mbdlft.elastic.modal import mass_matrix
 from mbdlft.elastic.nodes import transport
+from mbdlft.elastic.partition import mass_matrix
 from tests.close import exact, published, roundoff
 from tests.reference.frames import tee
 

@@ -32,7 +32,7 @@ Free(name="j", parent="ground", child="b", stiffness=[1, 2, 3])
 Mode(frequency=3.0, damping=0.01, participation=[0, 0, 4, -17, 0])
     => participation: expected a list of 6 numbers or expressions, got [0, 0, 4, -17, 0].
 Beam(name="b", length=1, density=1, area=1, elements=0)
-    => elements: expected a whole number of at least 1, got 0.
+    => elements: expected a whole number from 1 to 200, got 0.
 Universal(name='j', parent='ground', child='b', axis1=(2, 0, 0), axis2=(-1, 0, 0))
     => axis1 [2.0, 0.0, 0.0] and axis2 [-1.0, 0.0, 0.0] are parallel, which is one rotation.
 PointMass(name=3, mass=1.0) => name: expected a text, got 3.

@@ -4,7 +4,6 @@
 2. Axes along the plane change no value: neither of joints, loads and springs, nor of sensors.
 """
 
-import sys
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,7 @@ def test_skew_plane_costs_planar_work(Q: np.ndarray) -> None:
 def test_without_a_common_plane_a_skew_one_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
     """The measure sees the difference: the planted bug is that no plane is recognized."""
     scene = two_link_arm.scene()
-    monkeypatch.setattr(sys.modules["mbdlft.multibody.assembly.resolved"], "align", lambda *_: None)
+    monkeypatch.setattr(resolved, "_common_axis", lambda *_: None)
     assert instructions(turned(scene, SKEW[0])) > 2 * instructions(scene)
 
 
@@ -138,7 +137,7 @@ def test_rotations_about_skew_axes_meet_two_components() -> None:
 
 def without_plane(monkeypatch: pytest.MonkeyPatch, scene: mbdlft.Scene) -> mbdlft.LFTModel:
     with monkeypatch.context() as patch:
-        patch.setattr(sys.modules["mbdlft.multibody.assembly.resolved"], "align", lambda *_: None)
+        patch.setattr(resolved, "_common_axis", lambda *_: None)
         return mbdlft.to_lft(scene, search=0.0)
 
 
@@ -157,7 +156,7 @@ def test_axes_along_the_plane_change_no_value(monkeypatch: pytest.MonkeyPatch) -
     roundoff(difference(found, expected), 0.0, kappa=10.0)
     assert sum(found.certificate.raw_order) < sum(expected.certificate.raw_order)
     # sensors are turned back: without that they have other components
-    monkeypatch.setattr(resolved.Aligned, "back", lambda self, measured: measured)
+    monkeypatch.setattr(resolved.Resolved, "back", lambda self, measured: measured)
     assert difference(mbdlft.to_lft(scene, search=0.0), expected) > 0.1
 
 

@@ -152,12 +152,17 @@ def test_damping_of_a_beam_is_a_sum() -> None:
 
 
 @pytest.mark.parametrize(
+    "deformations", [("torsion", "bending_y", "bending_z"), ("bending_y",), ("axial",)]
+)
+@pytest.mark.parametrize(
     ("axis", "inertia"), [((1, 0, 0), 0.07), ((0, 1, 0), 1 / 3 + 0.02), ((0, 0, 1), 1 / 3 + 0.05)]
 )
-def test_inertia_of_a_beam_that_is_not_deformed(axis: tuple[int, ...], inertia: float) -> None:
-    """rho (I_y + I_z) L about its axis, rho A L^3/3 + rho I L across it."""
+def test_inertia_of_a_beam_that_is_not_deformed(
+    axis: tuple[int, ...], inertia: float, deformations: tuple[str, ...]
+) -> None:
+    """rho (I_y + I_z) L about its axis, rho A L^3/3 + rho I L across it, whatever deforms."""
     body = scenes.beam(
-        deformations=("torsion", "bending_y", "bending_z"),
+        deformations=deformations,
         I_y=0.02,
         I_z=0.05,
         shear_modulus=1e3,

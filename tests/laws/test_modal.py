@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 import mbdlft
 from mbdlft import FiniteElements, ModalModel, Nodes, modal_model
-from mbdlft.elastic.modal import mass_matrix
 from mbdlft.elastic.nodes import transport
-from mbdlft.elastic.partition import partitioned
+from mbdlft.elastic.partition import mass_matrix, partitioned
 from mbdlft.elastic.reduction import Structure, candidates
 from mbdlft.multibody.body.elastic import dense
 from tests.close import roundoff

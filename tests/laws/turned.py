@@ -2,15 +2,15 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
-from importlib import import_module
 from unittest.mock import patch
 
 import casadi as ca
 import numpy as np
 
 import mbdlft
-from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, pass_inward
+from mbdlft.multibody.assembly.kinematics import Motions, Passed, pass_inward
+from mbdlft.multibody.assembly.newton_euler import Assembly
+from mbdlft.multibody.assembly.weights import Weights
 from tests import close
 
 _LEAST = 1e-3  # of its row: a smaller entry has cancelled
@@ -19,26 +19,21 @@ _LEAST = 1e-3  # of its row: a smaller entry has cancelled
 @contextmanager
 def forces_turned_on_the_way() -> Iterator[None]:
     """Scenes are assembled with it, also where weights could be felt in the axes of each lever."""
-    assembled = patch.object(
-        import_module("mbdlft.multibody.assembly.newton_euler"), "pass_weights_inward", _pass
-    )
-    with assembled, one_order_only():
+    with patch.object(Weights, "passed", _pass), one_order_only():
         yield
 
 
 @contextmanager
 def one_order_only() -> Iterator[None]:
     """Scenes are assembled once, with the weights in one order of products."""
-    module = import_module("mbdlft.multibody.to_problem")
-    right = module.assembly
-    with patch.object(module, "assembly", lambda scene: replace(right(scene), second_order=lambda: None)):
+    with patch.object(Assembly, "second_order", lambda self: None):
         yield
 
 
 def _pass(
-    placed: Placed, found: Motions, inertial: Mapping[str, ca.SX], loads: Mapping[str, ca.SX], load: ca.SX
+    weights: Weights, moving: Motions, inertial: Mapping[str, ca.SX], loads: Mapping[str, ca.SX]
 ) -> Passed:
-    return pass_inward(placed, found, {name: inertial[name] + loads[name] for name in inertial})
+    return pass_inward(weights.placed, moving, {name: inertial[name] + loads[name] for name in inertial})
 
 
 def compare(scene: mbdlft.Scene, one: mbdlft.LFTModel, bound: float) -> None:

@@ -16,11 +16,11 @@ from mbdlft.base.unit import Freedom, Signal
 from mbdlft.exact.operators import Operators
 from mbdlft.multibody import body, force, joint, scene_from_toml, scene_to_toml, sensor
 from mbdlft.multibody.body import Body
-from mbdlft.multibody.force import BodyWrench, Load, Space
+from mbdlft.multibody.force import BodyWrench, Load
 from mbdlft.multibody.joint.kinds import MovingJoint, sliding
 from mbdlft.multibody.joint.move import Move, Slide, shifted
-from mbdlft.multibody.sensor import Sensor, View
-from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
+from mbdlft.multibody.sensor import Sensor
+from mbdlft.multibody.spatial import Coordinate, Space, move_motion, move_wrench
 from mbdlft.pipeline import to_lft
 from mbdlft.problem.sx.tapes import arithmetic, fold
 
@@ -172,7 +172,7 @@ class Odometer(Sensor):
     components: ClassVar[tuple[Signal, ...]] = (Signal("way", "m"),)
     port: str
 
-    def measure(self, view: View) -> ca.SX:
+    def measure(self, view: Space) -> ca.SX:
         owner, small = view.small(self.port, 0)
         return view.across(small.displacement, owner, "ground")[0]
 

@@ -15,7 +15,6 @@ from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import degrees
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
-from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.equations import CURVED
@@ -25,9 +24,7 @@ _GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
 _PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow
 _RANK = 1e-9  # a constraint that is another one up to this part is redundant
 _STEP = 1e-2  # rad or m, to a position nearby that is compared with the equilibrium
-_NEARBY_RANK = (
-    1e-5  # constraints that are redundant at the equilibrium only are of the size of the step there
-)
+_NEARBY_RANK = 1e-5  # what is redundant at the equilibrium only is of the size of the step there
 _NEWTON = 12
 
 
@@ -35,25 +32,21 @@ _NEWTON = 12
 class Closure:
     """Which constraints are kept, and what they determine.
 
-    Attributes
-    ----------
-    rows : of the constraints that are kept
-    dependent : positions of the coordinates that they determine
-    yielding : positions of coordinates, empty for a statically determinate scene
-        The efforts of passive joints cannot balance the multipliers; deformations determine these. The
-        coordinates are those of elastic bodies, and as many of passive joints as the constraints feel.
+    In a statically indeterminate scene the efforts of passive joints cannot balance the multipliers, and
+    deformations determine these: `yielding` are the coordinates of elastic bodies, and as many of passive
+    joints as the constraints feel.
     """
 
-    rows: tuple[int, ...]
-    dependent: tuple[int, ...]
-    yielding: tuple[int, ...] = ()
+    rows: tuple[int, ...]  # of the constraints that are kept
+    dependent: tuple[int, ...]  # positions of the coordinates that they determine
+    yielding: tuple[int, ...] = ()  # positions of coordinates
 
 
 def constraint(loops: Sequence[Loop], view: View, order: int) -> ca.SX:
     """G w for the small motions w of one order: displacement, velocity or acceleration."""
     rows = []
     for loop in loops:
-        view.owner, values = owner_name(loop), _own(loop, view)
+        values = view.owned(loop)
         body, held = view.small(loop.parent, order)
         other, moved = view.small(loop.child, order)
         if loop.slides:
@@ -71,7 +64,7 @@ def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[Bod
     """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
     wrenches, k = [], 0
     for loop in loops:
-        view.owner, values = owner_name(loop), _own(loop, view)
+        values = view.owned(loop)
         body, at = view.port(loop.parent)
         other, there = view.port(loop.child)
         second = second_axis(loop, values, partial(view.across_now, source=other, target=body))
@@ -90,15 +83,8 @@ def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[Bod
     return wrenches
 
 
-def _own(loop: Loop, view: View) -> Values:
-    return view.now.values.get(owner_name(loop), {})
-
-
 def second_axis(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
-    """The axis (3,) of the child of a universal closure, in the axes of the closure; of others, nothing.
-
-    `across` gives components in the axes of the parent of a vector in those of the child.
-    """
+    """The axis (3,) of a universal closure's child, in the axes of the closure; of others, nothing."""
     if loop.axis2 is None:
         return ca.SX(3, 1)
     return loop.in_own_axes(across(unit_vector(loop.axis2)), values)
@@ -118,12 +104,13 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     for loop in scene.loops:
         loop_rows = slice(row, row := row + len(loop.signals()))
         _check_that_it_closes(loop, view, evaluate, explained[:, loop_rows])
-    rank, rows = _independent(matrices[0].T)
+    rank, rows = independent(matrices[0].T)
+    listed = f"{', '.join(loop.name for loop in scene.loops)}"
     for matrix in matrices[1:]:
-        if _independent(matrix.T)[0] != rank or _independent(matrix[rows].T)[0] != rank:
+        if independent(matrix.T)[0] != rank or independent(matrix[rows].T)[0] != rank:
             raise SceneError(
                 f"scene {scene.name!r}: the {rank} independent constraints of the loops "
-                f"{', '.join(loop.name for loop in scene.loops)} are not independent everywhere in the "
+                f"{listed} are not independent everywhere in the "
                 "range of the parameters: the mechanism passes a singular position, or constraints "
                 "are redundant at nominal only. Move the nominal values or narrow the ranges."
             )
@@ -132,10 +119,10 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
     weights[[degree.kind == "motion" for degree in degrees(view.now.links)]] = 0.0
-    follow, last = _independent((matrices[0][rows] * weights)[:, ::-1])
+    follow, last = independent((matrices[0][rows] * weights)[:, ::-1])
     if follow < rank:
         raise SceneError(
-            f"scene {scene.name!r}: the loops {', '.join(loop.name for loop in scene.loops)} hold joints "
+            f"scene {scene.name!r}: the loops {listed} hold joints "
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
@@ -148,7 +135,7 @@ def _yielding(view: View, held: Array) -> tuple[int, ...]:
     every = degrees(view.now.links)
     elastic = [k for k, degree in enumerate(every) if degree.kind == "elastic"]
     passive = [k for k, is_passive in enumerate(_passive(view)) if is_passive and k not in elastic]
-    rank, chosen = _independent(held[:, passive]) if passive else (0, [])
+    rank, chosen = independent(held[:, passive]) if passive else (0, [])
     if rank == len(held) or not elastic:
         return ()
     return tuple(sorted([*elastic, *(passive[k] for k in chosen)]))
@@ -161,8 +148,7 @@ def _check_that_it_moves_alike(
 
     Where branches of the motion cross, fewer are, and the linearized constraints let more move than does.
     """
-    gaps = [gap_of(loop, view) for loop in scene.loops]
-    gap = ca.vertcat(*gaps)
+    gap = ca.vertcat(*(gap_of(loop, view)[0] for loop in scene.loops))
     both = ca.horzcat(gap, ca.jacobian(gap, q))
     _, _, rows = np.linalg.svd(evaluate(ca.substitute(both, q, ca.DM.zeros(q.numel())))[0][:, 1:])
     free = rows[rank:].T
@@ -187,30 +173,33 @@ def _check_that_it_moves_alike(
         )
 
 
-def gap_of(loop: Loop, view: View) -> ca.SX:
-    """Gap of the ports, and of the directions that are held, at displaced positions."""
-    view.owner, values = owner_name(loop), _own(loop, view)
-    body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
-    apart = loop.in_own_axes(view.between(loop.parent, loop.child), values)
-    return ca.vertcat(
-        ca.mtimes(loop.held(), apart), _skewed(loop, values, lambda v: view.across_now(v, body, other))
-    )
+def gap_of(loop: Loop, view: View) -> tuple[ca.SX, ca.SX]:
+    """Gap (n,) of a loop at displaced positions, one for each multiplier, and cosines that must be 1.
 
-
-def _skewed(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) -> ca.SX:
-    """What directions (n,) that a closure holds differ by in the parent and in the child.
-
-    `across` gives components in the axes of the child of a vector in those of the parent.
+    The gap of a loop with one axis is the part of the child's axis across that of the parent; that of one
+    that allows no rotation is sin(angle) times the axis of the rotation from the child to the closure. A
+    gap is also zero where its cosine is -1: there one side is turned the wrong way round.
     """
+    values = view.owned(loop)
+    body, other = (view.find(port)[0] for port in (loop.parent, loop.child))
+
+    def seen(vectors: ca.SX) -> ca.SX:
+        in_parent = (view.across_now(v, other, body) for v in ca.horzsplit(vectors))
+        return loop.in_own_axes(ca.horzcat(*in_parent), values)
+
+    apart = ca.mtimes(loop.held(), loop.in_own_axes(view.between(loop.parent, loop.child), values))
+    same = loop.same()
     if loop.axis1 is not None and loop.axis2 is not None:
         first, second = unit_vector(loop.axis1), unit_vector(loop.axis2)
-        cosine = ca.dot(across(loop.in_parent_axes(first, values)), second)
-        return cosine - ca.dot(first, second)
-    same = loop.same()
-    differences = [
-        across(loop.in_parent_axes(same[:, k], values)) - same[:, k] for k in range(same.shape[1])
-    ]
-    return ca.vertcat(ca.SX(0, 1), *differences)
+        cosine = ca.dot(first, seen(second))
+        return ca.vertcat(apart, cosine - ca.dot(first, second)), ca.SX(0, 1)
+    if not same.shape[1]:
+        return apart, ca.SX(0, 1)
+    turned = seen(same)
+    if same.shape[1] == 1:
+        return ca.vertcat(apart, ca.mtimes(loop.turned_rows(ca.SX(3, 1)), turned)), ca.dot(same, turned)
+    twice_sine = ca.vertcat(*(turned[i, j] - turned[j, i] for i, j in ((2, 1), (0, 2), (1, 0))))
+    return ca.vertcat(apart, 0.5 * twice_sine), 0.5 * (ca.trace(turned) - 1.0)
 
 
 def _explained(scene: Scene, view: View, matrices: Sequence[Array]) -> Array:
@@ -230,54 +219,42 @@ def _passive(view: View) -> list[bool]:
     ]
 
 
-def _independent(columns: Array) -> tuple[int, list[int]]:
-    """Rank of a matrix, and the positions of columns that make it."""
+def independent(columns: Array, smallest: float = _RANK) -> tuple[int, list[int]]:
+    """Rank of a matrix, with pivots above `smallest` of the largest, and columns that make it."""
     _, triangle, order = qr(columns, mode="economic", pivoting=True)
     sizes = np.abs(np.diag(triangle))
-    rank = int(np.sum(sizes > _RANK * np.max(sizes, initial=0.0)))
+    rank = int(np.sum(sizes > smallest * np.max(sizes, initial=0.0)))
     return rank, sorted(int(k) for k in order[:rank])
-
-
-def _gap_at_nominal(loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> str:
-    """Where the two ports are at nominal, in the axes of the ground."""
-    places = [
-        ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[0][:, 0])
-        for port in (loop.parent, loop.child)
-    ]
-    return f", at [{places[0]}] and [{places[1]}] m of the ground at nominal"
 
 
 def _check_that_it_closes(
     loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], explained: Array
 ) -> None:
-    """The ports meet, and for a closure that holds directions these are parallel, at all points.
-
-    `explained` (N, rows) are the gaps that fitted positions may leave.
-    """
-    view.owner, values = owner_name(loop), _own(loop, view)
-    gaps, reach = view.gaps(loop.parent, loop.child, evaluate)
-    if loop.slides:
-        apart = view.between_at_rest(loop.parent, loop.child)
-        gaps = evaluate(ca.mtimes(loop.held(), loop.in_own_axes(apart, values)))
+    """The ports meet and held directions are parallel, but for the `explained` gaps (N, rows)."""
+    _, reach = view.gaps(loop.parent, loop.child, evaluate)
+    gap, cosines = gap_of(loop, view)
+    q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
+    at_rest = ca.substitute(ca.vertcat(gap, 1.0 - cosines), q, ca.SX.zeros(q.numel()))
     count = loop.held().shape[0]
-    widest = max(float(np.linalg.norm(gap)) for gap in gaps)
-    allowed = np.linalg.norm(explained[:, :count], axis=1)
-    excess = np.max(np.linalg.norm(gaps, axis=(1, 2)) - allowed)
+    apart, skewed = np.split(np.stack(evaluate(at_rest))[:, :, 0], [count], axis=1)
+    widest = float(np.max(np.linalg.norm(apart, axis=1)))
+    excess = np.max(np.linalg.norm(apart, axis=1) - np.linalg.norm(explained[:, :count], axis=1))
     if not excess <= _GAP * reach:
+        at, there = (
+            ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[0][:, 0])
+            for port in (loop.parent, loop.child)
+        )
         raise SceneError(
             f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
             f"{widest:.3g} m apart{' across the axis' if loop.slides else ''} at nominal or elsewhere in "
-            f"the range{_gap_at_nominal(loop, view, evaluate)}. Correct the positions of the joints; "
-            "where a parameter changes the shape of the loop they must follow it."
+            f"the range, at [{at}] and [{there}] m of the ground at nominal. Correct the positions of "
+            "the joints; where a parameter changes the shape of the loop they must follow it."
         )
-    body, other = (view.port(port)[0] for port in (loop.parent, loop.child))
-    turned = _skewed(loop, values, lambda v: view.across(v, body, other))
-    if turned.numel():
-        skewed = max(float(np.max(np.abs(value))) for value in evaluate(turned))
-        largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))
-        if not skewed <= _GAP + largest:
-            raise SceneError(
-                f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
-                f"in {loop.child!r}: they differ by {skewed:.3g} rad at nominal or elsewhere in the "
-                "range. Give the loop or the joints an orientation that makes them parallel."
-            )
+    largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))
+    angle = float(np.max(np.abs(skewed), initial=0.0))
+    if not angle <= _GAP + largest:
+        raise SceneError(
+            f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
+            f"in {loop.child!r}: they differ by {angle:.3g} rad at nominal or elsewhere in the "
+            "range. Give the loop or the joints an orientation that makes them parallel."
+        )

@@ -45,31 +45,20 @@ _PERIODIC = "The linear model would be periodic in time"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Turning:
-    """A body that turns steadily: the axis (3,) in its axes, and its inboard port from the axis (3,) (m).
+    """A body that turns steadily."""
 
-    `joint` is the one with the rate; `head` is the body with which it is rigid, nearest to that joint.
-    """
-
-    joint: Revolute
-    axis: ca.SX
-    off: ca.SX
-    head: str
+    joint: Revolute  # the one with the rate
+    axis: ca.SX  # (3,) in the axes of the body
+    off: ca.SX  # (3,) its inboard port from the axis (m)
+    head: str  # the body with which it is rigid, nearest to that joint
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Steady:
-    """The bodies of a scene that turn steadily, by name, and the momenta of joints by owner and label."""
-
-    bodies: Mapping[str, Turning]
-    momenta: Mapping[str, Values]
-
-
-def steady(
+def steady_momenta(
     scene: Scene, links: tuple[Link, ...], symbols: Symbols, values: Mapping[str, Values]
-) -> Steady:
-    """What turns at a steady rate."""
+) -> dict[str, Values]:
+    """Momenta of the joints of what turns at a steady rate, by owner and label; it is checked."""
     if not any("rate" in values[link.owner] for link in links):
-        return Steady({}, {})
+        return {}
     still = {
         owner: Coordinate(*(ca.SX(at.q.numel(), 1) for _ in range(3)))
         for owner, at in symbols.coordinates(links).items()
@@ -86,7 +75,7 @@ def steady(
     find.check_loads()
     find.check_sensors()
     find.check_loops()
-    return Steady(find.bodies, find.momenta)
+    return find.momenta
 
 
 class _Finder:
@@ -154,7 +143,12 @@ class _Finder:
         self._check_symmetry(link, axis, J, first)
         rate = self.at_rest.values[f"joint {turning.joint.name!r}"]["rate"]
         # a joint along the same axis may count it the other way
-        along = float(np.sign(self.symbols.evaluate(ca.dot(axis, self._axis_at(link)))[0][0, 0]))
+        steady_axis = turning.axis
+        if link.parent.name in self.bodies:
+            steady_axis = self.bodies[link.parent.name].axis
+            for move in self.at_rest.moves[link.child.name]:
+                steady_axis = move.in_child_axes(steady_axis)
+        along = float(np.sign(self.symbols.evaluate(ca.dot(axis, steady_axis))[0][0, 0]))
         about = ca.dot(axis, ca.mtimes(J, axis))
         actuator = ca.SX(0)
         for freedom in joint.freedoms:
@@ -167,15 +161,6 @@ class _Finder:
             MOMENTUM: sign * rate * about,
             ROTOR: sign * rate * actuator if not actuator.is_zero() else 0.0,
         }
-
-    def _axis_at(self, link: Link) -> ca.SX:
-        """The axis (3,) of the joint with the rate in the axes of a child on the same line."""
-        if link.parent.name not in self.bodies:
-            return self.bodies[link.child.name].axis
-        axis = self.bodies[link.parent.name].axis
-        for move in self.at_rest.moves[link.child.name]:
-            axis = move.in_child_axes(axis)
-        return axis
 
     def _inertia(self, link: Link) -> tuple[ca.SX, ca.SX]:
         """Inertia (3, 3) about the inboard port of what is rigid with a child, and the matrix (3, 3) of
@@ -211,10 +196,11 @@ class _Finder:
             "product of inertia across the axis (kg m^2)": crossed,
             "difference of the moments across the axis (kg m^2)": moments[0] - moments[1],
         }
-        wrong = []
-        for what, asymmetry in asymmetries.items():
-            if not self._vanishes(asymmetry):
-                wrong.append(f"{what} {self._size(ca.SX(asymmetry))}")
+        wrong = [
+            f"{what} {self._size(ca.SX(asymmetry))}"
+            for what, asymmetry in asymmetries.items()
+            if not self._vanishes(asymmetry)
+        ]
         if wrong:
             turning = self.bodies[link.child.name].joint
             raise SceneError(
@@ -233,7 +219,7 @@ class _Finder:
         return f"{max(float(np.max(np.abs(value))) for value in self.symbols.evaluate(expression)):.3g}"
 
     def _vanishes(self, *expressions: ca.SX) -> bool:
-        """Whether expressions are zero for all values of the parameters, as far as they are given.
+        """Whether expressions are zero for all values of the parameters.
 
         Entries of inertias that are not given are taken as those of a sphere: they are asked for where
         a motion feels them.
@@ -253,8 +239,7 @@ class _Finder:
 
     def _is_on_axis(self, body: str, port: str) -> bool:
         turning = self.bodies[body]
-        arm = turning.off + port_arm(self.at_rest, body, port)
-        return self._vanishes(ca.cross(turning.axis, arm))
+        return self._vanishes(ca.cross(turning.axis, turning.off + port_arm(self.at_rest, body, port)))
 
     def _turning(self, port: str) -> tuple[Turning, str, str] | None:
         """What turns at a port, with the names of the body and of the port."""
@@ -292,7 +277,11 @@ class _Finder:
         for sensor in self.scene.sensors:
             frame = getattr(sensor, "frame", "ground")
             at_port = self._turning(getattr(sensor, "port", frame))
-            inner = self._inner_joint(getattr(sensor, "joint", ""))
+            name = getattr(sensor, "joint", "")
+            inside = any(
+                link.joint.name == name and link.parent.name in self.bodies for link in self.at_rest.links
+            )
+            inner = f"joint {name!r} " if inside else ""  # between bodies that turn
             if frame in self.bodies or inner:
                 raise SceneError(
                     f"sensor {sensor.name!r}: {inner or f'frame {frame!r} '}turns at a steady rate. "
@@ -309,13 +298,6 @@ class _Finder:
                     f"port on the axis can be measured; the rate is {turning.joint.name}.rate, and other "
                     "sensors stand on the body that carries the joint."
                 )
-
-    def _inner_joint(self, name: str) -> str:
-        """The words for a joint between bodies that turn; empty for another one."""
-        for link in self.at_rest.links:
-            if link.joint.name == name and link.parent.name in self.bodies:
-                return f"joint {name!r} "
-        return ""
 
     def check_loops(self) -> None:
         """Loops hold points on the axis, and directions across it."""
@@ -341,13 +323,9 @@ class _Finder:
 
 
 def body_momenta(links: Sequence[Link], values: Mapping[str, Values]) -> dict[str, ca.SX]:
-    """Momenta (3,) of bodies by name (N m s), along the axes of joints by which they turn steadily.
-
-    That of a body has those of all that are rigid with it.
-    """
-    momenta = {}
-    for link in links:
-        quantities = values[link.owner]
-        if MOMENTUM in quantities and isinstance(link.joint, AxisJoint):
-            momenta[link.child.name] = link.joint.direction() * quantities[MOMENTUM]
-    return momenta
+    """Momenta (3,) of bodies by name (N m s), with all that is rigid with them."""
+    return {
+        link.child.name: link.joint.direction() * values[link.owner][MOMENTUM]
+        for link in links
+        if MOMENTUM in values[link.owner] and isinstance(link.joint, AxisJoint)
+    }

@@ -19,35 +19,29 @@ from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import Link, PortJoint, find_port
 from mbdlft.multibody.body import GROUND, Body
+from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Move
 from mbdlft.multibody.joint.move import Hinge
+from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name
-from mbdlft.multibody.sensor import Small
-from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench
+from mbdlft.multibody.spatial import Coordinate, Small, move_motion, move_wrench
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """A tree at some coordinates.
+    """A tree at some coordinates."""
 
-    Attributes
-    ----------
-    links : from the ground outward
-    moves : factors of the joint of each link, by child
-    arms : (3,) from the inboard port of the parent to the joint of each link, by child (m)
-    inboard : (3,) from the origin of each body to its inboard port, by body (m)
-    elastic : coordinates of the elastic bodies, by body
-    bodies : by name
-    values : quantities by owner
-    """
-
-    links: tuple[Link, ...]
-    moves: Mapping[str, tuple[Move, ...]]
-    arms: Mapping[str, ca.SX]
-    inboard: Mapping[str, ca.SX]
-    elastic: Mapping[str, Coordinate]
+    links: tuple[Link, ...]  # from the ground outward
+    moves: Mapping[str, tuple[Move, ...]]  # factors of the joint of each link, by child
+    arms: Mapping[str, ca.SX]  # (3,) from the parent's inboard port to the joint, by child (m)
+    inboard: Mapping[str, ca.SX]  # (3,) from the origin of each body to its inboard port (m)
+    elastic: Mapping[str, Coordinate]  # of the elastic bodies
     bodies: Mapping[str, Body]
-    values: Mapping[str, Values]
+    values: Mapping[str, Values]  # quantities by owner
+
+    def of(self, body: Body) -> Values:
+        """Quantities of a body by label."""
+        return self.values.get(owner_name(body), {})
 
 
 def place(
@@ -90,10 +84,7 @@ class Motions(NamedTuple):
 
 
 def motions(placed: Placed, ground: ca.SX, others: Mapping[str, ca.SX] = MappingProxyType({})) -> Motions:
-    """Motions of all bodies for a motion (3, 3) of the origin of the ground.
-
-    `others` are motions of bodies from which links start that do not lead to the ground.
-    """
+    """Motions of all bodies for those (3, 3) of the ground and of `others`, where other links start."""
     bodies = {GROUND: ground, **others}
     after: dict[str, list[ca.SX]] = {}
     for link in placed.links:
@@ -107,11 +98,8 @@ def motions(placed: Placed, ground: ca.SX, others: Mapping[str, ca.SX] = Mapping
 def inertial_wrenches(placed: Placed, moving: Motions) -> dict[str, ca.SX]:
     """Wrench (3, 2) that the motion of each body needs, about its inboard port."""
     return {
-        link.child.name: link.child.wrench(
-            moving.bodies[link.child.name],
-            placed.values.get(owner_name(link.child), {}),
-            placed.inboard[link.child.name],
-            placed.elastic[link.child.name],
+        (name := link.child.name): link.child.wrench(
+            moving.bodies[name], placed.of(link.child), placed.inboard[name], placed.elastic[name]
         )
         for link in placed.links
     }
@@ -120,10 +108,8 @@ def inertial_wrenches(placed: Placed, moving: Motions) -> dict[str, ca.SX]:
 def body_efforts(placed: Placed, moving: Motions) -> dict[str, ca.SX]:
     """Generalized forces (n,) that the coordinates of each body need; a rigid one has none."""
     return {
-        owner_name(link.child): link.child.efforts(
-            moving.bodies[link.child.name],
-            placed.values.get(owner_name(link.child), {}),
-            placed.elastic[link.child.name],
+        owner_name(body := link.child): body.efforts(
+            moving.bodies[body.name], placed.of(body), placed.elastic[body.name]
         )
         for link in placed.links
     }
@@ -161,18 +147,8 @@ def pass_inward(placed: Placed, moving: Motions, needed: Mapping[str, ca.SX]) ->
 
 def pulled(placed: Placed, joint: PortJoint, wrench: ca.SX) -> ca.SX:
     """Generalized forces (n,) by which the wrench (3, 2) through a port stiffens its body."""
-    body, values = joint.body, placed.values.get(owner_name(joint.body), {})
-    return body.pulled(joint.port, values, wrench[:, 0], placed.elastic[body.name])
-
-
-def chain(placed: Placed, body: str) -> list[str]:
-    """Names of the bodies from the ground (left out) to `body`."""
-    parents = {link.child.name: link.parent.name for link in placed.links}
-    names: list[str] = []
-    while body != GROUND:
-        names.insert(0, body)
-        body = parents[body]
-    return names
+    body = joint.body
+    return body.pulled(joint.port, placed.of(body), wrench[:, 0], placed.elastic[body.name])
 
 
 def across(placed: Placed, vector: ca.SX, source: str, target: str) -> ca.SX:
@@ -204,14 +180,18 @@ def between(placed: Placed, a: tuple[str, str], b: tuple[str, str]) -> ca.SX:
 
 def _path(placed: Placed, source: str, target: str) -> tuple[list[str], list[str]]:
     """Links to go inward from `source`, then outward to `target`, by child."""
-    first, second = chain(placed, source), chain(placed, target)
-    while first and second and first[0] == second[0]:
-        first, second = first[1:], second[1:]
-    return first[::-1], second
+    parents = {link.child.name: link.parent.name for link in placed.links}
+    up, down = [source], [target]
+    for chain in (up, down):
+        while chain[-1] != GROUND:
+            chain.append(parents[chain[-1]])
+    while up and down and up[-1] == down[-1]:
+        up, down = up[:-1], down[:-1]
+    return up, down[::-1]
 
 
 class View:
-    """The `Space` of loads and the `View` of sensors, over one tree and one set of symbols.
+    """The `Space` of loads and sensors, over one tree and one set of symbols.
 
     Small motions of all orders are those of `vdot` at rest: at first order displacement, velocity and
     acceleration are the same linear function of q, v and vdot.
@@ -239,9 +219,12 @@ class View:
     @cached_property
     def rest(self) -> Placed:
         """The tree at equilibrium; not every scene asks for it."""
-        now = self.now
-        coordinates = {name: _at_rest(coordinate, None) for name, coordinate in self.coordinates.items()}
-        return place(now.links, now.bodies, now.values, coordinates)
+        return self._with_accelerations(None)
+
+    def owned(self, item: Load | Loop) -> Values:
+        """Quantities of a load or loop; messages name it from now on."""
+        self.owner = owner_name(item)
+        return self.now.values.get(self.owner, {})
 
     def find(self, port: str) -> tuple[str, str]:
         """Body and port by name."""
@@ -270,12 +253,10 @@ class View:
     def gaps(
         self, a: str, b: str, evaluate: Callable[[ca.SX], Sequence[Array]]
     ) -> tuple[Sequence[Array], float]:
-        """Vectors (3, 1) from port a to port b at equilibrium, and the largest length in them (m).
+        """Vectors (3, 1) from port a to port b at equilibrium by `evaluate`, and the largest length (m).
 
         The lengths are those from the ground to the ports, and those in the bodies of the ports: a port
         at the origin of the scene may be there by two lengths that cancel.
-
-        `evaluate` gives the values of an expression at some points of the range.
         """
         arms = [self.between_at_rest("ground", port) for port in (a, b)]
         arms += [port_arm(self.rest, *self.find(port)) for port in (a, b)]
@@ -330,25 +311,20 @@ class View:
         return total
 
     def mass(self) -> ca.SX:
-        total = ca.SX(0)
-        for link in self.now.links:
-            values = self.now.values.get(owner_name(link.child), {})
-            total = total + link.child.total_mass(values)
-        return total
+        masses = (link.child.total_mass(self.now.of(link.child)) for link in self.now.links)
+        return sum(masses, start=ca.SX(0))
 
     def _linear(self, order: int) -> tuple[Placed, Motions]:
         """The tree at rest, with small motions of one order in place of accelerations."""
         if order not in self._small:
-            now = self.now
-            coordinates = {
-                name: _at_rest(coordinate, order) for name, coordinate in self.coordinates.items()
-            }
-            placed = place(now.links, now.bodies, now.values, coordinates)
+            placed = self._with_accelerations(order)
             self._small[order] = placed, motions(placed, ca.SX(3, 3))
         return self._small[order]
 
-
-def _at_rest(coordinate: Coordinate, order: int | None) -> Coordinate:
-    """q = v = 0, and the coordinates of one order as accelerations (none: zero)."""
-    zero = ca.SX(coordinate.q.numel(), 1)
-    return Coordinate(zero, zero, zero if order is None else coordinate[order])
+    def _with_accelerations(self, order: int | None) -> Placed:
+        """The tree with q = v = 0, and the coordinates of one order as accelerations (None: zero)."""
+        coordinates = {}
+        for name, at in self.coordinates.items():
+            zero = ca.SX(at.q.numel(), 1)
+            coordinates[name] = Coordinate(zero, zero, zero if order is None else at[order])
+        return place(self.now.links, self.now.bodies, self.now.values, coordinates)

@@ -1,8 +1,18 @@
-"""From a scene to its equations: the recursive Newton-Euler residual of the tree."""
+"""From a scene to its equations: the recursive Newton-Euler residual of the tree.
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+That its mass matrix is regular at every value of the parameters is proved as follows.
+Let the joints of a tree of rigid bodies have the rates v, not all zero. Of the joints with rates that
+are not zero take one that is nearest to the ground. Its parent is at rest, so its child, and what is
+fixed to it, move as the joint alone moves them, with the energy v_j' H_j v_j / 2; the energy of no body
+is negative. If H_j > 0 for every joint, the energy v'M v / 2 is positive, and M is regular. H_j depends
+on what is declared at one joint and a few bodies only, so intervals show that its pivots are positive,
+with the range cut where they have to.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,79 +20,121 @@ import numpy as np
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
+from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
+from mbdlft.multibody.assembly import signals
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.gyrostat import body_momenta
 from mbdlft.multibody.assembly.kinematics import (
     Passed,
+    Placed,
     View,
     inertial_wrenches,
     motions,
     pass_inward,
     place,
 )
-from mbdlft.multibody.assembly.regular import is_regular
 from mbdlft.multibody.assembly.resolved import Resolved, in_plane, resolve
-from mbdlft.multibody.assembly.signals import (
-    Effort,
-    acting,
-    body_channels,
-    check_springs,
-    force_density,
-    ground_motion,
-    list_efforts,
-    measures,
-    moved_coordinates,
-    static_deflections,
-    steady_angles,
-    uniform_load,
-)
-from mbdlft.multibody.assembly.tree import (
-    Link,
-    PortJoint,
-    Symbols,
-    all_bodies,
-    coordinate_owners,
-    degrees,
-)
-from mbdlft.multibody.assembly.weights import efforts_by_products, gains_by_products, pass_weights_inward
+from mbdlft.multibody.assembly.signals import Effort
+from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
+from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint.move import turning_along
-from mbdlft.multibody.scene.checks import check_fit
+from mbdlft.multibody.scene.checks import LABELS, check_fit
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate, column
 from mbdlft.problem.equations import Equations, rounded, rows_of
 from mbdlft.problem.relations import LinearModel, constraint_relations
+from mbdlft.problem.sx.constants import in_doubles, is_constant
+from mbdlft.problem.sx.tapes import arithmetic, fold
 
+_RULES = arithmetic(decimal, FUNCTIONS)
+_PRODUCTS = tuple(f"inertia.{name}" for name in PRODUCTS)
+_MATRIX = tuple(f"inertia.{k}" for k in ("xx", "xy", "xz", "xy", "yy", "yz", "xz", "yz", "zz"))
 _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entry is not seen
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Assembly:
-    """The equations of a scene, and the same with the weights in another order of products.
+    """A resolved scene in motion, before wrenches are passed inward; and the equations made of it."""
 
-    Attributes
-    ----------
-    equations : Equations
-        In doubles.
-    exact : Equations
-        With constants that are not rounded, as in `sx.constants`.
-    second_order : function without arguments
-        The exact equations in the other order of products of `weights.py`; None if that gains nothing.
-    is_regular : function without arguments
-        Whether the accelerations are proved to be determined at every value of the parameters; False
-        says that it was not proved.
-    constraints : function without arguments
-        What has to be regular for the constraints of closed loops to be independent; see `Problem`.
-    """
+    resolved: Resolved
+    view: View
+    closure: Closure  # rows of the loops that are kept
+    efforts: tuple[Effort, ...]  # entries of u
+    u: ca.SX
+    z: ca.SX
+    base: ca.SX  # (3,) acceleration of the frame less gravity
+    load: ca.SX  # (3,) symbols for it, where it is not zero
+    field: ca.SX  # (3,) the same with the components that are unknown
+    inertial: Mapping[str, ca.SX]  # wrenches (3, 2) that the motions of the bodies need
+    loads: Mapping[str, ca.SX]  # those of the loads, with the other sign
 
-    equations: Equations
-    exact: Equations
-    second_order: Callable[[], Equations | None]
-    is_regular: Callable[[], bool] = lambda: False
-    constraints: Callable[[], tuple[LinearModel, LinearModel] | None] = lambda: None
+    @property
+    def _has_weights(self) -> bool:
+        """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
+        scene = self.resolved.scene
+        return self.field.nnz() > 0 and not (scene.spin or scene.loops)
+
+    @cached_property
+    def _passed(self) -> Passed:
+        """Inward pass of the inertial wrenches and the loads."""
+        now, moving = self.view.now, self.view.motions
+        if self._has_weights:
+            return Weights(now, self.field).passed(moving, self.inertial, self.loads)
+        return self.passed_as_displaced()
+
+    def passed_as_displaced(self) -> Passed:
+        """The same for displacements of any size."""
+        total = {name: self.inertial[name] + self.loads[name] for name in self.inertial}
+        return pass_inward(self.view.now, self.view.motions, total)
+
+    @cached_property
+    def exact(self) -> Equations:
+        """The equations with constants that are not rounded, as in `sx.constants`."""
+        return _equations(self, self._passed)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The same in doubles."""
+        return rounded(self.exact)
+
+    def second_order(self) -> Equations | None:
+        """The exact equations in the other order of products of `weights`; None if that gains nothing."""
+        now, moving = self.view.now, self.view.motions
+        if not (self._has_weights and gains_by_products(now)):
+            return None
+        efforts = Products(now, self.field).passed(moving, self.inertial, self.loads).efforts
+        return _equations(self, self._passed._replace(efforts=efforts))
+
+    def constraints(self) -> tuple[LinearModel, LinearModel] | None:
+        """What has to be regular for the constraints of closed loops to be independent; see `Problem`."""
+        first = 2 * self.exact.degrees_of_freedom  # their displacements stand behind the dynamics
+        rows = range(first, first + len(self.closure.rows))
+        return constraint_relations(self.exact, rows, self.closure.dependent)
+
+    def is_regular(self) -> bool:
+        """Whether accelerations are proved to be determined at every value; False: it was not proved."""
+        symbols, now = self.resolved.symbols, self.view.now
+        if self.resolved.scene.loops or any(isinstance(b, ElasticBody) for b in now.bodies.values()):
+            return False
+        owners = (owner for link in now.links for owner in (owner_name(link.child), link.owner))
+        if not all(_has_energy(now.values.get(owner, {}), symbols) for owner in owners):
+            return False
+        coordinates = {
+            owner: Coordinate(zero := ca.SX(at.q.numel(), 1), zero, at.a)
+            for owner, at in self.view.coordinates.items()
+        }
+        at_rest = place(now.links, now.bodies, now.values, coordinates)
+        for link in at_rest.links:
+            if link.joint.freedoms and not getattr(link.joint, "imposed", False):
+                efforts = in_doubles(_efforts_alone(at_rest, link))
+                mass = ca.jacobian(efforts, coordinates[link.owner].a)
+                if not _keeps_positive(_pivots(mass), symbols):
+                    return False
+        return True
 
 
 def assemble(scene: Scene) -> Equations:
@@ -101,88 +153,36 @@ def assemble(scene: Scene) -> Equations:
 
 
 def assembly(scene: Scene) -> Assembly:
-    """As `assemble`, with both orders of products; the second reuses all but the inward pass."""
+    """As `assemble`, with all that the equations are made of."""
     resolved = resolve(scene)
-    _check_spin(scene)
-    mechanics = _mechanics(in_plane(resolved))
-    exact = _equations(mechanics, mechanics.passed())
-    return Assembly(
-        rounded(exact),
-        exact,
-        partial(_second_order, mechanics),
-        partial(_is_regular, mechanics),
-        partial(_constraints, mechanics, exact),
-    )
+    bodies = (body for body in scene.bodies if isinstance(body, ElasticBody))
+    elastic = [body.name for body in bodies if not body.can_spin]
+    if scene.spin and elastic:
+        raise SceneError(
+            f"scene {scene.name!r}: the frame spins and body {elastic[0]!r} is elastic. Centrifugal "
+            "loads change its stiffness, which is known for a 'beam' without torsion, shear and rotary "
+            "inertia only: modal data do not say it. Use such beams, or rigid bodies and springs."
+        )
+    r = in_plane(resolved)
+    view = r.view()
+    closure = close_loops(r.scene, view, r.symbols.evaluate)
+    signals.check_springs(r.scene, view, r.symbols.evaluate)
+    springs = [load for load in r.scene.loads if isinstance(load, Spring)]
+    return in_motion(r, view, closure, {s.name: signals.force_density(s, view) for s in springs})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Mechanics:
-    """A resolved scene in motion, before wrenches are passed inward.
-
-    Attributes
-    ----------
-    view : View
-        The tree with the motions of its bodies.
-    closure : rows of the loops that are kept
-    efforts : entries of u
-    u, z : SX symbols, as in `Equations`
-    base, load : SX (3,)
-        Acceleration of the frame less gravity: its value, and symbols where it is not zero.
-    field : SX (3,)
-        The same with the components that are unknown.
-    inertial, loads : SX (3, 2) by body
-        Wrenches that the motions need, and those of the loads, with the other sign.
-    """
-
-    resolved: Resolved
-    view: View
-    closure: Closure
-    efforts: tuple[Effort, ...]
-    u: ca.SX
-    z: ca.SX
-    base: ca.SX
-    load: ca.SX
-    field: ca.SX
-    inertial: Mapping[str, ca.SX]
-    loads: Mapping[str, ca.SX]
-
-    @property
-    def has_weights(self) -> bool:
-        """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
-        scene = self.resolved.scene
-        return self.field.nnz() > 0 and not (scene.spin or scene.loops)
-
-    def passed(self) -> Passed:
-        """Inward pass of the inertial wrenches and the loads."""
-        now, moving = self.view.now, self.view.motions
-        if self.has_weights:
-            return pass_weights_inward(now, moving, self.inertial, self.loads, self.field)
-        total = {name: self.inertial[name] + self.loads[name] for name in self.inertial}
-        return pass_inward(now, moving, total)
-
-
-def _mechanics(r: Resolved) -> _Mechanics:
-    scene, links, values = r.scene, r.links, r.values
-    uniform = values[f"scene {scene.name!r}"]
-    gravity = column(uniform[f"gravity.{a}"] for a in AXES)
+def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
+    """The bodies of a view in motion; `laws` are magnitudes of springs by name (None: unknown)."""
+    scene, uniform = r.scene, r.values[f"scene {r.scene.name!r}"]
     base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
-    view = View(links, all_bodies(scene), values, r.symbols.coordinates(links), gravity)
-    closure = close_loops(scene, view, r.symbols.evaluate)
-    check_springs(scene, view, r.symbols.evaluate)
-    densities = {
-        load.name: force_density(load, values[owner_name(load)], view)
-        for load in scene.loads
-        if isinstance(load, Spring)
-    }
-    efforts = list_efforts(r, densities, closure)
+    efforts = signals.list_efforts(r, laws, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    inertial, loads = body_wrenches(
-        r, view, ground_motion(scene, uniform, load, efforts, u), acting(r, view, closure, u, z)
-    )
-    field = uniform_load(scene, load, efforts, u)
-    return _Mechanics(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
+    ground = signals.ground_motion(scene, uniform, load, efforts, u)
+    inertial, loads = body_wrenches(r, view, ground, signals.acting(r, view, closure, u, z))
+    field = signals.uniform_load(scene, load, efforts, u)
+    return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
 def body_wrenches(
@@ -204,54 +204,21 @@ def body_wrenches(
     return inertial, against
 
 
-def _is_regular(m: _Mechanics) -> bool:
-    """By the theorem of `regular.py`, for a tree."""
-    r = m.resolved
-    if r.scene.loops:
-        return False
-    coordinates = {
-        owner: Coordinate(zero := ca.SX(at.q.numel(), 1), zero, at.a)
-        for owner, at in m.view.coordinates.items()
-    }
-    now = m.view.now
-    at_rest = place(now.links, now.bodies, now.values, coordinates)
-    accelerations = {owner: at.a for owner, at in m.view.coordinates.items()}
-    symbols = (r.symbols.p, r.symbols.cosine, r.symbols.sine)
-    return is_regular(at_rest, accelerations, r.parameters, symbols)
-
-
-def _constraints(m: _Mechanics, exact: Equations) -> tuple[LinearModel, LinearModel] | None:
-    """Relations of the closures, whose displacements stand behind the dynamics in the residual."""
-    first = 2 * exact.degrees_of_freedom
-    rows = range(first, first + len(m.closure.rows))
-    return constraint_relations(exact, rows, m.closure.dependent)
-
-
-def _second_order(m: _Mechanics) -> Equations | None:
-    """The equations in the other order of products; None if that gains nothing."""
-    now, moving = m.view.now, m.view.motions
-    if not (m.has_weights and gains_by_products(now)):
-        return None
-    passed = m.passed()
-    efforts = efforts_by_products(now, moving, m.inertial, m.loads, m.field)
-    return _equations(m, passed._replace(efforts={**passed.efforts, **efforts}))
-
-
-def _equations(m: _Mechanics, passed: Passed) -> Equations:
+def _equations(m: Assembly, passed: Passed) -> Equations:
     r, view, symbols = m.resolved, m.view, m.resolved.symbols
     scene, links = r.scene, r.links
     view.passed = passed
-    channels = body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
-    efforts, deflections = static_deflections(r, m.closure, m.u)
-    dynamics = _dynamics(links, symbols, r.values, view, efforts) - channels.forces
+    channels = signals.body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
+    efforts, deflections = signals.static_deflections(r, m.closure, m.u)
+    dynamics = _dynamics(r, view, efforts) - channels.forces
     n = symbols.q.numel()
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
     if m.closure.yielding:
         held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
-    moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
+    moved = signals.moved_coordinates(links, [effort.signal.name for effort in m.efforts])
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, default = measures(r, view, channels)
+    measured, y_signals, default = signals.measures(r, view, channels)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)
@@ -285,7 +252,7 @@ def _equations(m: _Mechanics, passed: Passed) -> Equations:
         equilibrium_signals=tuple(degree.effort for degree in every),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=default,
-        ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
+        ignorable=tuple(states.index(k) for k in signals.steady_angles(links) if k in states),
         moved=moved,
         carried=carried,
         carried_by=carried_by,
@@ -301,35 +268,18 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
-def _check_spin(scene: Scene) -> None:
-    bodies = (body for body in scene.bodies if isinstance(body, ElasticBody))
-    elastic = [body.name for body in bodies if not body.can_spin]
-    if scene.spin and elastic:
-        raise SceneError(
-            f"scene {scene.name!r}: the frame spins and body {elastic[0]!r} is elastic. Centrifugal "
-            "loads change its stiffness, which is known for a 'beam' without torsion, shear and rotary "
-            "inertia only: modal data do not say it. Use such beams, or rigid bodies and springs."
-        )
-
-
-def _dynamics(
-    links: tuple[Link, ...],
-    symbols: Symbols,
-    values: Mapping[str, Values],
-    view: View,
-    acting_efforts: ca.SX,
-) -> ca.SX:
+def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX) -> ca.SX:
     """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
-    needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(links)))
+    needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(r.links)))
     rows: list[ca.SX] = []
-    for row, degree in enumerate(degrees(links)):
+    for row, degree in enumerate(degrees(r.links)):
         if degree.kind in ("imposed", "motion"):
-            rows.append(symbols.a[row] - acting_efforts[row])
+            rows.append(r.symbols.a[row] - acting_efforts[row])
             continue
-        effort, quantities = needed[row], values.get(degree.owner, {})
+        effort, quantities = needed[row], r.values.get(degree.owner, {})
         if degree.kind == "joint":
-            effort += quantities.get(degree.label("stiffness"), 0.0) * symbols.q[row]
-            rate = symbols.v[row] + quantities.get("rate", 0.0)
+            effort += quantities.get(degree.label("stiffness"), 0.0) * r.symbols.q[row]
+            rate = r.symbols.v[row] + quantities.get("rate", 0.0)
             effort += quantities.get(degree.label("damping"), 0.0) * rate
         rows.append(effort - acting_efforts[row])
     return ca.vertcat(*rows)
@@ -351,7 +301,7 @@ def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...
 def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
     """The relations without placeholders of inertia entries; an error if the motion sees one."""
     owners_of = {
-        unseen_name(body.name, entry): (body.name, entry)
+        unseen_name(body.name, entry): (body, entry)
         for body in scene.bodies
         for entry in (*DIAGONAL, *PRODUCTS)
     }
@@ -366,15 +316,84 @@ def without_unseen(scene: Scene, relations: ca.SX) -> ca.SX:
     )
     point = np.random.default_rng(0).uniform(0.5, 1.0, sensitivity.size1_in(0))
     seen = np.max(np.abs(sensitivity(point, np.ones(len(placeholders))).full()), axis=0)
-    felt: dict[str, list[str]] = {}
+    felt: dict[str, set[str]] = {}
     for symbol, size in zip(placeholders, seen, strict=True):
         if size > _SEEN:
             body, entry = owners_of[symbol.name()]
-            felt.setdefault(body, []).append(f"inertia.{entry}")
+            felt.setdefault(body.name, set()).update(body.unseen(entry))
     if felt:
-        missing = "; ".join(f"body {body!r}: {', '.join(sorted(set(felt[body])))}" for body in felt)
+        missing = "; ".join(f"body {body!r}: {', '.join(sorted(felt[body]))}" for body in felt)
         raise SceneError(
             f"{missing}: needed, because the joints let the body turn in a way that feels it. Give the "
-            "entries (kg m^2); the products are 0 once xx, yy and zz are all given."
+            "entries (kg m^2); the products are 0 once xx, yy and zz are all given. About its own axis a "
+            "beam has the inertia density*(I_y + I_z)*length, with and without torsion."
         )
     return ca.substitute(relations, vector, ca.SX.zeros(len(placeholders)))
+
+
+# regular mass matrix ---------------------------------------------------------------------------
+
+
+def _keeps_positive(expressions: ca.SX, symbols: Symbols) -> bool:
+    """Whether all entries (n,) are proved to be positive over the range; False: it was not proved."""
+    column, parameters = in_doubles(expressions), symbols.parameters
+    factors = np.array([p.factor for p in parameters])
+    nominal = np.array([p.nominal for p in parameters])
+    arguments = (symbols.p, symbols.cosine, symbols.sine)
+    function = ca.Function("entries", arguments, [ca.densify(column)])
+    if not np.all(function(nominal, np.cos(factors * nominal), np.sin(factors * nominal)).full() > 0.0):
+        return False
+
+    def entry(k: int, box: Mapping[str, Interval]) -> Interval:
+        intervals = [box.get(p.name, Interval(p.low, p.high)) for p in parameters]
+        turns = [item * factor for item, factor in zip(intervals, factors, strict=True)]
+        cosine_and_sine = ([FUNCTIONS[name](x) for x in turns] for name in ("cos", "sin"))
+        return Interval.of(fold(function, _RULES, intervals, *cosine_and_sine)[0][k])
+
+    used = {s.name() for s in ca.symvar(column)}
+    bounds = {
+        p.name: (p.low, p.high)
+        for k, p in enumerate(parameters)
+        if any(argument[k].name() in used for argument in arguments)
+    }
+    return all(find_zero(partial(entry, k), bounds) is None for k in range(column.numel()))
+
+
+def _has_energy(values: Values, symbols: Symbols) -> bool:
+    """Whether the energy of a body, or of an actuator, is proved not to be negative.
+
+    Numbers have been checked; what depends on parameters has to be positive.
+    """
+    open_ = [
+        label
+        for label, value in values.items()
+        if label.startswith((*LABELS, "inertia.")) and not is_constant(ca.SX(value))
+    ]
+    entries = [values[label] for label in open_ if not label.startswith("inertia.")]
+    of_inertia = [label for label in open_ if label.startswith("inertia.")]
+    if any(label in values and not ca.SX(values[label]).is_zero() for label in _PRODUCTS) and of_inertia:
+        if any(label not in values for label in _MATRIX):
+            return False
+        J = ca.reshape(ca.vertcat(*(ca.SX(values[label]) for label in _MATRIX)), 3, 3)
+        entries.append(_pivots(J))
+    else:
+        entries += [values[label] for label in of_inertia]
+    return not entries or _keeps_positive(ca.vertcat(*entries), symbols)
+
+
+def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
+    """Efforts (n,) of a joint that moves its child, and what is fixed to it, alone."""
+    group, links = {link.child.name}, [link]
+    for other in at_rest.links:
+        if other.parent.name in group and not other.joint.freedoms and other is not link:
+            group.add(other.child.name)
+            links.append(other)
+    alone = replace(at_rest, links=tuple(links))
+    moving = motions(alone, ca.SX(3, 3), {link.parent.name: ca.SX(3, 3)})
+    needed = inertial_wrenches(alone, moving)
+    return pass_inward(alone, moving, {**needed, link.parent.name: ca.SX(3, 2)}).efforts[link.owner]
+
+
+def _pivots(H: ca.SX) -> ca.SX:
+    """Pivots (n,) of a symmetric matrix (n, n): it is positive definite if they are positive."""
+    return ca.SX(ca.ldl(ca.densify(H), False)[0])  # noqa: FBT003  # in this order

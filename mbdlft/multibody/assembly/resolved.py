@@ -7,19 +7,20 @@ makes the first of them the common one, and vectors along the links single compo
 off the plane then is zero in the structure, as in a coordinate plane: v = Q v', J = Q J' Q'.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Direction, Values
 from mbdlft.base.parameter import Parameter
-from mbdlft.multibody.assembly.gyrostat import steady
-from mbdlft.multibody.assembly.tree import Link, Symbols, links_of
+from mbdlft.multibody.assembly.closure import independent
+from mbdlft.multibody.assembly.gyrostat import steady_momenta
+from mbdlft.multibody.assembly.kinematics import View
+from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, links_of
 from mbdlft.multibody.body import Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
 from mbdlft.multibody.force import Buoyancy, DirectedLoad, Spring
@@ -27,49 +28,38 @@ from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
 from mbdlft.multibody.joint.kinds import AxisJoint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.scene import UNKNOWN, Scene
+from mbdlft.multibody.spatial import Coordinate, column
 
-Evaluate = Callable[[ca.SX], Sequence[Array]]
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 _ENTRIES = tuple(f"inertia.{name}" for name in (*DIAGONAL, *PRODUCTS))
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of the entries in the matrix
 _FIRST = [0, 4, 8, 1, 2, 5]  # where the matrix, row by row, has each of them first
 
 
-class Aligned(NamedTuple):
-    """A scene in turned axes, its quantities, and the rotation Q (3, 3) back to the user's."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Resolved:
+    """A checked scene: the user's, or the same in other axes."""
 
     scene: Scene
-    values: Mapping[str, Values]
-    Q: Array
+    links: tuple[Link, ...]  # from the ground outward
+    parameters: tuple[Parameter, ...]  # sorted by name
+    symbols: Symbols
+    values: Mapping[str, Values]  # by owner and label, in SI units: numbers, SX of the parameters, turns
+    axes: Array | None = None  # the rotation Q (3, 3) back to the axes of the user
+
+    def view(self, coordinates: Mapping[str, Coordinate] | None = None) -> View:
+        """The tree at coordinates by owner, those of the symbols by default."""
+        uniform = self.values[f"scene {self.scene.name!r}"]
+        gravity = column(uniform[f"gravity.{a}"] for a in AXES)
+        at = self.symbols.coordinates(self.links) if coordinates is None else coordinates
+        return View(self.links, all_bodies(self.scene), self.values, at, gravity)
 
     def back(self, measured: ca.SX) -> ca.SX:
         """Vectors (3 n,) in the axes of the user."""
+        if self.axes is None:
+            return measured
         vectors = ca.reshape(measured, 3, measured.numel() // 3)
-        return ca.vec(ca.mtimes(ca.sparsify(ca.SX(self.Q)), vectors))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Resolved:
-    """A checked scene.
-
-    Attributes
-    ----------
-    scene : Scene
-        The user's, or the same in other axes (`aligned`).
-    links : from the ground outward
-    parameters : sorted by name
-    symbols : Symbols
-        Coordinates and parameters as SX.
-    values : quantities by owner and label, in SI units: numbers, SX of the parameters, turns
-    aligned : the rotation back to the axes of the user; None if they are those of the user
-    """
-
-    scene: Scene
-    links: tuple[Link, ...]
-    parameters: tuple[Parameter, ...]
-    symbols: Symbols
-    values: Mapping[str, Values]
-    aligned: Aligned | None = None
+        return ca.vec(ca.mtimes(ca.sparsify(ca.SX(self.axes)), vectors))
 
 
 def resolve(scene: Scene) -> Resolved:
@@ -79,36 +69,24 @@ def resolve(scene: Scene) -> Resolved:
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))
     symbols = Symbols(scene, parameters, links)
     values = symbols.quantities(scene)
-    for owner, momenta in steady(scene, links, symbols, values).momenta.items():
+    for owner, momenta in steady_momenta(scene, links, symbols, values).items():
         values[owner] = {**values[owner], **momenta}
     return Resolved(scene, links, parameters, symbols, values)
 
 
-def in_plane(resolved: Resolved) -> Resolved:
+def in_plane(r: Resolved) -> Resolved:
     """The same scene in axes along its plane, where it has one that is not a coordinate plane."""
-    r = resolved
-    aligned = align(r.scene, r.values, r.symbols.evaluate)
-    if aligned is None:
-        return r
-    links = links_of(aligned.scene)
-    return Resolved(aligned.scene, links, r.parameters, r.symbols, aligned.values, aligned)
-
-
-def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Aligned | None:
-    """The scene in axes along its plane; None if it has none, or has that already.
-
-    `evaluate` gives the values of an expression at nominal and at other points of the range.
-    """
+    scene, values = r.scene, r.values
     normal = _common_axis(scene)
     if normal is None or not _can_be_turned(scene, values):
-        return None
+        return r
     groups = [
         (owner, labels)
         for owner, quantities in values.items()
         for labels in (*_vector_labels(quantities), _ENTRIES)
         if labels[0] in quantities
     ]
-    folded = _folded([[values[owner][label] for label in labels] for owner, labels in groups], evaluate)
+    folded = _folded([[values[owner][label] for label in labels] for owner, labels in groups], r.symbols)
     Q = _axes(normal, [coefficients for coefficients, _ in folded if len(coefficients) == 3])
     # J' = Q'J Q by entries
     conjugate = (np.kron(Q.T, Q.T) @ np.eye(6)[_PLACES.ravel()])[_FIRST]
@@ -117,20 +95,18 @@ def align(scene: Scene, values: Mapping[str, Values], evaluate: Evaluate) -> Ali
         turn = Q.T if len(labels) == 3 else conjugate
         sizes = np.abs(turn) @ np.abs(coefficients)
         turned[owner] |= zip(labels, _combined(turn @ coefficients, sizes, terms), strict=True)
-    return Aligned(_turned_scene(scene, Q), turned, Q)
-
-
-def _directions(scene: Scene) -> Iterator[Direction]:
-    """Axes of all rotations."""
-    for joint in scene.joints:
-        yield from (rotation.axis for rotation in joint.orientation)
-        if isinstance(joint, Revolute) or (isinstance(joint, Fixed) and joint.position != 0.0):
-            yield joint.axis
+    in_axes = _turned_scene(scene, Q)
+    return Resolved(in_axes, links_of(in_axes), r.parameters, r.symbols, turned, Q)
 
 
 def _common_axis(scene: Scene) -> Array | None:
     """The axis of all rotations, if there is one and it is not a coordinate axis."""
-    units = [np.asarray(axis) / np.linalg.norm(axis) for axis in _directions(scene)]
+    axes: list[Direction] = []
+    for joint in scene.joints:
+        axes += [rotation.axis for rotation in joint.orientation]
+        if isinstance(joint, Revolute) or (isinstance(joint, Fixed) and joint.position != 0.0):
+            axes.append(joint.axis)
+    units = [np.asarray(axis) / np.linalg.norm(axis) for axis in axes]
     if not units or np.count_nonzero(units[0]) == 1:
         return None
     parallel = all(np.max(np.abs(np.cross(units[0], unit))) <= _ROUNDING for unit in units)
@@ -160,13 +136,13 @@ def _vector_labels(quantities: Values) -> list[tuple[str, ...]]:
     return [labels for labels in triples if all(label in quantities for label in labels)]
 
 
-def _folded(groups: Sequence[Sequence[Any]], evaluate: Evaluate) -> list[tuple[Array, Sequence[Any]]]:
+def _folded(groups: Sequence[Sequence[Any]], symbols: Symbols) -> list[tuple[Array, Sequence[Any]]]:
     """For each group of entries: coefficients (n, r) and terms with entries = coefficients terms.
 
     The terms are those entries that are independent functions of the parameters.
     """
     every = ca.SX(ca.vertcat(*(entry for entries in groups for entry in entries)))
-    numbers = np.stack(evaluate(every))[:, :, 0].T
+    numbers = np.stack(symbols.evaluate(every))[:, :, 0].T
     ends = np.cumsum([len(entries) for entries in groups])
     return [
         _independent(group_numbers, entries)
@@ -179,10 +155,7 @@ def _independent(numbers: Array, entries: Sequence[Any]) -> tuple[Array, Sequenc
     size = np.max(np.abs(numbers), axis=1)
     some = np.flatnonzero(size)
     scaled = numbers[some] / size[some, None]
-    _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
-    steps = np.abs(np.diag(triangle))
-    rank = int(np.sum(steps > _ROUNDING * np.max(steps, initial=0.0) * np.sqrt(len(triangle))))
-    basis = np.sort(order[:rank])
+    rank, basis = independent(scaled.T, _ROUNDING * np.sqrt(min(scaled.shape)))
     coefficients = np.zeros((len(entries), rank))
     if rank:
         solved = np.linalg.lstsq(scaled[basis].T, scaled.T, rcond=None)[0].T

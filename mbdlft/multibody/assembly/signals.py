@@ -40,9 +40,9 @@ class Effort(NamedTuple):
 def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) -> list[Effort]:
     """Entries of u: of joints, loads, the ground if it is asked for, static deflections, multipliers.
 
-    `densities` are force densities of the springs by name (None: unknown). Where deformations determine
-    the multipliers, static deflections are unknown: those of elastic bodies in place of the forces that
-    hold them, those of passive joints beside their efforts.
+    `densities` are by name of the spring (None: unknown). Where deformations determine the multipliers,
+    static deflections are unknown: those of elastic bodies in place of the forces that hold them, those
+    of passive joints beside their efforts.
     """
     scene, values = r.scene, r.values
     efforts: list[Effort] = []
@@ -62,8 +62,7 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
                 named = static
         efforts.append(Effort(named, value, is_input=is_input, is_default=is_input and not moved))
     for load in scene.loads:
-        value = values[owner_name(load)].get(load.magnitude_key)
-        value = densities.get(load.name, value)
+        value = densities.get(load.name, values[owner_name(load)].get(load.magnitude_key))
         efforts.append(Effort(load.signal.of(load.name), value))
     efforts += [Effort(signal, 0.0) for link in r.links for signal in body_inputs(link.child)]
     asked = set(scene.inputs or ())
@@ -83,10 +82,7 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
 
 
 def moved_coordinates(links: tuple[Link, ...], inputs: Sequence[str]) -> tuple[Moved, ...]:
-    """Coordinates of joints with ``imposed = "motion"``; `inputs` are the names of the entries of u.
-
-    Displacement, rate and acceleration of such a joint are three inputs, and no state.
-    """
+    """Coordinates of joints with ``imposed = "motion"``; `inputs` are the names of the entries of u."""
     moved: list[Moved] = []
     for k, degree in enumerate(degrees(links)):
         if degree.kind == "motion":
@@ -125,7 +121,7 @@ def check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence
     for load in scene.loads:
         if not isinstance(load, Spring):
             continue
-        view.owner = owner_name(load)
+        view.owned(load)
         gaps, reach = view.gaps(load.parent, load.child, evaluate)
         apart = [float(np.linalg.norm(gap)) for gap in gaps]
         if min(apart) <= _APART * reach:
@@ -135,11 +131,11 @@ def check_springs(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence
             )
 
 
-def force_density(spring: Spring, values: Values, view: View) -> Any:
+def force_density(spring: Spring, view: View) -> Any:
     """Tension over length of a spring at equilibrium; None if it is not given."""
+    values = view.owned(spring)
     if spring.rest_length is None:
         return values.get(spring.magnitude_key)
-    view.owner = owner_name(spring)
     r = view.between_at_rest(spring.parent, spring.child)
     length2 = ca.dot(r, r)
     if not is_constant(length2):
@@ -166,9 +162,7 @@ def ground_motion(
 ) -> ca.SX:
     """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
     names = [effort.signal.name for effort in listed]
-    spin = ca.SX(3, 1)
-    if scene.spin:
-        spin = unit_vector(scene.spin.axis) * uniform["spin.rate"]
+    spin = unit_vector(scene.spin.axis) * uniform["spin.rate"] if scene.spin else ca.SX(3, 1)
     asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
     if asked:
         load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))
@@ -179,8 +173,7 @@ def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> lis
     """Wrenches on bodies of all loads and loop closures."""
     wrenches: list[BodyWrench] = []
     for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
-        view.owner = owner_name(load)
-        wrenches += load.wrenches(r.values[view.owner], u[k], view)
+        wrenches += load.wrenches(view.owned(load), u[k], view)
     count = sum(len(loop.signals()) for loop in r.scene.loops)
     multipliers = ca.SX(count, 1)
     for position, row in enumerate(closure.rows):
@@ -207,7 +200,7 @@ def body_channels(r: Resolved, view: View, u: ca.SX, names: Sequence[str]) -> Bo
     outputs: list[ca.SX] = [ca.SX(0, 1)]
     signals: list[Signal] = []
     for link in r.links:
-        body, quantities = link.child, r.values.get(owner_name(link.child), {})
+        body, quantities = link.child, view.now.of(link.child)
         forces.append(ca.SX(len(link.joint.freedoms), 1))
         voltages = ca.vertcat(ca.SX(0, 1), *(u[names.index(s.name)] for s in body_inputs(body)))
         forces.append(body.driven(quantities, voltages))
@@ -225,11 +218,8 @@ def steady_angles(links: tuple[Link, ...]) -> list[int]:
 def measures(
     r: Resolved, view: View, channels: BodyChannels
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs (n_y,), their signals, and the positions of the default ones.
-
-    They are the measures of all joints, of the sensors that are asked for, and of bodies.
-    """
-    scene, symbols, aligned = r.scene, r.symbols, r.aligned
+    """Outputs (n_y,) of joints, sensors that are asked for, and bodies; signals; which are default."""
+    scene, symbols = r.scene, r.symbols
     entries: list[ca.SX] = []
     signals: list[Signal] = []
     default: list[int] = []
@@ -245,8 +235,7 @@ def measures(
             continue
         view.owner = f"sensor {sensor.name!r}"
         default += range(len(signals), len(signals) + len(named))
-        measured = sensor.measure(view)
-        entries.append(aligned.back(measured) if aligned else measured)
+        entries.append(r.back(sensor.measure(view)))
         signals += named
     default += range(len(signals), len(signals) + len(channels.signals))
     expressions = ca.vertcat(*entries, channels.outputs)

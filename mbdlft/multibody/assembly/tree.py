@@ -31,19 +31,15 @@ from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
 
+_POINTS = 16  # random points at which loops are checked, beside nominal
 _GROUND_PORTS = ' Declare it: [bodies.ground], kind = "ground", ports.{} = [x, y, z].'
 
 
 @final
 class PortFrame(Body):
-    """The moving frame of a port of an elastic body: a body without mass, made for every such port."""
+    """The moving frame of a port of an elastic body, a body without mass: whose name has a dot."""
 
     kind: ClassVar[str] = "port"
-
-    @classmethod
-    def named(cls, body: str, port: str) -> "PortFrame":
-        """The frame of one port; no user can give a name with a dot."""
-        return cls(name=f"{body}.{port}")
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Nothing: it has no mass."""
@@ -70,17 +66,14 @@ class PortJoint(Joint):
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """One joint with the body it carries; ports by name.
-
-    `owner` says whose quantities the joint has.
-    """
+    """One joint with the body it carries; ports by name."""
 
     joint: Joint
     parent: Body
     parent_port: str
     child: Body
     child_port: str
-    owner: str = field(init=False)
+    owner: str = field(init=False)  # whose quantities the joint has
 
     def __post_init__(self) -> None:
         item = self.parent if isinstance(self.joint, PortJoint) else self.joint
@@ -167,15 +160,16 @@ def links_of(scene: Scene) -> tuple[Link, ...]:
     for body in scene.bodies:
         if isinstance(body, ElasticBody):
             for port in body.elastic_ports():
-                frame = bodies[f"{body.name}.{port}"]
-                links[frame.name] = _port_link(body, port, frame)
+                frame = bodies[name := f"{body.name}.{port}"]
+                joint = PortJoint(name=name, parent=body.name, child=name, body=body, port=port)
+                links[name] = Link(joint, body, "origin", frame, "origin")
     return _from_the_root(scene, links)
 
 
 def all_bodies(scene: Scene) -> dict[str, Body]:
     """Bodies by name, with the ground and the frames of the ports of elastic bodies."""
     frames = [
-        PortFrame.named(body.name, port)
+        PortFrame(name=f"{body.name}.{port}")
         for body in scene.bodies
         if isinstance(body, ElasticBody)
         for port in body.elastic_ports()
@@ -198,13 +192,6 @@ def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tu
     return body, port if dot else "origin"
 
 
-def _port_link(body: ElasticBody, port: str, frame: Body) -> Link:
-    joint = PortJoint(
-        name=f"{body.name}.{port}", parent=body.name, child=frame.name, body=body, port=port
-    )
-    return Link(joint, body, "origin", frame, "origin")
-
-
 def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
     children: defaultdict[str, list[Link]] = defaultdict(list)
     for link in links.values():
@@ -218,8 +205,11 @@ def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
     reached = {link.child.name for link in ordered}
     loose = [body.name for body in scene.bodies if body.name not in reached | {GROUND}]
     if loose:
-        loop = _loop(links, loose[0])
-        if loop:
+        way = [loose[0]]
+        while way[-1] in links and way[-1] not in way[:-1]:
+            way.append(links[way[-1]].parent.name)
+        if way[-1] in way[:-1]:
+            loop = way[way.index(way[-1]) :]
             raise SceneError(
                 f"scene {scene.name!r}: the joints close a loop: {' -> '.join(loop)}. Joints make a "
                 "tree on the ground; write one of them under 'loops' instead, as its closure."
@@ -231,21 +221,6 @@ def _from_the_root(scene: Scene, links: dict[str, Link]) -> tuple[Link, ...]:
     if not ordered:
         raise SceneError(f"scene {scene.name!r}: there is no joint on the ground, so nothing moves.")
     return tuple(ordered)
-
-
-def _loop(links: dict[str, Link], start: str) -> list[str]:
-    """Names of the bodies of the loop that the chain of parents of `start` runs into, or empty."""
-    seen: list[str] = []
-    name = start
-    while name in links:
-        if name in seen:
-            return [*seen[seen.index(name) :], name]
-        seen.append(name)
-        name = links[name].parent.name
-    return []
-
-
-_POINTS = 16  # random points at which loops are checked, beside nominal
 
 
 class Symbols:
@@ -293,13 +268,10 @@ class Symbols:
 
     def _turns(self, scene: Scene, place: Place, expected: Expected) -> tuple[Turn, ...]:
         angle = angle_at(scene, place, expected)
-        turns: list[Turn] = [
-            Turn(
-                self.cosine[self.index[name]], (1.0 if count > 0 else -1.0) * self.sine[self.index[name]]
-            )
-            for name, count in angle.multiples.items()
-            for _ in range(abs(count))
-        ]
+        turns: list[Turn] = []
+        for name, count in angle.multiples.items():
+            k, sign = self.index[name], 1.0 if count > 0 else -1.0
+            turns += [Turn(self.cosine[k], sign * self.sine[k])] * abs(count)
         for tangent, count in angle.arctangents.items():
             r = evaluate(tangent, self.names, literal, FUNCTIONS)
             square = r * r

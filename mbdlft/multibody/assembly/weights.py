@@ -28,7 +28,7 @@ from a: a vector takes up the axes e_b times (e_a . g) q_b on its way, and meets
 each angle and length meets each hinge once; the torque c q x ..., three times.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -39,7 +39,6 @@ from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, body_e
 from mbdlft.multibody.assembly.tree import Link, PortJoint
 from mbdlft.multibody.body import GROUND, PointMass, RigidBody
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
-from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.sx.constants import is_constant, is_zero, numbers_of, without_zeros
 
@@ -60,96 +59,13 @@ class Tilt(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """What a joint carries, at one place on the way in.
+    """What a joint carries, at one place on the way in."""
 
-    Attributes
-    ----------
-    inertial, loads : SX (3, 2)
-        Wrenches of the motion, as if no joint were displaced on the way, and of everything else.
-    mass : SX
-        Mass (kg).
-    moment : SX (3,)
-        First moment (kg m); in the order of products in its place the sum of m p (N), a scalar.
-    tilts : one for each axis
-    """
-
-    inertial: ca.SX
-    loads: ca.SX
-    mass: ca.SX
-    moment: ca.SX
-    tilts: tuple[Tilt, ...]
-
-
-def pass_weights_inward(
-    placed: Placed,
-    moving: Motions,
-    inertial: Mapping[str, ca.SX],
-    loads: Mapping[str, ca.SX],
-    load: ca.SX,
-) -> Passed:
-    """As `pass_inward`, to the first order in the displacements, in a frame that does not spin.
-
-    `inertial` and `loads` are wrenches (3, 2) by body, of the motion and of everything else; all weights
-    come from `load` (3,), the uniform acceleration of the ground (m/s^2).
-    """
-    fields = load_fields(placed, load)
-    carried = {GROUND: Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(3, 1), ())}
-    for link in placed.links:
-        name = link.child.name
-        values = placed.values.get(owner_name(link.child), {})
-        carried[name] = Carried(
-            inertial[name],
-            loads[name],
-            link.child.total_mass(values),
-            link.child.first_moment(values, placed.inboard[name]),
-            (),
-        )
-    joints: dict[str, ca.SX] = {}
-    efforts = body_efforts(placed, moving)
-    for link in reversed(placed.links):
-        name, parent = link.child.name, link.parent.name
-        now, field = carried[name], fields[name]
-        joints[name] = _felt(now, field[-1])
-        of_moves: list[ca.SX] = []
-        for k in reversed(range(len(placed.moves[name]))):
-            move, motion = placed.moves[name][k], moving.moves[name][k]
-            now = now._replace(inertial=move.carried(now.inertial, motion))
-            if move.degrees_of_freedom:
-                of_moves.insert(0, move.effort(_felt(now, field[k + 1]), motion))
-            now = _before(move, now, field[k + 1])
-        needed = ca.vertcat(*of_moves)
-        if isinstance(link.joint, PortJoint):
-            needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
-        efforts[link.owner] = needed
-        shifted = _shifted(now, placed.arms[name], field[0])
-        carried[parent] = _together(carried[parent], shifted)
-    return Passed(efforts, joints, _felt(carried[GROUND], load))
-
-
-def _before(move: Move, now: Carried, field: ca.SX) -> Carried:
-    """What is carried before a move, from what is carried after it; `field` is the load (3,) after it."""
-    if isinstance(move, Shifted):
-        return _shifted(now, move.r, field)
-    if now.loads.nnz():
-        now = now._replace(loads=move.wrench(now.loads))
-    if isinstance(move, Hinge | Ball):
-        for axis, q in turns_of(move):  # before a displacement q
-            tilt = Tilt(axis, now.mass * q, now.moment * q)
-            now = now._replace(tilts=added(now.tilts, tilt))
-        return now
-    if isinstance(move, Slide):
-        return _slid(move, now, field)
-    kept, ended = turned_tilts(move, now.tilts)
-    inertial = move.wrench(_with_weights(now.inertial, ended, field))
-    # a deformation turns nothing at rest
-    moment = move.in_parent_axes(now.moment) if isinstance(move, Turned) else now.moment
-    return now._replace(inertial=inertial, moment=moment, tilts=kept)
-
-
-def _slid(move: Slide, now: Carried, field: ca.SX) -> Carried:
-    """What is carried before a displacement along an axis: the torque of the displaced weight."""
-    torque = ca.cross(move.offset(), now.mass * field)
-    return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque))
+    inertial: ca.SX  # wrench (3, 2) of the motion, as if no joint were displaced on the way
+    loads: ca.SX  # wrench (3, 2) of everything else
+    mass: ca.SX  # kg
+    moment: ca.SX  # first moment (3,) (kg m); in the order of products the sum of m p (N), a scalar
+    tilts: tuple[Tilt, ...]  # one for each axis
 
 
 def turns_of(move: Move) -> Iterator[Turning]:
@@ -180,25 +96,15 @@ def turned_tilts(move: Move, tilts: tuple[Tilt, ...]) -> tuple[tuple[Tilt, ...],
     kept: list[Tilt] = []
     ended: list[Tilt] = []
     for tilt in tilts:
-        before = _turned_axis(move, tilt.axis)
-        if before is None:
+        before = None
+        if isinstance(move, Turned):
+            before = constant_axis(move, tilt.axis, move.in_parent_axes)
+        # with more components, a chain with numbers for angles would have as many axes as joints
+        if before is None or before.nnz() > tilt.axis.nnz():
             ended.append(tilt)
         else:
             kept.append(Tilt(before, tilt.mass, move.in_parent_axes(tilt.moment)))
     return tuple(kept), tuple(ended)
-
-
-def _turned_axis(move: Move, axis: ca.SX) -> ca.SX | None:
-    """An axis (3,) before a rotation; None if it depends on parameters, or gets more components.
-
-    In a chain with numbers for angles there would be as many axes as joints.
-    """
-    if not isinstance(move, Turned):
-        return None
-    before = constant_axis(move, axis, move.in_parent_axes)
-    if before is None or before.nnz() > axis.nnz():
-        return None
-    return before
 
 
 def constant_axis(move: Turned, axis: ca.SX, rotated: Callable[[ca.SX], ca.SX]) -> ca.SX | None:
@@ -212,18 +118,6 @@ def constant_axis(move: Turned, axis: ca.SX, rotated: Callable[[ca.SX], ca.SX]) 
 def is_parallel(first: ca.SX, second: ca.SX) -> bool:
     """Whether two constant vectors (3,) are along one line."""
     return is_zero(ca.cross(first, second))
-
-
-def _shifted(now: Carried, arm: ca.SX, field: ca.SX) -> Carried:
-    """About the point at -arm (3,), in a lever that feels the load `field` (3,)."""
-    if not arm.nnz():
-        return now
-    force = _with_weights(now.inertial, now.tilts, field)[:, 0]
-    return now._replace(
-        inertial=now.inertial + ca.horzcat(ca.SX(3, 1), ca.cross(arm, force)),
-        loads=move_wrench(now.loads, arm) if now.loads.nnz() else now.loads,
-        moment=now.moment + arm * now.mass,  # in this order: the mass meets the signal first
-    )
 
 
 def _with_weights(wrench: ca.SX, tilts: tuple[Tilt, ...], field: ca.SX) -> ca.SX:
@@ -243,11 +137,6 @@ def _turned_weight() -> ca.Function:
     return ca.Function("turned_weight", [axis, mass, moment, field], [weight])
 
 
-def _felt(now: Carried, field: ca.SX) -> ca.SX:
-    """The whole wrench (3, 2)."""
-    return _with_weights(now.inertial + now.loads, now.tilts, field)
-
-
 def _together(first: Carried, second: Carried) -> Carried:
     """What a body carries on two joints."""
     return Carried(
@@ -259,23 +148,118 @@ def _together(first: Carried, second: Carried) -> Carried:
     )
 
 
-def load_fields(placed: Placed, load: ca.SX) -> dict[str, list[ca.SX]]:
-    """The load in the axes before the moves of the joint of each body, and after each, at q = 0."""
-    fields: dict[str, list[ca.SX]] = {GROUND: [load]}
-    for link in placed.links:
-        along = [fields[link.parent.name][-1]]
-        for move in placed.moves[link.child.name]:
-            last = along[-1]
-            along.append(move.in_child_axes(last) if isinstance(move, Turned) else last)
-        fields[link.child.name] = along
-    return fields
+class Weights:
+    """The inward pass to the first order in the displacements, in a frame that does not spin.
+
+    All weights come from `load` (3,), the uniform acceleration of the ground (m/s^2).
+    """
+
+    def __init__(self, placed: Placed, load: ca.SX) -> None:
+        self.placed = placed
+        # (3,) the load in the axes before the moves of the joint of each body, and after each, at q = 0
+        self.fields: dict[str, list[ca.SX]] = {GROUND: [load]}
+        for link in placed.links:
+            along = [self.fields[link.parent.name][-1]]
+            for move in placed.moves[link.child.name]:
+                last = along[-1]
+                along.append(move.in_child_axes(last) if isinstance(move, Turned) else last)
+            self.fields[link.child.name] = along
+
+    def passed(
+        self, moving: Motions, inertial: Mapping[str, ca.SX], loads: Mapping[str, ca.SX]
+    ) -> Passed:
+        """As `pass_inward`, of wrenches (3, 2) by body: `inertial` of the motion, `loads` of the rest."""
+        placed, fields = self.placed, self.fields
+        none = ca.SX(3, 2)
+        carried = {
+            link.child.name: self.carried(link, inertial[link.child.name], loads[link.child.name])
+            for link in placed.links
+        }
+        carried[GROUND] = Carried(none, none, ca.SX(0), ca.SX(*self.moment), ())
+        joints: dict[str, ca.SX] = {}
+        efforts = body_efforts(placed, moving)
+        for link in reversed(placed.links):
+            name, parent = link.child.name, link.parent.name
+            now = carried[name]
+            joints[name] = self.felt(now, fields[name][-1])
+            of_moves: list[ca.SX] = []
+            for k in reversed(range(len(placed.moves[name]))):
+                move, motion = placed.moves[name][k], moving.moves[name][k]
+                now = now._replace(inertial=move.carried(now.inertial, motion))
+                if move.degrees_of_freedom:
+                    of_moves.insert(0, self.effort(link, k, now, motion))
+                now = self.before(link, k, now)
+            needed = ca.vertcat(*of_moves)
+            if isinstance(link.joint, PortJoint):
+                needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
+            efforts[link.owner] = needed
+            levered = self.levered(now, placed.arms[name], fields[name][0])
+            carried[parent] = _together(carried[parent], levered)
+        return Passed(efforts, joints, self.felt(carried[GROUND], fields[GROUND][0]))
+
+    moment = (3, 1)  # shape of `Carried.moment`
+
+    def carried(self, link: Link, inertial: ca.SX, loads: ca.SX) -> Carried:
+        """What a body is to its joint."""
+        values = self.placed.of(link.child)
+        moment = link.child.first_moment(values, self.placed.inboard[link.child.name])
+        return Carried(inertial, loads, link.child.total_mass(values), moment, ())
+
+    def felt(self, now: Carried, field: ca.SX) -> ca.SX:
+        """The whole wrench (3, 2) where the load is `field` (3,)."""
+        return _with_weights(now.inertial + now.loads, now.tilts, field)
+
+    def effort(self, link: Link, k: int, now: Carried, motion: ca.SX) -> ca.SX:
+        """Efforts (n,) of move k of the joint of a link."""
+        name = link.child.name
+        return self.placed.moves[name][k].effort(self.felt(now, self.fields[name][k + 1]), motion)
+
+    def before(self, link: Link, k: int, now: Carried) -> Carried:
+        """What is carried before move k of the joint of a link, from what is carried after it."""
+        move, field = self.placed.moves[link.child.name][k], self.fields[link.child.name][k + 1]
+        if isinstance(move, Shifted):
+            return self.levered(now, move.r, field)
+        if now.loads.nnz():
+            now = now._replace(loads=move.wrench(now.loads))
+        if isinstance(move, Hinge | Ball):
+            return self.before_turns(link, k, now)
+        if isinstance(move, Slide):  # the torque of the displaced weight
+            return _with_torque(now, ca.cross(move.offset(), now.mass * field))
+        kept, ended = turned_tilts(move, now.tilts)
+        return self.before_rotation(move, now, ended, field)._replace(tilts=kept)
+
+    def before_turns(self, link: Link, k: int, now: Carried) -> Carried:
+        """Before the displacements of a hinge or ball."""
+        for axis, q in turns_of(self.placed.moves[link.child.name][k]):
+            now = now._replace(tilts=added(now.tilts, Tilt(axis, now.mass * q, now.moment * q)))
+        return now
+
+    def before_rotation(self, move: Move, now: Carried, ended: tuple[Tilt, ...], field: ca.SX) -> Carried:
+        """Before a constant rotation, or a deformation, which turns nothing at rest."""
+        inertial = move.wrench(_with_weights(now.inertial, ended, field))
+        moment = move.in_parent_axes(now.moment) if isinstance(move, Turned) else now.moment
+        return now._replace(inertial=inertial, moment=moment)
+
+    def levered(self, now: Carried, arm: ca.SX, field: ca.SX) -> Carried:
+        """About the point at -arm (3,), in a lever that feels the load `field` (3,)."""
+        if not arm.nnz():
+            return now
+        force = _with_weights(now.inertial, now.tilts, field)[:, 0]
+        # in this order: the mass meets the signal first
+        return _with_torque(now, ca.cross(arm, force), arm)._replace(moment=now.moment + arm * now.mass)
+
+
+def _with_torque(now: Carried, torque: ca.SX, arm: ca.SX | None = None) -> Carried:
+    """With a torque (3,) of the motion more, and the other loads moved by an arm (3,)."""
+    loads = move_wrench(now.loads, arm) if arm is not None and now.loads.nnz() else now.loads
+    return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque), loads=loads)
 
 
 # the other order of products -----------------------------------------------------------------
 
 
 def gains_by_products(placed: Placed) -> bool:
-    """Whether this order is possible in a tree, and may make a smaller model than that of `weights`.
+    """Whether this order is possible in a tree, and may make a smaller model.
 
     It may where enough hinges with axes that are not parallel lie on the way to a body, at enough angles
     that are parameters.
@@ -304,44 +288,6 @@ def gains_by_products(placed: Placed) -> bool:
     )
 
 
-def efforts_by_products(
-    placed: Placed,
-    moving: Motions,
-    inertial: Mapping[str, ca.SX],
-    loads: Mapping[str, ca.SX],
-    load: ca.SX,
-) -> dict[str, ca.SX]:
-    """Efforts of the joints, as those of `pass_weights_inward`; arguments as there."""
-    tree = _Tree(placed, load)
-    carried = {GROUND: Carried(ca.SX(3, 2), ca.SX(3, 2), ca.SX(0), ca.SX(0), ())}
-    for link in placed.links:
-        name = link.child.name
-        scalar = tree.masses[name] * tree.heights[name][-1]
-        torque = tree.centers[name] * scalar
-        carried[name] = Carried(
-            inertial[name] + ca.horzcat(ca.SX(3, 1), torque), loads[name], tree.masses[name], scalar, ()
-        )
-    efforts: dict[str, ca.SX] = {}
-    for link in reversed(placed.links):
-        name, parent = link.child.name, link.parent.name
-        now = carried[name]
-        of_moves: list[ca.SX] = []
-        for k in reversed(range(len(placed.moves[name]))):
-            move, motion, field = (placed.moves[name][k], moving.moves[name][k], tree.fields[name][k + 1])
-            now = now._replace(inertial=move.carried(now.inertial, motion))
-            if move.degrees_of_freedom:
-                force, _ = _felt_by_products(now, field)
-                wrench = ca.horzcat(force, now.inertial[:, 1]) + now.loads
-                products = [tree.product(link, k, axis) for axis in _axes_of(move)]
-                effort = move.effort(wrench, motion)
-                of_moves.insert(0, effort - ca.vertcat(*products) if products else effort)
-            now = _before_by_products(move, now, field, tree.turns[name][k])
-        efforts[link.owner] = ca.vertcat(*of_moves)
-        now = _levered(now, placed.arms[name], tree.fields[name][0])
-        carried[parent] = _together(carried[parent], now)
-    return efforts
-
-
 def _axes_of(move: Move) -> list[ca.SX]:
     """Axes (3,) about which a move has efforts: those of `turns_of`, and that of a steady rate."""
     if isinstance(move, Hinge) and move.steady:
@@ -349,32 +295,24 @@ def _axes_of(move: Move) -> list[ca.SX]:
     return [axis for axis, _ in turns_of(move)]
 
 
-class _Tree:
-    """The tree with what the products need of each body.
+class Products(Weights):
+    """The same in the other order of products; `Carried.moment` is the scalar m p."""
 
-    Attributes
-    ----------
-    fields : load (3,) before the moves of the joint of each body, and after each
-    turns : what the load feels of each move of the joint of each body
-    heights : p (m/s^2) before the moves of the joint of each body, and after each
-    masses, centers : mass (kg) and center of mass (3,) from the inboard port (m)
-    """
+    moment = (1, 1)
 
     def __init__(self, placed: Placed, load: ca.SX) -> None:
-        self.placed = placed
-        self.fields = load_fields(placed, load)
-        self.heights: dict[str, list[ca.SX]] = {GROUND: [ca.SX(0)]}
+        super().__init__(placed, load)
+        self.heights: dict[str, list[ca.SX]] = {GROUND: [ca.SX(0)]}  # p (m/s^2), as `fields`
         self.masses: dict[str, ca.SX] = {}
-        self.centers: dict[str, ca.SX] = {}
+        self.centers: dict[str, ca.SX] = {}  # (3,) from the inboard port (m)
         self.outward: dict[str, list[Link]] = {}
-        self.turns: dict[str, list[list[Turning]]] = {}
+        self.turns: dict[str, list[list[Turning]]] = {}  # what the load feels of each move
         upright = {GROUND: True}
         for link in placed.links:
             name = link.child.name
-            values = placed.values.get(owner_name(link.child), {})
-            self.masses[name] = link.child.total_mass(values)
+            self.masses[name] = link.child.total_mass(placed.of(link.child))
             center = "center_of_mass" if isinstance(link.child, RigidBody) else "origin"
-            position = link.child.port_position(center, values)
+            position = link.child.port_position(center, placed.of(link.child))
             self.centers[name] = ca.SX(position - placed.inboard[name])
             self.outward.setdefault(link.parent.name, []).append(link)
             self.turns[name], upright[name] = self._felt(link, upright=upright[link.parent.name])
@@ -382,6 +320,36 @@ class _Tree:
             for turns, field in zip(self.turns[name], self.fields[name][1:], strict=True):
                 heights.append(heights[-1] + sum((ca.dot(e, field) * q for e, q in turns), ca.SX(0)))
             self.heights[name] = heights
+
+    def carried(self, link: Link, inertial: ca.SX, loads: ca.SX) -> Carried:
+        name = link.child.name
+        scalar = self.masses[name] * self.heights[name][-1]
+        now = Carried(inertial, loads, self.masses[name], scalar, ())
+        return _with_torque(now, self.centers[name] * scalar)
+
+    def felt(self, now: Carried, field: ca.SX) -> ca.SX:
+        return ca.horzcat(_force_and_scalar(now, field)[0], now.inertial[:, 1]) + now.loads
+
+    def effort(self, link: Link, k: int, now: Carried, motion: ca.SX) -> ca.SX:
+        effort = super().effort(link, k, now, motion)
+        axes = _axes_of(self.placed.moves[link.child.name][k])
+        products = [self.product(link, k, axis) for axis in axes]
+        return effort - ca.vertcat(*products) if products else effort
+
+    def before_turns(self, link: Link, k: int, now: Carried) -> Carried:
+        turns = self.turns[link.child.name][k]
+        more = (Tilt(axis, now.mass * q, ca.SX(3, 1)) for axis, q in turns)
+        return now._replace(tilts=added(now.tilts, *more))
+
+    def before_rotation(self, move: Move, now: Carried, ended: tuple[Tilt, ...], field: ca.SX) -> Carried:
+        force, scalar = _force_and_scalar(now._replace(tilts=ended), field)
+        return now._replace(inertial=move.wrench(ca.horzcat(force, now.inertial[:, 1])), moment=scalar)
+
+    def levered(self, now: Carried, arm: ca.SX, field: ca.SX) -> Carried:
+        if not arm.nnz():
+            return now
+        force, scalar = _force_and_scalar(now, field)
+        return _with_torque(now, ca.cross(arm, force) + arm * scalar, arm)
 
     def _felt(self, link: Link, *, upright: bool) -> tuple[list[list[Turning]], bool]:
         """Turns of the moves of a link that the load feels, and whether it has felt none so far.
@@ -430,37 +398,7 @@ def _along(move: Move, v: ca.SX) -> ca.SX:
     return ca.dot(move.r, v) if isinstance(move, Shifted) else ca.SX(0)
 
 
-def _before_by_products(move: Move, now: Carried, field: ca.SX, turns: Sequence[Turning]) -> Carried:
-    """What is carried before a move, from what is carried after it.
-
-    `field` is the load (3,) after it, `turns` is what the load feels of it.
-    """
-    if isinstance(move, Shifted):
-        return _levered(now, move.r, field)
-    if now.loads.nnz():
-        now = now._replace(loads=move.wrench(now.loads))
-    if isinstance(move, Slide):
-        return _slid(move, now, field)
-    if isinstance(move, Turned):
-        kept, ended = turned_tilts(move, now.tilts)
-        force, scalar = _felt_by_products(now._replace(tilts=ended), field)
-        inertial = move.wrench(ca.horzcat(force, now.inertial[:, 1]))
-        return now._replace(inertial=inertial, moment=scalar, tilts=kept)
-    more = (Tilt(axis, now.mass * q, ca.SX(3, 1)) for axis, q in turns)
-    return now._replace(tilts=added(now.tilts, *more))
-
-
-def _levered(now: Carried, arm: ca.SX, field: ca.SX) -> Carried:
-    """About the point at -arm (3,), in a lever that feels the load `field` (3,)."""
-    if not arm.nnz():
-        return now
-    force, scalar = _felt_by_products(now, field)
-    torque = ca.cross(arm, force) + arm * scalar
-    loads = move_wrench(now.loads, arm) if now.loads.nnz() else now.loads
-    return now._replace(inertial=now.inertial + ca.horzcat(ca.SX(3, 1), torque), loads=loads)
-
-
-def _felt_by_products(now: Carried, field: ca.SX) -> tuple[ca.SX, ca.SX]:
+def _force_and_scalar(now: Carried, field: ca.SX) -> tuple[ca.SX, ca.SX]:
     """Force (3,) of the motion and scalar, where the load is `field` (3,) and nothing has turned."""
     force, scalar = now.inertial[:, 0], now.moment
     for tilt in now.tilts:

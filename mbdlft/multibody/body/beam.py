@@ -53,7 +53,7 @@ from mbdlft.multibody.body.elastic import (
     elastic_freedom,
     elastic_problem,
 )
-from mbdlft.multibody.body.rigid import newton_euler
+from mbdlft.multibody.body.rigid import DIAGONAL, newton_euler, unseen_name
 from mbdlft.multibody.spatial import Coordinate
 
 DEFORMATIONS = ("axial", "torsion", "bending_y", "bending_z")
@@ -78,9 +78,10 @@ class Beam(ElasticBody):
 
     `deformations` names the deformations that the model has: ``axial``, ``torsion``, ``bending_y``
     (displacements along y, with the moment of area `I_z`) and ``bending_z`` (along z, with `I_y`).
-    Quantities that none of them uses may be left out. `stations` gives names to nodes, 1 to `elements`,
-    which are then ports; the last node is the port ``tip`` anyway. The damping matrix is `mass_damping` M
-    + `stiffness_damping` K.
+    Quantities that none of them uses may be left out; but a beam that turns about its own axis has the
+    inertia `density` (`I_y` + `I_z`) `length`, with and without torsion. `stations` gives names to nodes,
+    1 to `elements`, which are then ports; the last node is the port ``tip`` anyway. The damping matrix is
+    `mass_damping` M + `stiffness_damping` K.
 
     With `modes` each deformation has that many polynomials over the whole beam in place of elements, and
     `elements` only numbers the nodes of stations. They do not depend on parameters. A beam with a
@@ -192,14 +193,13 @@ class Beam(ElasticBody):
         return int(self.blocks()[-1][2].stop)
 
     def freedoms(self) -> tuple[Freedom, ...]:
-        freedoms = []
-        for name, _, columns in self.blocks():
-            # turns and curvatures are coordinates in meters: they are times powers of an element's length
-            turns = name == "torsion"
-            unit, effort = ("rad", "N m") if turns else ("m", "N")
-            for k in range(columns.stop - columns.start):
-                freedoms.append(elastic_freedom(f"{name}.{k + 1}", unit, effort, turns=turns))
-        return tuple(freedoms)
+        # turns and curvatures are coordinates in meters: they are times powers of an element's length
+        units = {"torsion": ("rad", "N m")}
+        return tuple(
+            elastic_freedom(f"{name}.{k + 1}", *units.get(name, ("m", "N")), turns=name == "torsion")
+            for name, d, _ in self.blocks()
+            for k in range(size(d))
+        )
 
     def elastic(self, values: Values) -> Elastic:
         n = self._count
@@ -217,11 +217,16 @@ class Beam(ElasticBody):
                 mass.append(Term(inertia / L, self._placed(columns, products(d, "turn"))))
                 turn = _ROW[name][1] * moments(d, "turn")
                 participation.append(Term(inertia, _row(n, columns, _TURNED[name], turn)))
-        damping = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
-        damping += [Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness]
-        coefficients = {"mass_damping": self.mass_damping, "stiffness_damping": self.stiffness_damping}
-        damped = any(value != 0.0 for value in coefficients.values())
-        return Elastic(mass, damping if damped else [], stiffness, participation)
+        return Elastic(mass, self._damping(mass, stiffness, values), stiffness, participation)
+
+    def _damping(self, mass: list[Term], stiffness: list[Term], values: Values) -> list[Term]:
+        """The terms of D of those of M and K."""
+        if self.mass_damping == self.stiffness_damping == 0.0:
+            return []
+        terms = [Term(values["mass_damping"] * factor, matrix) for factor, matrix in mass]
+        return terms + [
+            Term(values["stiffness_damping"] * factor, matrix) for factor, matrix in stiffness
+        ]
 
     @property
     def has_geometric_stiffness(self) -> bool:
@@ -326,10 +331,7 @@ class Beam(ElasticBody):
             plain[row, columns] = values_at(d, "displacement", node)
             if name.startswith("bending"):
                 turned[_TURNED[name], columns] = sign * values_at(d, "turn", node)
-        terms = [Term(1.0, plain)]
-        if np.any(turned):
-            terms.append(Term(1.0 / values["length"], turned))
-        return terms
+        return [Term(1.0, plain), *([Term(1.0 / values["length"], turned)] if np.any(turned) else [])]
 
     def total_mass(self, values: Values) -> ca.SX:
         return ca.SX(values["density"] * values["area"] * values["length"])
@@ -338,14 +340,21 @@ class Beam(ElasticBody):
         L, rho, A = (values[key] for key in ("length", "density", "area"))
         mass = rho * A * L
         across = mass * (L * L) / 3.0
-        polar = rho * self._polar(values) * L if "torsion" in self.deformations else 0.0
+        known = {key for key in ("I_y", "I_z") if key in values}
+        # symbols stand for what is not given; it is asked for where a motion feels it
+        unseen = {entry: ca.SX.sym(unseen_name(self.name, entry)) for entry in DIAGONAL}
+        polar = rho * self._polar(values) * L if len(known) == 2 else unseen["xx"]
         y, z = across, across
         if self.has_rotary_inertia:
-            y = y + rho * values["I_y"] * L if "bending_z" in self.deformations else y
-            z = z + rho * values["I_z"] * L if "bending_y" in self.deformations else z
+            y = y + rho * values["I_y"] * L if "I_y" in known else unseen["yy"]
+            z = z + rho * values["I_z"] * L if "I_z" in known else unseen["zz"]
         inertia = ca.diag(ca.vertcat(ca.SX(polar), y, z))
         center = ca.vertcat(ca.SX(0.5 * L), ca.SX(2, 1))
         return ca.SX(newton_euler()(motion, mass, ca.SX(3, 1), center, inertia))
+
+    def unseen(self, entry: str) -> tuple[str, ...]:
+        needed = {"xx": ("I_y", "I_z"), "yy": ("I_y",), "zz": ("I_z",)}[entry]
+        return tuple(key for key in needed if getattr(self, key) is None)
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         for key, value in values.items():

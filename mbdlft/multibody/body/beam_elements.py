@@ -57,38 +57,26 @@ _Functions = tuple[flint.fmpq_poly, ...]
 
 
 class Deformation(NamedTuple):
-    """What one deformation is made of; free functions compute its integrals.
+    """What one deformation is made of; free functions compute its integrals."""
 
-    Attributes
-    ----------
-    name : ``axial``, ``torsion``, ``bending_y`` or ``bending_z``
-    functions : ``cubic``, ``quintic`` or ``shear``
-    elements : number of equal parts, whose ends are the nodes 0 to `elements`
-    modes : number of polynomials; None for finite elements
-    breaks : nodes inside at which modes have stations, ascending
-    """
-
-    name: str
-    functions: str
-    elements: int
-    modes: int | None = None
-    breaks: tuple[int, ...] = ()
+    name: str  # ``axial``, ``torsion``, ``bending_y`` or ``bending_z``
+    functions: str  # ``cubic``, ``quintic`` or ``shear``
+    elements: int  # number of equal parts, whose ends are the nodes 0 to `elements`
+    modes: int | None = None  # number of polynomials; None for finite elements
+    breaks: tuple[int, ...] = ()  # nodes inside at which modes have stations, ascending
 
 
 class _Piece(NamedTuple):
-    """Polynomials in x on s = start + length x, 0 <= x <= 1, of consecutive coordinates.
-
-    `displacement` is w, `slope` dw/ds, `turn` t, `bend` dt/ds, `shear` dw/ds - t; all by one coordinate.
-    """
+    """Polynomials in x on s = start + length x, 0 <= x <= 1, of coordinates from `first` on."""
 
     start: flint.fmpq
     length: flint.fmpq
     first: int
-    displacement: _Functions
-    slope: _Functions
-    turn: _Functions
-    bend: _Functions
-    shear: _Functions
+    displacement: _Functions  # w
+    slope: _Functions  # dw/ds
+    turn: _Functions  # t
+    bend: _Functions  # dt/ds
+    shear: _Functions  # dw/ds - t
 
 
 @cache

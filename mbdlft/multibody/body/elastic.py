@@ -44,6 +44,9 @@ from mbdlft.multibody.body.rigid import Body, Inertia, RigidBody
 from mbdlft.multibody.spatial import Coordinate
 
 NEGLECTED, AXIAL = "neglected", "axial"
+_LARGEST = 1e100  # products of such numbers are still numbers
+_ROUNDING = 1e-12  # a negative eigenvalue below this part of the largest entry is rounding
+_RESIDUAL = 1e-6  # the same for the residual mass: data are often given with few digits
 
 
 class Term(NamedTuple):
@@ -174,14 +177,43 @@ def dense(terms: Sequence[Term], samples: int) -> NDArray[np.float64]:
     return np.asarray(total, dtype=float)
 
 
+@np.errstate(all="ignore")
 def elastic_problem(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
     """The condition of physics that fails at one of the samples, or None.
 
     M and K must be positive definite, D and the residual mass matrix, rigid minus P M^-1 P', positive
     semidefinite.
     """
-    with np.errstate(all="ignore"):
-        return _elastic_problem(body.elastic(values), _rigid_mass(body, values))
+    e, rigid = body.elastic(values), _rigid_mass(body, values)
+    mass, stiffness, coupling, damping = (
+        dense(terms, len(rigid)) for terms in (e.mass, e.stiffness, e.participation, e.damping)
+    )
+    for matrix in (mass, stiffness, coupling, damping, rigid):
+        largest = float(np.max(np.abs(matrix), initial=0.0))
+        if not largest < _LARGEST:
+            return f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."
+    for name, matrix in (("mass", mass), ("stiffness", stiffness)):
+        if not (smallest := _smallest_eigenvalue(matrix)) > 0.0:
+            return (
+                f"the {name} matrix of its deformations is not positive definite in the range: smallest "
+                f"eigenvalue {smallest:.3g}. Frequencies must be positive."
+            )
+    if e.damping and (smallest := _smallest_eigenvalue(damping)) < -_ROUNDING * np.max(np.abs(damping)):
+        return f"the damping is negative in the range: smallest eigenvalue {smallest:.3g}."
+    carried = coupling @ np.linalg.solve(mass, np.swapaxes(coupling, 1, 2))
+    residual = rigid - carried
+    if (smallest := _smallest_eigenvalue(residual)) < -_RESIDUAL * np.max(np.abs(rigid)):
+        return (
+            "the participation factors exceed the rigid mass: the residual mass matrix (rigid minus "
+            f"effective mass) has the eigenvalue {smallest:.3g} in the range. Check their scaling (modes "
+            "of unit mass), their point (the origin of the body), and the mass, center and inertia."
+        )
+    return None
+
+
+def _smallest_eigenvalue(matrices: NDArray[np.float64]) -> float:
+    """Of the symmetric parts of matrices (samples, n, n)."""
+    return float(np.min(np.linalg.eigvalsh(0.5 * (matrices + np.swapaxes(matrices, 1, 2)))))
 
 
 def _rigid_mass(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -202,42 +234,6 @@ def _rigid_mass(body: ElasticBody, values: Mapping[str, NDArray[np.float64]]) ->
     masses: NDArray[np.float64] = function(table).full().reshape(6, samples, 6).transpose(1, 0, 2)
     return masses
 
-
-def _elastic_problem(e: Elastic, rigid: NDArray[np.float64]) -> str | None:
-    count = len(rigid)
-    mass, stiffness, coupling, damping = (
-        dense(terms, count) for terms in (e.mass, e.stiffness, e.participation, e.damping)
-    )
-    for matrix in (mass, stiffness, coupling, damping, rigid):
-        largest = float(np.max(np.abs(matrix), initial=0.0))
-        if not largest < _LARGEST:
-            return f"an entry of its matrices is {largest:.3g} in the range; no body has such numbers."
-    for name, matrix in (("mass", mass), ("stiffness", stiffness)):
-        smallest = float(np.min(np.linalg.eigvalsh(0.5 * (matrix + np.swapaxes(matrix, 1, 2)))))
-        if not smallest > 0.0:
-            return (
-                f"the {name} matrix of its deformations is not positive definite in the range: smallest "
-                f"eigenvalue {smallest:.3g}. Frequencies must be positive."
-            )
-    if e.damping:
-        smallest = float(np.min(np.linalg.eigvalsh(0.5 * (damping + np.swapaxes(damping, 1, 2)))))
-        if smallest < -_ROUNDING * float(np.max(np.abs(damping))):
-            return f"the damping is negative in the range: smallest eigenvalue {smallest:.3g}."
-    carried = coupling @ np.linalg.solve(mass, np.swapaxes(coupling, 1, 2))
-    residual = rigid - carried
-    smallest = float(np.min(np.linalg.eigvalsh(0.5 * (residual + np.swapaxes(residual, 1, 2)))))
-    if smallest < -_RESIDUAL * float(np.max(np.abs(rigid))):
-        return (
-            "the participation factors exceed the rigid mass: the residual mass matrix (rigid minus "
-            f"effective mass) has the eigenvalue {smallest:.3g} in the range. Check their scaling (modes "
-            "of unit mass), their point (the origin of the body), and the mass, center and inertia."
-        )
-    return None
-
-
-_LARGEST = 1e100  # products of such numbers are still numbers
-_ROUNDING = 1e-12  # a negative eigenvalue below this part of the largest entry is rounding
-_RESIDUAL = 1e-6  # the same for the residual mass: data are often given with few digits
 
 Six = tuple[Quantity, Quantity, Quantity, Quantity, Quantity, Quantity]
 _DIRECTIONS = (*AXES, *(f"r{axis}" for axis in AXES))
@@ -321,12 +317,8 @@ class FlexibleBody(ElasticBody):
             frequency, ratio = values[f"mode{k + 1}.frequency"], values[f"mode{k + 1}.damping"]
             stiffness.append(Term(frequency * frequency, only))
             damping.append(Term(2.0 * ratio * frequency, only))
-        return Elastic(
-            mass=[Term(1.0, np.eye(n))],
-            damping=damping,
-            stiffness=stiffness,
-            participation=self._columns("participation", values),
-        )
+        mass = [Term(1.0, np.eye(n))]
+        return Elastic(mass, damping, stiffness, self._columns("participation", values))
 
     def shapes(self, port: str, values: Values) -> Sequence[Term]:
         return self._columns(port, values)
@@ -352,24 +344,15 @@ class FlexibleBody(ElasticBody):
 
     def _undeformed(self) -> RigidBody:
         """The body without its modes."""
-        return RigidBody(
-            name=self.name,
-            mass=self.mass,
-            center_of_mass=self.center_of_mass,
-            inertia=self.inertia,
-            ports=self.ports,
-        )
+        return RigidBody(**{key: getattr(self, key) for key in RigidBody.model_fields})
 
     def rigid_wrench(self, motion: ca.SX, values: Values) -> ca.SX:
         none = ca.SX(0, 1)
         return self._undeformed().wrench(motion, values, ca.SX(3, 1), Coordinate(none, none, none))
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        problem = self._undeformed().physical_problem(values) or self._frequency_problem(values)
-        return problem or elastic_problem(self, values)
-
-    def _frequency_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        """A sentence if the frequency of a mode is not positive at one of the samples (samples,)."""
+        if problem := self._undeformed().physical_problem(values):
+            return problem
         for k in range(1, len(self.modes) + 1):
             lowest = float(np.min(values[f"mode{k}.frequency"]))
             if not lowest > 0.0:
@@ -377,4 +360,4 @@ class FlexibleBody(ElasticBody):
                     f"mode {k}: the frequency is not positive in the range: {lowest:g} rad/s, so the "
                     "stiffness is not positive definite."
                 )
-        return None
+        return elastic_problem(self, values)

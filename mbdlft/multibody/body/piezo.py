@@ -179,15 +179,11 @@ class PiezoBeam(Beam):
             layers * (w * h) * (w * w) / 12.0,
         )
 
-    def _span(self, k: int) -> tuple[int, int]:
-        """First and last node of patch k."""
-        return self.patches[k].start, self.patches[k].end
-
     def _capacitance(self, k: int, values: Values) -> Any:
         """Capacitance C of patch k at constant strain (F)."""
-        p, (start, end) = self._of(k, values), self._span(k)
+        p, patch = self._of(k, values), self.patches[k]
         clamped = p["permittivity"] - p["d31"] * p["d31"] * p["modulus"]
-        area = p["width"] * values["length"] * ((end - start) / self.elements)
+        area = p["width"] * values["length"] * ((patch.end - patch.start) / self.elements)
         return self._section(k, values).layers * (clamped * area / p["thickness"])
 
     def _coupling(self, values: Values) -> list[Term]:
@@ -223,7 +219,7 @@ class PiezoBeam(Beam):
         for k in range(len(self.patches)):
             p, section = self._of(k, values), self._section(k, values)
             line = p["density"] * section.area * L
-            span = self._span(k)
+            span = (self.patches[k].start, self.patches[k].end)
             for name, d, columns in self.blocks():
                 if name == "torsion":  # patches add no stiffness there
                     continue
@@ -239,19 +235,12 @@ class PiezoBeam(Beam):
             if self.patches[k].side != "both":
                 factor = p["modulus"] * section.first / (L * L)
                 stiffness.append(Term(factor, self._stretch_and_bend(k)))
-        damping = list(base.damping)
-        if damping:
-            damping += [Term(values["mass_damping"] * f, matrix) for f, matrix in mass]
-            damping += [Term(values["stiffness_damping"] * f, matrix) for f, matrix in stiffness]
-        return Elastic(
-            [*base.mass, *mass],
-            damping,
-            [*base.stiffness, *stiffness],
-            [*base.participation, *participation],
-        )
+        damping = [*base.damping, *self._damping(mass, stiffness, values)]
+        stiffness, participation = [*base.stiffness, *stiffness], [*base.participation, *participation]
+        return Elastic([*base.mass, *mass], damping, stiffness, participation)
 
     def _breaks(self) -> tuple[int, ...]:
-        ends = {node for k in range(len(self.patches)) for node in self._span(k)}
+        ends = {node for patch in self.patches for node in (patch.start, patch.end)}
         return tuple(sorted({*super()._breaks(), *(ends - {0, self.elements})}))
 
     def _stretch_and_bend(self, k: int) -> NDArray[np.float64]:
@@ -260,10 +249,10 @@ class PiezoBeam(Beam):
         They couple the axial coordinates with those of bending along y, and the other way round.
         """
         deformations = {name: (d, columns) for name, d, columns in self.blocks()}
-        n = self._count
-        coupling = np.zeros((n, n))
+        coupling = np.zeros((self._count, self._count))
         (axial, rows), (bending, columns) = deformations["axial"], deformations["bending_y"]
-        integrals = cross_products(axial, "slope", bending, "bend", ONE, *self._span(k))
+        span = (self.patches[k].start, self.patches[k].end)
+        integrals = cross_products(axial, "slope", bending, "bend", ONE, *span)
         coupling[rows, columns] = -integrals
         return coupling + coupling.T
 
@@ -277,7 +266,9 @@ class PiezoBeam(Beam):
         lumps = []
         for k in range(len(self.patches)):
             # fractions: rounded once, constants are recognized (`sx.constants`)
-            a, b = (Fraction(node, self.elements) for node in self._span(k))
+            a, b = (
+                Fraction(node, self.elements) for node in (self.patches[k].start, self.patches[k].end)
+            )
             line = self._of(k, values)["density"] * self._section(k, values).area * values["length"]
             first, second = (a + b) / 2, (a * a + a * b + b * b) / 3
             lumps.append((line * float(b - a), float(first), float(second)))

@@ -143,6 +143,10 @@ class Body(Description, abc.ABC):
         )
         return ca.vertcat(y[2, 1], -x[2, 1], x[1, 1])
 
+    def unseen(self, entry: str) -> tuple[str, ...]:
+        """Quantities to be given where a motion feels an entry of the inertia that is not known."""
+        return (f"inertia.{entry}",)
+
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """The condition of physics that fails at one of the sampled values (samples,), or None."""
         return None
@@ -220,15 +224,18 @@ class RigidBody(Body):
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
         """Wrench (3, 2) of the Newton-Euler equations about P, moved to the inboard port."""
-        inertia = inertia_entries(self.name, values)
-        center = _position(values, "center_of_mass")
-        label = self.port_label(self.inertia.about)
-        point = _position(values, label) if label else ca.SX(3, 1)
+        entries = {
+            name: values.get(f"inertia.{name}", ca.SX.sym(unseen_name(self.name, name)))
+            for name in (*DIAGONAL, *PRODUCTS)
+        }
+        inertia = ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
+        center = self.port_position("center_of_mass", values)
+        point = self.port_position(self.inertia.about, values)
         needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
         return ca.SX(needed)
 
     def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
-        return ca.SX((_position(values, "center_of_mass") - inboard) * values["mass"])
+        return ca.SX((self.port_position("center_of_mass", values) - inboard) * values["mass"])
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         problem = negative_mass(values["mass"])
@@ -287,15 +294,6 @@ def newton_euler() -> ca.Function:
     )
 
 
-def inertia_entries(body: str, values: Values) -> ca.SX:
-    """Inertia matrix (3, 3) of the body of this name; a symbol stands for an entry that is not given."""
-    entries = {
-        name: values[key] if (key := f"inertia.{name}") in values else ca.SX.sym(unseen_name(body, name))
-        for name in (*DIAGONAL, *PRODUCTS)
-    }
-    return ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
-
-
 def unseen_name(body: str, entry: str) -> str:
     """Name of the symbol of an inertia entry that is not given."""
     return f"{body}.inertia.{entry}"
@@ -308,51 +306,31 @@ def negative_mass(mass: NDArray[np.float64]) -> str | None:
     return f"the mass is negative in the range: {lowest:g} kg." if lowest < -rounding else None
 
 
-def _position(values: Values, label: str) -> ca.SX:
-    """Position (3,) of the point with this label, from the origin (m)."""
-    return column(values[f"{label}.{axis}"] for axis in AXES)
-
-
 def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
     """A sentence on the condition of the inertia about the center of mass that fails, or None.
 
     The diagonal entries must not be negative. If all entries are given, the matrix must be positive
     semidefinite and its principal moments must satisfy the triangle inequality.
     """
-    entries = {name: values.get(f"inertia.{name}") for row in _ENTRY for name in row}
     about = body.port_label(body.inertia.about)
-    mass = values["mass"]
-    d = np.stack(
-        [
-            np.broadcast_to(
-                values[f"center_of_mass.{axis}"] - (values[f"{about}.{axis}"] if about else 0.0),
-                mass.shape,
+    mass, J = values["mass"], np.full((*values["mass"].shape, 3, 3), np.nan)
+    d = np.zeros((*mass.shape, 3))
+    for i, a in enumerate(AXES):
+        d[:, i] = values[f"center_of_mass.{a}"] - (values[f"{about}.{a}"] if about else 0.0)
+        for j, name in enumerate(_ENTRY[i]):
+            J[:, i, j] = values.get(f"inertia.{name}", np.nan)
+    square = np.einsum("ni,ni->n", d, d)[:, None, None] * np.eye(3)
+    central = J - mass[:, None, None] * (square - d[:, :, None] * d[:, None, :])
+    for k, name in enumerate(DIAGONAL):
+        if np.min(central[:, k, k]) < -_ROUNDING * np.max(np.abs(J[:, k, k])):
+            return (
+                f"inertia.{name} about the center of mass is negative in the range: "
+                f"{np.min(central[:, k, k]):g} kg m^2 (given about {body.inertia.about})."
             )
-            for axis in "xyz"
-        ]
-    )
-    steiner = {"xx": d[1] ** 2 + d[2] ** 2, "yy": d[0] ** 2 + d[2] ** 2, "zz": d[0] ** 2 + d[1] ** 2}
-    for name in DIAGONAL:
-        entry = entries[name]
-        if entry is not None:
-            central = entry - mass * steiner[name]
-            if np.min(central) < -_ROUNDING * np.max(np.abs(entry)):
-                return (
-                    f"inertia.{name} about the center of mass is negative in the range: "
-                    f"{np.min(central):g} kg m^2 (given about {body.inertia.about})."
-                )
-    known = {name: entry for name, entry in entries.items() if entry is not None}
-    if len(known) < len(entries):
+    if np.isnan(J).any():
         return None
-    full = np.stack(
-        [np.stack([np.broadcast_to(known[name], mass.shape) for name in row]) for row in _ENTRY]
-    )
-    full = np.moveaxis(full, -1, 0)
-    offset = np.moveaxis(d, -1, 0)
-    square = np.einsum("ni,ni->n", offset, offset)[:, None, None] * np.eye(3)
-    central = full - mass[:, None, None] * (square - offset[:, :, None] * offset[:, None, :])
     principal = np.linalg.eigvalsh(central)
-    scale = np.max(np.abs(full))
+    scale = np.max(np.abs(J))
     if np.min(principal) < -_ROUNDING * scale:
         return (
             "the inertia matrix about the center of mass is not positive semidefinite in the range: "

@@ -42,21 +42,12 @@ _ARRAYS = arithmetic(np.float64, FUNCTIONS_OF_DOUBLES)
 
 @dataclass(frozen=True, slots=True)
 class System:
-    """f(t, p) = 0 with n unknowns and q parameters.
+    """f(t, p) = 0 with n unknowns and q parameters."""
 
-    Attributes
-    ----------
-    name : str
-        For messages.
-    names : names of the parameters
-    residual, jacobian : casadi.Function
-        (t, p) -> f (n,) and df/dt (n, n), dense.
-    """
-
-    name: str
-    names: tuple[str, ...]
-    residual: ca.Function
-    jacobian: ca.Function
+    name: str  # for messages
+    names: tuple[str, ...]  # of the parameters
+    residual: ca.Function  # (t, p) -> f (n,), dense
+    jacobian: ca.Function  # (t, p) -> df/dt (n, n), dense
 
     @property
     def unknowns(self) -> int:
@@ -92,10 +83,9 @@ def values(s: System, t: Array, p: Array) -> tuple[Array, Array]:
 
 
 def newton(s: System, t: Array, p: Array) -> tuple[Array, npt.NDArray[np.bool_], Array]:
-    """Roots (N, n) from starts t (N, n) at p (N, q), whether each converged, and df/dt (N, n, n).
+    """Roots (N, n) from starts t (N, n) at p (N, q), whether each converged, and df/dt (N, n, n) before.
 
-    It converged if the steps shrank from the first one on, and the last is at rounding. The derivatives
-    are those at the last point but one.
+    It converged if the steps shrank from the first one on, and the last is at rounding.
     """
     t, last = t.copy(), np.full(len(t), np.inf)
     good, done = np.ones(len(t), bool), np.zeros(len(t), bool)
@@ -130,7 +120,7 @@ def start_branch(s: System, nominal: Array, start: Array) -> Array:
             f"{s.at(nominal)}. Give a start nearer to the equilibrium; if that does not help, "
             "the equilibrium is at a fold or a bifurcation there, or does not exist."
         )
-    if not np.isfinite(np.linalg.cond(jacobian[0])) or np.linalg.cond(jacobian[0]) > 1 / _SHORTEST:
+    if not np.linalg.cond(jacobian[0]) <= 1 / _SHORTEST:
         raise TrimError(
             f"equilibrium of {s.name!r}: df/dt is singular at the start, {s.at(nominal)}, "
             f"t = {roots[0].tolist()}: a fold or a bifurcation. {_TRY}"
@@ -199,33 +189,15 @@ _EXACT = 1e-3  # of the tolerance: errors below are not told apart from zero
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What is proved, and where it stopped.
+    """What is proved, and where it stopped."""
 
-    Attributes
-    ----------
-    bound : Array (n,)
-        Largest proved error on the pieces that were done.
-    sampled : Array (n,)
-        Largest error at single points.
-    pieces : int
-        Number of pieces that were examined.
-    share : float
-        Part of the box that is done.
-    exceptions : Array (N, q)
-        Points with an error above the tolerance.
-    stuck : Array (q,) or None
-        Middle of a smallest piece on which nothing could be proved.
-    complete : bool
-        The bound holds on the whole box.
-    """
-
-    bound: Array
-    sampled: Array
-    pieces: int
-    share: float
-    exceptions: Array
-    stuck: Array | None = None
-    complete: bool = False
+    bound: Array  # (n,) largest proved error on the pieces that were done
+    sampled: Array  # (n,) largest error at single points
+    pieces: int  # number of pieces that were examined
+    share: float  # part of the box that is done
+    exceptions: Array  # (N, q) points with an error above the tolerance
+    stuck: Array | None = None  # (q,) middle of a smallest piece on which nothing could be proved
+    complete: bool = False  # the bound holds on the whole box
 
 
 def prove(

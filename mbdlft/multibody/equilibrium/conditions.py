@@ -38,24 +38,14 @@ class Conditions:
 
     The unknowns t (n_t,) are tangents of coordinates, then angles of joints with a stiffness, then force
     densities.
-
-    Attributes
-    ----------
-    residual : casadi.Function
-        (t, p) -> f (n_t,); p in SI units.
-    names : names of the parameters in p
-    start : Array (n_t,)
-        The root at nominal.
-    tangents, angles : indices of the coordinates whose tangents or angles are unknowns
-    springs : nominal size of the force density (N/m) by name of the spring; the unknown is relative to it
     """
 
-    residual: ca.Function
-    names: tuple[str, ...]
-    start: Array
-    tangents: tuple[int, ...]
-    angles: tuple[int, ...]
-    springs: Mapping[str, float]
+    residual: ca.Function  # (t, p) -> f (n_t,); p in SI units
+    names: tuple[str, ...]  # of the parameters in p
+    start: Array  # (n_t,) the root at nominal
+    tangents: tuple[int, ...]  # indices of the coordinates whose tangents are unknowns
+    angles: tuple[int, ...]  # and of those whose angles are
+    springs: Mapping[str, float]  # nominal force density (N/m) by name; the unknown is relative to it
 
 
 def fit_conditions(
@@ -67,9 +57,8 @@ def fit_conditions(
 ) -> Conditions:
     """The conditions for the coordinates whose positions in `after` have the parameters `tangents`.
 
-    `before` are the conditions of the scene as the user declares it, `after` those of the scene in which
-    the new positions are declared. `tangents` are names of the new parameters, `nominal` the positions
-    (rad, m) at nominal, by index of the coordinate.
+    `before` is the scene as the user declares it, `after` that in which the new positions are declared;
+    `tangents` are names of the new parameters, `nominal` positions (rad, m), by index of the coordinate.
     """
     s = _Symbols(scene, tangents)
     rows, trimmed = s.at(after, [after.rows, after.given])
@@ -110,25 +99,19 @@ def fit_conditions(
 
 
 class _Rope(NamedTuple):
-    """A spring whose force density, or a strut whose force, is size * density, with its law.
-
-    `nominal` is the value of the unknown `density` there.
-    """
+    """A spring whose force density, or a strut whose force, is size * density, with its law."""
 
     name: str
     size: float
-    density: ca.SX
+    density: ca.SX  # the unknown
     law: ca.SX
-    nominal: float
+    nominal: float  # value of the unknown
 
 
 def _sprung_joints(
     s: "_Symbols", before: Displaced, after: Displaced, nominal: Mapping[int, float], u: ca.SX
 ) -> dict[int, ca.SX]:
-    """Put the efforts of joint stiffnesses into u (n_u,); return new symbols for half of the angles.
-
-    The symbols are by index of the coordinate; a translation needs none.
-    """
+    """Put efforts of joint stiffnesses into u (n_u,); return symbols of half of the angles, by index."""
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
     (declared,) = s.at(before, [before.declared])
     halves: dict[int, ca.SX] = {}

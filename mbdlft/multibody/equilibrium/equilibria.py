@@ -173,18 +173,13 @@ def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -
         for k, value in zip(d.unknown, w, strict=True)
         if k not in d.multipliers
     }
-    positions = _positions(equations, attempt.s)
-    changed = {
-        unknown.signal.name: float(value)
-        for unknown, value in zip(equations.unknowns, attempt.s, strict=True)
-        if unknown.is_parameter
-    }
+    changed = _parameters(equations, attempt.s)
     rows = equations.slopes(attempt.s, w)[0].full()[:, 0]
     units = {u.signal.name: u.signal.unit for u in equations.unknowns if not u.is_parameter}
     return EquilibriumPoint(
         scene=d.name,
         parameters={**equations.parameters, **changed},
-        positions=positions,
+        positions=_positions(equations, attempt.s),
         found=tuple(changed),
         efforts={signal.name: value for signal, value in efforts.items()},
         units=units | {signal.name: signal.unit for signal in efforts},
@@ -195,19 +190,23 @@ def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -
     )
 
 
+def _parameters(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
+    """Values by name of the parameters among the unknowns s (n_s,)."""
+    both = zip(equations.unknowns, s, strict=True)
+    return {unknown.signal.name: float(value) for unknown, value in both if unknown.is_parameter}
+
+
 def _positions(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
     """Positions by coordinate (rad, m) for the unknowns s (n_s,).
 
     An angle without spring and bounds is given between minus and plus half a turn.
     """
     values: dict[str, float] = {}
-    balls = [k for k, unknown in enumerate(equations.unknowns) if unknown.is_ball]
     turned = s.astype(float).copy()
-    for k in range(0, len(balls), 3):
-        vector = s[balls[k : k + 3]]
-        length = float(np.linalg.norm(vector))
+    for ball in equations.balls:
+        length = float(np.linalg.norm(s[ball]))
         if length > 0.0:
-            turned[balls[k : k + 3]] = vector * (2.0 * np.arctan(length / 2.0) / length)
+            turned[ball] = s[ball] * (2.0 * np.arctan(length / 2.0) / length)
     for unknown, value in zip(equations.unknowns, turned, strict=True):
         if unknown.is_parameter:
             continue
@@ -270,12 +269,7 @@ def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]
 
 def _where(equations: EquilibriumEquations, attempt: Attempt) -> str:
     """The positions of an attempt, in words."""
-    positions = {**_positions(equations, attempt.s)}
-    positions |= {
-        u.signal.name: float(value)
-        for u, value in zip(equations.unknowns, attempt.s, strict=True)
-        if u.is_parameter
-    }
+    positions = _positions(equations, attempt.s) | _parameters(equations, attempt.s)
     units = {unknown.signal.name: unknown.signal.unit for unknown in equations.unknowns}
     listed = ", ".join(f"{name} = {value:.6g} {units[name]}" for name, value in positions.items())
     return f"at {listed}" if listed else "at the declared positions"

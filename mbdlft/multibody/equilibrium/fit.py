@@ -5,7 +5,7 @@ The proof of the bound gives new samples where it fails.
 """
 
 import itertools
-from collections.abc import Iterator, Sequence, Sized
+from collections.abc import Sequence, Sized
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -33,18 +33,11 @@ _HOPELESS = 5.0  # times the tolerance: the weights do not make the largest erro
 
 @dataclass(frozen=True, slots=True)
 class Rational:
-    """(sum_a c_a d^a) / (sum_b e_b d^b) of d = p - center, with e_0 = 1.
+    """(sum_a c_a d^a) / (sum_b e_b d^b) of d = p - center, with e_0 = 1."""
 
-    Attributes
-    ----------
-    center : Array (q,)
-    numerator_exponents, denominator_exponents : Array (number of terms, q) of int
-    numerator, denominator : Array (number of terms,)
-    """
-
-    center: Array
-    numerator_exponents: Array
-    numerator: Array
+    center: Array  # (q,)
+    numerator_exponents: Array  # (number of terms, q) of int
+    numerator: Array  # (number of terms,)
     denominator_exponents: Array
     denominator: Array
 
@@ -60,27 +53,14 @@ class Rational:
 
 @dataclass(frozen=True, slots=True)
 class EquilibriumFit:
-    """Rational functions fit_i(p) with |fit_i(p) - t_i(p)| <= bound_i on the whole box.
+    """Rational functions fit_i(p) with |fit_i(p) - t_i(p)| <= bound_i on the whole box."""
 
-    Attributes
-    ----------
-    names : names of the parameters, q of them
-    functions : n rational functions of p - center
-    expressions : the same n functions as texts; it is for them that the bound is proved
-    bound : Array (n,)
-        Proved bound of the error, in the unit of the unknown.
-    found : Array (n,)
-        Largest error at the points that were looked at; the largest of all is between the two.
-    pieces : int
-        Number of pieces of the box that the proof examined.
-    """
-
-    names: tuple[str, ...]
-    functions: tuple[Rational, ...]
-    expressions: tuple[str, ...]
-    bound: Array
-    found: Array
-    pieces: int
+    names: tuple[str, ...]  # of the q parameters
+    functions: tuple[Rational, ...]  # n functions of p - center
+    expressions: tuple[str, ...]  # the same as texts; it is for them that the bound is proved
+    bound: Array  # (n,) proved bound of the error, in the unit of the unknown
+    found: Array  # (n,) largest error at the points that were looked at
+    pieces: int  # number of pieces of the box that the proof examined
 
     def __call__(self, p: Array) -> Array:
         """Values (N, n) at p (N, q)."""
@@ -88,13 +68,13 @@ class EquilibriumFit:
 
 
 class _Task(NamedTuple):
-    """What is asked for: the arguments of `fit_equilibrium`."""
+    """What is asked for."""
 
-    nominal: Array
-    low: Array
+    nominal: Array  # (q,) a value of the parameters, in the units of the residual (SI)
+    low: Array  # (q,) the box
     high: Array
-    start: Array
-    tolerance: float
+    start: Array  # (n,) near to the root at `nominal`; the branch through that root is fitted
+    tolerance: float  # largest bound, in the units of the unknowns
     most_pieces: int
 
 
@@ -112,25 +92,9 @@ def fit_equilibrium(
 ) -> EquilibriumFit:
     """Rational functions near the root t(p) of residual(t, p) = 0, with a proved bound.
 
-    For each unknown the smallest total degree is taken that meets the tolerance.
-
-    Parameters
-    ----------
-    residual : casadi.Function
-        (t, p) -> f (n,): + - * /, integer powers, sqrt, sin, cos and tan of the n unknowns t (tan of
-        half an angle, or m) and the q parameters p.
-    nominal, low, high : Array (q,)
-        A value of the parameters, and the box, in the units of the residual (SI).
-    start : Array (n,)
-        Near to the root at `nominal`; the branch through that root is fitted.
-    tolerance : float
-        Largest bound, in the units of the unknowns.
-    names : sequence of str, optional
-        Names of the parameters for expressions and messages; p1, p2, ... by default.
-    largest_degree : int
-        Total degree at which to give up.
-    most_pieces : int
-        Number of pieces of the box at which to give up.
+    For each unknown the smallest total degree is taken that meets the tolerance. The residual has
+    + - * /, integer powers, sqrt, sin, cos and tan of the n unknowns t (tan of half an angle, or m) and
+    the q parameters p; it gives up at `largest_degree`, and at `most_pieces` of the box.
     """
     nominal, low, high, start = (
         np.asarray(value, dtype=float).reshape(-1) for value in (nominal, low, high, start)
@@ -289,15 +253,13 @@ def smallest_fit(
     q), too. `degree` is the total degree of the numerator and the largest one of the denominator.
     """
     q = x.shape[1]
-    caps = [degree] * q
-    best: tuple[Rational, float] | None = None
-    for below in _denominators(q, degree):
-        fit = _weighted_fit(x, t, guards, caps, degree, below, tolerance, tolerance)
-        if best is None or fit[1] < best[1]:
-            best = fit
-        if best[1] <= tolerance:
+    caps, fits = [degree] * q, []
+    # of one variable the denominator is free up to the degree of the numerator
+    for below in {0: 0, degree: 0} if q == 1 else range(degree + 1):
+        fits.append(_weighted_fit(x, t, guards, caps, degree, below, tolerance, tolerance))
+        if fits[-1][1] <= tolerance:
             break
-    assert best is not None
+    best = min(fits, key=lambda fit: fit[1])
     if best[1] > tolerance:
         return best
     for k in range(q):
@@ -332,12 +294,6 @@ def text(fit: Rational, names: Sequence[str]) -> str:
     if len(fit.denominator) == 1:
         return above
     return f"{above}/{_nested(_terms(fit.denominator_exponents, fit.denominator), variables)}"
-
-
-def _denominators(variables: int, degree: int) -> Iterator[int]:
-    """Degrees of the denominator to be tried; of one variable it is free up to the numerator's."""
-    yield 0
-    yield from [degree] if variables == 1 and degree else range(1, degree + 1)
 
 
 def _terms(exponents: Array, coefficients: Array) -> dict[tuple[int, ...], float]:

@@ -26,66 +26,53 @@ _SMALL = 1e-3  # least size of a row, of the largest row of the same unit
 _RANK = 1e-9  # singular values below this part of the largest are zero
 # rad, the largest random rotation; at pi its vector is infinite
 _MOST_TURN = np.pi * (1.0 - 1.0 / 16.0)
+_STEPS = 30
+_LONGEST = 0.5  # longest step of an unknown over its size, so that the nearest root is found
+_SHORTEST = 2.0**-8  # smallest part of a step that is tried
+_SOLVED = 1e-10  # largest value of a solved equation, over its size
+_TRIALS = 200  # most evaluations of the trust region method
+_OUTSIDE = 1e-9  # how far rounding may leave an unknown outside its bounds, over its size
 
 
 @dataclass(frozen=True, slots=True)
 class Unknown:
-    """One unknown, an entry of s: the displacement of a coordinate of a joint, or a parameter.
-
-    Attributes
-    ----------
-    signal : name and unit
-    index : of the coordinate, or of the parameter
-    is_parameter, is_ball : whether it is a parameter, or a component of a rotation vector
-    is_periodic : whether it is an angle of which a whole turn changes nothing
-    low, high : range of the search
-    bounded : whether the user gave this range
-    size : a typical change
-    start : value at the first start
-    origin : position for the value 0
-    """
+    """One unknown, an entry of s: the displacement of a coordinate of a joint, or a parameter."""
 
     signal: Signal
-    index: int
-    is_parameter: bool
-    is_ball: bool
-    is_periodic: bool
-    low: float
+    index: int  # of the coordinate, or of the parameter
+    low: float  # range of the search
     high: float
-    bounded: bool
-    size: float
-    start: float
-    origin: float
+    bounded: bool  # the user gave this range
+    size: float  # a typical change
+    start: float  # value at the first start
+    origin: float = 0.0  # position for the value 0
+    is_parameter: bool = False
+    is_ball: bool = False  # a component of a rotation vector
+    is_periodic: bool = False  # an angle of which a whole turn changes nothing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EquilibriumEquations:
-    """The equations of equilibrium at one value of the parameters.
-
-    Attributes
-    ----------
-    displaced : Displaced
-    unknowns : Unknown (n_s,)
-    parameters : physical values by name
-    offset : casadi.Function, s -> rows at w = 0 (m,), derivatives by w (m, n_w)
-    slopes : casadi.Function, (s, w) -> rows (m,), derivatives by s (m, n_s)
-    alignment : casadi.Function, s -> cosines that must be 1
-    sizes : Array (m,)
-        Typical size of each row.
-    """
+    """The equations of equilibrium at one value of the parameters."""
 
     displaced: Displaced
     unknowns: tuple[Unknown, ...]
-    parameters: Mapping[str, float]
-    offset: ca.Function
-    slopes: ca.Function
-    alignment: ca.Function
-    sizes: Array
+    parameters: Mapping[str, float]  # physical values by name
+    offset: ca.Function  # s -> rows at w = 0 (m,), derivatives by w (m, n_w)
+    slopes: ca.Function  # (s, w) -> rows (m,), derivatives by s (m, n_s)
+    alignment: ca.Function  # s -> cosines that must be 1
+    sizes: Array  # (m,) typical size of each row
 
     @property
     def steps(self) -> Array:
         """Typical change (n_s,) of each unknown."""
         return np.array([unknown.size for unknown in self.unknowns])
+
+    @property
+    def balls(self) -> list[list[int]]:
+        """Entries of s of each rotation vector."""
+        entries = [k for k, unknown in enumerate(self.unknowns) if unknown.is_ball]
+        return [entries[k : k + 3] for k in range(0, len(entries), 3)]
 
     @property
     def ends(self) -> Array:
@@ -96,18 +83,11 @@ class EquilibriumEquations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
-    """The equations at some s after the elimination of w.
+    """The equations at some s after the elimination of w."""
 
-    Attributes
-    ----------
-    w : (n_w,), the efforts of least squares
-    rows : (m,), the part of the rows that no w can balance, over their sizes
-    slopes : (m, n_s), the derivatives of `rows` by s over the sizes of s
-    """
-
-    w: Array
-    rows: Array
-    slopes: Array
+    w: Array  # (n_w,) the efforts of least squares
+    rows: Array  # (m,) the part of the rows that no w can balance, over their sizes
+    slopes: Array  # (m, n_s) the derivatives of `rows` by s over the sizes of s
 
 
 def equilibrium_equations(
@@ -117,10 +97,7 @@ def equilibrium_equations(
     bounds: Bounds,
     rng: np.random.Generator,
 ) -> EquilibriumEquations:
-    """The equations of equilibrium at physical values by name, with the unknowns that are asked for.
-
-    `positions` and `bounds` are those of `find_equilibrium`.
-    """
+    """The equations at physical values by name; `positions` and `bounds` as of `find_equilibrium`."""
     d = displaced
     at = _parameter_values(d, values)
     w, u = ca.SX.sym("w", len(d.unknown)), ca.SX(d.given)
@@ -186,11 +163,10 @@ def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
 def random_start(equations: EquilibriumEquations, rng: np.random.Generator) -> Array:
     """Unknowns (n_s,) drawn inside their bounds; rotation vectors have random axes."""
     s = np.array([rng.uniform(unknown.low, unknown.high) for unknown in equations.unknowns])
-    balls = [k for k, unknown in enumerate(equations.unknowns) if unknown.is_ball]
-    for k in range(0, len(balls), 3):
+    for ball in equations.balls:
         axis = rng.standard_normal(3)
         angle = rng.uniform(0.0, _MOST_TURN)
-        s[balls[k : k + 3]] = 2.0 * np.tan(angle / 2.0) * axis / np.linalg.norm(axis)
+        s[ball] = 2.0 * np.tan(angle / 2.0) * axis / np.linalg.norm(axis)
     return s
 
 
@@ -216,11 +192,7 @@ def _choose(
     declared: Array,
     reach: float,
 ) -> tuple[Unknown, ...]:
-    """The entries of s, those of coordinates first.
-
-    `at` are the values of the parameters, `declared` (n,) the declared positions, `reach` is the length
-    of the longest arm (m).
-    """
+    """The entries of s, those of coordinates first; `reach` is the length of the longest arm (m)."""
     coordinates = d.coordinates
     sprung = {c.joint.name for c in coordinates if c.is_ball and c.is_sprung}
     chosen = [
@@ -251,15 +223,13 @@ def _choose(
     for k in parameters:
         parameter = d.parameters[k]
         low, high = bounds.get(parameter.name, (parameter.low, parameter.high))
+        low, high = max(low, parameter.low), min(high, parameter.high)
+        signal, size = Signal(parameter.name, parameter.unit), 0.5 * (parameter.high - parameter.low)
         unknowns.append(
-            Unknown(
-                Signal(parameter.name, parameter.unit), k, is_parameter=True, is_ball=False,
-                is_periodic=False, low=max(low, parameter.low), high=min(high, parameter.high),
-                bounded=True, size=0.5 * (parameter.high - parameter.low),
-                start=at[parameter.name], origin=0.0,
-            )
-        )  # fmt: skip
-    known = {u.signal.name for u in unknowns} | _alone(d)
+            Unknown(signal, k, low, high, True, size, at[parameter.name], is_parameter=True)  # noqa: FBT003
+        )
+    known = {u.signal.name for u in unknowns}
+    known |= {c.joint.name for c in coordinates if len(c.joint.freedoms) == 1}
     for name, (low, high) in bounds.items():
         if name not in known:
             raise TrimError(f"scene {d.name!r}, bounds: " + unknown_name("unknown", name, known))
@@ -268,11 +238,6 @@ def _choose(
                 f"scene {d.name!r}, bounds of {name}: expected low < high, got {low:g}, {high:g}."
             )
     return tuple(unknowns)
-
-
-def _alone(d: Displaced) -> set[str]:
-    """Names of joints with one coordinate: the name of such a joint also names its coordinate."""
-    return {c.joint.name for c in d.coordinates if len(c.joint.freedoms) == 1}
 
 
 def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: float) -> Unknown:
@@ -288,16 +253,16 @@ def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: fl
             f"{where} has a stiffness against rotations about all axes, which is known for small ones "
             "only. Leave the joint out, or use springs or a chain of revolute joints."
         )
-    ends = bounds.get(name, bounds.get(c.joint.name) if c.joint.name in _alone(d) else None)
+    ends = bounds.get(name, bounds.get(c.joint.name) if len(c.joint.freedoms) == 1 else None)
     if ends is not None and c.is_ball:
         raise TrimError(f"scene {d.name!r}, bounds: a rotation vector such as {name} has none.")
     half = 2.0 if c.is_ball else np.pi if c.freedom.turns else 2.0 * reach
     low, high = (-half, half) if ends is None else (ends[0] - declared, ends[1] - declared)
+    size, start = 1.0 if c.freedom.turns else reach, min(max(0.0, low), high)
+    periodic = c.freedom.turns and not c.is_ball and not c.is_sprung
     return Unknown(
-        c.signal, k, is_parameter=False, is_ball=c.is_ball,
-        is_periodic=c.freedom.turns and not c.is_ball and not c.is_sprung,
-        low=low, high=high, bounded=ends is not None, size=1.0 if c.freedom.turns else reach,
-        start=min(max(0.0, low), high), origin=declared,
+        c.signal, k, low, high, ends is not None, size, start, declared,
+        is_ball=c.is_ball, is_periodic=periodic,
     )  # fmt: skip
 
 
@@ -323,32 +288,14 @@ def _row_sizes(equations: EquilibriumEquations, reach: float, rng: np.random.Gen
     return np.where(efforts, sizes, [reach if unit == "m" else 1.0 for unit in units])
 
 
-_STEPS = 30
-_LONGEST = 0.5  # longest step of an unknown over its size, so that the nearest root is found
-_SHORTEST = 2.0**-8  # smallest part of a step that is tried
-_SOLVED = 1e-10  # largest value of a solved equation, over its size
-_TRIALS = 200  # most evaluations of the trust region method
-_OUTSIDE = 1e-9  # how far rounding may leave an unknown outside its bounds, over its size
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Attempt:
-    """The point to which one start led.
+    """The point to which one start led."""
 
-    Attributes
-    ----------
-    s : Array (n_s,)
-        The unknowns.
-    rows : Array (m,)
-        Values of the equations over their sizes; zero in equilibrium.
-    iterations : number of evaluations of the equations
-    solved : whether all equations are met, inside the bounds
-    """
-
-    s: Array
-    rows: Array
-    iterations: int
-    solved: bool
+    s: Array  # (n_s,) the unknowns
+    rows: Array  # (m,) values of the equations over their sizes; zero in equilibrium
+    iterations: int  # number of evaluations of the equations
+    solved: bool  # all equations are met, inside the bounds
 
     @property
     def residual(self) -> float:

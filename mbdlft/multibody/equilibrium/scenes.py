@@ -73,11 +73,11 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         else load
         for load in scene.loads
     ]
-    update: dict[str, Any] = {"joints": tuple(joints), "loads": tuple(loads)}
-    update["parameters"] = tuple(
+    parameters = tuple(
         _with_nominal(p, point.parameters[p.name]) if p.name in point.found else p
         for p in scene.parameters
     )
+    update = {"joints": tuple(joints), "loads": tuple(loads), "parameters": parameters}
     return scene.model_copy(update=update)
 
 
@@ -125,24 +125,14 @@ def _declared(d: Displaced, scene: Scene, point: EquilibriumPoint) -> tuple[Arra
     values = [point.parameters[parameter.name] for parameter in d.parameters]
     declared, before = (value.full().reshape(-1) for value in function(values, 0.0))
     _, after = (value.full().reshape(-1) for value in function(values, displacements(d, point, declared)))
-    return declared, {
-        spring.name: _density(spring, float(a / b))
-        if isinstance(spring, Spring)
-        else _relaxed(
-            spring.force or 0.0,
-            spring.stiffness,
-            float(b - a),
-            " [m]" if has_unit(scene, spring.stiffness) else "",
-        )
-        for spring, a, b in zip(springs, before, after, strict=True)
-    }
-
-
-def declared_positions(d: Displaced) -> Array:
-    """Declared positions (n,) at nominal (rad, m)."""
-    symbols, declared = in_physical(d, [d.declared])
-    function = ca.Function("declared", [symbols], declared)
-    return np.asarray(function([p.nominal for p in d.parameters]).full()[:, 0])
+    efforts = {}
+    for spring, a, b in zip(springs, before, after, strict=True):
+        k, effort = spring.stiffness, getattr(spring, spring.magnitude_key)
+        if isinstance(spring, Spring):
+            efforts[spring.name] = _density(k, effort, float(a / b))
+        else:
+            efforts[spring.name] = _relaxed(effort, k, float(b - a), " [m]" if has_unit(scene, k) else "")
+    return declared, efforts
 
 
 def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
@@ -159,11 +149,10 @@ def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Arr
     return q
 
 
-def _density(spring: Spring, ratio: float) -> Quantity:
+def _density(k: Quantity, h: Quantity, ratio: float) -> Quantity:
     """Force density k - (k - h) l_declared/l of a spring, with `ratio` l_declared/l."""
-    k, h = spring.stiffness, spring.force_density
     if ratio == 1.0:
-        return h if h is not None else 0.0
+        return h
     if isinstance(k, float) and isinstance(h, float):
         return k - (k - h) * ratio
     return f"({k}) - (({k}) - ({h}))*{ratio!r}"
@@ -342,7 +331,9 @@ def _fitted(
     width = 2.0 * fit.bound
     bounds = {before.coordinates[k].signal.name: float(width[i]) for i, k in enumerate(system.tangents)}
     moved = _with_positions(scene, before, nominal, tangents)
-    declared = declared_positions(before)
+    symbols, expressions = in_physical(before, [before.declared])
+    at_nominal = ca.Function("declared", [symbols], expressions)([p.nominal for p in before.parameters])
+    declared = at_nominal.full()[:, 0]
     joints = {joint.name: joint for joint in moved.joints}
     for i, k in enumerate(system.tangents):
         c = before.coordinates[k]

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate, rotate_back
+from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate
 
 # labels of the momenta (N m s) along the axis of a joint that turns at a steady rate, alone or with what
 # carries it: of its actuator, and of the bodies that it moves
@@ -78,7 +78,7 @@ class Turned(Move):
         return rotate(self.axis, *self.turn, vectors)
 
     def in_child_axes(self, vectors: ca.SX) -> ca.SX:
-        return rotate_back(self.axis, *self.turn, vectors)
+        return rotate(self.axis, self.turn.cosine, -self.turn.sine, vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
         return self.in_child_axes(motion)
@@ -140,7 +140,7 @@ class Hinge(Move):
     def in_child_axes(self, vectors: ca.SX) -> ca.SX:
         if self.steady:
             return vectors
-        return rotate_back(self.axis, ca.cos(self.at.q), ca.sin(self.at.q), vectors)
+        return rotate(self.axis, ca.cos(self.at.q), -ca.sin(self.at.q), vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
         return ca.SX(_hinge_motion()(self.in_child_axes(motion), self.axis, self.at.v, self.at.a))

@@ -119,19 +119,45 @@ def _check_quantities(
             sampled[label] = _at_all(samples, expected.source)
             continue
         if expected.unit == "rad":
-            _check_angle(scene, place, expected, dimensions, samples)
+            arctangents = angle_at(scene, place, expected).arctangents
+            if not arctangents and not isinstance(expected.source, float):
+                check_dimension(place, expected, expression_at(place, expected), dimensions)
+            for tangent in arctangents:  # plain numbers
+                inside = Place(owner, f"{label}, atan")
+                _checked(scene, inside, Expected(write(tangent), "1"), dimensions, samples)
             continue
         expression = expression_at(place, expected)
-        _check_angle_is_position(scene, place, expected, expression)
-        _check_degree(scene, place, expected, expression)
-        values = _sampled(place, expected, samples)
-        _check_denominators(scene, place, expression)
-        if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
-            check_dimension(place, expected, expression, dimensions)
-        if not np.all(np.isfinite(values)):
-            raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
-        sampled[label] = values
+        used = names(expression)
+        for angle in (p for p in scene.parameters if p.is_angle and p.name in used):
+            raise SceneError(
+                f"{place} = {expected.source!r}: {angle.name!r} has unit {angle.unit!r}, which does not "
+                "fit. An angle parameter can be the position of a joint, or in an orientation."
+            )
+        sampled[label] = _checked(scene, place, expected, dimensions, samples)
     return sampled
+
+
+def _checked(
+    scene: Scene,
+    place: Place,
+    expected: Expected,
+    dimensions: Mapping[str, Any],
+    samples: Mapping[str, Any],
+) -> NDArray[np.float64]:
+    """Values (SI) at the samples of a quantity that is not an angle, and checks of it."""
+    expression = expression_at(place, expected)
+    try:
+        check_degree(expression, {p.name: 1 for p in scene.parameters})
+    except SceneError as error:
+        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
+    with np.errstate(all="ignore"):  # what is not finite has its own message
+        values = _at_all(samples, value_at(place, expected, samples))
+    _check_denominators(scene, place, expression)
+    if scene.fit is None:  # a fit is a polynomial of numbers, written by `fit_positions`
+        check_dimension(place, expected, expression, dimensions)
+    if not np.all(np.isfinite(values)):
+        raise SceneError(f"{place} = {expected.source!r}: is not finite in the range.")
+    return values
 
 
 def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> None:
@@ -147,35 +173,6 @@ def _check_steady(scene: Scene, values: Mapping[str, NDArray[np.float64]]) -> No
             f"{list(scene.spin.axis)}. It would turn in the spinning frame of the scene, which has no "
             "steady equilibrium then. Expected gravity along the axis, or zero."
         )
-
-
-def _check_angle(
-    scene: Scene,
-    place: Place,
-    expected: Expected,
-    dimensions: Mapping[str, Any],
-    samples: Mapping[str, Any],
-) -> None:
-    """An angle, and the arguments of its arctangents, which are plain numbers."""
-    arctangents = angle_at(scene, place, expected).arctangents
-    if not arctangents and not isinstance(expected.source, float):
-        check_dimension(place, expected, expression_at(place, expected), dimensions)
-    for tangent in arctangents:
-        source = Expected(write(tangent), "1")
-        inside = Place(place.owner, f"{place.label}, atan")
-        _check_degree(scene, inside, source, tangent)
-        _check_denominators(scene, inside, tangent)
-        if scene.fit is None:
-            check_dimension(inside, source, tangent, dimensions)
-        if not np.all(np.isfinite(_sampled(inside, source, samples))):
-            raise SceneError(f"{inside} of {source.source!r}: is not finite in the range.")
-
-
-def _sampled(place: Place, expected: Expected, samples: Mapping[str, Any]) -> NDArray[np.float64]:
-    """Values (SI) of a quantity at the samples of the range."""
-    with np.errstate(all="ignore"):  # what is not finite has its own message
-        value = value_at(place, expected, samples)
-    return _at_all(samples, value)
 
 
 def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
@@ -212,25 +209,6 @@ def _samples(
         nominal, low, high = p.nominal * p.factor, p.low * p.factor, p.high * p.factor
         values[p.name] = np.concatenate([[nominal], low + weights[:, k] * (high - low)])
     return values
-
-
-def _check_angle_is_position(
-    scene: Scene, place: Place, expected: Expected, expression: Expression
-) -> None:
-    used = names(expression)
-    for parameter in scene.parameters:
-        if parameter.is_angle and parameter.name in used:
-            raise SceneError(
-                f"{place} = {expected.source!r}: {parameter.name!r} has unit {parameter.unit!r}, which "
-                "does not fit. An angle parameter can be the position of a joint, or in an orientation."
-            )
-
-
-def _check_degree(scene: Scene, place: Place, expected: Expected, expression: Expression) -> None:
-    try:
-        check_degree(expression, {p.name: 1 for p in scene.parameters})
-    except SceneError as error:
-        raise SceneError(f"{place} = {expected.source!r}: {error}") from None
 
 
 def _check_denominators(scene: Scene, place: Place, expression: Expression) -> None:

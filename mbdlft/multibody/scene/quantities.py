@@ -61,14 +61,11 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AngleSum:
-    """An angle (rad): a constant, and integer multiples of parameters and of arctangents.
-
-    `multiples` are by name of the parameter, `arctangents` by the expression r of atan(r).
-    """
+    """An angle (rad): a constant, and integer multiples of parameters and of arctangents."""
 
     constant: float = 0.0
-    multiples: Mapping[str, int] = field(default_factory=dict)
-    arctangents: Mapping[Expression, int] = field(default_factory=dict)
+    multiples: Mapping[str, int] = field(default_factory=dict)  # by name of the parameter
+    arctangents: Mapping[Expression, int] = field(default_factory=dict)  # by the expression r of atan(r)
 
     def __add__(self, other: "AngleSum | float") -> "AngleSum":
         if isinstance(other, float):
@@ -116,10 +113,7 @@ def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
 
 
 def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
-    """All owners of quantities: their names in words, and their quantities by label.
-
-    The owners are the scene itself, its bodies, joints, loads and loops.
-    """
+    """The scene, its bodies, joints, loads and loops in words, with their quantities by label."""
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
     x, y, z = (0.0 if entry == UNKNOWN else entry for entry in scene.acceleration)
     acceleration = vector_quantities("acceleration", (x, y, z), "m s^-2")

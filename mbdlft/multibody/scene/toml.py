@@ -86,7 +86,7 @@ def scene_to_toml(scene: Scene) -> str:
     if any(scene.acceleration):
         table["acceleration"] = list(scene.acceleration)
     if scene.spin:
-        table["spin"] = _plain(scene.spin.model_dump())
+        table["spin"] = scene.spin.model_dump(mode="json")
     table |= values_table(scene.constants, scene.parameters)
     for key in _ITEMS:
         items = getattr(scene, key)
@@ -228,10 +228,7 @@ def _table(where: str, value: Any) -> dict[str, Any]:
 
 
 def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any]) -> list[Any]:
-    """Objects of all entries of the table `key`, such as ``bodies``, each of the class of its kind.
-
-    `what` names an entry in error messages, such as ``body``; `kinds` are the classes by kind.
-    """
+    """Objects of all entries of the table `key`, each of the class of its kind."""
     items = []
     for name, value in _table(key, table.get(key, {})).items():
         fields = dict(_table(f"{what} {name!r}", value))
@@ -258,10 +255,7 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
 
 
 def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], bool]]:
-    """Fields of a kind that are records, such as an inertia, or several of them, such as modes.
-
-    Each field comes with the class of the records, and whether it has several.
-    """
+    """Fields of a kind that are records, with their class, and whether there are several."""
     for name, field in kind.model_fields.items():
         several = get_origin(field.annotation) is tuple
         annotation = get_args(field.annotation)[0] if several else field.annotation
@@ -272,16 +266,9 @@ def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], 
 
 def _kind_table(item: Any) -> dict[str, Any]:
     """The table of a body, joint, load, sensor or loop: its kind and the fields that are not default."""
-    fields = item.model_dump(exclude={"name", "kind"}, exclude_defaults=True, exclude_none=True)
-    plain: dict[str, Any] = _plain(fields)
-    return {"kind": item.kind} | plain
-
-
-def _plain(value: Any) -> Any:
-    """A value of nested tables and tuples, with lists in place of tuples."""
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, tuple) else value
+    left_out: dict[str, Any] = {"exclude_defaults": True, "exclude_none": True}
+    fields: dict[str, Any] = item.model_dump(mode="json", exclude={"name", "kind"}, **left_out)
+    return {"kind": item.kind} | fields
 
 
 def _parameter(name: str, value: Any) -> Parameter:
@@ -310,12 +297,10 @@ def _parameter(name: str, value: Any) -> Parameter:
 
 def _parameter_table(parameter: Parameter) -> dict[str, Any]:
     """The table of a parameter."""
-    p = parameter
-    table: dict[str, Any] = {"nominal": p.nominal, "low": p.low, "high": p.high, "unit": p.unit}
-    table["role"] = p.role
+    p, keys = parameter, ("nominal", "low", "high", "unit", "role")
+    table = {key: getattr(parameter, key) for key in keys}
     if p.is_angle:
-        table["substitution"] = p.substitution
-        table["reference"] = _in_unit(p.reference, p.factor)
+        table |= {"substitution": p.substitution, "reference": _in_unit(p.reference, p.factor)}
     return table
 
 
@@ -365,15 +350,19 @@ def scene_schema() -> Schema:
         Whatever `scene_from_toml` reads fits it; a file that fits may still be no scene.
     """
     definitions: Schema = {}
+    names = {"type": "array", "items": {"type": "string"}, "minItems": 1}
+    parameter: Schema = {name: {"type": "number"} for name in _NUMBERS}
+    for name, words in _TEXTS.items():
+        parameter[name] = {"type": "string"} if words is None else {"enum": words}
     scene = _of(Scene, definitions)["properties"]
     properties: Schema = {
         "format": {"const": FORMAT},
         **{key: scene[key] for key in _PLAIN},
         **{key: _of(record, definitions) for key, record in _RECORDS.items()},
         "constants": _named({"anyOf": [{"type": "number"}, _of(Constant, definitions)]}),
-        "parameters": _named(_parameter_schema()),
+        "parameters": _named({**_strict(parameter), "required": ["nominal"]}),
         **{key: _named(_kinds_schema(kinds, definitions)) for key, (_, kinds) in _ITEMS.items()},
-        "linearize": _linearize_schema(),
+        "linearize": _strict({"inputs": names, "outputs": names, "states": {"enum": [ALL, NEEDED]}}),
     }
     for name in ("scene", "Scene"):
         definitions.pop(name, None)
@@ -391,6 +380,11 @@ def scene_schema() -> Schema:
 def _named(schema: Schema) -> Schema:
     """A table whose entries have names."""
     return {"type": "object", "additionalProperties": schema}
+
+
+def _strict(properties: Schema) -> Schema:
+    """A table with these keys and no others."""
+    return {"type": "object", "properties": properties, "additionalProperties": False}
 
 
 def _of(record: type[Description], definitions: Schema) -> Schema:
@@ -434,27 +428,4 @@ def _kinds_schema(kinds: Mapping[str, type[Description]], definitions: Schema) -
         "properties": {"kind": {"enum": sorted(kinds)}},
         "required": ["kind"],
         "allOf": choices,
-    }
-
-
-def _parameter_schema() -> Schema:
-    """A parameter or an angle."""
-    properties: Schema = {name: {"type": "number"} for name in _NUMBERS}
-    for name, words in _TEXTS.items():
-        properties[name] = {"type": "string"} if words is None else {"enum": words}
-    return {
-        "type": "object",
-        "properties": properties,
-        "required": ["nominal"],
-        "additionalProperties": False,
-    }
-
-
-def _linearize_schema() -> Schema:
-    """Signals and states of the linear model."""
-    names = {"type": "array", "items": {"type": "string"}, "minItems": 1}
-    return {
-        "type": "object",
-        "properties": {"inputs": names, "outputs": names, "states": {"enum": [ALL, NEEDED]}},
-        "additionalProperties": False,
     }

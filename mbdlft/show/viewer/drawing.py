@@ -15,7 +15,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Expected, Values
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.multibody.assembly.tree import PortFrame
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.beam_elements import values_at
 from mbdlft.multibody.body.elastic import times
@@ -198,7 +197,7 @@ def _draw_body(d: Drawing, body: Body) -> None:
 
 def _ends(d: Drawing, body: ElasticBody) -> list[ca.SX]:
     """Points of an elastic body that move with its deformation: its ports, else its center of mass."""
-    names = [PortFrame.named(body.name, port).name for port in body.elastic_ports()]
+    names = [f"{body.name}.{port}" for port in body.elastic_ports()]
     center = None if names else _center_of_mass(d, body)
     return [d.poses.frames[name].r for name in names] + ([] if center is None else [center])
 

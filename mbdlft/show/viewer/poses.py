@@ -12,18 +12,17 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.base.description import AXES, Values
+from mbdlft.base.description import Values
 from mbdlft.multibody.assembly.closure import gap_of
 from mbdlft.multibody.assembly.kinematics import View, position
 from mbdlft.multibody.assembly.resolved import Resolved, resolve
-from mbdlft.multibody.assembly.tree import Owned, all_bodies, coordinate_owners
+from mbdlft.multibody.assembly.tree import Owned, coordinate_owners
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import coordinate_label
 from mbdlft.multibody.joint.move import Hinge, Move, Slide
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.multibody.spatial import column
 from mbdlft.problem.equations import physical_symbols
 from mbdlft.problem.sx.constants import in_doubles
 
@@ -106,9 +105,7 @@ class Poses:
 def scene_poses(scene: Scene) -> Poses:
     """The frames of a scene as functions of its parameters and positions; errors as of `resolve`."""
     r = resolve(scene)
-    values = r.values[f"scene {scene.name!r}"]
-    gravity = column(values[f"gravity.{a}"] for a in AXES)
-    view = View(r.links, all_bodies(scene), r.values, r.symbols.coordinates(r.links), gravity)
+    view = r.view()
     identity = Frame(ca.SX(3, 1), ca.SX.eye(3))
     inboard, frames, joints = {GROUND: identity}, {GROUND: identity}, {}
     for link in r.links:
@@ -180,6 +177,9 @@ def equilibrium_positions(poses: Poses) -> list[ca.SX | None]:
 
 
 def gaps(poses: Poses) -> ca.SX:
-    """What closures of loops keep at zero (m, and differences of unit vectors)."""
-    rows = [gap_of(loop, poses.view) for loop in poses.scene.loops]
+    """What closures of loops keep at zero (m, sines, and cosines that are not 1)."""
+    rows = []
+    for loop in poses.scene.loops:
+        gap, cosines = gap_of(loop, poses.view)
+        rows += [gap, 1.0 - cosines]
     return ca.vertcat(ca.SX(0, 1), *rows)
