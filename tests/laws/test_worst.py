@@ -78,11 +78,12 @@ def damaged(found: Bounds) -> list[Bounds]:
     assert isinstance(proof, BoxProof)
     width = found.upper - found.lower
     is_real = found.kind == "largest real part"
-    sharper = {"upper": found.lower + 0.5 * width} if is_real else {"lower": found.lower + 0.5 * width}
+    ends = found.lower - width, found.lower - 0.1 * width
+    sharper = ends if is_real else (found.upper + 0.1 * width, found.upper + width)
     off = {"lower": found.lower - width} if is_real else {"upper": found.upper + width}
     nominal = {name: 0.0 for name in found.delta}
     return [
-        replace(found, **sharper),
+        replace(found, lower=sharper[0], upper=sharper[1]),
         replace(found, **off),
         replace(found, kind="robust stability", lower=1.0, upper=2.0),
         replace(found, kind="worst-case gain", lower=0.0),
