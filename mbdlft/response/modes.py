@@ -1,8 +1,9 @@
 """State matrices at samples, in coordinates that are similar in size; their poles as modes.
 
-The states are scaled by powers of 2, so nothing is rounded. A pole lies on the imaginary axis, to
-rounding, if a matrix as near to A as rounding is has the eigenvalue j omega: if the least singular value
-of A - j omega I is of the size of the rounding of A. A mode is a real pole or a conjugate pair.
+The states are scaled by powers of 2, so nothing is rounded. One rule says everywhere whether a pole is
+on the imaginary axis (`spectrum`): where doubles do not tell its side, balls decide it for all matrices
+whose entries are as near to those of A as rounding is; if they do not, it is on the axis. A mode is a
+real pole or a conjugate pair.
 """
 
 import math
@@ -16,13 +17,13 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.unit import Signal
+from mbdlft.response.eigenpairs import ROUNDING, eigenpair
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices, matrices_at
 
 Names = str | Sequence[str] | None  # of channels; None: all
 Stability = Literal["stable", "marginal", "unstable"]
 _EPS = float(np.finfo(float).eps)
-_ROUNDING = 16.0 * _EPS  # times the number of states and the size of A: what rounding may do to A
 _ZERO = 1e-5  # of the size of A: how far rounding may move three poles from zero
 _CLEAR = 10.0  # times what rounding does to a pole, to first order: then its side is clear
 
@@ -137,18 +138,36 @@ def eigenvalues(A: Array, name: str) -> NDArray[np.complex128]:
 def spectrum(A: Array) -> Spectrum:
     """Poles of one matrix A (n, n), and which of them rounding does not let tell from the axis.
 
+    They are those of the diagonal blocks of states that depend on each other, in which A is block
+    triangular: exactly, as its zeros are. So integrators are exactly at zero.
+    """
+    import scipy.sparse  # here because it is slow to import
+    from scipy.sparse import csgraph
+
+    _, labels = csgraph.connected_components(scipy.sparse.csr_matrix(A != 0.0), connection="strong")
+    blocks = [np.flatnonzero(labels == k) for k in range(int(np.max(labels, initial=-1)) + 1)]
+    spectra = [_of_block(A[np.ix_(block, block)]) for block in blocks]
+    none = np.zeros(0, dtype=bool)
+    empty = Spectrum(np.zeros(0, dtype=complex), none, none)
+    poles, on_axis, at_zero = (np.concatenate(rows) for rows in zip(empty, *spectra, strict=True))
+    order = np.lexsort((-poles.imag, poles.real, np.abs(poles)))
+    return Spectrum(poles[order], on_axis[order], at_zero[order])
+
+
+def _of_block(A: Array) -> Spectrum:
+    """The spectrum of a block of states that depend on each other.
+
     A pole is on the axis if A - j omega I at its frequency omega has a singular value of the size of the
-    rounding of A: then a matrix so near to A has the pole j omega. Double poles are judged rightly, too.
+    rounding of A, so that a matrix so near to A has the pole j omega, and if balls do not tell its side
+    for all matrices whose entries are as near. Double poles are judged rightly, too.
     """
     import scipy.linalg  # here because it is slow to import
 
-    if not len(A):
-        none = np.zeros(0, dtype=bool)
-        return Spectrum(np.zeros(0, dtype=complex), none, none)
     poles, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
     order = np.lexsort((-poles.imag, poles.real, np.abs(poles)))
     poles, U, V = poles[order], U[:, order], V[:, order]
-    rounding = _ROUNDING * len(A) * float(np.linalg.norm(A))
+    norm = float(np.linalg.norm(A))
+    rounding = ROUNDING * len(A) * norm
     overlap = np.abs(np.sum(np.conj(U) * V, axis=0))
     unclear = np.abs(poles.real) * overlap <= _CLEAR * rounding
     for k in np.flatnonzero(unclear):
@@ -159,7 +178,9 @@ def spectrum(A: Array) -> Spectrum:
         # the least singular value is no larger than |(A - j omega I) v| of a unit vector v
         seen = float(np.linalg.norm(shifted @ V[:, k])) <= rounding
         unclear[k] = seen or np.linalg.svd(shifted, compute_uv=False)[-1] <= rounding
-    small = unclear & (np.abs(poles) <= _ZERO * float(np.linalg.norm(A)))
+        pair = eigenpair(A, complex(poles[k]), V[:, k], U[:, k])
+        unclear[k] &= pair is None or pair[-1].real.contains(0)
+    small = unclear & (np.abs(poles) <= _ZERO * norm)
     if np.any(small):
         small &= bool(np.linalg.svd(A, compute_uv=False)[-1] <= rounding)
     return Spectrum(poles, unclear, small)

@@ -14,6 +14,7 @@ Steinbuch, Systems & Control Letters 14, 1990).
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import flint
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,13 +22,14 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
-from mbdlft.response.staircase import Plant, scaled, seen
+from mbdlft.response.staircase import Plant, connected, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
 _EPS = float(np.finfo(float).eps)
 _AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
+_LIGHT, _BITS = 1e-6, 128  # damping of a pole beside which gains are computed in balls; bits of these
 _ROUNDS = 60  # of the level; far more than are needed
 
 
@@ -154,31 +156,46 @@ def h2_norm(
 
 
 def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
-    """A system without poles on or right of the axis, or why there is none."""
-    poles = spectrum(plant.A)
-    if poles.stability == "stable":
-        return plant, ""
-    least = _least(plant)
-    poles = spectrum(least.A)
-    if poles.stability == "stable":
-        return least, ""
+    """A system without poles on or right of the axis, or why there is none.
+
+    Poles that the channels do not see leave it: those of states that no entries lead to, and simple ones
+    whose vectors, in balls, do not tell the direction in from zero, or the one out.
+    """
+    plant = connected(plant)
+    for _ in range(len(plant.A) + 1):
+        poles = spectrum(plant.A)
+        if poles.stability == "stable":
+            return plant, ""
+        smaller = without_one(plant, poles.poles[poles.on_axis | (poles.poles.real > 0.0)])
+        if smaller is None:
+            break
+        plant = connected(smaller)
     how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
-    return least, f"the pole {pole_text(poles.worst)} is {how}"
-
-
-def _least(plant: Plant) -> Plant:
-    """The part that the channels see, with channels as they were."""
-    balanced, rows, columns = scaled(plant)
-    minimal = seen(balanced)
-    return Plant(minimal.A, minimal.B / columns, minimal.C / rows, plant.D)
+    return plant, f"the pole {pole_text(poles.worst)} is {how}"
 
 
 def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     """Lower and upper bound of a norm, the frequency, and why it is infinite."""
-    plant, reason = _seen_if_needed(plant)
+    stable, reason = _seen_if_needed(plant)
     if reason:
-        return np.inf, np.inf, abs(spectrum(plant.A).worst.imag), reason
-    return peak_of(plant, tolerance)
+        return np.inf, np.inf, abs(spectrum(stable.A).worst.imag), reason
+    lower, upper, frequency, reason = peak_of(stable, tolerance)
+    poles = np.linalg.eigvals(stable.A) if len(stable.A) else np.zeros(0)
+    if 0.0 < frequency < np.inf and np.any(np.abs(poles.real) < _LIGHT * np.abs(poles)):
+        lower = _gain_in_balls(connected(plant), frequency)
+        upper = max(upper, lower * (1.0 + tolerance))
+    return lower, upper, frequency, reason
+
+
+def _gain_in_balls(plant: Plant, omega: float) -> float:
+    """The largest singular value at a frequency beside a pole, where doubles lose the digits of damping."""
+    n = len(plant.A)
+    with flint.ctx.workprec(_BITS):
+        A, B, C = (flint.acb_mat(matrix.astype(complex).tolist()) for matrix in plant[:3])
+        s = flint.acb_mat((1j * omega * np.eye(n)).tolist())
+        G = C * (s - A).solve(B)
+        values = np.array([complex(x.mid()) for x in G.entries()]).reshape(plant.D.shape)
+    return float(np.linalg.norm(values + plant.D, 2))
 
 
 def _h2(plant: Plant) -> tuple[float, float, str]:

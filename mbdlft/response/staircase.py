@@ -7,11 +7,13 @@ largest: a part that is smaller than that is taken for what rounding left.
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import flint
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.response.eigenpairs import eigenpair, with_rounding
 from mbdlft.response.modes import Names, balancing, transfers_at
 from mbdlft.system.model import System
 
@@ -111,6 +113,44 @@ def scaled(plant: Plant) -> tuple[Plant, Array, Array]:
         scale = scale[:n] / scale[n]
         A, B, C = A * (scale / scale[:, None]), B / scale[:, None], C * scale
     return Plant(A, B, C, D), all_rows, all_columns
+
+
+def connected(plant: Plant) -> Plant:
+    """The states that inputs reach and outputs see along entries that are not zero: the same transfer."""
+    A, B, C, D = plant
+    reached, read = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
+    for _ in range(len(A)):
+        reached = reached | np.any(A[:, reached] != 0.0, axis=1)
+        read = read | np.any(A[read] != 0.0, axis=0)
+    kept = np.flatnonzero(reached & read)
+    return Plant(A[np.ix_(kept, kept)], B[kept], C[:, kept], D)
+
+
+def without_one(plant: Plant, poles: NDArray[np.complex128]) -> Plant | None:
+    """The system without the first of its poles, and its conjugate, that channels do not see; None: all.
+
+    A simple pole has the residue (C v)(u'B)/(u'v): it is not seen if balls do not tell one of both from
+    0. Where u'B = 0 states stay in the directions across u, and the other way round.
+    """
+    import scipy.linalg  # here because it is slow to import
+
+    A, B, C, D = plant
+    values, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
+    dual = np.conj(A.T), np.conj(B.T), np.conj(values), U, V
+    for pole in poles[poles.imag >= 0.0] if np.isrealobj(A) else poles:
+        k = int(np.argmin(np.abs(values - pole)))
+        for a, read, eigenvalues, v, u in (dual, (A, C, values, V, U)):
+            pair = eigenpair(a, complex(eigenvalues[k]), v[:, k], u[:, k])
+            if pair is None:
+                continue
+            along = with_rounding(read) * flint.acb_mat(len(A), 1, pair[:-1])
+            if all(entry.contains(0) for entry in along.entries()):
+                w = v[:, k] / np.linalg.norm(v[:, k])
+                rows = np.array([w.real, w.imag]) if np.isrealobj(A) else np.conj(w)[None]
+                Z = scipy.linalg.null_space(rows[: 1 + (values[k].imag != 0.0)])
+                Zh = np.conj(Z.T)
+                return Plant(Zh @ A @ Z, Zh @ B, C @ Z, D)
+    return None
 
 
 def seen(plant: Plant) -> Plant:
