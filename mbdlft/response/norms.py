@@ -12,6 +12,7 @@ Steinbuch, Systems & Control Letters 14, 1990).
 """
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 import flint
@@ -22,7 +23,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
-from mbdlft.response.staircase import Plant, connected, without_one
+from mbdlft.response.staircase import Plant, connected, scaled, seen, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
@@ -159,19 +160,28 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
     """A system without poles on or right of the axis, or why there is none.
 
     Poles that the channels do not see leave it: those of states that no entries lead to, and simple ones
-    whose vectors, in balls, do not tell the direction in from zero, or the one out.
+    whose vectors, in balls, do not tell the direction in from zero, or the one out. Of multiple ones, the
+    staircase decides at the rounding of the scaled matrices.
     """
     plant = connected(plant)
     for _ in range(len(plant.A) + 1):
         poles = spectrum(plant.A)
         if poles.stability == "stable":
             return plant, ""
-        smaller = without_one(plant, poles.poles[poles.on_axis | (poles.poles.real > 0.0)])
-        if smaller is None:
+        unstable = poles.poles[poles.on_axis | (poles.poles.real > 0.0)]
+        smaller = without_one(plant, unstable) or _least(plant)
+        if len(smaller.A) == len(plant.A):
             break
         plant = connected(smaller)
     how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
     return plant, f"the pole {pole_text(poles.worst)} is {how}"
+
+
+def _least(plant: Plant) -> Plant:
+    """The part that the channels see, with channels as they were."""
+    balanced, rows, columns = scaled(plant)
+    minimal = seen(balanced)
+    return Plant(minimal.A, minimal.B / columns, minimal.C / rows, plant.D)
 
 
 def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
@@ -182,13 +192,14 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     lower, upper, frequency, reason = peak_of(stable, tolerance)
     poles = np.linalg.eigvals(stable.A) if len(stable.A) else np.zeros(0)
     if 0.0 < frequency < np.inf and np.any(np.abs(poles.real) < _LIGHT * np.abs(poles)):
-        lower = _gain_in_balls(connected(plant), frequency)
+        with suppress(ZeroDivisionError):  # at a pole on the axis that is not seen
+            lower = _gain_in_balls(connected(plant), frequency)
         upper = max(upper, lower * (1.0 + tolerance))
     return lower, upper, frequency, reason
 
 
 def _gain_in_balls(plant: Plant, omega: float) -> float:
-    """The largest singular value at a frequency beside a pole, where doubles lose the digits of damping."""
+    """The largest singular value beside a pole, where doubles lose the digits of its damping."""
     n = len(plant.A)
     with flint.ctx.workprec(_BITS):
         A, B, C = (flint.acb_mat(matrix.astype(complex).tolist()) for matrix in plant[:3])

@@ -25,5 +25,7 @@ CLASSES = {
     "cores": 1,
     "analyses": 9,
     "equations": 2,
+    "claims": 1,
+    "norms": 2,
 }
 SECONDS = 20.0  # of the clock that one attack may take
