@@ -183,6 +183,10 @@ class Field:
         ball = flint.arb(flint.fmpq(value.numerator, value.denominator))
         return Exact(ball, self.residue(value))
 
+    def decimals(self, values: Iterable[float]) -> list[Exact]:
+        """Numbers as they are written."""
+        return [self.rational(decimal(value)) for value in values]
+
     def of(self, constant: Constant) -> Exact:
         """A constant as an exact number."""
         if constant.kind == "rational":

@@ -5,13 +5,11 @@
 A block has as many inputs as it reads of z, and as many outputs as it writes of w.
 """
 
-from collections.abc import Iterable, Sequence
-from itertools import accumulate, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import StructureError
 
 
@@ -93,29 +91,6 @@ class FullBlock(_OtherBlock):
         return int(self.__dict__["_outputs"])
 
 
-def is_square(blocks: Sequence[Block]) -> bool:
-    """Whether no block is full: each has as many outputs as inputs."""
-    return not any([type(block) is FullBlock for block in blocks])
-
-
-def consecutive(sizes: Iterable[int]) -> list[slice]:
-    """Slices of these sizes, one after the other."""
-    return [slice(start, stop) for start, stop in pairwise([0, *accumulate(sizes)])]
-
-
-def spans(names: Sequence[str], sizes: Sequence[int]) -> dict[str, slice]:
-    """Consecutive slices of these sizes by name."""
-    return dict(zip(names, consecutive(sizes), strict=True))
-
-
-def matrix_of(entries: ArrayLike) -> Array:
-    """A copy with two axes; complex only if an entry is."""
-    array: Any = np.asarray(entries)
-    if array.dtype.kind == "c" and array.imag.any():
-        return np.array(array, ndmin=2)
-    return np.array(array.real if array.dtype.kind == "c" else array, dtype=float, ndmin=2)
-
-
 def block_value(block: Block, value: ArrayLike) -> Any:
     """A number for a repeated block, a matrix (..., outputs, inputs) for a full one, checked."""
     number = np.asarray(value)
@@ -144,27 +119,3 @@ def check(condition: bool, message: str) -> None:  # noqa: FBT001
     """Raise a StructureError with the message unless the condition holds."""
     if not condition:
         raise StructureError(f"LFT: {message}.")
-
-
-def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Block]) -> str | None:
-    """What does not fit among matrices and blocks, or None."""
-    names = [block.name for block in blocks]
-    z = w = sum([size for _, size in blocks])
-    if not is_square(blocks):
-        w = sum(block.outputs for block in blocks)
-    square = z == w
-    n, m = M11.shape
-    if square:
-        m = n
-    n_out, n_in = M22.shape
-    for name, matrix, shape in (("M11", M11, (n, m)), ("M12", M12, (n, n_in)), ("M21", M21, (n_out, m))):
-        if matrix.shape != shape:
-            return f"{name} needs shape {shape}, got {matrix.shape}."
-    if any([block.size < 0 or block.outputs < 0 for block in blocks]):
-        return f"a block has a negative size: {blocks}."
-    if (z, w) != (n, m):
-        sizes = f"{z}" if square else f"{z} x {w}"
-        return f"the sizes of the blocks add up to {sizes}, M11 is {n} x {m}."
-    if names != sorted(set(names)):
-        return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
-    return None

@@ -8,9 +8,10 @@ Zhou, Doyle, Glover, Robust and Optimal Control (1996), chapter 10, for all rule
 Blocks can be taken out of Delta, as signals, and put back.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from itertools import accumulate, pairwise
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from mbdlft.exact.rounding import condition as condition
 from mbdlft.exact.rounding import solve_nominal as solve_nominal
 from mbdlft.exact.rounding import through
 from mbdlft.lft.block import Block as Block
-from mbdlft.lft.block import block_value, gathered, is_square, matrix_of, misfit, spans
+from mbdlft.lft.block import FullBlock, block_value, gathered
 from mbdlft.lft.block import check as check
 
 
@@ -126,6 +127,53 @@ class LFT:
 
     # numpy leaves the operators of an array on the left to the reflected ones above
     __array_ufunc__ = None
+
+
+def is_square(blocks: Sequence[Block]) -> bool:
+    """Whether no block is full: each has as many outputs as inputs."""
+    return not any([type(block) is FullBlock for block in blocks])
+
+
+def consecutive(sizes: Iterable[int]) -> list[slice]:
+    """Slices of these sizes, one after the other."""
+    return [slice(start, stop) for start, stop in pairwise([0, *accumulate(sizes)])]
+
+
+def spans(names: Sequence[str], sizes: Sequence[int]) -> dict[str, slice]:
+    """Consecutive slices of these sizes by name."""
+    return dict(zip(names, consecutive(sizes), strict=True))
+
+
+def matrix_of(entries: ArrayLike) -> Array:
+    """A copy with two axes; complex only if an entry is."""
+    array: Any = np.asarray(entries)
+    if array.dtype.kind == "c" and array.imag.any():
+        return np.array(array, ndmin=2)
+    return np.array(array.real if array.dtype.kind == "c" else array, dtype=float, ndmin=2)
+
+
+def misfit(M11: Array, M12: Array, M21: Array, M22: Array, blocks: Sequence[Block]) -> str | None:
+    """What does not fit among matrices and blocks, or None."""
+    names = [block.name for block in blocks]
+    z = w = sum([size for _, size in blocks])
+    if not is_square(blocks):
+        w = sum(block.outputs for block in blocks)
+    square = z == w
+    n, m = M11.shape
+    if square:
+        m = n
+    n_out, n_in = M22.shape
+    for name, matrix, shape in (("M11", M11, (n, m)), ("M12", M12, (n, n_in)), ("M21", M21, (n_out, m))):
+        if matrix.shape != shape:
+            return f"{name} needs shape {shape}, got {matrix.shape}."
+    if any([block.size < 0 or block.outputs < 0 for block in blocks]):
+        return f"a block has a negative size: {blocks}."
+    if (z, w) != (n, m):
+        sizes = f"{z}" if square else f"{z} x {w}"
+        return f"the sizes of the blocks add up to {sizes}, M11 is {n} x {m}."
+    if names != sorted(set(names)):
+        return f"blocks must be sorted by name, each name once; got {', '.join(names)}."
+    return None
 
 
 def constant(matrix: ArrayLike) -> LFT:

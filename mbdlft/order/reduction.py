@@ -28,8 +28,7 @@ from mbdlft.exact.matrices import (
     stacked,
 )
 from mbdlft.exact.rounding import channel_scales, or_one
-from mbdlft.lft.block import Block, consecutive
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.lft import LFT, Block, consecutive
 from mbdlft.order.reduction_in_doubles import in_scales
 
 _SWEEPS, _ROUNDS = 3, 5

@@ -22,8 +22,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 from mbdlft.base.array import Array
 from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import balanced_channels, channel_scales, product
-from mbdlft.lft.block import consecutive
-from mbdlft.lft.lft import LFT, Block, check_plain, eliminate
+from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
 
 _EPS = float(np.finfo(float).eps)
 _THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger

@@ -9,8 +9,7 @@ import numpy as np
 from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.unit import Signal
-from mbdlft.lft.block import matrix_of
-from mbdlft.lft.lft import LFT, constant
+from mbdlft.lft.lft import LFT, constant, matrix_of
 from mbdlft.system.model import Parameters, System
 
 Names = Sequence[str | Signal] | Mapping[str, str] | None

@@ -251,7 +251,9 @@ class Symbols:
         coordinates, k = {}, 0
         for named in coordinate_owners(links):
             rows = range(k, k := k + len(named.freedoms))
-            coordinates[named.owner] = Coordinate(*(rows_of(of, rows) for of in (self.q, self.v, self.a)))
+            coordinates[named.owner] = Coordinate(
+                rows_of(self.q, rows), rows_of(self.v, rows), rows_of(self.a, rows)
+            )
         return coordinates
 
     def quantities(self, scene: Scene) -> dict[str, Values]:

@@ -327,6 +327,7 @@ def _graph_rules(graph: SignalGraph, names: list[str]) -> Rules:
         cache(lambda value: graph.constant(graph.field.rational(constant_of(value)))),
         add=graph.add,
         sub=graph.subtract,
+        neg=lambda a: graph.multiply(graph.constant(graph.minus_one), a),
         mul=graph.multiply,
         div=graph.quotient,
         missing=missing,

@@ -32,7 +32,7 @@ import numpy as np
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.matrices import ExactMatrix, from_rows, identity, to_rows
-from mbdlft.exact.numbers import Exact, Field, decimal
+from mbdlft.exact.numbers import Exact, Field
 from mbdlft.lft.block import Block
 from mbdlft.lft.sampling import components
 from mbdlft.order.reduction import ExactLFT
@@ -246,8 +246,8 @@ class _Closing:
         self.inputs, one = words.inputs - quotients, words.field.one
         letters = [item.letter for item in words.items if item.letter is not None]
         self.order = sorted(range(self.count), key=lambda k: names[letters[k]])  # in the LFT
-        exact = [[words.field.rational(decimal(x)) for x in (m.b0, m.gain, m.a1)] for m in maps]
-        self.maps = [exact[letter] for letter in letters]
+        exact = words.field.decimals([x for m in maps for x in (m.b0, m.gain, m.a1)])
+        self.maps = [exact[3 * letter : 3 * letter + 3] for letter in letters]
         counts = Counter(names[letter] for letter in letters)
         self.blocks = tuple(Block(name, counts[name]) for name in sorted(names))
         # what each unknown follows from: the loop of a quotient, or z
@@ -257,7 +257,7 @@ class _Closing:
         self.rows += [{} for _ in range(words.inputs - self.inputs + self.count)]
         for k, item in enumerate(self.order):
             self.rows[words.inputs + item] = {k: self.maps[item][1]}
-        self.inverses: dict[bytes, ExactMatrix] = {}  # many loops are those of one divisor
+        self.inverses: dict[frozenset[tuple[int, int, int]], ExactMatrix] = {}  # by divisors of loops
 
     def components(self) -> list[list[int]]:
         """Unknowns that depend on each other, after all that they need."""
@@ -297,8 +297,7 @@ class _Closing:
         columns = sorted({column for row in right for column in row})
         place = {column: k for k, column in enumerate(columns)}
         dense = [{place[c]: value for c, value in row.items()} for row in right]
-        inverse = self._inverse(from_rows(matrix, len(unknowns), prime))
-        solution = to_rows(inverse @ from_rows(dense, len(columns), prime))
+        solution = to_rows(self._inverse(matrix) @ from_rows(dense, len(columns), prime))
         return [{columns[k]: value for k, value in row.items()} for row in solution]
 
     def lft(self) -> ExactLFT:
@@ -311,12 +310,14 @@ class _Closing:
         matrix = from_rows([*inner, *outputs], self.count + self.inputs, self.words.field.prime)
         return ExactLFT(matrix, self.blocks)
 
-    def _inverse(self, matrix: ExactMatrix) -> ExactMatrix:
-        """matrix^-1, or an error that says the model is not well posed at nominal."""
-        key = matrix.residues.tobytes()
+    def _inverse(self, rows: list[Row]) -> ExactMatrix:
+        """The inverse of a matrix, or an error that says the model is not well posed at nominal."""
+        entries = [(k, column, x) for k, row in enumerate(rows) for column, x in row.items()]
+        key = frozenset([(k, column, int(x.residue)) for k, column, x in entries])
         if key not in self.inverses:
+            matrix = from_rows(rows, len(rows), self.words.field.prime)
             try:
-                self.inverses[key] = matrix.solve(identity(len(matrix.residues), matrix.prime))
+                self.inverses[key] = matrix.solve(identity(len(rows), matrix.prime))
             except ZeroDivisionError:
                 raise WellPosednessError(
                     "a denominator vanishes at the nominal values of the parameters, so there is no "
