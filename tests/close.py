@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike
 
 from benchmarks.targets import BALANCE as BALANCE
 from benchmarks.targets import CLOSED_FORM as CLOSED_FORM
-from benchmarks.targets import EPS, HARD
+from benchmarks.targets import EPS as EPS
 from benchmarks.targets import FREQUENCY_RESPONSE as FREQUENCY_RESPONSE
+from benchmarks.targets import HARD as HARD
 from benchmarks.targets import HARD_NUMERIC as HARD_NUMERIC
 from benchmarks.targets import PINOCCHIO as PINOCCHIO
 from benchmarks.targets import SCENARIO as SCENARIO

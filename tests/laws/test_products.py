@@ -19,8 +19,8 @@ from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
-SCENES = [3, 10, 14, 19, 20, 25]
-MECHANISMS = [2, 3, 7, 8, 10, 11, 13, 15]
+SCENES = [3, 14, 20]
+MECHANISMS = [2, 7, 10, 13]
 
 
 @contextmanager

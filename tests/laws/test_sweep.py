@@ -291,7 +291,7 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    count, script = 60_000, tmp_path / "script.py"
+    count, script = 30_000, tmp_path / "script.py"
     script.write_text(CLUSTER, encoding="utf-8")
     done = subprocess.run(
         [sys.executable, str(script), str(SCENE), str(tmp_path / "a.h5"), str(count)],

@@ -15,7 +15,7 @@ from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
 CHAINS = (2, 3, 4, 6)
-SEEDS = range(10)
+SEEDS = range(5)
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
 

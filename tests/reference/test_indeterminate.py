@@ -206,6 +206,7 @@ def force_of_a_moving_hub(w: float) -> float:
     return float(along + E * second * k**3 * (d_ - b_))
 
 
+@pytest.mark.long
 def test_nafems_fv2_pin_ended_double_cross() -> None:
     """16 frequencies in groups of equal ones."""
     found = lowest(double_cross(), 16) / (2.0 * np.pi)

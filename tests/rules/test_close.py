@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.targets import EPS, HARD
-from tests.close import CROSS, TRUNCATED, Method, conditioned, roundoff, target
+from tests.close import CROSS, EPS, HARD, TRUNCATED, Method, conditioned, roundoff, target
 
 
 @pytest.mark.parametrize(
