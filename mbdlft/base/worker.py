@@ -28,9 +28,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from importlib import import_module
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any, NamedTuple
 
 import numpy as np
@@ -238,66 +238,49 @@ class Pool:
 
     def __init__(self, target: str, workers: int, what: tuple[str, str, str]) -> None:
         self.target, self.what = target, what
-        self._tasks: queue.SimpleQueue[tuple[int, tuple[Any, ...]] | None] = queue.SimpleQueue()
-        self._answers: queue.SimpleQueue[tuple[int, Any] | Exception] = queue.SimpleQueue()
         self._stop = threading.Event()
         # modules that this process can import, such as that of a user's function
         path = os.pathsep.join(entry or str(Path.cwd()) for entry in sys.path)
         self._workers = [Worker({"PYTHONPATH": path}, quiet=False) for _ in range(workers)]
-        self._threads = [
-            threading.Thread(target=self._drive, args=(worker,), daemon=True) for worker in self._workers
-        ]
+        self._idle = queue.SimpleQueue[Worker]()
+        self._threads = ThreadPoolExecutor(workers)
 
     def __enter__(self) -> "Pool":
-        for thread in self._threads:
-            thread.start()
+        for worker in self._workers:
+            self._idle.put(worker)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._stop.set()
         for process in filter(None, (worker.process for worker in self._workers)):
             process.kill()
-        for _ in self._threads:
-            self._tasks.put(None)
-        for thread in self._threads:
-            thread.join()
+        self._threads.shutdown(cancel_futures=True)
+        for worker in self._workers:
+            worker.end()
 
     def run(self, tasks: Mapping[int, tuple[Any, ...]]) -> Iterator[tuple[int, Any]]:
         """Yield number and result of each task, given by its arguments, as soon as it is finished."""
-        for task in tasks.items():
-            self._tasks.put(task)
-        for _ in tasks:
-            answer = self._answers.get()
-            if isinstance(answer, Exception):
-                raise answer
-            yield answer
+        for future in as_completed(self._threads.submit(self._answer, *task) for task in tasks.items()):
+            yield future.result()
 
-    def _drive(self, worker: Worker) -> None:
-        """Have tasks computed until there are no more."""
-        while (task := self._tasks.get()) is not None and not self._stop.is_set():
-            self._answers.put(self._answer(worker, *task))
-        worker.end()
-
-    def _answer(
-        self, worker: Worker, number: int, arguments: tuple[Any, ...]
-    ) -> tuple[int, Any] | Exception:
-        work, unit, advice = self.what
-        how = ""
-        for _ in range(_DEATHS):
-            try:
-                return number, worker.call(self.target, *arguments)
-            except (EndedError, MemoryError) as error:
-                how = getattr(error, "how", "no memory")
-                worker.end()
-            except NoProcessError as error:
-                return AnalysisError(f"{work}: no worker starts: {error}.")
-            except Exception as error:  # it is raised where the task was given
-                return error
-            if self._stop.is_set():
-                break
-        return AnalysisError(
+    def _answer(self, number: int, arguments: tuple[Any, ...]) -> tuple[int, Any]:
+        """The number and the result of a task, computed by the next worker that is idle."""
+        (work, unit, advice), how = self.what, ""
+        worker = self._idle.get()
+        try:
+            for _ in range(_DEATHS):
+                try:
+                    return number, worker.call(self.target, *arguments)
+                except (EndedError, MemoryError) as error:
+                    how = getattr(error, "how", "no memory")
+                    worker.end()
+                if self._stop.is_set():
+                    break
+        except NoProcessError as error:
+            raise AnalysisError(f"{work}: no worker starts: {error}.") from None
+        finally:
+            self._idle.put(worker)
+        raise AnalysisError(
             f"{work}: {_DEATHS} workers died over {unit} {number} ({how}). Was there too little "
             f"memory? {advice}"
         )

@@ -22,15 +22,14 @@ from mbdlft.base.expression import (
     Name,
     Negative,
     Number,
-    Power,
     check_degree,
     degree_of,
     denominators,
     evaluate,
     names,
     parse,
-    spine,
     walk,
+    with_calls,
     write,
 )
 from mbdlft.base.parameter import Parameter, exact_cosine_sine
@@ -74,6 +73,11 @@ class Resolved:
 def parts(angle: str, cosine: T, sine: T) -> dict[str, T]:
     """Cosine and sine of an angle parameter, by their names."""
     return {f"cos {angle}": cosine, f"sin {angle}": sine}
+
+
+def outside(expression: Expression) -> frozenset[str]:
+    """Names that stand outside of functions."""
+    return names(with_calls(expression, lambda call: Number(0.0)))
 
 
 def entry_place(problem: MatrixProblem, i: int, j: int) -> str:
@@ -156,7 +160,12 @@ class _Resolver:
                         f"the expression {name!r} is not known here; an expression uses only those "
                         "before it."
                     )
-            rational = self._rational(expression)
+            for name in sorted(outside(expression) & self.angles):
+                raise NotRationalError(
+                    f"the angle {name!r} stands outside of sin and cos. A matrix is rational in the "
+                    "sine and cosine of an angle, not in the angle."
+                )
+            rational = with_calls(expression, self._call)
             check_degree(rational, self.degrees)
             return rational
         except MbdlftError as error:
@@ -169,36 +178,13 @@ class _Resolver:
             used |= self.depends.get(name, {name} - self.constants.keys())
         return frozenset(used)
 
-    def _rational(self, expression: Expression) -> Expression:
-        """The expression with angle functions in terms of the parts of the angles."""
-        match expression:
-            case Number():
-                return expression
-            case Name(name):
-                if name in self.angles:
-                    raise NotRationalError(
-                        f"the angle {name!r} stands outside of sin and cos. A matrix is rational in "
-                        "the sine and cosine of an angle, not in the angle."
-                    )
-                return expression
-            case Negative(operand):
-                return Negative(self._rational(operand))
-            case Power(base, exponent):
-                return Power(self._rational(base), exponent)
-            case Binary():
-                first, others = spine(expression)
-                result = self._rational(first)
-                for operator, right in others:
-                    result = Binary(operator, result, self._rational(right))
-                return result
-            case Call(function, argument):
-                return self._call(function, argument)
-
-    def _call(self, function: str, argument: Expression) -> Expression:
+    def _call(self, call: Call) -> Expression | None:
+        """What takes the place of a function: of angles, cosine and sine in terms of their parts."""
+        function, argument = call.function, call.argument
         used = self._parameters(argument)
         direct = {node.name for node in walk(argument) if isinstance(node, Name)}
         if not used:
-            return Call(function, argument)
+            return None
         if function == "sqrt" or not used <= self.angles or not used <= direct:
             raise NotRationalError(
                 f"{function}({write(argument)}) is not rational in {', '.join(sorted(used))}. "

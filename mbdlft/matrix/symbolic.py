@@ -24,7 +24,7 @@ from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Num
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.numbers import decimal
 from mbdlft.exact.operators import Operators
-from mbdlft.matrix.expressions import MatrixForm, Resolved, matrix_values, parts
+from mbdlft.matrix.expressions import MatrixForm, Resolved, matrix_values, outside, parts
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS, literal, pi_times
@@ -197,7 +197,7 @@ class _Texts:
         return Number(value) if value >= 0 else Negative(Number(-value))  # no negative literals
 
     def _call(self, function: str, argument: Expression) -> Expression:
-        if self._parameters(argument) <= _outside(argument) & self.angles:
+        if self._parameters(argument) <= outside(argument) & self.angles:
             return Call(function, argument)
         return self._refuse(function, argument)
 
@@ -226,7 +226,7 @@ class _Texts:
 
         What has an angle outside of sin and cos keeps its form: sums of angles have no name.
         """
-        bare = _outside(expression) & self.angles
+        bare = outside(expression) & self.angles
         if bare or (uses < 2 and depth <= _DEEPEST):
             return expression, depth
         numbered = (f"e{number}" for number in count(len(self.shared) + 1))
@@ -235,19 +235,6 @@ class _Texts:
         self.shared[name] = write(expression)
         self.depends[name] = self._parameters(expression)
         return Name(name), 0
-
-
-def _outside(expression: Expression) -> frozenset[str]:
-    """Names that stand outside of functions."""
-    match expression:
-        case Binary(_, left, right):
-            return _outside(left) | _outside(right)
-        case Negative(operand):
-            return _outside(operand)
-        case Name(name):
-            return frozenset({name})
-        case _:
-            return frozenset()
 
 
 _BINARY = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
