@@ -37,7 +37,7 @@ def search_here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files of matrices are read in this process, by what is sent between two: a second faster each."""
+    """Files of others are read in this process, by what is sent between two: a second faster each."""
 
     def arrays_of(target: str, arguments: dict[str, Any], *, error: Any, **_: Any) -> Any:
         module, _, name = target.partition(":")
@@ -54,3 +54,4 @@ def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
         return answer
 
     monkeypatch.setattr(files, "arrays_of", arrays_of)
+    monkeypatch.setattr("mbdlft.robot.mjcf_model.arrays_of", arrays_of)

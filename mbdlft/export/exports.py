@@ -28,7 +28,7 @@ from mbdlft.export.matlab import cells, column, items_of_matlab, m_texts, matlab
 from mbdlft.export.matlab_theta import items_of_theta_matlab, rates_text
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
-from mbdlft.system.sampled import matrices_at, trim_at
+from mbdlft.system.sampled import in_control, matrices_at, trim_at
 from mbdlft.system.theta import DeltaThetaModel
 
 if TYPE_CHECKING:
@@ -240,19 +240,8 @@ def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":
     WellPosednessError
         The model is singular at a point.
     """
-    import control  # here because it is slow to import
-
-    grid = matrices_on(model, counts, _MOST_SYSTEMS)
-    names = {
-        "states": [s.name.replace(".", "_") for s in model.states],
-        "inputs": [s.name.replace(".", "_") for s in model.inputs],
-        "outputs": [s.name.replace(".", "_") for s in model.outputs],
-    }
-    name = model.name.replace(".", "_")
-    return [
-        control.ss(*matrices, name=f"{name}_{k}", **names)
-        for k, matrices in enumerate(zip(*grid.matrices, strict=True))
-    ]
+    points = zip(*matrices_on(model, counts, _MOST_SYSTEMS).matrices, strict=True)
+    return [in_control(model, matrices, f"{model.name}_{k}") for k, matrices in enumerate(points)]
 
 
 def matrices_on(model: System, counts: Counts, most: int | None = None) -> Grid:

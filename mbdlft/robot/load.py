@@ -129,7 +129,16 @@ def _expanded(file: Path) -> bytes:
             "xacro files are expanded by the package xacro, which is not installed: pip install "
             "'mbdlft[xacro]'."
         ) from None
+    read, folder = xacro.load_yaml, file.parent.resolve()
+
+    def below(name: str) -> Any:
+        if not Path(xacro.abs_filename_spec(name)).resolve().is_relative_to(folder):
+            raise SceneError(f"load_yaml reads files below {folder} only, got {name!r}")
+        return read(name)
+
     try:
+        xacro.load_yaml = below
+        xacro._global_symbols = xacro.create_global_symbols()  # with the function above
         return bytes(xacro.process_file(str(file)).toxml(encoding="utf-8"))
     except Exception as error:  # expressions of the file raise what they like
         reason = " ".join(str(error).split()) or type(error).__name__
@@ -137,6 +146,9 @@ def _expanded(file: Path) -> bytes:
             f"xacro cannot expand it: {reason[:500]}. Files that it includes must be there; packages "
             "that it finds with $(find ...) need the package index of ROS."
         ) from None
+    finally:
+        xacro.load_yaml = read
+        xacro._global_symbols = xacro.create_global_symbols()
 
 
 def load_robot(

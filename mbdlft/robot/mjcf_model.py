@@ -14,6 +14,8 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
+from mbdlft.base.worker import arrays_of
+from mbdlft.robot.compiling import MEMORY
 from mbdlft.robot.description import (
     WORLD,
     ZERO,
@@ -32,6 +34,7 @@ from mbdlft.robot.description import (
 from mbdlft.robot.urdf import Element
 
 _MOST = 10_000  # copies that a file may ask for
+_SECONDS = 120  # of the processor, for compiling
 _COPIES = ("replicate", "composite", "flexcomp")
 _KINDS = {"FREE": "floating", "BALL": "spherical", "SLIDE": "prismatic", "HINGE": "revolute"}
 _MEASURED: Mapping[str, str] = {
@@ -153,20 +156,11 @@ def compiled(file: Path, top: Element) -> Compiled:
             "MJCF files are compiled by the package mujoco, which is not installed: pip install "
             "'mbdlft[mjcf]'."
         ) from None
-    said: list[str] = []
-    before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)  # without it a log file is written into the folder
-    try:
-        arrays = mujoco.MjModel.from_xml_path(str(file))
-        model = Compiled(arrays, mujoco, tuple(" ".join(text.split()) for text in said))
-    except (ValueError, mujoco.FatalError) as error:
-        reason = " ".join(str(error).split())
-        raise SceneError(
-            f"mujoco cannot compile it: {reason[:500]}. Files that it includes and meshes, whose mass "
-            "counts, must be there."
-        ) from None
-    finally:
-        mujoco.set_mju_user_warning(before)
+    limits: dict[str, Any] = {"seconds": _SECONDS, "memory": MEMORY, "error": SceneError}
+    made = arrays_of("mbdlft.robot.compiling:binary", {"path": str(file.resolve())}, **limits)
+    arrays = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": made["model"].tobytes()})
+    warnings = made["warnings"].tobytes().decode()
+    model = Compiled(arrays, mujoco, tuple(warnings.splitlines()))
     for array, owner in _MEASURED.items():
         bad = ~np.all(np.isfinite(np.atleast_2d(np.asarray(model.of(array)).T)), axis=0)
         if bad.any():

@@ -212,7 +212,7 @@ class System:
         StructureError
             A range reaches beyond the old one, where nothing was checked.
         """
-        changed: Self = _above("blocks").with_ranges(self, {**(ranges or {}), **named})
+        changed: Self = _above("blocks").with_ranges(self, _by_name(self, ranges, named))
         return changed
 
     def at(self, values: Mapping[str, Any] | None = None, /, **named: Any) -> "StateSpace":
@@ -229,8 +229,18 @@ class System:
             With the names of the signals; python-control does not allow dots, so ``shoulder.torque``
             is named ``shoulder_torque``.
         """
-        numeric: StateSpace = _above("sampled").state_space_at(self, {**(values or {}), **named})
+        numeric: StateSpace = _above("sampled").state_space_at(self, _by_name(self, values, named))
         return numeric
+
+
+def _by_name(model: System, values: Mapping[str, Any] | None, named: dict[str, Any]) -> dict[str, Any]:
+    """Values from a mapping and from keywords, together."""
+    if not isinstance(values, Mapping | None):
+        example = {(model.parameters.names or ("m",))[0]: 1.0}
+        raise StructureError(
+            f"model {model.name!r}: expected values by name, such as {example}, got {values!r}."
+        )
+    return {**(values or {}), **named}
 
 
 def _above(module: str) -> Any:

@@ -56,7 +56,7 @@ def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
             f"model {model.name!r}: expected values by name, such as {{'{(names or ['m'])[0]}': 1.0}}, "
             f"got {values!r}."
         )
-    check_known("parameter", values, names, f"model {model.name!r}", StructureError)
+    check_known("parameter", map(str, values), names, f"model {model.name!r}", StructureError)
     for name, value in values.items():
         if not np.issubdtype(np.asarray(value).dtype, np.number):
             raise StructureError(f"model {model.name!r}: {name}: expected a number, got {value!r}.")
@@ -159,8 +159,6 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
 
 def state_space_at(model: System, values: Mapping[str, Any]) -> "StateSpace":
     """`System.at`."""
-    import control  # here because it is slow to import and reading an archive does not need it
-
     full = {block.name for block in model.lft.blocks if block.kind == "full"}
     for name, value in values.items():
         if np.ndim(value) != 2 * (name in full):
@@ -174,11 +172,23 @@ def state_space_at(model: System, values: Mapping[str, Any]) -> "StateSpace":
             f"model {model.name!r}: its matrices are complex there, which python-control does not "
             "allow; use matrices_at(model, values)."
         )
+    return in_control(model, [matrix.real for matrix in matrices], model.name)
+
+
+def in_control(model: System, matrices: Sequence[Array], name: str) -> "StateSpace":
+    """Real A, B, C, D with the signals of a model, whose dots python-control does not allow."""
+    import control  # here because it is slow to import and reading an archive does not need it
+
+    if len(model.outputs) == 1 and not model.inputs:
+        raise StructureError(
+            f"model {model.name!r}: python-control has no system with one output and no inputs; use "
+            "matrices_at(model, values)."
+        )
     names = {
         key: [signal.name.replace(".", "_") for signal in getattr(model, key)]
         for key in ("states", "inputs", "outputs")
     }
-    return control.ss(*(m.real for m in matrices), name=model.name.replace(".", "_"), **names)
+    return control.ss(*matrices, name=name.replace(".", "_"), **names)
 
 
 def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], what: str) -> None:

@@ -16,6 +16,8 @@ from tests import random_mjcf
 from tests.close import CLOSED_FORM, PINOCCHIO, target
 from tests.robot_files import as_mjcf, as_sdf, as_urdf, chain
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 pytest.importorskip("mujoco", reason="MJCF needs mujoco: pip install -e '.[robots]'")
 pytest.importorskip("pinocchio", reason="robots are compared with pinocchio: '.[robots]'")
 

@@ -22,6 +22,8 @@ from tests.cross.test_viewer_meshes import corners
 from tests.laws.test_viewer import interpret
 from tests.robot_files import as_sdf, as_urdf, chain, numbers
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 mujoco = pytest.importorskip("mujoco", reason="MJCF needs mujoco: pip install -e '.[robots]'")
 SOLID = "v 0 0 0\nv 1 0 0\nv 0 2 0\nv 0 0 3\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 

@@ -176,6 +176,20 @@ def test_readers_apart_that_do_not_end_or_start(monkeypatch: pytest.MonkeyPatch)
         worker.arrays_of(target, {"what": ""}, seconds=1, memory=2**28, error=SceneError)
 
 
+def test_mjcf_that_asks_for_all_memory_is_compiled_apart(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco", reason="MJCF needs mujoco")
+    file = tmp_path / "robot.xml"
+    text = (
+        '<mujoco><asset><hfield name="q" nrow="{0}" ncol="{0}" size="1 1 1 1"/></asset><worldbody>'
+        '<body name="b"><joint type="hinge"/><geom size="1"/></body></worldbody></mujoco>'
+    )
+    file.write_text(text.format(100), encoding="utf-8")
+    assert load_robot(file)[0].bodies[0].name == "b"
+    file.write_text(text.format(100_000), encoding="utf-8")
+    with says(SceneError, "robot.xml: mujoco cannot compile it", "2048 MB of memory"):
+        load_robot(file)
+
+
 def test_messages_are_short() -> None:
     """2 kB, with the beginning and the end; words are cut first."""
     assert shortened("x " * 900) == "x " * 900

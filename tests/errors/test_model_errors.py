@@ -25,6 +25,7 @@ from mbdlft import (
     to_lft,
     trim_at,
 )
+from mbdlft.export import lpv_grid
 from mbdlft.multibody.body import Inertia
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.relations import trim_relations
@@ -85,6 +86,14 @@ replace(model, inputs=())
     => StructureError: model 'cart_on_rail': the signals need shape (3, 2), the LFT has (3, 3).
 matrices_at(model, {"mass": np.ones((2, 2))}) => StructureError: (2, 2)
 model.at(mas=1.0) => StructureError: model 'cart_on_rail': unknown parameter 'mas'. Did you mean 'mass'?
+model.at([1.0])
+    => StructureError: model 'cart_on_rail': expected values by name, such as {'load': 1.0}, got [1.0].
+model.at({1: 1.0}) => StructureError: model 'cart_on_rail': unknown parameter '1'. Existing: load, mass.
+model.with_range([1.0]) => StructureError: model 'cart_on_rail': expected values by name … got [1.0].
+model["rail.position", []].at()
+    => StructureError: model 'cart_on_rail': python-control has no system with one output and no inputs
+lpv_grid(model["rail.position", []], {"mass": 2}) => StructureError: python-control has no system
+[model[[], []].at().nstates, model[[], "rail.force"].at().ninputs] => accepted
 trim_at(replace(model, trim=replace(model.trim, lft=None)), {})
     => StructureError: model 'cart_on_rail' was stored without the LFT of its trim.
 frequency_response(to_lft(cart('mass + load', MASSES, joint={'stiffness': 0.0}), search=0.0), {}, [1.0,

@@ -7,6 +7,8 @@ import pytest
 from mbdlft import SceneError, load_robot
 from tests.errors.table import says
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 SDF = """<sdf version="1.9">
 <model name="two">
   <link name="a"><inertial><mass>1</mass></inertial></link>

@@ -8,6 +8,8 @@ import pytest
 import mbdlft
 from tests.close import CLOSED_FORM, target
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 L, M, G = 0.8, 2.0, 9.81
 BAR = "<inertial><mass>{m}</mass><inertia><ixx>0</ixx><iyy>0</iyy><izz>0</izz></inertia></inertial>"
 

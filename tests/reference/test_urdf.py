@@ -1,5 +1,6 @@
 """Scenes of URDF files against closed forms, and what the report says."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.spatial.transform import Rotation as Turn
 import mbdlft
 from mbdlft import Angle, Parameter, SceneError, load_robot
 from mbdlft.robot import values as values_of
-from mbdlft.robot.description import RobotLink
+from mbdlft.robot.description import RobotJoint, RobotLink, root_of
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.robots import ROBOT, written
 from tests.errors.scenes import says
@@ -291,6 +292,42 @@ def test_xacro_is_expanded(tmp_path: Path) -> None:
     with says(SceneError, "rods.xacro: xacro cannot expand it", "nothing.xacro"):
         text = XACRO.replace("<link", '<xacro:include filename="nothing.xacro"/><link', 1)
         load_robot(file_of(tmp_path, "rods.xacro", text))
+
+
+@pytest.mark.parametrize(("name", "is_read"), [("below/sizes.yaml", True), ("../sizes.yaml", False)])
+def test_xacro_reads_yaml_below_its_folder(tmp_path: Path, name: str, is_read: bool) -> None:
+    pytest.importorskip("xacro", reason="xacro files need the package xacro: '.[xacro]'")
+    (tmp_path / "robot" / "below").mkdir(parents=True)
+    file_of(tmp_path / "robot", name, "L: 0.8")
+    text = XACRO.replace("${2 * 0.4}", f"${{xacro.load_yaml('{name}')['L']}}")
+    file = file_of(tmp_path / "robot", "rods.urdf.xacro", text)
+    if is_read:
+        assert load_robot(file)[0].bodies[1].center_of_mass == (0.0, 0.0, -0.4)  # type: ignore[attr-defined]
+        return
+    with says(SceneError, "rods.urdf.xacro: xacro cannot expand it: load_yaml reads files below", name):
+        load_robot(file)
+
+
+class Counted(str):
+    """A name that counts how often it is compared."""
+
+    compared = 0
+    __hash__ = str.__hash__
+
+    def __eq__(self, other: object) -> bool:
+        Counted.compared += 1
+        return str.__eq__(self, other)
+
+
+def test_loops_are_looked_for_in_linear_time() -> None:
+    """2,000 links in a row, the last one first: each is compared a few times, not with all before it."""
+    names = [Counted(f"link{k}") for k in range(2000)]
+    links = {name: RobotLink(name, 0, inertial=True) for name in reversed(names)}
+    ends = ((Counted(a), Counted(b)) for a, b in pairwise(names))
+    joints = [RobotJoint(f"to_{b}", 0, "fixed", a, b) for a, b in ends]
+    Counted.compared = 0
+    assert root_of(links, joints) == "link0"
+    assert Counted.compared < 20 * len(names)
 
 
 def test_expressions_of_other_files_are_not_evaluated(tmp_path: Path) -> None:
