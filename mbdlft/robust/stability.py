@@ -35,6 +35,7 @@ from mbdlft.robust.ascent import (
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
+    INTERRUPTED,
     LARGEST,
     WORK,
     Asked,
@@ -55,7 +56,7 @@ from mbdlft.robust.bisect.search import (
 from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
-from mbdlft.robust.mu.mixed import by_multipliers
+from mbdlft.robust.mu.mixed import by_multipliers, with_ball
 from mbdlft.robust.realization import check_parameters, realization, stable_states
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
@@ -144,13 +145,16 @@ def robust_stability(
             model = realization(system, leave_out=leave_out)
             constant = _margin(asked, model, _reached(asked, model))
             return moving_margin(asked, model, moving, constant)
+        bounds = None
         if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
             if not is_dear(model, work):
                 stays = np.array([name in kept for name in model.names], dtype=bool)
                 state = last_of(asked, State(NONE), _margins(asked, model, stays))
-                return replace(_margin(asked, model, state), fixed=kept)
-        return by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
+                bounds = replace(_margin(asked, model, state), fixed=kept)
+        bounds = bounds or by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
+        is_nothing = bounds.lower == 0.0 < bounds.upper and bounds.reason != INTERRUPTED
+        return with_ball(loop_of(system, stay), bounds) if is_nothing and not kept else bounds
 
 
 def _reached(asked: Asked, model: Realization) -> State[Crossing]:

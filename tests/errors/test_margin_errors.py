@@ -92,10 +92,15 @@ def test_a_gain_needs_inputs_and_outputs(function: Callable[..., object]) -> Non
 
 
 def test_too_little_work_is_said() -> None:
+    """What the norm proves takes no search, and is never nothing."""
     found = robust_stability(cart(), work=1e-6)
-    assert not found.proved
+    assert 0.0 < found.lower <= robust_stability(cart()).upper
+    assert verify(cart(), found) == ""
     assert "the work of 1e-06 units was used up" in found.reason
-    assert verify(cart(), found) == f"there is no proof: {found.reason}"
+    gain = worst_case_gain(cart(), work=1e-6)
+    assert not gain.proved
+    assert verify(cart(), gain) == f"there is no proof: {gain.reason}"
+    assert "the work of 1e-06 units was used up" in gain.reason
 
 
 def test_too_many_repetitions_are_said() -> None:

@@ -34,6 +34,7 @@ UNSTABLE = (
     "the system is unstable at the worst case, a value inside the ranges; robust_stability says how much "
     "of the ranges is stable"
 )
+INTERRUPTED = "it was interrupted"
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0  # defaults: 1 %, half a minute, a hundred times the box
 _SHARE = 0.5  # of the work that is left, for one target; of that again while no size is proved
 _LOWER = 0.7  # a size that was not proved is approached from the proved one: this part of the way
@@ -161,7 +162,7 @@ def last_of(
     except StopIteration as end:
         state = end.value
     except KeyboardInterrupt:
-        state = state._replace(reason="it was interrupted")
+        state = state._replace(reason=INTERRUPTED)
     return state
 
 

@@ -24,6 +24,8 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import after
+from mbdlft.response.norms import peak_of
+from mbdlft.response.staircase import Plant
 from mbdlft.robust.ascent import NONE, Crossing, improved, largest_peak, smallest_crossing
 from mbdlft.robust.bisect.boxes import Crew
 from mbdlft.robust.bisect.characteristic import Realization
@@ -55,7 +57,7 @@ from mbdlft.robust.mu.coverage import (
     scaled,
     shrunk,
 )
-from mbdlft.robust.mu.intervals import holds
+from mbdlft.robust.mu.intervals import holds, interval_around
 from mbdlft.robust.mu.multipliers import best_square, fits
 from mbdlft.robust.mu.small_delta import SmallDelta, best_near, by_name, changes, first_reached, nothing
 from mbdlft.robust.realization import realization
@@ -70,6 +72,7 @@ _OFTEN = 4  # batches from one to the next that is looked at for a counterexampl
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
 _INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
+_BALL = 0.1  # of the size that the norm proves, which is not asked for: eigenvalues need room
 _REACH = 0.1  # units of work of a search for small deltas
 
 
@@ -264,6 +267,23 @@ def by_multipliers(
     if question.is_gain:
         return _answer(question, last_of(asked, start, search, _turned))
     return _answer(question, last_of(asked, start, search))
+
+
+def with_ball(loop: Loop, bounds: Bounds) -> Bounds:
+    """Bounds of a margin of which nothing is proved, with the box that is stable by its norm.
+
+    D = I and G = 0 prove the size k if k |M(j omega)| < 1 at all frequencies.
+    """
+    _, level, peak, _ = peak_of(Plant(*loop.channels), _BALL)
+    if not 0.0 < level < np.inf:
+        return bounds
+    k, eye = (1.0 - _BALL) / level, np.eye(len(loop.owner), dtype=complex)
+    multipliers, omega = Multipliers(1.0, eye, np.zeros_like(eye)), peak if 0.0 < peak < np.inf else 1.0
+    interval = interval_around(loop.channels, multipliers, omega, extent_of(loop, *ends_of(loop, k)))
+    if interval is None or interval.low > 0.0 or interval.high < np.inf or not k < bounds.upper:
+        return bounds
+    proof = IntervalProof((1, 0), (interval,), (scaled(multipliers, 1.0 / loop.scale),))
+    return replace(bounds, lower=k, proof=proof)
 
 
 def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
