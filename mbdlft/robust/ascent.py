@@ -42,6 +42,7 @@ _STEPS = 40  # of one search
 _TINY = 1e-300  # in place of a size of 0 that is divided by
 _FOLLOWED_STEPS, _RANDOM = 12, 6  # steps of a pole to the axis; searches from random deltas
 _BISECTIONS = 60  # of a ray: more than a double has bits
+_BESIDE = 1.0 + 1e-9  # times a crossing: beside a singular model computed poles cross before it
 _ENDS = 1e-7  # of a step: below this the search has arrived
 Look = Callable[[Array], tuple[float, Callable[[], Array]]]
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
@@ -274,7 +275,7 @@ def crossing_on_ray(
     end = at(high)
     slope, frequency = np.zeros(len(delta)), np.inf
     with suppress(np.linalg.LinAlgError, WellPosednessError):
-        if state_matrices(model, end) is not None:
+        if state_matrices(model, at(high * _BESIDE)) is not None:  # else it is singular there
             there = moving_at(model, end)[0]
             i = int(np.argmax(there.poles.real))
             frequency, real = float(abs(there.poles[i].imag)), there.gradients[i].real
