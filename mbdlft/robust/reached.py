@@ -136,7 +136,8 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
     n, frequency, reached = matrices.states, bounds.frequency, bounds.reached
     whole, _ = matrices.closed(delta)
     poles = np.linalg.eigvals(middles(whole)[:n, :n]) if n else np.zeros(0)
-    size = float(np.max(np.abs(poles), initial=0.0))
+    nominal = np.linalg.eigvals(matrices.other[:n, :n]) if n else poles
+    size = float(np.max(np.abs([poles, nominal]), initial=0.0))  # the poles there may all be 0
     if bounds.kind == STABILITY:
         if np.any(delta.imag):
             return not _is_singular(matrices, delta, frequency)

@@ -110,7 +110,8 @@ def test_too_many_repetitions_are_said() -> None:
     B, C = random.standard_normal((4, 112)), random.standard_normal((112, 4))
     system = of_matrices(-10.0 * np.eye(4), 0.01 * B, C, np.zeros((112, 112)), *blocks)
     found = robust_stability(system, work=0.1)
-    assert (found.lower, found.proved) == (0.0, False)
+    assert 0.0 < found.lower <= found.upper  # what the norm proves
+    assert verify(system, found) == ""
     assert "multipliers would have 1568 entries, and are zero between pieces" in found.reason
     assert np.isfinite(found.upper)
 
