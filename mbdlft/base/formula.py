@@ -5,6 +5,7 @@ code, and followed in any number system: numpy, CasADi, intervals.
 """
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -15,6 +16,10 @@ import numpy as np
 from mbdlft.base.errors import SceneError, unknown_name
 
 Functions = Mapping[str, Callable[..., Any]]
+_ARGUMENTS = {
+    **dict.fromkeys(("atan2", "min", "max", "mod", "hypot", "copysign", "and_", "or_"), 2),
+    "where": 3,
+}  # of functions; all others have one
 _LONGEST = 200_000  # characters: to parse them takes two seconds and 70 MB
 _SIGNS: Mapping[type, tuple[str, Callable[..., Any]]] = {
     ast.Add: ("+", operator.add),
@@ -61,7 +66,9 @@ def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
     try:
         body = ast.parse(text).body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
-        raise SceneError(f"formula {text!r} cannot be read: {error}.") from None
+        raise SceneError(
+            f"formula {text!r} cannot be read: {str(error) or 'it is nested too deep'}."
+        ) from None
     if not body or not isinstance(body[-1], ast.Expr):
         raise SceneError(f"formula {text!r}: the last part is its value.")
     assignments: list[tuple[str | None, ast.expr]] = []
@@ -89,13 +96,24 @@ def formula_value(
     """
     known, result = dict(values), None
     for name, expression in parsed(text):
-        result = _value(text, expression, known, functions)
+        try:
+            result = _value(text, expression, known, functions)
+        except (OverflowError, ZeroDivisionError, RecursionError) as error:
+            reason = "it is nested too deep" if isinstance(error, RecursionError) else error
+            raise SceneError(f"formula {text!r} has no value: {reason}.") from None
         if name is not None:
             known[name] = assign(name, result)
     return result
 
 
 def _check_node(text: str, node: ast.AST) -> None:
+    if isinstance(node, ast.Constant) and isinstance(node.value, float) and math.isinf(node.value):
+        raise SceneError(f"formula {text!r}: a number is larger than a double can be.")
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+        name, count = node.func.id, len(node.args)
+        expected = _ARGUMENTS.get(name, 1)
+        if count != expected and (name in NUMPY or count == 0):
+            raise SceneError(f"formula {text!r}: {name} has {count} arguments, expected {expected}.")
     allowed = (ast.BinOp, ast.Name, ast.Load, ast.Constant, ast.UnaryOp, ast.USub, ast.operator)
     if isinstance(node, (*allowed, ast.cmpop, ast.Compare, ast.Call)):
         is_number = not isinstance(node, ast.Constant) or type(node.value) in (int, float)
@@ -132,7 +150,11 @@ def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Func
                 raise SceneError(f"formula {text!r}: " + unknown_name("name", name, known))
             return known[name]
         case ast.UnaryOp(operand=operand):
-            return functions["neg"](_value(text, operand, known, functions))
+            signs = 1
+            while isinstance(operand, ast.UnaryOp):
+                signs, operand = signs + 1, operand.operand
+            value = _value(text, operand, known, functions)
+            return functions["neg"](value) if signs % 2 else value
         case ast.Compare(left=left, ops=[sign], comparators=[right]):
             operands = [_value(text, part, known, functions) for part in (left, right)]
             return functions[_SIGNS[type(sign)][0]](*operands)

@@ -15,7 +15,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.dae.alias import rational
 from mbdlft.dae.index import blocks_of, independent, listed
-from mbdlft.dae.newton import Found, System, solve
+from mbdlft.dae.newton import Found, System, follow, solve
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
@@ -171,8 +171,9 @@ def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) 
     start, sizes = start_of(problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
     rows: list[Array] = []
-    for p in parameter_points(s.dae, POINTS):
-        at = solve(system, rows[0] if rows else start, p, sizes)
+    points = parameter_points(s.dae, POINTS)
+    for p in points:
+        at = follow(system, rows[0], (points[0], p), sizes) if rows else solve(system, start, p, sizes)
         if not at.is_solution:
             raise no_equilibrium(s, problem.places, at, fixed)
         rows.append(at.values)

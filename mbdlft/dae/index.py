@@ -270,11 +270,21 @@ def _check_regular(
         return
     unknowns = [entries[j] for j in singular.columns]
     names = [name_of(dae.variables[j].name, order) for j, order in unknowns]
-    certain = "whatever the parameters are" if singular.exact else "at all points that were tried"
+    places = listed(place_of(dae, rows[i]) for i in singular.rows)
+    if singular.exact:
+        raise StructureError(
+            f"{dae.owner}: is singular, whatever the parameters are: the equations {places} depend on "
+            f"each other, and do not determine {listed(names)}. Remove what is said twice, and give the "
+            "unknowns an equation."
+        )
+    used = {s.element_hash() for s in ca.symvar(ca.densify(matrix))}
+    moving = [v for v in dae.variables if v.symbol.element_hash() in used]
+    starts = [v.name for v in moving if v.start is None] or [v.name for v in moving]
     raise StructureError(
-        f"{dae.owner}: is singular, {certain}: the equations "
-        f"{listed(place_of(dae, rows[i]) for i in singular.rows)} depend on each other, and do not "
-        f"determine {listed(names)}. Remove what is said twice, and give the unknowns an equation."
+        f"{dae.owner}: is singular at the points that were tried, near the start values: the equations "
+        f"{places} do not determine {listed(names)} there. Give other start values"
+        + (f" of {listed(starts)}" if starts else "")
+        + ", or equations that determine the unknowns."
     )
 
 

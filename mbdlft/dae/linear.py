@@ -12,8 +12,8 @@ from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import without_switches
-from mbdlft.dae.newton import System, solve
-from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols
+from mbdlft.dae.newton import System, follow
+from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
@@ -144,9 +144,11 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     held_symbols = ca.vertcat(rows_of(s.symbols, held), s.dae.p)
     sizes = np.array([q.variable.nominal for q in s.quantities])
     system = System(s.residual, s.symbols[free], held_symbols, sizes[held])
-    start = np.array([at.nominal[s.quantities[k].name] for k in free])
+    nominal = np.array([at.nominal[q.name] for q in s.quantities])
+    first = np.concatenate([nominal[held], parameter_points(s.dae, 1)[0]])
     for row, q in zip(values, p, strict=True):
-        now = solve(system, start, np.concatenate([row[held], q]), sizes[free])
+        ends = first, np.concatenate([row[held], q])
+        now = follow(system, nominal[free], ends, sizes[free])
         if not now.is_solution:
             raise TrimError(f"{s.owner}: no equilibrium was found at a point of the parameter range.")
         row[free] = now.values

@@ -21,6 +21,8 @@ _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation
 _HOLDS = 1e-8  # of them: what a solution may miss
 _TRIES = 6
+_MOST_HALVED = 8  # times, of a way between parameters
+_CONTRACTED, _SMALL_STEP = 0.1, 1e-9  # of a second step; steps over the sizes of unknowns
 _DENSE = 150  # equations up to which matrices are dense
 _SOLVED = 1e-6  # of the right side, what a sparse solution may miss
 _SEED = 7
@@ -96,6 +98,36 @@ def solve(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     return best
 
 
+def follow(
+    system: System, start: Array, ends: tuple[Array, Array], sizes: Array, halvings: int = _MOST_HALVED
+) -> Found:
+    """The solution at the second of two given values on the branch of `start`, the solution at the first.
+
+    The way is halved until Newton's steps contract from the start on (the second is a tenth of the
+    first at most, with one Jacobian): so steps seldom leap to another branch.
+    Source: P. Deuflhard, Newton methods for nonlinear problems (2004), affine covariant continuation.
+    """
+    first, last = ends
+    with np.errstate(all="ignore"):
+        r, J = system.residual(start, last), system.jacobian(start, last)
+        scale = system.scale(J, start, last, sizes)
+        step = _scaled_step(J, r, scale, sizes)
+        second = _scaled_step(J, system.residual(start + sizes * step, last), scale, sizes)
+        contracts = bool(np.linalg.norm(second) <= _CONTRACTED * np.linalg.norm(step))
+    if contracts or not halvings or np.linalg.norm(step) <= _SMALL_STEP:
+        return solve(system, start, last, sizes)
+    middle = 0.5 * (first + last)
+    half = follow(system, start, (first, middle), sizes, halvings - 1)
+    return follow(system, half.values, (middle, last), sizes, halvings - 1) if half.is_solution else half
+
+
+def _scaled_step(J: Array, r: Array, scale: Array, sizes: Array) -> Array:
+    """Newton's step (n,) over the sizes of the unknowns; not finite where the equations are not."""
+    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+        return np.full(len(sizes), np.nan)
+    return -_smallest_step(J * sizes / scale[:, None], r / scale)
+
+
 def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     z, polished = start.copy(), False
     for _ in range(_STEPS):
@@ -107,7 +139,7 @@ def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
-        step = -sizes * _smallest_step(J * sizes / scale[:, None], r / scale)
+        step = sizes * _scaled_step(J, r, scale, sizes)
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
             with np.errstate(all="ignore"):

@@ -38,10 +38,21 @@ _ROUNDING: Mapping[str, Callable[[Fraction], int]] = {
 def to_sx(value: Value) -> ca.SX:
     """A number or an expression as an expression."""
     if isinstance(value, Fraction):
-        return ca.SX(literal(value))
+        return ca.SX(literal(in_range(value)))
     if isinstance(value, ca.SX):
         return value
     raise SceneError(f"expected a number, got {described(value)}.")
+
+
+def in_range(number: Fraction) -> Fraction:
+    """A number, if there is a double near it: it is neither too large nor too small for one."""
+    try:
+        if number and not float(number):
+            raise OverflowError
+    except OverflowError:
+        digits = math.log10(abs(number.numerator)) - math.log10(number.denominator)
+        raise SceneError(f"no double is near a number, which is about 10^{digits:.1f}.") from None
+    return number
 
 
 def described(value: Value) -> str:

@@ -259,7 +259,7 @@ class Variables:
         """The number that a value has at nominal values of the parameters, and at time 0."""
         number = v.number_of(value)
         if number is not None:
-            return float(number)
+            return float(v.in_range(number))
         expression = in_doubles(v.to_sx(value))
         for x in self.of(expression):
             raise SceneError(f"it depends on the variable {x.name}.")

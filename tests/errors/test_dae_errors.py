@@ -13,7 +13,7 @@ from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
 from mbdlft.dae.units import check_units
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import ThetaFunction
-from tests.close import roundoff
+from tests.close import CROSS, roundoff, target
 from tests.daes import example_1, example_2, pendulum
 from tests.errors.table import refused
 
@@ -30,6 +30,53 @@ def test_numerically_singular_is_named_not_solved() -> None:
     d.equation(d.der(x), "three", equals=a)
     with pytest.raises(StructureError, match=r"whatever the parameters are.*'one', 'two'.*a, b"):
         reduce_index(d.dae())
+
+
+def test_missing_start_values_are_said_to_be_missing() -> None:
+    d, (x, z) = _draft("x", "z")
+    u = d.input("u", start=1)
+    d.equation(d.der(x), "rate", equals=u - x)
+    d.equation(z * z, "square", equals=x)
+    d.output("z")
+    message = r"near the start values.*'square' do not determine z there. Give other start values of z"
+    with pytest.raises(StructureError, match=message) as raised:
+        reduce_index(d.dae())
+    assert "twice" not in str(raised.value)
+    d = DaeDraft("bad")
+    x, z, y = d.variable("x", start=0.0), d.variable("z", start=0.0), d.variable("y")
+    d.equation(d.der(x), "rate", equals=-x)
+    d.equation(z * y, "product", equals=x)
+    d.equation(y * y * y, "cube", equals=x)
+    with pytest.raises(StructureError, match=r"Give other start values of y, or"):
+        reduce_index(d.dae())
+
+
+@pytest.mark.parametrize(("low", "high", "ratio"), [(0.4, 2.0, 3), (0.45, 3.0, 3)])
+def test_an_equilibrium_stays_on_its_branch_where_newton_leaps(
+    low: float, high: float, ratio: float
+) -> None:
+    d = DaeDraft("branches")
+    p = d.parameter(Parameter("p", 1.0, low=low, high=high))
+    x, z, u = d.variable("x"), d.variable("z", start=1.0), d.input("u", start=1)
+    d.equation(d.der(x), "rate", equals=u - x * z)
+    d.equation((z - p) * (z - ratio * p), "two roots", equals=0)
+    d.output("x")
+    model = linearize_dae(d.dae(), search=0.0)
+    assert model.certificate.exact
+    values = np.array([low, 1.3, high])
+    A = mbdlft.matrices_at(model, {"p": values}).A[:, 0, 0]
+    target(A, -values, CROSS)
+
+
+def test_a_fit_that_is_near_at_samples_is_not_said_to_be_far() -> None:
+    d = DaeDraft("near")
+    p, x = d.parameter(Parameter("p", 0.9, low=0.5, high=0.9999)), d.variable("x", start=0.5)
+    d.equation(d.der(x), "rate", equals=p - ca.sin(x))
+    d.output("x")
+    with pytest.raises(TrimError, match=r"fits have errors of .* at samples, but poles or larger errors"):
+        trim(reduce_index(d.dae()), fit=1e-6)
+    with pytest.raises(TrimError, match=r"is within 9e-10 at samples.* came down to"):
+        trim(reduce_index(d.dae()), fit=1e-9)
 
 
 def test_singular_for_all_parameters_with_irrational_numbers() -> None:
@@ -120,6 +167,18 @@ sector_bounds(delta_theta(example_2(), 'blocks').functions[0], -1.0, 1.0) => has
 sector_bounds(delta_theta(example_2()).functions[0]) => is not finite
 > formula_value({}, {"a": 1.0}) => SceneError:
 "__import__('os')" => is not allowed
+# the number of arguments is that of the function, and numbers are doubles
+"sin(a, 2)" => sin has 2 arguments, expected 1
+"sin()" => sin has 0 arguments, expected 1
+"min(a)" => min has 1 arguments, expected 2
+"where(a > 0, 1)" => where has 2 arguments, expected 3
+"9**9**9*0 + a" => has no value
+"a/0" => has no value: float division by zero
+"1e400*a" => a number is larger than a double can be
+"-"*50000 + "a" => cannot be read
+"+".join(["a"]*60000) => cannot be read
+"(" * 3000 + "a" + ")" * 3000 => cannot be read
+"-"*500 + "a" => accepted
 "a.real" => is not allowed
 "[a]" => is not allowed
 "a if a else a" => is not allowed

@@ -152,10 +152,17 @@ def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
             if None not in functions:
                 stuck = proof.exceptions[0]
                 raise _not_proved(s, proof, stuck, task, root)
+    errors_at_samples = ", ".join(f"{e:.1e}" for e in best)
+    if np.all(best <= _MARGIN * tolerance):
+        reason = f"fits have errors of {errors_at_samples} at samples, but poles or larger errors between"
+    else:
+        reason = (
+            f"no rational fit up to degree {largest_degree} is within {_MARGIN * tolerance:g} at "
+            f"samples, as a proof of {tolerance:g} needs; the errors came down to {errors_at_samples}"
+        )
     raise TrimError(
-        f"equilibrium of {s.name!r}: no rational fit up to degree {largest_degree} is within "
-        f"{tolerance:g}; the errors came down to {', '.join(f'{e:.1e}' for e in best)}. Use a larger "
-        "tolerance or largest_degree, or a smaller range."
+        f"equilibrium of {s.name!r}: {reason}. Use a larger tolerance or largest_degree, or a smaller "
+        "range."
     )
 
 
