@@ -13,6 +13,7 @@ read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older 
 """
 
 import importlib
+import struct
 import zipfile
 from collections.abc import Mapping
 from math import prod
@@ -320,6 +321,11 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> di
             pair = [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full]
     except MbdlftError as error:
         raise StructureError(f"{source}: {error}") from None
+    except (struct.error, ValueError, IndexError) as error:  # of numbers that are not there
+        raise StructureError(
+            f"{source}: cannot be read as NASTRAN matrices: it ends, or is damaged, inside of a matrix "
+            f"({error}). Was it cut off, or copied as text? Copy or write it again."
+        ) from None
     except Exception as error:  # pyYeti raises what it meets
         why = str(error) or type(error).__name__
         raise StructureError(f"{source}: cannot be read as NASTRAN matrices: {why}") from None

@@ -329,6 +329,11 @@ def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         load_nastran(tmp_path / "x.op4", bulk)
     with says(StructureError, "x.op4: kcc is 5 x 5", "has 6 coordinates"):
         load_nastran(tmp_path / "x.op4", bulk, stiffness="kcc")
+    whole = (tmp_path / "x.op4").read_bytes()
+    for end in (30, 40):
+        (tmp_path / "cut.op4").write_bytes(whole[:end])
+        with says(StructureError, "cut.op4: cannot be read as NASTRAN matrices", "cut off"):
+            load_nastran(tmp_path / "cut.op4", bulk)
     with says(StructureError, "y.op4: cannot be read: No such file"):
         load_nastran(tmp_path / "y.op4", bulk)
     with says(StructureError, "none.bdf: cannot be read: No such file"):
