@@ -346,8 +346,8 @@ class Beam(ElasticBody):
         polar = rho * self._polar(values) * L if len(known) == 2 else unseen["xx"]
         y, z = across, across
         if self.has_rotary_inertia:
-            y = y + rho * values["I_y"] * L if "I_y" in known else unseen["yy"]
-            z = z + rho * values["I_z"] * L if "I_z" in known else unseen["zz"]
+            y = y + (rho * values["I_y"] * L if "I_y" in known else unseen["yy"])
+            z = z + (rho * values["I_z"] * L if "I_z" in known else unseen["zz"])
         inertia = ca.diag(ca.vertcat(ca.SX(polar), y, z))
         center = ca.vertcat(ca.SX(0.5 * L), ca.SX(2, 1))
         return ca.SX(newton_euler()(motion, mass, ca.SX(3, 1), center, inertia))
