@@ -170,12 +170,12 @@ def is_true(system: System, other: Bounds, fresh: Bounds) -> bool:
 def _at_samples(system: System, bounds: Bounds) -> bool:
     """Whether no sample of the box passes the bound; parameters are constant there."""
     claim, random = bounds.claim, np.random.default_rng(0)
-    names = system.parameters.names
-    size = claim.size
-    deltas = random.uniform(-1.0, 1.0, (400, len(names)))
+    deltas = random.uniform(-1.0, 1.0, (400, len(system.parameters)))
     deltas[:200] = np.sign(deltas[:200])
-    scale = np.array([1.0 if name in claim.fixed else size for name in names])
-    values = {p.name: _physical(p, scale[k] * deltas[:, k]) for k, p in enumerate(system.parameters)}
+    system = _on_box(
+        system, {b.name: 1.0 if b.name in claim.fixed else claim.size for b in system.lft.blocks}
+    )
+    values = {p.name: _physical(p, deltas[:, k]) for k, p in enumerate(system.parameters)}
     part: Any = system[list(claim.outputs), list(claim.inputs)] if claim.outputs else system
     A, B, C, D = mbdlft.matrices_at(part, values)
     poles = np.linalg.eigvals(A)
@@ -195,6 +195,17 @@ def _at_samples(system: System, bounds: Bounds) -> bool:
         G = 0.5 * one - G @ np.linalg.inv(one + G)
     gain = float(np.max(np.linalg.svd(G, compute_uv=False)))
     return gain * claim.gain <= 1.0 + 1e-9
+
+
+def _on_box(system: System, sizes: dict[str, float]) -> System:
+    """The system whose deltas in [-1, 1] are those of blocks of these sizes: z is as much larger."""
+    lft = system.lft
+    factors = np.concatenate([np.zeros(0), *(np.full(b.inputs, sizes[b.name]) for b in lft.blocks)])[
+        :, None
+    ]
+    larger = LFT(factors * lft.M11, factors * lft.M12, lft.M21, lft.M22, lft.blocks)
+    signals = system.states, system.inputs, system.outputs
+    return System(system.name, larger, *signals, system.parameters)
 
 
 def _physical(p: Parameter, deltas: Array) -> Array:

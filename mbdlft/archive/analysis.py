@@ -154,6 +154,9 @@ def _values(bounds: Bounds) -> dict[str, Any]:
     if isinstance(proof, IntervalProof):
         for name in Interval._fields:
             values[f"intervals/{name}"] = [getattr(i, name) for i in proof.intervals]
+        shapes = {getattr(m, name).shape for m in proof.multipliers for name in ("D", "G")}
+        if len(shapes) > 1:
+            raise ArchiveError(f"its multipliers have the shapes {sorted(shapes)}, and not one shape.")
         for name in ("D", "G"):
             stack = np.array([getattr(m, name) for m in proof.multipliers], dtype=complex)
             values |= _complex_values(f"intervals/{name}_", stack)
