@@ -249,7 +249,6 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
     proof = bounds.proof
     if isinstance(proof, BoxProof):
         yield "no cuts", replace(bounds, proof=BoxProof(()))
-        yield "fixed", replace(bounds, fixed=("m",))
     elif isinstance(proof, IntervalProof):
         small = tuple(m._replace(D=m.D[:1, :1], G=m.G[:1, :1]) for m in proof.multipliers)
         yield (
