@@ -221,8 +221,13 @@ def _native(a: LFT) -> NativeProgram | None:
     assert planned is not None
     width = a.shape[1]
     entries = tuple(((0, i * width + j), register) for (i, j), register in planned[0].entries)
+    return _compiled(replace(planned[0], entries=entries), a.M22.size)
+
+
+def _compiled(program: Program, size: int) -> NativeProgram | None:
+    """Native code for rows of a size; nothing if LLVM fails."""
     try:
-        return compile_native(replace(planned[0], entries=entries), a.M22.size, user_cache())
+        return compile_native(program, size, user_cache())
     except (RuntimeError, OSError):
         return None
 
@@ -310,10 +315,7 @@ def _piece(known: ModelProgram, first: int, size: int) -> tuple[Program, Plan]:
 @lru_cache(maxsize=4)
 def _native_piece(known: ModelProgram, first: int, size: int) -> NativeProgram | None:
     """The same as native code; nothing if LLVM fails."""
-    try:
-        return compile_native(_piece(known, first, size)[0], size, user_cache())
-    except (RuntimeError, OSError):
-        return None
+    return _compiled(_piece(known, first, size)[0], size)
 
 
 def is_native(known: ModelProgram, count: int) -> bool:

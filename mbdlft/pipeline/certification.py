@@ -46,13 +46,13 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
     Where the values in doubles differ by more than `_CARRIED`, which may be what the reference has lost,
     a few of the points are computed in 50 digits, and the error is that to those.
     """
-    (error, by_terms), count = error_of_values(values, at), len(values)
+    (error, by_terms), count = error_of_values(values, at.values, at), len(values)
     # nominal, where doubles differ most, and a corner
     far = np.max(np.abs(values - at.values) / at.scale, axis=(1, 2), initial=0.0)
     some = sorted({0, int(np.argmax(far)), count - 1})
     if (by_terms or error > _CARRIED) and at.in_digits is not None:
         truth = at.in_digits(problem.points[some])
-        error, by_terms = _error_of(values[some], truth, at, in_digits=True)
+        error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         count = len(some)
     trim_error = 0.0
     if trim is not None:
@@ -103,16 +103,9 @@ def _error_of_transfers(
 
 
 def error_of_values(
-    values: Array, at: Reference, some: slice = slice(None)
-) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """Largest relative error of [A B ; C D] at points, and entries that are rounding of terms."""
-    return _error_of(values, at.values[some], at)
-
-
-def _error_of(
     values: Array, truth: Array, at: Reference, *, in_digits: bool = False
 ) -> tuple[float, tuple[tuple[int, int], ...]]:
-    """As `error_of_values`, of values (N, ., .) from true ones, which may be known in 50 digits.
+    """Largest relative error of [A B ; C D] (N, ., .), and entries that are rounding of terms.
 
     An entry that is far off is taken for rounding if the true values are doubles, as these may have
     lost it; if they are known in 50 digits, only one that is zero.

@@ -6,11 +6,12 @@ compared with simple numbers near them (`near_relations`). If the problem with t
 smaller order, its certificate says which; the problem is not changed.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from math import pi
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import casadi as ca
 import numpy as np
@@ -32,6 +33,7 @@ from mbdlft.system.evidence import deltas_at
 _MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
+_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,40 +53,37 @@ class Candidate:
 def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     """A candidate of each form, the smallest first."""
     with without_collection():
-        reduced = [_in_enough_bits(problem, form) for form in forms]
+        reduced = [
+            _in_enough_bits(partial(_candidate, problem, form), problem.nouns.owner) for form in forms
+        ]
     return sorted(reduced, key=lambda candidate: candidate.lft.order)
 
 
 def reduced_relations(relations: LinearModel) -> LFT:
     """Relations solved for all of their unknown signals, reduced and rounded."""
-    n, bits = relations.unknown.numel(), BITS
-    while True:
-        try:
-            with precision(bits):
-                opened = reduce_exactly(extract(relations).lft)
-                return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
-        except TooFewBitsError:
-            bits = _more(bits, "trim")
+
+    def solved() -> LFT:
+        n, opened = relations.unknown.numel(), reduce_exactly(extract(relations).lft)
+        return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
+
+    return _in_enough_bits(solved, "trim")
 
 
-def _in_enough_bits(problem: Problem, form: Form) -> Candidate:
+def _in_enough_bits(make: Callable[[], _Made], owner: str) -> _Made:
+    """What is made in as many bits as it takes."""
     bits = BITS
     while True:
         try:
             with precision(bits):
-                return _candidate(problem, form)
+                return make()
         except TooFewBitsError:
-            bits = _more(bits, problem.nouns.owner)
-
-
-def _more(bits: int, owner: str) -> int:
-    if bits >= MOST_BITS:
-        raise AnalysisError(
-            f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms cancel "
-            "nearly, such as an axis that is nearly parallel to another one: make equal what is meant to "
-            "be equal."
-        )
-    return 2 * bits
+            if bits >= MOST_BITS:
+                raise AnalysisError(
+                    f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms "
+                    "cancel nearly, such as an axis that is nearly parallel to another one: make equal "
+                    "what is meant to be equal."
+                ) from None
+            bits *= 2
 
 
 def _candidate(problem: Problem, form: Form) -> Candidate:

@@ -129,7 +129,7 @@ class _Check:
         except WellPosednessError:
             return float("inf")
         try:
-            error, _ = error_of_values(values, self.reference, some)
+            error, _ = error_of_values(values, self.reference.values[some], self.reference)
         except WellPosednessError:  # the LFT can say where
             values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
