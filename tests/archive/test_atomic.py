@@ -13,7 +13,7 @@ import pytest
 from mbdlft import ArchiveError, load, model_names, save
 from tests.archive import models
 from tests.archive.models import same
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 ROOT = Path(__file__).parents[2]
 SECONDS = 60

@@ -11,7 +11,7 @@ import pytest
 from mbdlft import ArchiveError, load, model_names, save
 from tests.archive import models, plain_digest
 from tests.archive.test_layout import ATTRIBUTES, DATASETS, OPTIONAL, TEXT
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 NAME = "two_link_arm"
 SEAL = 44  # bytes behind the HDF5 file

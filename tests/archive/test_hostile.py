@@ -16,7 +16,7 @@ from mbdlft.archive import reading
 from mbdlft.base import worker
 from tests.archive import models
 from tests.archive.plain_digest import as_words, digest, edit, put_text
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 HERE = Path(__file__).parent
 GROUP = "models/two_link_arm"

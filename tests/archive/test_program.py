@@ -27,7 +27,8 @@ from mbdlft.system.sampled import deltas_of
 from tests.archive import models, plain_program
 from tests.archive.plain_digest import edit, put_text
 from tests.close import exact, roundoff
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import says
 
 COUNT = 1500
 NAMES = ("A", "B", "C", "D")

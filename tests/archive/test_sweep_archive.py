@@ -14,7 +14,8 @@ from mbdlft.archive import archive, hdf5, reading
 from tests.archive import models
 from tests.archive.models import contents, same
 from tests.close import exact
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import says
 
 
 def swept(file: Path, count: int = 5000, name: str = "s") -> None:

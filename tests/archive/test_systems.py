@@ -16,7 +16,7 @@ from mbdlft.system.model import Parameters, System
 from tests.archive import models
 from tests.archive.plain_digest import as_words, edit
 from tests.close import exact
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 
 def mixed(seed: int = 1) -> System:

@@ -16,7 +16,7 @@ from mbdlft.archive import archive
 from tests.archive import models
 from tests.archive.plain_digest import digest
 from tests.close import CLOSED_FORM, exact, target
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

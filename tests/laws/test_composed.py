@@ -35,7 +35,7 @@ from mbdlft.lft.lft import delta
 from mbdlft.system import lft
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
-from tests.errors.scenes import says
+from tests.errors.table import says
 from tests.extracted import lower_bound
 from tests.laws.test_systems import CART, CONTROLLER, ONE, SPRING, points
 

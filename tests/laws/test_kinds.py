@@ -12,7 +12,7 @@ from mbdlft.order.degree import degree_bounds
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.system.truncation import truncate_lft
 from tests.close import exact, roundoff
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 KAPPA = 1e4
 BLOCKS = (Block("a", 2), ComplexBlock("c", 1), FullBlock("f", 3, 2))

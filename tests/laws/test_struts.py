@@ -7,7 +7,7 @@ import mbdlft
 from mbdlft import Free, Ground, PointMass, Prismatic, RigidBody, Scene, Spring, Strut
 from mbdlft.multibody import Inertia, Revolute, at_equilibrium, find_equilibrium, fit_positions
 from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
-from tests.errors.scenes import says
+from tests.errors.table import says
 from tests.reference.lagrange import Energies, tilted
 
 _G = 9.81

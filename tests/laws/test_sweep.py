@@ -26,7 +26,8 @@ from mbdlft.base import worker
 from mbdlft.batch import rows, run, samples, staging
 from mbdlft.batch.samples import points_of, samples_of
 from tests.close import CLOSED_FORM, error, exact, roundoff, target
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import says
 
 ROOT = Path(__file__).parents[2]
 PARAMETERS = (

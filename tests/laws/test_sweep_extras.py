@@ -20,7 +20,8 @@ from mbdlft.batch.extra import Extra
 from mbdlft.batch.run import shard_rows
 from tests.archive.plain_digest import digest, edit
 from tests.close import CLOSED_FORM, exact, roundoff, target
-from tests.errors.scenes import cart, says
+from tests.errors.scenes import cart
+from tests.errors.table import says
 
 KEYS = ("samples", "A", "B", "C", "D", "trim", "residual", "status")
 FUNCTIONS = """

@@ -15,7 +15,7 @@ from mbdlft.robot import values as values_of
 from mbdlft.robot.description import RobotJoint, RobotLink, root_of
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.robots import ROBOT, written
-from tests.errors.scenes import says
+from tests.errors.table import says
 
 PENDULUM = """<robot name="pendulum">
   <link name="base"/>
