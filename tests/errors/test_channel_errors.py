@@ -10,7 +10,7 @@ from mbdlft import Beam, Parameter, PointMass, WellPosednessError, invert_channe
 from tests.errors.table import refused
 
 BEAM = Beam(
-    name="b", length=1, density=1, area=1, modulus=1, I_z=1, deformations=["bending_y"], elements=1
+    name="b", length=1, density=1, area=1, modulus=1, I_y=1, I_z=1, deformations=["bending_y"], elements=1
 )
 K = Parameter("k", 2.0, low=1.0, high=4.0, role="design")
 CART = realize([["0", "1", "0"], ["-k", "0", "1"], ["1", "0", "0"]], [K], states=2)
