@@ -46,7 +46,7 @@ def test_missing_start_values_are_said_to_be_missing() -> None:
     x, z, y = d.variable("x", start=0.0), d.variable("z", start=0.0), d.variable("y")
     d.equation(d.der(x), "rate", equals=-x)
     d.equation(z * y, "product", equals=x)
-    d.equation(y * y * y, "cube", equals=x)
+    d.equation(y * y * y * (1 + x), "cube", equals=x)
     with pytest.raises(StructureError, match=r"Give other start values of y, or"):
         reduce_index(d.dae())
 
