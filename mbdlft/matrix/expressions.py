@@ -9,9 +9,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
-import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, WellPosednessError, unknown_name
@@ -40,13 +39,6 @@ from mbdlft.multibody.scene.quantities import AngleSum
 T = TypeVar("T")
 _MOST_TURNS = 16
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
-
-
-class MatrixForm(NamedTuple):
-    """A matrix of expressions in the symbols q (n_p,) of the internal values of the parameters."""
-
-    q: ca.SX
-    matrix: ca.SX
 
 
 @dataclass(frozen=True, slots=True)

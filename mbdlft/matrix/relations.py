@@ -30,7 +30,8 @@ from mbdlft.matrix.expressions import (
     resolve,
 )
 from mbdlft.matrix.problem import MatrixProblem, matrix_to_toml
-from mbdlft.matrix.symbolic import expanded_matrix, written_matrix
+from mbdlft.matrix.rational import expanded_matrix, least_forms
+from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.problem.digits import BITS, Balls, ball, rounded, transfers_of
 from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.problem.references import NEGLIGIBLE, transfers
@@ -65,6 +66,7 @@ def problem_of_matrix(matrix: MatrixProblem, stage: Stage = nullcontext) -> Prob
         outputs=outputs,
         parameters=parameters,
         forms=forms,
+        more_forms=lambda: tuple(least_forms(matrix, resolved, scaled.rows, scaled.columns)),
         points=scaled.points,
         reference=lambda: scaled.reference,
         row_units=scaled.rows,
@@ -129,16 +131,16 @@ def _forms(matrix: MatrixProblem, resolved: Resolved, factors: Array) -> Iterato
     products meet in opposite orders.
     """
     for write in (written_matrix, expanded_matrix):
-        form = write(matrix, resolved, factors)
-        if form is None:
+        q = ca.SX.sym("q", len(matrix.parameters))
+        written = write(matrix, resolved, q)
+        if written is None:
             continue
-        for turned in (False, True):
-            entries = form.matrix.T if turned else form.matrix
+        for is_transposed in (False, True):
+            entries = ca.DM(factors) * written
+            entries = entries.T if is_transposed else entries
             known, nothing = ca.SX.sym("input", entries.shape[1]), ca.SX(0, 1)
-            relations = LinearModel(
-                nothing, entries @ known, nothing, known, form.q, tuple(matrix.parameters)
-            )
-            yield Form(relations, is_transposed=turned)
+            relations = LinearModel(nothing, entries @ known, nothing, known, q, tuple(matrix.parameters))
+            yield Form(relations, is_transposed=is_transposed)
 
 
 class MatrixValues(NamedTuple):

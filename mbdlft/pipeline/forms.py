@@ -101,7 +101,7 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
         best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
         return Candidate(form, extracted.channels, lft, lft, relations, best)
     # the equations come first; there are as many as unknowns
-    outputs = range(n, n + form.relations.output.numel())
+    outputs = range(n, relations.M.shape[0] - relations.order)
     try:
         closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
     except ZeroDivisionError:
@@ -132,15 +132,17 @@ def _in_doubles(problem: Problem, form: Form, channels: Mapping[str, int], opene
     if not n:
         return Candidate(form, channels, relations, relations, None, relations)
     try:
-        closed = closing(form.relations).solved(relations)
+        closed = closing(form).solved(relations)
     except WellPosednessError:
         raise _singular(problem, relations, n) from None
     return Candidate(form, channels, relations, closed, None, reduce_order(closed))
 
 
-def closing(relations: LinearModel) -> Closing:
+def closing(form: Form) -> Closing:
     """How relations are closed."""
-    return Closing(relations.unknown.numel(), relations.derivatives, relations.output.numel())
+    relations = form.relations
+    outputs = relations.known if form.is_transposed else relations.output
+    return Closing(relations.unknown.numel(), relations.derivatives, outputs.numel())
 
 
 def _singular(problem: Problem, relations: LFT, n: int) -> WellPosednessError:
@@ -193,8 +195,8 @@ class Signed(NamedTuple):
         return texts[kind] if by_value or self.sign > 0 else f"-{texts[kind]}"
 
 
-def near_relations(problem: Problem, smallest: Candidate) -> tuple[str, ...]:
-    """Sentences on numbers that nearly are others, if the order is smaller with these."""
+def near_relations(problem: Problem, smallest: Candidate, least: int) -> tuple[str, ...]:
+    """Sentences on numbers that nearly are others, if the order is below the least one with these."""
     relations = smallest.form.relations
     if sum(smallest.channels.values()) > _MOST:
         return ()
@@ -209,14 +211,14 @@ def near_relations(problem: Problem, smallest: Candidate) -> tuple[str, ...]:
         order = candidates(problem, [form])[0].lft.order
     except MbdlftError:  # with these numbers it cannot be solved: they are not meant
         return ()
-    if order >= smallest.lft.order:
+    if order >= least:
         return ()
     listed = "; ".join(
         f"{Signed(1, number)} is {abs(double(number) - other.value):.1g} from {other}"
         for number, other in meant.items()
         if double(number) != other.value
     )
-    return (f"{listed}: written exactly, the order is {order}, not {smallest.lft.order}",)
+    return (f"{listed}: written exactly, the order is {order}, not {least}",)
 
 
 def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:

@@ -32,7 +32,7 @@ from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
-from mbdlft.system.regular import PROVE
+from mbdlft.system.regular import PROVE, regularity
 
 _ENOUGH = 1e-11  # error of a result of a search that is used whatever it was before
 _MOST_BY_SEARCH = 10.0  # times the error before a search
@@ -55,11 +55,11 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     order_bound = sum(degrees.values())
     if order_bound < reduced[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
-            reduced = sorted(
-                [*reduced, *candidates(problem, forms)], key=lambda candidate: candidate.lft.order
-            )
+            more = [c for c in candidates(problem, forms) if not _is_singular(c, prove)]
+            reduced = sorted([*reduced, *more], key=lambda candidate: candidate.lft.order)
     with stage("near relations"):
-        near = near_relations(problem, reduced[0])
+        written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
+        near = near_relations(problem, written, reduced[0].lft.order)
     lft = reduced[0].lft
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
@@ -101,6 +101,11 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         provenance=provenance(problem.text),
         description=problem.description,
     )
+
+
+def _is_singular(candidate: Candidate, prove: float) -> bool:
+    """Whether relations that were made from values are singular somewhere in the ranges."""
+    return candidate.form.is_from_values and regularity(candidate.lft, prove).zero is not None
 
 
 class _Check:
@@ -154,7 +159,7 @@ def _search(
     close = truth = None
     if best.form.relations.unknown.numel():
         closed, forms = closed[:1], [candidate.relations for candidate in reduced]
-        close, truth = closing(best.form.relations), best.closed
+        close, truth = closing(best.form), best.closed
     exact = residues_alone(best.exact) if best.exact else None
     target = "mbdlft.order.search:find_smallest"
     arguments = (closed, dict(bound), budget, forms, close, truth, exact)

@@ -46,8 +46,11 @@ class Form:
     # for each parameter: from deltas to the symbols of the relations, if these are not the
     # internal values
     maps: tuple[BilinearMap, ...] | None = None
-    # the relations are those of the transpose; they have no unknown signals then
+    # the relations are those of the transpose; they have no derivatives then
     is_transposed: bool = False
+    # made from the values of the matrix: numbers are not those of the problem, and unknown signals may be
+    # undetermined where the matrix is finite
+    is_from_values: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,254 @@
+"""A matrix as one fraction N(p) / d(p) of polynomials in its parameters, and ways to write it from that.
+
+Fractions of polynomials are one more number system for the expressions. A float is taken as the decimal
+it prints as, so terms that cancel are gone, and numerators and denominators are in lowest terms. What is
+made from N and d does not depend on how the entries were written:
+
+- entries by Horner's rule, where they are polynomial: all products have their factors in one order;
+- the LFT that the values alone lead to (`mbdlft.order.recovery`);
+- relations D(p) y = N(p) u of low degrees, for rows and for columns (`mbdlft.order.rational`).
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any, Self
+
+import casadi as ca
+import flint
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import MbdlftError
+from mbdlft.base.parameter import cosine_sine_parts, exact_cosine_sine
+from mbdlft.exact.numbers import decimal
+from mbdlft.exact.operators import Operators
+from mbdlft.matrix.expressions import Resolved, matrix_values, parts
+from mbdlft.matrix.problem import MatrixProblem
+from mbdlft.order.rational import Fractions, RationalMatrix, Terms, low_relations
+from mbdlft.order.recovery import Recovered, recovered
+from mbdlft.order.work import Work
+from mbdlft.problem.problem import Form
+from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.sx.constants import literal
+
+_MOST_TERMS, _MOST_DEGREE = 1000, 128  # of a polynomial that is made from a text
+_SWEEPS = 10  # of balancing
+_WORK = 2.0  # units, for the recovery, for relations of rows, and for those of columns
+
+
+class NotFractionError(Exception):
+    """A number that is no fraction, a division by zero, or a polynomial that is too large."""
+
+
+class Ratio(Operators):
+    """n / d in lowest terms, polynomials of FLINT; ``+ - * /`` as for numbers."""
+
+    __slots__ = ("d", "n")
+
+    def __init__(self, n: Any, d: Any) -> None:
+        shared = n.gcd(d) * d.leading_coefficient()  # so the one of the denominator is 1
+        self.n, self.d = divmod(n, shared)[0], divmod(d, shared)[0]
+        for polynomial in (self.n, self.d):
+            if len(polynomial) > _MOST_TERMS or polynomial.total_degree() > _MOST_DEGREE:
+                raise NotFractionError
+
+    def __add__(self, other: "Ratio | Fraction | float") -> Self:
+        b = self.of(other)
+        return type(self)(self.n * b.d + b.n * self.d, self.d * b.d)
+
+    def __neg__(self) -> Self:
+        return type(self)(-self.n, self.d)
+
+    def __mul__(self, other: "Ratio | Fraction | float") -> Self:
+        b = self.of(other)
+        return type(self)(self.n * b.n, self.d * b.d)
+
+    def __truediv__(self, other: "Ratio | Fraction | float") -> Self:
+        b = self.of(other)
+        if b.n == 0:
+            raise NotFractionError
+        return type(self)(self.n * b.d, self.d * b.n)
+
+    def of(self, number: "Ratio | Fraction | float") -> Self:
+        if isinstance(number, Ratio):
+            return type(self)(number.n, number.d)
+        context, exact = self.n.context(), number if isinstance(number, Fraction) else decimal(number)
+        return type(self)(context.constant(_rational(exact)), context.constant(1))
+
+
+class Polynomial(Ratio):
+    """A `Ratio` that is divided by numbers only."""
+
+    __slots__ = ()
+
+    def __init__(self, n: Any, d: Any) -> None:
+        if not d.is_constant():
+            raise NotFractionError
+        super().__init__(n, d)
+
+
+def fractions(
+    problem: MatrixProblem, resolved: Resolved, kind: type[Ratio] = Ratio
+) -> list[list[Ratio]] | None:
+    """The entries in the internal values of the parameters; None where one is no such fraction."""
+    context = flint.fmpq_mpoly_ctx.get([f"p{k}" for k in range(len(problem.parameters))])
+    one = kind(context.constant(1), context.constant(1))
+    values: dict[str, Any] = {name: one.of(x) for name, x in problem.constant_values().items()}
+    try:
+        for parameter, symbol in zip(problem.parameters, context.gens(), strict=True):
+            t = kind(symbol, context.constant(1))
+            values[parameter.name] = t
+            if parameter.is_angle:
+                c0, s0 = exact_cosine_sine(parameter.reference)
+                if c0 * s0:
+                    return None
+                cosine, sine, denominator = cosine_sine_parts(parameter.substitution, t)
+                cosine, sine = cosine / denominator, sine / denominator
+                values |= parts(parameter.name, c0 * cosine - s0 * sine, s0 * cosine + c0 * sine)
+        return matrix_values(problem, resolved, values, one.of)
+    except (NotFractionError, MbdlftError):  # such as the sine of a constant
+        return None
+
+
+def expanded_matrix(problem: MatrixProblem, resolved: Resolved, q: ca.SX) -> ca.SX | None:
+    """The matrix by Horner's rule in the internal values q; None if it is not polynomial."""
+    entries = fractions(problem, resolved, Polynomial)
+    if entries is None:
+        return None
+    by_name = sorted(range(q.numel()), key=lambda k: problem.parameters[k].name)
+    return ca.vertcat(
+        *(ca.horzcat(*(_horner(_terms(x.n / x.d), q, by_name) for x in row)) for row in entries)
+    )
+
+
+def least_forms(
+    problem: MatrixProblem, resolved: Resolved, rows: Array, columns: Array
+) -> Iterator[Form]:
+    """The matrix with rows and columns divided by powers of two, from its values."""
+    entries = fractions(problem, resolved)
+    if entries is None:
+        return
+    divided = [
+        [x * Fraction(1.0 / (r * c)) for x, c in zip(row, columns.tolist(), strict=True)]
+        for row, r in zip(entries, rows.tolist(), strict=True)
+    ]
+    q = ca.SX.sym("q", len(problem.parameters))
+    F, shifts = _about_a_simple_point(divided, problem)
+    lft = recovered(F, Work(_WORK))
+    if lft is not None:
+        yield Form(_recovered(lft, q, shifts, problem), is_from_values=True)
+        if lft.is_minimal:
+            return
+    F = _over_one_denominator(divided, [Fraction(0)] * len(shifts))
+    for is_transposed in (False, True):
+        turned = F._replace(N=[*zip(*F.N, strict=True)]) if is_transposed else F
+        found = low_relations(turned, Work(_WORK))
+        if found is not None:
+            yield Form(_implicit(found, q, problem), None, is_transposed, is_from_values=True)
+
+
+def _about_a_simple_point(
+    entries: Sequence[Sequence[Ratio]], problem: MatrixProblem
+) -> tuple[RationalMatrix, list[Fraction]]:
+    """N / d in the distances from a point where d is not zero: the origin, or near nominal values.
+
+    Its digits are few, as those of the LFT grow with them.
+    """
+    nominal = [parameter.map.b0 for parameter in problem.parameters]
+    for digits in range(18):
+        shifts = [decimal(f"{x:.{digits - 1}e}") if digits else Fraction(0) for x in nominal]
+        F = _over_one_denominator(entries, shifts)
+        if F.d.get((0,) * len(nominal)):
+            break
+    return F, shifts
+
+
+def _over_one_denominator(
+    entries: Sequence[Sequence[Ratio]], shifts: Sequence[Fraction]
+) -> RationalMatrix:
+    """N / d in the distances of the parameters from some values."""
+    context = entries[0][0].n.context()
+    moved = [symbol + _rational(shift) for symbol, shift in zip(context.gens(), shifts, strict=True)]
+    d = context.constant(1)
+    for row in entries:
+        for x in row:
+            d = divmod(d * x.d, d.gcd(x.d))[0]
+    N = [[_terms((x.n * divmod(d, x.d)[0]).compose(*moved)) for x in row] for row in entries]
+    return RationalMatrix(N, _terms(d.compose(*moved)), len(shifts))
+
+
+def _recovered(
+    lft: Recovered, q: ca.SX, shifts: Sequence[Fraction], problem: MatrixProblem
+) -> LinearModel:
+    """0 = z - M11 w - M12 u, y = M21 w + M22 u with w_i = (q_k - shift_k) z_i."""
+    channels = [k for k, size in lft.blocks for _ in range(size)]
+    n, M = len(channels), _balanced(lft.M, len(channels))
+    z, u = ca.SX.sym("z", n), ca.SX.sym("input", M.shape[1] - n)
+    w = [(q[k] - literal(shifts[k])) * z[i] for i, k in enumerate(channels)]
+    values = [_combination(row, [*w, *ca.vertsplit(u)]) for row in M.tolist()]
+    residual = z - ca.vertcat(ca.SX(0, 1), *values[:n])
+    return LinearModel(residual, ca.vertcat(*values[n:]), z, u, q, tuple(problem.parameters))
+
+
+def _combination(factors: Sequence[Fraction], signals: Sequence[ca.SX]) -> ca.SX:
+    pairs = zip(factors, signals, strict=True)
+    return sum((literal(factor) * signal for factor, signal in pairs if factor), ca.SX(0))
+
+
+def _balanced(M: Fractions, n: int) -> Fractions:
+    """Channels times powers of two, so that no row or column of one is far larger than the other."""
+    sizes = np.array([[_log2(x) for x in row] for row in M.tolist()]).reshape(M.shape)
+    sizes[range(n), range(n)] = -np.inf
+    total = np.zeros(n)
+    for _ in range(_SWEEPS):
+        for i in range(n):
+            row, column = np.max(sizes[i], initial=-np.inf), np.max(sizes[:, i], initial=-np.inf)
+            if np.isfinite(row + column):
+                step = np.rint((column - row) / 2.0)
+                total[i] += step
+                sizes[i] += step
+                sizes[:, i] -= step
+    scale = [Fraction(2) ** int(x) for x in total]
+    balanced = M.copy()
+    for i, x in enumerate(scale):
+        balanced[i] = balanced[i] * x
+        balanced[:, i] = balanced[:, i] / x
+    return balanced
+
+
+def _log2(x: Fraction) -> float:
+    return math.log2(abs(x.numerator)) - math.log2(x.denominator) if x else -math.inf
+
+
+def _implicit(rows: list[list[Terms]], q: ca.SX, problem: MatrixProblem) -> LinearModel:
+    """0 = D y - N u."""
+    by_name = sorted(range(q.numel()), key=lambda k: problem.parameters[k].name)
+    y, u = ca.SX.sym("y", len(rows)), ca.SX.sym("input", len(rows[0]) - len(rows))
+    signals = [*ca.vertsplit(y), *ca.vertsplit(-u)]
+    residual = [
+        sum((_horner(x, q, by_name) * s for x, s in zip(row, signals, strict=True) if x), ca.SX(0))
+        for row in rows
+    ]
+    return LinearModel(ca.vertcat(*residual), y, y, u, q, tuple(problem.parameters))
+
+
+def _horner(terms: Terms, q: ca.SX, order: Sequence[int]) -> ca.SX:
+    """A polynomial, by Horner's rule in one parameter after the other."""
+    if not terms:
+        return ca.SX(0)
+    if not order:
+        return ca.SX(literal(next(iter(terms.values()))))
+    k, total = order[0], ca.SX(0)
+    for exponent in range(max(e[k] for e in terms), -1, -1):
+        rest = {e: x for e, x in terms.items() if e[k] == exponent}
+        total = q[k] * total + _horner(rest, q, order[1:])
+    return total
+
+
+def _terms(polynomial: Any) -> Terms:
+    return {tuple(map(int, e)): Fraction(int(x.p), int(x.q)) for e, x in polynomial.to_dict().items()}
+
+
+def _rational(x: Fraction) -> Any:
+    return flint.fmpq(x.numerator, x.denominator)

@@ -1,0 +1,271 @@
+"""Rational matrices F(p) = N(p) / d(p) modulo primes, fractions from residues, and relations.
+
+What is computed in residues modulo several primes is put together by the Chinese remainder theorem and
+rational reconstruction (Wang 1981), and one more prime confirms it. All primes are below 2^31, so that
+products of two residues are integers of 64 bits.
+
+**Relations.** Rows [D N] with D(p) y = N(p) u are a null space of [F ; -I]: of its values at random
+points, in all monomials up to a total degree. D and N of least degree can need far fewer repetitions
+than F, and y is an unknown signal, which costs none.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+import flint
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.exact.matrices import Residues, multiplied, null_space, rank, row_echelon
+from mbdlft.order.work import Work, exact_elimination
+
+Terms = Mapping[tuple[int, ...], Fraction]  # coefficients of a polynomial by exponents
+Fractions = NDArray[np.object_]
+
+_FIRST = 2**31 - 1  # primes from here down
+_MOST_PRIMES, _MOST_UNLUCKY = 200, 2  # primes; primes without a result
+_MOST_UNKNOWNS, _MOST_DEGREE = 1600, 4  # of relations
+_EXTRA = 10  # equations beyond the number of unknowns
+
+
+class RationalMatrix(NamedTuple):
+    """N / d in lowest terms, polynomials in so many parameters."""
+
+    N: Sequence[Sequence[Terms]]  # p rows of q
+    d: Terms
+    parameters: int
+
+    @property
+    def box(self) -> tuple[int, ...]:
+        """One more than the degree in each parameter."""
+        polynomials = [self.d, *itertools.chain(*self.N)]
+        return tuple(
+            1 + max((exponents[k] for terms in polynomials for exponents in terms), default=0)
+            for k in range(self.parameters)
+        )
+
+    def modulo(self, prime: int, work: Work) -> "Polynomials":
+        """The same modulo a prime."""
+        box = self.box
+        N = np.array([[_residues(terms, box, prime) for terms in row] for row in self.N])
+        return Polynomials(N, _residues(self.d, box, prime), Field(prime, work))
+
+
+class Field:
+    """Residues modulo a prime: linear algebra that is counted, and random points."""
+
+    def __init__(self, prime: int, work: Work) -> None:
+        self.prime, self.work, self._random = prime, work, np.random.default_rng(prime)
+
+    def points(self, *shape: int) -> Residues:
+        """Random, none zero."""
+        return self._random.integers(1, self.prime, shape)
+
+    def rank(self, a: Residues) -> int:
+        self.work.add(exact_elimination(*a.shape))
+        return rank(a, self.prime)
+
+    def echelon(self, a: Residues) -> tuple[Residues, list[int]]:
+        self.work.add(exact_elimination(*a.shape))
+        return row_echelon(a, self.prime)
+
+    def null_space(self, a: Residues) -> Residues:
+        """Columns."""
+        self.work.add(exact_elimination(*a.shape))
+        return null_space(a, self.prime)
+
+    def combinations(self, a: Residues, b: Residues) -> Residues | None:
+        """X with X a = b; None if there is none, or more than one."""
+        rows, pivots = self.echelon(np.vstack([a, b]).T)
+        return rows[: len(a), len(a) :].T if pivots == list(range(len(a))) else None
+
+
+class Polynomials(NamedTuple):
+    """F = N / d, with coefficients in a field and all degrees in one box."""
+
+    N: Residues  # (p, q, D_1 + 1, ..., D_K + 1)
+    d: Residues  # (D_1 + 1, ..., D_K + 1)
+    field: Field
+
+    @property
+    def T(self) -> "Polynomials":
+        """The transpose."""
+        return self._replace(N=self.N.swapaxes(0, 1))
+
+    def at(self, a: Residues, points: Residues, kept: int | None = None) -> Residues:
+        """Values (points, ...) of polynomials (..., D_1 + 1, ...), or coefficients in one parameter."""
+        prime, K = self.field.prime, self.d.ndim
+        values = np.broadcast_to(a, (len(points), *a.shape))
+        for k in range(K - 1, -1, -1):
+            if k == kept:
+                values = np.moveaxis(values, -1, a.ndim - K + 1)
+                continue
+            powers = powers_of(points[:, k], a.shape[a.ndim - K + k], prime)
+            powers = powers.reshape(len(powers), *[1] * (values.ndim - 2), -1)
+            values = np.sum(values * powers % prime, axis=-1) % prime
+        return values
+
+    def constant_rows(self) -> Residues:
+        """d times the identity, as rows (q, q * box)."""
+        return np.multiply.outer(np.eye(self.N.shape[1], dtype=np.int64), self.d).reshape(
+            self.N.shape[1], -1
+        )
+
+    def shifted(self, rows: Residues, k: int) -> Residues:
+        """Rows times p_k; their degree in it is below that of F."""
+        a = rows.reshape(len(rows), *self.N.shape[1:])
+        return np.roll(a, 1, axis=2 + k).reshape(rows.shape)
+
+
+def _residues(terms: Terms, box: Sequence[int], prime: int) -> Residues:
+    a = np.zeros(box, dtype=np.int64)
+    for exponents, x in terms.items():
+        a[exponents] = x.numerator * pow(x.denominator, -1, prime) % prime
+    return a
+
+
+def powers_of(points: Residues, count: int, prime: int) -> Residues:
+    """(points, count)."""
+    powers = np.ones((len(points), count), dtype=np.int64)
+    for e in range(1, count):
+        powers[:, e] = powers[:, e - 1] * points % prime
+    return powers
+
+
+def along(a: Residues, axis: int, matrix: Residues, prime: int) -> Residues:
+    """A matrix times the vectors along an axis."""
+    moved = np.moveaxis(a, axis, 0)
+    product = multiplied(matrix, moved.reshape(len(moved), -1), prime)
+    return np.moveaxis(product.reshape(len(matrix), *moved.shape[1:]), 0, axis)
+
+
+def low_relations(F: RationalMatrix, work: Work) -> list[list[Terms]] | None:
+    """Rows of D (p, p) and N (p, q), side by side, of low degrees with D y = N u and D regular.
+
+    None if the degrees are too high, or the work is over.
+    """
+    p, q = len(F.N), len(F.N[0])
+    chosen: list[tuple[int, int]] | None = None  # degree, row of the null space of that degree
+
+    def modulo(prime: int) -> Residues | None:
+        nonlocal chosen
+        f = F.modulo(prime, work)
+        most = _MOST_DEGREE if chosen is None else max(degree for degree, _ in chosen)
+        point, rows, numbers = f.field.points(1, F.parameters), [], []
+        values: Residues = np.zeros((0, p), dtype=np.int64)
+        for degree in range(most + 1):
+            monomials = _monomials(F.box, degree)
+            if len(monomials) * (p + q) > _MOST_UNKNOWNS or work.is_over:
+                return None
+            null = _null_rows(f, monomials)
+            weights = _values(monomials, point, prime)[0]
+            for number in sorted(range(len(null)), key=lambda k: _cost(null[k], monomials)):
+                if chosen is not None and (degree, number) not in chosen:
+                    continue
+                at_point = np.sum(null[number, :, :p] * weights[:, None] % prime, axis=0) % prime
+                if f.field.rank(np.vstack([values, at_point])) > len(values):
+                    values = np.vstack([values, at_point])
+                    numbers.append((degree, number))
+                    rows.append(_in_box(null[number], monomials, F.box))
+            if len(rows) == p:
+                chosen = numbers if chosen is None else chosen
+                return np.array(rows)
+        return None
+
+    entries = lifted(modulo, work)
+    if entries is None:
+        return None
+    return [[{e: x for e, x in np.ndenumerate(entry) if x} for entry in row] for row in entries]
+
+
+def _monomials(box: Sequence[int], most: int) -> list[tuple[int, ...]]:
+    """Exponents of a total degree of at most so much, the highest first."""
+    inside = itertools.product(*(range(max(size, 2)) for size in box))
+    return sorted((e for e in inside if sum(e) <= most), key=lambda e: (-sum(e), e))
+
+
+def _values(monomials: Sequence[tuple[int, ...]], points: Residues, prime: int) -> Residues:
+    """(points, monomials)."""
+    values = np.ones((len(points), len(monomials)), dtype=np.int64)
+    for k, exponents in enumerate(np.array(monomials).T):
+        values = values * powers_of(points[:, k], 1 + int(max(exponents)), prime)[:, exponents] % prime
+    return values
+
+
+def _null_rows(f: "Polynomials", monomials: Sequence[tuple[int, ...]]) -> Residues:
+    """Polynomial rows c (rows, monomials, p + q) with c [F ; -I] = 0, in echelon form."""
+    (p, q), prime = f.N.shape[:2], f.field.prime
+    unknowns = len(monomials) * (p + q)
+    points = f.field.points((unknowns + _EXTRA) // q + 1, f.d.ndim)
+    N, d = f.at(f.N, points), f.at(f.d, points)
+    inverse = np.array([pow(x, -1, prime) for x in d.tolist()])
+    minus = np.broadcast_to(-np.eye(q, dtype=np.int64) % prime, (len(points), q, q))
+    F = np.concatenate([N * inverse[:, None, None] % prime, minus], axis=1).swapaxes(1, 2)
+    equations = F[:, :, None] * _values(monomials, points, prime)[:, None, :, None] % prime
+    return f.field.null_space(equations.reshape(-1, unknowns)).T.reshape(-1, len(monomials), p + q)
+
+
+def _cost(row: Residues, monomials: Sequence[tuple[int, ...]]) -> tuple[int, int]:
+    """Degrees of all terms of a row, and their number."""
+    used = np.nonzero(row)[0].tolist()
+    return sum(sum(monomials[k]) for k in used), len(used)
+
+
+def _in_box(row: Residues, monomials: Sequence[tuple[int, ...]], box: Sequence[int]) -> Residues:
+    """A row (monomials, entries) as arrays by exponents: (entries, 2 or D_1 + 1, ...)."""
+    arrays: Residues = np.zeros((row.shape[1], *(max(size, 2) for size in box)), dtype=np.int64)
+    for k, exponents in enumerate(monomials):
+        np.moveaxis(arrays, 0, -1)[exponents] = row[k]
+    return arrays
+
+
+def lifted(modulo: Callable[[int], Residues | None], work: Work) -> Fractions | None:
+    """Fractions whose residues a computation has modulo every prime; None if they do not come out."""
+    modulus, unlucky = 1, 0
+    residues: list[int] = []
+    fractions: list[Fraction] | None = None
+    for prime in itertools.islice(primes(), _MOST_PRIMES):
+        result = modulo(prime)
+        if result is None:
+            unlucky += 1
+            if unlucky > _MOST_UNLUCKY or work.is_over:
+                return None
+            continue
+        new = result.ravel().tolist()
+        if fractions is not None and all(
+            (x.denominator * r - x.numerator) % prime == 0 for x, r in zip(fractions, new, strict=True)
+        ):
+            lifted = np.empty(len(fractions), dtype=object)
+            lifted[:] = fractions
+            return lifted.reshape(result.shape)
+        inverse = pow(modulus, -1, prime)
+        residues = [
+            a + modulus * ((r - a) * inverse % prime)
+            for a, r in zip(residues or [0] * len(new), new, strict=True)
+        ]
+        modulus *= prime
+        fractions = _fractions(residues, modulus)
+    return None
+
+
+def _fractions(residues: Iterable[int], modulus: int) -> list[Fraction] | None:
+    """The fractions a / b with a, b below sqrt(modulus / 2); None if one of them has none."""
+    most = math.isqrt(modulus // 2)
+    fractions = []
+    for residue in residues:
+        (r0, r1), (s0, s1) = (modulus, residue), (0, 1)
+        while r1 > most:
+            quotient = r0 // r1
+            r0, r1, s0, s1 = r1, r0 - quotient * r1, s1, s0 - quotient * s1
+        if not 0 < abs(s1) <= most:
+            return None
+        fractions.append(Fraction(r1, s1))
+    return fractions
+
+
+def primes() -> Iterator[int]:
+    """From the largest down."""
+    return (n for n in range(_FIRST, 1, -2) if flint.fmpz(n).is_prime())

@@ -1,0 +1,187 @@
+"""Laws of rational matrices: fractions, relations and LFTs that follow from values."""
+
+import itertools
+import operator
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+from typing import Any
+
+import flint
+import numpy as np
+import pytest
+
+from mbdlft import Parameter, realize
+from mbdlft.matrix.rational import NotFractionError, Polynomial, Ratio
+from mbdlft.order.rational import RationalMatrix, Terms, low_relations
+from mbdlft.order.recovery import Recovered, recovered
+from mbdlft.order.work import Work
+from tests.close import target
+
+CONTEXT = flint.fmpq_mpoly_ctx.get(["x", "y"])
+ARITHMETIC = [operator.add, operator.sub, operator.mul]
+Point = Sequence[Fraction]
+
+
+def fraction(x: Any) -> Fraction:
+    return Fraction(int(x.p), int(x.q))
+
+
+def at(terms: Terms, point: Point) -> Fraction:
+    return sum(
+        (
+            c * np.prod([x**e for x, e in zip(point, exponents, strict=True)])
+            for exponents, c in terms.items()
+        ),
+        Fraction(0),
+    )
+
+
+def terms_of(polynomial: Any) -> Terms:
+    return {tuple(map(int, e)): fraction(c) for e, c in polynomial.to_dict().items()}
+
+
+def ratio(random: np.random.Generator) -> Ratio:
+    n, d = (
+        CONTEXT.from_dict({tuple(e): int(c) for *e, c in random.integers(0, 4, (4, 3)).tolist() if c})
+        for _ in range(2)
+    )
+    return Ratio(n, d + 5)
+
+
+@pytest.mark.parametrize("operation", ARITHMETIC, ids=lambda each: each.__name__)
+@pytest.mark.parametrize("seed", range(10))
+def test_ratios(operation: Callable[[Any, Any], Any], seed: int) -> None:
+    random, point = np.random.default_rng(seed), (Fraction(2, 7), Fraction(-5, 3))
+    a, b = ratio(random), ratio(random)
+
+    def value(x: Ratio) -> Fraction:
+        return at(terms_of(x.n), point) / at(terms_of(x.d), point)
+
+    assert value(operation(a, b)) == operation(value(a), value(b))
+    assert value(operation(a, 0.3)) == operation(value(a), Fraction(3, 10))
+    assert value(operation(0.3, a)) == operation(Fraction(3, 10), value(a))
+    assert value(a / (b * b + 1)) == value(a) / (value(b) ** 2 + 1)
+    assert value(-a) == -value(a)
+    product = operation(a, b)
+    assert product.d.leading_coefficient() == 1
+    assert product.n.gcd(product.d).is_constant()
+
+
+def test_polynomials_are_not_divided_by_polynomials() -> None:
+    x, one = CONTEXT.gens()[0], CONTEXT.constant(1)
+    for divisor in (Polynomial(x, one), Polynomial(x - x, one)):
+        with pytest.raises(NotFractionError):
+            Polynomial(x, one) / divisor
+
+
+def known(seed: int) -> tuple[RationalMatrix, int]:
+    """N / d of a random LFT in 1 to 3 parameters, with entries of halves, and its order."""
+    random = np.random.default_rng(seed)
+    sizes = random.integers(1, 4, int(random.integers(1, 4))).tolist()
+    n, p, q = sum(sizes), *random.integers(1, 4, 2).tolist()
+    M = random.integers(-3, 4, (n + p, n + q)) * (random.random((n + p, n + q)) < 0.7)
+    names = [f"p{k}" for k in range(len(sizes))]
+    context = flint.fmpq_mpoly_ctx.get(names)
+    channels = [context.gens()[k] for k, size in enumerate(sizes) for _ in range(size)]
+    loop = [
+        [context.constant(int(i == j)) - flint.fmpq(int(M[i, j]), 2) * channels[j] for j in range(n)]
+        for i in range(n)
+    ]
+    d = determinant(loop, context)
+    # y_i of u_j: the determinant of the loop with a row of M21 p and a column of -M12 beside it, over d
+    N = []
+    for i in range(p):
+        row = []
+        for j in range(q):
+            border = [*(flint.fmpq(int(M[n + i, k]), 2) * channels[k] for k in range(n))]
+            column = [context.constant(flint.fmpq(-int(M[k, n + j]), 2)) for k in range(n)]
+            corner = context.constant(flint.fmpq(int(M[n + i, n + j]), 2))
+            matrix = [[*line, x] for line, x in zip(loop, column, strict=True)] + [[*border, corner]]
+            row.append(determinant(matrix, context))
+        N.append(row)
+    shared = d
+    for x in itertools.chain(*N):
+        shared = shared.gcd(x)
+    reduced = [[terms_of(divmod(x, shared)[0]) for x in row] for row in N]
+    return RationalMatrix(reduced, terms_of(divmod(d, shared)[0]), len(sizes)), n
+
+
+def determinant(matrix: list[list[Any]], context: Any) -> Any:
+    """Bareiss: every division is exact."""
+    a, sign, previous = [list(row) for row in matrix], 1, context.constant(1)
+    for k in range(len(a) - 1):
+        pivot = next((i for i in range(k, len(a)) if a[i][k] != 0), None)
+        if pivot is None:
+            return context.constant(0)
+        if pivot != k:
+            a[k], a[pivot], sign = a[pivot], a[k], -sign
+        for i in range(k + 1, len(a)):
+            for j in range(k + 1, len(a)):
+                a[i][j] = divmod(a[i][j] * a[k][k] - a[i][k] * a[k][j], previous)[0]
+        previous = a[k][k]
+    return sign * a[-1][-1]
+
+
+def value_of(lft: Recovered, point: Point) -> Any:
+    """M22 + M21 P (I - M11 P)^-1 M12 in fractions."""
+    n = lft.order
+    P = [point[k] for k, size in lft.blocks for _ in range(size)]
+    to = lambda a: flint.fmpq_mat(  # noqa: E731
+        len(a), len(a[0]), [flint.fmpq(x.numerator, x.denominator) for row in a for x in row]
+    )
+    M = lft.M.tolist()
+    direct = to([row[n:] for row in M[n:]])
+    if not n:
+        return direct
+    loop = to([[Fraction(int(i == j)) - M[i][j] * P[j] for j in range(n)] for i in range(n)])
+    seen = to([[x * P[j] for j, x in enumerate(row[:n])] for row in M[n:]])
+    return direct + seen * loop.solve(to([row[n:] for row in M[:n]]))
+
+
+@pytest.mark.parametrize("seed", range(16))
+def test_lft_of_values(seed: int) -> None:
+    """It has the values, at fractions, and is no larger than the LFT that they came from."""
+    F, order = known(seed)
+    lft = recovered(F, Work(4.0))
+    assert lft is not None or (len(F.N), len(F.N[0])) == (1, 1)  # one entry alone is a nonlinear problem
+    if lft is None:
+        return
+    assert lft.order <= order
+    for point in ([Fraction(3, 11), Fraction(-2, 7), Fraction(5, 13)], [Fraction(1, 9)] * 3):
+        found, d = value_of(lft, point[: F.parameters]), at(F.d, point[: F.parameters])
+        for i, row in enumerate(F.N):
+            assert [fraction(found[i, j]) * d for j in range(len(row))] == [
+                at(x, point[: F.parameters]) for x in row
+            ]
+
+
+@pytest.mark.parametrize("seed", [2, 3, 6, 12, 14, 20, 23, 35])  # orders up to 4, and so degrees
+def test_relations_of_values(seed: int) -> None:
+    """D F = N at fractions, with D regular."""
+    F, _ = known(seed)
+    rows, p = low_relations(F, Work(4.0)), len(F.N)
+    assert rows is not None
+    point = [Fraction(3, 11), Fraction(-2, 7), Fraction(5, 13)][: F.parameters]
+    values = [[at(x, point) for x in row] for row in F.N]
+    D = np.array([[at(x, point) for x in row[:p]] for row in rows])
+    N = np.array([[at(x, point) for x in row[p:]] for row in rows])
+    assert np.all(D @ np.array(values) == N * at(F.d, point))
+    assert flint.fmpq_mat(p, p, [flint.fmpq(x.numerator, x.denominator) for x in D.flat]).rank() == p
+
+
+SYMMETRIC = [["b*c - e^2", "e*f - d*c", "d*e - b*f"], ["e*f - d*c", "a*c - f^2", "d*f - a*e"]]
+SYMMETRIC += [["d*e - b*f", "d*f - a*e", "a*b - d^2"]]
+DETERMINANT = "(a*b*c + 2*d*e*f - a*e^2 - b*f^2 - c*d^2)"
+BOX = [Parameter(name, 2.0, 1.8, 2.2) for name in "abc"] + [
+    Parameter(name, 0.3, 0.2, 0.4) for name in "def"
+]
+
+
+@pytest.mark.parametrize("entry", ["({})/" + DETERMINANT, "({}) * (1/" + DETERMINANT + ")"])
+def test_inverse_of_a_symmetric_matrix(entry: str) -> None:
+    """Adjugate over determinant: 49 repetitions as it is written; 9 by relations, one for each entry."""
+    model = realize([[entry.format(x) for x in row] for row in SYMMETRIC], BOX, search=0.0)
+    assert model.order == sum(model.certificate.lower_bound) == 9
+    at_corner = model.at(a=1.8, b=2.2, c=1.8, d=0.2, e=0.4, f=0.4).D
+    expected = np.linalg.inv([[1.8, 0.2, 0.4], [0.2, 2.2, 0.4], [0.4, 0.4, 1.8]])
+    target(at_corner, expected, 1e-12)
