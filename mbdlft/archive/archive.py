@@ -270,7 +270,8 @@ def locked(file: Path, patience: float | None = None, busy: str = "") -> Iterato
                 raise ArchiveError(f"{file}: cannot be written: {_holder(beside)} {does}")
             time.sleep(0.02)
             handle = _open(beside)
-        os.write(handle, str(os.getpid()).encode())
+        with contextlib.suppress(OSError):  # a full disk is told where the file itself is written
+            os.write(handle, str(os.getpid()).encode())
     except OSError as error:
         if isinstance(error, ArchiveError):
             raise

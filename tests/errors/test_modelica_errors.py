@@ -140,7 +140,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 "r = {1, 2, 3};" => line 4: … : an array of 2 is to be equal to an array of 3
 "r = {1, 2} + 1;" => an array + a number; write .+
 "r = 1/{1, 2};" => / by an array; write ./ for that of its entries
-"x = 1e308*31.4;" => m.mof … 'x = 1e308 * 31.4': no double is near a number, which is about 10^309.5
+"x = 1e308*31.4;" => line 4: 'x = 1e308 * 31.4': no double is near a number, which is about 10^309.5
 "x = 1e-300*1e-300;" => no double is near a number, which is about 10^-600.0
 "r = {1, 2} + {1, 2, 3};" => arrays of 2 and 3 entries do not fit
 "x = {1, 2}*{1, 2, 3};" => a row of 2 times a column of 3 entries

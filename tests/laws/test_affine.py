@@ -102,8 +102,8 @@ def test_closed_relations_of_a_chain_are_kept() -> None:
     scene = chain(3, spatial=False)
     problem = problem_of_scene(scene)
     (found,) = candidates(problem, problem.forms)
-    a, relations = found.relations, found.form.relations
-    level = finishing(a, closing(relations))
+    a = found.relations
+    level = finishing(a, closing(found.form))
     moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), Work())
     assert moved is not None
     assert level.keeps(Work(), level.exact, moved)

@@ -171,7 +171,17 @@ def test_realize_writes_archive_and_table(tmp_path: Path, call: Call) -> None:
     found = json.loads(out)
     assert (code, found["name"], found["lower_bound"]) == (0, "missile", 10)
     assert found["exact_bound"] is True
-    stages = {"read", "resolve", "reduce", "bound", "near relations", "prove", "check", "total"}
+    stages = {
+        "read",
+        "resolve",
+        "reduce",
+        "bound",
+        "more forms",
+        "near relations",
+        "prove",
+        "check",
+        "total",
+    }
     assert set(found["seconds"]) == stages
 
 
