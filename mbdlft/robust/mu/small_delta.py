@@ -240,41 +240,55 @@ def _unit_dyad(a: Complex, b: Complex) -> Complex:
     return np.asarray(np.outer(a, b.conj()) / size)
 
 
+class _Near(NamedTuple):
+    """Delta by the variables of its places, near a frequency that may move: log omega is the last one."""
+
+    at: At
+    places: Sequence[_Place]
+    shape: tuple[int, ...]
+    ends: NDArray[np.int_]  # of the variables of each place
+    omega: float
+    moves: bool
+
+    def split(self, x: Array) -> tuple[list[Array], Complex, float]:
+        """The variables of each place, their Delta, and the frequency."""
+        variables = np.split(x[: self.ends[-1]], self.ends[:-1])
+        delta = np.zeros(self.shape, dtype=complex)
+        for place, here in zip(self.places, variables, strict=True):
+            place.put(delta, place.value(here))
+        return variables, delta, self.omega * float(np.exp(x[-1])) if self.moves else self.omega
+
+    def value(self, x: Array) -> tuple[complex, Complex]:
+        """lambda, and its derivatives."""
+        variables, delta, w = self.split(x)
+        M, turned = self.at(w)
+        lam, u, v = _eigen(M, delta, self.places)
+        weights = [1.0 if place.grows else lam for place in self.places]
+        p = u @ M
+        slopes = [
+            weight * place.slopes(here, delta, p, v)
+            for place, here, weight in zip(self.places, variables, weights, strict=True)
+        ]
+        if self.moves:
+            moved = np.zeros(delta.shape[0], dtype=complex)
+            for place, weight in zip(self.places, weights, strict=True):
+                moved[place.w] = weight * (delta[place.w, place.z] @ v[place.z])
+            slopes.append(np.array([u @ turned @ moved]))
+        return lam, np.concatenate(slopes)
+
+
 def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float) -> SmallDelta:
     """The real positive lambda nearest to what Delta begins with, made large; omega may move."""
     from scipy.optimize import minimize  # here because it is slow to import
 
     first = [place.variables(unit) for place in places]
-    ends = np.cumsum([len(x) for x in first])
     moves = bool(0.0 < omega < np.inf)
+    near = _Near(at, places, unit.shape, np.cumsum([len(x) for x in first]), omega, moves)
     start = np.concatenate([*first, np.zeros(int(moves))])
-
-    def split(x: Array) -> tuple[list[Array], Complex, float]:
-        """The variables of each place, their Delta, and the frequency."""
-        variables = np.split(x[: ends[-1]], ends[:-1])
-        delta = np.zeros(unit.shape, dtype=complex)
-        for place, here in zip(places, variables, strict=True):
-            place.put(delta, place.value(here))
-        return variables, delta, omega * float(np.exp(x[-1])) if moves else omega
 
     @lru_cache(maxsize=1)  # objective, constraint and slopes are asked for at the same point
     def value(x: bytes) -> tuple[complex, Complex]:
-        """lambda, and its derivatives."""
-        variables, delta, w = split(np.frombuffer(x))
-        M, turned = at(w)
-        lam, u, v = _eigen(M, delta, places)
-        weights = [1.0 if place.grows else lam for place in places]
-        p = u @ M
-        slopes = [
-            weight * place.slopes(here, delta, p, v)
-            for place, here, weight in zip(places, variables, weights, strict=True)
-        ]
-        if moves:
-            moved = np.zeros(delta.shape[0], dtype=complex)
-            for place, weight in zip(places, weights, strict=True):
-                moved[place.w] = weight * (delta[place.w, place.z] @ v[place.z])
-            slopes.append(np.array([u @ turned @ moved]))
-        return lam, np.concatenate(slopes)
+        return near.value(np.frombuffer(x))
 
     size = max(abs(value(start.tobytes())[0]), 1e-12 * float(np.linalg.norm(at(omega)[0])))
 
@@ -300,7 +314,7 @@ def _enlarged(at: At, places: Sequence[_Place], unit: Complex, omega: float) -> 
         method="SLSQP",
         options={"maxiter": _STEPS, "ftol": 1e-12},
     )
-    _, delta, w = split(solution.x if np.all(np.isfinite(solution.x)) else start)
+    _, delta, w = near.split(solution.x if np.all(np.isfinite(solution.x)) else start)
     return _verified(at(w)[0], delta, places)._replace(omega=w)
 
 
