@@ -1,6 +1,7 @@
 """The commands margin, wcgain and verify."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,17 @@ def test_a_proof_that_is_none_ends_with_1(archive: Path, call: Call) -> None:
     assert "there is no analysis" in err
     call("margin", str(archive), "--work", "1e-6")
     code, out, _ = call("verify", str(archive))
-    assert code == 1
+    assert (code, out.count(": proved")) == (0, 1)  # by its norm
+    loop, margin = mbdlft.load_analysis(archive)
+    false = replace(margin, lower=2.1, upper=2.1)  # k = 0 at twice the ranges
+    mbdlft.save_analysis(archive, loop, false)
+    code, out, _ = call("verify", str(archive))
+    assert (code, out.count(": proved")) == (1, 0)
+    assert "NOT PROVED: the multipliers near" in out
+    mbdlft.save_analysis(archive, loop, margin)
+    call("worst", str(archive), "--of", "h2-norm", "--input", "f", "--output", "x")
+    code, out, _ = call("verify", str(archive))
+    assert (code, out.count(": proved")) == (1, 1)
     assert "NOT PROVED: there is no proof" in out
 
 
