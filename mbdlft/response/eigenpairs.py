@@ -35,11 +35,11 @@ def eigenpair(A: Array, pole: complex, v: NDArray[Any], u: NDArray[Any]) -> list
         left = flint.acb_mat([np.conj(u).astype(complex).tolist()])
         x = flint.acb_mat([[entry] for entry in [*(v / scale).tolist(), pole]])
         try:
-            for _ in range(_REFINED):
-                x = (x - _derivative(near, x, left).solve(_equation(near, x, left))).mid()
-            R = _derivative(near, x, left).inv().mid()
+            R = _derivative(near, x, left).inv().mid()  # once: it takes the longest
         except ZeroDivisionError:
             return None
+        for _ in range(_REFINED):
+            x = (x - R * _equation(near, x, left)).mid()
         first = X = -R * _equation(all_near, x, left)
         for _ in range(_INFLATED):
             X = flint.acb_mat(n + 1, 1, [_wider(entry) for entry in X.entries()])

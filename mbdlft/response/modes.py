@@ -170,6 +170,7 @@ def _of_block(A: Array) -> Spectrum:
     rounding = ROUNDING * len(A) * norm
     overlap = np.abs(np.sum(np.conj(U) * V, axis=0))
     unclear = np.abs(poles.real) * overlap <= _CLEAR * rounding
+    reversible = bool(np.any(unclear)) and _is_reversible(A)
     for k in np.flatnonzero(unclear):
         if k and poles[k] == np.conj(poles[k - 1]):
             unclear[k] = unclear[k - 1]
@@ -178,12 +179,31 @@ def _of_block(A: Array) -> Spectrum:
         # the least singular value is no larger than |(A - j omega I) v| of a unit vector v
         seen = float(np.linalg.norm(shifted @ V[:, k])) <= rounding
         unclear[k] = seen or np.linalg.svd(shifted, compute_uv=False)[-1] <= rounding
-        pair = eigenpair(A, complex(poles[k]), V[:, k], U[:, k])
-        unclear[k] &= pair is None or pair[-1].real.contains(0)
+        # poles s and -conj(s) that are different are beside each other, no nearer than `eig` is exact
+        apart = np.abs(poles - poles[k]) * overlap[k]
+        beside = np.any((apart > ROUNDING * norm) & (apart <= 4.0 * _CLEAR * rounding))
+        if unclear[k] and not (reversible and poles[k].imag and not beside):
+            pair = eigenpair(A, complex(poles[k]), V[:, k], U[:, k])
+            unclear[k] = pair is None or pair[-1].real.contains(0)
     small = unclear & (np.abs(poles) <= _ZERO * norm)
     if np.any(small):
         small &= bool(np.linalg.svd(A, compute_uv=False)[-1] <= rounding)
     return Spectrum(poles, unclear, small)
+
+
+def _is_reversible(A: Array) -> bool:
+    """Whether D A D = -A for signs D: with s, -conj(s) is an eigenvalue; those alone are on the axis.
+
+    That depends on which entries of a block are zero only, so it holds for all matrices that are near:
+    balls need not be asked for each pole of a model without damping, which takes long.
+    """
+    from scipy.sparse import csgraph, csr_matrix  # here because it is slow to import
+
+    order, before = csgraph.breadth_first_order(csr_matrix(A != 0.0), 0, directed=False)
+    signs = np.ones(len(A))
+    for state in order[1:]:
+        signs[state] = -signs[before[state]]
+    return not np.any(A[np.equal.outer(signs, signs)])
 
 
 def without_integrators(system: System, poles: NDArray[np.complex128]) -> NDArray[np.complex128]:
