@@ -19,7 +19,7 @@ from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, select
-from mbdlft.multibody.body import GROUND, Body, ElasticBody
+from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody
 from mbdlft.multibody.force import Force, Torque
 from mbdlft.multibody.joint import Free
 from mbdlft.multibody.scene import Constant, Scene
@@ -83,7 +83,8 @@ def two_port(
     if not axes:
         raise SceneError(f"two_port of body {body.name!r}: axes: name at least one.")
     used = tuple(axis for axis in DIRECTIONS if axis in axes)
-    model = to_lft(_scene(body, parameters, constants or {}, ports, parent, used), search)
+    whole = _with_areas(body, used) if isinstance(body, Beam) else body
+    model = to_lft(_scene(whole, parameters, constants or {}, ports, parent, used), search)
     loads, accelerations = (
         {port: _signals(port, kinds, used) for port in (*ports, parent)}
         for kinds in (_LOADS, _ACCELERATIONS)
@@ -121,6 +122,20 @@ def _ports(body: Body, children: Sequence[str] | None, parent: str) -> tuple[str
             f"{parent!r}. Take the two-port at the origin and exchange its ends with invert_channels."
         )
     return tuple(children)
+
+
+def _with_areas(beam: Beam, axes: Sequence[str]) -> Beam:
+    """The beam with some value of each moment of area that only a rotation feels which no port has.
+
+    P does not turn about that axis, so that no signal depends on the value.
+    """
+    if "rx" in axes:
+        return beam
+    turns = {"I_y": "ry", "I_z": "rz"}
+    free = [k for k in turns if not (beam.has_rotary_inertia and turns[k] in axes)]
+    given = [value for value in (beam.I_y, beam.I_z) if value is not None]
+    some = given[0] if given else 1e-6  # m^4
+    return beam.model_copy(update={k: some for k in free if getattr(beam, k) is None})
 
 
 def _scene(
