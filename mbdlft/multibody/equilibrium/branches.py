@@ -165,8 +165,9 @@ def _end(s: System, p: Array, beyond: Array, t: Array, *, turned: bool) -> TrimE
     f, jacobian = values(s, t[None], beyond[None])
     if np.max(np.abs(t)) > _FAR:
         why = (
-            f"goes to infinity (t = {t.tolist()}): no equilibrium is near beyond. The tangent of half an "
-            "angle does so where a joint comes to 180 deg from its reference; then choose another one"
+            f"goes to infinity (t = {t.tolist()}): no equilibrium is near beyond. The tangent of half "
+            "an angle does so where a joint comes to 180 deg from its reference; then choose another "
+            "reference"
         )
     elif turned:
         why = "bifurcates: df/dt is singular there and another branch crosses"
