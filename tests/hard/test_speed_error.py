@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.linalg import eig, matrix_balance
 
 from benchmarks import speed_error
 from benchmarks.speed import truth as truth_module
@@ -20,7 +21,7 @@ from benchmarks.speed.robots import Method
 from benchmarks.speed.systems import System, systems
 from benchmarks.speed.truth import entry_errors, pole_errors, truth
 from benchmarks.speed_error import Row, groups, json_lines, measured, table
-from tests.close import CLOSED_FORM, EVALUATION, exact, roundoff
+from tests.close import CLOSED_FORM, EVALUATION, exact, poles_by_qr, roundoff, target
 
 try:
     distribution("example-robot-data")
@@ -152,8 +153,14 @@ def test_errors_of_entries_and_poles_are_those_that_are_made() -> None:
     errors = entry_errors(values, found)
     assert int(np.argmax(errors)) == 3
     roundoff(errors[3], 1e-6, kappa=1e6)
-    poles = np.linalg.eigvals(values[:, : found.states, : found.states])
-    roundoff(np.delete(pole_errors(poles, found), 3), np.zeros(4), scale=1.0)
+    A = values[:, : found.states, : found.states]
+    poles = np.linalg.eigvals(A)
+    for k, missed in enumerate(pole_errors(poles, found)):
+        even = matrix_balance(A[k])[0]
+        size, left, right = eig(even, left=True, right=True)
+        errors = 2.0 * np.abs(size) * poles_by_qr(even, left, right) / np.max(np.abs(size)) ** 2
+        if k != 3:  # of squares
+            target(missed, 0.0, float(np.max(errors)), scale=1.0)
     assert np.all(found.rightmost >= 0.0)
     scaled = replace(found, squares=found.squares * 1.01)
     roundoff(pole_errors(poles, scaled)[:3], 0.01 / 1.01 * np.ones(3), kappa=1e2)
