@@ -61,3 +61,28 @@ def test_an_eigenpair_in_balls_has_that_of_all_matrices_so_near(n: int) -> None:
     assert float(pair[-1].real.rad()) <= 1e-9
     jordan = np.diag(np.ones(n - 1), 1)
     assert eigenpair(jordan, 0j, np.eye(n)[0], np.eye(n)[0]) is None
+
+
+def undamped(stiffness: np.ndarray) -> np.ndarray:
+    nothing, one = np.zeros_like(stiffness), np.eye(len(stiffness))
+    return np.block([[nothing, one], [-stiffness, nothing]])
+
+
+def test_balls_are_asked_only_where_zeros_of_the_matrix_do_not_decide(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Undamped chains, three of them equal; a slow saddle beside a fast mode is none on the axis."""
+    asked = []
+
+    def counted(*arguments):
+        asked.append(arguments)
+        return eigenpair(*arguments)
+
+    monkeypatch.setattr("mbdlft.response.modes.eigenpair", counted)
+    chain = 2.0 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
+    alike = np.kron(np.eye(3), chain) + 0.01 * np.kron(np.ones((3, 3)), np.eye(4))
+    assert np.all(spectrum(undamped(alike)).on_axis)
+    assert not asked
+    saddle = spectrum(undamped(np.array([[-1e-4, 1e-3], [1e-3, 1e10]])))
+    assert asked
+    assert np.array_equal(saddle.on_axis, saddle.poles.imag != 0.0)

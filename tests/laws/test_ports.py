@@ -306,3 +306,17 @@ def test_chained_two_ports_are_the_whole_beam() -> None:
     G, Z, expected = (mbdlft.frequency_response(model, values, omega)[0] for model in (half, last, whole))
     inner = np.linalg.solve(np.eye(2) - G[:, :2, :2] @ Z, G[:, :2, 2:])
     target(G[:, 2:, 2:] + G[:, 2:, :2] @ Z @ inner, expected, BALANCE)
+
+
+def test_a_plane_two_port_needs_no_moment_of_area_across_it() -> None:
+    """P does not turn about the axis of the beam; where it does, the polar inertia is needed."""
+    bent = {"deformations": ["bending_y"], "I_y": None}
+    plain, full = (
+        two_port(beam(**fields), [E], axes=("x", *PLANE), search=0.0)
+        for fields in (bent, {**bent, "I_y": 1e-9})
+    )
+    found, expected = (matrices_at(model, {"E": 75e9}) for model in (plain, full))
+    for name in "ABCD":
+        assert np.array_equal(getattr(found, name), getattr(expected, name))
+    with pytest.raises(mbdlft.SceneError, match="I_y: needed"):
+        two_port(beam(**bent), [E], axes=("rx",), search=0.0)
