@@ -217,6 +217,7 @@ def run(*arguments: str, **options: object) -> "subprocess.CompletedProcess[byte
     return subprocess.run([sys.executable, "-c", program, *arguments], cwd=ROOT, check=False, **options)  # type: ignore[call-overload,no-any-return]
 
 
+@pytest.mark.long
 def test_terminals_without_letters_and_disks_without_space(tmp_path: Path) -> None:
     import os
 

@@ -30,6 +30,7 @@ from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
 from tests.extracted import eliminated_in_doubles, exactly
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_entries_against_50_digits(case: Case) -> None:
     found = measure(case)
@@ -46,11 +47,13 @@ def test_large_cases(case: Case) -> None:
     test_entries_against_50_digits(case)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("inverted", [False, True])
 def test_long_chains_keep_the_digits_of_their_data(inverted: bool) -> None:
     assert measure(long_chain(20, inverted=inverted)).lft_factor <= HARD_CHAIN
 
 
+@pytest.mark.long
 def test_a_chain_that_is_solved_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
     monkeypatch.setattr("mbdlft.pipeline.forms.eliminated", eliminated_in_doubles)

@@ -42,6 +42,7 @@ def test_small_errors_are_found(value: float, factor: float) -> None:
     assert not is_same(with_zero_row(value, factor), truth, Work())
 
 
+@pytest.mark.long
 def test_closing_shows_what_cancels() -> None:
     """Repetitions that the relations need and the closed model does not; its bound is 8."""
     model = mbdlft.to_lft(mbdlft.load_scene(SCENARIOS / "four_bar.toml"))

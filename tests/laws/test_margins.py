@@ -183,6 +183,7 @@ def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
             assert is_negative_at(loop.channels, scaled(multipliers, loop.scale), omega, extent)
 
 
+@pytest.mark.long
 def test_bands_of_mu_hold_between_their_ends() -> None:
     """Bounds of bands are not below the best multipliers of frequencies in them, nor what is reached."""
     system = mixed_system(1)
@@ -240,6 +241,7 @@ def test_a_small_region_that_is_unstable_is_found(count: int, seed: int) -> None
     assert found.lower <= np.max(np.abs(middle)) <= found.upper + 1e-3
 
 
+@pytest.mark.long
 def test_gains_of_samples_and_corners_are_below_the_bound() -> None:
     loop, outputs = arm_loop(), ["shoulder.angle", "elbow.angle"]
     inputs = ["shoulder.torque", "elbow.torque"]

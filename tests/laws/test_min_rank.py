@@ -84,6 +84,7 @@ def test_with_newton(
     assert (a.order, found.order) == (before, after)
 
 
+@pytest.mark.long
 def test_units() -> None:
     other, scale = in_other_units(chain_in_space(6, "m5", "t3"))
     orders = (

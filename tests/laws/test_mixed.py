@@ -137,6 +137,7 @@ def test_no_damaged_proof_of_parts_is_accepted() -> None:
     assert "a block that is not real" in verify(whole, replace(bounds, proof=cut))
 
 
+@pytest.mark.long
 def test_the_number_of_workers_does_not_change_a_bound() -> None:
     system = blocks_system(2)
     one, two = (robust_stability(system, gap=1e-2, workers=workers) for workers in (1, 2))

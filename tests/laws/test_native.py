@@ -181,6 +181,7 @@ def test_as_near_to_fifty_digits_as_the_definition(name: str) -> None:
     assert errors[0] <= 3.0 * errors[1] + EVALUATION
 
 
+@pytest.mark.long
 def test_a_full_model_is_computed_by_its_equations() -> None:
     """Its LFT has 116 repetitions and a program of more than 200 000 instructions."""
     model = mbdlft.to_lft(scene("rotatory_spacecraft"), search=0.0)

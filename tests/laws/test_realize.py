@@ -40,6 +40,7 @@ def python_value(rows: list[list[str]], values: dict[str, np.ndarray]) -> np.nda
     return np.moveaxis(np.array(found, dtype=float), 2, 0)
 
 
+@pytest.mark.long
 @given(st.lists(st.lists(entries, min_size=2, max_size=2), min_size=1, max_size=3))
 def test_all_ways_of_giving_a_matrix_agree(rows: list[list[str]]) -> None:
     expected = python_value(rows, SAMPLES)

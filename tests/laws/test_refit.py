@@ -132,6 +132,7 @@ def searched(a: LFT, work: float) -> LFT:
     return find_smallest([a], lower_bound(a), Budget(work)).lft
 
 
+@pytest.mark.long
 def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     a = chain_in_space(6, "m5", "t3")
     monkeypatch.setattr(search, "rewritten", lambda *_: iter(()))  # it is not what is tested here

@@ -45,6 +45,7 @@ def test_a_point_that_is_singular_is_never_called_regular(seed: int) -> None:
     assert not regularity(planted(seed, 0.0)[0], WORK).is_proved
 
 
+@pytest.mark.long
 def test_what_is_far_from_singular_is_proved() -> None:
     found = [regularity(planted(seed, 0.1)[0], 1.0) for seed in range(16)]
     assert all(known.zero is None for known in found)

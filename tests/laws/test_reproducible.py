@@ -122,6 +122,7 @@ print(json.dumps([here, there, digest(lft.M11, lft.M12, lft.M21)]))
 """
 
 
+@pytest.mark.long
 def test_bits_do_not_depend_on_the_kernels() -> None:
     """A search from the scene whose order depended on the processor, and an inverse."""
     if len(kinds()) < 2:

@@ -169,6 +169,7 @@ def searched(work: float = 1.0) -> LFTModel:
     return mbdlft.realize(CASES[0].problem(), search=work)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("search_here")
 def test_no_clock(monkeypatch: pytest.MonkeyPatch) -> None:
     """The same bits under a clock that runs as it likes; the search is done where the clock is."""

@@ -239,6 +239,7 @@ def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
 
 
+@pytest.mark.long
 def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     count, file = 250_000, tmp_path / "a.h5"  # 62 shards, of which a few are there at the kill
     few = random.randint(1, 6)
@@ -290,6 +291,7 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(mbdlft.load_sweep(file), drawn(9000))
 
 
+@pytest.mark.long
 def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     count, script = 30_000, tmp_path / "script.py"

@@ -78,6 +78,7 @@ def test_poles_of_a_cart(tmp_path: Path) -> None:
     assert mbdlft.load_sweep(tmp_path / "b.h5").poles is None
 
 
+@pytest.mark.long
 def test_numbers_of_a_function(tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """In this process, in others, as a cluster computes them, and after an interruption."""
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)

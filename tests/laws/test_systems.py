@@ -194,6 +194,7 @@ def check(case: str) -> None:
     assert np.all(np.array(list(orders.values())) <= before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", CASES)
 def test_connected_then_sampled(case: str) -> None:
     check(case)

@@ -35,6 +35,7 @@ def oscillator(stiffness: str, damping: str = "1") -> System:
     return realize(matrix, [unit("d")], states=2, inputs=[], outputs=[])
 
 
+@pytest.mark.long
 def test_faster_parameters_have_smaller_margins() -> None:
     """One delta of two states; x'x proves 1/4 for any motion of the discrete pair, and no P more."""
     pair = discrete_pair()

@@ -247,6 +247,7 @@ def test_nafems_fv4_cantilever_with_masses_beside_its_end() -> None:
     target(found / published - 1.0, np.zeros(6), BENCHMARK, 1.0)
 
 
+@pytest.mark.long
 def test_nafems_fv5_deep_simply_supported_beam() -> None:
     """10 m with the section 2 m x 2 m, on a ball joint and a slide; torsion with the polar moment."""
     second = 2.0**4 / 12.0

@@ -77,6 +77,7 @@ def test_a_discrete_pair() -> None:
     assert found.gap <= 1e-6
 
 
+@pytest.mark.long
 def test_transport_aircraft_is_closed() -> None:
     """The best of all 2^14 corners is 5.42812; it had been open from 4.38 on."""
     system = cases.transport_aircraft()

@@ -117,6 +117,7 @@ def _transfer(system, s: np.ndarray) -> np.ndarray:
     return np.array([C @ np.linalg.solve(point * np.eye(len(A)) - A, B) + D for point in s])
 
 
+@pytest.mark.long
 def test_motion_is_that_of_its_acceleration() -> None:
     """In trees, and where a loop follows the joint that is moved."""
     same_motion(open_tree(4), 0)

@@ -117,6 +117,7 @@ def test_launcher_is_trimmed_and_bends() -> None:
     assert (aft / nose).real < -0.2  # a node between them
 
 
+@pytest.mark.long
 def test_benchmark_at_its_smallest(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(data, "SPACECRAFT", {4: data.SPACECRAFT[4]})
     monkeypatch.setattr(data, "ASSUMED", {5: data.ASSUMED[5]})

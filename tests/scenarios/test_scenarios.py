@@ -101,6 +101,7 @@ def test_same_scene_gives_the_same_bytes() -> None:
         assert getattr(first.lft, name).tobytes() == getattr(second.lft, name).tobytes()
 
 
+@pytest.mark.long
 def test_benchmark_at_its_smallest() -> None:
     found = benchmark.rows(repeats=1, step=45.0)
     text = benchmark.table(found)
