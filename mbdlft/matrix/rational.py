@@ -9,6 +9,7 @@ made from N and d does not depend on how the entries were written:
 - relations D(p) y = N(p) u of low degrees, for rows and for columns (`mbdlft.order.rational`).
 """
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
@@ -134,13 +135,14 @@ def least_forms(
         for row, r in zip(entries, rows.tolist(), strict=True)
     ]
     q = ca.SX.sym("q", len(problem.parameters))
-    F, shifts = _about_a_simple_point(divided, problem)
-    lft = recovered(F, Work(_WORK))
+    N, d = _over_one_denominator(divided)
+    shifts = _simple_point(d, problem)
+    lft = recovered(_about(N, d, shifts), Work(_WORK))
     if lft is not None:
         yield Form(_recovered(lft, q, shifts, problem), is_from_values=True)
         if lft.is_minimal:
             return
-    F = _over_one_denominator(divided, [Fraction(0)] * len(shifts))
+    F = _about(N, d, [Fraction(0)] * len(shifts))
     for is_transposed in (False, True):
         turned = F._replace(N=[*zip(*F.N, strict=True)]) if is_transposed else F
         found = low_relations(turned, Work(_WORK))
@@ -148,34 +150,29 @@ def least_forms(
             yield Form(_implicit(found, q, problem), None, is_transposed, is_from_values=True)
 
 
-def _about_a_simple_point(
-    entries: Sequence[Sequence[Ratio]], problem: MatrixProblem
-) -> tuple[RationalMatrix, list[Fraction]]:
-    """N / d in the distances from a point where d is not zero: the origin, or near nominal values.
+def _over_one_denominator(entries: Sequence[Sequence[Ratio]]) -> tuple[list[list[Any]], Any]:
+    """N and d, polynomials of FLINT."""
+    d = entries[0][0].d
+    for x in itertools.chain(*entries):
+        d = divmod(d * x.d, d.gcd(x.d))[0]
+    return [[x.n * divmod(d, x.d)[0] for x in row] for row in entries], d
 
-    Its digits are few, as those of the LFT grow with them.
-    """
+
+def _simple_point(d: Any, problem: MatrixProblem) -> list[Fraction]:
+    """Where d is not zero: the origin, or near nominal values; the LFT has few digits if it has few."""
     nominal = [parameter.map.b0 for parameter in problem.parameters]
     for digits in range(18):
-        shifts = [decimal(f"{x:.{digits - 1}e}") if digits else Fraction(0) for x in nominal]
-        F = _over_one_denominator(entries, shifts)
-        if F.d.get((0,) * len(nominal)):
+        point = [decimal(f"{x:.{digits - 1}e}") if digits else Fraction(0) for x in nominal]
+        if d(*map(_rational, point)) != 0:
             break
-    return F, shifts
+    return point
 
 
-def _over_one_denominator(
-    entries: Sequence[Sequence[Ratio]], shifts: Sequence[Fraction]
-) -> RationalMatrix:
-    """N / d in the distances of the parameters from some values."""
-    context = entries[0][0].n.context()
-    moved = [symbol + _rational(shift) for symbol, shift in zip(context.gens(), shifts, strict=True)]
-    d = context.constant(1)
-    for row in entries:
-        for x in row:
-            d = divmod(d * x.d, d.gcd(x.d))[0]
-    N = [[_terms((x.n * divmod(d, x.d)[0]).compose(*moved)) for x in row] for row in entries]
-    return RationalMatrix(N, _terms(d.compose(*moved)), len(shifts))
+def _about(N: Sequence[Sequence[Any]], d: Any, point: Sequence[Fraction]) -> RationalMatrix:
+    """N / d in the distances of the parameters from a point."""
+    moved = [symbol + _rational(x) for symbol, x in zip(d.context().gens(), point, strict=True)]
+    terms = [[_terms(x.compose(*moved)) for x in row] for row in N]
+    return RationalMatrix(terms, _terms(d.compose(*moved)), len(point))
 
 
 def _recovered(

@@ -123,8 +123,13 @@ class Polynomials(NamedTuple):
 def _residues(terms: Terms, box: Sequence[int], prime: int) -> Residues:
     a = np.zeros(box, dtype=np.int64)
     for exponents, x in terms.items():
-        a[exponents] = x.numerator * pow(x.denominator, -1, prime) % prime
+        a[exponents] = residue_of(x, prime)
     return a
+
+
+def residue_of(x: Fraction, prime: int) -> int:
+    """Modulo a prime that does not divide the denominator."""
+    return x.numerator * pow(x.denominator, -1, prime) % prime
 
 
 def powers_of(points: Residues, count: int, prime: int) -> Residues:
@@ -238,9 +243,9 @@ def lifted(modulo: Callable[[int], Residues | None], work: Work) -> Fractions | 
         if fractions is not None and all(
             (x.denominator * r - x.numerator) % prime == 0 for x, r in zip(fractions, new, strict=True)
         ):
-            lifted = np.empty(len(fractions), dtype=object)
-            lifted[:] = fractions
-            return lifted.reshape(result.shape)
+            entries = np.empty(len(fractions), dtype=object)
+            entries[:] = fractions
+            return entries.reshape(result.shape)
         inverse = pow(modulus, -1, prime)
         residues = [
             a + modulus * ((r - a) * inverse % prime)

@@ -42,6 +42,7 @@ from mbdlft.order.rational import (
     lifted,
     powers_of,
     primes,
+    residue_of,
 )
 from mbdlft.order.work import Work
 
@@ -142,14 +143,13 @@ def _along_path(
 
 def _image(a: Fractions, prime: int) -> Residues:
     """Modulo a prime."""
-    flat = [x.numerator * pow(x.denominator, -1, prime) % prime for x in a.ravel().tolist()]
+    flat = [residue_of(x, prime) for x in a.ravel().tolist()]
     return np.array(flat, dtype=np.int64).reshape(a.shape)
 
 
 def _named(f: "Polynomials", left: Sequence[int], budget: int, name: Hashable) -> "_Step | None":
     """The step of a name."""
-    degrees = {k: degree for k in left if (degree := _degree(f, k))}
-    steps = _steps(f, degrees, is_tight=sum(degrees.values()) == budget)
+    steps = _steps(f, _degrees(f, left), budget)
     return next((step for step in steps if step.name == name), None)
 
 
@@ -169,6 +169,11 @@ def _bezout(f: Polynomials, k: int, points: Residues) -> Residues:
 def _degree(f: Polynomials, k: int) -> int:
     """The McMillan degree in a parameter, the others being anything."""
     return f.field.rank(_bezout(f, k, f.field.points(1, f.d.ndim))[0]) if f.d.shape[k] > 1 else 0
+
+
+def _degrees(f: Polynomials, left: Sequence[int]) -> dict[int, int]:
+    """Of the parameters that the matrix depends on."""
+    return {k: degree for k in left if (degree := _degree(f, k))}
 
 
 def _module(f: Polynomials, k: int, degree: int) -> Residues:
@@ -247,14 +252,13 @@ def _realized(
     f: Polynomials, left: Sequence[int], budget: int, path: Sequence[Hashable] = ()
 ) -> _Partial | None:
     """An LFT of at most so many repetitions; along a path, if there is one."""
-    degrees = {k: degree for k in left if (degree := _degree(f, k))}
+    degrees = _degrees(f, left)
     if sum(degrees.values()) > budget or f.field.work.is_over:
         return None
     if not degrees:  # what is left is constant
         d, N = int(f.d.flat[0]), f.N.reshape(*f.N.shape[:2], -1)[:, :, 0]
         return _Partial(N * pow(d, -1, f.field.prime) % f.field.prime, (), ()) if d else None
-    steps = _steps(f, degrees, is_tight=sum(degrees.values()) == budget)
-    for step in steps:
+    for step in _steps(f, degrees, budget):
         if path and step.name != path[0]:
             continue
         closes = step.name in ("rows", "columns")
@@ -340,8 +344,9 @@ def _trimmed(f: Polynomials) -> Polynomials:
     return f._replace(N=f.N[(slice(None), slice(None), *box)], d=f.d[box])
 
 
-def _steps(f: Polynomials, degrees: Mapping[int, int], *, is_tight: bool) -> Iterator[_Step]:
+def _steps(f: Polynomials, degrees: Mapping[int, int], budget: int) -> Iterator[_Step]:
     """What to try, the best first; where no repetition is to spare, forced spaces leave no choice."""
+    is_tight = sum(degrees.values()) == budget
     sides = []
     for side, g in (("rows", f), ("columns", f.T)):
         modules = {k: _module(g, k, degree) for k, degree in degrees.items()}
