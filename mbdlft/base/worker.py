@@ -50,11 +50,15 @@ _LENGTH = struct.Struct("<Q")  # bytes of the message that follows
 
 
 class Limits(NamedTuple):
-    """What a call may use: seconds of the processor, bytes of memory, seconds of the clock."""
+    """What a call may use: seconds of the processor, bytes of memory, seconds of the clock.
+
+    The first two count from when the `libraries` are imported, which takes seconds on a new machine.
+    """
 
     seconds: float
     memory: int
     clock: float
+    libraries: tuple[str, ...] = ()
 
 
 class NoProcessError(OSError):
@@ -99,7 +103,9 @@ class Worker:
             receive = _receive_arrays if self._plain else lambda stream: pickle.loads(_receive(stream))
             try:
                 with _killed_after(process, limits.clock if limits else 0.0) as late:
-                    _send(process.stdin, pickle.dumps((target, arguments, named, limits and limits[:2])))
+                    _send(
+                        process.stdin, pickle.dumps((target, arguments, named, limits and tuple(limits)))
+                    )
                     kind, answer = receive(process.stdout)
                     while kind == "done so far":
                         pass_on(*answer)
@@ -171,15 +177,22 @@ def _killed_after(process: "subprocess.Popen[bytes]", seconds: float) -> Iterato
 
 
 def arrays_of(
-    target: str, arguments: dict[str, Any], *, seconds: int, memory: int, error: type[MbdlftError]
+    target: str,
+    arguments: dict[str, Any],
+    *,
+    seconds: int,
+    memory: int,
+    error: type[MbdlftError],
+    libraries: tuple[str, ...] = (),
 ) -> dict[str, NDArray[Any]]:
     """The arrays by name that a function returns, in a process with limits that ends afterwards.
 
-    `target` is ``module:function``, `seconds` are of the processor, and `memory` is in bytes. If the
-    function raises any error, or does not end within its limits, that is an `error`.
+    `target` is ``module:function``, `seconds` are of the processor, and `memory` is in bytes; both
+    count from when the `libraries` that the function needs are imported. If it raises any error, or
+    does not end within its limits, that is an `error`.
     """
     reader = Worker({}, plain=True)
-    limits = Limits(seconds, memory, _START + _CLOCK * seconds)
+    limits = Limits(seconds, memory, _START + _CLOCK * seconds, libraries)
     try:
         arrays: dict[str, NDArray[Any]] = reader.call(target, limits=limits, **arguments)
     except EndedError as failure:
@@ -380,7 +393,10 @@ def serve(*, plain: bool) -> None:
         try:
             function = getattr(import_module(module), name)
             if limits is not None:
-                limit_process(*limits)
+                seconds, memory, _, libraries = limits
+                for library in libraries:
+                    import_module(library)
+                limit_process(seconds, memory)
             with listening:
                 kind, answer = "result", function(*arguments, **named)
         except Exception as error:  # it is raised where it was asked for

@@ -35,6 +35,7 @@ _MATRICES = ("mass", "stiffness")
 _TABLE = ("numbers", "coordinates", "dof")
 _HDF5 = (".h5", ".hdf5")
 LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
+_PYYETI = ("pyyeti.nastran.bulk", "pyyeti.nastran.op4", "pyyeti.nastran.n2p")
 _SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100  # limits of reading a file
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
@@ -69,6 +70,7 @@ def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
                 seconds=_SECONDS + file.stat().st_size // _BYTES_PER_SECOND,
                 memory=4 * limit,
                 error=StructureError,
+                libraries=("h5py",),
             )
             return _elements(arrays)
         if file.name.endswith(".mass.mtx"):
@@ -284,7 +286,7 @@ def load_nastran(
     arrays = arrays_of(  # pyYeti believes what a file says of its sizes
         f"{__name__}:arrays_of_nastran", {**paths, **names},
         seconds=_SECONDS + size // _NASTRAN_BYTES_PER_SECOND,
-        memory=2 * limit, error=StructureError,
+        memory=2 * limit, error=StructureError, libraries=_PYYETI,
     )  # fmt: skip
     M, K = (_sparse(arrays, name, tuple(arrays[f"{name}.shape"].tolist())) for name in _MATRICES)
     dof, numbers, coordinates, axes = (arrays[key] for key in _GRID_TABLE)
@@ -302,9 +304,7 @@ def load_nastran(
 
 def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> dict[str, Any]:
     """The node table and two matrices in coordinate form, for `arrays_of`."""
-    cards = importlib.import_module("pyyeti.nastran.bulk")
-    op4 = importlib.import_module("pyyeti.nastran.op4")
-    grids = importlib.import_module("pyyeti.nastran.n2p")
+    cards, op4, grids = map(importlib.import_module, _PYYETI)
     source, table = Path(matrices), Path(bulk)
     numbers, coordinates, axes = _grids(cards, grids, table)
     try:

@@ -157,7 +157,8 @@ def compiled(file: Path, top: Element) -> Compiled:
             "'mbdlft[mjcf]'."
         ) from None
     limits: dict[str, Any] = {"seconds": _SECONDS, "memory": MEMORY, "error": SceneError}
-    made = arrays_of("mbdlft.robot.compiling:binary", {"path": str(file.resolve())}, **limits)
+    arguments = {"path": str(file.resolve())}
+    made = arrays_of("mbdlft.robot.compiling:binary", arguments, **limits, libraries=("mujoco",))
     arrays = mujoco.MjModel.from_binary_path("model.mjb", {"model.mjb": made["model"].tobytes()})
     warnings = made["warnings"].tobytes().decode()
     model = Compiled(arrays, mujoco, tuple(warnings.splitlines()))

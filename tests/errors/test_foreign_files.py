@@ -5,6 +5,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -163,10 +164,14 @@ worker.arrays_of(f'{__name__}:planted', {'what': 'named'}, seconds=1, memory=2 *
 )
 
 
-def test_readers_apart_that_do_not_end_or_start(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_readers_apart_that_do_not_end_or_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     target = f"{__name__}:planted"
     found = worker.arrays_of(target, {"what": "print"}, seconds=5, memory=2**28, error=SceneError)
     assert found["a"].tolist() == [0, 1, 2]
+    (tmp_path / "slow_to_import.py").write_text("import time\nwhile time.process_time() < 2.5: pass\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    limits: dict[str, Any] = {"seconds": 0, "memory": 2**28, "libraries": ("slow_to_import",)}
+    assert worker.arrays_of(target, {"what": ""}, **limits, error=SceneError)["a"].size == 3
     monkeypatch.setattr(worker, "_START", 0.0)
     monkeypatch.setattr(worker, "_CLOCK", 0.01)
     with says(SceneError, "its reader did not end as it should (it did not end)"):
