@@ -6,7 +6,7 @@ import sys
 import time
 
 from tests.attack import CLASSES
-from tests.attack.run import command, once, tally
+from tests.attack.run import Attacker, command, once, tally
 
 
 def main() -> None:
@@ -24,14 +24,15 @@ def main() -> None:
         for name in names:
             print(f"{name}: {once(name, options.seed)}")
         return
-    failed = {}
+    failed, attacker = {}, Attacker()
     for k, name in enumerate(names):
         share = 60.0 * options.minutes / len(names)
         seeds = itertools.count(options.seed)
         chosen = itertools.islice(seeds, options.count)
-        found = tally(name, chosen, time.monotonic() + share)
+        found = tally(attacker, name, chosen, time.monotonic() + share)
         print(f"[{k + 1}/{len(names)}] {found.line()}", flush=True)
         failed |= {(name, seed): why for seed, why in found.failed.items()}
+    attacker.end()
     for name, seed in failed:
         print(f"again: {command(name, seed)}")
     sys.exit(bool(failed))

@@ -6,7 +6,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import MbdlftError
-from tests.claims import KINDS, analyses, changed, forged, is_true
+from tests.claims import KINDS, analysis, changed, forged, is_true
 
 DRAWS = 100
 
@@ -14,7 +14,7 @@ DRAWS = 100
 def attack(seed: int, folder: Path) -> str:
     """Change the analysis of one kind, a hundred times; store and load it before each tenth check."""
     kind, random = KINDS[seed % len(KINDS)], np.random.default_rng(seed)
-    system, bounds = analyses()[kind]
+    system, bounds = analysis(kind)
     accepted = 0
     for count in range(DRAWS):
         other, what = changed(bounds, random)

@@ -1,6 +1,7 @@
 """Hostile matrix files: npz, HDF5, Matrix Market, OP4; matrices, or a StructureError in time."""
 
 import io
+import tempfile
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -20,41 +21,32 @@ BULK = "".join(f"GRID    {n:<8d}        {n:<8.1f}0.      0.\n" for n in (1, 2))
 
 
 @cache
-def files() -> dict[str, dict[str, bytes]]:
-    """The files of a model in each format, by ending."""
-    import tempfile
-
-    from pyyeti.nastran import op4
-
+def files(form: str) -> dict[str, bytes]:
+    """The files of a model in a format."""
     mass, stiffness, nodes = turned()
-    lines = [
-        " ".join([str(number), *map(repr, place.tolist()), "1 2 3 4 5 6"])
-        for number, place in zip(np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True)
-    ]
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        save_matrices(folder / "a.npz", turned())
-        save_matrices(folder / "a.h5", turned())
-        for what, matrix in (("mass", mass), ("stiffness", stiffness)):
-            scipy.io.mmwrite(folder / f"a.{what}.mtx", sp.coo_array(matrix), precision=17)
-        (folder / "a.nodes.txt").write_text("\n".join(lines))
-        op4.write(str(folder / "a.op4"), {"maa": np.eye(12), "kaa": 2.0 * np.eye(12)})
-        (folder / "a.bdf").write_text(BULK)
-        kept = {path.name: path.read_bytes() for path in folder.iterdir()}
-    groups = {
-        "npz": ["a.npz"],
-        "h5": ["a.h5"],
-        "mtx": ["a.mass.mtx", "a.stiffness.mtx", "a.nodes.txt"],
-        "op4": ["a.op4", "a.bdf"],
-    }
-    return {form: {name: kept[name] for name in names} for form, names in groups.items()}
+        if form == "op4":
+            from pyyeti.nastran import op4  # takes seconds
+
+            op4.write(str(folder / "a.op4"), {"maa": np.eye(12), "kaa": 2.0 * np.eye(12)})
+            (folder / "a.bdf").write_text(BULK)
+        elif form == "mtx":
+            for what, matrix in (("mass", mass), ("stiffness", stiffness)):
+                scipy.io.mmwrite(folder / f"a.{what}.mtx", sp.coo_array(matrix), precision=17)
+            places = zip(np.asarray(nodes.numbers), np.asarray(nodes.coordinates), strict=True)
+            lines = [" ".join([str(n), *map(repr, at.tolist()), "1 2 3 4 5 6"]) for n, at in places]
+            (folder / "a.nodes.txt").write_text("\n".join(lines))
+        else:
+            save_matrices(folder / f"a.{form}", turned())
+        return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def attack(seed: int, folder: Path) -> str:
     """Damage the files of one format, or make them lie about their sizes, and load them."""
     random = np.random.default_rng(seed)
     form = ("npz", "npz", "h5", "mtx", "mtx", "op4")[int(random.integers(6))]
-    made = dict(files()[form])
+    made = dict(files(form))
     name = list(made)[int(random.integers(len(made)))]
     if random.random() < 0.25:
         made = _lies(form, made, random)

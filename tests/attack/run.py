@@ -10,13 +10,14 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Thread
+from typing import Any
 
 from tests.attack import SECONDS
 
@@ -63,32 +64,74 @@ def once(name: str, seed: int) -> str:
         return attack_of(name)(seed, Path(folder))
 
 
-def tally(name: str, seeds: Iterator[int], until: float, said: Callable[[str], None] = SAY) -> Tally:
-    """Run the attacks of a class in a process of its own, until `until` (s of time.monotonic)."""
+class Attacker:
+    """A process that attacks with the seeds that it is told; one that hangs or dies is replaced."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._lines: SimpleQueue[str] = SimpleQueue()
+
+    def ask(self, name: str, seed: int) -> dict[str, Any]:
+        """The "word" of one attack, or how it "failed"; and its "seconds"."""
+        process, begun = self._process or self._start(), time.perf_counter()
+        assert process.stdin is not None
+        try:
+            print(name, seed, file=process.stdin, flush=True)
+            answer: dict[str, Any] = json.loads(self._lines.get(timeout=SLOW * SECONDS))
+        except (Empty, OSError, ValueError) as why:
+            answer = {"failed": _why(process, why), "seconds": time.perf_counter() - begun}
+            self.end()
+        return answer
+
+    def _start(self) -> "subprocess.Popen[str]":
+        process = self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.attack.run"],
+            cwd=ROOT,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)},
+        )
+        lines = self._lines = SimpleQueue()
+
+        def read() -> None:
+            assert process.stdout is not None
+            with process.stdout as answers:
+                for line in answers:
+                    lines.put(line)
+            lines.put("")  # the end
+
+        Thread(target=read, daemon=True).start()
+        lines.get()  # it has started
+        return process
+
+    def end(self) -> None:
+        """End the process, if it runs."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            if process.stdin is not None:
+                with contextlib.suppress(OSError):
+                    process.stdin.close()
+
+
+def tally(
+    attacker: Attacker, name: str, seeds: Iterable[int], until: float, said: Callable[[str], None] = SAY
+) -> Tally:
+    """Run the attacks of a class, until `until` (s of time.monotonic)."""
     found = Tally(name)
-    process, lines = _start(name)
-    try:
-        for seed in seeds:
-            if time.monotonic() > until:
-                break
-            begun = time.perf_counter()
-            assert process.stdin is not None
-            try:
-                process.stdin.write(f"{seed}\n")
-                process.stdin.flush()
-                answer = json.loads(lines.get(timeout=SLOW * SECONDS))
-            except (Empty, OSError, ValueError) as why:
-                answer = {"failed": _why(process, why)}
-                _end(process)
-                process, lines = _start(name)
-            found.slowest = max(found.slowest, (time.perf_counter() - begun, seed))
-            if "word" in answer:
-                found.counts[answer["word"]] += 1
-                continue
-            found.failed[seed] = answer["failed"]
-            said(f"FAILED {command(name, seed)}\n  {answer['failed'].strip()}")
-    finally:
-        _end(process)
+    for seed in seeds:
+        if time.monotonic() > until:
+            break
+        answer = attacker.ask(name, seed)
+        found.slowest = max(found.slowest, (answer["seconds"], seed))
+        if "word" in answer:
+            found.counts[answer["word"]] += 1
+            continue
+        found.failed[seed] = answer["failed"]
+        said(f"FAILED {command(name, seed)}\n  {answer['failed'].strip()}")
     return found
 
 
@@ -100,51 +143,19 @@ def _why(process: "subprocess.Popen[str]", error: Exception) -> str:
     return "it hangs" if process.poll() is None else f"it ended the process ({process.returncode})"
 
 
-def _end(process: "subprocess.Popen[str]") -> None:
-    process.kill()
-    process.wait()
-    if process.stdin is not None:
-        with contextlib.suppress(OSError):
-            process.stdin.close()
-
-
-def _start(name: str) -> tuple["subprocess.Popen[str]", SimpleQueue[str]]:
-    """A process that attacks with the seeds that it is told, and the lines that it answers."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tests.attack.run", name],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)},
-    )
-    lines: SimpleQueue[str] = SimpleQueue()
-
-    def read() -> None:
-        assert process.stdout is not None
-        with process.stdout as answers:
-            for line in answers:
-                lines.put(line)
-        lines.put("")  # the end
-
-    Thread(target=read, daemon=True).start()
-    lines.get()  # it has started: what follows is the time of the attack alone
-    return process, lines
-
-
-def main(name: str) -> None:
-    """Attack with each seed of standard input; answer with a line of JSON, after one when ready."""
-    attack_of(name)
+def main() -> None:
+    """Attack with the class and seed of each line; answer with a line of JSON, after one when ready."""
     print("ready", flush=True)
     for line in sys.stdin:
+        name, seed = line.split()
+        attack_of(name)  # what it imports is no time of the attack
+        begun, answer = time.perf_counter(), dict[str, Any]()
         try:
-            answer = {"word": once(name, int(line))}
+            answer["word"] = once(name, int(seed))
         except BaseException:
-            answer = {"failed": traceback.format_exc()[-1500:]}
-        sys.stdout.write(json.dumps(answer) + "\n")
-        sys.stdout.flush()
+            answer["failed"] = traceback.format_exc()[-1500:]
+        print(json.dumps({**answer, "seconds": time.perf_counter() - begun}), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main()

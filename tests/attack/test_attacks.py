@@ -1,28 +1,47 @@
 """A few attacks of each class; `make attack` runs them for as long as you like."""
 
 import time
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from itertools import repeat
 
 import pytest
 
 from tests.attack import CLASSES
-from tests.attack.run import Tally, command, once, tally
+from tests.attack.run import Attacker, Tally, command, once, tally
+
+
+@pytest.fixture(scope="module")
+def attacker() -> Iterator[Attacker]:
+    process = Attacker()
+    yield process
+    process.end()
 
 
 @pytest.mark.parametrize("name", CLASSES)
-def test_attacks(name: str) -> None:
+def test_attacks(name: str, attacker: Attacker) -> None:
+    check(attacker, name, CLASSES[name])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", CLASSES)
+def test_more_attacks(name: str, attacker: Attacker) -> None:
+    check(attacker, name, range(100, 120))
+
+
+def check(attacker: Attacker, name: str, seeds: Sequence[int]) -> None:
     said: list[str] = []
-    found = tally(name, iter(range(CLASSES[name])), time.monotonic() + 3600.0, said.append)
+    found = tally(attacker, name, seeds, time.monotonic() + 3600.0, said.append)
     assert not found.failed, "\n".join(said)
-    assert sum(found.counts.values()) == CLASSES[name]
-    assert len(found.counts) > 0
+    assert sum(found.counts.values()) == len(seeds) > 0
 
 
-def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tests.attack.run.SECONDS", 1.0)
+def test_a_failure_a_hang_and_a_dead_process_are_told(
+    attacker: Attacker, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tests.attack.run.SECONDS", 0.3)
     said: list[str] = []
-    found = tally("planted", iter([0, 1, 2, 3, 0]), time.monotonic() + 3600.0, said.append)
+    found = tally(attacker, "planted", [0, 1, 2, 3, 0], time.monotonic() + 3600.0, said.append)
     assert found.counts == {"refused": 2}
     assert "ZeroDivisionError" in found.failed[1]
     assert found.failed[2] == "it hangs"
@@ -35,7 +54,7 @@ def test_a_failure_a_hang_and_a_dead_process_are_told(monkeypatch: pytest.Monkey
 
 
 def test_the_end_of_the_time_is_the_end() -> None:
-    assert tally("planted", repeat(0), time.monotonic()).counts == {}
+    assert tally(Attacker(), "planted", repeat(0), time.monotonic()).counts == {}
     assert Tally("x").line() == "x: 0 attacks: none; slowest 0.0 s (seed 0); 0 failed"
 
 

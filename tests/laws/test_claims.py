@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbdlft import Bounds, MbdlftError, System, verify
-from tests.claims import KINDS, analyses, changed, forged, is_true
+from tests.claims import KINDS, analysis, changed, forged, is_true
 
 DRAWS = 40
 
@@ -12,7 +12,7 @@ DRAWS = 40
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_changed_analysis_is_refused_or_true(kind: str) -> None:
     """Any one field, numbers of proofs too; the words that come of it are those of the claim."""
-    system, bounds = analyses()[kind]
+    system, bounds = analysis(kind)
     assert verify(system, bounds) == ""
     random, refused = np.random.default_rng(KINDS.index(kind)), 0
     for _ in range(DRAWS):
@@ -34,6 +34,6 @@ def is_accepted(system: System, bounds: Bounds) -> bool:
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_forged_analysis_is_accepted(kind: str) -> None:
     """Claims with the proofs of others, and the worst cases of others."""
-    system, bounds = analyses()[kind]
+    system, bounds = analysis(kind)
     for what, other in forged(bounds):
         assert not is_accepted(system, other), what
