@@ -10,7 +10,7 @@ one file and one line there.
 
 from collections.abc import Sequence
 
-# name of the class (its file has underscores), and the seeds that `make test` runs: 1.5 s of the processor
+# name of the class (its file has underscores), and the seeds of `make test`: 1.5 s of the processor
 CLASSES: dict[str, Sequence[int]] = {
     "archives": range(10),
     "matrix-files": (1, 3, 5),
