@@ -29,5 +29,6 @@ CLASSES: dict[str, Sequence[int]] = {
     "equations": (0, 11),
     "claims": (0,),
     "norms": (0, 1),
+    "loops": (3, 4),
 }
 SECONDS = 20.0  # of the clock that one attack may take

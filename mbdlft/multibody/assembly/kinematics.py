@@ -255,11 +255,13 @@ class View:
     ) -> tuple[Sequence[Array], float]:
         """Vectors (3, 1) from port a to port b at equilibrium by `evaluate`, and the largest length (m).
 
-        The lengths are those from the ground to the ports, and those in the bodies of the ports: a port
-        at the origin of the scene may be there by two lengths that cancel.
+        The lengths are those from the ground to the ports and to the bodies on the way, and those in the
+        bodies of the ports: a port at the origin of the scene is there by lengths that cancel.
         """
         arms = [self.between_at_rest("ground", port) for port in (a, b)]
         arms += [port_arm(self.rest, *self.find(port)) for port in (a, b)]
+        bodies = {body for port in (a, b) for body in _path(self.rest, self.find(port)[0], GROUND)[0]}
+        arms += [self.between_at_rest(GROUND, body) for body in sorted(bodies)]
         reach = max(float(np.max(np.abs(value))) for arm in arms for value in evaluate(arm))
         return evaluate(self.between_at_rest(a, b)), reach
 
