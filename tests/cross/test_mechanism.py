@@ -18,6 +18,7 @@ RANDOM: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"loop {seed}": (lambda seed=seed: closed_loop(seed)) for seed in range(4)},
 }
 SCENES = RANDOM | PLANAR
+SLOW = ("tree 1", "tree 3", "tree 4", "loop 1", "loop 2", "loop 3")  # others of their kind are there
 
 
 def points_of(scene: mbdlft.Scene) -> list[dict[str, float]]:
@@ -63,7 +64,9 @@ def compare(model: mbdlft.LFTModel, points: list[dict[str, float]], reference: l
         close.target(trim, wanted, close.MECHANISM, max(1.0, np.max(np.abs(wanted), initial=0.0)))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.long] if name in SLOW else []) for name in SCENES]
+)
 def test_model_equals_lagrange(name: str) -> None:
     compare(*case(name)[1:])
 

@@ -5,11 +5,11 @@ value.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -163,22 +163,25 @@ def coordinate(signal: str) -> str:
     return re.sub(r"\.(torque|force)$", "", signal).replace(".", "_")
 
 
-LARGE = ("talos", "talos_free", "pr2", "baxter")  # others of their kind are there
+QUICK = ("ur5", "panda", "kinova", "anymal_free", "allegro", "so101")  # one of each kind
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.long if name in LARGE else ()) for name in ROBOTS]
-)
+def quick_first(names: Iterable[str]) -> list[Any]:
+    """Parameters of a test; robots that are large, or of the same kind, run with the long tests."""
+    return [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long]) for name in names]
+
+
+@pytest.mark.parametrize("name", quick_first(ROBOTS))
 def test_robot_equals_pinocchio(name: str) -> None:
     compare(case(name), by_pinocchio, COUNT, PINOCCHIO)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "so101"])
+@pytest.mark.parametrize("name", quick_first(["ur5", "panda", "xarm7", "so101"]))
 def test_robot_equals_mujoco(name: str) -> None:
     compare(case(name), by_mujoco, 5, MUJOCO)
 
 
-@pytest.mark.parametrize("name", ["ur5", "kinova", "talos_arm"])
+@pytest.mark.parametrize("name", quick_first(["ur5", "kinova", "talos_arm"]))
 def test_file_as_it_stands_equals_pinocchio(name: str) -> None:
     """No angle is taken as a right one, and the other tool reads the file itself."""
     robot = ROBOTS[name]._replace(angles=1, vary=(), payload="")

@@ -121,6 +121,7 @@ def test_bodies_and_loads_of_a_tree(load: Callable[[Path], Loaded], tmp_path: Pa
     assert loaded.complaints == []
 
 
+@pytest.mark.long
 def test_a_loop_stays_closed(load: Callable[[Path], Loaded], tmp_path: Path) -> None:
     scene = scene_called("four_bar")
     loaded = opened(load, scene, tmp_path)

@@ -2,15 +2,18 @@
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import mbdlft
 from docs.site.notebooks import cells_of, page_of, run_notebook
+from mbdlft.cli.commands import loaded
 from tests.close import CLOSED_FORM, target
 from tests.rules.walk import walk
 from tests.scenarios.commands import run
@@ -19,6 +22,15 @@ ROOT = Path(__file__).parents[2]
 # pages that are walked through from top to bottom; blocks of the others stand for themselves
 WALKS = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs").glob("task-*.md"))]
 PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})]
+# of these the default run knows that their types are right and their commands are accepted
+SLOW = ("analysis", "command-line", "dae", "matrices", "poles-and-responses", "report", "tutorial",
+        "task-modelica", "task-nastran", "worst_case")  # fmt: skip
+
+
+def quick_first(pages: list[Path]) -> list[Any]:
+    """Parameters of a test; slow pages run with the long tests."""
+    marks = {True: [pytest.mark.long], False: []}
+    return [pytest.param(page, marks=marks[page.stem in SLOW], id=page.name) for page in pages]
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -35,7 +47,7 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.usefixtures("workplace")
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", quick_first(PAGES))
 def test_python_examples_run(page: Path) -> None:
     for block in blocks(page, "python"):
         exec(compile(block, str(page), "exec"), {"__name__": "example"})
@@ -54,15 +66,7 @@ def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
 
 
 @pytest.mark.usefixtures("workplace")
-@pytest.mark.parametrize(
-    "page",
-    [
-        # pandas and the reader of NASTRAN's files take seconds to import
-        pytest.param(page, marks=[pytest.mark.long] if "nastran" in page.name else [])
-        for page in WALKS
-    ],
-    ids=lambda page: page.name,
-)
+@pytest.mark.parametrize("page", quick_first(WALKS))
 def test_pages_can_be_followed_to_their_end(
     page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -92,7 +96,19 @@ def test_pages_have_commands() -> None:
     assert len(WITH_COMMANDS) >= 4
 
 
-@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.name)
+def test_commands_of_pages_are_accepted() -> None:
+    """Their names and options, and how many arguments they take."""
+    pages = [*WITH_COMMANDS, *WALKS]
+    lines = [line for page in pages for block in blocks(page, "sh") for line in block.splitlines()]
+    for line in lines:
+        _, command, *arguments = shlex.split(line)
+        assert loaded(command).make_context(command, arguments)
+    assert len(lines) > 40
+    with pytest.raises(Exception, match="No such option"):
+        loaded("show").make_context("show", ["out/arm.h5", "--nonsense"])
+
+
+@pytest.mark.parametrize("page", quick_first(WITH_COMMANDS))
 def test_shell_examples_run(
     page: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -161,7 +177,7 @@ def test_there_are_notebooks() -> None:
     assert len(NOTEBOOKS) >= 2
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+@pytest.mark.parametrize("path", quick_first(NOTEBOOKS))
 def test_notebooks_run(path: Path, tmp_path: Path) -> None:
     pytest.importorskip("IPython", reason="IPython is not installed")
     cells = run_notebook(path, tmp_path)
