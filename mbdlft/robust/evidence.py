@@ -219,6 +219,13 @@ class Bounds:
         return not self.kind.startswith(("robust", "smallest"))
 
     @property
+    def is_bare(self) -> bool:
+        """Whether nothing is proved, and the worst case does not say that nothing can be."""
+        return self.proof is None and (
+            math.isfinite(self.lower) if self.is_from_above else self.upper > 0.0
+        )
+
+    @property
     def reached(self) -> float:
         """The bound that `worst` reaches."""
         return self.lower if self.is_from_above else self.upper

@@ -43,8 +43,8 @@ from mbdlft.robust.bisect.search import (
 from mbdlft.robust.evidence import GAIN, PERFORMANCE, Bounds, BoxProof, one_over
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
-from mbdlft.robust.mu.coverage import loop_of
-from mbdlft.robust.mu.mixed import by_multipliers
+from mbdlft.robust.mu.coverage import Loop, loop_of
+from mbdlft.robust.mu.mixed import by_multipliers, with_ball
 from mbdlft.robust.realization import check_constant, realization, stable_states, states_that_stay
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
@@ -107,7 +107,7 @@ def worst_case_gain(
         model = chosen.model or realization(system, chosen.inputs, chosen.outputs, leave_out)
         if not moving:
             state = last_of(asked, State(NOTHING), _gains(asked, model))
-            return _gain_bounds(asked, model, state, chosen.names)
+            return with_ball(_loop(asked, chosen, GAIN), _gain_bounds(asked, model, state, chosen.names))
         constant = _gain_bounds(asked, model, _reached(model), chosen.names)
         return moving_gain(asked, model, moving, constant)
 
@@ -160,7 +160,8 @@ def robust_performance(
             return _by_multipliers(asked, chosen, PERFORMANCE)
         state = last_of(asked, State(NOTHING), _margins_of_performance(asked, chosen.model))
         reason = "" if state.is_closed(asked) else state.reason
-        return _with_peak(asked, chosen.model, state, PERFORMANCE, reason, chosen.names)
+        bounds = _with_peak(asked, chosen.model, state, PERFORMANCE, reason, chosen.names)
+        return with_ball(_loop(asked, chosen, PERFORMANCE), bounds)
 
 
 class _Chosen(NamedTuple):
@@ -192,16 +193,20 @@ def _chosen(
     return _Chosen(j, i, signals, model)
 
 
+def _loop(asked: Asked, chosen: _Chosen, kind: str) -> Loop:
+    """The loop of a system and of a block that joins inputs and outputs; for a gain it alone grows."""
+    stay = states_that_stay(asked.system, asked.leave_out, chosen.outputs)
+    loop = loop_of(asked.system, stay, (), chosen.inputs, chosen.outputs)
+    grows = np.array([kind != GAIN or block.name == GAIN_BLOCK for block in loop.blocks], dtype=bool)
+    return loop._replace(grows=grows)
+
+
 def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
     """Bounds of a gain, or of the margin of performance, of a system with blocks of all kinds."""
-    system = asked.system
-    stay = states_that_stay(system, asked.leave_out, chosen.outputs)
-    loop = loop_of(system, stay, (), chosen.inputs, chosen.outputs)
-    inner = None
+    loop, inner = _loop(asked, chosen, kind), None
     if kind == GAIN:
-        grows = np.array([block.name == GAIN_BLOCK for block in loop.blocks], dtype=bool)
-        loop, inner = loop._replace(grows=grows), loop_of(system, stay)
-    return by_multipliers(asked, loop, kind, chosen.names, inner)
+        inner = loop_of(asked.system, states_that_stay(asked.system, asked.leave_out, chosen.outputs))
+    return with_ball(loop, by_multipliers(asked, loop, kind, chosen.names, inner))
 
 
 def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:

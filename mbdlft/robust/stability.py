@@ -35,7 +35,6 @@ from mbdlft.robust.ascent import (
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import (
     GAP,
-    INTERRUPTED,
     LARGEST,
     WORK,
     Asked,
@@ -153,8 +152,7 @@ def robust_stability(
                 state = last_of(asked, State(NONE), _margins(asked, model, stays))
                 bounds = replace(_margin(asked, model, state), fixed=kept)
         bounds = bounds or by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
-        is_nothing = bounds.lower == 0.0 < bounds.upper and bounds.reason != INTERRUPTED
-        return with_ball(loop_of(system, stay), bounds) if is_nothing and not kept else bounds
+        return with_ball(loop_of(system, stay, kept), bounds)
 
 
 def _reached(asked: Asked, model: Realization) -> State[Crossing]:

@@ -97,10 +97,31 @@ def test_too_little_work_is_said() -> None:
     assert 0.0 < found.lower <= robust_stability(cart()).upper
     assert verify(cart(), found) == ""
     assert "the work of 1e-06 units was used up" in found.reason
-    gain = worst_case_gain(cart(), work=1e-6)
+    for gain in (worst_case_gain(cart(), work=1e-6), worst_case_gain(cart(), progress=_interrupt)):
+        assert gain.lower <= gain.upper < np.inf
+        assert verify(cart(), gain) == ""
+    margin = robust_performance(cart(), progress=_interrupt)
+    assert 0.0 < margin.lower <= robust_performance(cart()).upper
+    assert verify(cart(), margin) == ""
+    assert margin.reason == "it was interrupted"
+    light = cart("0.1")  # a range of k for which the norm is 2
+    gain = worst_case_gain(light, work=1e-6)
     assert not gain.proved
-    assert verify(cart(), gain) == f"there is no proof: {gain.reason}"
+    assert verify(light, gain) == f"there is no proof: {gain.reason}"
     assert "the work of 1e-06 units was used up" in gain.reason
+
+
+def test_blocks_that_are_fixed_have_a_ball_too() -> None:
+    """A stays in its range, where the norm proves stability, and b grows by what is left."""
+    own = [Parameter("a", 0.0, low=-0.5, high=0.5), Parameter("b", 0.0, low=-0.5, high=0.5)]
+    decay = realize([["-1+a", "3"], ["b", "-1"]], own, states=2, inputs=[], outputs=[], search=0.0)
+    found = robust_stability(decay, fixed=["a"], progress=_interrupt)  # (1 - a) > 3 b
+    assert 0.05 < found.lower <= 1.0 / 3.0
+    assert verify(decay, found) == ""
+
+
+def _interrupt(lower: float, upper: float) -> None:
+    raise KeyboardInterrupt
 
 
 def test_too_many_repetitions_are_said() -> None:

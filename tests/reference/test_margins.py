@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbdlft import Block, ComplexBlock, FullBlock, robust_stability, structured_singular_value
+from mbdlft import Block, ComplexBlock, FullBlock, robust_stability, structured_singular_value, verify
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound
@@ -114,3 +114,12 @@ def test_distillation_column() -> None:
     found = robust_stability(system, gap=2e-3)
     assert 1.0 / found.upper <= 5.783
     assert 5.781 <= 1.0 / found.lower <= 5.782 * 1.002
+
+
+def test_a_weight_that_nearly_integrates() -> None:
+    """Eigenvalues beside the pole at -1e-8 are below the rounding of the pencil in doubles."""
+    system = cases.distillation(1e-8)
+    found = robust_stability(system, gap=0.03)
+    assert found.gap <= 0.03
+    assert found.lower <= 1.0 / 5.781
+    assert verify(system, found) == ""

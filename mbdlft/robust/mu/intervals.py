@@ -19,7 +19,9 @@ Zhou, Review of LFTs, LMIs and mu, CDC 1991, section 10, has the idea for D alon
 
 All is in balls, the doubles of A, B, C, D_zw, D, G, beta and of the ends of deltas being exact: F and R
 are negative definite; eigenvalues are enclosed in discs (Gershgorin) of L N Y and L E Y, where L and Y,
-near to the matrices of eigenvectors, may be anything: they only make discs wide.
+near to the matrices of eigenvectors, may be anything: they only make discs wide. They are doubles, and
+balls of 256 bits where a disc that touches the axis is not small beside its middle: eigenvalues of slow
+poles, such as -1e-8 of a weight that nearly integrates, are below the rounding of H in doubles.
 """
 
 from typing import Any, NamedTuple
@@ -34,7 +36,10 @@ from mbdlft.robust.evidence import Interval, Multipliers
 
 Complex = NDArray[np.complex128]
 _BITS = 128  # of balls: products of doubles lose nothing, and a matrix beside a pole little
+_FINE_BITS = 256  # where doubles do not separate eigenvalues from the axis
+_BLURRED = 1e-2  # of the size of an eigenvalue: with a wider disc on the axis, more bits may free it
 _SLACK = 1e-8  # what an interval is made smaller by, so that other machines find it, too
+_EPS = float(np.finfo(float).eps)
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 
 
@@ -104,12 +109,13 @@ def interval_around(
         return None
     if not len(system.A):
         return Interval(0.0, omega, np.inf)
-    with flint.ctx.workprec(_BITS):
-        discs = _discs(system, multipliers, extent)
+    discs = _discs(system, multipliers, extent, _BITS)
+    if discs is None or np.any(_touch(discs) & (discs[1] > _BLURRED * np.abs(discs[0]))):
+        discs = _discs(system, multipliers, extent, _FINE_BITS) or discs
     if discs is None:
         return Interval(omega, omega, omega)
     centers, radii = discs
-    touches = np.abs(centers.real) <= radii
+    touches = _touch(discs)
     beside = np.abs(centers[touches].real)
     reach = np.sqrt((radii[touches] - beside) * (radii[touches] + beside)) * _UP
     low_ends, high_ends = centers[touches].imag - reach, centers[touches].imag + reach
@@ -136,31 +142,39 @@ def holds(
     return low <= interval.low and interval.high <= high
 
 
+def _touch(discs: tuple[Complex, Array]) -> NDArray[np.bool_]:
+    """Which discs touch the imaginary axis."""
+    return np.asarray(np.abs(discs[0].real) <= discs[1])
+
+
 def _discs(
-    system: Channels, multipliers: Multipliers, extent: Extent | None
+    system: Channels, multipliers: Multipliers, extent: Extent | None, bits: int
 ) -> tuple[Complex, Array] | None:
     """Discs outside of which N - s E is not singular; None if they are too wide."""
     n, m = system.B.shape
-    N = _pencil(system, *_middle(multipliers, extent))
-    near = _near_eigenvectors(middles(N), n)
-    if near is None:
-        return None
-    values, L, Y = near
-    eye = np.diag(np.concatenate([values, np.ones(m)]))
-    T_all = largest(balls(L) * N * balls(Y) - balls(eye))
-    S_all = np.zeros(T_all.shape)
-    S_all[: 2 * n, : 2 * n] = largest(
-        balls(L[: 2 * n, : 2 * n]) * balls(Y[: 2 * n, : 2 * n]) - balls(np.eye(2 * n, dtype=complex))
-    )
+    with flint.ctx.workprec(bits):
+        N = _pencil(system, *_middle(multipliers, extent))
+        near = _near_eigenvectors(middles(N), n) if bits == _BITS else _fine_eigenvectors(N, n)
+        if near is None:
+            return None
+        exact_values, L, Y = near
+        values = np.array([complex(x) for x in exact_values])
+        T_all = L * N * Y
+        for k in range(2 * n + m):
+            T_all[k, k] -= exact_values[k] if k < 2 * n else 1
+        upper_L, upper_Y = entries(L)[: 2 * n, : 2 * n], entries(Y)[: 2 * n, : 2 * n]
+        S = joined([[upper_L]]) * joined([[upper_Y]]) - balls(np.eye(2 * n, dtype=complex))
+        T, S_all = largest(T_all), np.zeros((2 * n + m, 2 * n + m))
+        S_all[: 2 * n, : 2 * n] = largest(S)
     sizes = np.concatenate([np.abs(values), np.ones(m)])
-    weights = _weights(T_all + sizes[:, None] * S_all, sizes)
-    fixed = (T_all @ weights) / weights * _UP
+    weights = _weights(T + sizes[:, None] * S_all, sizes)
+    fixed = (T @ weights) / weights * _UP
     moving = (S_all @ weights) / weights * _UP
     if not np.all(moving < 0.01) or not np.all(fixed[2 * n :] < 0.5):
         return None
     # a row of T - s S with s in no disc is dominated by its diagonal, values - s
     radii = fixed[: 2 * n] + moving[: 2 * n] * (np.abs(values) + fixed[: 2 * n]) / 0.98
-    return values, radii * _UP
+    return values, (radii + _EPS * np.abs(values)) * _UP
 
 
 def _pencil(system: Channels, first: Any, mixed: Any, last: Any) -> Any:
@@ -174,8 +188,8 @@ def _pencil(system: Channels, first: Any, mixed: Any, last: Any) -> Any:
     return joined([[A, np.zeros((n, n)), B], [-Q11, -A.T, -Q12], [Q21, B.T, R]])
 
 
-def _near_eigenvectors(N: Complex, n: int) -> tuple[Complex, Complex, Complex] | None:
-    """Eigenvalues (2n,) of N - s E, and L, Y with L N Y and L E Y near to diagonal matrices."""
+def _near_eigenvectors(N: Complex, n: int) -> tuple[list[Any], Any, Any] | None:
+    """Eigenvalues (2n,) of N - s E, and L, Y with L N Y and L E Y near to diagonal matrices: doubles."""
     top, right, below = N[: 2 * n, : 2 * n], N[: 2 * n, 2 * n :], N[2 * n :, : 2 * n]
     m = right.shape[1]
     try:
@@ -189,7 +203,33 @@ def _near_eigenvectors(N: Complex, n: int) -> tuple[Complex, Complex, Complex] |
         return None
     L = np.block([[W, -W @ right @ inner], [np.zeros((m, 2 * n)), inner]])
     Y = np.block([[V, np.zeros((2 * n, m))], [-inner @ below @ V, np.eye(m)]])
-    return values, L, Y
+    return [flint.acb(value) for value in values.tolist()], balls(L), balls(Y)
+
+
+def _fine_eigenvectors(N: Any, n: int) -> tuple[list[Any], Any, Any] | None:
+    """The same with the bits of balls."""
+    whole = entries(N.mid())
+    top, right, below, corner = (
+        joined([[part]])
+        for part in (
+            whole[: 2 * n, : 2 * n],
+            whole[: 2 * n, 2 * n :],
+            whole[2 * n :, : 2 * n],
+            whole[2 * n :, 2 * n :],
+        )
+    )
+    m = corner.nrows()
+    try:
+        inner = corner.inv().mid()
+        values, V = (top - right * inner * below).mid().eig(right=True, algorithm="approx")
+        V = V.mid()
+        W = V.inv().mid()
+    except (ValueError, ZeroDivisionError):
+        return None
+    beside, under = -W * right * inner, -inner * below * V
+    L = joined([[entries(W), entries(beside.mid())], [np.zeros((m, 2 * n)), entries(inner)]])
+    Y = joined([[entries(V), np.zeros((2 * n, m))], [entries(under.mid()), np.eye(m)]])
+    return [value.mid() for value in values], L, Y
 
 
 def _weights(errors: Array, sizes: Array) -> Array:

@@ -73,6 +73,7 @@ _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rou
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
 _INTO_GAP = 0.8  # part of the gap that is left between what is reached and what is tried first
 _BALL = 0.1  # of the size that the norm proves, which is not asked for: eigenvalues need room
+_SMALLER, _LEAST_BALL = 0.3, 1e-12  # factor from one such size to the next, and the least
 _REACH = 0.1  # units of work of a search for small deltas
 
 
@@ -270,20 +271,40 @@ def by_multipliers(
 
 
 def with_ball(loop: Loop, bounds: Bounds) -> Bounds:
-    """Bounds of a margin of which nothing is proved, with the box that is stable by its norm.
+    """Bounds of which nothing is proved, with the size of the blocks that follows from a norm, if any.
 
-    D = I and G = 0 prove the size k if k |M(j omega)| < 1 at all frequencies.
+    Let S be the root of k for blocks that grow, and 1 for others. D = S^-2 and G = 0 prove the size k if
+    |S M(j omega) S| < 1 at all frequencies. Without blocks that are fixed that is k |M| < 1.
     """
-    _, level, peak, _ = peak_of(Plant(*loop.channels), _BALL)
-    if not 0.0 < level < np.inf:
+    if not bounds.is_bare:
         return bounds
-    k, eye = (1.0 - _BALL) / level, np.eye(len(loop.owner), dtype=complex)
-    multipliers, omega = Multipliers(1.0, eye, np.zeros_like(eye)), peak if 0.0 < peak < np.inf else 1.0
-    interval = interval_around(loop.channels, multipliers, omega, extent_of(loop, *ends_of(loop, k)))
-    if interval is None or interval.low > 0.0 or interval.high < np.inf or not k < bounds.upper:
+    grows = loop.grows[loop.owner]
+
+    def norm_of(k: float) -> float:
+        S = np.where(grows, np.sqrt(k), 1.0)
+        A, B, C, D = loop.channels
+        return peak_of(Plant(A, B * S, C * S[:, None], D * S * S[:, None]), _BALL)[1]
+
+    k = 1.0
+    if np.all(grows):
+        level = norm_of(k)
+        k = (1.0 - _BALL) / level if 0.0 < level < np.inf else 0.0
+    else:
+        while k > _LEAST_BALL and not norm_of(k) <= 1.0 - 0.5 * _BALL:
+            k *= _SMALLER
+    if not k > _LEAST_BALL:
+        return bounds
+    D = np.diag(np.where(grows, 1.0 / k, 1.0)).astype(complex)
+    multipliers, extent = Multipliers(1.0, D, np.zeros_like(D)), extent_of(loop, *ends_of(loop, k))
+    interval = interval_around(loop.channels, multipliers, 1.0, extent)
+    if interval is None or interval.low > 0.0 or interval.high < np.inf:
         return bounds
     proof = IntervalProof((1, 0), (interval,), (scaled(multipliers, 1.0 / loop.scale),))
-    return replace(bounds, lower=k, proof=proof)
+    if bounds.is_from_above:
+        upper = 1.0 / k * (2.0 - _INSIDE)
+        return replace(bounds, upper=upper, proof=proof) if upper >= bounds.lower else bounds
+    k *= _INSIDE
+    return replace(bounds, lower=k, proof=proof) if k <= bounds.upper else bounds
 
 
 def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
