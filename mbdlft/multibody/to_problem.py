@@ -171,7 +171,8 @@ def _is_felt(e: Equations, relations: LinearModel, moved: Moved, order: int) -> 
     last = e.residual.numel() - 2 * len(e.moved) + 2 * e.moved.index(moved)
     kinematic = {k, n + k, last, last + 1}
     rows = [row for row in range(relations.residual.numel()) if row not in kinematic]
-    both = ca.vertcat(rows_of(relations.residual, rows), relations.output)
+    lifted = relations.lifted.displacements if relations.lifted else ca.SX(0, 1)
+    both = ca.vertcat(rows_of(relations.residual, rows), relations.output, lifted)
     slopes = ca.jacobian(both, signal)
     return bool(np.any(modulo_prime(slopes, _SEED).residues != 0))
 

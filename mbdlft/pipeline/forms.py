@@ -25,6 +25,7 @@ from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.reduction import ExactLFT, eliminated, in_good_coordinates, reduce_exactly, transposed
 from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.lifting import extract_lifted
 from mbdlft.problem.problem import Form, Problem
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
@@ -88,7 +89,7 @@ def _in_enough_bits(make: Callable[[], _Made], owner: str) -> _Made:
 
 def _candidate(problem: Problem, form: Form) -> Candidate:
     try:
-        extracted = extract(form.relations, form.maps)
+        extracted = extract_lifted(form.relations, form.maps)
     except (StructureError, WellPosednessError) as error:
         raise type(error)(f"{problem.nouns.owner}: {error}") from None
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
@@ -200,13 +201,20 @@ def near_relations(problem: Problem, smallest: Candidate, least: int) -> tuple[s
     relations = smallest.form.relations
     if sum(smallest.channels.values()) > _MOST:
         return ()
-    symbols, numbers = constants_in(ca.vertcat(relations.residual, relations.output))
+    lifted = relations.lifted
+    held = lifted.trim.residual if lifted else ca.SX(0, 1)
+    symbols, numbers = constants_in(ca.vertcat(relations.residual, relations.output, held))
     meant = neighbors(numbers)
     if not meant:
         return ()
     places = ca.vertcat(*(meant.get(n, Signed(1, n)).symbol for n in numbers))
-    residual, output = ca.substitute([relations.residual, relations.output], [symbols], [places])
-    form = replace(smallest.form, relations=replace(relations, residual=residual, output=output))
+    residual, output, held = ca.substitute(
+        [relations.residual, relations.output, held], [symbols], [places]
+    )
+    if lifted:
+        lifted = lifted._replace(trim=replace(lifted.trim, residual=held))
+    relations = replace(relations, residual=residual, output=output, lifted=lifted)
+    form = replace(smallest.form, relations=relations)
     try:
         order = candidates(problem, [form])[0].lft.order
     except MbdlftError:  # with these numbers it cannot be solved: they are not meant

@@ -24,6 +24,7 @@ from mbdlft.problem.sx.evaluation import evaluate_in_chunks, evaluate_many, term
 from mbdlft.problem.trim import trim_efforts
 
 _TAKES_PART = 0.1  # of a unit vector: a signal that is named in a message
+_ROUNDS = 20  # of scaling: each takes the square root of what sizes differ by
 _FLOOR = 1e-2  # of the load (and the inertia it acts on): the size below which terms have cancelled
 
 
@@ -58,7 +59,7 @@ def relinearize(
     symbols, effort, _, residual = _at_trim(e, tuple(inputs), tuple(outputs))
     without_unknown = ca.substitute(residual, effort, given_value(e, symbols))
     no_effort = ca.Function("load", [symbols], [ca.densify(without_unknown)])
-    by_effort = np.abs(np.linalg.pinv(linear.jacobian[:, :n, n + nk :]))
+    by_effort = np.abs(inverse_of_efforts(linear.jacobian[:, :n, n + nk :]))
     terms = (by_effort @ term_sizes(no_effort, points)[:, :, None])[:, :, 0]
     # where terms cancel already in the numbers of the scene: what the load does to the inertia
     lifted = ca.densify(load_value(e, symbols))
@@ -67,6 +68,27 @@ def relinearize(
     floor = _FLOOR * np.max(np.abs(load), axis=(1, 2), initial=0.0)
     sizes = np.maximum(terms, floor[:, None] * inertia)
     return Relinearized(points, efforts, linear, sizes, float(np.max(floor)))
+
+
+def inverse_of_efforts(slopes: Array) -> Array:
+    """Pseudoinverses (N, n_t, rows) of slopes (N, rows, n_t), whose rows and columns have many units.
+
+    Stiffnesses of 1e9 N/m stand beside gaps of loops in meters: without powers of two on rows and
+    columns what deflects by 1e-7 m falls below the rank that doubles see.
+    """
+    if not slopes.size:
+        return np.zeros((len(slopes), slopes.shape[2], slopes.shape[1]))
+    scaled = np.max(np.abs(slopes), axis=0)
+    rows, columns = np.ones((len(scaled), 1)), np.ones((1, scaled.shape[1]))
+    for _ in range(_ROUNDS):
+        rows = rows * _power(np.max(scaled * rows * columns, axis=1, keepdims=True))
+        columns = columns * _power(np.max(scaled * rows * columns, axis=0, keepdims=True))
+    return np.asarray(columns.T * np.linalg.pinv(slopes * rows * columns) * rows.T)
+
+
+def _power(size: Array) -> Array:
+    """The power of two next to 1/sqrt(size), a step of Ruiz (2001); 1 for zero."""
+    return np.exp2(np.round(-0.5 * np.log2(np.where(size > 0.0, size, 1.0))))
 
 
 def linearized(

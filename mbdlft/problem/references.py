@@ -18,7 +18,7 @@ from mbdlft.base.parameter import to_internal
 from mbdlft.exact.rounding import conditioning
 from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
 from mbdlft.problem.equations import Equations, split
-from mbdlft.problem.linearization import Relinearized, relinearize, slope_sizes
+from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
 from mbdlft.problem.problem import Complex, Reference
 from mbdlft.problem.relations import LinearModel, Need
 from mbdlft.problem.sx.constants import in_doubles
@@ -143,7 +143,7 @@ def reference_of(
 
     def trim_if_cancelled() -> Array:
         n, nk = (signals.numel() for signals in split(e, inputs))
-        by_effort = np.abs(np.linalg.pinv(at.linear.jacobian[:, :n, n + nk :]))
+        by_effort = np.abs(inverse_of_efforts(at.linear.jacobian[:, :n, n + nk :]))
         stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
         scale: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
         return scale

@@ -15,6 +15,7 @@ Without either, the transfer function is the same for every value of the paramet
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -39,6 +40,25 @@ from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.trim import trim_rows
 
 
+class Lifted(NamedTuple):
+    """Trim loads times displacements: load j is the output `outputs[j]` of the trim times displacement j.
+
+    The trim loads are rational in the parameters alone, so their relations stand here once, whatever
+    number of displacements they are multiplied with.
+    """
+
+    loads: ca.SX  # SX symbols (n_l,), signals in the residual and in the output
+    displacements: ca.SX  # SX (n_l,), signals among the unknown and the known ones
+    outputs: tuple[int, ...]  # (n_l,)
+    trim: "LinearModel"  # its known signal is the constant 1
+
+    def chosen(self, kept: Sequence[int]) -> "Lifted | None":
+        """Some of the loads."""
+        loads, displacements = rows_of(self.loads, kept), rows_of(self.displacements, kept)
+        outputs = tuple(self.outputs[j] for j in kept)
+        return Lifted(loads, displacements, outputs, self.trim) if kept else None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearModel:
     """0 = residual, y = output: SX expressions, linear in unknown and known, rational in p."""
@@ -50,13 +70,14 @@ class LinearModel:
     p: ca.SX  # SX symbols, the internal values of `parameters`
     parameters: tuple[Parameter, ...]
     derivatives: int = 0  # how many of the unknowns, the first ones, are derivatives of the states
+    lifted: Lifted | None = None
 
 
 def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> LinearModel:
     """Linearized equations around the equilibrium, for every p at once.
 
-    unknown = [xdot of the states ; what follows from them ; z ; lifted trim loads],
-    known = [x of the states ; u[inputs]], output = y[outputs].
+    unknown = [xdot of the states ; what follows from them ; z], known = [x of the states ; u[inputs]],
+    output = y[outputs]; and the lifted unknown loads.
     """
     e, function = equations, equation_function(equations)
     symbols, p, cosine, sine = exact_symbols(e.parameters)
@@ -80,53 +101,48 @@ def linearize(equations: Equations, inputs: Sequence[int], outputs: Sequence[int
     lifted, value = slopes(none[1], e.u, load, symbols), load_value(e, p)
     total, known_loads = ca.vertcat(load, e.u), given_value(e, p)
     n = e.residual.numel()
-    implicit = _Implicit(e, function, at, alone[:n])
+    is_loaded = bool(e.unknown) and _is_loaded(e, function, at)
+    pairs = list[tuple[ca.SX, ca.SX, int]]()  # signals, displacements, positions among the unknown loads
     for k in range(e.x.numel()):
         column = lifted[:, k]
         if not ca.depends_on(column, total):
             continue
         times = known_loads * e.x[k]
-        if e.unknown and ca.depends_on(column, e.u[list(e.unknown)]):
-            times = implicit.times(value * e.x[k], times, e.x[k])
+        if is_loaded:
+            by = ca.jacobian_sparsity(column, rows_of(e.u, e.unknown)).get_col()
+            for j in sorted(set(by)):
+                signal = ca.SX.sym("lifted")
+                times[e.unknown[j]] = signal
+                pairs.append((signal, e.x[k], j))
         linear = linear + ca.jtimes(column, total, ca.vertcat(value * e.x[k], times))
     unknown, known_signals = split(e, inputs)
     return LinearModel(
-        residual=ca.vertcat(linear[:n], *implicit.relations),
+        residual=linear[:n],
         output=rows_of(linear[n:], outputs),
-        unknown=ca.vertcat(unknown, *implicit.unknown),
+        unknown=unknown,
         known=known_signals,
         p=symbols,
         parameters=e.parameters,
         derivatives=len(e.states),
+        lifted=_lifted(e, pairs),
     )
 
 
-class _Implicit:
-    """Unknown trim loads times displacements: signals l with A(p) l = b(p) dx, never solved for here."""
+def _is_loaded(e: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX]) -> bool:
+    """Whether anything acts on the equilibrium; else the unknown loads are zero for all parameters."""
+    none = [ca.SX(s.numel(), 1) for s in (e.xdot, e.x, e.z)]
+    offset = function(*none, given_value(e, at[0]), load_value(e, at[0]), *at)[0]
+    return bool(ca.sparsify(offset).nnz())
 
-    def __init__(
-        self, equations: Equations, function: ca.Function, at: tuple[ca.SX, ca.SX, ca.SX], alone: ca.SX
-    ) -> None:
-        self.equations, self.function, self.at, self.alone = equations, function, at, alone
-        # does anything act on the equilibrium? Else the unknown efforts are zero for all parameters
-        e, none = equations, [ca.SX(s.numel(), 1) for s in (equations.xdot, equations.x, equations.z)]
-        offset = function(*none, given_value(e, at[0]), load_value(e, at[0]), *at)[0]
-        self.loaded = bool(ca.sparsify(offset).nnz())
-        self.unknown: list[ca.SX] = []
-        self.relations: list[ca.SX] = []
 
-    def times(self, load: ca.SX, known_loads: ca.SX, displacement: ca.SX) -> ca.SX:
-        """u (n_u,) times a displacement; `load` and `given` are what they stand for times it."""
-        e = self.equations
-        if not self.loaded:
-            return known_loads
-        signals = ca.SX.sym("lifted", len(e.unknown))
-        u = ca.SX(known_loads)
-        u[list(e.unknown)] = signals
-        self.unknown.append(signals)
-        relations = at_rest(e, self.function, u, load, self.at, self.alone, displacement)
-        self.relations.append(rows_of(relations, trim_rows(rounded(e))))
-        return u
+def _lifted(e: Equations, pairs: Sequence[tuple[ca.SX, ca.SX, int]]) -> Lifted | None:
+    if not pairs:
+        return None
+    signals, displacements, loads = zip(*pairs, strict=True)
+    felt = sorted(set(loads))
+    trim = trim_relations(e)
+    trim = replace(trim, output=rows_of(trim.unknown, felt))
+    return Lifted(ca.vertcat(*signals), ca.vertcat(*displacements), tuple(map(felt.index, loads)), trim)
 
 
 def at_rest(
@@ -279,7 +295,16 @@ def needed_states(relations: LinearModel, states: int) -> Need:
         rows_of(m.known, np.flatnonzero(~driven[of_states]).tolist()),
     )
     both = ca.vertcat(rows_of(m.residual, [int(matched[k]) for k in unknown]), m.output)
+    lifted = m.lifted
+    if lifted:
+        displacements = enumerate(ca.vertsplit(lifted.displacements))
+        unmoved = [j for j, displacement in displacements if ca.depends_on(displacement, still)]
+        still = ca.vertcat(still, rows_of(lifted.loads, unmoved))
     both = ca.substitute(both, still, ca.SX.zeros(still.numel()))
+    if lifted:
+        lifted = lifted.chosen(
+            [j for j in range(len(lifted.outputs)) if ca.depends_on(both, lifted.loads[j])]
+        )
     residual, output = ca.vertsplit(both, [0, len(unknown), both.numel()])
     inputs = list(range(states, known))
     return Need(
@@ -291,6 +316,7 @@ def needed_states(relations: LinearModel, states: int) -> Need:
             p=m.p,
             parameters=m.parameters,
             derivatives=len(first),
+            lifted=lifted,
         ),
         tuple(first),
         seen[of_states],
@@ -301,6 +327,9 @@ def needed_states(relations: LinearModel, states: int) -> Need:
 def _pattern(m: LinearModel) -> csr_array:
     """Which of the rows [residual ; output] have which of the signals [unknown ; known]."""
     both = in_doubles(ca.vertcat(m.residual, m.output))
+    if m.lifted:  # times a symbol, so that nothing cancels
+        factors = ca.SX.sym("load", m.lifted.loads.numel())
+        both = ca.substitute(both, m.lifted.loads, factors * m.lifted.displacements)
     sparsity = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
     rows, columns = sparsity.get_triplet()
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=sparsity.shape)

@@ -1,0 +1,110 @@
+"""Relations with lifted loads as an LFT: trim loads times displacements are few small LFTs.
+
+The loads of an equilibrium that the trim solves for are t(p) = T(Delta) 1, rational in the parameters. A
+displacement x is multiplied with them in a signal T(Delta) x. T is reduced before it is put into the
+relations, once for each displacement. What it does not depend on leaves it: that needs parameters that
+commute, as numbers do, where the reduction of the whole knows products in their order only. The loads of
+a frame of one material do not depend on its modulus, though each deflection does. For two and three
+elements in each of the three beams of a portal the order is 84 and 121 so. It was 110 and 1,193, as each
+displacement had all deflections of the frame, and 1,500 channels are the most for exact numbers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import casadi as ca
+
+from mbdlft.base.parameter import BilinearMap
+from mbdlft.exact.matrices import ExactMatrix, stacked, zeros
+from mbdlft.lft.lft import Block, consecutive
+from mbdlft.order.lower_bound import exact_degrees
+from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly
+from mbdlft.pipeline.extract import Extraction, extract
+from mbdlft.problem.relations import LinearModel
+
+
+def extract_lifted(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
+    """As `extract`, with the lifted loads of the relations."""
+    lifted = model.lifted
+    if lifted is None:
+        return extract(model, maps)
+    m, t = model, lifted.trim
+    both = extract(  # together, as the numbers of both decide on the prime of their residues
+        replace(
+            m,
+            residual=ca.vertcat(m.residual, t.residual),
+            output=ca.vertcat(m.output, t.output),
+            unknown=ca.vertcat(m.unknown, t.unknown),
+            known=ca.vertcat(m.known, lifted.loads, t.known),
+            lifted=None,
+        ),
+        maps,
+    )
+    z, r, held, y, loads = _places(both.lft.order, m.residual, t.residual, m.output, t.output)
+    w, u, efforts, x, lifts, one = _places(
+        both.lft.order, m.unknown, t.unknown, m.known, lifted.loads, t.known
+    )
+    part = ExactLFT(both.lft.M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], both.lft.blocks)
+    trim = ExactLFT(both.lft.M[[*z, *held, *loads]][:, [*w, *efforts, *one]], both.lft.blocks)
+    signals = ca.vertcat(m.unknown, m.known)
+    places = ca.jacobian_sparsity(lifted.displacements, signals).T.row()  # one for each load
+    lft = _with_loads(reduce_exactly(part), _loads(trim, len(held)), places, lifted.outputs)
+    return Extraction(lft, both.channels)
+
+
+def _places(channels: int, *signals: ca.SX) -> list[range]:
+    """Places of channels, and of signals behind them."""
+    counts = [channels, *(signal.numel() for signal in signals)]
+    return [range(part.start, part.stop) for part in consecutive(counts)]
+
+
+def _loads(trim: ExactLFT, held: int) -> ExactLFT:
+    """The loads (n_l, 1) of relations of the trim, without the parameters that they do not depend on."""
+    opened = reduce_exactly(trim)
+    outputs = range(held, opened.M.shape[0] - opened.order)
+    loads = reduce_exactly(eliminated(opened, held, [*outputs]))
+    degrees = exact_degrees(loads)
+    if all(degrees[block.name] for block in loads.blocks if block.size):
+        return loads
+    n, channels = loads.order, range(loads.order)
+    parts = zip(loads.blocks, loads.parts, strict=True)
+    kept = [k for block, part in parts if degrees[block.name] for k in channels[part]]
+    M = loads.M[[*kept, *range(n, loads.M.shape[0])]][:, [*kept, *range(n, loads.M.shape[1])]]
+    blocks = tuple(Block(b.name, b.size if degrees[b.name] else 0) for b in loads.blocks)
+    return reduce_exactly(ExactLFT(M, blocks))
+
+
+def _with_loads(a: ExactLFT, trim: ExactLFT, places: Sequence[int], outputs: Sequence[int]) -> ExactLFT:
+    """An LFT whose last inputs are signals T x: x the input `places[j]`, T the row `outputs[j]`."""
+    copies = sorted(set(places))
+    n, d, lifts = a.order, trim.order, len(places)
+    v, rows = a.M.shape[1] - n - lifts, a.M.shape[0]
+    width, prime = n + len(copies) * d + v, a.M.prime
+    inserted = zeros(lifts, width, prime)  # loads by [w ; channels of the copies ; v]
+    inner = zeros(len(copies) * d, width, prime)
+    for k, place in enumerate(copies):
+        copy, x = slice(n + k * d, n + (k + 1) * d), slice(width - v + place, width - v + place + 1)
+        _put(inner, slice(k * d, (k + 1) * d), copy, trim.M[:d, :d])
+        _put(inner, slice(k * d, (k + 1) * d), x, trim.M[:d, d:])
+        for j in (j for j, p in enumerate(places) if p == place):
+            row = trim.M[[d + outputs[j]]]
+            _put(inserted, slice(j, j + 1), copy, row[:, :d])
+            _put(inserted, slice(j, j + 1), x, row[:, d:])
+    plain = stacked([[a.M[:, :n], zeros(rows, len(copies) * d, prime), a.M[:, n : n + v]]])
+    whole = plain + a.M[:, n + v :] @ inserted
+    M = stacked([[whole[:n]], [inner], [whole[n:]]])
+    channels, inside = range(n), range(d)
+    order, blocks = list[int](), list[Block]()
+    for block, first, second in zip(a.blocks, a.parts, trim.parts, strict=True):
+        first_channels = len(order)
+        order += channels[first]
+        order += [n + k * d + j for k in range(len(copies)) for j in inside[second]]
+        blocks.append(Block(block.name, len(order) - first_channels))
+    total = len(order)
+    M = M[[*order, *range(total, M.shape[0])]][:, [*order, *range(total, M.shape[1])]]
+    return ExactLFT(M, tuple(blocks))
+
+
+def _put(a: ExactMatrix, rows: slice, columns: slice, block: ExactMatrix) -> None:
+    """Write a block into a matrix that is being made."""
+    a.residues[rows, columns], a.balls[rows, columns] = block.residues, block.balls
