@@ -126,8 +126,9 @@ def instructions(scene: mbdlft.Scene) -> int:
     """Length of the tape of the linear relations."""
     equations = assemble(scene)
     m = choose_states(scene, equations, *choose_signals(scene, equations)).relations
+    lifted = m.lifted.loads if m.lifted else ca.SX(0, 1)
     found = in_doubles(ca.vertcat(m.residual, m.output))
-    tape = ca.Function("tape", [ca.vertcat(m.unknown, m.known), m.p], [found])
+    tape = ca.Function("tape", [ca.vertcat(m.unknown, m.known, lifted), m.p], [found])
     return int(tape.n_instructions())
 
 

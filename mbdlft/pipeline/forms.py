@@ -25,7 +25,6 @@ from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.reduction import ExactLFT, eliminated, in_good_coordinates, reduce_exactly, transposed
 from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
-from mbdlft.pipeline.lifting import extract_lifted
 from mbdlft.problem.problem import Form, Problem
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
@@ -89,7 +88,7 @@ def _in_enough_bits(make: Callable[[], _Made], owner: str) -> _Made:
 
 def _candidate(problem: Problem, form: Form) -> Candidate:
     try:
-        extracted = extract_lifted(form.relations, form.maps)
+        extracted = extract(form.relations, form.maps)
     except (StructureError, WellPosednessError) as error:
         raise type(error)(f"{problem.nouns.owner}: {error}") from None
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft

@@ -39,7 +39,7 @@ class Extraction(NamedTuple):
     channels: dict[str, int]
 
 
-def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
+def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
     """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
 
     `maps` are those of the deltas to the symbols p, if these are not the internal values. A

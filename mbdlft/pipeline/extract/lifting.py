@@ -19,17 +19,17 @@ from mbdlft.exact.matrices import ExactMatrix, stacked, zeros
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly
-from mbdlft.pipeline.extract import Extraction, extract
+from mbdlft.pipeline.extract.graph import Extraction, extract_graph
 from mbdlft.problem.relations import LinearModel
 
 
-def extract_lifted(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
-    """As `extract`, with the lifted loads of the relations."""
+def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
+    """As `extract_graph`, with the lifted loads of the relations."""
     lifted = model.lifted
     if lifted is None:
-        return extract(model, maps)
+        return extract_graph(model, maps)
     m, t = model, lifted.trim
-    both = extract(  # together, as the numbers of both decide on the prime of their residues
+    both = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
             m,
             residual=ca.vertcat(m.residual, t.residual),
