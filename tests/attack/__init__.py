@@ -29,26 +29,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "equations": (0, 11),
     "claims": (0,),
     "norms": (0, 1),
+    "frames": (0, 1),
     "loops": (3, 4),
-# name of the class (its file has underscores), and how many seeds `make test` runs
-CLASSES = {
-    "archives": 20,
-    "matrix-files": 2,
-    "urdf": 60,
-    "robot-formats": 20,
-    "scenes": 10,
-    "kills": 3,
-    "sweeps": 1,
-    "writers": 1,
-    "matrices": 6,
-    "expressions": 40,
-    "native": 2,
-    "programs": 8,
-    "cores": 1,
-    "analyses": 9,
-    "equations": 2,
-    "claims": 1,
-    "norms": 2,
-    "frames": 2,
 }
 SECONDS = 20.0  # of the clock that one attack may take
