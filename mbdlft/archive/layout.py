@@ -93,6 +93,7 @@ _EVIDENCE = """
     certificate/doubtful?: int64 p
     certificate@max_relative_error: float64
     certificate@truncation_error? certificate@fit_error_bound? certificate@condition?: float64
+    certificate@rounding_ratio?: float64
     certificate@check_points certificate@seed: int64
     certificate@order_bound? certificate@sign_changes?: int64
     certificate@exact certificate@exact_bound?: bool

@@ -257,9 +257,17 @@ def rests_on(certificate: Certificate) -> dict[str, str]:
 
 def _certificate_values(c: Certificate) -> dict[str, Any]:
     """Values by path; what a certificate does not have is left out, and so is a bound that is a sum."""
-    optional = ("doubtful", "exact_bound", "fit_error_bound", "condition", "by_terms", "near")
-    absent = {name for name in (*optional, "frequencies") if not getattr(c, name)}
-    absent |= {"sign_changes"} if "condition" in absent else set()
+    optional = (
+        "doubtful",
+        "exact_bound",
+        "fit_error_bound",
+        "condition",
+        "by_terms",
+        "near",
+        "frequencies",
+    )
+    absent = {name for name in optional if not getattr(c, name)}
+    absent |= {"sign_changes", "rounding_ratio"} if "condition" in absent else set()
     absent |= {"transfer_error"} if "frequencies" in absent else set()
     absent |= {"order_bound"} if c.order_bound == sum(c.lower_bound) else set()
     basis = rests_on(c)
@@ -309,7 +317,7 @@ def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
     needs(c.order == sizes, f"order is {c.order}, and the blocks of Delta have {sizes}")
     for name in ("order", "lower_bound", "raw_order", "doubtful"):
         needs(min(getattr(c, name), default=0) >= 0, f"{name} has a negative number")
-    errors = ("max_relative_error", "fit_error_bound", "transfer_error")
+    errors = ("max_relative_error", "fit_error_bound", "transfer_error", "rounding_ratio")
     counts = ("check_points", "seed", "sign_changes")
     for name in (*errors, "truncation_error", "condition", *counts):
         value = getattr(c, name)

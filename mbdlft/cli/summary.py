@@ -153,6 +153,7 @@ def _model_data(model: "LFTModel") -> dict[str, Any]:
         "by_terms": [list(entry) for entry in c.by_terms],
         "condition": c.condition or None,
         "sign_changes": c.sign_changes if c.condition else None,
+        "rounding_ratio": c.rounding_ratio if c.condition else None,
         "open_boxes": [[list(ends) for ends in box] for box in c.open_boxes],
         **poles_data(model),
     }

@@ -214,6 +214,30 @@ def values_and_sizes(a: LFT, points: Array) -> tuple[Array, Array]:
     return values, sizes
 
 
+def rounding_sizes(a: LFT, points: Array) -> Array:
+    """Sizes (N, n_out, n_in) that rounding of all numbers of an LFT is relative to, at points.
+
+    With X = (I - M11 Delta)^-1 M12 and Y = M21 Delta (I - M11 Delta)^-1, a change dM changes the value by
+    dM22 + dM21 Delta X + Y (dM11 Delta X + dM12). Sizes are those with |dM| = |M| where nothing cancels,
+    and with I + |M11 Delta| for the loop, which is rounded, too.
+    """
+    sizes = np.repeat(np.abs(a.M22)[None], len(points), axis=0)
+    sides = _Sides(a)
+    rows, columns = sides.rows[:, None], sides.columns
+    first, last = a.M12[:, columns], a.M21[sides.rows]
+    if not (a.order and first.size and last.size):
+        return sizes
+    spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
+    for chunk in chunks(len(points), a.order):
+        d = spread[chunk, None, :]
+        through = a.M11 * d
+        inverse = np.linalg.inv(np.eye(a.order) - through)
+        into, out = np.abs(inverse @ first), np.abs((last * d) @ inverse)
+        read = np.abs(first) + into + np.abs(through) @ into
+        sizes[chunk, rows, columns] += np.abs(last * d) @ into + out @ read
+    return sizes
+
+
 @lru_cache(maxsize=4)
 def _native(a: LFT) -> NativeProgram | None:
     """The program as native code, with the places of the entries in a row; nothing if LLVM fails."""

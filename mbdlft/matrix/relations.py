@@ -20,7 +20,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.exact.numbers import decimal, precision
 from mbdlft.exact.operators import Operators
-from mbdlft.exact.rounding import conditioning, or_one
+from mbdlft.exact.rounding import or_one
 from mbdlft.matrix.expressions import (
     Resolved,
     check_denominators,
@@ -94,7 +94,6 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
     both = np.outer(rows, columns)
     least = NEGLIGIBLE * both
     scale = np.where(largest > 0.0, np.maximum(largest, least), both)
-    own_scale = np.where(largest > 0.0, scale, or_one(np.max(terms, axis=0)))
 
     def in_digits(some: Sequence[int], frequencies: Array) -> NDArray[np.complex128]:
         with precision(BITS):
@@ -105,7 +104,8 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
         scale=scale,
         omitted=0.0,
         if_cancelled=lambda: (scale, 0.0),
-        conditioning=lambda: conditioning(values, terms, own_scale, least),
+        sizes=lambda: terms,
+        least=least,
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
         transfers=lambda some, frequencies: transfers(values[list(some)], states, frequencies),

@@ -10,13 +10,13 @@ their lengths as parameters lose eight digits otherwise: I - M11 Delta then has 
 2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.exact.matrices import (
     Balls,
     ExactMatrix,
@@ -29,10 +29,14 @@ from mbdlft.exact.matrices import (
 )
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import LFT, Block, consecutive
+from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 from mbdlft.order.reduction_in_doubles import in_scales
 
-_SWEEPS, _ROUNDS = 3, 5
-_WIDE = 2.0**-40  # of the largest value: the radius of one that is known well enough
+_SWEEPS, _ROUNDS = 3, 8
+_GAIN = 2.0**-6  # of what is lost, in other coordinates: less, and zeros are worth more
+_SHOWN = 1e10  # times rounding: doubles show a gain of other coordinates up to that
+_NEGLIGIBLE = 1e-8  # of the row and the column of an entry
+_WIDE = 2.0**-60  # of its row and column: the radius of a number that is known well enough
 _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
 
 
@@ -94,65 +98,54 @@ def reduce_exactly(a: ExactLFT) -> ExactLFT:
 
 
 def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
-    """The LFT in doubles; in balanced coordinates if its values are nearer to the exact ones in these.
+    """The LFT in doubles; in balanced coordinates if rounding changes its values less in these.
 
-    `most` is the condition, at `deltas` (N, number of blocks), up to which channels keep their zeros.
+    Up to `most` times rounding of an entry, at `deltas` (N, number of blocks), channels keep their zeros.
     """
     rough = a.rounded()
-    plain = in_scales(rough)
-    if _condition(plain, deltas) <= most:
-        return plain
-    choices = [plain, *_balanced(a, rough, deltas, most)]
-    truth = _values(a, deltas[-1:])
-    return min(choices, key=lambda lft: _error(lft, truth, deltas[-1:]))
-
-
-def _values(a: ExactLFT, deltas: Array) -> Array:
-    """Values (N, ., .) at some deltas, computed in balls."""
-    n, sizes, balls = a.order, [block.size for block in a.blocks], a.M.balls
-    values = []
-    for at in deltas:
-        delta = balls_of(np.repeat(at, sizes))
-        loop = -balls[:n, :n] * delta
-        loop[np.arange(n), np.arange(n)] += 1
-        try:
-            z = ball_matrix(loop).solve(ball_matrix(balls[:n, n:]))
-        except ZeroDivisionError:
-            raise TooFewBitsError("A loop is not invertible in balls.") from None
-        values.append(rough_balls(ball_matrix(balls[n:, :n] * delta) * z, balls[n:, n:]))
-    return np.array(values)
-
-
-def _error(a: LFT, truth: Array, deltas: Array) -> float:
-    """Largest error of an entry at some deltas, relative to its largest size; infinite where singular."""
-    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)[:, None, :]
-    try:
-        inner = np.linalg.solve(np.eye(a.order) - a.M11 * spread, a.M12)
-    except np.linalg.LinAlgError:
-        return float("inf")
-    size = or_one(np.max(np.abs(truth), axis=0))
-    return float(np.max(np.abs(a.M22 + (a.M21 * spread) @ inner - truth) / size))
-
-
-def _condition(a: LFT, deltas: Array) -> float:
-    """Largest condition of I - M11 Delta at some deltas."""
-    if not a.order:
-        return 1.0
-    spread = np.repeat(deltas, [block.size for block in a.blocks], axis=1)
-    return float(np.max(np.linalg.cond(np.eye(a.order) - a.M11 * spread[:, None, :])))
-
-
-def _balanced(a: ExactLFT, rough: LFT, deltas: Array, most: float) -> Iterator[LFT]:
-    """The LFT in better and better coordinates, until its condition at `deltas` is at most `most`."""
-    n, M = a.order, a.M.balls
+    best, M = in_scales(rough), a.M.balls
+    least = _lost(best, deltas)
     for _ in range(_ROUNDS):
+        if least <= most:
+            break
         scale = channel_scales(rough.M11, rough.M12, rough.M21)
-        M = _in_coordinates(M, _transformation(in_scales(rough)) / scale[:, None], a.parts)
-        values = np.array([float(x) for x in M.ravel()]).reshape(M.shape)
-        rough = LFT(values[:n, :n], values[:n, n:], values[n:, :n], rough.M22, a.blocks)
-        yield rough
-        if _condition(rough, deltas) <= most:
-            return
+        T = _transformation(in_scales(rough)) / scale[:, None]
+        if least < _SHOWN and _lost(_turned(rough, T), deltas) > _GAIN * least:
+            break  # the data cancel, and not the channels
+        M = _in_coordinates(M, T, a.parts)
+        rough = _rounded(M, rough)
+        lost = _lost(rough, deltas)
+        if lost < least:
+            best, least = rough, lost
+    return best
+
+
+def _turned(a: LFT, T: Array) -> LFT:
+    """An LFT in coordinates T (n, n), in doubles."""
+    inverse = np.linalg.inv(T)
+    return LFT(inverse @ a.M11 @ T, inverse @ a.M12, a.M21 @ T, a.M22, a.blocks)
+
+
+def _rounded(M: Balls, a: LFT) -> LFT:
+    """[M11 M12 ; M21 .] of balls in doubles; none is wide beside its row or its column."""
+    n, values = a.order, np.array([float(x) for x in M.ravel()]).reshape(M.shape)
+    radii = np.array([float(x.rad()) for x in M.ravel()]).reshape(M.shape)
+    rows, columns = (np.max(np.abs(values), axis=axis, keepdims=True, initial=0.0) for axis in (1, 0))
+    if not np.all(radii <= _WIDE * np.minimum(rows, columns)):
+        raise TooFewBitsError(f"a number is known up to {np.max(radii):.1e} only.")
+    return LFT(values[:n, :n], values[:n, n:], values[n:, :n], a.M22, a.blocks)
+
+
+def _lost(a: LFT, deltas: Array) -> float:
+    """Largest error of an entry at some deltas by rounding of an LFT, relative to its rounding."""
+    try:
+        sizes, values = rounding_sizes(a, deltas), np.abs(evaluate_at(a, deltas))
+    except (np.linalg.LinAlgError, WellPosednessError):
+        return float("inf")
+    size = np.max(values, axis=0, initial=0.0)
+    whole = np.sqrt(np.outer(np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)))
+    scale = or_one(np.where(size > _NEGLIGIBLE * whole, size, whole))
+    return float(np.max(np.max(sizes, axis=0) / scale, initial=1.0))
 
 
 def _in_coordinates(M: Balls, T: Array, blocks: Sequence[slice]) -> Balls:
@@ -201,13 +194,3 @@ def _of_block(P: Array, Q: Array) -> Array:
     L, R = np.linalg.cholesky(P), np.linalg.cholesky(Q)
     _, values, right = np.linalg.svd(R.T @ L)
     return np.asarray(L @ right.T / np.sqrt(values))
-
-
-def rough_balls(product: Any, constant: Any) -> Array:
-    """The sum of a matrix of FLINT and an array of balls, in doubles; none is wide beside the largest."""
-    total = (entries_of(product) + constant).ravel()
-    values = np.array([float(x) for x in total])
-    widest = max((float(x.rad()) for x in total), default=0.0)
-    if not widest <= _WIDE * np.max(np.abs(values), initial=0.0):
-        raise TooFewBitsError(f"a value is known up to {widest:.1e} only.")
-    return values.reshape(constant.shape)

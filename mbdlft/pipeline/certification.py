@@ -8,8 +8,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
+from mbdlft.exact.rounding import conditioning
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.sampling import values_at, vanishes
+from mbdlft.lft.sampling import rounding_sizes, values_at, vanishes
 from mbdlft.order.degree import Bound
 from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
@@ -21,6 +22,11 @@ from mbdlft.system.sampled import at_values
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 
 ACCEPTED = 1e-5  # of an error; larger ones are refused
+# an error of a model of exact numbers is rounding, or a mistake: sums and solutions of n terms stay below
+# this times 2.2e-16 times the sizes of their terms
+MOST_ROUNDINGS = 100.0
+_LOOKED_AT = 16  # points at which cancellation in the LFT is looked at
+_EPS = float(np.finfo(float).eps)
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
 _CARRIED_BY_TRANSFERS = 1e-9  # the same for transfer functions
 _AT_FIRST = 1e-3  # units of work before a theorem is looked for
@@ -38,22 +44,31 @@ class Checked(NamedTuple):
     # entries of [A B ; C D] that are nothing but rounding of terms that
     # cancelled: their errors are relative to those
     by_terms: tuple[tuple[int, int], ...]
+    # condition and number of changes of sign, as in `Certificate`
+    condition: float
+    sign_changes: int
+    rounding_ratio: float  # largest error of an entry in units of 2.2e-16 times its sizes
 
 
-def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Reference) -> Checked:
-    """Largest relative error of the values of a model (N, ., .), and of its trim.
+def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -> Checked:
+    """Largest relative error of the values of a model at all points, and of its trim.
 
-    Where the values in doubles differ by more than `_CARRIED`, which may be what the reference has lost,
-    a few of the points are computed in 50 digits, and the error is that to those.
+    Where the values in doubles differ by more than `_CARRIED`, or by more than rounding explains, which
+    may be what the reference has lost, a few of the points are computed in 50 digits, and the error is
+    that to those. An error that rounding does not explain is a contradiction of two derivations.
     """
-    (error, by_terms), count = error_of_values(values, at.values, at), len(values)
+    values = values_at_points(lft, problem.parameters, problem.points, problem.nouns)
+    errors, count = np.abs(values - at.values), len(values)
+    rounding, by_channels = rounding_of(problem, lft, errors, at)
+    ratios = errors / rounding
+    error, by_terms = error_of_values(values, at.values, at)
     # nominal, where doubles differ most, and a corner
-    far = np.max(np.abs(values - at.values) / at.scale, axis=(1, 2), initial=0.0)
-    some = sorted({0, int(np.argmax(far)), count - 1})
-    if (by_terms or error > _CARRIED) and at.in_digits is not None:
+    far, odd = (np.max(x, axis=(1, 2), initial=0.0) for x in (errors / at.scale, ratios))
+    some = sorted({0, int(np.argmax(far)), int(np.argmax(odd)), count - 1})
+    if (by_terms or error > _CARRIED or np.any(odd > MOST_ROUNDINGS)) and at.in_digits is not None:
         truth = at.in_digits(problem.points[some])
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
-        count = len(some)
+        ratios, count = np.abs(values[some] - truth) / rounding, len(some)
     trim_error = 0.0
     if trim is not None:
         at_points = (problem.parameters, problem.points, problem.nouns)
@@ -61,16 +76,43 @@ def measure_error(problem: Problem, values: Array, trim: LFT | None, at: Referen
         trim_error = largest(trimmed - at.trimmed, at.trim_scale)
         if not trim_error <= ACCEPTED and at.trim_if_cancelled:  # unless it is nothing but rounding
             trim_error = largest(trimmed - at.trimmed, at.trim_if_cancelled())
-    worst = max(error, trim_error)
+    worst, ratio = max(error, trim_error), float(np.max(ratios, initial=0.0))
+    nouns = problem.nouns
     if not worst <= ACCEPTED:
-        nouns, where = problem.nouns, "matrices" if error >= trim_error else "trim"
+        where = "matrices" if error >= trim_error else "trim"
         raise AnalysisError(
             f"{nouns.owner}: the model differs from {nouns.truth} by {worst:.1e} of the size of an entry "
             f"of its {where}. Either {nouns.badly_scaled}, or this is a bug: please report the "
             f"{nouns.kind}."
         )
+    if not ratio <= MOST_ROUNDINGS:
+        _, i, j = np.unravel_index(np.argmax(ratios), ratios.shape)
+        raise AnalysisError(
+            f"{nouns.owner}: entry ({i + 1}, {j + 1}) of [A B ; C D] differs from {nouns.truth} by "
+            f"{ratio:.1e} times what rounding of all numbers may change, at most {MOST_ROUNDINGS:g} was "
+            f"expected. Two derivations contradict each other: this is a bug, please report the "
+            f"{nouns.kind}."
+        )
     by_frequency = _error_of_transfers(problem, values[some], some, at)
-    return Checked(worst, count, *by_frequency, by_terms)
+    by_data, sign_changes = conditioning(at.values, at.sizes(), at.scale, at.least)
+    condition = max(by_data, by_channels)
+    return Checked(worst, count, *by_frequency, by_terms, condition, sign_changes, ratio)
+
+
+def rounding_of(
+    problem: Problem, lft: LFT, errors: Array, at: Reference, some: slice = slice(None)
+) -> tuple[Array, float]:
+    """Rounding (., .) of each entry at some points, and the condition of the LFT by its channels.
+
+    Sizes of terms are those of the data, and of the LFT at a few points and where errors are large.
+    """
+    sizes = at.sizes()[some]
+    looked_at = np.any(errors > MOST_ROUNDINGS * _EPS * sizes, axis=(1, 2))
+    looked_at[np.linspace(0, len(sizes) - 1, _LOOKED_AT).astype(int)] = True
+    deltas = deltas_at(problem.parameters, problem.points[some][looked_at])
+    of_lft = np.max(rounding_sizes(lft, deltas), axis=0)
+    rounding = _EPS * np.maximum(at.scale, np.maximum(np.max(sizes, axis=0), of_lft))
+    return rounding, float(np.max(of_lft / at.scale, initial=1.0))
 
 
 def _error_of_transfers(
@@ -192,7 +234,6 @@ def certificate(
     bounds: Mapping[str, Bound],
     order_bound: int,
     problem: Problem,
-    at: Reference,
     checked: Checked,
     seed: int,
     *,
@@ -212,7 +253,6 @@ def certificate(
         size if name in wrong else max(0, min(bounds[name].doubtful, size - lower[name]))
         for name, size in order.items()
     )
-    condition, sign_changes = at.conditioning()
     contradicted = wrong or order_bound > lft.order
     return Certificate(
         order=tuple(order.values()),
@@ -224,8 +264,9 @@ def certificate(
         frequencies=checked.frequencies,
         by_terms=checked.by_terms,
         near=near,
-        condition=condition,
-        sign_changes=sign_changes,
+        condition=checked.condition,
+        sign_changes=checked.sign_changes,
+        rounding_ratio=checked.rounding_ratio,
         seed=seed,
         exact=problem.fit_error_bound == 0.0,
         fit_error_bound=problem.fit_error_bound,

@@ -18,7 +18,6 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.degree import Bound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone
-from mbdlft.order.reduction_in_doubles import in_scales
 from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.certification import (
     Checked,
@@ -26,6 +25,7 @@ from mbdlft.pipeline.certification import (
     error_of_values,
     measure_error,
     open_boxes,
+    rounding_of,
     values_at_points,
 )
 from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations, reduced_relations
@@ -34,7 +34,7 @@ from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
 from mbdlft.system.regular import PROVE, regularity
 
-_ENOUGH = 1e-11  # error of a result of a search that is used whatever it was before
+_ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
@@ -82,7 +82,6 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
             bounds,
             order_bound,
             problem,
-            check.reference,
             checked,
             SEED,
             is_exact=reduced[0].exact is not None,
@@ -120,25 +119,27 @@ class _Check:
 
     def model(self, lft: LFT, trim: LFT | None) -> Checked:
         """Largest relative error of a model in its units, and of its trim, at all points."""
-        problem = self.problem
-        values = values_at_points(lft, problem.parameters, problem.points, problem.nouns)
-        return measure_error(problem, values, trim, self.reference)
+        return measure_error(self.problem, lft, trim, self.reference)
 
-    def error_of(self, lft: LFT) -> float:
-        """Largest relative error of an LFT in divided units, at a few of the points."""
+    def error_of(self, lft: LFT) -> tuple[float, float]:
+        """Largest error of an LFT in divided units at a few of the points: relative, in roundings."""
         problem, points = self.problem, self.problem.points
         some = slice(None, None, 1 + len(points) // _FEW_POINTS)
         lft = _in_units(problem, lft)
         try:
             values = evaluate_at(lft, deltas_at(problem.parameters, points[some]))
         except WellPosednessError:
-            return float("inf")
+            return float("inf"), float("inf")
         try:
-            error, _ = error_of_values(values, self.reference.values[some], self.reference)
+            at = self.reference
         except WellPosednessError:  # the LFT can say where
             values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
-        return error if np.isfinite(error) else float("inf")
+        error, _ = error_of_values(values, at.values[some], at)
+        errors = np.abs(values - at.values[some])
+        rounding, _ = rounding_of(problem, lft, errors, at, some)
+        ratio = float(np.max(errors / rounding, initial=0.0))
+        return (error, ratio) if np.isfinite(error + ratio) else (float("inf"), float("inf"))
 
 
 def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
@@ -153,9 +154,7 @@ def _search(
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
     best = reduced[0]
-    # exact ones in coordinates that do not depend on kernels of linear algebra
-    closed = [c.lft if c.exact is None else in_scales(c.exact.rounded()) for c in reduced]
-    forms = list[LFT]()
+    closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
     close = truth = None
     if best.form.relations.unknown.numel():
         closed, forms = closed[:1], [candidate.relations for candidate in reduced]
@@ -173,7 +172,8 @@ def _search(
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
     """Whether the result of a search has a larger error than rounding of the LFT that it began with."""
-    return check.error_of(smaller) > max(_ENOUGH, _MOST_BY_SEARCH * check.error_of(lft))
+    pairs = zip(check.error_of(smaller), check.error_of(lft), _ENOUGH, strict=True)
+    return any(after > max(enough, _MOST_BY_SEARCH * before) for after, before, enough in pairs)
 
 
 def _in_units(problem: Problem, a: LFT) -> LFT:

@@ -63,8 +63,9 @@ class Reference:
     omitted: float
     # `scale` and `omitted` for entries that are nothing but rounding of terms that cancelled
     if_cancelled: Callable[[], tuple[Array, float]]
-    # condition and number of changes of sign, as in `Certificate`
-    conditioning: Callable[[], tuple[float, int]]
+    # sizes (N, rows, columns) if nothing cancelled, which rounding of the data is relative to
+    sizes: Callable[[], Array]
+    least: Array  # (rows, columns), of a value: a smaller one is negligible at a point
     trimmed: Array  # (N, n_t), trimmed quantities
     trim_scale: Array  # (n_t,)
     # function of positions among the points and of frequencies (F,) in rad/s: transfer functions

@@ -15,7 +15,6 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import to_internal
-from mbdlft.exact.rounding import conditioning
 from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
@@ -130,16 +129,12 @@ def reference_of(
     e, states = equations, len(equations.states)
     at = relinearize(e, inputs, outputs, points)
     matrices = at.linear.matrices
-    scale = entry_scale(matrices, states, at.floor)
+    scale, size = entry_scale(matrices, states, at.floor), np.max(np.abs(matrices), axis=0)
 
     def if_cancelled() -> tuple[Array, float]:
         terms = entry_sizes(e, inputs, outputs, at)
         coarse = entry_scale(matrices, states, at.floor, terms)
         return need.of(coarse[None])[0], need.omitted(matrices, coarse)
-
-    def condition() -> tuple[float, int]:
-        sizes = need.of(_sizes_at(e, inputs, outputs, at).entries)
-        return conditioning_of(need.of(matrices), sizes, len(need.states), at.floor)
 
     def trim_if_cancelled() -> Array:
         n, nk = (signals.numel() for signals in split(e, inputs))
@@ -161,7 +156,8 @@ def reference_of(
         scale=need.of(scale[None])[0],
         omitted=need.omitted(matrices, scale),
         if_cancelled=if_cancelled,
-        conditioning=condition,
+        sizes=cache(lambda: need.of(_sizes_at(e, inputs, outputs, at).entries)),
+        least=NEGLIGIBLE * need.of(_whole(size, states, at.floor)[None])[0],
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
         in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
@@ -241,13 +237,6 @@ def entry_scale(reference: Array, states: int, floor: float = 0.0, terms: Array 
     return np.where(scale > 0, scale, 1.0)
 
 
-def conditioning_of(reference: Array, sizes: Array, states: int, floor: float = 0.0) -> tuple[float, int]:
-    """`conditioning` of [A B ; C D] (N, ., .) with the scales of `entry_scale`."""
-    whole = _whole(np.max(np.abs(reference), axis=0), states, floor)
-    scale = entry_scale(reference, states, floor)
-    return conditioning(reference, sizes, scale, NEGLIGIBLE * whole)
-
-
 def _whole(size: Array, states: int, floor: float) -> Array:
     """Sizes of the row of each entry of A or C, and of the column of each of B or D."""
     of_row = np.max(size[:, :states], axis=1, initial=floor, keepdims=True)
@@ -291,9 +280,6 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     def coarse() -> tuple[Array, float]:
         return np.maximum(scale, np.max(terms(), axis=0)), 0.0
 
-    def condition() -> tuple[float, int]:
-        return conditioning(values, terms(), scale, NEGLIGIBLE * scale)
-
     def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
         return RelationsInDigits(model, slopes).transfers(points[list(some)], frequencies)
 
@@ -306,7 +292,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         scale=scale,
         omitted=0.0,
         if_cancelled=coarse,
-        conditioning=condition,
+        sizes=terms,
+        least=NEGLIGIBLE * scale,
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
         transfers=transfers,

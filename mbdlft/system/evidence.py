@@ -39,6 +39,7 @@ _RADIUS = 0.5  # of complex and full deltas at the points of a check
 # of models that are derived from others
 _NOT_RECORDED: dict[str, Any] = {
     "condition": 0.0,
+    "rounding_ratio": 0.0,
     "sign_changes": 0,
     "transfer_error": 0.0,
     "frequencies": (),

@@ -307,10 +307,14 @@ class Certificate:
         scene (rad or m); of a model of equations relative to the size of each quantity, or in the unit of
         a coefficient; 0.0 if nothing was fitted. The other numbers are then those at the fits.
     condition : float
-        How much larger the relative rounding of the data is in an entry of A, B, C, D at a check point:
+        How much larger relative rounding of the data is in an entry of A, B, C, D at a check point:
         2.2e-16 times this is what no computation in double precision sees, and may be more than
         `max_relative_error`. An entry that changes its sign is relative to its largest size over the
-        points, others to themselves. 0.0: not recorded.
+        points, others to themselves. At least what rounding of the numbers of the model changes, as its
+        channels may cancel, relative to the largest size of an entry. 0.0: not recorded.
+    rounding_ratio : float
+        Largest error of an entry of A, B, C, D, in units of 2.2e-16 times the size of its terms: those
+        of the data or of the model, whichever are larger. More than 100 is refused when a model is made.
     sign_changes : int
         Number of entries that change their sign between the check points, or vanish at some. Near their
         zeros the digits of such entries are those of their largest size over the points.
@@ -349,6 +353,7 @@ class Certificate:
     frequencies: tuple[float, ...] = ()
     by_terms: tuple[tuple[int, int], ...] = ()
     near: tuple[str, ...] = ()
+    rounding_ratio: float = 0.0
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -223,7 +223,7 @@ REQUIRED = [
     (group, name)
     for group in ("certificate", "provenance")
     for name in ATTRIBUTES[group]
-    if name not in ("truncation_error", "scene", "condition", "sign_changes")
+    if name not in ("truncation_error", "scene", "condition", "sign_changes", "rounding_ratio")
 ]
 PARTS = "states", "parameters", "delta", "trim", "certificate"
 WHOLE, SPECIFIED = f"model '{NAME}' is not whole: ", f"model '{NAME}' is not as specified: "

@@ -77,6 +77,7 @@ ATTRIBUTES = {
         "exact",
         "truncation_error",
         "condition",
+        "rounding_ratio",
         "sign_changes",
         "well_posed",
         "transfer_error",
@@ -179,6 +180,7 @@ def test_attributes(stored):
         "exact": np.dtype(bool),
         "truncation_error": np.dtype("<f8"),
         "condition": np.dtype("<f8"),
+        "rounding_ratio": np.dtype("<f8"),
         "sign_changes": np.dtype("<i8"),
     }
 
@@ -281,7 +283,7 @@ def test_conditioning_may_be_missing(tmp_path):
     save(tmp_path / "a.h5", models.arm())
 
     def change(group):
-        for name in ("condition", "sign_changes"):
+        for name in ("condition", "rounding_ratio", "sign_changes"):
             del group["certificate"].attrs[name]
 
     edit(tmp_path / "a.h5", change, "models/two_link_arm")

@@ -57,7 +57,7 @@ def a_wrong_entry(patch: Patch) -> None:
         return LFT(a.M11, a.M12, a.M21, (1.0 + 1e-6) * a.M22, a.blocks)
 
     patch.setattr(stages, "_in_units", wrong)
-    patch.setattr(stages, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), ()))
+    patch.setattr(stages, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), (), 1.0, 0, 0.0))
 
 
 def nothing_vanishes(patch: Patch) -> None:

@@ -63,15 +63,15 @@ def test_a_chain_that_is_solved_in_double_precision_is_seen(monkeypatch: pytest.
 @pytest.mark.parametrize("case", [collinear(1e-12), wide(99.99)], ids=lambda case: case.name)
 def test_a_condition_that_is_not_stated_is_seen(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the certificate takes every problem for well conditioned."""
-    monkeypatch.setattr("mbdlft.problem.references.conditioning", lambda *_: (1.0, 0))
+    monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *_: (1.0, 0))
     found = measure(case)
     assert found.condition > HARD * found.stated
 
 
 def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: entries that change their sign are not counted."""
-    right = mbdlft.problem.references.conditioning
-    monkeypatch.setattr("mbdlft.problem.references.conditioning", lambda *p: (right(*p)[0], 0))
+    right = mbdlft.pipeline.certification.conditioning
+    monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *p: (right(*p)[0], 0))
     found = measure(bifurcation(1e-9))
     assert found.condition > HARD * found.stated
 

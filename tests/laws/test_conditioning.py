@@ -94,7 +94,7 @@ def test_it_is_stored(tmp_path) -> None:  # type: ignore[no-untyped-def]
 def test_it_is_printed(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
     """Ill-conditioned problems are called so; changes of the sign are explained."""
     for scene, expected in (
-        (buckling(1e-3, 3e-3), ["condition 2.0e+03: rounding of the data alone may change"]),
+        (buckling(1e-3, 3e-3), ["condition 2.0e+03: rounding of numbers alone may change"]),
         (buckling(-1e-9, -2e-9), ["ill-conditioned, condition 2.0e+09: ", "by 4.4e-07 of itself"]),
         (buckling(-0.1, 0.2), ["condition 1.2e+01: ", "; 2 entries change their sign"]),
     ):

@@ -132,8 +132,8 @@ def well_posed(model: LFTModel) -> Iterator[str]:
 def conditioning(certificate: Certificate) -> str:
     """A sentence on how much the rounding of the data may change the entries of the model."""
     change = certificate.condition * _EPS
-    text = f"condition {certificate.condition:.1e}: rounding of the data alone may change an entry "
-    text += f"by {change:.1e} of itself"
+    text = f"condition {certificate.condition:.1e}: rounding of numbers alone may change an entry "
+    text += f"by {change:.1e} of itself; errors are up to {certificate.rounding_ratio:.2g} times rounding"
     if change > _EPS**0.5:
         text = f"ill-conditioned, {text}"
     if certificate.sign_changes:
