@@ -21,7 +21,6 @@ KINDS = (
 )
 
 
-@cache
 def cart() -> System:
     """A mass on a spring."""
     own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
@@ -45,31 +44,26 @@ def with_error(system: System) -> System:
 
 @cache
 def analysis(kind: str) -> tuple[System, Bounds]:
-    """A system with its analysis of a kind."""
+    """One analysis of the kind, with its system."""
     plant = cart()
-    weighted, k = 0.2 * plant, {"k": np.inf}
-    if kind == "mixed":
-        loop = mbdlft.feedback(with_error(plant), np.ones((1, 1)))
-        return mbdlft.as_system(loop), mbdlft.robust_stability(loop, gap=0.1)
-    if kind == "mixed gain":
-        mixed = with_error(plant)
-        return mixed, mbdlft.worst_case_gain(mixed, gap=0.1)
-    if kind == "disk margin":
-        channel: Any = plant["x", "f"]
-        return channel, mbdlft.worst_case(channel, kind, gap=0.05)
-    make: dict[str, Callable[[], Bounds]] = {
-        "margin": lambda: mbdlft.robust_stability(plant),
-        "fixed": lambda: mbdlft.robust_stability(plant, fixed=["m"], gap=0.05),
-        "moving": lambda: mbdlft.robust_stability(plant, rates=k, gap=0.3, work=3.0),
-        "slow": lambda: mbdlft.robust_stability(plant, rates={"k": 0.5}, gap=0.3, work=3.0),
-        "gain": lambda: mbdlft.worst_case_gain(plant, gap=0.05),
-        "gain of one": lambda: mbdlft.worst_case_gain(plant, "f", "x", gap=0.05),
-        "moving gain": lambda: mbdlft.worst_case_gain(plant, "f", "x", rates=k, gap=0.3),
-        "performance": lambda: mbdlft.robust_performance(weighted, gap=0.1),
-        "real part": lambda: mbdlft.worst_case(plant, "real part", gap=0.05),
-        "damping": lambda: mbdlft.worst_case(plant, "damping", gap=0.05),
+    one: Any = plant["x", "f"]
+    mixed, weighted, fast = with_error(plant), 0.2 * plant, {"k": np.inf}
+    closed = mbdlft.as_system(mbdlft.feedback(mixed, np.ones((1, 1))))
+    made: dict[str, tuple[System, Callable[[System], Bounds]]] = {
+        "margin": (plant, mbdlft.robust_stability),
+        "fixed": (plant, lambda s: mbdlft.robust_stability(s, fixed=["m"], gap=0.05)),
+        "moving": (plant, lambda s: mbdlft.robust_stability(s, rates=fast, gap=0.3, work=3.0)),
+        "slow": (plant, lambda s: mbdlft.robust_stability(s, rates={"k": 0.5}, gap=0.3, work=3.0)),
+        "mixed": (closed, lambda s: mbdlft.robust_stability(s, gap=0.1)),
+        "gain": (plant, lambda s: mbdlft.worst_case_gain(s, gap=0.05)),
+        "gain of one": (plant, lambda s: mbdlft.worst_case_gain(s, "f", "x", gap=0.05)),
+        "moving gain": (plant, lambda s: mbdlft.worst_case_gain(s, "f", "x", rates=fast, gap=0.3)),
+        "mixed gain": (mixed, lambda s: mbdlft.worst_case_gain(s, gap=0.1)),
+        "performance": (weighted, lambda s: mbdlft.robust_performance(s, gap=0.1)),
+        "disk margin": (one, lambda s: mbdlft.worst_case(s, kind, gap=0.05)),
     }
-    return weighted if kind == "performance" else plant, make[kind]()
+    system, bounds_of = made.get(kind, (plant, lambda s: mbdlft.worst_case(s, kind, gap=0.05)))
+    return system, bounds_of(system)
 
 
 def changed(bounds: Bounds, random: np.random.Generator) -> tuple[Bounds, str]:

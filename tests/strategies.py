@@ -4,6 +4,7 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
+from hypothesis import settings
 from hypothesis import strategies as st
 
 import mbdlft
@@ -42,6 +43,10 @@ _LETTERS = {
     FORCE: "F",
     TORQUE: "T",
 }
+
+
+# for laws that take long: a third of the examples of the profile
+fewer = settings(max_examples=settings().max_examples // 3)
 
 
 class Drawn(NamedTuple):

@@ -176,10 +176,10 @@ def test_inertia_of_a_beam_that_is_not_deformed(
 
 def test_beam_under_gravity_is_the_limit_of_rigid_rods() -> None:
     """Rods on springs converge to the beam with the square of their length."""
-    beam = scenes.lever(0.0, elements=20, modulus=100.0)
+    beam = scenes.lever(0.0, elements=12, modulus=100.0)
     fine = frequencies(beam)[1:4]
     errors = []
-    for count in (8, 16, 32):
+    for count in (6, 12, 24):
         rods = frequencies(scenes.segments(count, bending=100.0))[1:4]
         errors.append(np.max(np.abs(rods / fine - 1.0)))
     assert errors[1] < errors[0] / 2.5
@@ -231,8 +231,8 @@ def test_parameters_of_a_beam_are_rebuilt(functions: str) -> None:
         return scenes.lever(20.0).model_copy(update=given_too)
 
     model = mbdlft.to_lft(scene(None), search=0.0)
-    values = mbdlft.random(model.parameters, 5, seed=8)
-    for k in range(5):
+    values = mbdlft.random(model.parameters, 3, seed=8)
+    for k in range(3):
         point = {name: float(x[k]) for name, x in values.items()}
         frozen = mbdlft.to_lft(scene(point), search=0.0)
         found = mbdlft.matrices_at(model, point)

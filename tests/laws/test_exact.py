@@ -17,6 +17,7 @@ from mbdlft.order import lower_bound as exact
 from tests.extracted import exactly
 from tests.laws.lfts import lfts
 from tests.laws.loewner import degrees as degrees_by_ranks
+from tests.strategies import fewer
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 
@@ -60,6 +61,7 @@ entries = st.recursive(
 )
 
 
+@fewer
 @given(st.lists(st.lists(entries, min_size=2, max_size=2), min_size=2, max_size=2))
 def test_no_model_is_smaller_and_another_prime_says_the_same(matrix: list[list[str]]) -> None:
     proved = bound(*matrix)

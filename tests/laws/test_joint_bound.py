@@ -43,6 +43,7 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.forms import candidates
 from mbdlft.problem.relations import linearize
 from tests.extracted import exact_matrix, exactly
+from tests.strategies import fewer
 
 seeds = st.integers(0, 1000)
 bits = st.booleans()
@@ -153,6 +154,7 @@ def inflated(a: LFT, random: np.random.Generator) -> LFT:
     return a
 
 
+@fewer
 @given(seeds, bits, bits)
 def test_not_above_the_order_of_any_lft(seed: int, sparse: bool, affine: bool) -> None:
     random = np.random.default_rng(seed)
@@ -201,6 +203,7 @@ def in_three_ways(terms: list[Word]) -> list[ExactLFT]:
     return [written(terms, way) for way in ways]
 
 
+@fewer
 @given(seeds)
 def test_the_order_of_factors_does_not_matter(seed: int) -> None:
     ways = in_three_ways(words(np.random.default_rng(seed)))
@@ -290,6 +293,7 @@ CHANGES: dict[str, Callable[[ExactLFT, np.random.Generator], ExactLFT]] = {
 
 
 @pytest.mark.parametrize("name", CHANGES)
+@fewer
 @given(st.sampled_from([0.0, 1.0]), seeds)
 def test_changes_that_leave_the_problem_as_it_is(name: str, g: float, seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -355,7 +359,7 @@ def test_one_repetition_is_not_enough_for_two(seed: int) -> None:
 
 
 # where pairs prove one less than triples
-TWO_LETTERS = (32, 136, 251, 536, 559, 627, 818)
+TWO_LETTERS = (32, 136, *(pytest.param(k, marks=pytest.mark.long) for k in (251, 536, 559, 627, 818)))
 
 
 def words_of_two_letters(random: np.random.Generator) -> list[Word]:

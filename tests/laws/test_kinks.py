@@ -64,7 +64,7 @@ def test_a_switch_inside_the_range_is_refused() -> None:
         model(lambda k, x: ca.fmax(k, 1.1) * x, 0.5)
 
 
-@pytest.mark.parametrize("scale", [1.0, 1e-12, 1e12])
+@pytest.mark.parametrize("scale", [1e-12, 1e12])
 def test_decisions_do_not_depend_on_the_scale_of_an_equation(scale: float) -> None:
     def made(times: float) -> mbdlft.LFTModel:
         draft = DaeDraft("tank")

@@ -63,7 +63,7 @@ def test_the_circle_criterion_of_three_lags() -> None:
     assert bounds.rates == {"theta_der_x0": np.inf}
     assert 1.0 - GAP <= bounds.lower <= 1.0
     assert bounds.upper >= 1.0
-    assert robust_stability(with_sectors(delta_theta(lags(3.9, clipped, 2.0)))).lower >= 1.0
+    assert robust_stability(with_sectors(delta_theta(lags(3.9, clipped, 2.0), search=0.0))).lower >= 1.0
     assert not verify(system, bounds)
 
 
@@ -71,7 +71,9 @@ def test_the_circle_criterion_of_three_lags() -> None:
 def test_the_circle_criterion_of_an_oscillator(damping: float) -> None:
     """Slopes of sin are in [-1, 1]: the limit is one over the peak of 1/(s^2 + 2 z s + 1)."""
     limit = 2 * damping * np.sqrt(1 - damping**2)
-    found = robust_stability(with_sectors(delta_theta(oscillator(0.5 * limit, damping))), gap=GAP)
+    found = robust_stability(
+        with_sectors(delta_theta(oscillator(0.5 * limit, damping), search=0.0)), gap=GAP
+    )
     assert 2.0 * (1.0 - GAP) <= found.lower <= 2.0
 
 
@@ -152,7 +154,7 @@ def test_with_slopes_any_two_motions_approach_each_other() -> None:
     d.equation(d.der(x), equals=v)
     d.equation(m * d.der(v), equals=1 - 4 * x - 2 * v - x**3 / 100 - ca.atan(v) / 2)
     d.output("x")
-    model = delta_theta(d.dae())
+    model = delta_theta(d.dae(), search=0.0)
     assert model.has_one
     bounds, region = proved(model, dict.fromkeys(model.omega, (-3.0, 3.0)))
     drawn = np.random.default_rng(4)
@@ -173,7 +175,7 @@ def test_outputs_that_depend_on_uncertain_channels_have_regions() -> None:
     d.equation(d.der(x), equals=u - x - ca.tanh(p * x + 0.1 * v))
     d.equation(d.der(v), equals=x / 10 - v)
     d.output("x")
-    model = delta_theta(d.dae())
+    model = delta_theta(d.dae(), search=0.0)
     ranges = {model.omega[0]: (-1.0, 1.0)}
     _, region = proved(model, ranges)
     corner = max(
@@ -203,16 +205,16 @@ def test_a_stored_proof_belongs_to_the_bounds_of_the_functions(tmp_path: Path) -
 
 
 def test_what_has_no_bounds() -> None:
-    model = delta_theta(oscillator(0.1, 0.3))
+    model = delta_theta(oscillator(0.1, 0.3), search=0.0)
     with pytest.raises(AnalysisError, match=r"unknown argument 'omega\.y'"):
         with_sectors(model, {"omega.y": (-1, 1)})
     with pytest.raises(AnalysisError, match=r"with_sectors: .* not inside that of the function"):
         with_sectors(model, {"omega.x": (-5, 1)})
     with pytest.raises(AnalysisError, match=r"is not finite. Give one: ranges=.'omega"):
-        with_sectors(delta_theta(pendulum()))
+        with_sectors(delta_theta(pendulum(), search=0.0))
     with pytest.raises(AnalysisError, match="expected 'slope' or 'sector'"):
         with_sectors(model, of="disk")  # type: ignore[arg-type]
-    jump = delta_theta(lags(1.0, ca.sign, 2.0))
+    jump = delta_theta(lags(1.0, ca.sign, 2.0), search=0.0)
     with pytest.raises(AnalysisError, match=r"no finite slope over the range of omega\.x2: it may jump"):
         with_sectors(jump)
     system = with_sectors(model)
@@ -224,7 +226,7 @@ def test_what_has_no_bounds() -> None:
             robust_stability(mbdlft.realize([["-1 - a"]], [Parameter("a", 1.0, 0.5, 1.5)], states=1)),
             {},
         )
-    small = robust_stability(with_sectors(delta_theta(oscillator(0.9, 0.3))))
+    small = robust_stability(with_sectors(delta_theta(oscillator(0.9, 0.3), search=0.0)))
     with pytest.raises(AnalysisError, match=r"the proof is for 0.\d+ times the box"):
         safe_region(system, small, {"omega.x": (-1, 1)})
     with pytest.raises(AnalysisError, match="has no zero inside"):

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from fractions import Fraction
+from functools import cache
 from math import comb
 
 import control
@@ -46,7 +47,9 @@ def arm_loop(stiff: float = 1.0) -> System:
     return mbdlft.feedback(arm, control.ss(A, np.eye(2) / lag, C, D))
 
 
-@pytest.mark.parametrize("seed", range(16))
+@pytest.mark.parametrize(
+    "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.long) for k in range(6, 16))]
+)
 def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
     system = random_system(seed)
     found = robust_stability(system, work=3.0, largest=10.0)
@@ -165,10 +168,15 @@ def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bou
     return mixed_bounds(asked, loop, "robust stability")
 
 
+@cache
+def with_multipliers(seed: int) -> tuple[System, Bounds]:
+    system = random_system(seed, most_parameters=3)
+    return system, by_multipliers(system)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
-    system = random_system(seed, most_parameters=3)
-    found = by_multipliers(system)
+    system, found = with_multipliers(seed)
     assert 0.0 < found.lower <= reached(system, 40, 10.0, seed)
     assert found.lower <= robust_stability(system, largest=10.0).upper
     assert verify(system, found) == ""
@@ -361,9 +369,8 @@ def damaged(found: Bounds) -> list[Bounds]:
 
 
 def test_no_damaged_proof_is_accepted() -> None:
-    carts, loop = robust_cases.two_carts(), random_system(0, most_parameters=3)
+    carts, (loop, multipliers) = robust_cases.two_carts(), with_multipliers(0)
     boxes = robust_stability(carts, gap=1e-5)
-    multipliers = by_multipliers(loop)
     for system, found in ((carts, boxes), (loop, multipliers)):
         assert verify(system, found) == ""
         for other in damaged(found):
@@ -445,7 +452,7 @@ def test_the_same_work_gives_the_same_numbers() -> None:
 
 def test_more_work_never_makes_a_bound_worse() -> None:
     system = random_system(7)
-    margins = [robust_stability(system, work=work, gap=1e-3).lower for work in (0.02, 0.1, 0.5)]
+    margins = [robust_stability(system, work=work, gap=1e-3).lower for work in (0.02, 0.05, 0.2)]
     assert margins == sorted(margins)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -19,8 +20,8 @@ from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
-SCENES = [3, 14, 20]
-MECHANISMS = [2, 7, 10, 13]
+SEEDS = [(random_scene, 3), (random_mechanism, 7), (random_mechanism, 10)]
+MORE = [(random_scene, 14), (random_scene, 20), (random_mechanism, 2), (random_mechanism, 13)]
 
 
 @contextmanager
@@ -49,24 +50,23 @@ def compare(scene: mbdlft.Scene) -> None:
 
 
 @pytest.mark.parametrize(
-    ("draw", "seed"),
-    [*((random_scene, seed) for seed in SCENES), *((random_mechanism, seed) for seed in MECHANISMS)],
+    ("draw", "seed"), [*SEEDS, *(pytest.param(*case, marks=pytest.mark.long) for case in MORE)]
 )
 def test_both_ways_are_one_model(draw: Callable[[int], mbdlft.Scene], seed: int) -> None:
     compare(draw(seed))
 
 
-def orders(links: int) -> tuple[int, int]:
-    """Repetitions without any search, with the weights alone and with the smaller of both orders."""
-    scene = chain(links, spatial=True)
-    with one_order_only():
-        alone = build(scene, 0.0).model.order
-    return alone, build(scene, 0.0).model.order
+@cache
+def spatial_chain(links: int) -> mbdlft.LFTModel:
+    """The model without any search."""
+    return build(chain(links, spatial=True), 0.0).model
 
 
 @pytest.mark.parametrize(("links", "reached"), [(3, 47), (4, 84), (5, 129), (6, 183)])
 def test_fewer_repetitions_in_long_chains_in_space(links: int, reached: int) -> None:
-    alone, smaller = orders(links)
+    with one_order_only():
+        alone = build(chain(links, spatial=True), 0.0).model.order
+    smaller = spatial_chain(links).order
     assert smaller <= min(alone, reached)
     if links > 3:
         assert smaller < alone
@@ -74,7 +74,7 @@ def test_fewer_repetitions_in_long_chains_in_space(links: int, reached: int) -> 
 
 def test_an_angle_meets_each_hinge_once() -> None:
     """With six links: 16 repetitions of each angle from the third on; a length, one for each hinge."""
-    sizes = {block.name: block.size for block in build(chain(6, spatial=True), 0.0).model.lft.blocks}
+    sizes = {block.name: block.size for block in spatial_chain(6).lft.blocks}
     assert [sizes[f"t{k}"] for k in range(6)] == [12, 14, 16, 16, 16, 16]
     assert [sizes[f"L{k}"] for k in range(6)] == [2, 5, 6, 7, 8, 9]
 

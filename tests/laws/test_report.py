@@ -3,6 +3,7 @@
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -25,6 +26,7 @@ def scene(name: str) -> mbdlft.Scene:
     return mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
 
 
+@cache
 def model_of(name: str) -> LFTModel:
     return mbdlft.to_lft(scene(name), search=0.0, prove=0.0)
 

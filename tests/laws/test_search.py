@@ -213,8 +213,7 @@ def test_a_limit_in_seconds_cuts_off() -> None:
 
 def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search runs in a process of its own, where nothing can be left out from here."""
-    lamp = mbdlft.load_scene("scenarios/four_bar.toml")
-    made = [("lamp", lambda work: mbdlft.to_lft(lamp, search=work))]
+    made = [("arm", lambda work: mbdlft.to_lft(two_link_arm.scene(), search=work))]
     monkeypatch.setattr(ablation, "cases", lambda: iter(made))
     asked: list[LFT] = []
     ablation.measure(0.3, {"_moved": lambda a, work: asked.append(a) or iter(())})

@@ -65,7 +65,7 @@ def test_a_known_limit_of_switching_is_found() -> None:
     assert 1.0 - 1e-4 <= found.size <= 1.0 + BOUND
 
 
-@pytest.mark.parametrize("damping", [0.005, 0.02])
+@pytest.mark.parametrize("damping", [0.005, pytest.param(0.02, marks=pytest.mark.long)])
 def test_parametric_resonance_of_a_square_wave(damping: float) -> None:
     """x'' + 2 c x' + (1 + d) x: d grows the mode by 2/pi of it a half turn, to first order: pi c."""
     model = realization(oscillator("1+d", str(2.0 * damping)))
@@ -77,8 +77,8 @@ def test_parametric_resonance_of_a_square_wave(damping: float) -> None:
 def monodromy(system: System, times: np.ndarray, deltas: np.ndarray) -> float:
     """Largest |eigenvalue| after deltas (points, q) for times (points,), by the definition."""
     Phi = np.eye(len(system.A))
-    for A, h in zip(state_matrices(system, deltas), times, strict=True):
-        Phi = expm(A * h) @ Phi
+    for step in expm(state_matrices(system, deltas) * times[:, None, None]):
+        Phi = step @ Phi
     return float(np.max(np.abs(np.linalg.eigvals(Phi))))
 
 
@@ -109,7 +109,7 @@ def test_nothing_grows_inside_a_proved_margin() -> None:
 @pytest.mark.parametrize("rate_of_m", [np.inf, 2.0])
 def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
     """Steps of k; steps of m, or lines, that are cut into short steps here."""
-    loop, fine = random_loop_with_channels(), 20
+    loop, fine = random_loop_with_channels(), 20 if np.isfinite(rate_of_m) else 1
     found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2, work=0.3)
     assert found.motion is not None
     times, deltas = found.motion[:, 0], found.motion[:, 1:]
@@ -143,9 +143,12 @@ def test_no_signal_is_amplified_by_more_than_the_gain() -> None:
     for _ in range(5):
         mass, x, spent, got = random.uniform(0.9, 1.1), np.zeros(2), 0.0, 0.0
         inputs = random.standard_normal(40).repeat(20)
+        steps = {
+            k: expm(h * np.array([[0, 1, 0], [-k / mass, -1.4 / mass, 1 / mass], [0, 0, 0]]))
+            for k in (1.6, 2.4)
+        }
         for k, u in zip(random.choice([1.6, 2.4], 40).repeat(20), inputs, strict=True):
-            rows = np.array([[0, 1, 0], [-k / mass, -1.4 / mass, 1 / mass], [0, 0, 0]])
-            x = (expm(rows * h) @ np.append(x, u))[:2]
+            x = (steps[k] @ np.append(x, u))[:2]
             spent, got = spent + u * u * h, got + x[0] ** 2 * h
         assert got <= found.upper**2 * spent
     still = worst_case_gain(loop, gap=0.01)

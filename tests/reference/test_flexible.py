@@ -1,7 +1,8 @@
 """Elastic scenes against published results, and against finite elements written down by themselves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -42,7 +43,7 @@ def model(scene: mbdlft.Scene) -> mbdlft.LFTModel:
     return found
 
 
-@pytest.mark.parametrize("elements", [4, 9])
+@pytest.mark.parametrize("elements", [4, pytest.param(9, marks=pytest.mark.long)])
 def test_spacecraft_has_the_modes_of_the_table(elements: int) -> None:
     """Each mode with the hub at rest three times, each one with the hub in motion once."""
     found = data.frequencies(model(data.spacecraft(elements)))[:12]
@@ -50,7 +51,12 @@ def test_spacecraft_has_the_modes_of_the_table(elements: int) -> None:
     target(found / np.repeat(table, [3, 1, 3, 1, 3, 1]), np.ones(12), SPACECRAFT_TABLE)
 
 
-@pytest.mark.parametrize("elements", data.SPACECRAFT)
+def with_long(sizes: Iterable[int], most: int) -> list[Any]:
+    """Sizes of a table; those above `most` are long."""
+    return [pytest.param(n, marks=[pytest.mark.long] * (n > most)) for n in sizes]
+
+
+@pytest.mark.parametrize("elements", with_long(data.SPACECRAFT, 14))
 def test_one_appendage_has_them_too(elements: int) -> None:
     """By symmetry: a quarter of the hub, or none; up to 50 elements."""
     moving = data.frequencies(model(data.spacecraft(elements, 1)))[:3]
@@ -67,7 +73,7 @@ def test_imposed_coordinate_beside_stiff_elements() -> None:
     assert found.certificate.max_relative_error < STABLE
 
 
-@pytest.mark.parametrize("count", data.ASSUMED)
+@pytest.mark.parametrize("count", with_long(data.ASSUMED, 10))
 def test_assumed_modes_have_those_of_the_table(count: int) -> None:
     """The rival method of the source, so that the table compares right with right."""
     target(np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count], np.ones(6), SPACECRAFT_TABLE)
