@@ -174,16 +174,16 @@ def test_inertia_of_a_beam_that_is_not_deformed(
     target(scenes.motion(scene).M[0, 0], inertia, CLOSED_FORM)
 
 
-def test_beam_under_gravity_is_the_limit_of_rigid_rods() -> None:
+@pytest.mark.parametrize("counts", [(8, 16), pytest.param((16, 32), marks=pytest.mark.long)])
+def test_beam_under_gravity_is_the_limit_of_rigid_rods(counts: tuple[int, int]) -> None:
     """Rods on springs converge to the beam with the square of their length."""
-    beam = scenes.lever(0.0, elements=12, modulus=100.0)
+    beam = scenes.lever(0.0, elements=20, modulus=100.0)
     fine = frequencies(beam)[1:4]
     errors = []
-    for count in (6, 12, 24):
+    for count in counts:
         rods = frequencies(scenes.segments(count, bending=100.0))[1:4]
         errors.append(np.max(np.abs(rods / fine - 1.0)))
     assert errors[1] < errors[0] / 2.5
-    assert errors[2] < errors[1] / 2.5
     torques = [mbdlft.to_lft(scene, search=0.0).trim.nominal[0] for scene in (beam, scenes.segments(8))]
     target(torques[0], torques[1], CLOSED_FORM)
 

@@ -222,7 +222,7 @@ CASE = Case(1, 5, "E rho L")
 
 
 def test_transfer_functions_at_corners(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(elastic_transfers, "OMEGA", np.array([0.1, 30.0, 1e4]))
+    monkeypatch.setattr(elastic_transfers, "OMEGA", np.array([0.1, 1e4]))
     row = measured(CASE)
     assert row.error <= 10.0 * row.rounded
     monkeypatch.setattr(evaluated, "with_digits", lambda lft, points, values: values)

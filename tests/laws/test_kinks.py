@@ -64,8 +64,7 @@ def test_a_switch_inside_the_range_is_refused() -> None:
         model(lambda k, x: ca.fmax(k, 1.1) * x, 0.5)
 
 
-@pytest.mark.parametrize("scale", [1e-12, 1e12])
-def test_decisions_do_not_depend_on_the_scale_of_an_equation(scale: float) -> None:
+def test_decisions_do_not_depend_on_the_scale_of_an_equation() -> None:
     def made(times: float) -> mbdlft.LFTModel:
         draft = DaeDraft("tank")
         p = draft.parameter(mbdlft.Parameter("p", 1.0, percent=20))
@@ -76,7 +75,7 @@ def test_decisions_do_not_depend_on_the_scale_of_an_equation(scale: float) -> No
         draft.output("z")
         return mbdlft.linearize_dae(draft.dae(), fit=1e-6)
 
-    assert made(scale).order == made(1.0).order
+    assert made(1e-12).order == made(1e12).order == made(1.0).order
 
 
 @pytest.mark.parametrize(

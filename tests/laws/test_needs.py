@@ -57,7 +57,16 @@ def test_same_transfer_for_less(
     assert sum(part.certificate.raw_order) <= sum(whole.certificate.raw_order)
 
 
-@pytest.mark.parametrize("name", sorted({name for name, *_ in TRANSFERS}))
+LARGE = ("four_bar", "solar_arrays")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=[pytest.mark.long] * (name in LARGE))
+        for name in sorted({name for name, *_ in TRANSFERS})
+    ],
+)
 def test_one_transfer_never_costs_more_than_everything(name: str) -> None:
     source, target = next(row[1:3] for row in TRANSFERS if row[0] == name)
     scene = mbdlft.load_scene(SCENARIOS / f"{name}.toml")

@@ -187,7 +187,7 @@ def wave_numbers(model: mbdlft.LFTModel, modulus: float) -> np.ndarray:
 def test_frequencies_of_all_boundary_conditions() -> None:
     """Clamped at P and free at C; both exchanged; free at both; clamped at both."""
     model = two_port(bending(elements=8), [E], axes=PLANE, search=0.0)
-    for modulus in (58e9, 70e9, 83e9):
+    for modulus in (58e9, 83e9):
         for channels, expected in (
             ([], CLAMPED_FREE),
             (LOAD + MOTION, CLAMPED_FREE),

@@ -177,7 +177,10 @@ BOX = [Parameter(name, 2.0, 1.8, 2.2) for name in "abc"] + [
 ]
 
 
-@pytest.mark.parametrize("entry", ["({})/" + DETERMINANT, "({}) * (1/" + DETERMINANT + ")"])
+@pytest.mark.parametrize(
+    "entry",
+    ["({})/" + DETERMINANT, pytest.param("({}) * (1/" + DETERMINANT + ")", marks=pytest.mark.long)],
+)
 def test_inverse_of_a_symmetric_matrix(entry: str) -> None:
     """Adjugate over determinant: 49 repetitions as it is written; 9 by relations, one for each entry."""
     model = realize([[entry.format(x) for x in row] for row in SYMMETRIC], BOX, search=0.0)

@@ -14,6 +14,7 @@ import mbdlft
 from mbdlft.base.errors import AnalysisError
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
+from mbdlft.show.report import page
 from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
 from mbdlft.show.viewer.picture import scene_picture
 from mbdlft.system.model import LFTModel
@@ -110,6 +111,13 @@ def test_the_first_sentence_follows_the_certificate() -> None:
     assert "without evidence" in verdict_sentence(plain)
 
 
+@pytest.fixture
+def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without curves, which take a second each."""
+    monkeypatch.setattr(page, "_drawn", lambda *_: None)
+
+
+@pytest.mark.usefixtures("no_figures")
 def test_stored_proofs_are_told(tmp_path: Path) -> None:
     """And analyses of other models of the archive are not."""
     model = model_of("pendulum")
@@ -167,6 +175,7 @@ def test_models_with_little_to_tell() -> None:
     assert "<h2>Poles" not in html
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_texts_are_not_markup() -> None:
     evil = "<script>alert(1)</script>"
     model = model_of("pendulum")

@@ -37,8 +37,11 @@ SHEAR = E / 2.6
 
 def lowest(scene: Scene, count: int) -> np.ndarray:
     """The lowest frequencies (rad/s)."""
-    A = mbdlft.to_lft(scene, search=0.0).A
-    return np.sort(np.abs(np.linalg.eigvals(A).imag))[::2][:count]
+    return frequencies_of(mbdlft.to_lft(scene, search=0.0))[:count]
+
+
+def frequencies_of(model: mbdlft.LFTModel) -> np.ndarray:
+    return np.sort(np.abs(np.linalg.eigvals(model.A).imag))[::2]
 
 
 def held_beam(kind: str, **fields: object) -> Scene:
@@ -66,8 +69,8 @@ def test_beam_that_is_held_at_both_ends(kind: str, end: tuple[int, int], shapes:
     """Without a load, and with no word on a preload."""
     exact = frequencies(4, CLAMPED, end, length=1.0, line=1.0, bending=1.0, highest=220.0)
     scene = held_beam(kind, beam={**shapes, "deformations": ("bending_y",)})
-    target(lowest(scene, 3) / exact[:3] - 1.0, np.zeros(3), BENCHMARK, 1.0)
     model = mbdlft.to_lft(scene, search=0.0)
+    target(frequencies_of(model)[:3] / exact[:3] - 1.0, np.zeros(3), BENCHMARK, 1.0)
     assert not np.any(model.trim.nominal), "no load, no preload"
 
 

@@ -202,7 +202,7 @@ def test_spin_on_a_hinge_is_that_of_energy() -> None:
     target(found.K, found.K.T, 10 * CLOSED_FORM)
 
 
-# Thick cantilevers against the exact solution of Timoshenko's equations (mpmath) --------------------
+# Thick cantilevers against the exact solution of Timoshenko's equations --------------------
 
 E, RHO, NU, K = 70e9, 2700.0, 0.3, 5.0 / 6.0
 WIDTH, LENGTH = 0.3, 1.5  # m
