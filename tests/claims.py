@@ -21,6 +21,7 @@ KINDS = (
 )
 
 
+@cache
 def cart() -> System:
     """A mass on a spring."""
     own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
