@@ -1,6 +1,7 @@
 """Analyses in an archive: they come back as they were, and belong to their model."""
 
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,16 @@ from tests.laws.test_margins import random_loop_with_channels
 from tests.reference import robust_cases
 
 
+@cache
+def margin() -> Bounds:
+    return robust_stability(random_loop_with_channels(), gap=0.1)
+
+
+@cache
+def mixed_margin() -> Bounds:
+    return robust_stability(mixed_system(0), gap=0.1)
+
+
 def same(a: Bounds, b: Bounds) -> None:
     for field in fields(Bounds):
         if field.name in ("proof", "delta"):
@@ -51,8 +62,8 @@ def same(a: Bounds, b: Bounds) -> None:
 def test_round_trip(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     loop, mixed = random_loop_with_channels(), mixed_system(0)
-    first, second = robust_stability(loop), worst_case_gain(loop, "f")
-    third = robust_stability(mixed, gap=0.05)
+    first, second = margin(), worst_case_gain(loop, "f", gap=0.1)
+    third = mixed_margin()
     for system, bounds in ((loop, first), (loop, second), (mixed, third)):
         save_analysis(file, system, bounds)
     assert model_names(file) == tuple(sorted([loop.name, mixed.name]))
@@ -67,9 +78,8 @@ def test_round_trip(tmp_path: Path) -> None:
 def test_parts_fixed_blocks_and_first_files(tmp_path: Path) -> None:
     """Proofs of parts come back; those of the first files, with a bound of mu, are read as one part."""
     file, system = tmp_path / "a.h5", blocks_system(2)
-    cut = robust_stability(system)
-    whole = robust_stability(mixed_system(0), gap=0.05)
-    held = robust_stability(random_loop_with_channels(), fixed=["m"])
+    cut, whole = robust_stability(system, gap=0.1), mixed_margin()
+    held = robust_stability(random_loop_with_channels(), fixed=["m"], gap=0.1)
     for model, bounds in ((system, cut), (mixed_system(0), whole), (random_loop_with_channels(), held)):
         save_analysis(file, model, bounds, "one")
         found_model, found = load_analysis(file, "one")
@@ -94,7 +104,7 @@ def test_parts_fixed_blocks_and_first_files(tmp_path: Path) -> None:
 def test_round_trip_of_motions(tmp_path: Path) -> None:
     file, loop = tmp_path / "a.h5", random_loop_with_channels()
     for rates in (np.inf, {"k": 0.5}):
-        bounds = robust_stability(loop, rates=rates, gap=0.2)
+        bounds = robust_stability(loop, rates=rates, gap=0.5)
         save_analysis(file, loop, bounds)
         assert analysis_names(file) == ("matrix: robust stability, moving parameters",)
         _, found = load_analysis(file)
@@ -130,7 +140,7 @@ def test_no_proof_and_infinite_bounds(tmp_path: Path) -> None:
 def test_an_analysis_belongs_to_its_model(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     loop = random_loop_with_channels()
-    bounds = robust_stability(loop, gap=0.1)
+    bounds = margin()
     save_analysis(file, loop, bounds)
     narrower = loop.with_range(k=(1.5, 2.5))
     with pytest.raises(ArchiveError, match="is another one than the one that was analyzed"):
@@ -143,7 +153,7 @@ def test_an_analysis_belongs_to_its_model(tmp_path: Path) -> None:
 def test_a_changed_analysis_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     loop = random_loop_with_channels()
-    save_analysis(file, loop, robust_stability(loop, gap=0.1))
+    save_analysis(file, loop, margin())
     name = "analyses/matrix: robust stability"
 
     def claim(group: object) -> None:

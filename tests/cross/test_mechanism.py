@@ -18,7 +18,7 @@ RANDOM: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"loop {seed}": (lambda seed=seed: closed_loop(seed)) for seed in range(4)},
 }
 SCENES = RANDOM | PLANAR
-SLOW = ("tree 1", "tree 3", "tree 4", "loop 1", "loop 2", "loop 3")  # others of their kind are there
+SLOW = ("tree 1", "tree 3", "loop 0", "loop 1", "loop 3")  # others of their kind are there
 
 
 def points_of(scene: mbdlft.Scene) -> list[dict[str, float]]:
@@ -72,7 +72,7 @@ def test_model_equals_lagrange(name: str) -> None:
 
 
 def test_scenes_cover() -> None:
-    scenes = [SCENES[name]() for name in SCENES]
+    scenes = [SCENES[name]() for name in SCENES if name not in SLOW]
     joints = {joint.kind for scene in scenes for joint in scene.joints}
     assert joints == {*mbdlft.multibody.joint.KINDS}
     assert {load.kind for scene in scenes for load in scene.loads} == {*mbdlft.multibody.force.KINDS}
