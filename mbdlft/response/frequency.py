@@ -31,6 +31,8 @@ from mbdlft.system.sampled import StateMatrices
 Complex = NDArray[np.complex128]
 _EPS = float(np.finfo(float).eps)
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
+_SAME = 1e-9  # of the largest entry of a row: rows that differ by less are one, but for rounding
+_CANCELED = 0.1  # of D: where less is left, a digit is lost
 _NEAR = 4.0 * _EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
 POINTS = 200  # evenly spaced in the logarithm
@@ -148,7 +150,9 @@ def frequency_response(
     Returns
     -------
     complex array (N, F, ny, nu)
-        Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers.
+        Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers. The acceleration
+        of a state is -omega^2 times its position far below the modes, where the sum of D and the rest
+        has lost its digits; that of a sensor elsewhere on an elastic body is not.
 
     Raises
     ------
@@ -162,6 +166,7 @@ def frequency_response(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )
     matrices = samples_at(model, values)
+    matrices, accelerations = with_positions(matrices)
     count = len(matrices.A)
     frequencies = np.atleast_1d(frequencies)
     if frequencies.ndim > 2 or (frequencies.ndim == 2 and len(frequencies) not in (1, count)):
@@ -171,6 +176,7 @@ def frequency_response(
         )
     rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
     response = resolvent(matrices, 1j * rows)
+    response = from_positions(response, matrices.D, rows, accelerations)
     poles = ~np.isfinite(response).all(axis=(2, 3))
     if np.any(poles):
         raise AnalysisError(
@@ -178,6 +184,54 @@ def frequency_response(
             "where the response is infinite. Leave this frequency out or add damping."
         )
     return response
+
+
+def with_positions(matrices: StateMatrices) -> tuple[StateMatrices, dict[int, int]]:
+    """The matrices with positions of outputs that are accelerations as further outputs; their places.
+
+    Output i is the acceleration of a position p if its row [C D] is that of the rate v in [A B], where
+    the row of p says that its derivative is v.
+    """
+    A, B, C, D = matrices
+    if not np.any(D):
+        return matrices, {}
+    states, outputs = A.shape[1], C.shape[1]
+    derivatives, measured = (np.concatenate(pair, axis=2) for pair in ((A, B), (C, D)))
+    rows: dict[int, Array] = {}
+    for p in range(states):
+        (places,) = np.nonzero(np.any(derivatives[:, p] != 0.0, axis=0))
+        if len(places) != 1 or places[0] >= states or np.any(A[:, p] != A[0, p]):
+            continue
+        v = int(places[0])
+        largest = int(np.argmax(np.abs(derivatives[0, v])))
+        for i in np.flatnonzero(measured[0, :, largest]).tolist():
+            # states have units of powers of two
+            unit = measured[0, i, largest] / (derivatives[0, v, largest] or 1.0)
+            unit = np.copysign(np.exp2(np.round(np.log2(np.abs(unit)))), unit)
+            apart = np.abs(measured[:, i] - unit * derivatives[:, v])
+            if np.all(apart <= _SAME * np.max(np.abs(measured[:, i]), axis=1, keepdims=True)):
+                rows[i] = np.eye(states)[p] * unit / A[0, p, v]
+    if not rows:
+        return matrices, {}
+    read = np.broadcast_to(np.array(list(rows.values())), (len(A), len(rows), states))
+    none = np.zeros((len(A), len(rows), D.shape[2]))
+    both = StateMatrices(A, B, np.concatenate([C, read], axis=1), np.concatenate([D, none], axis=1))
+    return both, {i: outputs + k for k, i in enumerate(rows)}
+
+
+def from_positions(
+    response: Complex, D: Array, omega: Array, accelerations: Mapping[int, int]
+) -> Complex:
+    """A response (N, F, ny, nu) without the positions; accelerations are -w^2 x where these are small.
+
+    Far below its modes a structure that is held hardly moves. C (s I - A)^-1 B is then nearly -D, and the
+    sum loses all digits of w^2 x.
+    """
+    for i, k in accelerations.items():
+        by_position = -(omega[:, :, None] ** 2) * response[:, :, k]
+        is_small = np.abs(by_position) < _CANCELED * np.abs(D[:, None, i])
+        response[:, :, i] = np.where(is_small, by_position, response[:, :, i])
+    return response[:, :, : response.shape[2] - len(accelerations)]
 
 
 def singular_values(response: NDArray[np.complex128]) -> Array:

@@ -22,6 +22,7 @@ from mbdlft import (
 )
 from mbdlft.response import frequency, norms
 from mbdlft.response.frequency import peaks
+from mbdlft.response.modes import samples_at
 from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.system.sampled import StateMatrices
@@ -98,6 +99,33 @@ def test_triangles_alone_are_as_good_and_are_used() -> None:
         good = frequency._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
         assert np.all(good)
         roundoff(values, frequency_response(system, {}, omega), kappa=100.0)
+
+
+def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits() -> None:
+    """-w^2 times the deflection l^3/(3 E I) of the tip: D + C (sI - A)^-1 B has three digits of it."""
+    length, E, second = np.array([2.5, 3.3]), 210e9, 2e-6
+    beam = mbdlft.Beam(
+        name="beam", length="L", density=7800.0, area=1e-2, modulus=E, I_z=second, elements=2,
+        deformations=("bending_y",),
+    )  # fmt: skip
+    scene = mbdlft.Scene(
+        name="held",
+        parameters=[mbdlft.Parameter("L", 3.0, percent=20, unit="m")],
+        bodies=[beam],
+        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
+        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 1, 0), magnitude=0.0)],
+        inputs=["push.force"],
+        outputs=["beam.bending_y.3.acceleration"],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    omega = np.array([1e-4, 5e-4])  # the slowest mode has 23 rad/s: its part is below 1e-9
+    found = mbdlft.frequency_response(model, {"L": length}, omega)[:, :, 0, 0]
+    expected = -(omega**2) * (length**3 / (3.0 * E * second))[:, None]
+    assert np.max(np.abs(found / expected - 1.0)) < 1e-8
+    plain_sum = frequency.resolvent(samples_at(model, {"L": length}), 1j * np.tile(omega, (2, 1)))[
+        :, :, 0, 0
+    ]
+    assert np.max(np.abs(plain_sum / expected - 1.0)) > 1e-6, "what the sum in doubles carries"
 
 
 def test_peaks_are_higher_than_their_neighbors() -> None:
