@@ -157,7 +157,9 @@ def _search(
     closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
     close = truth = None
     if best.form.relations.unknown.numel():
-        closed, forms = closed[:1], [candidate.relations for candidate in reduced]
+        # a form that is written with other unknowns is closed in another way
+        relations = [candidate.relations for candidate in reduced]
+        closed, forms = closed[:1], [form for form in relations if form.shape == best.relations.shape]
         close, truth = closing(best.form), best.closed
     exact = residues_alone(best.exact) if best.exact else None
     target = "mbdlft.order.search:find_smallest"
