@@ -26,12 +26,16 @@ class Ball(NamedTuple):
 
 
 class Actuator(NamedTuple):
-    """Inertia of an actuator: of a hinge by its frame and axis, otherwise of a coordinate."""
+    """Inertia of an actuator: of a hinge by its frame and axis, otherwise of a coordinate.
+
+    The rotor of a hinge turns `more` times as far as the child, beyond it.
+    """
 
     inertia: ca.SX
     frame: ca.SX | None
     axis: np.ndarray | None
     coordinate: int
+    more: ca.SX | float = 0.0
 
 
 class Frames:
@@ -123,7 +127,9 @@ class Frames:
         if kind == "spherical":
             return self._ball(frame, k, inertia)
         if kind == "revolute":
-            return self._hinge(frame, k, joint.axis, joint.position, inertia)
+            self.actuators.append(Actuator(self.value(joint.reflected_inertia), None, None, k))
+            more = self.value(joint.gear_ratio) - 1.0
+            return self._hinge(frame, k, joint.axis, joint.position, inertia, more)
         if kind == "prismatic":
             return self._slide(frame, k, joint.axis, joint.position, inertia)
         if kind == "universal":
@@ -138,9 +144,9 @@ class Frames:
             frame = self._slide(frame, k + i, axis, joint.position[i], inertia[i])
         return self._hinge(frame, k + 2, joint.axis, joint.position[2], inertia[2])
 
-    def _hinge(self, frame: ca.SX, k: int, axis, position, inertia) -> ca.SX:
+    def _hinge(self, frame: ca.SX, k: int, axis, position, inertia, more=0.0) -> ca.SX:
         frame = frame @ rotation(_unit(axis), self.value(position) + self.q[k])
-        self.actuators.append(Actuator(self.value(inertia), frame, _unit(axis), k))
+        self.actuators.append(Actuator(self.value(inertia), frame, _unit(axis), k, more))
         return frame
 
     def _slide(self, frame: ca.SX, k: int, axis, position, inertia) -> ca.SX:

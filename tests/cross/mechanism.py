@@ -164,7 +164,7 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
     unknown = [k for k, entry in enumerate(m.inputs) if entry.given is None]
     columns = np.hstack([by_load[:, unknown], by_load[:, nu:], held])
     offset = e0[:, 0] + by_load[:, :nu] @ given
-    solved = np.linalg.lstsq(columns, -offset, rcond=_RANK)[0]
+    solved = _solved(columns, -offset)
     left = offset + columns @ solved
     assert np.max(np.abs(left)) <= _GAP * max(1.0, np.max(np.abs(offset))), "no equilibrium"
     u = given.copy()
@@ -186,26 +186,26 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
         if k in known:
             right[n + row, 2 * n + k] = 1.0
     matrix[n + len(still) :, :n] = G
-    answer = np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+    answer = _solved(matrix, right)
     assert np.max(np.abs(matrix @ answer - right)) <= _GAP * max(1.0, np.max(np.abs(right)))
     outputs, sizes = _outputs(m, model, answer, y_moved, y_u)
 
-    # motions that the closures leave, by the states of the model
-    virtual = np.eye(n)[[*m.moved, *range(m.moving, n)]]
-    motions = _kernel(np.vstack([G, virtual]))
+    # motions that the closures leave, by the states of the model and the displacements that are inputs
+    motions = _kernel(np.vstack([G, np.eye(n)[m.moving :]]))
     names = [signal.name for signal in model.states]
     rows = [m.states.index(name) for name in names]
     half = len(rows) // 2
-    motions = motions @ np.linalg.inv(motions[rows[:half]])
+    motions = motions @ np.linalg.inv(motions[[*rows[:half], *m.moved]])
+    motions, followed = motions[:, :half], motions[:, half:]
     nz = 2 * half
     listed = [entry.name for entry in m.inputs]
     listed += [name for names in m.moved.values() for name in names]
     lift = np.zeros((2 * n + nu, nz + len(listed)))
     lift[:n, :half], lift[n : 2 * n, half:nz] = motions, motions
     lift[2 * n :, nz : nz + nu] = np.eye(nu)
-    for k, names in m.moved.items():
+    for k, names in enumerate(m.moved.values()):
         for order, name in enumerate(names):
-            lift[order * n + k, nz + listed.index(name)] = 1.0
+            lift[order * n : (order + 1) * n, nz + listed.index(name)] = followed[:, k]
     picked = [*range(nz), *(nz + listed.index(signal.name) for signal in model.inputs)]
     turning = np.hstack([np.zeros((half, half)), np.eye(half), np.zeros((half, len(listed)))])
     moved = np.vstack([answer[rows[:half]], outputs])
@@ -219,6 +219,12 @@ def linear_at(m: Mechanism, model: mbdlft.LFTModel, point: dict[str, float]) -> 
 
 _GAP = 1e-9
 _RANK = 1e-11
+
+
+def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Least squares; the residual is solved for once more, as sizes of rows differ by many orders."""
+    first = np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+    return first + np.linalg.lstsq(matrix, right - matrix @ first, rcond=_RANK)[0]
 
 
 def _kernel(matrix: np.ndarray) -> np.ndarray:
@@ -275,7 +281,7 @@ def _bodies(scene: mbdlft.Scene, f: Frames, spin: ca.SX, load: ca.SX) -> ca.SX:
         speed = f.v[actuator.coordinate]
         if actuator.frame is not None:
             omega = f.turning(actuator.frame) + actuator.frame[:3, :3].T @ spin
-            speed = ca.dot(ca.SX(actuator.axis), omega)
+            speed = ca.dot(ca.SX(actuator.axis), omega) + actuator.more * speed
         found += 0.5 * actuator.inertia * speed**2
     return found
 
@@ -457,5 +463,6 @@ def _momentum(f: Frames) -> ca.SX:
     for actuator in f.actuators:
         if actuator.frame is not None:  # it turns with the child; the others move relative to the parent
             axis, turned = ca.SX(actuator.axis), actuator.frame[:3, :3]
-            angular += turned @ (axis * actuator.inertia * ca.dot(axis, f.turning(actuator.frame)))
+            speed = ca.dot(axis, f.turning(actuator.frame)) + actuator.more * f.v[actuator.coordinate]
+            angular += turned @ (axis * actuator.inertia * speed)
     return ca.vertcat(linear, angular)

@@ -10,11 +10,12 @@ WHEEL = Parameter("wheel_rate", 40.0, low=-20.0, high=90.0, unit="rad/s")
 AXIAL = Parameter("axial", 0.4, percent=30, unit="kg m^2")
 
 
-def spinning(seed: int) -> Scene:
-    """Every third one is a closed loop; odd ones stand in a frame that spins."""
-    base = closed_loop(seed) if seed % 3 == 2 else open_tree(seed)
+def spinning(seed: int, base: Scene | None = None) -> Scene:
+    """Rotors on a mechanism: every third one is a closed loop; odd ones stand in a frame that spins."""
+    if base is None:
+        base = closed_loop(seed) if seed % 3 == 2 else open_tree(seed)
     random = np.random.default_rng(7000 + seed)
-    rigid = [body.name for body in base.bodies if body.kind == "rigid" and body.name != "end"]
+    rigid = [body.name for body in base.bodies if body.kind == "rigid" and "side" in body.ports]
     bodies, joints, loads, sensors = [], [], [], []
     for k in range(1 + seed % 2):
         carrier = str(random.choice(rigid))

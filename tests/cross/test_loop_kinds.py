@@ -8,6 +8,7 @@ import pytest
 import mbdlft
 from tests.cross.mechanism import linear_at, mechanism
 from tests.cross.mechanisms import closed_by
+from tests.cross.mixed_mechanisms import mixed
 from tests.cross.test_mechanism import compare, points_of
 
 FEW = {"prismatic": 0, "cylindrical": 0, "universal": 0}
@@ -18,6 +19,10 @@ def check(kind: str, seed: int, *, bare: bool) -> None:
     scene = closed_by(kind, seed)
     if bare:
         scene = scene.model_copy(update={"sensors": scene.sensors[6:8]})
+    equals_lagrange(scene)
+
+
+def equals_lagrange(scene: mbdlft.Scene) -> None:
     model, points = mbdlft.to_lft(scene, search=0.0, prove=0.0), points_of(scene)[:4]
     equations = mechanism(scene)
     compare(model, points, [linear_at(equations, model, point) for point in points])
@@ -32,3 +37,14 @@ def test_kind_equals_lagrange(kind: str) -> None:
 @pytest.mark.parametrize(("kind", "seed"), MANY)
 def test_many_kinds_equal_lagrange(kind: str, seed: int) -> None:
     check(kind, seed, bare=False)
+
+
+def test_a_mixed_mechanism_equals_lagrange() -> None:
+    """A chain with gears, a strut, a sleeve that closes it, and a joint that moves as inputs say."""
+    equals_lagrange(mixed(15))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 13, 14, 16])
+def test_many_mixed_mechanisms_equal_lagrange(seed: int) -> None:
+    equals_lagrange(mixed(seed))
