@@ -202,7 +202,7 @@ def _null_space(matrix: Array) -> Array:
 
 
 def _present(sizes: Array, sites: Mask) -> tuple[NDArray[np.intp], Array]:
-    present = np.flatnonzero(sites & (sizes > _ABSENT * np.max(sizes)))
+    present = np.flatnonzero(sites & (sizes > _ABSENT * np.max(sizes, initial=0.0)))
     return present, sizes[present]
 
 

@@ -126,9 +126,12 @@ def _slope(a: LFT, name: str, work: Work) -> tuple[Array, Array, Array] | None:
     random = np.random.default_rng(0)
     points = {b.name: random.uniform(-0.9, 0.9, _SLOPE_POINTS) for b in a.blocks if b.name != name}
     work.add(solutions(3 * _SLOPE_POINTS, a.order, a.shape[1], is_complex=False))
-    low, middle, high = (
-        evaluate(a, {**points, name: np.full(_SLOPE_POINTS, value)}) for value in (-1.0, 0.0, 1.0)
-    )
+    try:
+        low, middle, high = (
+            evaluate(a, {**points, name: np.full(_SLOPE_POINTS, value)}) for value in (-1.0, 0.0, 1.0)
+        )
+    except WellPosednessError:  # a pole at one of the points
+        return None
     size = np.max(np.abs(low) + np.abs(middle) + np.abs(high), axis=0)
     rows, columns = (1.0 / factor for factor in equilibrate(size[None]))
     scale = rows[:, None] * columns

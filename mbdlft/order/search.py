@@ -10,16 +10,18 @@ is over. Every result is compared with the values of what it was made of, entry 
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property, partial
 from itertools import combinations
 from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import LinAlgError
 
 from mbdlft.base import running
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, WellPosednessError
+from mbdlft.base.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
@@ -59,14 +61,18 @@ class Budget(NamedTuple):
 
 CUT_OFF = "search was cut off"  # a stage that tells so
 IN_PROCESS = "search in this process: its result may depend on the processor"  # one, too
+DROPPED = "search: a result was dropped"  # one, too: what is there before it stands
+_LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles do not carry
 
 
 class Smallest(NamedTuple):
-    """The smallest LFT, the least order of any, and whether seconds ended the search early."""
+    """The smallest LFT, the least order of any, whether seconds ended the search early, and why a part
+    of it failed."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
+    dropped: str = ""
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -93,8 +99,9 @@ def find_smallest(
     `relations` that the model was closed from, masses and lengths are polynomial, and closing can hide
     that parameters cancel; `close` makes the reduced model of LFTs like them. The model before it was
     reduced, `truth`, shows what is left of terms that cancel. With the `exact` model there are bounds by
-    pairs and triples.
+    pairs and triples. A part that meets an LFT that doubles do not carry leaves what was there before it.
     """
+    dropped: list[str] = []
     with running.budget(budget.work):
         smallest = min(closed, key=attrgetter("order"))
         work = Work(budget.work, _is_late(budget.seconds), running.tell)
@@ -103,21 +110,34 @@ def find_smallest(
             return Smallest(smallest, proof.order_bound, work.is_cut_off)
         level = _level_of_closed(smallest, truth, proof)
         # dependent channels are seen in a moment, so they go before anything takes its share of the work
-        best = _smaller(smallest, [independent(smallest, work)], level, work)
+        best = smallest
+        with _keeping(dropped):
+            best = _smaller(smallest, [independent(smallest, work)], level, work)
         if best.order > _LARGE:
             proof.improve()
         if relations and best.order > proof.order_bound:
             assert close is not None
             share = _FEW if best.order < min(form.order for form in relations) else _MOST
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-            solved = close(_search(relations, opened, proof, work.part(share)))
-            best = solved if solved.order < best.order and proof.allows(solved) else best
+            with _keeping(dropped):
+                solved = close(_search(relations, opened, proof, work.part(share), dropped))
+                best = solved if solved.order < best.order and proof.allows(solved) else best
         if best.order > proof.order_bound and not work.is_over:
             forms = [best, *(form for form in closed if form is not best)]
-            best = min(best, _search(forms, level, proof, work), key=attrgetter("order"))
+            best = min(best, _search(forms, level, proof, work, dropped), key=attrgetter("order"))
         if best.order < smallest.order:
             smallest = with_blocks(best, [block.name for block in smallest.blocks])
-        return Smallest(smallest, proof.order_bound, work.is_cut_off)
+        why = dropped[0] if dropped else ""
+        return Smallest(smallest, proof.order_bound, work.is_cut_off, why)
+
+
+@contextmanager
+def _keeping(dropped: list[str]) -> Iterator[None]:
+    """What is there before a part of the search stands where that meets an LFT that doubles do not carry."""
+    try:
+        yield
+    except _LOST as error:
+        dropped.append(str(error))
 
 
 def _is_late(seconds: float | None) -> Callable[[], bool]:
@@ -316,24 +336,26 @@ def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
 
 
-def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> LFT:
+def _search(
+    forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, dropped: list[str]
+) -> LFT:
     """The smallest LFT of equal value that is found from some, at the latest when it meets the bound."""
     forms = _comparable(forms)
-    for form in _other_forms(forms, work):
-        if form.order < forms[0].order and level.keeps(work, level.exact, form):
-            forms.insert(0, form)
-    best = forms[0]
+    with _keeping(dropped):
+        for form in _other_forms(forms, work):
+            if form.order < forms[0].order and level.keeps(work, level.exact, form):
+                forms.insert(0, form)
     for attempt in range(_ATTEMPTS):
-        if best.order > proof.order_bound:
+        if forms[0].order > proof.order_bound:
             proof.improve()
-        if best.order <= proof.order_bound or work.is_over:
+        if forms[0].order <= proof.order_bound or work.is_over:
             break
         of_refits = work.part(_REFITS)
         keeps = partial(level.keeps, of_refits, level.fitted)
-        best = refit(forms, proof.bound, proof.order_bound, keeps, attempt, of_refits)
-        forms = _wandered([best, *forms], level, proof, work.part(_WALKS), attempt)
-        best = forms[0]
-    return best
+        with _keeping(dropped):  # the next attempt makes other choices
+            forms.insert(0, refit(forms, proof.bound, proof.order_bound, keeps, attempt, of_refits))
+            forms = _wandered(forms, level, proof, work.part(_WALKS), attempt)
+    return forms[0]
 
 
 def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int) -> list[LFT]:

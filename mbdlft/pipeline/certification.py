@@ -186,14 +186,22 @@ def values_at_points(
 
 
 def open_boxes(
-    lft: LFT, trim: LFT | None, loops: Sequence[LFT], problem: Problem, prove: float, *, is_searched: bool
+    lft: LFT,
+    trim: LFT | None,
+    loops: Sequence[LFT],
+    problem: Problem,
+    prove: float,
+    of_search: Regularity | None,
 ) -> Boxes:
-    """Physical boxes in which a model, its trim and its closed loops were not proved to be regular."""
+    """Physical boxes in which a model, its trim and its closed loops were not proved to be regular.
+
+    `of_search`: what is known of a model that comes from a search.
+    """
     looked_at = []
-    known = regularity(lft, prove if is_searched else min(prove, _AT_FIRST))
+    known = of_search or regularity(lft, min(prove, _AT_FIRST))
     # a theorem about the problem may show more than the LFT itself: the determinant of a reduced LFT
     # divides that of the relations that it comes from. A search may have made another one
-    is_open = not (is_searched or known.is_proved or known.zero is not None)
+    is_open = not (of_search or known.is_proved or known.zero is not None)
     if not is_open or not problem.is_regular():
         looked_at.append((lft, regularity(lft, prove) if is_open else known, "the model is singular"))
     if trim is not None:

@@ -18,7 +18,7 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.degree import Bound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone
-from mbdlft.order.search import CUT_OFF, IN_PROCESS, Budget, Smallest, find_smallest
+from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.certification import (
     Checked,
     certificate,
@@ -32,7 +32,7 @@ from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations
 from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
-from mbdlft.system.regular import PROVE, regularity
+from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
@@ -60,20 +60,28 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
-    lft = reduced[0].lft
+    names = [p.name for p in problem.parameters]
+    lft, of_search = reduced[0].lft, None
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         with stage("search"):
-            smaller, order_bound, is_cut_off = _search(problem, reduced, degrees, budget, stage)
-            if smaller.order < lft.order and not _loses_digits(smaller, lft, check):
-                lft = smaller
+            smaller, order_bound, is_cut_off, dropped = _search(problem, reduced, degrees, budget, stage)
+            if smaller.order < lft.order:
+                smaller = with_blocks(smaller, names)
+                known = regularity(smaller, prove)
+                if lost := _what_is_lost(smaller, known, lft, check):
+                    dropped = f"order {smaller.order}: {lost}"
+                else:
+                    lft, of_search = smaller, known
+        if dropped:
+            with stage(f"{DROPPED} ({dropped})"):  # what is there before it stands
+                pass
         if is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
-    is_searched = lft is not reduced[0].lft
-    lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
+    lft = _in_units(problem, with_blocks(lft, names))
     with stage("prove"):
         loops = tuple(map(reduced_relations, problem.constraints() or ()))
-        boxes = open_boxes(lft, trim.lft, loops, problem, prove, is_searched=is_searched)
+        boxes = open_boxes(lft, trim.lft, loops, problem, prove, of_search)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
@@ -176,6 +184,19 @@ def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
     """Whether the result of a search has a larger error than rounding of the LFT that it began with."""
     pairs = zip(check.error_of(smaller), check.error_of(lft), _ENOUGH, strict=True)
     return any(after > max(enough, _MOST_BY_SEARCH * before) for after, before, enough in pairs)
+
+
+def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check) -> str:
+    """What the result of a search has lost of the LFT that it began with: its regularity, or digits."""
+    problem = check.problem
+    try:
+        values_at_points(smaller, problem.parameters, problem.points, problem.nouns)
+    except WellPosednessError as error:
+        return str(error)
+    # what has values at points can be singular between them
+    if known.zero is not None:
+        return "it is singular in the ranges"
+    return "it has fewer digits" if _loses_digits(smaller, lft, check) else ""
 
 
 def _in_units(problem: Problem, a: LFT) -> LFT:

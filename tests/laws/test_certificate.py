@@ -18,8 +18,10 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.order.degree import Bound
 from mbdlft.order.reduction_in_doubles import in_scales
+from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import MOST_ROUNDINGS, Checked, certificate, values_at_points
+from mbdlft.pipeline.models import build
 from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.problem import Problem
@@ -93,6 +95,22 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     monkeypatch.setattr(stages, "_loses_digits", lambda *_: False)
     with pytest.raises(mbdlft.AnalysisError, match="Two derivations contradict each other"):
         mbdlft.to_lft(two_link_arm.scene())
+
+
+@pytest.mark.parametrize("factor", [1e3, 2.0])
+def test_a_singular_result_of_a_search_is_dropped(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The model before it stands, and a stage says why."""
+    right = stages._search
+
+    def singular(*arguments: Any) -> Any:
+        a = (smaller := right(*arguments)).lft
+        return smaller._replace(lft=LFT(factor * a.M11, a.M12, a.M21, a.M22, a.blocks))
+
+    monkeypatch.setattr(stages, "_search", singular)
+    said = list[str]()
+    model = build(two_link_arm.scene(), search=1.0, progress=said.append).model
+    assert model.order == 17
+    assert [stage for stage in said if stage.startswith(f"{DROPPED} (order 16: ")]
 
 
 def test_nothing_is_proved_where_exact_numbers_are_too_dear(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,7 @@ from benchmarks import ablation
 from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.running import one_thread
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate_at
@@ -209,6 +210,26 @@ def test_a_limit_in_seconds_cuts_off() -> None:
     assert cut.is_cut_off
     assert cut.lft is plain
     assert not find_smallest([plain], bound, Budget(0.05)).is_cut_off
+
+
+@pytest.mark.parametrize("part", ["independent", "_other_forms", "refit", "_wandered"])
+def test_a_part_that_fails_leaves_what_was_there(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The result says why; mistakes of programs are not hidden."""
+    plain = reduce_order(case("O2"))
+
+    def failing(*_: Any) -> Any:
+        raise WellPosednessError("singular on the way")
+
+    monkeypatch.setattr(search, part, failing)
+    bound = dict.fromkeys((name for name, _ in plain.blocks), 0)
+    result = find_smallest([plain], bound, Budget(0.03))
+    assert result.dropped == "singular on the way"
+    assert result.lft.order <= plain.order
+    points = np.zeros((1, len(plain.blocks)))
+    assert evaluate_at(result.lft, points) == pytest.approx(evaluate_at(plain, points), rel=CLOSED_FORM)
+    monkeypatch.setattr(search, part, lambda: None)
+    with pytest.raises(TypeError):
+        find_smallest([plain], bound, Budget(0.03))
 
 
 def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
