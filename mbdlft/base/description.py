@@ -114,7 +114,8 @@ class Description(BaseModel):
     @classmethod
     def _message(cls, fields: Mapping[str, Any], error: ValidationError) -> str:
         """The message for fields that pydantic refuses, one line for each."""
-        lines: list[str] = []
+        lines: dict[str, None] = {}
+        plain: set[str] = set()  # fields whose value is shown: it can be a list of 100 000 wrong entries
         for item in error.errors(include_url=False):
             cause = item.get("ctx", {}).get("error")
             if isinstance(cause, MbdlftError):
@@ -126,10 +127,12 @@ class Description(BaseModel):
                 line = f"{cls.where(fields)}: {item['loc'][0]!r} is missing."
             else:
                 place = str(item["loc"][0]) if item["loc"] else ""
+                if place in plain:
+                    continue
+                plain.add(place)
                 got = f"got {fields.get(place)!r}."
                 line = f"{cls.where(fields)}: {place}: expected {_expected(place, cls)}, {got}"
-            if line not in lines:
-                lines.append(line)
+            lines[line] = None
         return "\n".join(lines)
 
 

@@ -22,6 +22,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.batch.rows import Source
 from mbdlft.batch.samples import Samples, count_of, points_of
+from mbdlft.exact.rounding import eigenvalues_of
 
 _PROBES = 8  # samples at which a function is called to learn what it gives
 _SAME = 1e-6  # of the largest: what a number may depend on the samples beside it
@@ -80,7 +81,7 @@ class Extra:
 
 def poles_of(A: Array) -> NDArray[np.complex128]:
     """Eigenvalues (N, nx) of A (N, nx, nx), sorted by their real, then their imaginary parts."""
-    return np.sort(np.linalg.eigvals(A).astype(complex), axis=-1)
+    return np.sort(eigenvalues_of(A).astype(complex), axis=-1)
 
 
 def name_of(function: str | Function) -> str:

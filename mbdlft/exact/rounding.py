@@ -261,3 +261,35 @@ def condition(matrix: Array) -> float:
         size = np.max(np.abs(scaled), axis=axis, keepdims=True, initial=0.0)
         scaled = scaled / np.where(size > 0.0, size, 1.0)
     return float(np.linalg.cond(scaled, 1))
+
+
+def eigenvalues_of(matrices: NDArray[Any]) -> NDArray[Any]:
+    """Eigenvalues (..., n) of matrices (..., n, n), also where the QR iteration of one has no end."""
+    try:
+        return np.asarray(np.linalg.eigvals(matrices))
+    except np.linalg.LinAlgError:
+        if not np.all(np.isfinite(matrices)):
+            raise
+        Q = _reflection(matrices.shape[-1])
+        return np.asarray(np.linalg.eigvals(Q @ matrices @ Q))
+
+
+def eigenvectors_of(matrix: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Eigenvalues (n,), left and right eigenvectors (n, n) of a matrix, as `scipy.linalg.eig`."""
+    from scipy.linalg import eig  # here because it is slow to import
+
+    try:
+        values, left, right = eig(matrix, left=True, check_finite=False)
+    except np.linalg.LinAlgError:
+        if not np.all(np.isfinite(matrix)):
+            raise
+        Q = _reflection(len(matrix))
+        values, left, right = eig(Q @ matrix @ Q, left=True, check_finite=False)
+        left, right = Q @ left, Q @ right
+    return values, left, right
+
+
+def _reflection(n: int) -> Array:
+    """An orthogonal, symmetric matrix: in its coordinates shifts of QR meet no symmetry of a matrix."""
+    normal = 1.0 / np.sqrt(1.0 + np.arange(n))
+    return np.asarray(np.eye(n) - 2.0 * np.outer(normal, normal) / (normal @ normal))

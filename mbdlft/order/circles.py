@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, qr
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.lft import LFT, Block, transpose
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.work import Work, product, reduction, singular_values, solutions
@@ -65,10 +66,7 @@ def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
 
 def pole_distance(loop: Array, largest: float) -> float:
     """Of the nearest pole of one delta from zero, when the others are zero; `largest` at most."""
-    try:
-        size = np.max(np.abs(np.linalg.eigvals(loop)), initial=0.0)
-    except np.linalg.LinAlgError:  # the iteration has no end: no eigenvalue is above the norm
-        size = np.linalg.norm(loop)
+    size = np.max(np.abs(eigenvalues_of(loop)), initial=0.0)
     return float(1.0 / max(1.0 / largest, size))
 
 

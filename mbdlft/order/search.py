@@ -133,7 +133,7 @@ def find_smallest(
 
 @contextmanager
 def _keeping(dropped: list[str]) -> Iterator[None]:
-    """What is there before a part of the search stands where that meets an LFT that doubles do not carry."""
+    """A part of the search, which ends at an LFT that doubles do not carry: it changes nothing."""
     try:
         yield
     except _LOST as error:
@@ -336,9 +336,7 @@ def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
 
 
-def _search(
-    forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, dropped: list[str]
-) -> LFT:
+def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, dropped: list[str]) -> LFT:
     """The smallest LFT of equal value that is found from some, at the latest when it meets the bound."""
     forms = _comparable(forms)
     with _keeping(dropped):

@@ -15,6 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import to_internal
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
@@ -36,7 +37,7 @@ _ROUNDS = 2  # of scaling of rows and columns
 
 def frequencies_of(A: Array) -> Array:
     """Frequencies (F,), rad/s, on a logarithmic scale around and beside the poles of A (N, n, n)."""
-    poles = np.abs(np.linalg.eigvals(A)).ravel()
+    poles = np.abs(eigenvalues_of(A)).ravel()
     fastest = float(np.max(poles, initial=0.0))
     if not _REST < fastest < np.inf:
         return np.logspace(-1.0, 4.0, _COUNT)

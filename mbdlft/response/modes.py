@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.unit import Signal
+from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.eigenpairs import ROUNDING, eigenpair
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices, matrices_at
@@ -125,7 +126,7 @@ def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDAr
 def eigenvalues(A: Array, name: str) -> NDArray[np.complex128]:
     """Sorted eigenvalues (N, n) of matrices A (N, n, n) of a model of this name."""
     try:
-        poles = np.linalg.eigvals(A).astype(complex)
+        poles = eigenvalues_of(A).astype(complex)
     except np.linalg.LinAlgError:
         raise AnalysisError(
             f"model {name!r}: the eigenvalues of A were not found. Scale the states, or choose other "
@@ -161,9 +162,8 @@ def _of_block(A: Array) -> Spectrum:
     rounding of A, so that a matrix so near to A has the pole j omega, and if balls do not tell its side
     for all matrices whose entries are as near. Double poles are judged rightly, too.
     """
-    import scipy.linalg  # here because it is slow to import
 
-    poles, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
+    poles, U, V = eigenvectors_of(A)
     order = np.lexsort((-poles.imag, poles.real, np.abs(poles)))
     poles, U, V = poles[order], U[:, order], V[:, order]
     norm = float(np.linalg.norm(A))

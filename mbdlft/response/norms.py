@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
 from mbdlft.response.staircase import Plant, connected, scaled, seen, without_one
@@ -190,7 +191,7 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     if reason:
         return np.inf, np.inf, abs(spectrum(stable.A).worst.imag), reason
     lower, upper, frequency, reason = peak_of(stable, tolerance)
-    poles = np.linalg.eigvals(stable.A) if len(stable.A) else np.zeros(0)
+    poles = eigenvalues_of(stable.A) if len(stable.A) else np.zeros(0)
     if 0.0 < frequency < np.inf and np.any(np.abs(poles.real) < _LIGHT * np.abs(poles)):
         with suppress(ZeroDivisionError):  # at a pole on the axis that is not seen
             lower = _gain_in_balls(connected(plant), frequency)
@@ -244,7 +245,7 @@ def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     the first; and, if there is no such level, and it is inf, why.
     """
     at_infinity = float(np.linalg.norm(plant.D, 2)) if plant.D.size else 0.0
-    poles = np.linalg.eigvals(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)
+    poles = eigenvalues_of(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)
     omega = np.unique(np.concatenate([[0.0], np.abs(poles.imag), np.abs(poles)]))
     gains = _gains(plant, omega)
     best = int(np.argmax(gains))
@@ -289,7 +290,7 @@ def _near_axis(plant: Plant, level: float) -> NDArray[np.float64]:
     upper = level * B @ np.linalg.solve(R, np.conj(B.T))
     lower = np.conj(C.T) @ (np.eye(len(D)) + D @ np.linalg.solve(R, np.conj(D.T))) @ C / level
     H = np.block([[inside, upper], [-lower, -np.conj(inside.T)]])
-    eigenvalues = np.linalg.eigvals(H)
+    eigenvalues = eigenvalues_of(H)
     rounding = 16.0 * _EPS * float(np.linalg.norm(H))
     near = np.abs(eigenvalues.real) <= _AXIS * np.abs(eigenvalues) + rounding
     return np.unique(np.abs(eigenvalues[near].imag))

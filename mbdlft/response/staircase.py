@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.eigenpairs import eigenpair, with_rounding
 from mbdlft.response.modes import Names, balancing, transfers_at
 from mbdlft.system.model import System
@@ -135,7 +136,7 @@ def without_one(plant: Plant, poles: NDArray[np.complex128]) -> Plant | None:
     import scipy.linalg  # here because it is slow to import
 
     A, B, C, D = plant
-    values, U, V = scipy.linalg.eig(A, left=True, check_finite=False)
+    values, U, V = eigenvectors_of(A)
     dual = np.conj(A.T), np.conj(B.T), np.conj(values), U, V
     for pole in poles[poles.imag >= 0.0] if np.isrealobj(A) else poles:
         k = int(np.argmin(np.abs(values - pole)))
@@ -193,7 +194,7 @@ def finite_zeros(plant: Plant) -> Array:
     if not n:
         return np.zeros(0, dtype=complex)
     if not m:
-        return np.linalg.eigvals(A).astype(complex)
+        return eigenvalues_of(A).astype(complex)
     _, _, V = scipy.linalg.svd(np.hstack([C, D]), check_finite=False)
     null = np.conj(V[m:].T)  # of [C D], so that [A B] null x = s [I 0] null x
     top = np.hstack([A, B]) @ null

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
 from mbdlft.robust.bisect.characteristic import Realization
@@ -128,7 +129,6 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
 
 def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Complex]:
     """Poles and gradients at deltas; left and right vectors (nx, nx), as columns."""
-    import scipy.linalg  # here because it is slow to import
 
     plant = at_delta(model, delta)
     if plant is None:
@@ -136,7 +136,7 @@ def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Comple
     if not len(model.A):
         none = np.zeros((0, 0), dtype=complex)
         return Moving(none.ravel(), np.zeros((0, len(delta)), dtype=complex)), none, none
-    poles, U, V = scipy.linalg.eig(plant.A, left=True, check_finite=False)
+    poles, U, V = eigenvectors_of(plant.A)
     with np.errstate(all="ignore"):
         slopes = model.slopes(delta, np.conj(U.T), V.T) / np.sum(np.conj(U) * V, axis=0)[:, None]
     return Moving(poles, slopes), U, V
@@ -201,7 +201,7 @@ def state_matrices(model: Realization, deltas: Array) -> Array | None:
 def abscissa(model: Realization, delta: Array) -> float:
     """The largest real part of the poles; infinite where the model is singular, or beyond."""
     A = state_matrices(model, delta)
-    return np.inf if A is None else float(np.max(np.linalg.eigvals(A).real, initial=-np.inf))
+    return np.inf if A is None else float(np.max(eigenvalues_of(A).real, initial=-np.inf))
 
 
 def smallest_crossing(model: Realization, largest: float, most: float = np.inf) -> Crossing:
@@ -212,7 +212,7 @@ def smallest_crossing(model: Realization, largest: float, most: float = np.inf) 
     q, best = len(model.sizes), NONE
     if not q:
         return best
-    poles = np.linalg.eigvals(model.A)
+    poles = eigenvalues_of(model.A)
     upper = [complex(poles[i]) for i in by_damping(poles) if poles[i].imag >= 0.0]
     random = np.random.default_rng(0)
     for count, pole in enumerate((*upper, *[None] * _RANDOM)):
@@ -297,7 +297,7 @@ def smallest_beside(
     if start is not None:
         starts = [(start, _rightmost(model, start))]
     else:
-        poles = np.linalg.eigvals(model.A)
+        poles = eigenvalues_of(model.A)
         starts = [(np.zeros(len(fixed)), complex(p)) for p in poles[by_damping(poles)] if p.imag >= 0.0]
     for delta, pole in starts:
         for _ in range(_STEPS):
@@ -318,7 +318,7 @@ def smallest_beside(
 
 def _rightmost(model: Realization, delta: Array) -> complex:
     A = state_matrices(model, delta)
-    poles = np.zeros(1) if A is None or not len(A) else np.linalg.eigvals(A)
+    poles = np.zeros(1) if A is None or not len(A) else eigenvalues_of(A)
     return complex(poles[int(np.argmax(poles.real))])
 
 
@@ -439,7 +439,7 @@ def peak_at(model: Realization, delta: Array) -> Peak:
     matrices = at_delta(model, delta)
     if matrices is None:
         return Peak(np.inf, np.nan, delta)
-    poles = np.linalg.eigvals(matrices.A)
+    poles = eigenvalues_of(matrices.A)
     if np.max(poles.real, initial=-1.0) >= 0.0:
         return Peak(np.inf, float(abs(poles[np.argmax(poles.real)].imag)), delta)
     gain, _, frequency, _ = peak_of(matrices, _GROWTH)

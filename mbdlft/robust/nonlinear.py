@@ -199,6 +199,11 @@ def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Ki
     WellPosednessError
         The loop through the gains is singular.
     """
+    if not isinstance(model, DeltaThetaModel):
+        raise AnalysisError(
+            f"with_sectors: expected a DeltaThetaModel (delta_theta), got {type(model).__name__}: a "
+            "linear model has no nonlinear functions to bound."
+        )
     known = dict(ranges or {})
     for name in known:
         if name not in model.omega:

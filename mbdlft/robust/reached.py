@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.robust.balls import balls, entries, joined, middles
 from mbdlft.robust.bisect.characteristic import is_root_near, straightened, verdict_of
 from mbdlft.robust.evidence import (
@@ -136,8 +137,8 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
     """Whether the model at the deltas does not reach what is said."""
     n, frequency, reached = matrices.states, bounds.frequency, bounds.reached
     whole, _ = matrices.closed(delta)
-    poles = np.linalg.eigvals(middles(whole)[:n, :n]) if n else np.zeros(0)
-    nominal = np.linalg.eigvals(matrices.other[:n, :n]) if n else poles
+    poles = eigenvalues_of(middles(whole)[:n, :n]) if n else np.zeros(0)
+    nominal = eigenvalues_of(matrices.other[:n, :n]) if n else poles
     size = float(np.max(np.abs([poles, nominal]), initial=0.0))  # the poles there may all be 0
     if bounds.kind == STABILITY:
         if np.any(delta.imag):

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.parameter import to_physical
+from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.lft.block import Block
 from mbdlft.lft.lft import check_plain
 from mbdlft.response.modes import balancing
@@ -106,7 +107,7 @@ def stable_states(
     A = model.A[np.ix_(stay, stay)]
     if not stay:
         return stay
-    poles, shapes = np.linalg.eig(A)
+    poles, _, shapes = eigenvectors_of(A)
     if np.max(poles.real) < 0.0 and is_hurwitz(A):
         return stay
     states = [model.states[k].name for k in stay]
@@ -178,7 +179,7 @@ def modal(model: Realization) -> Coordinates:
     if not n:
         return Coordinates(np.zeros((0, 0)), np.zeros((0, 0)), np.ones(len(model.D)), 1.0)
     scale = balancing(model.A)
-    values, vectors = np.linalg.eig(model.A * scale / scale[:, None])
+    values, _, vectors = eigenvectors_of(model.A * scale / scale[:, None])
     sizes = np.abs(values[values != 0.0])
     time = float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
     columns: list[Array] = []

@@ -17,6 +17,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.response.norms import gramians
 from mbdlft.robust.ascent import (
     RIGHT,
@@ -125,7 +126,7 @@ def _edges(asked: Asked, model: Realization, kind: str) -> Search[_Pole]:
     aim = _aim(kind)
     state = _reached(model, aim)
     yield state
-    size = float(np.max(np.abs(np.linalg.eigvals(model.A)))) if aim is RIGHT else 1.0
+    size = float(np.max(np.abs(eigenvalues_of(model.A)))) if aim is RIGHT else 1.0
     step = 0.5 * asked.gap * max(abs(state.lower), _NOTHING * size)
     reason = too_large(model)
     state = state._replace(reason=reason, ended=bool(reason))
@@ -350,7 +351,7 @@ def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], 
     A, B, C, _ = plant
     if not len(A):
         return 0.0, lambda: none
-    if not np.max(np.linalg.eigvals(A).real) < 0.0:
+    if not np.max(eigenvalues_of(A).real) < 0.0:
         return np.inf, lambda: none
     P, Q = gramians(plant)
     value = float(np.sqrt(max(np.trace(C @ P @ C.T), 0.0)))

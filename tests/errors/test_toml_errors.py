@@ -27,6 +27,7 @@ scene_from_toml(changed("mass = 2.0", 'mass = 2.0\nname = "other"')) => body 'li
 'format = "mbdlft-scene/1"', "" => the line format = 'mbdlft-scene/1' is missing.
 "gravity =", "gravty =" => unknown key 'gravty'. Did you mean 'gravity'? Existing:
 "[linearize]", "[linearise]" => unknown key 'linearise'. Did you mean 'linearize'?
+"[linearize]", f"[{'.'.join('a' * 600)}]" => line 62: not valid TOML: expected a key of at most 500 parts.
 "outputs =", "output ="
     => linearize: unknown key 'output'. Did you mean 'outputs'? Existing: inputs, outputs, states.
 f"[constants]\n{L1}", "constants = 3" => constants: expected a table, got 3.

@@ -16,8 +16,9 @@ from mbdlft import (
     realize,
     zeros,
 )
+from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import spectrum
-from tests.close import CLOSED_FORM, ZEROS, exact, finite_difference, target
+from tests.close import CLOSED_FORM, ZEROS, exact, finite_difference, roundoff, target
 from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
 
 
@@ -289,3 +290,23 @@ def test_systems_without_zeros() -> None:
     assert zeros(oscillator(0.1))[0].size == 0
     nothing: System = plain([[-1.0]], [[0.0]], [[1.0]])
     assert zeros(nothing)[0].size == 0
+
+
+@pytest.mark.parametrize("coupling", ["1e-14", "3e-14"])
+def test_poles_where_the_iteration_of_lapack_has_no_end(coupling: str) -> None:
+    """Two oscillators that a gyroscopic stiffness couples: K = [[k, e], [-e, k]]."""
+    rows = [
+        ["0", "0", "1", "0", "0"],
+        ["0", "0", "0", "1", "0"],
+        ["-k", f"-{coupling}", "0", "0", "1"],
+        [coupling, "-k", "0", "0", "0"],
+        ["1", "0", "0", "0", "0"],
+    ]
+    model = mbdlft.realize(rows, [mbdlft.Parameter("k", 1.0, percent=20)], states=4, search=0.0)
+    A = mbdlft.matrices_at(model, {})[0]
+    values, left, right = eigenvectors_of(A)
+    roundoff(np.abs(values), np.ones(4))
+    roundoff(np.abs(eigenvalues_of(A)), np.ones(4))
+    roundoff(A @ right, right * values)
+    roundoff(np.conj(left.T) @ A, values[:, None] * np.conj(left.T))
+    roundoff(np.abs(mbdlft.poles(model)), np.ones((1, 4)))

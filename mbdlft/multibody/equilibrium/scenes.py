@@ -18,6 +18,7 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Freedom, dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.equilibrium.conditions import Conditions, fit_conditions
 from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace, in_physical
@@ -100,7 +101,7 @@ def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
     """
     equations = assemble(at_values(at_equilibrium(scene, point), point))
     matrices = relinearize(equations, (), (), np.zeros((1, 0))).linear.matrices
-    eigenvalues = np.linalg.eigvals(matrices[0][: len(equations.states), : len(equations.states)])
+    eigenvalues = eigenvalues_of(matrices[0][: len(equations.states), : len(equations.states)])
     return np.asarray(eigenvalues[np.argsort(-eigenvalues.real)])
 
 

@@ -119,6 +119,10 @@ def read_body(name: str, table: Mapping[str, Any]) -> Body:
     return cast(Body, body)
 
 
+_MOST_PARTS = 500
+_LONG_KEY = re.compile(rf"^[ \t\[]*(?:[\w-]+[ \t]*\.[ \t]*){{{_MOST_PARTS}}}", re.MULTILINE)
+
+
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:
     """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
     file = Path(path)
@@ -138,6 +142,9 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
 
     Errors of `read` are raised with the line of the body, joint, ... that they name.
     """
+    if match := _LONG_KEY.search(text):  # tomllib takes the square of the number of its parts
+        line = text.count("\n", 0, match.end()) + 1
+        raise SceneError(f"line {line}: not valid TOML: expected a key of at most {_MOST_PARTS} parts.")
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits

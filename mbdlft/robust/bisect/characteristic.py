@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.robust.balls import balls, entries
 
 Balls = NDArray[np.object_]
@@ -198,7 +199,7 @@ def _routh(coefficients: list[Any] | None) -> bool | None:
 
 def _scale(A: Array) -> float:
     """A power of two near the middle of the sizes of the poles (rad/s)."""
-    sizes = np.abs(np.linalg.eigvals(A)) if len(A) else np.ones(1)
+    sizes = np.abs(eigenvalues_of(A)) if len(A) else np.ones(1)
     sizes = sizes[sizes > 0.0]
     return float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
 

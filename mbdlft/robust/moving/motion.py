@@ -17,6 +17,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.robust.ascent import bisected, by_damping, moving_at, state_matrices
 from mbdlft.robust.bisect.characteristic import Realization
 
@@ -93,7 +94,7 @@ def growth(model: Realization, rates: Array, period: float, deltas: Array, fine:
             if not 0.0 < size < np.inf:
                 return -np.inf
             Phi, total = Phi / size, total + float(np.log(size))
-        return total + float(np.log(np.max(np.abs(np.linalg.eigvals(Phi)))))
+        return total + float(np.log(np.max(np.abs(eigenvalues_of(Phi)))))
 
 
 def growth_of(model: Realization, rates: Array, period: float, deltas: Array) -> float:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, unknown_name
 from mbdlft.base.running import after, tell
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.block import Block, FullBlock
 from mbdlft.lft.lft import check
 from mbdlft.robust.ascent import by_damping
@@ -105,9 +106,7 @@ def _balanced(whole: Channels, blocks: tuple[Block, ...], grows: NDArray[np.bool
     plain = Channels(whole.A * of_states / of_states[:, None], B / of_states[:, None], C * of_states, D)
     loop = Loop(plain, np.ones(size), structure, blocks, grows)
     pick = (loop.owner == np.arange(len(blocks))[:, None]).astype(float)
-    sizes = [
-        np.abs(channels_matrix(plain, w)) for w in (0.0, *np.abs(np.linalg.eigvals(whole.A)).tolist())
-    ]
+    sizes = [np.abs(channels_matrix(plain, w)) for w in (0.0, *np.abs(eigenvalues_of(whole.A)).tolist())]
     scale = balance(pick @ np.max(sizes, axis=0) @ pick.T)[loop.owner]
     B, C = plain.B * scale, plain.C / scale[:, None]
     return loop._replace(
@@ -339,7 +338,7 @@ def looks(first: Array) -> Array:
 
 def first_frequencies(A: Array) -> Array:
     """Frequencies at which to begin: those of the poles, the least damped first."""
-    poles = np.linalg.eigvals(A) if len(A) else np.zeros(0)
+    poles = eigenvalues_of(A) if len(A) else np.zeros(0)
     poles = poles[poles.imag >= 0.0]
     return np.abs(poles[by_damping(poles)])
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.block import Block
 from mbdlft.robust.ascent import by_damping
 from mbdlft.robust.mu.coverage import Loop
@@ -392,7 +393,7 @@ def best_near(
 def first_reached(loop: Loop) -> SmallDelta:
     """The smallest delta that is found from frequencies of the poles, and from corners."""
     A, best = loop.channels.A, nothing(loop)
-    poles = np.linalg.eigvals(A) if len(A) else np.ones(1)
+    poles = eigenvalues_of(A) if len(A) else np.ones(1)
     for omega in np.unique([*np.abs(poles[by_damping(poles)][:_MOST]), 0.0, np.inf]).tolist():
         best = best_near(loop, best, omega)
     if not best.bound:

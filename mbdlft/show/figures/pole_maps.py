@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import grid
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.lft import LFT
 from mbdlft.response.modes import poles
 from mbdlft.robust.evidence import Bounds
@@ -232,7 +233,7 @@ def save_mu(
         The file cannot be written, its ending is not that of a figure, or as `mu_bands`.
     """
     check_figure(path)
-    sizes = np.abs(np.linalg.eigvals(model.A)) if len(model.A) else np.ones(1)
+    sizes = np.abs(eigenvalues_of(model.A)) if len(model.A) else np.ones(1)
     sizes = sizes[sizes > 0.0] if np.any(sizes) else np.ones(1)
     ends = np.array([np.min(sizes), np.max(sizes)]) * 10.0 ** np.array([-_DECADES, _DECADES])
     low, high = (float(end) for end in ends)

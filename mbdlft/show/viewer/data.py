@@ -16,6 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners, random
+from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.scene.scene import Scene
@@ -154,7 +155,6 @@ def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     Real parts on the axis, and poles at zero, are cleaned of rounding. Of the poles at zero there are as
     many as have independent shapes: a body that moves freely has a double pole for each.
     """
-    import scipy.linalg  # here because it is slow to import
 
     with np.errstate(all="ignore"):
         scale = balancing(A)
@@ -165,7 +165,7 @@ def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
             "modes. Masses, lengths or stiffnesses are of very different size."
         )
     poles = spectrum(scaled)
-    values, vectors = scipy.linalg.eig(scaled, check_finite=False)
+    values, _, vectors = eigenvectors_of(scaled)
     shapes = (scale[:, None] * vectors)[list(moving)]
     unmatched = list(range(len(values)))
     nearest = []
