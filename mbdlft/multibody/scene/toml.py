@@ -143,8 +143,8 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
     Errors of `read` are raised with the line of the body, joint, ... that they name.
     """
     if match := _LONG_KEY.search(text):  # tomllib takes the square of the number of its parts
-        line = text.count("\n", 0, match.end()) + 1
-        raise SceneError(f"line {line}: not valid TOML: expected a key of at most {_MOST_PARTS} parts.")
+        place = text.count("\n", 0, match.end()) + 1
+        raise SceneError(f"line {place}: not valid TOML: expected a key of at most {_MOST_PARTS} parts.")
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also numbers of thousands of digits
