@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.block import block_value
 from mbdlft.lft.lft import LFT, check, check_name, check_plain
 from mbdlft.lft.program.elimination import program
@@ -480,20 +481,13 @@ def _reaches_one(matrices: Array) -> NDArray[np.bool_]:
         powers = powers @ powers
     reaching = np.zeros(len(matrices), dtype=bool)
     if len(open_):
-        eigenvalues = _eigenvalues(matrices[open_])
+        try:
+            eigenvalues = eigenvalues_of(matrices[open_])
+        except np.linalg.LinAlgError:  # the iteration has no end: nothing is seen
+            return reaching
         real = np.abs(eigenvalues.imag) <= _REAL * np.abs(eigenvalues)
         reaching[open_] = np.any(real & (eigenvalues.real >= 1.0), axis=1)
     return reaching
-
-
-def _eigenvalues(matrices: Array) -> NDArray[Any]:
-    """Eigenvalues (N, n); none is a number where the iteration of LAPACK has no end."""
-    try:
-        return np.asarray(np.linalg.eigvals(matrices))
-    except np.linalg.LinAlgError:
-        if len(matrices) == 1:
-            return np.full(matrices.shape[:2], np.nan)
-        return np.concatenate([_eigenvalues(matrix[None]) for matrix in matrices])
 
 
 def _few(count: int, entries: int) -> Iterator[slice]:

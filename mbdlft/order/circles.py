@@ -66,7 +66,10 @@ def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
 
 def pole_distance(loop: Array, largest: float) -> float:
     """Of the nearest pole of one delta from zero, when the others are zero; `largest` at most."""
-    size = np.max(np.abs(eigenvalues_of(loop)), initial=0.0)
+    try:
+        size = np.max(np.abs(eigenvalues_of(loop)), initial=0.0)
+    except np.linalg.LinAlgError:  # the iteration has no end: no eigenvalue is above the norm
+        size = np.linalg.norm(loop)
     return float(1.0 / max(1.0 / largest, size))
 
 

@@ -60,25 +60,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
-    names = [p.name for p in problem.parameters]
     lft, of_search = reduced[0].lft, None
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
-        with stage("search"):
-            smaller, order_bound, is_cut_off, dropped = _search(problem, reduced, degrees, budget, stage)
-            if smaller.order < lft.order:
-                smaller = with_blocks(smaller, names)
-                known = regularity(smaller, prove)
-                if lost := _what_is_lost(smaller, known, lft, check):
-                    dropped = f"order {smaller.order}: {lost}"
-                else:
-                    lft, of_search = smaller, known
-        if dropped:
-            with stage(f"{DROPPED} ({dropped})"):  # what is there before it stands
-                pass
-        if is_cut_off:
-            with stage(CUT_OFF):  # with more time the model may be smaller
-                pass
-    lft = _in_units(problem, with_blocks(lft, names))
+        lft, of_search, order_bound = _searched(problem, reduced, degrees, budget, stage, prove, check)
+    lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
     with stage("prove"):
         loops = tuple(map(reduced_relations, problem.constraints() or ()))
         boxes = open_boxes(lft, trim.lft, loops, problem, prove, of_search)
@@ -108,6 +93,35 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         provenance=provenance(problem.text),
         description=problem.description,
     )
+
+
+def _searched(
+    problem: Problem,
+    reduced: list[Candidate],
+    degrees: dict[str, int],
+    budget: Budget,
+    stage: Stage,
+    prove: float,
+    check: "_Check",
+) -> tuple[LFT, Regularity | None, int]:
+    """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
+    lft, of_search = reduced[0].lft, None
+    with stage("search"):
+        smaller, order_bound, is_cut_off, dropped = _search(problem, reduced, degrees, budget, stage)
+        if smaller.order < lft.order:
+            smaller = with_blocks(smaller, [p.name for p in problem.parameters])
+            known = regularity(smaller, prove)
+            if lost := _what_is_lost(smaller, known, lft, check):
+                dropped = f"order {smaller.order}: {lost}"
+            else:
+                lft, of_search = smaller, known
+    if dropped:
+        with stage(f"{DROPPED} ({dropped})"):  # what is there before it stands
+            pass
+    if is_cut_off:
+        with stage(CUT_OFF):  # with more time the model may be smaller
+            pass
+    return lft, of_search, order_bound
 
 
 def _is_singular(candidate: Candidate, prove: float) -> bool:

@@ -226,7 +226,7 @@ def test_a_part_that_fails_leaves_what_was_there(part: str, monkeypatch: pytest.
     assert result.dropped == "singular on the way"
     assert result.lft.order <= plain.order
     points = np.zeros((1, len(plain.blocks)))
-    assert evaluate_at(result.lft, points) == pytest.approx(evaluate_at(plain, points), rel=CLOSED_FORM)
+    target(evaluate_at(result.lft, points), evaluate_at(plain, points), CLOSED_FORM)
     monkeypatch.setattr(search, part, lambda: None)
     with pytest.raises(TypeError):
         find_smallest([plain], bound, Budget(0.03))

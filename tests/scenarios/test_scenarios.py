@@ -31,7 +31,10 @@ def test_scenario_is_exact(path: Path) -> None:
     flexible = any(isinstance(body, ElasticBody) for body in scene.bodies)
     assert model.certificate.max_relative_error <= (ELASTIC if flexible else SCENARIO)
     # at many points in doubles, or at three in 50 digits
-    assert model.certificate.check_points >= 100 or model.certificate.check_points == 3
+    assert model.certificate.check_points >= 100 or model.certificate.check_points in (
+        3,
+        4,
+    )  # in 50 digits
     assert model.order >= sum(model.certificate.lower_bound)
     assert model.certificate.exact
 

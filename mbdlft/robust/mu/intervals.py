@@ -112,6 +112,17 @@ def interval_around(
     discs = _discs(system, multipliers, extent, _BITS)
     if discs is None or np.any(_touch(discs) & (discs[1] > _BLURRED * np.abs(discs[0]))):
         discs = _discs(system, multipliers, extent, _FINE_BITS) or discs
+    return _between(discs, system, multipliers, omega, extent)
+
+
+def _between(
+    discs: tuple[Complex, Array] | None,
+    system: Channels,
+    multipliers: Multipliers,
+    omega: float,
+    extent: Extent | None,
+) -> Interval:
+    """The largest interval with omega in it that none of the discs reaches on the axis."""
     if discs is None:
         return Interval(omega, omega, omega)
     centers, radii = discs
@@ -135,11 +146,17 @@ def holds(
     """Whether multipliers prove their bound on an interval, all of it."""
     if not 0.0 <= interval.low <= interval.at <= interval.high:
         return False
-    again = interval_around(system, multipliers, interval.at, extent)
-    if again is None:
+    if not is_negative_at(system, multipliers, interval.at, extent):
         return False
-    low, high = again.low * (1.0 - 0.5 * _SLACK), again.high * (1.0 + 0.5 * _SLACK)
-    return low <= interval.low and interval.high <= high
+    if not len(system.A):
+        return True
+    for bits in (_BITS, _FINE_BITS):  # whichever the search took
+        discs = _discs(system, multipliers, extent, bits)
+        again = _between(discs, system, multipliers, interval.at, extent)
+        low, high = again.low * (1.0 - 0.5 * _SLACK), again.high * (1.0 + 0.5 * _SLACK)
+        if low <= interval.low and interval.high <= high:
+            return True
+    return False
 
 
 def _touch(discs: tuple[Complex, Array]) -> NDArray[np.bool_]:
