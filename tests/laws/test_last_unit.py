@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mbdlft.exact.interval import Interval
+from mbdlft.exact.rounding import product
 from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import LFT, Block, constant
 from mbdlft.lft.sampling import agrees, evaluate_at
@@ -77,3 +78,9 @@ def test_values_that_differ_by_rounding_agree() -> None:
     values, lost = evaluate_at(a, points), np.zeros(20, dtype=bool)
     assert agrees(a, points, values * (1.0 + 4.0 * EPS), lost, 0.0)
     assert not agrees(a, points, values * (1.0 + 1e-9), lost, 0.0)
+
+
+@pytest.mark.parametrize(("apart", "stays"), [(2.0**-48, True), (2.0**-52, False)])
+def test_a_sum_is_zero_where_its_terms_may_have_cancelled(apart: float, stays: bool) -> None:
+    value = product(np.array([[1.0 + apart, 1.0]]), np.array([[1.0], [-1.0]]))
+    assert value[0, 0] == (apart if stays else 0.0)

@@ -89,12 +89,12 @@ def cut_system() -> System:
 
 @cache
 def cut_bounds() -> Bounds:
-    return robust_stability(cut_system(), gap=0.02)
+    return robust_stability(cut_system())
 
 
 def test_a_box_is_cut_where_multipliers_do_not_suffice() -> None:
     system, found = cut_system(), cut_bounds()
-    assert found.gap <= 0.02
+    assert found.gap <= 0.01
     assert isinstance(found.proof, IntervalProof)
     assert len(found.proof.log) > 2
     assert verify(system, found) == ""
