@@ -4,15 +4,18 @@ import math
 from fractions import Fraction
 from itertools import pairwise
 
+import flint
 import mpmath
 import numpy as np
 import pytest
 
 from mbdlft.exact.interval import Interval
+from mbdlft.exact.matrices import TooFewBitsError
 from mbdlft.exact.rounding import product
 from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import LFT, Block, constant
 from mbdlft.lft.sampling import agrees, evaluate_at
+from mbdlft.order.reduction import _rounded
 from mbdlft.robust import sector
 from mbdlft.robust.bisect import boxes, characteristic
 from tests.close import EPS
@@ -84,3 +87,12 @@ def test_values_that_differ_by_rounding_agree() -> None:
 def test_a_sum_is_zero_where_its_terms_may_have_cancelled(apart: float, stays: bool) -> None:
     value = product(np.array([[1.0 + apart, 1.0]]), np.array([[1.0], [-1.0]]))
     assert value[0, 0] == (apart if stays else 0.0)
+
+
+def test_a_number_that_is_not_known_is_not_rounded() -> None:
+    a = LFT(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
+    known = np.array([[flint.arb(0), flint.arb(1)], [flint.arb(1, 2.0**-70), flint.arb(0)]])
+    assert _rounded(known, a).M21 == 1.0
+    known[1, 0] = flint.arb(1, 2.0**-50)
+    with pytest.raises(TooFewBitsError):
+        _rounded(known, a)

@@ -272,15 +272,16 @@ def test_a_matrix_beside_a_pole_is_in_its_balls(seed: int) -> None:
     )
 
 
-def test_no_interval_goes_over_an_eigenvalue_on_the_axis() -> None:
-    """1/(s^2 + 0.2 s + 1): |M| < 1/3 beyond 2 rad/s, to the last digit, and below no frequency."""
+@pytest.mark.parametrize("end", [1.7, 2.0, 2.3])
+def test_no_interval_goes_over_an_eigenvalue_on_the_axis(end: float) -> None:
+    """1/(s^2 + 0.2 s + 1): |M| < beta beyond a frequency, to the last digit, and below no frequency."""
     A, B, C = np.array([[0.0, 1.0], [-1.0, -0.2]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
     system, one = Channels(A, B, C, np.zeros((1, 1))), np.ones((1, 1), dtype=complex)
     # |M|^-2 = (1 - w^2)^2 + 0.04 w^2 is 1/beta^2 at w
-    beta = float(abs(channels_matrix(system, 2.0)[0, 0]))
+    beta = float(abs(channels_matrix(system, end)[0, 0]))
     above = interval_around(system, Multipliers(beta, one, 0.0 * one), 3.0)
     assert above is not None
-    assert 2.0 <= above.low <= 2.0 * (1.0 + 1e-7)
+    assert end * (1.0 - 1e-15) <= above.low <= end * (1.0 + 1e-7)
     assert above.high == np.inf
     assert interval_around(system, Multipliers(beta, one, 0.0 * one), 1.0) is None
     assert interval_around(system, Multipliers(beta, -one, 0.0 * one), 1.0) is None

@@ -119,6 +119,19 @@ def test_axial_load_of_a_column_between_walls() -> None:
     target(mbdlft.trim_at(model, {})[names.index("hold.force.x")], 1.5, SCENARIO)
 
 
+def test_deflections_of_steel_are_small_beside_its_loads() -> None:
+    """Axial deflections are 1e-7 m, and loads 1e3 N: half of the weight rests on either wall."""
+    own = {"length": "L", "modulus": "E", "density": 7800.0, "area": 1e-2, "I_z": 2e-6, "modes": 5}
+    ranges = tuple(
+        mbdlft.Parameter(name, value, percent=20, unit=unit)
+        for name, value, unit in (("L", 3.0, "m"), ("E", 210e9, "Pa"))
+    )
+    scene = held_beam("fixed", beam=own, gravity=(-9.81, 0, 0), parameters=ranges)
+    model = mbdlft.to_lft(scene, search=0.0)
+    names = [signal.name for signal in model.trim.signals]
+    target(mbdlft.trim_at(model, {})[names.index("hold.force.x")], 78.0 * 9.81 * 1.5, SCENARIO)
+
+
 def test_a_truss_of_bars_on_pins() -> None:
     """Three bars meet in a point and carry a weight: forces by their stiffnesses, closed form."""
     half, gravity = 0.6, 10.0

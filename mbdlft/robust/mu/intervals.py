@@ -37,7 +37,6 @@ from mbdlft.robust.evidence import Interval, Multipliers
 Complex = NDArray[np.complex128]
 _BITS = 128  # of balls: products of doubles lose nothing, and a matrix beside a pole little
 _FINE_BITS = 256  # where doubles do not separate eigenvalues from the axis
-_BLURRED = 1e-2  # of the size of an eigenvalue: with a wider disc on the axis, more bits may free it
 _SLACK = 1e-8  # what an interval is made smaller by, so that other machines find it, too
 _EPS = float(np.finfo(float).eps)
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
@@ -110,8 +109,8 @@ def interval_around(
     if not len(system.A):
         return Interval(0.0, omega, np.inf)
     discs = _discs(system, multipliers, extent, _BITS)
-    if discs is None or np.any(_touch(discs) & (discs[1] > _BLURRED * np.abs(discs[0]))):
-        discs = _discs(system, multipliers, extent, _FINE_BITS) or discs
+    if discs is None:
+        discs = _discs(system, multipliers, extent, _FINE_BITS)
     return _between(discs, system, multipliers, omega, extent)
 
 
@@ -126,7 +125,7 @@ def _between(
     if discs is None:
         return Interval(omega, omega, omega)
     centers, radii = discs
-    touches = _touch(discs)
+    touches = np.abs(centers.real) <= radii
     beside = np.abs(centers[touches].real)
     reach = np.sqrt((radii[touches] - beside) * (radii[touches] + beside)) * _UP
     low_ends, high_ends = centers[touches].imag - reach, centers[touches].imag + reach
@@ -157,11 +156,6 @@ def holds(
         if low <= interval.low and interval.high <= high:
             return True
     return False
-
-
-def _touch(discs: tuple[Complex, Array]) -> NDArray[np.bool_]:
-    """Which discs touch the imaginary axis."""
-    return np.asarray(np.abs(discs[0].real) <= discs[1])
 
 
 def _discs(
