@@ -8,7 +8,11 @@ one file and one line there.
     python -m tests.attack [--minutes N] [--only archives,urdf] [--seed K] [--count N]
 """
 
+import os
+import subprocess
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 # name of the class (its file has underscores), and the seeds of `make test`: 1.5 s of the processor
 CLASSES: dict[str, Sequence[int]] = {
@@ -33,3 +37,17 @@ CLASSES: dict[str, Sequence[int]] = {
     "loops": (3, 4),
 }
 SECONDS = 20.0  # of the clock that one attack may take
+
+
+def process_of(module: str, **environment: str) -> "subprocess.Popen[str]":
+    """A process that runs a module, with one thread, and is talked to in lines."""
+    root = Path(__file__).parents[2]
+    return subprocess.Popen(
+        [sys.executable, "-m", module],
+        cwd=root,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, **environment, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(root)},
+    )

@@ -6,7 +6,6 @@ One is this processor, seeds take others in turn. A process for each kind of ker
 
 import atexit
 import json
-import os
 import re
 import subprocess
 import sys
@@ -19,7 +18,7 @@ import numpy as np
 import mbdlft
 from mbdlft import MbdlftError
 from mbdlft.problem.references import NEGLIGIBLE
-from tests.attack import matrices
+from tests.attack import matrices, process_of
 from tests.attack.mutations import check_message
 from tests.close import CORES
 from tests.cross.mechanisms import closed_loop, open_tree
@@ -75,20 +74,7 @@ def _answer(kind: str) -> dict[str, Any]:
 @cache
 def _worker(kind: str) -> "subprocess.Popen[str]":
     """A process with the kernels of a kind; it ends with this one."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "tests.attack.cores"],
-        cwd=ROOT,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-        env={
-            **os.environ,
-            "OPENBLAS_CORETYPE": kind,
-            "OPENBLAS_NUM_THREADS": "1",
-            "PYTHONPATH": str(ROOT),
-        },
-    )
+    process = process_of("tests.attack.cores", OPENBLAS_CORETYPE=kind)
     atexit.register(process.kill)
     return process
 

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -19,9 +18,8 @@ from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 
-from tests.attack import SECONDS
+from tests.attack import SECONDS, process_of
 
-ROOT = Path(__file__).parents[2]
 SAY = partial(print, flush=True)
 SLOW = 3.0  # times: a machine with other work is not a hang, a loop is
 
@@ -84,15 +82,7 @@ class Attacker:
         return answer
 
     def _start(self) -> "subprocess.Popen[str]":
-        process = self._process = subprocess.Popen(
-            [sys.executable, "-m", "tests.attack.run"],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": str(ROOT)},
-        )
+        process = self._process = process_of("tests.attack.run")
         lines = self._lines = SimpleQueue()
 
         def read() -> None:

@@ -20,8 +20,8 @@ Zhou, Review of LFTs, LMIs and mu, CDC 1991, section 10, has the idea for D alon
 All is in balls, the doubles of A, B, C, D_zw, D, G, beta and of the ends of deltas being exact: F and R
 are negative definite; eigenvalues are enclosed in discs (Gershgorin) of L N Y and L E Y, where L and Y,
 near to the matrices of eigenvectors, may be anything: they only make discs wide. They are doubles, and
-balls of 256 bits where a disc that touches the axis is not small beside its middle: eigenvalues of slow
-poles, such as -1e-8 of a weight that nearly integrates, are below the rounding of H in doubles.
+have 256 bits where doubles give no discs: eigenvalues of slow poles, such as -1e-8 of a weight that
+nearly integrates, are below the rounding of H in doubles.
 """
 
 from typing import Any, NamedTuple

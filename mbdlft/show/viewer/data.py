@@ -155,7 +155,6 @@ def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     Real parts on the axis, and poles at zero, are cleaned of rounding. Of the poles at zero there are as
     many as have independent shapes: a body that moves freely has a double pole for each.
     """
-
     with np.errstate(all="ignore"):
         scale = balancing(A)
         scaled = A * (scale / scale[:, None])
