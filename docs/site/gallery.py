@@ -17,7 +17,7 @@ from PIL import Image
 import mbdlft
 from mbdlft.base.parameter import Parameter
 from mbdlft.modelica import ModelicaTable, load_modelica, load_modelica_table, operating_point
-from mbdlft.show.viewer.picture import scene_picture
+from mbdlft.show.viewer.page import scene_picture
 from scenarios import sagging_arm
 
 ROOT = Path(__file__).parents[2]

@@ -1,15 +1,23 @@
 """Sweeps in an archive: /sweeps/<name>, numeric trims and linearizations of many samples.
 
 A row of a sweep is [samples, A, B, C, D, trim, residual, status, poles, values of functions], matrices
-row by row.
+row by row. Each number has its place in the file before any is known: the datasets are made empty, their
+chunks one behind the other, and rows are then written to their places, by any process and in any order;
+HDF5 is not needed for that. So what is computed is written once. Behind each block of rows is a SHA-256.
 """
 
+import errno
+import hashlib
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
+from h5py import h5d, h5p, h5s, h5t
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
@@ -30,9 +38,229 @@ from mbdlft.archive.layout import (
 )
 from mbdlft.archive.model import signal_values, signals_of
 from mbdlft.archive.reading import Request
-from mbdlft.archive.rows import FUNCTION_FAILED, GROUP, NO_EQUILIBRIUM, SOLVED, Layout, digests_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
+from mbdlft.base.unit import Signal
+
+SOLVED, SINGULAR, NO_EQUILIBRIUM, FUNCTION_FAILED = 0, 1, 2, 3
+_CHUNK_BYTES, _CHUNK_ROWS = 2**19, 4096  # a chunk fits into the cache of HDF5 (1 MB)
+GROUP = "mbdlft rows of an unfinished sweep"  # in the root, until it has its name
+_WHOLE = ("samples", "residual", "status")  # never in single precision
+_KINDS = {"<f8": h5t.IEEE_F64LE, "<f4": h5t.IEEE_F32LE, "i1": h5t.STD_I8LE}
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Names and units of the numbers in each row of a sweep."""
+
+    parameters: tuple[Signal, ...]
+    states: tuple[Signal, ...]
+    inputs: tuple[Signal, ...]
+    outputs: tuple[Signal, ...]
+    trim: tuple[Signal, ...]
+    poles: bool = False  # whether there are the eigenvalues of A
+    functions: tuple[str, ...] = ()  # names of numbers that a function of the user has computed
+    single: bool = False  # whether matrices, trim, poles and these numbers are in single precision
+
+    @property
+    def matrix_shape(self) -> tuple[int, int]:
+        """Shape of [A B ; C D]."""
+        return (len(self.states) + len(self.outputs), len(self.states) + len(self.inputs))
+
+    def parts(self, matrices: Array) -> dict[str, Array]:
+        """A, B, C, D (N, ., .) by name, of [A B ; C D] (N, ., .): views of them."""
+        n = len(self.states)
+        above, below = matrices[:, :n], matrices[:, n:]
+        return {"A": above[:, :, :n], "B": above[:, :, n:], "C": below[:, :, :n], "D": below[:, :, n:]}
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each dataset in one sample, in the order of a row."""
+        x, u, y = len(self.states), len(self.inputs), len(self.outputs)
+        shapes: dict[str, tuple[int, ...]] = {
+            "samples": (len(self.parameters),),
+            "A": (x, x),
+            "B": (x, u),
+            "C": (y, x),
+            "D": (y, u),
+            "trim/value": (len(self.trim),),
+            "residual": (),
+            "status": (),
+        }
+        if self.poles:
+            shapes |= {"poles/real": (x,), "poles/imaginary": (x,)}
+        if self.functions:
+            shapes["function/value"] = (len(self.functions),)
+        return shapes
+
+    @property
+    def kinds(self) -> dict[str, str]:
+        """Type of each dataset."""
+        kind = "<f4" if self.single else "<f8"
+        kinds = {key: "<f8" if key in _WHOLE else kind for key in self.shapes}
+        return kinds | {"status": "i1"}
+
+    @property
+    def width(self) -> int:
+        """Number of entries of a row."""
+        return sum(int(np.prod(shape)) for shape in self.shapes.values())
+
+
+def unpack(layout: Layout, rows: Array) -> dict[str, Array]:
+    """The datasets (N, ...) by name that rows (N, width) consist of: views of them."""
+    shapes = layout.shapes
+    ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
+    return {
+        name: rows[:, start:stop].reshape(len(rows), *shape)
+        for (name, shape), (start, stop) in zip(shapes.items(), pairwise(ends), strict=True)
+    }
+
+
+def pack(layout: Layout, datasets: Mapping[str, Array], rows: Array) -> None:
+    """Write datasets (N, ...) by name into rows (N, width), as they will be read."""
+    kinds = layout.kinds
+    for key, place in unpack(layout, rows).items():
+        values = np.asarray(datasets[key])
+        if kinds[key] != "<f4":
+            place[...] = values
+            continue
+        with np.errstate(over="ignore"):
+            place[...] = values.astype("<f4")
+        large = np.isinf(place) & np.isfinite(values)
+        if np.any(large):
+            raise ArchiveError(
+                f"{key} has the number {values[large][0]:g}, and single precision ends at 3.4e38. Store "
+                "the sweep in double precision."
+            )
+
+
+def digests_of(rows: Array, block_rows: int) -> NDArray[np.uint8]:
+    """The SHA-256 (., 32) of each block of rows (N, width)."""
+    whole = np.ascontiguousarray(rows, dtype="<f8")
+    digests = [
+        hashlib.sha256(whole[start : start + block_rows].data).digest()
+        for start in range(0, len(whole), block_rows)
+    ]
+    return np.frombuffer(b"".join(digests), dtype=np.uint8).reshape(-1, 32)
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """Where the rows of a sweep are in its file."""
+
+    layout: Layout
+    count: int  # of rows
+    starts: dict[str, int]  # bytes before the first row of each dataset that has numbers
+    sizes: dict[str, int]  # bytes of each of these datasets
+
+    def write(self, file: Path, first: int, rows: Array) -> None:
+        """Write rows (n, width), of which the first has the number `first`, to their places."""
+        kinds = self.layout.kinds
+        with file.open("r+b", buffering=0) as stream:
+            for key, values in unpack(self.layout, rows).items():
+                if key in self.starts:
+                    data = np.ascontiguousarray(values, dtype=kinds[key])
+                    stream.seek(self.starts[key] + first * (data.nbytes // len(rows)))
+                    _put(stream, data.reshape(-1).data.cast("B"))
+
+    def read(self, file: Path, first: int, count: int) -> Array:
+        """The rows (n, width) of these numbers; zeros where the file has none yet."""
+        rows = np.empty((count, self.layout.width))
+        kinds = self.layout.kinds
+        with file.open("rb", buffering=0) as stream:
+            for key, place in unpack(self.layout, rows).items():
+                if key in self.starts:
+                    size = place[:1].size * np.dtype(kinds[key]).itemsize
+                    stream.seek(self.starts[key] + first * size)
+                    data = stream.read(count * size)
+                    place[...] = np.frombuffer(data, dtype=kinds[key]).reshape(place.shape)
+        return rows
+
+    def statuses(self, file: Path) -> NDArray[np.int8]:
+        """The status of all rows (N,)."""
+        return np.fromfile(file, dtype="i1", count=self.count, offset=self.starts["status"])
+
+
+def _put(stream: Any, data: memoryview) -> None:
+    while data:  # the system may take a part
+        data = data[stream.write(data) :]
+
+
+def make_rows(file: Path, layout: Layout, count: int) -> Places:
+    """Make a file with the empty datasets of a sweep: as large as it will be, but nothing is written."""
+    with h5py.File(file, "w", libver=("v110", "v110")) as new:
+        group = new.create_group(GROUP)
+        for key, shape in layout.shapes.items():
+            parent, _, leaf = key.rpartition("/")
+            kind = layout.kinds[key]
+            how = h5p.create(h5p.DATASET_CREATE)
+            rows = _rows_of_chunk(layout, key, count)
+            if rows:
+                how.set_chunk((rows, *shape))
+                how.set_alloc_time(h5d.ALLOC_TIME_EARLY)
+                how.set_fill_time(h5d.FILL_TIME_NEVER)
+            owner = group.require_group(parent) if parent else group
+            space = h5s.create_simple((count, *shape))
+            h5d.create(owner.id, leaf.encode(), _KINDS[kind], space, how)
+    return places_in(file, layout, count)
+
+
+def _rows_of_chunk(layout: Layout, key: str, count: int) -> int:
+    """Rows of a chunk; 0 for a dataset without numbers."""
+    size = _row_bytes(layout, key)
+    return max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size)) if size else 0
+
+
+def _row_bytes(layout: Layout, key: str) -> int:
+    return int(np.prod(layout.shapes[key])) * np.dtype(layout.kinds[key]).itemsize
+
+
+def places_in(file: Path, layout: Layout, count: int) -> Places:
+    """Where the rows are in a file that `make_rows` has made."""
+    starts, sizes = dict[str, int](), dict[str, int]()
+    with h5py.File(file, "r") as archive:
+        group = archive[GROUP]
+        for key in layout.shapes:
+            rows = _rows_of_chunk(layout, key, count)
+            if not rows:
+                continue
+            chunks, size = -(-count // rows), rows * _row_bytes(layout, key)
+            ends = [group[key].id.get_chunk_info(k).byte_offset for k in (0, chunks - 1)]
+            if None in ends or ends[1] - ends[0] != (chunks - 1) * size:
+                raise ArchiveError(f"{file}: chunks of {key} are not one behind the other.")
+            starts[key], sizes[key] = ends[0], chunks * size
+    return Places(layout, count, starts, sizes)
+
+
+def reserve(file: Path) -> None:
+    """Have the system reserve the disk for a whole file: rows are then written five times as fast."""
+    if not hasattr(os, "posix_fallocate"):
+        return
+    with file.open("r+b") as stream:
+        try:
+            os.posix_fallocate(stream.fileno(), 0, file.stat().st_size)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise  # other systems of files cannot do it
+
+
+def restore(file: Path, fresh: Path, places: Places) -> None:
+    """Give a file of rows all that is not rows anew, from a fresh one: a writer was killed over it."""
+    size = fresh.stat().st_size
+    with fresh.open("rb") as new, file.open("r+b") as old:
+        old.truncate(size)
+        end = 0
+        for key in sorted(places.starts, key=places.starts.__getitem__):
+            _copy(new, old, end, places.starts[key])
+            end = places.starts[key] + places.sizes[key]
+        _copy(new, old, end, size)
+
+
+def _copy(new: Any, old: Any, start: int, stop: int) -> None:
+    new.seek(start)
+    old.seek(start)
+    old.write(new.read(stop - start))
+
 
 MEANINGS = (
     "0: solved; 1: not converged, the efforts or accelerations cannot be solved for; "

@@ -1,8 +1,8 @@
-from .extra import SweepPart as SweepPart
 from .native import Compiled as Compiled
 from .native import Linearizations as Linearizations
 from .native import compile as compile
 from .native import with_program as with_program
+from .rows import SweepPart as SweepPart
 from .run import SweepReport as SweepReport
 from .run import sweep as sweep
 from .samples import GridSamples as GridSamples

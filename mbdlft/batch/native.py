@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.program import mistake_of
-from mbdlft.archive.rows import SOLVED, Layout
+from mbdlft.archive.sweep import SOLVED, Layout
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError, StructureError
 from mbdlft.base.parameter import Parameter
@@ -33,7 +33,7 @@ from mbdlft.lft.program.native import (
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, compact, rows_of_numbers
 from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram
 from mbdlft.multibody.scene import Scene, scene_from_toml
-from mbdlft.problem.sample_program import StraightLine, straight_line
+from mbdlft.problem.linearization import StraightLine, straight_line
 from mbdlft.problem.trim import CARRIED, RESIDUAL, check_carried
 from mbdlft.system.model import LFTModel
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from mbdlft.archive.program import coded, decoded
-from mbdlft.archive.rows import Layout
+from mbdlft.archive.sweep import Layout
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.parameter import Parameter
@@ -27,7 +27,7 @@ from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.lft.program.native import key_of, user_cache
 from mbdlft.multibody.scene import Scene, scene_to_toml
 from mbdlft.problem.equations import Equations
-from mbdlft.problem.sample_program import StraightLine
+from mbdlft.problem.linearization import StraightLine
 
 _FORM = "1"  # of what is kept: another one is not read
 _NOT_READ = (ArchiveError, ValueError, KeyError, TypeError, OSError, zipfile.BadZipFile, EOFError)

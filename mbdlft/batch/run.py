@@ -13,14 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import check_file, check_name, locked
-from mbdlft.archive.rows import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places
-from mbdlft.archive.sweep import finish_sweep
+from mbdlft.archive.sweep import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places, finish_sweep
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.worker import Pool
-from mbdlft.batch.extra import Extra, Function, asked_of
 from mbdlft.batch.native import fastest
-from mbdlft.batch.rows import Source, source_of
+from mbdlft.batch.rows import Extra, Function, Source, asked_of, source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
 from mbdlft.batch.staging import (
     Work,

@@ -22,12 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import load, save
-from mbdlft.archive.rows import Layout, Places, digests_of, make_rows, pack, places_in, reserve, restore
+from mbdlft.archive.sweep import Layout, Places, digests_of, make_rows, pack, places_in, reserve, restore
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.running import one_thread
-from mbdlft.batch.extra import Extra, extras, source_digest
-from mbdlft.batch.rows import EquationSource, ModelSource, Source, source_of
+from mbdlft.batch.rows import EquationSource, Extra, ModelSource, Source, extras, source_digest, source_of
 from mbdlft.batch.samples import GivenSamples, Samples, count_of, described, from_description, points_of
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel

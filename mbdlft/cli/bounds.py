@@ -32,10 +32,10 @@ from mbdlft.cli.options import (
     Workers,
     check_paths,
     numbers_by_name,
+    stored_system,
 )
 from mbdlft.cli.output import print_json, print_table, progress_of, say
 from mbdlft.cli.responses import chosen_channels
-from mbdlft.cli.sources import stored_system
 
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds

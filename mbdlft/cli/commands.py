@@ -71,7 +71,7 @@ COMMANDS = {
         "Print the joint efforts that hold the equilibrium, or find the equilibrium.",
     ),
     "realize": ("models:realize", "Make a certified model of a matrix that is rational in parameters."),
-    "show": ("summary:show", "Print what is in an archive, and from when."),
+    "show": ("models:show", "Print what is in an archive, and from when."),
 }
 WARNINGS: list[str] = []  # that this command has shown
 

@@ -11,9 +11,21 @@ from mbdlft import batch, show
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli import rooms
 from mbdlft.cli.commands import warn
-from mbdlft.cli.options import AsJson, Model, Page, Texts, by_name, values_of
+from mbdlft.cli.options import (
+    AsJson,
+    Model,
+    Page,
+    Texts,
+    by_name,
+    is_archive,
+    is_robot,
+    load_model,
+    load_system,
+    scene_in,
+    stored_system,
+    values_of,
+)
 from mbdlft.cli.output import print_files, print_json, progress_of, say
-from mbdlft.cli.sources import is_archive, is_robot, load_model, load_system, scene_in, stored_system
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -23,10 +23,10 @@ from mbdlft.cli.options import (
     Source,
     Values,
     check_paths,
+    load_system,
     values_of,
 )
 from mbdlft.cli.output import print_json, print_table, progress_of, say
-from mbdlft.cli.sources import load_system
 
 if TYPE_CHECKING:
     from mbdlft.analyze import DampingTable, ModeRow, StabilityVerdict

@@ -12,9 +12,8 @@ from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.cli import rooms
-from mbdlft.cli.options import AsJson, Texts, Values, by_name, values_of
+from mbdlft.cli.options import AsJson, Texts, Values, by_name, scene_in, values_of
 from mbdlft.cli.output import print_files, print_json, print_table, say, write_scene, write_text
-from mbdlft.cli.sources import scene_in
 
 if TYPE_CHECKING:
     from mbdlft.multibody import EquilibriumPoint, Scene

@@ -19,11 +19,10 @@ from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import LinearModel, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero
-from mbdlft.problem.sx.evaluation import evaluate_many
+from mbdlft.problem.sx.tapes import evaluate_many
 
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken

@@ -20,9 +20,8 @@ from mbdlft.dae.text import column_of, formula_of
 from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form
 from mbdlft.dae.theta.separation import Arrange
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.references import reference_of_relations
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import Form, LinearModel, Nouns, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.theta import ThetaFunction
 

@@ -24,8 +24,16 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.c import c_texts, julia_text
-from mbdlft.export.matlab import cells, column, items_of_matlab, m_texts, matlab_image, signals
-from mbdlft.export.matlab_theta import items_of_theta_matlab, rates_text
+from mbdlft.export.matlab import (
+    cells,
+    column,
+    items_of_matlab,
+    items_of_theta_matlab,
+    m_texts,
+    matlab_image,
+    rates_text,
+    signals,
+)
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import in_control, matrices_at, trim_at

@@ -29,8 +29,7 @@ from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.order.rational import Fractions, RationalMatrix, Terms, low_relations
 from mbdlft.order.recovery import Recovered, recovered
 from mbdlft.order.work import Work
-from mbdlft.problem.problem import Form
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import Form, LinearModel
 from mbdlft.problem.sx.constants import literal
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128  # of a polynomial that is made from a text

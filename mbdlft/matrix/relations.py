@@ -33,9 +33,8 @@ from mbdlft.matrix.problem import MatrixProblem, matrix_to_toml
 from mbdlft.matrix.rational import expanded_matrix, least_forms
 from mbdlft.matrix.symbolic import written_matrix
 from mbdlft.problem.digits import BITS, Balls, ball, rounded, transfers_of
-from mbdlft.problem.problem import Form, Nouns, Problem, Reference, Stage
 from mbdlft.problem.references import NEGLIGIBLE, transfers
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import Form, LinearModel, Nouns, Problem, Reference, Stage
 
 _SCALINGS = 10  # of rows and columns; each halves the digits in which they differ
 _MORE_BITS = 2400  # terms up to 1e308 may cancel to 1e-280, and 130 digits are left

@@ -12,8 +12,8 @@ from mbdlft.exact.rounding import conditioning
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import rounding_sizes, values_at, vanishes
 from mbdlft.order.degree import Bound
-from mbdlft.problem.problem import Nouns, Problem, Reference
 from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
+from mbdlft.problem.relations import Nouns, Problem, Reference
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
 from mbdlft.system.regular import PROVED, SAMPLED, Regularity, check_no_zero, physical_boxes, regularity

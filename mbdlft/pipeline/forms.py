@@ -25,8 +25,7 @@ from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.reduction import ExactLFT, eliminated, in_good_coordinates, reduce_exactly, transposed
 from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
 from mbdlft.pipeline.extract import extract
-from mbdlft.problem.problem import Form, Problem
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
 

@@ -29,7 +29,7 @@ from mbdlft.pipeline.certification import (
     values_at_points,
 )
 from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations, reduced_relations
-from mbdlft.problem.problem import Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
 from mbdlft.system.regular import PROVE, Regularity, regularity

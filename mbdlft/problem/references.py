@@ -19,10 +19,9 @@ from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
-from mbdlft.problem.problem import Complex, Reference
-from mbdlft.problem.relations import LinearModel, Need
+from mbdlft.problem.relations import Complex, LinearModel, Need, Reference
 from mbdlft.problem.sx.constants import in_doubles
-from mbdlft.problem.sx.evaluation import evaluate_many, term_sizes
+from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
 from mbdlft.problem.trim import PART
 
 _COUNT = 8  # frequencies

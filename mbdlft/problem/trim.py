@@ -27,7 +27,7 @@ from mbdlft.problem.equations import (
     load_value,
     physical_symbols,
 )
-from mbdlft.problem.sx.evaluation import evaluate_many, term_sizes
+from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
 
 RESIDUAL = 1e-9
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant

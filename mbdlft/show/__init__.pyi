@@ -1,11 +1,11 @@
-from .figures.pole_maps import save_growth as save_growth
-from .figures.pole_maps import save_mu as save_mu
-from .figures.pole_maps import save_pole_map as save_pole_map
+from .figures.properties import save_growth as save_growth
+from .figures.properties import save_mu as save_mu
+from .figures.properties import save_orders as save_orders
+from .figures.properties import save_pole_map as save_pole_map
+from .figures.properties import save_trims as save_trims
 from .figures.responses import save_bode as save_bode
 from .figures.responses import save_singular_values as save_singular_values
 from .figures.responses import save_step as save_step
-from .figures.trims_and_orders import save_orders as save_orders
-from .figures.trims_and_orders import save_trims as save_trims
 from .report.page import model_report as model_report
 from .viewer.page import Page as Page
 from .viewer.page import scene_of as scene_of

@@ -37,7 +37,7 @@ from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.multibody.scene import checks
 from mbdlft.pipeline.certification import values_at_points
-from mbdlft.problem.problem import Nouns
+from mbdlft.problem.relations import Nouns
 from mbdlft.system.sampled import check_regular_at
 from tests.errors.scenes import cart
 from tests.errors.table import refused, says

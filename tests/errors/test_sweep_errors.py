@@ -7,7 +7,7 @@ import pytest
 
 import mbdlft
 from mbdlft import AnalysisError, ArchiveError, GridSamples, Parameter, RandomSamples, SceneError
-from mbdlft.archive import rows
+from mbdlft.archive import sweep as sweeps
 from mbdlft.batch import staging
 from tests.errors.scenes import cart
 from tests.errors.table import refused, says
@@ -71,11 +71,11 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     monkeypatch.undo()
-    monkeypatch.setattr(rows.os, "posix_fallocate", full, raising=False)
+    monkeypatch.setattr(sweeps.os, "posix_fallocate", full, raising=False)
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     monkeypatch.undo()
-    monkeypatch.setattr(rows, "_put", full)
+    monkeypatch.setattr(sweeps, "_put", full)
     with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
         mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     monkeypatch.undo()

@@ -11,8 +11,7 @@ from mbdlft.base.errors import ArchiveError, SceneError, TrimError, WellPosednes
 from mbdlft.cli.files import _scene
 from mbdlft.show.viewer.data import _modes, view_data
 from mbdlft.show.viewer.drawing import draw
-from mbdlft.show.viewer.page import _filled
-from mbdlft.show.viewer.picture import scene_picture
+from mbdlft.show.viewer.page import _filled, scene_picture
 from mbdlft.show.viewer.poses import scene_poses
 from tests.errors.table import refused
 from tests.scenarios.commands import run

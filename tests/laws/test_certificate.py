@@ -24,9 +24,9 @@ from mbdlft.pipeline.certification import MOST_ROUNDINGS, Checked, certificate, 
 from mbdlft.pipeline.models import build
 from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.linearization import relinearize
-from mbdlft.problem.problem import Problem
 from mbdlft.problem.references import entry_sizes
-from mbdlft.problem.sx.evaluation import term_sizes
+from mbdlft.problem.relations import Problem
+from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.show.report.content import checked_beside
 from scenarios import two_link_arm
 from tests.close import SCENARIO, exact, roundoff

@@ -11,7 +11,7 @@ import mbdlft
 from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
 from mbdlft.show import save_orders, save_trims
 from mbdlft.show.figures.figures import over_frequency
-from mbdlft.show.figures.trims_and_orders import orders_figure, trim_curves
+from mbdlft.show.figures.properties import orders_figure, trim_curves
 from tests.close import CLOSED_FORM, target
 
 _G = 9.81

@@ -17,10 +17,8 @@ from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.graph import close, walk
-from mbdlft.problem.sx import evaluation
-from mbdlft.problem.sx import evaluation as many
-from mbdlft.problem.sx.evaluation import MANY, evaluate_many, vectors
-from mbdlft.problem.sx.tapes import arithmetic, fold, rules, steps
+from mbdlft.problem.sx import tapes
+from mbdlft.problem.sx.tapes import MANY, arithmetic, evaluate_many, fold, rules, steps, vectors
 from tests.close import EPS, exact, roundoff
 
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
@@ -66,7 +64,7 @@ def ids(function: ca.Function) -> list[int]:
 
 def of_sizes(function: ca.Function, x: float, y: float) -> None:
     """A size is at least that of the value, and that of the value where nothing cancels."""
-    (size,) = evaluation.term_sizes(function, np.array([[x]]), np.array([[y]]))[0]
+    (size,) = tapes.term_sizes(function, np.array([[x]]), np.array([[y]]))[0]
     value = abs(float(function(x, y)))
     if ca.OP_SUB in ids(function):
         roundoff(size, x + y)
@@ -144,7 +142,7 @@ def test_sizes_go_through_functions() -> None:
     x, y = ca.SX.sym("x"), ca.SX.sym("y")
     entries = ca.vertcat(1.0 / (x - y), 2.0 * ca.sqrt(x - y), ca.tan(x), ca.fabs(x - y), 7.0)
     function = ca.Function("f", [x, y], [entries])
-    found = evaluation.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
+    found = tapes.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
     roundoff(found[0], [4.0 / 2.0**2, 2.0 * 2.0, -np.tan(3.0), 4.0, 7.0])
     roundoff(found[1], [6.0 / 4.0**2, 2.0 * np.sqrt(6.0), -np.tan(5.0), 6.0, 7.0])
 
@@ -175,7 +173,7 @@ def test_instructions_are_read_once() -> None:
 # Values at many points are those of the function at each --------------------------------------------
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
-COUNT = 3 * many.MANY
+COUNT = 3 * tapes.MANY
 
 
 def operations() -> ca.Function:
@@ -202,26 +200,26 @@ def called(function: ca.Function, *arguments: np.ndarray) -> list[np.ndarray]:
 
 def test_vectors_are_calls() -> None:
     function, arguments = operations(), points()
-    assert many.vectors(function) is not None
-    found = many.evaluate_many(function, *arguments)
+    assert tapes.vectors(function) is not None
+    found = tapes.evaluate_many(function, *arguments)
     for part, expected in zip(found, called(function, *arguments), strict=True):
         roundoff(part, expected)
 
 
 def test_few_points_are_calls() -> None:
     function, arguments = operations(), points()
-    few = many.evaluate_many(function, *(x[:5] for x in arguments))
+    few = tapes.evaluate_many(function, *(x[:5] for x in arguments))
     for part, expected in zip(few, called(function, *arguments), strict=True):
         exact(part, expected[:5])
 
 
 @pytest.mark.parametrize("near", [1, 2**17])
 def test_chunks_are_parts(near: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "_NEAR", near)
+    monkeypatch.setattr(tapes, "_NEAR", near)
     function, arguments = operations(), points()
-    whole = many.evaluate_many(function, *arguments)
+    whole = tapes.evaluate_many(function, *arguments)
     seen = 0
-    for part, values in many.evaluate_in_chunks(function, *arguments):
+    for part, values in tapes.evaluate_in_chunks(function, *arguments):
         assert part.start == seen
         seen = part.stop
         for value, expected in zip(values, whole, strict=True):
@@ -232,26 +230,26 @@ def test_chunks_are_parts(near: int, monkeypatch: pytest.MonkeyPatch) -> None:
 def test_an_operation_without_a_program_is_called() -> None:
     a = ca.SX.sym("a", 1)
     function = ca.Function("f", [a], [ca.atan(a)])
-    assert many.vectors(function) is None
+    assert tapes.vectors(function) is None
     x = np.linspace(0.0, 1.0, COUNT)[:, None]
-    roundoff(many.evaluate_many(function, x)[0][:, 0], np.arctan(x))
-    ((part, (values,)),) = many.evaluate_in_chunks(function, x)
+    roundoff(tapes.evaluate_many(function, x)[0][:, 0], np.arctan(x))
+    ((part, (values,)),) = tapes.evaluate_in_chunks(function, x)
     assert part == slice(0, COUNT)
     roundoff(values[:, 0], np.arctan(x))
 
 
 def test_a_long_function_is_called(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "_LONGEST", 3)
-    assert many.vectors(operations()) is None
+    monkeypatch.setattr(tapes, "_LONGEST", 3)
+    assert tapes.vectors(operations()) is None
 
 
 @pytest.mark.parametrize("name", ["two_link_arm", "solar_arrays"])
 def test_linearizations_are_those_of_calls(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also where accelerations are imposed, which one equation alone gives."""
     source = source_of(mbdlft.load_scene(SCENARIOS / f"{name}.toml"))
-    samples = mbdlft.random(source.parameters, many.MANY + 1, seed=2)
+    samples = mbdlft.random(source.parameters, tapes.MANY + 1, seed=2)
     at = np.stack([samples[p.name] for p in source.parameters], axis=-1)
     found = source.rows(at)
-    monkeypatch.setattr(many, "MANY", len(at) + 1)
+    monkeypatch.setattr(tapes, "MANY", len(at) + 1)
     for part, expected in zip(found, source.rows(at), strict=True):
         roundoff(part, expected)

@@ -16,7 +16,7 @@ from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
 from mbdlft.show.report import page
 from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
-from mbdlft.show.viewer.picture import scene_picture
+from mbdlft.show.viewer.page import scene_picture
 from mbdlft.system.model import LFTModel
 from tests.close import PAGE, target
 

@@ -16,7 +16,7 @@ import mbdlft
 from benchmarks.cases.arm import SCENE
 from mbdlft import Parameter, RandomSamples
 from mbdlft.batch import staging
-from mbdlft.batch.extra import Extra
+from mbdlft.batch.rows import Extra
 from mbdlft.batch.run import shard_rows
 from tests.archive.plain_digest import digest, edit
 from tests.close import CLOSED_FORM, exact, roundoff, target

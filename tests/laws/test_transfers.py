@@ -8,7 +8,6 @@ import pytest
 import mbdlft
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline.certification import measure_error
-from mbdlft.problem.problem import Problem
 from mbdlft.problem.references import (
     QUIET,
     frequencies_of,
@@ -16,6 +15,7 @@ from mbdlft.problem.references import (
     largest_of_rows,
     transfers,
 )
+from mbdlft.problem.relations import Problem
 from tests.close import EVALUATION, roundoff
 from tests.reference.chain_of_beams import scene as beams
 

@@ -3,16 +3,40 @@
 A number system is one table of rules (`Rules`): how it makes an element of a constant, and what each
 operation makes of elements. Rules are found by the names of CasADi's operations, `casadi.OP_ADD` is
 "add". An operation without a rule is refused by name.
+
+Values at many points are one such fold. For few points the function is called. For many its instructions
+are run one after the other, each on a vector of points, as those of an LFT are
+(`mbdlft/lft/program/tape.py`): that does without the zeros of dense results and without the calls of a
+virtual machine. The sizes of the terms of which results are sums are another fold.
 """
 
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import pairwise, starmap
 from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 
+from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
+from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
+from mbdlft.lft.program.tape import (
+    COSINE,
+    DIVIDE,
+    MULTIPLY,
+    ROOT,
+    SINE,
+    SIZE,
+    SUBTRACT,
+    Plan,
+    Program,
+    Tape,
+    plan,
+    run,
+)
 
 _NAMES = {getattr(ca, name): name[3:].lower() for name in dir(ca) if name.startswith("OP_")}
 
@@ -113,3 +137,173 @@ def fold(function: ca.Function, table: Rules, *arguments: Any) -> list[list[Any]
         else:
             work[target] = rule(work[sources[0]], work[sources[1]])
     return results
+
+
+MANY = 256  # points from which on making vectors of them is worth it
+_LONGEST = 50_000  # instructions; reading one takes some microseconds
+_SHORTEST, _NEAR = 64, 2**17  # points of a chunk, and numbers of one
+
+
+class Vectors(NamedTuple):
+    """A function whose arguments are columns, as a program for vectors of points."""
+
+    plan: Plan  # of the entries that depend on arguments
+    # (number of these,), where they stand in all results one behind the other, row by row
+    places: NDArray[np.intp]
+    # (numbers in all results,), the other entries; 0 where one depends on arguments
+    constant: Array
+
+
+def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[Array]:
+    """Values of a function of column vectors at many points, each (N, rows, columns); all are dense."""
+    program = vectors(function) if len(points) >= MANY else None
+    if program is None:
+        return _called(function, points, *others)
+    values = np.tile(program.constant, (len(points), 1))
+    values[:, program.places] = _varying(program, points, *others).T
+    return _parts(function, values)
+
+
+def _called(function: ca.Function, *points: Array) -> list[Array]:
+    """Values by calls; matrices of CasADi become those of numpy through buffers, not by entries."""
+    assert all(function.sparsity_out(k).is_dense() for k in range(function.n_out()))
+    # CasADi's matrices are by columns
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+    outputs = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    arguments = [np.empty(column.shape[1]) for column in points]
+    results = [np.empty(shape) for shape in shapes]
+    buffer: Any = function.buffer()
+    memory, call = buffer
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.ravel().data)
+    for k in range(len(points[0])):
+        for argument, column in zip(arguments, points, strict=True):
+            argument[:] = column[k]
+        call()
+        for output, result in zip(outputs, results, strict=True):
+            output[k] = result
+    return [output.transpose(0, 2, 1) for output in outputs]
+
+
+def evaluate_in_chunks(
+    function: ca.Function, points: Array, *others: Array
+) -> Iterator[tuple[slice, list[Array]]]:
+    """As `evaluate_many`, by chunks that stay near a core; the next one overwrites the values."""
+    count = len(points)
+    program = vectors(function) if count >= MANY else None
+    if program is None:
+        yield slice(0, count), evaluate_many(function, points, *others)
+        return
+    varying = _varying(program, points, *others)
+    size = max(_SHORTEST, _NEAR // max(1, len(program.constant)))
+    values = np.tile(program.constant, (min(size, count), 1))
+    for start in range(0, count, size):
+        chunk = slice(start, min(start + size, count))
+        now = values[: chunk.stop - start]
+        now[:, program.places] = varying[:, chunk].T
+        yield chunk, _parts(function, now)
+
+
+def _varying(program: Vectors, points: Array, *others: Array) -> Array:
+    """Entries that depend on arguments, (number of entries, N)."""
+    values = np.empty((len(program.places), len(points)))
+    run(program.plan, np.hstack([points, *others]), values.T[:, None, :])
+    return values
+
+
+def _parts(function: ca.Function, values: Array) -> list[Array]:
+    """The results (N, rows, columns) in values that stand one behind the other (N, all)."""
+    shapes = [function.size_out(k) for k in range(function.n_out())]
+    results = np.split(values, np.cumsum([rows * columns for rows, columns in shapes])[:-1], axis=1)
+    return [result.reshape(len(values), *shape) for result, shape in zip(results, shapes, strict=True)]
+
+
+@lru_cache(maxsize=8)  # a sweep asks for the same ones again and again
+def vectors(function: ca.Function) -> Vectors | None:
+    """The program of a function of SX; nothing if it is long, or has an operation without one here."""
+    count = function.n_instructions() if function.is_a("SXFunction") else _LONGEST + 1
+    if count > _LONGEST or not all(function.sparsity_in(k).is_dense() for k in range(function.n_in())):
+        return None
+    starts = np.cumsum([0, *(function.numel_in(k) for k in range(function.n_in()))]).tolist()
+    tape = Tape(starts[-1], _LONGEST)
+    try:
+        results = fold(function, program_rules(tape), *starmap(range, pairwise(starts)))
+    except NotRationalError:
+        return None
+    constant = np.zeros(sum(function.numel_out(k) for k in range(function.n_out())))
+    entries: dict[int, int] = {}
+    start = 0
+    for k, result in enumerate(results):
+        for place, value in zip(_row_by_row(function.sparsity_out(k)), result, strict=True):
+            if isinstance(value, float):
+                constant[start + place] = value
+            else:
+                entries[start + place] = value
+        start += function.numel_out(k)
+    columns = tuple(((0, k), register) for k, register in enumerate(entries.values()))
+    program = Program(tape.inputs, tuple(tape.instructions), columns, ())
+    return Vectors(plan(program), np.array(list(entries), dtype=np.intp), constant)
+
+
+def program_rules(tape: Tape) -> Rules:
+    """Registers of a program, and numbers, as a number system: each operation is written down."""
+
+    def written(operation: str) -> Rule:
+        return lambda a, b=0.0: tape.put(operation, a, b)
+
+    return rules(
+        float,
+        add=tape.add,
+        sub=written(SUBTRACT),
+        mul=written(MULTIPLY),
+        div=written(DIVIDE),
+        neg=lambda a: tape.put(SUBTRACT, 0.0, a),
+        fabs=written(SIZE),
+        sqrt=written(ROOT),
+        cos=written(COSINE),
+        sin=written(SINE),
+    )
+
+
+def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
+    """Places of the entries of a matrix, which CasADi has column by column, in its rows."""
+    rows, columns = sparsity.get_triplet()
+    return [i * sparsity.size2() + j for i, j in zip(rows, columns, strict=True)]
+
+
+Pair = tuple[Any, Any]  # a value and its size: numbers (N,), or one for all points
+
+
+def term_sizes(tape: ca.Function, *points: Array) -> Array:
+    """Sizes (N, entries) of the dense result of a function if nothing cancelled: |a| + |b| for a + b.
+
+    The arguments are columns, each (N, rows); the columns of a result stand one below the other. A root
+    has the root of the size; another function of a number has the size of its own value.
+    """
+    arguments = [[_of_itself(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
+    sizes = np.empty((tape.numel_out(0), len(points[0])))
+    for row, (_, size) in zip(sizes, fold(tape, _SIZES, *arguments)[0], strict=True):
+        row[:] = size
+    return sizes.T
+
+
+def _of_itself(value: Any) -> Pair:
+    return value, np.abs(value)
+
+
+def _function(values: Rule) -> Rule:
+    return lambda *pairs: _of_itself(values(*(value for value, _ in pairs)))
+
+
+_SIZES = rules(
+    lambda value: _of_itself(np.float64(value)),
+    add=lambda x, y: (x[0] + y[0], x[1] + y[1]),
+    sub=lambda x, y: (x[0] - y[0], x[1] + y[1]),
+    neg=lambda x: (-x[0], x[1]),
+    mul=lambda x, y: (x[0] * y[0], x[1] * y[1]),
+    div=lambda x, y: (x[0] / y[0], x[1] * y[1] / (y[0] * y[0])),
+    **{name: _function(values) for name, values in FUNCTIONS_OF_DOUBLES.items()}
+    | {"fabs": lambda x: (np.abs(x[0]), x[1]), "sqrt": lambda x: (np.sqrt(x[0]), np.sqrt(x[1]))},
+)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from mbdlft.archive.analysis import analysis_names, load_analysis
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import Bounds
-from mbdlft.show.figures.pole_maps import save_pole_map
+from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
 from mbdlft.show.report.content import (
     certificate_sentences,
@@ -22,8 +22,7 @@ from mbdlft.show.report.content import (
     verdict_sentence,
     worst_cases,
 )
-from mbdlft.show.viewer.page import Page, scene_of
-from mbdlft.show.viewer.picture import View, scene_pictures
+from mbdlft.show.viewer.page import Page, View, scene_of, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
