@@ -13,6 +13,8 @@ read with pyYeti, the extra `mbdlft[nastran]`. (pyNastran 1.4 needs numpy older 
 """
 
 import importlib
+import io
+import re
 import struct
 import zipfile
 from collections.abc import Mapping
@@ -37,8 +39,10 @@ _HDF5 = (".h5", ".hdf5")
 LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
 _PYYETI = ("pyyeti.nastran.bulk", "pyyeti.nastran.op4", "pyyeti.nastran.n2p")
 _SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100  # limits of reading a file
+_BLOCK = 2**22  # bytes of an npz file that are unpacked at once
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
+_INCLUDE = re.compile(rb"""^[ \t]*include\s+('[^']*'|"[^"]*"|\S+)[^\n]*$""", re.IGNORECASE | re.MULTILINE)
 _COORDINATES = ("row", "column", "value")
 _ROW = "expected the number of a node, x, y, z and its components 1 to 6"
 
@@ -128,10 +132,14 @@ def _npz(file: Path, limit: int) -> dict[str, Any]:
                 size = prod(shape) * kind.itemsize
                 total += size
                 _check_size(name, total, limit)
-                data = stream.read(size + 1)
-            if len(data) != size:
-                raise StructureError(f"{name}: expected {size} bytes of {shape}, got {len(data)}.")
-            arrays[name] = np.frombuffer(data, kind).reshape(shape, order="F" if columns else "C")
+                data, count = np.empty(size, dtype=np.uint8), 0
+                while block := stream.read(_BLOCK):  # in one piece there would be two copies
+                    if count + len(block) <= size:
+                        data[count : count + len(block)] = np.frombuffer(block, np.uint8)
+                    count += len(block)
+            if count != size:
+                raise StructureError(f"{name}: expected {size} bytes of {shape}, got {count}.")
+            arrays[name] = data.view(kind).reshape(shape, order="F" if columns else "C")
     return arrays
 
 
@@ -282,9 +290,9 @@ def load_nastran(
         ) from None
     names = {"mass": mass, "stiffness": stiffness}
     paths = {"matrices": str(Path(matrices)), "bulk": str(Path(bulk))}
-    size = sum(len(content_of(Path(path), StructureError, limit)) for path in paths.values())
+    size = sum(len(_bulk_data(Path(path), limit)) for path in paths.values())
     arrays = arrays_of(  # pyYeti believes what a file says of its sizes
-        f"{__name__}:arrays_of_nastran", {**paths, **names},
+        f"{__name__}:arrays_of_nastran", {**paths, **names, "limit": limit},
         seconds=_SECONDS + size // _NASTRAN_BYTES_PER_SECOND,
         memory=2 * limit, error=StructureError, libraries=_PYYETI,
     )  # fmt: skip
@@ -302,23 +310,45 @@ def load_nastran(
     return FiniteElements(M[used][:, used], K[used][:, used], nodes)
 
 
-def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str) -> dict[str, Any]:
+def _bulk_data(file: Path, limit: int, folder: Path | None = None) -> bytes:
+    """The bytes of bulk data, with what INCLUDE statements name put in their place.
+
+    A name counts from the folder of the file that has it, or of the first file; all are below the latter.
+    """
+    if file.suffix.lower() == ".op4":
+        return content_of(file, StructureError, limit)
+    top, parts, size = folder or file.resolve().parent, list[bytes](), 0
+    for k, piece in enumerate(_INCLUDE.split(content_of(file, StructureError, limit))):
+        if not k % 2:
+            parts.append(piece)
+        else:
+            name = b"".join(piece.split()).decode("latin-1").strip("'\"")
+            places = [place / name for place in (file.resolve().parent, top)]
+            path = next((place.resolve() for place in places if place.exists()), places[0].resolve())
+            if not path.is_relative_to(top) or path == file.resolve():
+                raise StructureError(f"{file}: INCLUDE reads files below {top} only, got {name!r}.")
+            parts.append(_bulk_data(path, limit - size, top))
+        size += len(parts[-1])
+    return b"".join(parts)
+
+
+def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str, limit: int) -> dict[str, Any]:
     """The node table and two matrices in coordinate form, for `arrays_of`."""
     cards, op4, grids = map(importlib.import_module, _PYYETI)
     source, table = Path(matrices), Path(bulk)
-    numbers, coordinates, axes = _grids(cards, grids, table)
+
+    def text(file: Path) -> io.TextIOWrapper:  # without a name, so that pyYeti includes nothing
+        return io.TextIOWrapper(io.BytesIO(_bulk_data(file, limit)), "utf-8")
+
+    numbers, coordinates, axes = _grids(cards, grids, table, text(table))
     try:
         if source.suffix.lower() == ".op4":
             matrices_by_name = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
             pair = [_named(matrices_by_name, name) for name in (mass, stiffness)]
-            dof = _rows(cards, table, numbers)
+            dof = _rows(cards, text(table), numbers)
         else:
-            tables = cards.rddmig(str(source))
-            frames = [_named(tables, name) for name in (mass, stiffness)]
-            index = frames[0].index.union(frames[1].index)  # the rows of both
-            dof = np.array([(int(n), int(c)) for n, c in index], dtype=np.int64)
-            full = (frame.reindex(index=index, columns=index, fill_value=0.0) for frame in frames)
-            pair = [sp.csr_array(frame.to_numpy(dtype=float)) for frame in full]
+            columns = cards.rdcards(text(source), "dmig", return_var="list", blank="")
+            dof, *pair = _dmig(columns or [], mass, stiffness)
     except MbdlftError as error:
         raise StructureError(f"{source}: {error}") from None
     except (struct.error, ValueError, IndexError) as error:  # of numbers that are not there
@@ -348,10 +378,42 @@ def _sparse(arrays: Mapping[str, Any], name: str, shape: tuple[int, int]) -> Any
     return sp.coo_array((value, (row, column)), shape).tocsr()
 
 
-def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
+def _dmig(cards: list[list[Any]], *names: str) -> tuple[Any, ...]:
+    """Node and component (N, 2) of the rows of all matrices, and the sparse matrices (N, N)."""
+    by_name: dict[str, list[list[Any]]] = {}
+    for card in cards:
+        by_name.setdefault(str(card[0]), []).append(card)
+    entries, forms = [], []
+    for name in names:
+        header, *columns = _named(by_name, name)
+        forms.append(header[2])
+        if header[2] not in (1, 2, 6) or header[3] not in (1, 2):
+            raise StructureError(
+                f"matrix {name!r} has form {header[2]} and type {header[3]}, expected form 1, 2 or 6 and "
+                "real numbers, type 1 or 2."
+            )
+        count = [len(column[4::4]) for column in columns]
+        where = [np.repeat([column[k] for column in columns], count) for k in (1, 2)]
+        where += [np.concatenate([column[k::4] for column in columns]) for k in (4, 5)]
+        keys = [10 * where[k].astype(np.int64) + where[k + 1].astype(np.int64) for k in (2, 0)]
+        entries.append((*keys, np.concatenate([column[6::4] for column in columns]).astype(float)))
+    rows = np.unique(np.concatenate([keys for *both, _ in entries for keys in both]))
+    matrices = []
+    for name, form, (row, column, value) in zip(names, forms, entries, strict=True):
+        i, j = np.searchsorted(rows, row), np.searchsorted(rows, column)
+        if form == 6:  # one triangle, whichever
+            i, j = np.maximum(i, j), np.minimum(i, j)
+        if len(np.unique(i * len(rows) + j)) < len(i):
+            raise StructureError(f"matrix {name!r} has two values for one entry.")
+        lower = sp.csr_array(sp.coo_array((value, (i, j)), (len(rows), len(rows))))
+        matrices.append(lower + sp.tril(lower, -1).T if form == 6 else lower)
+    return np.stack(np.divmod(rows, 10), axis=1), *matrices
+
+
+def _grids(cards: Any, grids: Any, table: Path, text: Any) -> tuple[Indices, Array, Array]:
     """Numbers (n,), positions (n, 3) in the basic system and displacement axes (n, 3, 3) of all GRIDs."""
     try:
-        uset, _ = cards.bulk2uset(str(table))
+        uset, _ = cards.bulk2uset(text)
         entries = uset.iloc[:, 1:].to_numpy(dtype=float).reshape(-1, 6, 3)
         motions = np.asarray(grids.rbgeom_uset(uset)).reshape(-1, 6, 6)
         numbers = np.asarray(uset.index.get_level_values("id"), dtype=np.int64)[::6]
@@ -362,13 +424,13 @@ def _grids(cards: Any, grids: Any, table: Path) -> tuple[Indices, Array, Array]:
     return numbers, entries[:, 0], np.swapaxes(motions[:, :3, :3], 1, 2)
 
 
-def _rows(cards: Any, table: Path, numbers: Indices) -> Indices:
+def _rows(cards: Any, text: Any, numbers: Indices) -> Indices:
     """Node and component (N, 2) of the rows of OP4 matrices."""
-    extern = cards.rdcards(str(table), "extrn", no_data_return=None)
+    extern = cards.rdcards(text, "extrn", no_data_return=None)
     if extern is not None:
         pairs = np.asarray(extern, dtype=np.int64).reshape(-1, 2)
         return np.array([(int(n), int(c)) for n, text in pairs for c in str(text)], dtype=np.int64)
-    points = cards.rdcards(str(table), "spoint", no_data_return=None)
+    points = cards.rdcards(text, "spoint", no_data_return=None)
     scalar = np.asarray([] if points is None else points, dtype=np.int64).ravel()
     return np.vstack([every_dof(np.sort(numbers)), np.stack([scalar, 0 * scalar], axis=1)])
 

@@ -5,6 +5,7 @@ pyYeti, BSD license, pyyeti/tests/nas2cam_extseout; the numbers are those of its
 check of the g-set about the origin of the basic system, and the eigenvalues with the boundary fixed.
 """
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from pyyeti.nastran import bulk, op4
 
 import mbdlft
 from mbdlft import FiniteElements, Interface, load_nastran, modal_model, to_si
+from mbdlft.base.errors import StructureError
 from mbdlft.elastic import files
 from mbdlft.elastic.nodes import transport
 from mbdlft.elastic.partition import mass_matrix
@@ -141,3 +143,46 @@ def test_coordinates_without_mass_and_stiffness_are_left_out(tmp_path: Path) -> 
     body = mbdlft.flexible_body("tee", *found, 10, {"right": 50}, modes=2)
     assert body.inertia.xx is None
     assert all(mode.participation[2] == 0.0 for mode in body.modes)
+
+
+def test_dmig_cards_become_sparse_matrices() -> None:
+    """A symmetric chain of 4,000 coordinates: a dense matrix would take 128 MB."""
+    size = 4000
+
+    def columns(name: str, beside: float) -> list[list[Any]]:
+        below = [["", k + 1, 0, beside, ""] for k in range(1, size)]
+        cards = [[name, k, 0, "", k, 0, 2.0, "", *below[k - 1][1:]] for k in range(1, size)]
+        return [[name, 0, 6, 2, 0, "", "", ""], *cards, [name, size, 0, "", size, 0, 2.0, ""]]
+
+    tracemalloc.start()
+    dof, mass, stiffness = files._dmig([*columns("maa", 0.5), *columns("KAA", -1.0)], "MAA", "KAA")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3e7
+    exact(dof, [(k, 0) for k in range(1, size + 1)])
+    for matrix, beside in ((mass, 0.5), (stiffness, -1.0)):
+        off = np.full(size - 1, beside)
+        right = sp.diags_array([off, np.full(size, 2.0), off], offsets=(-1, 0, 1))
+        assert abs(matrix - right).max() == 0.0
+    with pytest.raises(StructureError, match="two values for one entry"):
+        files._dmig([["m", 0, 6, 2], ["m", 1, 1, "", 2, 1, 3.0], ["m", 2, 1, "", 1, 1, 3.0]], "m", "m")
+    with pytest.raises(StructureError, match="form 9 and type 2, expected form 1, 2 or 6"):
+        files._dmig([["m", 0, 9, 2]], "m", "m")
+
+
+def test_included_files_lie_below_the_folder(tmp_path: Path) -> None:
+    fe = tee(2)
+    path, table = tmp_path / "tee.op4", tmp_path / "model" / "tee.bdf"
+    (tmp_path / "model" / "parts").mkdir(parents=True)
+    op4.write(str(path), {"maa": fe.mass_matrix, "kaa": fe.stiffness_matrix})
+    lines = grid_cards(fe).splitlines(keepends=True)
+    table.write_text("include 'parts/\n  first.bdf'\n" + "".join(lines[4:]))
+    (tmp_path / "model" / "parts" / "first.bdf").write_text("INCLUDE 'second.bdf'\n" + "".join(lines[:2]))
+    (tmp_path / "model" / "parts" / "second.bdf").write_text("".join(lines[2:4]))
+    found = load_nastran(path, table)
+    exact(found.nodes.coordinates, fe.nodes.coordinates)
+    for name in ("../tee.bdf", "/etc/hostname", "tee.bdf"):
+        table.write_text(f"INCLUDE '{name}'\n")
+        (tmp_path / "tee.bdf").write_text("".join(lines))
+        with pytest.raises(StructureError, match="INCLUDE reads files below"):
+            load_nastran(path, table)
