@@ -1,3 +1,5 @@
+from .balance import CoefficientFit as CoefficientFit
+from .balance import fit_coefficient as fit_coefficient
 from .dae import Dae as Dae
 from .dae import Equation as Equation
 from .dae import Output as Output
@@ -6,8 +8,6 @@ from .draft import DaeDraft as DaeDraft
 from .draft import from_casadi as from_casadi
 from .equilibria import DaeTrim as DaeTrim
 from .equilibria import trim as trim
-from .fit import CoefficientFit as CoefficientFit
-from .fit import fit_coefficient as fit_coefficient
 from .simulation import Simulation as Simulation
 from .simulation import evaluate_form as evaluate_form
 from .simulation import simulate as simulate

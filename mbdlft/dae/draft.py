@@ -11,8 +11,8 @@ import numpy as np
 
 from mbdlft.base.errors import SceneError, check_known, unknown_name
 from mbdlft.base.parameter import Parameter
+from mbdlft.dae.balance import fit_coefficient
 from mbdlft.dae.dae import Dae, Equation, Output, Variable
-from mbdlft.dae.fit import fit_coefficient
 from mbdlft.dae.text import column_of, with_literals
 from mbdlft.dae.theta.piecewise import Beyond, Interpolation, table_expression
 from mbdlft.exact.numbers import Constant

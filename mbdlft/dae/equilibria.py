@@ -12,8 +12,16 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import SceneError, TrimError, check_known
-from mbdlft.dae.balance import POINTS, SAME, Balance, at_points, no_equilibrium, solved_exactly
-from mbdlft.dae.fit import Fitted, fitted
+from mbdlft.dae.balance import (
+    POINTS,
+    SAME,
+    Balance,
+    Fitted,
+    at_points,
+    fitted,
+    no_equilibrium,
+    solved_exactly,
+)
 from mbdlft.dae.index import independent
 from mbdlft.dae.newton import System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of

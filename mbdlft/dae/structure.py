@@ -20,7 +20,7 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
-from mbdlft.dae.dae import Dae, Variable
+from mbdlft.dae.dae import Dae, Variable, check_units
 from mbdlft.dae.index import (
     Block,
     Differentiated,
@@ -34,7 +34,6 @@ from mbdlft.dae.index import (
 )
 from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
-from mbdlft.dae.units import check_units
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.sx.constants import literal
 
@@ -96,32 +95,26 @@ class Structure:
 
     @cached_property
     def residual(self) -> ca.SX:
-        """All residuals (n, 1)."""
         return column_of(residual for _, residual in self.equations)
 
     @cached_property
     def x(self) -> ca.SX:
-        """Symbols of the states."""
         return column_of(q.symbol for q in self.states)
 
     @cached_property
     def unknown(self) -> ca.SX:
-        """Symbols of the unknowns."""
         return column_of(q.symbol for q in self.unknowns)
 
     @cached_property
     def u(self) -> ca.SX:
-        """Symbols of the inputs."""
         return column_of(q.symbol for q in self.inputs)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
-        """[unknowns ; states ; inputs]."""
         return (*self.unknowns, *self.states, *self.inputs)
 
     @cached_property
     def symbols(self) -> ca.SX:
-        """Symbols of [unknowns ; states ; inputs]."""
         return column_of(q.symbol for q in self.quantities)
 
     @property

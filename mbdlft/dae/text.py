@@ -131,7 +131,6 @@ def formula_function(
 
 
 def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
-    """A table as SX."""
     b, v, a = table.breakpoints, table.values, ca.SX(argument)
 
     def piece(k: int) -> ca.SX:
@@ -163,7 +162,6 @@ class _Piece:
         self.piecewise: Piecewise = ARGUMENT
 
     def table(self) -> Table | None:
-        """The table that this part is, of another part."""
         if self.of is None or self.of is self:
             return None
         return self.piecewise.table(_TABLE if self.size < _LONG else 2)

@@ -2,7 +2,7 @@ from .block import band_pass as band_pass
 from .block import delay as delay
 from .block import imbalance as imbalance
 from .block import low_pass as low_pass
-from .body_ports import two_port as two_port
+from .block import two_port as two_port
 from .devices import WHEEL_AXES as WHEEL_AXES
 from .devices import ArrayDrive as ArrayDrive
 from .devices import SloshData as SloshData

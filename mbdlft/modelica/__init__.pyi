@@ -1,11 +1,11 @@
-from .load import load_modelica as load_modelica
-from .load import operating_point as operating_point
-from .load import structure_of as structure_of
-from .printer import flat_text as flat_text
 from .table import ModelicaTable as ModelicaTable
 from .table import load_modelica_table as load_modelica_table
 from .table import modelica_table_from_toml as modelica_table_from_toml
 from .text import flat_model as flat_model
 from .translation import ModelicaReport as ModelicaReport
+from .translation import load_modelica as load_modelica
+from .translation import operating_point as operating_point
+from .translation import structure_of as structure_of
 from .translation import translate as translate
 from .tree import FlatModel as FlatModel
+from .tree import flat_text as flat_text

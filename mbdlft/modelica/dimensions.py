@@ -12,10 +12,9 @@ from functools import partial, reduce
 
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
-from mbdlft.dae.units import OPEN, SECOND, Measure, compared, measure_of, plain
+from mbdlft.dae.dae import OPEN, SECOND, Measure, compared, measure_of, plain
 from mbdlft.modelica import tree
-from mbdlft.modelica.printer import shorter, write
-from mbdlft.modelica.tree import Expression
+from mbdlft.modelica.tree import Expression, shorter, write
 
 _FACTOR = re.compile(r"([^\W\d_]+|%|1)([+-]?\d+)?")
 

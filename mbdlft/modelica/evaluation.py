@@ -123,7 +123,10 @@ class Evaluator:
         name, subscripts = reference.name, reference.subscripts
         if name in self.indices and not subscripts:
             return self.indices[name]
-        if subscripts and not any(_is_of_array(s) for s in subscripts):
+        needs_size = (  # of the array, or is several
+            isinstance(s, tree.Range) or tree.Reference("end") in tree.references(s) for s in subscripts
+        )
+        if subscripts and not any(needs_size):
             whole = ",".join(str(self.whole(s)) for s in subscripts)
             variable = self.lookup(f"{name}[{whole}]")
             if variable is not None:
@@ -145,7 +148,6 @@ class Evaluator:
         return chosen if isinstance(first, tree.Range) else chosen[0]
 
     def _positions(self, subscript: Expression, size: tree.Number) -> list[int]:
-        """The positions that a subscript names in an array of a size."""
         if not isinstance(subscript, tree.Range):
             return [self.whole(subscript)]
         bounds = subscript if subscript.last is not None else tree.Range(tree.Number("1"), None, size)
@@ -193,11 +195,6 @@ class Evaluator:
             f"the function {name} of {len(values)} arguments is not supported. Supported are the "
             "functions of the language itself; write its formula into the equation."
         )
-
-
-def _is_of_array(subscript: Expression) -> bool:
-    """Whether a subscript needs to know the size of the array, or is several."""
-    return isinstance(subscript, tree.Range) or tree.Reference("end") in tree.references(subscript)
 
 
 def _filled(function: str, values: list[Value]) -> Value:

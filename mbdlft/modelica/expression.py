@@ -21,14 +21,6 @@ from mbdlft.base.errors import SceneError
 from mbdlft.modelica import tree
 from mbdlft.modelica.tree import Expression
 
-_KEYWORDS = (
-    "algorithm and annotation block break class connect connector constant constrainedby der "
-    "discrete each else elseif elsewhen encapsulated end enumeration equation expandable "
-    "extends external false final flow for function if import impure in initial inner input "
-    "loop model not operator or outer output package parameter partial protected public pure "
-    "record redeclare replaceable return stream then true type when while within"
-)
-KEYWORDS = frozenset(_KEYWORDS.split())
 _TOKEN = re.compile(
     r"""(?P<blank>[\s﻿]+|//[^\n]*|/\*.*?\*/)
     |(?P<number>\d+(?:\.\d*)?(?:[eE][+-]?\d+)?)
@@ -70,7 +62,7 @@ def tokens(text: str, source: str, first_line: int = 1, *, statement: bool = Fal
         kind, word = match.lastgroup, match[0]
         if kind == "number":
             _check_size(word, f"{source}, line {line}, column {column}")
-        if kind == "name" and word in KEYWORDS:
+        if kind == "name" and word in tree.KEYWORDS:
             kind = "keyword"
         if kind == "operator":
             depth += (word in "([{") - (word in ")]}")
@@ -118,7 +110,6 @@ class ExpressionParser:
 
     @property
     def word(self) -> Token:
-        """The word at the place."""
         return self.words[self.place]
 
     def is_at(self, *texts: str) -> bool:
@@ -150,7 +141,6 @@ class ExpressionParser:
             raise self.error(expected)
 
     def error(self, expected: str) -> SceneError:
-        """An error at the word."""
         word = self.word
         return SceneError(
             f"{self.source}, line {word.line}, column {word.column}: expected {expected}, got {word}."
@@ -239,7 +229,6 @@ class ExpressionParser:
         raise self.error("a number, a name or '('")
 
     def _entries(self) -> Expression:
-        """An array behind its brace."""
         if self.skip("}"):
             return tree.Array(())
         entries = [self.expression()]
@@ -255,7 +244,6 @@ class ExpressionParser:
         return tree.Array(tuple(entries))
 
     def _matrix(self) -> Expression:
-        """A matrix behind its bracket."""
         rows: list[Expression] = []
         while not rows or self.skip(";"):
             row = [self.expression()]
@@ -266,8 +254,6 @@ class ExpressionParser:
         return tree.Array(tuple(rows))
 
     def _call(self, word: Token) -> Expression:
-        """A call at its parenthesis."""
-
         def argument() -> Expression:
             if self.word.kind == "name" and self.words[self.place + 1].text == "=":
                 raise self.error(f"arguments of {word.text!r} by position")
@@ -303,7 +289,7 @@ class ExpressionParser:
         while True:
             if self.word.kind != "name":
                 raise self.error("a name")
-            text += unquoted(self.take().text)
+            text += self.take().text.removeprefix("'").removesuffix("'")
             subscripts = self._subscripts() if self.is_at("[") else ()
             if not self.skip("."):
                 return text, subscripts
@@ -316,11 +302,6 @@ class ExpressionParser:
             subscripts.append(tree.Range() if self.skip(":") else self.expression())
         self.expect("]")
         return tuple(subscripts)
-
-
-def unquoted(name: str) -> str:
-    """A name without the quotes around it."""
-    return name[1:-1] if name.startswith("'") else name
 
 
 def _written(subscripts: tuple[Expression, ...], parser: ExpressionParser) -> str:

@@ -110,7 +110,6 @@ class _Reader:
         self.entries = tables.get("enum_literal_ordinals", {})
 
     def model(self) -> tree.FlatModel:
-        """The syntax tree."""
         strange = [key for key, table in self.tables.items() if table and key not in _KNOWN]
         if strange:
             raise self._unknown(f"the table {strange[0]!r}")

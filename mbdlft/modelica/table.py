@@ -132,7 +132,6 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
 
 
 def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
-    """Lists of names of the sections that have some."""
     lists = {}
     for section, keys in _LISTS.items():
         known = (*keys, "at", "fit") if section == "trim" else keys
@@ -148,7 +147,6 @@ def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ..
 
 
 def _fit(entry: Any) -> float | None:
-    """The tolerance of fits."""
     is_number = isinstance(entry, int | float) and not isinstance(entry, bool)
     if entry is not None and not (is_number and 0.0 < entry < 1.0):
         raise SceneError(f"trim: fit: expected a tolerance between 0 and 1, got {entry!r}.")

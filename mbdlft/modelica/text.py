@@ -12,8 +12,7 @@ from dataclasses import replace
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica import tree
 from mbdlft.modelica.expression import ExpressionParser, Token
-from mbdlft.modelica.printer import write
-from mbdlft.modelica.tree import Expression
+from mbdlft.modelica.tree import Expression, write
 
 _TYPES = ("Real", "Integer", "Boolean", "String")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")
@@ -64,7 +63,6 @@ class _TextParser(ExpressionParser):
         self.initial: list[tree.Statement] = []
 
     def model(self) -> tree.FlatModel:
-        """The one model of the text."""
         packages = []
         while not self._is_class(_CLASSES):
             if self.is_at("within"):
@@ -108,7 +106,6 @@ class _TextParser(ExpressionParser):
         return self.words[place].kind == "keyword" and self.words[place].text in kinds
 
     def _class_word(self) -> None:
-        """Read the words up to the kind of a class."""
         while self.take().text not in (*_CLASSES, *_SKIPPED):
             pass
 
@@ -174,7 +171,6 @@ class _TextParser(ExpressionParser):
         return self.is_at(*_SECTIONS)
 
     def _algorithm(self, what: str) -> None:
-        """Read over a section of an algorithm."""
         line = self.expect("algorithm").line
         names: list[str] = []
         while not self._ends_section() or (
@@ -245,7 +241,6 @@ class _TextParser(ExpressionParser):
         )
 
     def _modification(self) -> dict[str, Expression]:
-        """The entries of a parenthesis of attributes."""
         self.expect("(")
         return dict(self.listed(self._attribute, ")"))
 
@@ -260,7 +255,6 @@ class _TextParser(ExpressionParser):
         return name, self.expression()
 
     def comment(self) -> str:
-        """The text at the place, or nothing."""
         return self.string() if self.word.kind == "text" else ""
 
     def annotation(self) -> dict[str, Expression]:
@@ -320,8 +314,6 @@ class _TextParser(ExpressionParser):
         return tree.Equation(left, self.expression(), line)
 
     def _called(self, name: str, line: int) -> tree.Statement:
-        """An equation that is a call of a function."""
-
         def argument() -> Expression:
             if self.word.kind == "name" and self.words[self.place + 1].text == "=":
                 self.place += 2  # the name of the argument

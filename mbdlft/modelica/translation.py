@@ -1,23 +1,29 @@
-"""From the syntax tree of a flat model to the description of its DAE."""
+"""From a Modelica file, by the syntax tree of its flat model, to its DAE and its operating point."""
 
-from collections.abc import Callable, Iterable, Iterator
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from pathlib import Path
 from typing import TypeVar
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, check_known
+from mbdlft.base.errors import SceneError, StructureError, check_known
 from mbdlft.dae.dae import Dae, Equation, Output
+from mbdlft.dae.equilibria import DaeTrim, trim
+from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import check_units
-from mbdlft.modelica.printer import flat_text, shorter, write
+from mbdlft.modelica.rumoca import Sources, model_of_tables
 from mbdlft.modelica.table import ModelicaTable
-from mbdlft.modelica.tree import Expression
+from mbdlft.modelica.text import flat_model
+from mbdlft.modelica.tree import Expression, FlatModel, flat_text, shorter, write
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in, read_values
+from mbdlft.multibody.scene.toml import read_file
 
 T = TypeVar("T")
 
@@ -122,7 +128,6 @@ class _Translation:
         self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 
     def result(self) -> tuple[Dae, ModelicaReport]:
-        """The description and the report."""
         if self.table.check_units:
             check_units(self.model, self._place)
         for d in self.declared:
@@ -303,3 +308,131 @@ def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
     if isinstance(left, tuple) or isinstance(right, tuple):
         raise SceneError(f"{v.described(left)} is to be equal to {v.described(right)}.")
     yield v.to_sx(left) - v.to_sx(right)
+
+
+def operating_point(
+    dae: Dae, report: ModelicaReport | None = None, table: ModelicaTable | None = None
+) -> DaeTrim:
+    """The equilibrium of a model, with the states and the values that its table asks for.
+
+    Parameters
+    ----------
+    dae, report
+        As `load_modelica` gives them.
+    table : ModelicaTable, optional
+
+    Raises
+    ------
+    StructureError, TrimError, NotRationalError
+        As `mbdlft.dae.reduce_index` and `mbdlft.dae.equilibria`.
+    """
+    table = table or ModelicaTable()
+    structure = structure_of(dae, report, table)
+    return trim(structure, table.at, table.free, table.moving, table.fit)
+
+
+def structure_of(
+    dae: Dae, report: ModelicaReport | None = None, table: ModelicaTable | None = None
+) -> Structure:
+    """The structure of a model, with the states that its table asks for or that it prefers itself.
+
+    Parameters
+    ----------
+    dae, report, table
+        As in `operating_point`.
+    """
+    if table is not None and table.states:
+        return reduce_index(dae, states=table.states)
+    if report is not None and report.states:
+        try:
+            return reduce_index(dae, states=report.states)
+        except StructureError:  # a preference is no condition
+            pass
+    return reduce_index(dae)
+
+
+FLAT, MODEL = ".mof", ".mo"
+ROOTS = "MODELICAPATH"
+
+
+def load_modelica(
+    path: str | Path,
+    table: ModelicaTable | None = None,
+    *,
+    model: str | None = None,
+    roots: Sequence[str | Path] | None = None,
+) -> tuple[Dae, ModelicaReport]:
+    """The description of the model of a Modelica file.
+
+    Parameters
+    ----------
+    path : file
+        ``.mof``: flat Modelica text. ``.mo``: any model; it is flattened by the compiler rumoca, which
+        the extra `modelica` installs.
+    table : ModelicaTable, optional
+        Which parameters stay, and what else is said beside the model.
+    model : str, optional
+        Which model of a file with several, such as ``Drives.Servo``; by default that of the table, or the
+        only one.
+    roots : folders of libraries, optional
+        By default those of the environment variable MODELICAPATH.
+
+    Returns
+    -------
+    dae : Dae
+    report : ModelicaReport
+
+    Raises
+    ------
+    SceneError
+        The file cannot be read or compiled, or `translate` raises an error.
+    """
+    table = table or ModelicaTable()
+    file = Path(path)
+    name = model or table.model
+    text = read_file(file, str)
+    if file.suffix.lower() == FLAT:
+        flat = flat_model(text, file.name)
+        if name is not None and name != flat.name:
+            raise SceneError(f"{file.name}: the model is {flat.name!r}, and not {name!r}.")
+    elif file.suffix.lower() == MODEL:
+        flat = compiled_model(file, name, roots)
+    else:
+        raise SceneError(
+            f"{file.name}: expected a Modelica file: {MODEL}, or {FLAT} for flat text as compilers "
+            "write it."
+        )
+    return translate(flat, table)
+
+
+def compiled_model(
+    file: Path, model: str | None = None, roots: Sequence[str | Path] | None = None
+) -> FlatModel:
+    """The flat model of a Modelica file by the compiler rumoca, with the arguments of `load_modelica`."""
+    try:
+        import rumoca
+    except ImportError:
+        raise SceneError(
+            f"{file.name}: a {MODEL} file needs the compiler rumoca: pip install 'mbdlft[modelica]'. "
+            f"Flat text, as OpenModelica or Dymola write it, needs nothing more: a file NAME{FLAT}."
+        ) from None
+    named = os.environ.get(ROOTS, "").split(os.pathsep) if roots is None else map(str, roots)
+    folders = [folder for folder in named if folder]
+    try:
+        loaded = rumoca.Session(roots=folders).load(str(file), model=model)
+        tables = loaded.to_dict("flat")
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # those of its language, too, which are no Exception
+        several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
+        raise SceneError(f"{file.name}: the compiler rumoca does not take it: {error}{several}") from None
+    sources = Sources(_files(file, folders), tables["variables"])
+    return model_of_tables(tables, loaded.name, sources)
+
+
+def _files(file: Path, folders: Iterable[str]) -> Iterator[Path]:
+    """The file, its neighbors and all files of libraries."""
+    yield file
+    yield from sorted(other for other in file.parent.glob(f"*{MODEL}") if other != file)
+    for folder in folders:
+        yield from sorted(Path(folder).rglob(f"*{MODEL}"))

@@ -1,13 +1,22 @@
-"""The syntax tree of a flat Modelica model: declarations and equations, each with its line.
+"""The syntax tree of a flat Modelica model, declarations and equations with their lines; and its text.
 
 Flat text and the tables of a compiler are read into the same tree, and one translator reads it. What the
 tree has no place for (events, algorithms, functions) is a `Refused`, so that nothing is lost on the way.
 """
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+_KEYWORDS = (
+    "algorithm and annotation block break class connect connector constant constrainedby der "
+    "discrete each else elseif elsewhen encapsulated end enumeration equation expandable "
+    "extends external false final flow for function if import impure in initial inner input "
+    "loop model not operator or outer output package parameter partial protected public pure "
+    "record redeclare replaceable return stream then true type when while within"
+)
+KEYWORDS = frozenset(_KEYWORDS.split())
 RELATIONS = ("<", "<=", ">", ">=", "==", "<>")
 
 
@@ -225,3 +234,132 @@ def spine(expression: Binary) -> tuple[Expression, list[tuple[str, Expression]]]
         operations.append((first.operator, first.right))
         first = first.left
     return first, operations[::-1]
+
+
+_PLAIN = re.compile(r"[A-Za-z_]\w*")
+_LONG = 160  # characters of an equation in a message
+_SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
+
+
+def flat_text(model: FlatModel) -> str:
+    """The text of a flat model that nothing in it is refused of; `flat_model` reads it again."""
+    comment = f" {_text(model.comment)}" if model.comment else ""
+    name = _part(model.name)
+    lines = [f"model {name}{comment}"]
+    lines += [f"  {_declaration(d)};" for d in model.declarations]
+    for title, statements in (("initial equation", model.initial), ("equation", model.equations)):
+        if statements:
+            lines.append(title)
+        lines += _block(statements, "")
+    lines.append(f"end {name};")
+    return "\n".join(lines) + "\n"
+
+
+def shorter(text: str) -> str:
+    """A text for messages: of a long one, its beginning and its end."""
+    return text if len(text) <= _LONG else f"{text[: _LONG // 2]} ... {text[-_LONG // 4 :]}"
+
+
+def quoted(name: str) -> str:
+    """A name as Modelica writes it: with quotes around parts that are no plain words."""
+    return ".".join(_part(word) for word in name.split("."))
+
+
+def _part(word: str) -> str:
+    """A part of a name, with its subscripts."""
+    match = _PLAIN.match(word)
+    if match is None or match[0] in KEYWORDS or not _SUBSCRIPTS.fullmatch(word, match.end()):
+        return f"'{word}'"
+    return word
+
+
+def _declaration(d: Declaration) -> str:
+    words = [
+        *(["final"] if d.final else []),
+        *(word for word in (d.variability, d.causality) if word),
+        "String" if d.type == "enumeration" else d.type,
+    ]
+    sizes = f"[{_listed(d.sizes)}]" if d.sizes else ""
+    text = f"{' '.join(words)}{sizes} {quoted(d.name)}"
+    if d.attributes:
+        text += f"({_entries(d.attributes)})"
+    if d.binding is not None:
+        text += f" = {write(d.binding)}"
+    if d.comment:
+        text += f" {_text(d.comment)}"
+    if d.annotation:
+        text += f" annotation(mbdlft({_entries(d.annotation)}))"
+    return text
+
+
+def _entries(entries: Mapping[str, Expression]) -> str:
+    return ", ".join(f"{key} = {write(value)}" for key, value in entries.items())
+
+
+def _block(statements: Sequence[Statement], indent: str) -> Iterator[str]:
+    for statement in statements:
+        yield from _lines(statement, f"{indent}  ")
+
+
+def _lines(statement: Statement, indent: str) -> Iterator[str]:
+    match statement:
+        case Equation(left, right, _):
+            yield f"{indent}{write(left)} = {write(right)};"
+        case Check(condition, message, _):
+            yield f"{indent}assert({write(condition)}, {_text(message)});"
+        case Loop(index, values, body, _):
+            yield f"{indent}for {index} in {write(values)} loop"
+            yield from _block(body, indent)
+            yield f"{indent}end for;"
+        case Choice(branches, otherwise, _):
+            for k, (condition, body) in enumerate(branches):
+                yield f"{indent}{'else' * (k > 0)}if {write(condition)} then"
+                yield from _block(body, indent)
+            if otherwise:
+                yield f"{indent}else"
+            yield from _block(otherwise, indent)
+            yield f"{indent}end if;"
+
+
+def _text(text: str) -> str:
+    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{escaped}"'
+
+
+def write(expression: Expression) -> str:
+    """The text of an expression, with all parentheses but the outer ones."""
+    text = _written(expression)
+    return text[1:-1] if isinstance(expression, Binary | Unary | If) else text
+
+
+def _written(expression: Expression) -> str:
+    match expression:
+        case Number(text):
+            return text
+        case Text(text):
+            return _text(text)
+        case Truth(value):
+            return str(value).lower()
+        case Reference(name, subscripts):
+            return quoted(name) + (f"[{_listed(subscripts)}]" if subscripts else "")
+        case Binary():
+            first, operations = spine(expression)
+            behind = [f" {operator} {_written(right)})" for operator, right in operations]
+            return "".join(["(" * len(operations), _written(first), *behind])
+        case Unary(operator, operand):
+            return f"({operator}{' ' if operator == 'not' else ''}{_written(operand)})"
+        case Call(function, arguments):
+            return f"{function}({_listed(arguments)})"
+        case Array(entries):
+            return f"{{{_listed(entries)}}}"
+        case Range():
+            return ":".join(write(bound) for bound in parts(expression)) or ":"
+        case Comprehension(value, index, values):
+            return f"{{{write(value)} for {index} in {write(values)}}}"
+        case If(branches, otherwise):
+            texts = [f"if {write(when)} then {write(then)}" for when, then in branches]
+            return f"({' else'.join(texts)} else {write(otherwise)})"
+
+
+def _listed(expressions: tuple[Expression, ...]) -> str:
+    return ", ".join(write(entry) for entry in expressions)

@@ -25,9 +25,8 @@ from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.dimensions import unit_of
 from mbdlft.modelica.evaluation import Evaluator
-from mbdlft.modelica.printer import write
 from mbdlft.modelica.table import ModelicaTable
-from mbdlft.modelica.tree import Expression
+from mbdlft.modelica.tree import Expression, write
 from mbdlft.modelica.values import Value, described, number_of
 from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
@@ -237,7 +236,6 @@ class Variables:
         return tuple(replace(x, derivative=self.rates.get(x.name)) for x in self.by_name.values())
 
     def of(self, expression: ca.SX) -> list[Variable]:
-        """The variables in an expression."""
         pairs = [(s, self.by_name.get(s.name())) for s in ca.symvar(expression)]
         return [x for symbol, x in pairs if x is not None and ca.is_equal(x.symbol, symbol)]
 

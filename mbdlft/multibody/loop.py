@@ -104,7 +104,6 @@ class Loop(Description):
 
     @property
     def slides(self) -> bool:
-        """Whether the ports may be apart along the axis."""
         return self.kind in SLIDING
 
     def held(self) -> ca.SX:

@@ -17,9 +17,9 @@ uniform acceleration of this frame. A wrench is a 3 x 2 matrix [force, torque] (
 All files use these two orders of columns.
 """
 
-from collections.abc import Iterable
-from functools import cache
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterable
+from functools import cache, wraps
+from typing import Any, NamedTuple, Protocol
 
 import casadi as ca
 import numpy as np
@@ -102,6 +102,22 @@ def column(entries: Iterable[ca.SX | float]) -> ca.SX:
     return result
 
 
+def traced(function: Callable[..., ca.SX]) -> Callable[..., ca.SX]:
+    """The function as one of CasADi, made once for each shape of its arguments: SX or numbers."""
+
+    @cache
+    def made(*shapes: tuple[int, int]) -> ca.Function:
+        symbols = [ca.SX.sym(f"x{k}", *shape) for k, shape in enumerate(shapes)]
+        return ca.Function(function.__name__.lstrip("_"), symbols, [function(*symbols)])
+
+    @wraps(function)
+    def called(*arguments: Any) -> ca.SX:
+        entries = [ca.SX(argument) for argument in arguments]
+        return ca.SX(made(*(entry.shape for entry in entries))(*entries))
+
+    return called
+
+
 def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.SX) -> ca.SX:
     """R v for each column v of `vectors` (3, n), with the rotation R about the unit vector `axis` (3,).
 
@@ -112,32 +128,23 @@ def rotate(axis: ca.SX, cosine: ca.SX | float, sine: ca.SX | float, vectors: ca.
     be multiplied with cosine and sine.
     """
     if axis.nnz() == 1:
-        return ca.SX(_rotate(vectors.shape[1])(axis, cosine, sine, vectors))
-    return ca.SX(_rotate_across(vectors.shape[1])(*_across(axis), cosine, sine, vectors))
+        return _rotate(axis, cosine, sine, vectors)
+    return _rotate_across(*_across(axis), cosine, sine, vectors)
 
 
-@cache
-def _rotate(columns: int) -> ca.Function:
-    """(axis (3,), cosine, sine, vectors (3, columns)) -> rotated vectors (3, columns)."""
-    axis, vectors = ca.SX.sym("axis", 3), ca.SX.sym("vectors", 3, columns)
-    cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
+@traced
+def _rotate(axis: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
     parallel = ca.mtimes(axis, ca.mtimes(axis.T, vectors))
     perpendicular = vectors - parallel
-    rotated = parallel + cosine * perpendicular + sine * ca.mtimes(ca.skew(axis), vectors)
-    return ca.Function("rotate", [axis, cosine, sine, vectors], [rotated])
+    return parallel + cosine * perpendicular + sine * ca.mtimes(ca.skew(axis), vectors)
 
 
-@cache
-def _rotate_across(columns: int) -> ca.Function:
-    """([e1 e2], [e1 e2]/|e1|^2 (3, 2), cosine, sine, vectors (3, columns)) -> rotated (3, columns)."""
-    across, vectors = ca.SX.sym("across", 3, 2), ca.SX.sym("vectors", 3, columns)
-    back = ca.SX.sym("back", 3, 2)
-    cosine, sine = ca.SX.sym("cosine"), ca.SX.sym("sine")
+@traced
+def _rotate_across(across: ca.SX, back: ca.SX, cosine: ca.SX, sine: ca.SX, vectors: ca.SX) -> ca.SX:
+    """Rotated vectors (3, n); `across` is [e1 e2] (3, 2), `back` the same over |e1|^2."""
     first, second = ca.vertsplit(ca.mtimes(across.T, vectors))
     more = ca.vertcat(cosine * first - sine * second - first, sine * first + cosine * second - second)
-    return ca.Function(
-        "rotate_across", [across, back, cosine, sine, vectors], [vectors + ca.mtimes(back, more)]
-    )
+    return vectors + ca.mtimes(back, more)
 
 
 def _across(axis: ca.SX) -> tuple[ca.SX, ca.SX]:
@@ -155,27 +162,22 @@ def _across(axis: ca.SX) -> tuple[ca.SX, ca.SX]:
 
 def move_motion(motion: ca.SX, r: ca.SX) -> ca.SX:
     """Motion (3, 3) of another point of the same rigid body, at `r` (3,) from the given point (m)."""
-    return motion if r.nnz() == 0 else _move_motion()(motion, r)
+    return motion if r.nnz() == 0 else _moved_motion(motion, r)
 
 
 def move_wrench(wrench: ca.SX, r: ca.SX) -> ca.SX:
     """Wrench (3, 2) about a new point; `wrench` is about the point at `r` (3,) from the new one (m)."""
-    return wrench if r.nnz() == 0 else _move_wrench()(wrench, r)
+    return wrench if r.nnz() == 0 else _moved_wrench(wrench, r)
 
 
-@cache
-def _move_motion() -> ca.Function:
-    """(motion (3, 3), r (3,)) -> motion (3, 3)."""
-    motion, r = ca.SX.sym("motion", 3, 3), ca.SX.sym("r", 3)
+@traced
+def _moved_motion(motion: ca.SX, r: ca.SX) -> ca.SX:
     omega, alpha, acceleration = ca.horzsplit(motion)
     moved = acceleration + ca.cross(alpha, r) + ca.cross(omega, ca.cross(omega, r))
-    return ca.Function("move_motion", [motion, r], [ca.horzcat(omega, alpha, moved)])
+    return ca.horzcat(omega, alpha, moved)
 
 
-@cache
-def _move_wrench() -> ca.Function:
-    """(wrench (3, 2), r (3,)) -> wrench (3, 2)."""
-    wrench, r = ca.SX.sym("wrench", 3, 2), ca.SX.sym("r", 3)
+@traced
+def _moved_wrench(wrench: ca.SX, r: ca.SX) -> ca.SX:
     force, torque = ca.horzsplit(wrench)
-    moved = ca.horzcat(force, torque + ca.cross(r, force))
-    return ca.Function("move_wrench", [wrench, r], [moved])
+    return ca.horzcat(force, torque + ca.cross(r, force))

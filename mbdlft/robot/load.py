@@ -18,31 +18,36 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import content_of
-from mbdlft.multibody.body import Body
+from mbdlft.multibody.body import Body, RigidBody
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
 from mbdlft.robot.description import JointLimit, Robot, body_name, said
 from mbdlft.robot.make import (
+    AXIAL,
     Making,
+    Values,
     bodies,
+    check_label,
     holds,
     joint_of,
     limits,
     load_of,
     loops,
     moves_of,
+    numbers,
     on_the_ground,
+    outside,
     refuse_massless,
     sensors,
-    unchecked,
+    set_positions,
     unphysical,
+    varied,
 )
 from mbdlft.robot.mjcf import read_mjcf
 from mbdlft.robot.sdf import read_sdf
 from mbdlft.robot.urdf import Element, parse, read_urdf
-from mbdlft.robot.values import AXIAL, Values, check_label, numbers, outside, set_positions, varied
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
 RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
@@ -322,7 +327,12 @@ def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) 
         )
     if problems:
         assumed.append(f"inertias that no body can have are kept: {', '.join(problems)}")
-    return [unchecked(body) if body.name in problems else body for body in made]
+    return [
+        body.model_copy(update={"inertia": body.inertia.model_copy(update={"unchecked": True})})
+        if body.name in problems and isinstance(body, RigidBody)
+        else body
+        for body in made
+    ]
 
 
 def _check(scene: Scene, making: Making) -> None:

@@ -53,24 +53,24 @@ _EQUALITIES = ("CONNECT", "WELD", "JOINT")
 
 def _problems(model: Compiled) -> Iterator[str]:
     """Sentences on what moves or pushes the bodies in a way of its own."""
-    if model.count("nflex"):
+    if model.arrays.nflex:
         yield f"flex {model.name_of('FLEX', 0)!r} is a deformable body."
-    for body in np.flatnonzero(model.of("body_plugin") >= 0).tolist():
+    for body in np.flatnonzero(model.arrays.body_plugin >= 0).tolist():
         yield f"body {model.body(body)!r} has a plugin, whose forces are unknown."
-    for joint in np.flatnonzero(np.any(model.of("jnt_stiffnesspoly") != 0.0, axis=1)).tolist():
+    for joint in np.flatnonzero(np.any(model.arrays.jnt_stiffnesspoly != 0.0, axis=1)).tolist():
         yield f"joint {model.joint(joint)!r} has a nonlinear spring."
-    for joint in np.flatnonzero(model.of("jnt_springyield") > 0.0).tolist():
+    for joint in np.flatnonzero(model.arrays.jnt_springyield > 0.0).tolist():
         yield f"joint {model.joint(joint)!r} has a spring that yields."
-    for joint in range(model.count("njnt")):
-        armature = model.of("dof_armature")[model.of("jnt_dofadr")[joint]]
+    for joint in range(model.arrays.njnt):
+        armature = model.arrays.dof_armature[model.arrays.jnt_dofadr[joint]]
         if model.kind(joint) == "floating" and armature != 0.0:
             yield (
                 f"the free joint {model.joint(joint)!r} has an armature, {armature:g}: its body would be "
                 "heavier to move than to lift."
             )
-    for k in range(model.count("neq")):
-        kind = model.word("mjtEq", model.of("eq_type")[k])
-        if model.of("eq_active0")[k] and kind not in _EQUALITIES and not model.disabled("EQUALITY"):
+    for k in range(model.arrays.neq):
+        kind = model.word("mjtEq", model.arrays.eq_type[k])
+        if model.arrays.eq_active0[k] and kind not in _EQUALITIES and not model.disabled("EQUALITY"):
             yield f"equality {model.name_of('EQUALITY', k)!r} is of the type {kind.lower()}."
 
 
@@ -78,21 +78,21 @@ def ignored(model: Compiled) -> tuple[str, ...]:
     """Sentences on what the scene does not have, and what is left out without harm."""
     says: list[str] = []
     for count, what in (("ngeom", "shapes"), ("npair", "pairs of contacts")):
-        if model.count(count):
-            says.append(f"{model.count(count)} {what}: there are no contacts")
-    if tendons := range(model.count("ntendon")):
+        if getattr(model.arrays, count):
+            says.append(f"{getattr(model.arrays, count)} {what}: there are no contacts")
+    if tendons := range(model.arrays.ntendon):
         keys = ("stiffness", "damping", "armature", "frictionloss")
-        forces = [key for key in keys if np.any(model.of(f"tendon_{key}"))]
+        forces = [key for key in keys if np.any(getattr(model.arrays, f"tendon_{key}"))]
         also = f", with their {', '.join(forces)}" if forces else ""
         says.append(f"tendons {_names(model, 'TENDON', tendons)}{also}")
-    off = [k for k in range(model.count("neq")) if not model.of("eq_active0")[k]]
+    off = [k for k in range(model.arrays.neq) if not model.arrays.eq_active0[k]]
     says += said("equalities that do not act at first: {}", [_names(model, "EQUALITY", off)])
     if model.arrays.opt.viscosity or (model.arrays.opt.density and np.any(model.arrays.opt.wind)):
         says.append("forces of the medium (density, viscosity, wind)")
-    nonlinear = (("jnt_stiffnesspoly", "springs"), ("dof_dampingpoly", "dampers"))
-    says += [f"parts of {what} that are not linear" for key, what in nonlinear if np.any(model.of(key))]
-    if model.count("nmocap"):
-        says.append(f"{model.count('nmocap')} mocap bodies are fixed on the ground")
+    nonlinear = {"springs": model.arrays.jnt_stiffnesspoly, "dampers": model.arrays.dof_dampingpoly}
+    says += [f"parts of {what} that are not linear" for what, law in nonlinear.items() if np.any(law)]
+    if model.arrays.nmocap:
+        says.append(f"{model.arrays.nmocap} mocap bodies are fixed on the ground")
     return tuple(says)
 
 
@@ -115,13 +115,13 @@ def driven(model: Compiled) -> tuple[dict[str, Drive], list[str], list[str]]:
     """What actuators add to joints, by name, and sentences on what acts and on what is left out."""
     joints: dict[str, Drive] = {}
     says, left_out, lawless = list[str](), list[str](), list[str]()
-    for number in range(model.count("nactuator")):
+    for number in range(model.arrays.nactuator):
         name = model.name_of("ACTUATOR", number)
-        transmission = model.word("mjtTrn", model.of("actuator_trntype")[number])
-        target = int(model.of("actuator_trnid")[number][0])
+        transmission = model.word("mjtTrn", model.arrays.actuator_trntype[number])
+        target = int(model.arrays.actuator_trnid[number][0])
         on_joint = transmission in ("JOINT", "JOINTINPARENT")
         if not on_joint or model.kind(target) not in ("revolute", "prismatic"):
-            if transmission != "SITE" or model.of("actuator_trnid")[number][1] >= 0:
+            if transmission != "SITE" or model.arrays.actuator_trnid[number][1] >= 0:
                 left_out.append(f"{name} ({transmission.lower()})")
             else:
                 says.append(f"{name} acts at a site, {_at_site(model, number)} per unit of control")
@@ -144,26 +144,26 @@ def driven(model: Compiled) -> tuple[dict[str, Drive], list[str], list[str]]:
 
 def _at_site(model: Compiled, number: int) -> str:
     """The force and the torque of an actuator at a site for one unit of its control."""
-    gear = model.of("actuator_gear")[model.of("actuator_outadr")[number]]
-    gain = float(model.of("actuator_gainprm")[number][0])
+    gear = model.arrays.actuator_gear[model.arrays.actuator_outadr[number]]
+    gain = float(model.arrays.actuator_gainprm[number][0])
     sizes = ((math.hypot(*gear[:3]), "N"), (math.hypot(*gear[3:]), "N m"))
     return " and ".join(f"{gain * size:.6g} {unit}" for size, unit in sizes if size)
 
 
 def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
     """What one actuator adds, effort per unit of control, and whether it has no more than that."""
-    gear = float(model.of("actuator_gear")[model.of("actuator_outadr")[number]][0])
-    gain_kind = model.word("mjtGain", model.of("actuator_gaintype")[number])
-    bias_kind = model.word("mjtBias", model.of("actuator_biastype")[number])
-    dynamics = model.word("mjtDyn", model.of("actuator_dyntype")[number])
+    gear = float(model.arrays.actuator_gear[model.arrays.actuator_outadr[number]][0])
+    gain_kind = model.word("mjtGain", model.arrays.actuator_gaintype[number])
+    bias_kind = model.word("mjtBias", model.arrays.actuator_biastype[number])
+    dynamics = model.word("mjtDyn", model.arrays.actuator_dyntype[number])
     stiffness = damping = 0.0
     if bias_kind == "AFFINE" and not model.disabled("ACTUATION"):
-        _, slope, rate = (float(entry) for entry in model.of("actuator_biasprm")[number][:3])
+        _, slope, rate = (float(entry) for entry in model.arrays.actuator_biasprm[number][:3])
         stiffness, damping = -(gear**2) * slope, -(gear**2) * rate
-    damping += gear**2 * float(model.of("actuator_damping")[number])
-    inertia = gear**2 * float(model.of("actuator_armature")[number])
+    damping += gear**2 * float(model.arrays.actuator_damping[number])
+    inertia = gear**2 * float(model.arrays.actuator_armature[number])
     known = gain_kind == "FIXED" and bias_kind in ("NONE", "AFFINE") and dynamics == "NONE"
-    gain = gear * float(model.of("actuator_gainprm")[number][0])
+    gain = gear * float(model.arrays.actuator_gainprm[number][0])
     return Drive(stiffness, damping, inertia), gain, known
 
 
@@ -172,11 +172,11 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     model = compiled(file, top)
     for problem in _problems(model):
         raise SceneError(f"{problem} A scene does not have this; take it out of the file.")
-    positions = np.asarray(model.of("qpos0"))
+    positions = np.asarray(model.arrays.qpos0)
     if keyframe is not None:
-        names = [model.name_of("KEY", k) for k in range(model.count("nkey"))]
+        names = [model.name_of("KEY", k) for k in range(model.arrays.nkey)]
         check_known("keyframe", [keyframe], names, "keyframe")
-        positions = np.asarray(model.of("key_qpos")[names.index(keyframe)])
+        positions = np.asarray(model.arrays.key_qpos[names.index(keyframe)])
     drives, acts, left_out = driven(model)
     links, joints = _links(model), _joints(model, positions, drives)
     sites = sites_of(model)
@@ -208,17 +208,17 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
 def _links(model: Compiled) -> dict[str, RobotLink]:
     """The links of all bodies but the world, and those between the joints of one body."""
     links = {}
-    for body in range(1, model.count("nbody")):
+    for body in range(1, model.arrays.nbody):
         for name in model.between(body):
             links[name] = RobotLink(name, 0, inertial=True)
-        turned = of_quaternion(model.of("body_iquat")[body])
-        moments = model.of("body_inertia")[body]
+        turned = of_quaternion(model.arrays.body_iquat[body])
+        moments = model.arrays.body_inertia[body]
         links[model.body(body)] = RobotLink(
             name=model.body(body),
             line=0,
             inertial=True,
-            mass=float(model.of("body_mass")[body]),
-            center=three(model.of("body_ipos")[body]),
+            mass=float(model.arrays.body_mass[body]),
+            center=three(model.arrays.body_ipos[body]),
             rpy=angles_of(turned),
             inertia={
                 **dict.fromkeys(("xy", "xz", "yz"), 0.0),
@@ -231,10 +231,10 @@ def _links(model: Compiled) -> dict[str, RobotLink]:
 def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> dict[str, RobotJoint]:
     """The joints of all bodies; a body without joints is welded to its parent."""
     joints: dict[str, RobotJoint] = {}
-    for body in range(1, model.count("nbody")):
-        parent = model.of("body_parentid")[body]
-        at = model.of("body_pos")[body]
-        R = of_quaternion(model.of("body_quat")[body])
+    for body in range(1, model.arrays.nbody):
+        parent = model.arrays.body_parentid[body]
+        at = model.arrays.body_pos[body]
+        R = of_quaternion(model.arrays.body_quat[body])
         outer = model.body(parent) if parent else WORLD
         numbers = model.joints(body)
         if not numbers:
@@ -244,7 +244,7 @@ def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> d
         for number, child in zip(numbers, inner, strict=False):
             made = _joint(model, number, outer, child, positions)
             anchor = np.array(made.anchor)
-            start = positions[model.of("jnt_qposadr")[number] :]
+            start = positions[model.arrays.jnt_qposadr[number] :]
             turned = R
             if made.kind == "floating":  # its coordinates are the place of the body in the world
                 at, turned = start[:3], of_quaternion(start[3:7])
@@ -265,32 +265,32 @@ def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> d
 def _joint(model: Compiled, number: int, outer: str, child: str, positions: Array) -> RobotJoint:
     """A joint without its place in its parent; positions are counted from the reference of the file."""
     kind = model.kind(number)
-    address, dof = model.of("jnt_qposadr")[number], model.of("jnt_dofadr")[number]
+    address, dof = model.arrays.jnt_qposadr[number], model.arrays.jnt_dofadr[number]
     position = slack = 0.0
     lower = upper = effort = None
     if kind in ("revolute", "prismatic"):
-        reference = float(model.of("qpos0")[address])
+        reference = float(model.arrays.qpos0[address])
         position = float(positions[address]) - reference
-        slack = float(model.of("qpos_spring")[address]) - reference
-        if model.of("jnt_limited")[number]:
-            lower, upper = (float(end) - reference for end in model.of("jnt_range")[number])
-    if model.of("jnt_actfrclimited")[number]:
-        effort = float(np.max(np.abs(model.of("jnt_actfrcrange")[number])))
+        slack = float(model.arrays.qpos_spring[address]) - reference
+        if model.arrays.jnt_limited[number]:
+            lower, upper = (float(end) - reference for end in model.arrays.jnt_range[number])
+    if model.arrays.jnt_actfrclimited[number]:
+        effort = float(np.max(np.abs(model.arrays.jnt_actfrcrange[number])))
     return RobotJoint(
         name=model.joint(number),
         line=0,
         kind="continuous" if kind == "revolute" and lower is None else kind,
         parent=outer,
         child=child,
-        anchor=ZERO if kind == "floating" else three(model.of("jnt_pos")[number]),
-        axis=three(model.of("jnt_axis")[number]),
+        anchor=ZERO if kind == "floating" else three(model.arrays.jnt_pos[number]),
+        axis=three(model.arrays.jnt_axis[number]),
         position=position,
         lower=lower,
         upper=upper,
         effort=effort,
-        stiffness=0.0 if model.disabled("SPRING") else float(model.of("jnt_stiffness")[number]),
+        stiffness=0.0 if model.disabled("SPRING") else float(model.arrays.jnt_stiffness[number]),
         slack=slack,
-        damping=0.0 if model.disabled("DAMPER") else float(model.of("dof_damping")[dof]),
-        reflected_inertia=float(model.of("dof_armature")[dof]),
-        friction=float(model.of("dof_frictionloss")[dof]),
+        damping=0.0 if model.disabled("DAMPER") else float(model.arrays.dof_damping[dof]),
+        reflected_inertia=float(model.arrays.dof_armature[dof]),
+        friction=float(model.arrays.dof_frictionloss[dof]),
     )

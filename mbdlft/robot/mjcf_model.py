@@ -57,14 +57,6 @@ class Compiled:
     library: Any
     warnings: tuple[str, ...] = ()
 
-    def of(self, name: str) -> Any:
-        """An array of the model."""
-        return getattr(self.arrays, name)
-
-    def count(self, name: str) -> int:
-        """A size of the model."""
-        return int(getattr(self.arrays, name))
-
     def code(self, enumeration: str, name: str) -> int:
         """The number of a constant, such as HINGE of mjtJoint."""
         kinds = getattr(self.library, enumeration)
@@ -81,12 +73,10 @@ class Compiled:
 
     @property
     def name(self) -> str:
-        """The name of the model."""
         return bytes(self.arrays.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
     @property
     def gravity(self) -> Triple:
-        """Gravity (m/s^2)."""
         return ZERO if self.disabled("GRAVITY") else three(self.arrays.opt.gravity)
 
     def name_of(self, kind: str, number: int) -> str:
@@ -97,7 +87,7 @@ class Compiled:
     def names_of(self, kind: str, count: str) -> list[str]:
         """The names of all objects of a kind, all different."""
         names: list[str] = []
-        for number in range(self.count(count)):
+        for number in range(getattr(self.arrays, count)):
             names.append(unused(self.name_of(kind, number), names))
         return names
 
@@ -108,25 +98,22 @@ class Compiled:
 
     @cached_property
     def joint_names(self) -> list[str]:
-        """Names of the joints."""
         return self.names_of("JOINT", "njnt")
 
     def body(self, number: int) -> str:
-        """The name of a body."""
         return self.body_names[number]
 
     def joint(self, number: int) -> str:
-        """The name of a joint."""
         return self.joint_names[number]
 
     def joints(self, body: int) -> list[int]:
         """The joints of a body, in their order."""
-        first, count = self.of("body_jntadr")[body], self.of("body_jntnum")[body]
+        first, count = self.arrays.body_jntadr[body], self.arrays.body_jntnum[body]
         return [int(first) + k for k in range(int(count))]
 
     def kind(self, joint: int) -> str:
         """The kind of a joint: floating, spherical, prismatic or revolute."""
-        return _KINDS[self.word("mjtJoint", self.of("jnt_type")[joint])]
+        return _KINDS[self.word("mjtJoint", self.arrays.jnt_type[joint])]
 
     def between(self, body: int) -> list[str]:
         """Names of the links without mass after each joint of a body but the last."""
@@ -163,7 +150,7 @@ def compiled(file: Path, top: Element) -> Compiled:
     warnings = made["warnings"].tobytes().decode()
     model = Compiled(arrays, mujoco, tuple(warnings.splitlines()))
     for array, owner in _MEASURED.items():
-        bad = ~np.all(np.isfinite(np.atleast_2d(np.asarray(model.of(array)).T)), axis=0)
+        bad = ~np.all(np.isfinite(np.atleast_2d(np.asarray(getattr(model.arrays, array)).T)), axis=0)
         if bad.any():
             name = getattr(model, owner)(int(np.argmax(bad)))
             raise SceneError(f"{owner} {name!r}: its {array.partition('_')[2]} is not finite.")
@@ -172,14 +159,14 @@ def compiled(file: Path, top: Element) -> Compiled:
 
 def sites_of(model: Compiled) -> Sites:
     """Links at the sites that inertial sensors and thrusters use, by number."""
-    used = {int(model.of("sensor_objid")[k]) for k in _inertial(model)}
-    used |= {int(model.of("actuator_trnid")[k][0]) for k in _thrusters(model)}
+    used = {int(model.arrays.sensor_objid[k]) for k in _inertial(model)}
+    used |= {int(model.arrays.actuator_trnid[k][0]) for k in _thrusters(model)}
     sites = {}
     for number in sorted(used):
-        name, body = site_link(model, number), model.body(int(model.of("site_bodyid")[number]))
+        name, body = site_link(model, number), model.body(int(model.arrays.site_bodyid[number]))
         weld = unused(f"weld_{name}", model.joint_names)
-        R = of_quaternion(model.of("site_quat")[number])
-        sites[number] = welded(name, weld, body, model.of("site_pos")[number], R)
+        R = of_quaternion(model.arrays.site_quat[number])
+        sites[number] = welded(name, weld, body, model.arrays.site_pos[number], R)
     return sites
 
 
@@ -187,9 +174,9 @@ def _inertial(model: Compiled) -> list[int]:
     """The accelerometers and gyros on bodies that are not the world."""
     return [
         k
-        for k in range(model.count("nsensor"))
-        if model.word("mjtSensor", model.of("sensor_type")[k]) in _INERTIAL
-        and model.of("site_bodyid")[model.of("sensor_objid")[k]] > 0
+        for k in range(model.arrays.nsensor)
+        if model.word("mjtSensor", model.arrays.sensor_type[k]) in _INERTIAL
+        and model.arrays.site_bodyid[model.arrays.sensor_objid[k]] > 0
     ]
 
 
@@ -197,10 +184,10 @@ def _thrusters(model: Compiled) -> list[int]:
     """The actuators that push and turn a site without reference."""
     return [
         k
-        for k in range(model.count("nactuator"))
-        if model.word("mjtTrn", model.of("actuator_trntype")[k]) == "SITE"
-        and model.of("actuator_trnid")[k][1] < 0
-        and model.of("site_bodyid")[model.of("actuator_trnid")[k][0]] > 0
+        for k in range(model.arrays.nactuator)
+        if model.word("mjtTrn", model.arrays.actuator_trntype[k]) == "SITE"
+        and model.arrays.actuator_trnid[k][1] < 0
+        and model.arrays.site_bodyid[model.arrays.actuator_trnid[k][0]] > 0
     ]
 
 
@@ -214,9 +201,9 @@ def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...
     sensors, rates, others = [], [], []
     inertial = _inertial(model)
     taken = list(model.joint_names)
-    for k in range(model.count("nsensor")):
-        kind = model.word("mjtSensor", model.of("sensor_type")[k])
-        number = int(model.of("sensor_objid")[k])
+    for k in range(model.arrays.nsensor):
+        kind = model.word("mjtSensor", model.arrays.sensor_type[k])
+        number = int(model.arrays.sensor_objid[k])
         if k in inertial:
             name = unused(model.name_of("SENSOR", k), taken)
             taken.append(name)
@@ -234,8 +221,8 @@ def loads_of(model: Compiled, sites: Sites) -> tuple[RobotLoad, ...]:
     loads = []
     taken = [*model.joint_names, *(sensor.name for sensor in sensors_of(model)[0])]
     for k in _thrusters(model):
-        site = int(model.of("actuator_trnid")[k][0])
-        gear = model.of("actuator_gear")[model.of("actuator_outadr")[k]]
+        site = int(model.arrays.actuator_trnid[k][0])
+        gear = model.arrays.actuator_gear[model.arrays.actuator_outadr[k]]
         name = unused(model.name_of("ACTUATOR", k), taken)
         taken.append(name)
         for kind, direction in (("force", gear[:3]), ("torque", gear[3:])):
@@ -243,8 +230,8 @@ def loads_of(model: Compiled, sites: Sites) -> tuple[RobotLoad, ...]:
                 both = np.any(gear[:3]) and np.any(gear[3:])
                 label = f"{name}_{kind}" if both else name
                 loads.append(RobotLoad(label, kind, sites[site][0].name, three(direction)))
-    for body in range(1, model.count("nbody")):
-        displaced = float(model.of("body_gravcomp")[body] * model.of("body_mass")[body])
+    for body in range(1, model.arrays.nbody):
+        displaced = float(model.arrays.body_gravcomp[body] * model.arrays.body_mass[body])
         if displaced and any(model.gravity):
             name = unused(f"{model.body(body)}_gravity_compensation", taken)
             loads.append(RobotLoad(name, "buoyancy", model.body(body), displaced=displaced))
@@ -255,8 +242,8 @@ def mimics_of(model: Compiled) -> dict[str, Mimic]:
     """The joints that an equality couples linearly with another one, by name."""
     mimics = {}
     for k in _active(model, "JOINT"):
-        first, second = int(model.of("eq_obj1id")[k]), int(model.of("eq_obj2id")[k])
-        constant, slope, *higher = (float(entry) for entry in model.of("eq_data")[k][:5])
+        first, second = int(model.arrays.eq_obj1id[k]), int(model.arrays.eq_obj2id[k])
+        constant, slope, *higher = (float(entry) for entry in model.arrays.eq_data[k][:5])
         where = f"equality {model.name_of('EQUALITY', k)!r} of joint {model.joint(first)!r}"
         if any(higher) or second < 0:
             raise SceneError(
@@ -285,12 +272,12 @@ def loops_of(model: Compiled) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
 
 def _ends(model: Compiled, k: int, word: str) -> tuple[tuple[int, Array], tuple[int, Array], Array]:
     """Two bodies with the points that an equality connects, and the axes of the second in the first."""
-    first, second = int(model.of("eq_obj1id")[k]), int(model.of("eq_obj2id")[k])
-    data = np.asarray(model.of("eq_data")[k])
-    if model.of("eq_objtype")[k] == model.code("mjtObj", "SITE"):
-        quats = [of_quaternion(model.of("site_quat")[s]) for s in (first, second)]
+    first, second = int(model.arrays.eq_obj1id[k]), int(model.arrays.eq_obj2id[k])
+    data = np.asarray(model.arrays.eq_data[k])
+    if model.arrays.eq_objtype[k] == model.code("mjtObj", "SITE"):
+        quats = [of_quaternion(model.arrays.site_quat[s]) for s in (first, second)]
         a, b = (
-            (int(model.of("site_bodyid")[s]), np.asarray(model.of("site_pos")[s]))
+            (int(model.arrays.site_bodyid[s]), np.asarray(model.arrays.site_pos[s]))
             for s in (first, second)
         )
         return a, b, np.asarray(quats[0] @ quats[1].T)
@@ -302,9 +289,7 @@ def _ends(model: Compiled, k: int, word: str) -> tuple[tuple[int, Array], tuple[
 
 def _active(model: Compiled, word: str) -> list[int]:
     """The equalities of a type that act from the beginning."""
-    code = model.code("mjtEq", word)
-    return [
-        k
-        for k in range(model.count("neq"))
-        if model.of("eq_type")[k] == code and model.of("eq_active0")[k] and not model.disabled("EQUALITY")
-    ]
+    if model.disabled("EQUALITY"):
+        return []
+    of_type = model.arrays.eq_type == model.code("mjtEq", word)
+    return [int(k) for k in np.flatnonzero(of_type & (model.arrays.eq_active0 != 0))]

@@ -25,9 +25,9 @@ from mbdlft.robot.description import (
     unused,
     welded,
 )
+from mbdlft.robot.make import AXIAL
 from mbdlft.robot.sdf_frames import Frames, flag, frames_of, joints_of, scopes
 from mbdlft.robot.urdf import Element, child_numbers, content_numbers, name_of, others
-from mbdlft.robot.values import AXIAL
 
 _USED = {
     "model": ("frame", "pose", "static", "include"),
@@ -136,7 +136,6 @@ def _acts(element: Element) -> bool:
 
 
 def _link(scope: str, element: Element, frames: Frames) -> RobotLink:
-    """The link of an element <link>."""
     name = f"{scope}{name_of(element)}"
     where = f"inertial of link {name!r}"
     inertial = element.only("inertial")

@@ -233,7 +233,6 @@ def flag(owner: Element, tag: str, *, default: bool = False) -> bool:
 def _joint(
     scope: str, element: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
 ) -> RobotJoint:
-    """The joint of an element <joint>."""
     name = f"{scope}{name_of(element)}"
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")

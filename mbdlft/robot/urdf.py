@@ -225,7 +225,6 @@ def read_urdf(top: Element) -> Robot:
 
 
 def _link(element: Element) -> RobotLink:
-    """The link of an element <link>."""
     name = name_of(element)
     inertial = element.only("inertial")
     if inertial is None:
@@ -248,7 +247,6 @@ def _link(element: Element) -> RobotLink:
 
 
 def _joint(element: Element) -> RobotJoint:
-    """The joint of an element <joint>."""
     name = name_of(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")

@@ -19,7 +19,7 @@ from benchmarks import ur5 as benchmark
 from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robots
 from mbdlft.robot.description import RobotJoint
 from mbdlft.robot.load import RIGHT_ANGLE, read_robot
-from mbdlft.robot.values import AXIAL
+from mbdlft.robot.make import AXIAL
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
 

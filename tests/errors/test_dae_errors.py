@@ -10,7 +10,7 @@ from mbdlft.base import Angle, Parameter
 from mbdlft.base.errors import AnalysisError, NotRationalError, SceneError, StructureError, TrimError
 from mbdlft.base.formula import formula_value
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, simulate, trim
-from mbdlft.dae.units import check_units
+from mbdlft.dae.dae import check_units
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import ThetaFunction
 from tests.close import CROSS, roundoff, target

@@ -10,7 +10,7 @@ import pytest
 import mbdlft
 from benchmarks.cases.lagrangian import lagrangian
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
-from mbdlft.multibody.equilibrium import displaced
+from mbdlft.multibody.equilibrium import conditions
 from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.equilibria import Known, known_equilibrium
@@ -291,7 +291,7 @@ def test_conditions_are_those_of_the_model() -> None:
     """Without springs between ports the displaced conditions are the residual of the model at rest."""
     for seed in (2, 5, 11):
         scene = known_equilibrium(seed).scene.model_copy(update={"loads": ()})
-        d, first_order = displaced.displace(scene), mbdlft.assemble(scene)
+        d, first_order = conditions.displace(scene), mbdlft.assemble(scene)
         with forces_turned_on_the_way():
             of_any_size = mbdlft.assemble(scene)
         rng = np.random.default_rng(seed)

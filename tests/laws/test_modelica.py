@@ -15,8 +15,7 @@ from mbdlft.modelica import flat_model, flat_text, translate
 from mbdlft.modelica.dimensions import unit_of
 from mbdlft.modelica.evaluation import Evaluator
 from mbdlft.modelica.expression import ExpressionParser
-from mbdlft.modelica.printer import write
-from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary
+from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary, write
 from mbdlft.problem.sx.constants import in_doubles
 from tests.close import exact, roundoff
 from tests.modelica import FLAT

@@ -177,7 +177,6 @@ class Registry:
         return symbol, first
 
     def function(self, expression: ca.SX, hint: str) -> int:
-        """The number of a function."""
         numbered = (self._argument_of.get(s.element_hash()) for s in ca.symvar(expression))
         used = tuple(sorted(k for k in numbered if k is not None))
         symbols = [self.arguments[k].symbol for k in used]

@@ -16,13 +16,13 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.parameter import to_internal
 from mbdlft.base.unit import Signal, dimension_name, parse_unit
+from mbdlft.dae.dae import open_unit, unit_of
 from mbdlft.dae.index import blocks_of
 from mbdlft.dae.newton import singular_part, values_of
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import ONE_KEY, Function, Mixed, number
 from mbdlft.dae.theta.separation import Arrange, Separated, Separation
-from mbdlft.dae.units import open_unit, unit_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import is_constant

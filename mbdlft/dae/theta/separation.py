@@ -128,7 +128,6 @@ class Separation:
         raise NotRationalError(f"{self.owner}, {self.place}: operation {operation!r} is not supported.")
 
     def apply(self, operation: str, *operands: Mixed) -> Mixed:
-        """The value of an operation."""
         match operation:
             case "mul":
                 for a, b in (operands, operands[::-1]):

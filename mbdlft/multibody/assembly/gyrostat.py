@@ -89,7 +89,6 @@ class _Finder:
     # what turns -----------------------------------------------------------------------------
 
     def turn(self, link: Link) -> None:
-        """A joint with a rate."""
         where, joint = f"joint {link.joint.name!r}", link.joint
         assert isinstance(joint, Revolute)
         if link.parent.name in self.bodies:

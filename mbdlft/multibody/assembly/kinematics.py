@@ -40,7 +40,6 @@ class Placed:
     values: Mapping[str, Values]  # quantities by owner
 
     def of(self, body: Body) -> Values:
-        """Quantities of a body by label."""
         return self.values.get(owner_name(body), {})
 
 
@@ -227,7 +226,6 @@ class View:
         return self.now.values.get(self.owner, {})
 
     def find(self, port: str) -> tuple[str, str]:
-        """Body and port by name."""
         body, name = find_port(self.now.bodies, self.owner, "port", port)
         return body.name, name
 

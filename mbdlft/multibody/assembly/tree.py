@@ -42,7 +42,6 @@ class PortFrame(Body):
     kind: ClassVar[str] = "port"
 
     def wrench(self, motion: ca.SX, values: Values, inboard: ca.SX, at: Coordinate) -> ca.SX:
-        """Nothing: it has no mass."""
         return ca.SX(3, 2)
 
 
@@ -116,7 +115,6 @@ class Degree(NamedTuple):
 
     @property
     def effort(self) -> Signal:
-        """The effort."""
         return self.freedom.effort.of(self.name)
 
     def label(self, key: str) -> str:

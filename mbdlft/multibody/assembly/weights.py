@@ -29,7 +29,6 @@ each angle and length meets each hinge once; the torque c q x ..., three times.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -39,7 +38,7 @@ from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, body_e
 from mbdlft.multibody.assembly.tree import Link, PortJoint
 from mbdlft.multibody.body import GROUND, PointMass, RigidBody
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
-from mbdlft.multibody.spatial import move_wrench
+from mbdlft.multibody.spatial import move_wrench, traced
 from mbdlft.problem.sx.constants import is_constant, is_zero, numbers_of, without_zeros
 
 # On the way to some body. Of spatial chains with 4 to 6 hinges, all with 4 angles as parameters become
@@ -123,18 +122,15 @@ def is_parallel(first: ca.SX, second: ca.SX) -> bool:
 def _with_weights(wrench: ca.SX, tilts: tuple[Tilt, ...], field: ca.SX) -> ca.SX:
     """A wrench (3, 2) with what the weights that have been turned add to it."""
     for tilt in tilts:
-        wrench = wrench + _turned_weight()(*tilt, field)
+        wrench = wrench + _turned_weight(*tilt, field)
     return wrench
 
 
-@cache
-def _turned_weight() -> ca.Function:
+@traced
+def _turned_weight(axis: ca.SX, mass: ca.SX, moment: ca.SX, field: ca.SX) -> ca.SX:
     """M q e x g, and q e x (c x g) = c q (e . g) - g (e . c q)."""
-    axis, field = ca.SX.sym("axis", 3), ca.SX.sym("field", 3)
-    mass, moment = ca.SX.sym("mass"), ca.SX.sym("moment", 3)
     torque = moment * ca.dot(axis, field) - ca.dot(axis, moment) * field
-    weight = ca.horzcat(mass * ca.cross(axis, field), torque)
-    return ca.Function("turned_weight", [axis, mass, moment, field], [weight])
+    return ca.horzcat(mass * ca.cross(axis, field), torque)
 
 
 def _together(first: Carried, second: Carried) -> Carried:
@@ -200,7 +196,6 @@ class Weights:
     moment = (3, 1)  # shape of `Carried.moment`
 
     def carried(self, link: Link, inertial: ca.SX, loads: ca.SX) -> Carried:
-        """What a body is to its joint."""
         values = self.placed.of(link.child)
         moment = link.child.first_moment(values, self.placed.inboard[link.child.name])
         return Carried(inertial, loads, link.child.total_mass(values), moment, ())

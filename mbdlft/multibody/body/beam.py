@@ -166,7 +166,6 @@ class Beam(ElasticBody):
         return ca.sparsify(ca.vertcat(ca.SX(along), ca.SX(2, 1)))
 
     def _node(self, port: str) -> int:
-        """Number of the node at a port."""
         return self.elements if port == "tip" else self.stations[port]
 
     def _breaks(self) -> tuple[int, ...]:
@@ -174,7 +173,6 @@ class Beam(ElasticBody):
         return tuple(sorted({node for node in self.stations.values() if node < self.elements}))
 
     def deformation(self, name: str) -> Deformation:
-        """What one deformation is made of."""
         functions = "shear" if self._has_shear(name) else self.shape_functions
         breaks = () if self.modes is None else self._breaks()
         return Deformation(name, functions, self.elements, self.modes, breaks)
@@ -189,7 +187,6 @@ class Beam(ElasticBody):
 
     @property
     def _count(self) -> int:
-        """Number n of coordinates."""
         return int(self.blocks()[-1][2].stop)
 
     def freedoms(self) -> tuple[Freedom, ...]:
@@ -350,7 +347,7 @@ class Beam(ElasticBody):
             z = z + (rho * values["I_z"] * L if "I_z" in known else unseen["zz"])
         inertia = ca.diag(ca.vertcat(ca.SX(polar), y, z))
         center = ca.vertcat(ca.SX(0.5 * L), ca.SX(2, 1))
-        return ca.SX(newton_euler()(motion, mass, ca.SX(3, 1), center, inertia))
+        return newton_euler(motion, mass, ca.SX(3, 1), center, inertia)
 
     def unseen(self, entry: str) -> tuple[str, ...]:
         needed = {"xx": ("I_y", "I_z"), "yy": ("I_y",), "zz": ("I_z",)}[entry]

@@ -142,11 +142,9 @@ class PiezoBeam(Beam):
         return tuple(Signal(f"charge.{k}", "C") for k in self._channels())
 
     def _channels(self) -> range:
-        """Numbers of the voltages, from 1."""
         return range(1, 2 if self.common_voltage else len(self.patches) + 1)
 
     def driven(self, values: Values, inputs: ca.SX) -> ca.SX:
-        """Generalized forces (n,) K_v v of the voltages."""
         return times(self._coupling(values), self._voltages(inputs))
 
     def measure(self, values: Values, inputs: ca.SX, at: Coordinate) -> ca.SX:
@@ -166,7 +164,6 @@ class PiezoBeam(Beam):
         return {key: values[f"patch{k + 1}.{key}"] for key in _UNITS}
 
     def _section(self, k: int, values: Values) -> _Section:
-        """Section of patch k."""
         p, t = self._of(k, values), values["thickness"]
         w, h = p["width"], p["thickness"]
         layers = 2 if self.patches[k].side == "both" else 1
@@ -210,7 +207,6 @@ class PiezoBeam(Beam):
         return terms
 
     def elastic(self, values: Values) -> Elastic:
-        """Matrices of the beam with those of its patches."""
         base = super().elastic(values)
         mass: list[Term] = []
         stiffness: list[Term] = []
@@ -257,7 +253,6 @@ class PiezoBeam(Beam):
         return coupling + coupling.T
 
     def total_mass(self, values: Values) -> ca.SX:
-        """Mass of the beam and its patches (kg)."""
         beam = values["density"] * values["area"] * values["length"]
         return ca.SX(beam + sum(mass for mass, _, _ in self._lumps(values)))
 
@@ -280,8 +275,8 @@ class PiezoBeam(Beam):
             across = mass * (second * (L * L))
             inertia = ca.diag(ca.vertcat(ca.SX(0), across, across))
             center = ca.vertcat(ca.SX(first * L), ca.SX(2, 1))
-            total = total + newton_euler()(motion, mass, ca.SX(3, 1), center, inertia)
-        return ca.SX(total)
+            total = total + newton_euler(motion, mass, ca.SX(3, 1), center, inertia)
+        return total
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         plain = Beam(**{key: getattr(self, key) for key in Beam.model_fields})

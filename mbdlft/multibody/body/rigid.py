@@ -12,7 +12,6 @@ out: so no product m d d is formed if P = C.
 
 import abc
 from collections.abc import Mapping
-from functools import cache
 from typing import ClassVar, Self, final
 
 import casadi as ca
@@ -32,7 +31,7 @@ from mbdlft.base.description import (
 )
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.unit import Freedom, Signal
-from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench
+from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench, traced
 
 GROUND = "ground"
 
@@ -231,8 +230,7 @@ class RigidBody(Body):
         inertia = ca.reshape(column(entries[name] for row in _ENTRY for name in row), 3, 3)
         center = self.port_position("center_of_mass", values)
         point = self.port_position(self.inertia.about, values)
-        needed = newton_euler()(motion, values["mass"], point - inboard, center - point, inertia)
-        return ca.SX(needed)
+        return newton_euler(motion, values["mass"], point - inboard, center - point, inertia)
 
     def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
         return ca.SX((self.port_position("center_of_mass", values) - inboard) * values["mass"])
@@ -273,15 +271,13 @@ class Ground(Body):
         return ca.SX(3, 2)
 
 
-@cache
-def newton_euler() -> ca.Function:
-    """(motion (3, 3), mass, r, d (3,), J (3, 3)) -> wrench (3, 2) about the inboard port B.
+@traced
+def newton_euler(motion: ca.SX, mass: ca.SX, r: ca.SX, d: ca.SX, inertia: ca.SX) -> ca.SX:
+    """Wrench (3, 2) about the inboard port B that its motion (3, 3) needs.
 
-    The motion is that of B; r = r_BP and d = r_PC are vectors between B, the point P of the inertia J and
-    the center of mass C, all in the axes of the body.
+    r = r_BP and d = r_PC are vectors (3,) between B, the point P of the inertia (3, 3) and the center of
+    mass C, all in the axes of the body.
     """
-    motion, mass = ca.SX.sym("motion", 3, 3), ca.SX.sym("mass")
-    r, d, inertia = ca.SX.sym("r", 3), ca.SX.sym("d", 3), ca.SX.sym("J", 3, 3)
     omega, alpha, acceleration = ca.horzsplit(move_motion(motion, r))
     force = mass * (acceleration + ca.cross(alpha, d) + ca.cross(omega, ca.cross(omega, d)))
     torque = (
@@ -289,9 +285,7 @@ def newton_euler() -> ca.Function:
         + ca.cross(omega, ca.mtimes(inertia, omega))
         + ca.cross(d, mass * acceleration)
     )
-    return ca.Function(
-        "newton_euler", [motion, mass, r, d, inertia], [move_wrench(ca.horzcat(force, torque), r)]
-    )
+    return move_wrench(ca.horzcat(force, torque), r)
 
 
 def unseen_name(body: str, entry: str) -> str:

@@ -51,7 +51,6 @@ class System:
 
     @property
     def unknowns(self) -> int:
-        """Number n of unknowns."""
         return int(self.residual.numel_in(0))
 
     def at(self, p: Array) -> str:

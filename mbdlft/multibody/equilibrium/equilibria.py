@@ -8,7 +8,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
-from mbdlft.multibody.equilibrium.displaced import displace
+from mbdlft.multibody.equilibrium.conditions import displace
 from mbdlft.multibody.equilibrium.newton import (
     Attempt,
     Bounds,

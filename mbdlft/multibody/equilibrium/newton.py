@@ -17,7 +17,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.equilibrium.displaced import Displaced, in_physical
+from mbdlft.multibody.equilibrium.conditions import Displaced, in_physical
 
 Bounds = Mapping[str, tuple[float, float]]
 

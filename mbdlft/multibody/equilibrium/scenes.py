@@ -20,8 +20,14 @@ from mbdlft.base.unit import Freedom, dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.equilibrium.conditions import Conditions, fit_conditions
-from mbdlft.multibody.equilibrium.displaced import Displaced, JointCoordinate, displace, in_physical
+from mbdlft.multibody.equilibrium.conditions import (
+    Conditions,
+    Displaced,
+    JointCoordinate,
+    displace,
+    fit_conditions,
+    in_physical,
+)
 from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.multibody.force import Spring, Strut
@@ -214,7 +220,6 @@ def _relaxed(preload: Quantity, stiffness: Quantity, q: float, unit: str) -> Qua
 
 
 def _with_nominal(parameter: Parameter, value: float) -> Parameter:
-    """The parameter with a new nominal value."""
     p = parameter
     if not p.low < value < p.high:
         raise TrimError(

@@ -14,12 +14,11 @@ Motions are (3, 3), wrenches (3, 2). Efforts are those of the recursive Newton-E
 import abc
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from typing import NamedTuple
 
 import casadi as ca
 
-from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate
+from mbdlft.multibody.spatial import Coordinate, move_motion, move_wrench, rotate, traced
 
 # labels of the momenta (N m s) along the axis of a joint that turns at a steady rate, alone or with what
 # carries it: of its actuator, and of the bodies that it moves
@@ -143,7 +142,7 @@ class Hinge(Move):
         return rotate(self.axis, ca.cos(self.at.q), -ca.sin(self.at.q), vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return ca.SX(_hinge_motion()(self.in_child_axes(motion), self.axis, self.at.v, self.at.a))
+        return _hinge_motion(self.in_child_axes(motion), self.axis, self.at.v, self.at.a)
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return self.in_parent_axes(wrench)
@@ -151,7 +150,7 @@ class Hinge(Move):
     def carried(self, wrench: ca.SX, motion: ca.SX) -> ca.SX:
         if isinstance(self.inertia, float) and self.inertia == 0.0:
             return wrench
-        carried = ca.SX(_hinge_actuator()(wrench, motion, self.axis, self.inertia))
+        carried = _hinge_actuator(wrench, motion, self.axis, self.inertia)
         if self.steady:
             carried = carried + turning_along(motion, self.axis * self.momentum)
         if not self._is_geared():
@@ -196,7 +195,7 @@ class Slide(Move):
         return self.axis * self.at.q
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return ca.SX(_slide_motion()(motion, self.axis, *self.at))
+        return _slide_motion(motion, self.axis, *self.at)
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return move_wrench(wrench, self.offset())
@@ -222,13 +221,13 @@ class Ball(Move):
     degrees_of_freedom = 3
 
     def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
-        return ca.SX(_cayley(vectors.shape[1])(self.at.q, vectors))
+        return _cayley(self.at.q, vectors)
 
     def in_child_axes(self, vectors: ca.SX) -> ca.SX:
-        return ca.SX(_cayley(vectors.shape[1])(-self.at.q, vectors))
+        return _cayley(-self.at.q, vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return ca.SX(_ball_motion()(motion, *self.at))
+        return _ball_motion(motion, *self.at)
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return self.in_parent_axes(wrench)
@@ -299,54 +298,38 @@ def shifted(r: ca.SX) -> tuple[Shifted, ...]:
     return (Shifted(r),) if r.nnz() else ()
 
 
-@cache
-def _hinge_motion() -> ca.Function:
-    """(motion of p in the axes of c (3, 3), axis (3,), qdot, qddot) -> motion of frame c (3, 3)."""
-    motion, axis = ca.SX.sym("motion", 3, 3), ca.SX.sym("axis", 3)
-    v, a = ca.SX.sym("v"), ca.SX.sym("a")
+@traced
+def _hinge_motion(motion: ca.SX, axis: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    """Motion of frame c (3, 3); `motion` is that of p in the axes of c."""
     omega, alpha, acceleration = ca.horzsplit(motion)
     relative = axis * v
-    child = ca.horzcat(omega + relative, alpha + ca.cross(omega, relative) + axis * a, acceleration)
-    return ca.Function("hinge_motion", [motion, axis, v, a], [child])
+    return ca.horzcat(omega + relative, alpha + ca.cross(omega, relative) + axis * a, acceleration)
 
 
-@cache
-def _hinge_actuator() -> ca.Function:
-    """(wrench (3, 2) and motion (3, 3) of c, axis (3,), J) -> wrench with the rotor's torque (3, 2)."""
-    wrench, motion = ca.SX.sym("wrench", 3, 2), ca.SX.sym("motion", 3, 3)
-    axis, inertia = ca.SX.sym("axis", 3), ca.SX.sym("J")
+@traced
+def _hinge_actuator(wrench: ca.SX, motion: ca.SX, axis: ca.SX, inertia: ca.SX) -> ca.SX:
+    """The wrench (3, 2) with the torque of the rotor; `motion` is that of c."""
     omega, alpha, _ = ca.horzsplit(motion)
     spin = inertia * ca.dot(axis, omega)
     torque = axis * (inertia * ca.dot(axis, alpha)) + ca.cross(omega, axis * spin)
-    carried = ca.horzcat(wrench[:, 0], wrench[:, 1] + torque)
-    return ca.Function("hinge_actuator", [wrench, motion, axis, inertia], [carried])
+    return ca.horzcat(wrench[:, 0], wrench[:, 1] + torque)
 
 
-@cache
-def _slide_motion() -> ca.Function:
-    """(motion of p (3, 3), axis (3,), q, qdot, qddot) -> motion of frame c (3, 3)."""
-    motion, axis = ca.SX.sym("motion", 3, 3), ca.SX.sym("axis", 3)
-    q, v, a = (ca.SX.sym(name) for name in "qva")
+@traced
+def _slide_motion(motion: ca.SX, axis: ca.SX, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
     omega, alpha, acceleration = ca.horzsplit(move_motion(motion, axis * q))
-    child = ca.horzcat(omega, alpha, acceleration + 2 * ca.cross(omega, axis * v) + axis * a)
-    return ca.Function("slide_motion", [motion, axis, q, v, a], [child])
+    return ca.horzcat(omega, alpha, acceleration + 2 * ca.cross(omega, axis * v) + axis * a)
 
 
-@cache
-def _cayley(columns: int) -> ca.Function:
-    """(q (3,), vectors in c (3, columns)) -> R_pc times the vectors (3, columns); see `Ball`."""
-    q, vectors = ca.SX.sym("q", 3), ca.SX.sym("vectors", 3, columns)
+@traced
+def _cayley(q: ca.SX, vectors: ca.SX) -> ca.SX:
+    """R_pc times vectors (3, n) in c; see `Ball`."""
     across = ca.mtimes(ca.skew(q), vectors)
     twice = ca.mtimes(ca.skew(q), across)
-    rotated = vectors + (across + 0.5 * twice) / (1.0 + 0.25 * ca.dot(q, q))
-    return ca.Function("cayley", [q, vectors], [rotated])
+    return vectors + (across + 0.5 * twice) / (1.0 + 0.25 * ca.dot(q, q))
 
 
-@cache
-def _ball_motion() -> ca.Function:
-    """(motion of p (3, 3), q, v, vdot (3,)) -> motion of frame c (3, 3); see `Ball`."""
-    motion = ca.SX.sym("motion", 3, 3)
-    q, v, a = (ca.SX.sym(name, 3) for name in "qva")
-    omega, alpha, acceleration = ca.horzsplit(_cayley(3)(-q, motion))
-    child = ca.horzcat(omega + v, alpha + ca.cross(omega, v) + a, acceleration)
-    return ca.Function("ball_motion", [motion, q, v, a], [child])
+@traced
+def _ball_motion(motion: ca.SX, q: ca.SX, v: ca.SX, a: ca.SX) -> ca.SX:
+    omega, alpha, acceleration = ca.horzsplit(_cayley(-q, motion))
+    return ca.horzcat(omega + v, alpha + ca.cross(omega, v) + a, acceleration)

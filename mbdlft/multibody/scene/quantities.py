@@ -105,7 +105,6 @@ class AngleSum:
 
 
 def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
-    """The sums of the counts of each key."""
     merged = dict(first)
     for key, count in second.items():
         merged[key] = merged.get(key, 0) + count

@@ -170,7 +170,6 @@ class Scene(Description):
         return text + table(("joint", "kind", "parent", "child"), joined)
 
     def _sizes(self) -> str:
-        """How many bodies, joints and so on there are."""
         kinds = ("bodies", "joints", "loads", "sensors", "loops", "parameters")
         counts = {kind: len(getattr(self, kind)) for kind in kinds}
         return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)

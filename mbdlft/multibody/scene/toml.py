@@ -303,7 +303,6 @@ def _parameter(name: str, value: Any) -> Parameter:
 
 
 def _parameter_table(parameter: Parameter) -> dict[str, Any]:
-    """The table of a parameter."""
     p, keys = parameter, ("nominal", "low", "high", "unit", "role")
     table = {key: getattr(parameter, key) for key in keys}
     if p.is_angle:

@@ -123,12 +123,12 @@ def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
     not.
     """
     model = compiled(file, top)
-    visible = [k for k in range(model.count("ngeom")) if _visible(model, k)]
-    shown = [k for k in visible if model.of("geom_group")[k] < _GROUPS] or visible
+    visible = [k for k in range(model.arrays.ngeom) if _visible(model, k)]
+    shown = [k for k in visible if model.arrays.geom_group[k] < _GROUPS] or visible
     looks = []
     for k in shown:
-        body = int(model.of("geom_bodyid")[k])
-        place = placed(of_quaternion(model.of("geom_quat")[k]), model.of("geom_pos")[k])
+        body = int(model.arrays.geom_bodyid[k])
+        place = placed(of_quaternion(model.arrays.geom_quat[k]), model.arrays.geom_pos[k])
         look = Look(model.body(body) if body else "", place, {})
         sizes = _sizes(model, k)
         if sizes:
@@ -136,22 +136,22 @@ def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
         elif (corners := _triangles(model, k)) is not None:
             looks.append(look._replace(triangles=corners))
         else:
-            kind = model.word("mjtGeom", model.of("geom_type")[k]).lower()
+            kind = model.word("mjtGeom", model.arrays.geom_type[k]).lower()
             notes.append(f"Geoms of the type {kind} are not shown.")
     return looks
 
 
 def _visible(model: Compiled, geom: int) -> bool:
     """Whether a geom is not transparent; the color of its material counts, if it has one."""
-    material = int(model.of("geom_matid")[geom])
-    color = model.of("mat_rgba")[material] if material >= 0 else model.of("geom_rgba")[geom]
+    material = int(model.arrays.geom_matid[geom])
+    color = model.arrays.mat_rgba[material] if material >= 0 else model.arrays.geom_rgba[geom]
     return bool(color[3] > 0.0)
 
 
 def _sizes(model: Compiled, geom: int) -> dict[str, Any]:
     """Sizes (m) of a geom; MuJoCo has halves of them. Nothing for what has others."""
-    kind = model.word("mjtGeom", model.of("geom_type")[geom])
-    a, b, c = (float(entry) for entry in model.of("geom_size")[geom])
+    kind = model.word("mjtGeom", model.arrays.geom_type[geom])
+    a, b, c = (float(entry) for entry in model.arrays.geom_size[geom])
     known: dict[str, Any] = {
         "BOX": {"box": [2.0 * a, 2.0 * b, 2.0 * c]},
         "SPHERE": {"sphere": a},
@@ -165,12 +165,12 @@ def _sizes(model: Compiled, geom: int) -> dict[str, Any]:
 
 def _triangles(model: Compiled, geom: int) -> Array | None:
     """Corners (n, 3, 3) of the mesh of a geom, in its axes; None if it has no mesh."""
-    mesh, kind = int(model.of("geom_dataid")[geom]), int(model.of("geom_type")[geom])
+    mesh, kind = int(model.arrays.geom_dataid[geom]), int(model.arrays.geom_type[geom])
     if mesh < 0 or kind not in (model.code("mjtGeom", "MESH"), model.code("mjtGeom", "SDF")):
         return None
-    point, face = (int(model.of(f"mesh_{key}adr")[mesh]) for key in ("vert", "face"))
-    points = model.of("mesh_vert")[point : point + model.of("mesh_vertnum")[mesh]]
-    faces = model.of("mesh_face")[face : face + model.of("mesh_facenum")[mesh]]
+    point, face = (int(getattr(model.arrays, f"mesh_{key}adr")[mesh]) for key in ("vert", "face"))
+    points = model.arrays.mesh_vert[point : point + model.arrays.mesh_vertnum[mesh]]
+    faces = model.arrays.mesh_face[face : face + model.arrays.mesh_facenum[mesh]]
     return np.asarray(points[faces], dtype=float)
 
 
