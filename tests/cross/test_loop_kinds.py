@@ -42,9 +42,3 @@ def test_many_kinds_equal_lagrange(kind: str, seed: int) -> None:
 def test_a_mixed_mechanism_equals_lagrange() -> None:
     """A chain with gears, a strut, a sleeve that closes it, and a joint that moves as inputs say."""
     equals_lagrange(mixed(15))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4, 5, 6, 8, 10, 12, 13, 14, 16])
-def test_many_mixed_mechanisms_equal_lagrange(seed: int) -> None:
-    equals_lagrange(mixed(seed))

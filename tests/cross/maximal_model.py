@@ -1,0 +1,432 @@
+"""The equations in maximal coordinates around an equilibrium, solved for the signals of a model.
+
+The states and inputs z give the displacements x of all bodies, their derivatives v and a, the multipliers
+lambda of the constraints and the efforts e of what is imposed:
+
+    G x = 0,                     s_j(x) = q_j of the states
+    G v = -(dG/dt) x,            ds_j/dt = v_j of the states
+    M a - G' lambda - J' e = W z - K x - D v
+    G a = -(d2G/dt2) x - 2 (dG/dt) v, and so for what is imposed
+
+Rows of outputs are linear in [x ; v ; a ; lambda ; e ; z].
+"""
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import flint
+import numpy as np
+
+import mbdlft
+from tests.cross.links import Link
+from tests.cross.maximal import Bodies
+from tests.cross.poses import (
+    AXES,
+    BITS,
+    STEP,
+    Motion,
+    Values,
+    array,
+    cross,
+    dot,
+    independent,
+    rows_of,
+    skew,
+    solve,
+    times,
+    vector,
+    zeros,
+)
+
+
+class Truth(NamedTuple):
+    """[A B ; C D] at one point, sizes of its terms, and the trim by name; what it misses, relative."""
+
+    matrix: np.ndarray
+    sizes: np.ndarray
+    trim: dict[str, float]
+    missed: float
+
+
+def linear_model(scene: mbdlft.Scene, point: dict[str, float], model: mbdlft.LFTModel) -> Truth:
+    """The truth with the signals of a model, at physical values by name."""
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        return _Solved(Bodies(scene, point), model).truth()
+    finally:
+        flint.ctx.prec = before
+
+
+Pair = tuple[Link, int]  # a link and a row of its relation
+
+
+class _Around:
+    """Slopes of relations and of forces by displacements, rates and accelerations, (rows, 3 n)."""
+
+    def __init__(self, bodies: Bodies) -> None:
+        self.bodies, self.n = bodies, bodies.n
+        b = bodies
+        self.moving: dict[str, np.ndarray] = {}  # of the relation, its rates, its second derivatives
+        self.jacobian: dict[str, np.ndarray] = {}  # (rows, n)
+        self.bent: dict[str, np.ndarray] = {}  # slopes of the Jacobian, (rows, n, n)
+        for link in b.links:
+            here = b.motion(link.parent), b.motion(link.child)
+            rows = rows_of([b.spread(link, row) for row in link.jacobian(*here)], b.n)
+            self.jacobian[link.name] = rows
+
+            def bent(P: Motion, C: Motion, link: Link = link) -> Values:
+                return [x for row in link.jacobian(P, C) for x in b.spread(link, row)]
+
+            self.bent[link.name] = self.slopes(bent, link, orders=1).reshape(len(rows), b.n, b.n)
+            self.moving[link.name] = self.slopes(link.in_time, link)
+
+    def slopes(self, f: Callable[[Motion, Motion], Values], link: Any, orders: int = 3) -> np.ndarray:
+        """Slopes of a function of the motions of the two bodies of a link."""
+        P, C = self.bodies.motion(link.parent), self.bodies.motion(link.child)
+        before = f(P, C)
+        whole = zeros(len(before), orders * self.n)
+        for order in range(orders):
+            for k in range(6):
+                column = order * self.n + k
+                if link.parent >= 0:
+                    after = f(P.moved(order, k), C)
+                    whole[:, column + 6 * link.parent] = _quotients(before, after)
+                if link.child >= 0:
+                    after = f(P, C.moved(order, k))
+                    whole[:, column + 6 * link.child] = _quotients(before, after)
+        return whole
+
+    def of_body(self, f: Callable[[Motion], Values], k: int) -> np.ndarray:
+        """Slopes of a function of the motion of one body."""
+        alone = Link("", -1, k, lambda P, C: [])
+        return self.slopes(lambda P, C: f(C), alone)
+
+    def rows(self, order: int, pairs: list[Pair]) -> list[np.ndarray]:
+        """Slopes (rows, n) of derivatives of some order by displacements, rates and accelerations."""
+        names = [(link.name, order * len(self.jacobian[link.name]) + i) for link, i in pairs]
+        return np.split(rows_of([self.moving[name][i] for name, i in names], 3 * self.n), 3, axis=1)
+
+
+def _quotients(before: Values, after: Values) -> Values:
+    return [(y - x) / STEP for x, y in zip(before, after, strict=True)]
+
+
+class _Solved:
+    """The equilibrium and motions around it, by the states and inputs of a model."""
+
+    def __init__(self, bodies: Bodies, model: mbdlft.LFTModel) -> None:
+        self.b, self.model, self.n = bodies, model, bodies.n
+        self.at = _Around(bodies)
+        self.loads = {x.name: x for x in bodies.scene.loads if x.kind not in ("spring", "strut")}
+        every = [(x, i) for x in bodies.links for i in range(len(x.laws), len(self.at.jacobian[x.name]))]
+        G = rows_of([self.at.jacobian[x.name][i] for x, i in every], self.n)
+        kept = independent(G)
+        self.G, self.held = G[kept], [every[k] for k in kept]
+        self.imposed = [(x, i) for x in bodies.joints if x.imposed for i in range(len(x.laws))]
+        self.rotors = [(x, rotor) for x in bodies.joints for rotor in x.rotors]
+        self.rotor_slopes = [self.at.slopes(self._needs(x, rotor), x) for x, rotor in self.rotors]
+        self.place = {s.name: k for k, s in enumerate([*model.states, *model.inputs])}
+
+    def _needs(self, link: Link, rotor: Any) -> Callable[[Motion, Motion], Values]:
+        return lambda P, C: self.b.rotor_needs(link, rotor, P, C)
+
+    def _rotor_part(self, link: Link, rotor: Any) -> slice:
+        body = link.parent if rotor.on_parent else link.child
+        return slice(6 * body + 3, 6 * body + 6) if body >= 0 else slice(0)
+
+    # the equilibrium ----------------------------------------------------------------------------
+
+    @cached_property
+    def acting(self) -> dict[str, np.ndarray]:
+        """What one unit of each effort, load and acceleration of the ground exerts (n,)."""
+        b, acting = self.b, {}
+        for link in b.links:
+            for law, row in zip(link.laws, self.at.jacobian[link.name], strict=False):
+                acting[law.effort] = row * law.gain
+        for load in self.loads.values():
+            k, push = b.port(load.port)[0], zeros(self.n)
+            if k >= 0:
+                push[6 * k : 6 * k + 6] = b.pushed(load, b.motions[k])
+            acting[f"{load.name}.{load.signal.name}"] = push
+        for axis, name in zip(AXES, "xyz", strict=True):
+            pull = [
+                x - y
+                for k, m in enumerate(b.motions)
+                for x, y in zip(b.needed(k, m), b.needed(k, m, axis), strict=True)
+            ]
+            acting[f"ground.acceleration.{name}"] = np.array(pull, dtype=object)
+        return acting
+
+    @cached_property
+    def equilibrium(self) -> tuple[dict[str, Any], dict[tuple[str, int], Any], Values, float]:
+        """Sizes of loads and efforts by name, those of laws, multipliers, what is missed."""
+        b, known = self.b, dict[str, Any]()
+        for link in b.links:
+            known |= {law.effort: law.preset for law in link.laws}
+        for load in self.loads.values():
+            size = getattr(load, load.magnitude_key)
+            known[f"{load.name}.{load.signal.name}"] = None if size is None else b.value(size)
+        for axis, a in zip("xyz", b.scene.acceleration, strict=True):
+            known[f"ground.acceleration.{axis}"] = None if a == "unknown" else 0
+        left = zeros(self.n)  # what is not balanced yet
+        for k, m in enumerate(b.motions):
+            left[6 * k : 6 * k + 6] += b.needed(k, m)
+        for link, rotor in self.rotors:
+            now = b.rotor_needs(link, rotor, b.motion(link.parent), b.motion(link.child))
+            left[self._rotor_part(link, rotor)] += now[1 : 1 + len(left[self._rotor_part(link, rotor)])]
+            left += self.at.jacobian[link.name][rotor.coordinate] * now[0]
+        at_rest = {}
+        for link in b.links:
+            for i, law in enumerate(link.laws):
+                at_rest[link.name, i] = law.tension - law.damping * law.rate
+                left -= self.at.jacobian[link.name][i] * at_rest[link.name, i]
+        unknown = [name for name, size in known.items() if size is None]
+        for name, size in known.items():
+            if size is not None:
+                left -= self.acting[name] * size
+        columns = np.vstack([rows_of([self.acting[name] for name in unknown], self.n), self.G]).T
+        chosen, rows = independent(columns.T), independent(columns)
+        solution = zeros(columns.shape[1], 1)
+        solution[chosen] = solve(columns[np.ix_(rows, chosen)], left[rows, None])
+        missed = (left[:, None] - times(columns, solution)).astype(float)
+        known |= dict(zip(unknown, solution[:, 0], strict=False))
+        for link in b.links:
+            for i, law in enumerate(link.laws):
+                at_rest[link.name, i] += law.gain * known[law.effort]
+        size = max(1.0, np.max(np.abs(left.astype(float)), initial=0.0))
+        multipliers = solution[len(unknown) :, 0].tolist()
+        return known, at_rest, multipliers, float(np.max(np.abs(missed), initial=0.0)) / size
+
+    @cached_property
+    def falling(self) -> Bodies:
+        """The bodies, once what is unknown of the acceleration of the frame is known."""
+        known = self.equilibrium[0]
+        self.b.fall = self.b.fall + vector([known[f"ground.acceleration.{axis}"] for axis in "xyz"])
+        return self.b
+
+    def law_slopes(self, link: Link, i: int) -> np.ndarray:
+        """Slopes (3 n,) of what the law of a coordinate and its rotors take of its effort."""
+        law, rows, m = link.laws[i], self.at.moving[link.name], len(self.at.jacobian[link.name])
+        slopes = rows[i] * law.stiffness + rows[m + i] * law.damping + rows[2 * m + i] * law.inertia
+        for (x, rotor), by in zip(self.rotors, self.rotor_slopes, strict=True):
+            if x is link and rotor.coordinate == i:
+                slopes = slopes + by[0]
+        return slopes
+
+    @cached_property
+    def slopes(self) -> np.ndarray:
+        """Slopes (n, 3 n) of what the motion needs, less what acts."""
+        known, at_rest, multipliers, _ = self.equilibrium
+        b, slopes = self.falling, zeros(self.n, 3 * self.n)
+        for k in range(len(b.motions)):
+            slopes[6 * k : 6 * k + 6] += self.at.of_body(lambda m, k=k: b.needed(k, m), k)
+        for (link, rotor), by in zip(self.rotors, self.rotor_slopes, strict=True):
+            part = self._rotor_part(link, rotor)
+            slopes[part] += by[1 : 1 + len(slopes[part])]
+        for link in b.links:
+            for i in range(len(link.laws)):
+                slopes += self.at.jacobian[link.name][i][:, None] * self.law_slopes(link, i)
+        forces = [*at_rest.items(), *(((x.name, i), f) for (x, i), f in self._multiplied(multipliers))]
+        for (name, i), force in forces:
+            slopes[:, : self.n] -= self.at.bent[name][i] * force
+        for load in self.loads.values():
+            k = b.port(load.port)[0]
+            if k >= 0:
+                by = self.at.of_body(lambda m, x=load: b.pushed(x, m), k)
+                slopes[6 * k : 6 * k + 6] -= by * known[f"{load.name}.{load.signal.name}"]
+        return slopes
+
+    def _multiplied(self, multipliers: Values) -> list[tuple[Pair, Any]]:
+        return list(zip(self.held, multipliers, strict=True))
+
+    # motions ------------------------------------------------------------------------------------
+
+    def unit(self, name: str) -> np.ndarray:
+        """The row of a state or input among all of them; zeros for another name."""
+        row = zeros(len(self.place))
+        if name in self.place:
+            row[self.place[name]] = flint.arb(1)
+        return row
+
+    @cached_property
+    def moves(self) -> tuple[np.ndarray, np.ndarray]:
+        """[x ; v ; a ; lambda ; e ; z] by z, and their sizes if nothing cancelled."""
+        states = {s.name for s in self.model.states}
+        links = self.b.joints
+        chosen = [
+            (x, i)
+            for x in links
+            for i, law in enumerate(x.laws)
+            if law.measures[1] in states or x.imposed == "motion"
+        ]
+        nz, none = len(self.place), zeros(len(self.held), len(self.place))
+        tops = [rows_of([self.unit(x.laws[i].measures[k]) for x, i in chosen], nz) for k in (0, 1)]
+        (by_x, _, _), turning = (self.at.rows(k, self.held + chosen) for k in (0, 1))
+        x = _sized(by_x, np.vstack([none, tops[0]]), [])
+        v = _sized(turning[1], np.vstack([none, tops[1]]), [(turning[0], x)])
+        K, D, M = np.split(self.slopes, 3, axis=1)
+        by_x, by_v, by_a = self.at.rows(2, self.held + self.imposed)
+        pushes = rows_of([self.at.jacobian[x.name][i] for x, i in self.imposed], self.n)
+        corner = zeros(len(by_a), len(by_a))
+        matrix = np.block([[M, -self.G.T, -pushes.T], [by_a, corner]])
+        acting = zeros(self.n, nz)
+        for signal in self.model.inputs:
+            if signal.name in self.acting and signal.name not in self._efforts_imposed():
+                acting[:, self.place[signal.name]] = self.acting[signal.name]
+        given = rows_of([self.unit(x.laws[i].measures[2]) for x, i in self.imposed], nz)
+        right = np.vstack([acting, none, given])
+        a = _sized(matrix, right, [(np.vstack([K, by_x]), x), (np.vstack([D, by_v]), v)])
+        z = rows_of([self.unit(name) for name in self.place], nz)
+        return np.vstack([x[0], v[0], a[0], z]), np.vstack([x[1], v[1], a[1], z.astype(float)])
+
+    def _efforts_imposed(self) -> set[str]:
+        return {x.laws[i].effort for x, i in self.imposed}
+
+    def truth(self) -> Truth:
+        moves, sizes = self.moves
+        measures = {
+            name: (x, i, order)
+            for x in self.b.joints
+            for i, law in enumerate(x.laws)
+            for order, name in enumerate(law.measures)
+        }
+        rows = []
+        for signal in self.model.states:
+            x, i, order = measures[signal.name]
+            rows.append(self._measured(x, i, order + 1))
+        sensed = dict[str, np.ndarray]()
+        for sensor in self.b.scene.sensors:
+            names = [signal.name for signal in sensor.signals()]
+            if any(signal.name in names for signal in self.model.outputs):
+                sensed |= dict(zip(names, self._sensed(sensor), strict=True))
+        for signal in self.model.outputs:
+            is_measure = signal.name in measures
+            rows.append(self._measured(*measures[signal.name]) if is_measure else sensed[signal.name])
+        whole = rows_of(rows, len(moves))
+        known, _, _, missed = self.equilibrium
+        asked = {s.name for s in self.model.trim.signals}
+        trim = {name: float(size) for name, size in known.items() if name in asked}
+        doubles = np.abs(whole.astype(float))
+        return Truth(times(whole, moves).astype(float), doubles @ sizes, trim, missed)
+
+    # rows of outputs by [x ; v ; a ; lambda ; e ; z] ---------------------------------------
+
+    def _row(self, count: int) -> np.ndarray:
+        return zeros(count, len(self.moves[0]))
+
+    def _measured(self, link: Link, i: int, order: int) -> np.ndarray:
+        row = self._row(1)[0]
+        row[: 3 * self.n] = self.at.moving[link.name][order * len(self.at.jacobian[link.name]) + i]
+        return row
+
+    def _sensed(self, sensor: Any) -> np.ndarray:
+        """Rows of what a sensor measures."""
+        kind, b, n = sensor.kind, self.falling, self.n
+        if kind == "joint_wrench":
+            return self._wrench(next(x for x in b.joints if x.name == sensor.joint))
+        if kind in ("momentum", "center_of_mass"):
+            return self._of_all(kind)
+        k, r = b.port(sensor.port)
+        rows, m = self._row(3), b.motion(k)
+        if kind == "gyro":
+            rows[:, : 3 * n] = self.at.of_body(
+                lambda m: (m.turn.transpose() * (m.omega + b.spin)).entries(), k
+            )
+        elif kind == "accelerometer":
+            load = b.gravity - b.fall
+            rows[:, : 3 * n] = self.at.of_body(
+                lambda m: (m.turn.transpose() * m.felt(r, b.spin, load)).entries(), k
+            )
+            shaken = rows_of(
+                [self.unit(f"ground.acceleration.{axis}") for axis in "xyz"], len(self.place)
+            )
+            rows[:, -len(self.place) :] = times(array(m.turn.transpose()), shaken)
+        elif k >= 0:
+            order = {"position": 0, "rotation": 0, "velocity": 1, "angular_rate": 1}.get(kind, 2)
+            turn = array(b.motion(b.index[sensor.frame]).turn.transpose())
+            place = order * n + 6 * k
+            if kind in ("rotation", "angular_rate", "angular_acceleration"):
+                rows[:, place + 3 : place + 6] = turn
+            else:
+                rows[:, place : place + 3] = turn
+                rows[:, place + 3 : place + 6] = -times(turn, array(skew(m.turn * r)))
+        return rows
+
+    def _of_all(self, kind: str) -> np.ndarray:
+        """Momentum (6, .) in the scene about its origin, or displacement (3, .) of the center."""
+        b, n = self.b, self.n
+        rows = self._row(6)
+        for k, (mass, center, inertia) in enumerate(b.masses):
+
+            def moved(m: Motion, k: int = k) -> Values:
+                mass, center, inertia = b.masses[k]
+                c = m.turn * center
+                if kind == "center_of_mass":
+                    return [*((m.place + c) * mass).entries(), 0, 0, 0]
+                linear = (m.velocity + cross(m.omega, c)) * mass
+                spun = m.turn * inertia * m.turn.transpose() * m.omega
+                return [*linear.entries(), *(cross(m.place + c, linear) + spun).entries()]
+
+            rows[:, : 3 * n] += self.at.of_body(moved, k)
+        if kind == "center_of_mass":
+            return rows[:3] / sum(mass for mass, _, _ in b.masses)
+        for link, rotor in self.rotors:
+
+            def spun(P: Motion, C: Motion, link: Link = link, rotor: Any = rotor) -> Values:
+                m, count = P if rotor.on_parent else C, len(self.at.jacobian[link.name])
+                axis, rate = m.turn * rotor.axis, link.in_time(P, C)[count + rotor.coordinate]
+                return (axis * (rotor.inertia * (dot(axis, m.omega) + rotor.more * rate))).entries()
+
+            rows[3:, : 3 * n] += self.at.slopes(spun, link)
+        return rows
+
+    def _wrench(self, link: Link) -> np.ndarray:
+        """Force and torque (6, .) of a joint on its child about the port, in the child's axes."""
+        b, n, part = self.b, self.n, slice(6 * link.child, 6 * link.child + 6)
+        _, at_rest, multipliers, _ = self.equilibrium
+        J, bent = self.at.jacobian[link.name], self.at.bent[link.name]
+        rows, start = self._row(6), zeros(6)
+        for k, ((x, i), force) in enumerate(self._multiplied(multipliers)):
+            if x is link:
+                start += J[i][part] * force
+                rows[:, 3 * n + k] += J[i][part]
+                rows[:, :n] += bent[i][part] * force
+        first = 3 * n + len(self.held)
+        for i, law in enumerate(link.laws):
+            acts = self._row(1)[0]
+            acts[: 3 * n] = -self.law_slopes(link, i)
+            if link.imposed:
+                acts[first + [x is link and k == i for x, k in self.imposed].index(True)] = flint.arb(1)
+            else:
+                acts[-len(self.place) :] = self.unit(law.effort) * law.gain
+            start += J[i][part] * at_rest[link.name, i]
+            rows += J[i][part, None] * acts
+            rows[:, :n] += bent[i][part] * at_rest[link.name, i]
+        C = b.motion(link.child)
+        for (x, rotor), by in zip(self.rotors, self.rotor_slopes, strict=True):
+            if x is link and not rotor.on_parent:
+                start[3:] -= b.rotor_needs(link, rotor, b.motion(link.parent), C)[1:]
+                rows[3:, : 3 * n] -= by[1:]
+        # the arm to the port turns with the child, and so do the axes
+        eta, arm = slice(part.start + 3, part.stop), C.turn * link.at
+        force, torque = vector(start[:3]), vector(start[3:]) - cross(arm, vector(start[:3]))
+        rows[3:] -= times(array(skew(arm)), rows[:3])
+        rows[3:, eta] += array(skew(torque)) - array(skew(force) * skew(arm))
+        rows[:3, eta] += array(skew(force))
+        back = array(C.turn.transpose())
+        return np.vstack([times(back, rows[:3]), times(back, rows[3:])])
+
+
+Sized = tuple[np.ndarray, np.ndarray]
+
+
+def _sized(matrix: np.ndarray, right: np.ndarray, less: list[tuple[np.ndarray, Sized]]) -> Sized:
+    """matrix^-1 (right - sum of products), and its size if nothing cancelled (Skeel 1979)."""
+    size = np.abs(right.astype(float))
+    for factor, (value, its_size) in less:
+        right = right - times(factor, value)
+        size = size + np.abs(factor.astype(float)) @ its_size
+    solution, doubles = solve(matrix, right), matrix.astype(float)
+    of_matrix = np.abs(doubles) @ np.abs(solution.astype(float))
+    return solution, np.abs(np.linalg.inv(doubles)) @ (of_matrix + size)
