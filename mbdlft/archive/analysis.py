@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.archive import layout
 from mbdlft.archive.archive import (
     LIMIT,
     check_name,
@@ -17,19 +18,6 @@ from mbdlft.archive.archive import (
     save,
 )
 from mbdlft.archive.hdf5 import Part, write_items
-from mbdlft.archive.layout import (
-    ANALYSIS_TYPE,
-    DIGEST,
-    Items,
-    check_digest,
-    encode,
-    of_fields,
-    plain,
-    record,
-    with_digest,
-    word,
-    words,
-)
 from mbdlft.archive.model import items_of_model
 from mbdlft.archive.reading import Request
 from mbdlft.base.errors import ArchiveError
@@ -69,17 +57,17 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
     what = f"{bounds.kind}, moving parameters" if bounds.rates else bounds.kind
     key = f"{system.name}: {what}" if name is None else name
     check_name(file, "analysis", key)
-    model_digest = word(items_of_model(system), DIGEST)
+    model_digest = layout.word(items_of_model(system), layout.DIGEST)
     if not file.exists() or system.name not in model_names(file):
         save(file, system)
-    elif word(items_of_model(load(file, system.name)), DIGEST) != model_digest:
+    elif layout.word(items_of_model(load(file, system.name)), layout.DIGEST) != model_digest:
         raise ArchiveError(
             f"{file}: the model {system.name!r} is another one than the one that was analyzed. Save the "
             "analysis in another file, or give the system another name."
         )
     with naming(file, f"analysis {key!r}"):
         values = {"@model": system.name, "@model_digest": model_digest, **_values(bounds)}
-        items = with_digest(encode(ANALYSIS_TYPE, values))
+        items = layout.with_digest(layout.encode(layout.ANALYSIS_TYPE, values))
 
     def fill(archive: Any) -> None:
         write_items(archive.require_group("analyses").create_group(key), items)
@@ -128,14 +116,14 @@ def load_analysis(
     file = Path(path)
 
     def make(part: Part, key: str) -> tuple[str, str, str, Bounds]:
-        check_digest(part.items)
-        model, digest_of_model = (word(part.items, path) for path in ("@model", "@model_digest"))
+        layout.check_digest(part.items)
+        model, digest_of_model = (layout.word(part.items, path) for path in ("@model", "@model_digest"))
         return key, model, digest_of_model, _bounds(part.items)
 
-    request = Request("read", "analyses", "analysis", name, (ANALYSIS_TYPE,), limit)
+    request = Request("read", "analyses", "analysis", name, (layout.ANALYSIS_TYPE,), limit)
     key, model, digest_of_model, bounds = read_one(file, request, make)
     system = load(file, model)
-    if word(items_of_model(system), DIGEST) != digest_of_model:
+    if layout.word(items_of_model(system), layout.DIGEST) != digest_of_model:
         raise ArchiveError(
             f"{file}: analysis {key!r}: the model {system.name!r} is not the one that was analyzed; "
             "it was replaced. Analyze it again."
@@ -145,15 +133,14 @@ def load_analysis(
 
 def _values(bounds: Bounds) -> dict[str, Any]:
     """Bounds and their proof as values by path."""
-    values = {**of_fields("", ANALYSIS_TYPE, bounds), **_delta_values(bounds)}
+    values = {**layout.of_fields("", layout.ANALYSIS_TYPE, bounds), **_delta_values(bounds)}
     del values["@proved"]  # nothing that a file says of its proof is believed
     for name in _BY_NAME:
         by_name = getattr(bounds, name)
         values |= {f"{name}/name": list(by_name), f"{name}/value": list(by_name.values())}
     proof = bounds.proof
     if isinstance(proof, IntervalProof):
-        for name in Interval._fields:
-            values[f"intervals/{name}"] = [getattr(i, name) for i in proof.intervals]
+        values |= layout.columns("intervals", Interval._fields, proof.intervals)
         shapes = {getattr(m, name).shape for m in proof.multipliers for name in ("D", "G")}
         if len(shapes) > 1:
             raise ArchiveError(f"its multipliers have the shapes {sorted(shapes)}, and not one shape.")
@@ -162,7 +149,7 @@ def _values(bounds: Bounds) -> dict[str, Any]:
             values |= _complex_values(f"intervals/{name}_", stack)
     for group, kind in _PROOFS.items():
         if isinstance(proof, kind):
-            values |= of_fields(group, ANALYSIS_TYPE, proof)
+            values |= layout.of_fields(group, layout.ANALYSIS_TYPE, proof)
     return values
 
 
@@ -170,7 +157,7 @@ def _complex_values(path: str, array: Any) -> dict[str, Any]:
     return {f"{path}real": array.real, f"{path}imaginary": array.imag}
 
 
-def _complex(items: Items, path: str) -> Any:
+def _complex(items: layout.Items, path: str) -> Any:
     return items[f"{path}real"] + 1j * items[f"{path}imaginary"]
 
 
@@ -190,33 +177,27 @@ def _delta_values(bounds: Bounds) -> dict[str, Any]:
     }
 
 
-def _bounds(items: Items) -> Bounds:
+def _bounds(items: layout.Items) -> Bounds:
     values: dict[str, Any] = {
-        name: dict(zip(words(items, f"{name}/name"), items[f"{name}/value"].tolist(), strict=True))
+        name: dict(layout.rows_of(items, name, ("name", "value")))
         for name in _BY_NAME
         if f"{name}/name" in items  # rates are not in the first files
     }
     for name in ("inputs", "outputs"):  # signals were in the proof at first
         paths = [path for path in (name, *(f"{group}/{name}" for group in _PROOFS)) if path in items]
-        values |= {name: words(items, paths[0])} if paths else {}
-    return record(Bounds, items, "", delta=_delta(items), proof=_proof(items), **values)
+        values |= {name: layout.words(items, paths[0])} if paths else {}
+    return layout.record(Bounds, items, "", delta=_delta(items), proof=_proof(items), **values)
 
 
-def _delta(items: Items) -> dict[str, Any]:
+def _delta(items: layout.Items) -> dict[str, Any]:
     entries = _complex(items, "delta/")
     deltas: dict[str, Any] = {}
     start = 0
-    for name, kind, rows, columns in zip(
-        words(items, "delta/name"),
-        words(items, "delta/kind"),
-        items["delta/rows"].tolist(),
-        items["delta/columns"].tolist(),
-        strict=True,
-    ):
-        stop = start + rows * columns
-        if rows < 0 or columns < 0 or stop > len(entries):
+    for name, kind, rows, wide in layout.rows_of(items, "delta", ("name", "kind", "rows", "columns")):
+        stop = start + rows * wide
+        if rows < 0 or wide < 0 or stop > len(entries):
             raise ArchiveError("delta/rows and columns are not those of its entries.")
-        block = entries[start:stop].reshape(rows, columns)
+        block = entries[start:stop].reshape(rows, wide)
         if kind == "full":
             deltas[name] = block
         elif block.shape != (1, 1):
@@ -229,7 +210,7 @@ def _delta(items: Items) -> dict[str, Any]:
     return deltas
 
 
-def _proof(items: Items) -> Proof | None:
+def _proof(items: layout.Items) -> Proof | None:
     groups = [
         group for group in _PROOFS if any(path.startswith((f"{group}/", f"{group}@")) for path in items)
     ]
@@ -239,12 +220,11 @@ def _proof(items: Items) -> Proof | None:
     if len(groups) > 1 or ("intervals" in groups and is_first == ("intervals/log" in items)):
         raise ArchiveError("its proof is not whole.")
     if "intervals" not in groups:
-        return record(_PROOFS[groups[0]], items, groups[0])
-    ends = (items[f"intervals/{name}"].tolist() for name in Interval._fields)
-    intervals = tuple(Interval(*row) for row in zip(*ends, strict=True))
+        return layout.record(_PROOFS[groups[0]], items, groups[0])
+    intervals = tuple(Interval(*row) for row in layout.rows_of(items, "intervals", Interval._fields))
     D, G = (_complex(items, f"intervals/{name}_") for name in ("D", "G"))
-    beta = plain(items, "intervals@beta") if is_first else 1.0
+    beta = layout.plain(items, "intervals@beta") if is_first else 1.0
     multipliers = tuple(Multipliers(1.0, *pair) for pair in zip(D, G / beta**2, strict=True))
     if is_first:
         return IntervalProof((len(intervals), 0), intervals, multipliers)
-    return record(IntervalProof, items, "intervals", intervals=intervals, multipliers=multipliers)
+    return layout.record(IntervalProof, items, "intervals", intervals=intervals, multipliers=multipliers)

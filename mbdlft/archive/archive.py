@@ -19,16 +19,7 @@ from typing import Any, TypeVar
 
 import h5py
 
-from mbdlft.archive.hdf5 import (
-    FAILURES,
-    FORMAT,
-    VERSION,
-    Part,
-    check_format,
-    copy_all,
-    opened,
-    write_items,
-)
+from mbdlft.archive import hdf5
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
 from mbdlft.archive.reading import LARGE, Request, ask, image_of, said_of, seal_file, sealed
 from mbdlft.base.errors import ArchiveError
@@ -69,7 +60,7 @@ def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = N
     with naming(file, f"model {key!r}"):
         items = items_of_model(model)
         model_of_items(items, key)  # what could not be read again is not written
-    rewrite(file, lambda new: write_items(new["models"].create_group(key), items), f"models/{key}")
+    rewrite(file, lambda new: hdf5.write_items(new["models"].create_group(key), items), f"models/{key}")
 
 
 @contextmanager
@@ -142,8 +133,8 @@ def _make(
         if old.exists():
             _copy(file, old, archive, replaced)
         for name, text in (
-            ("format", FORMAT),
-            ("format_version", VERSION),
+            ("format", hdf5.FORMAT),
+            ("format_version", hdf5.VERSION),
             ("generator", f"mbdlft {version('mbdlft')}"),
         ):
             kind = h5py.string_dtype("utf-8", len(text))
@@ -163,12 +154,12 @@ def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
             str(error).replace(f"{old}: ", f"{file}: ", 1) + " Nothing is written."
         ) from None
     try:
-        with opened(image) as archive:
-            check_format(archive)
-            copy_all(archive, new, replaced)
+        with hdf5.opened(image) as archive:
+            hdf5.check_format(archive)
+            hdf5.copy_all(archive, new, replaced)
     except ArchiveError as error:
         raise ArchiveError(f"{file}: {error} Nothing is written.") from None
-    except FAILURES as error:
+    except hdf5.FAILURES as error:
         raise ArchiveError(
             f"{file}: something in it cannot be read, and would be lost: {error}. Nothing is written."
         ) from None
@@ -205,7 +196,7 @@ def load(path: str | Path, name: str | None = None, *, limit: int = LIMIT, isola
 
 
 def read_one(
-    file: Path, request: Request, make: Callable[[Part, str], Made], *, isolated: bool = False
+    file: Path, request: Request, make: Callable[[hdf5.Part, str], Made], *, isolated: bool = False
 ) -> Made:
     """What is made of one member of an archive and of its name."""
     if request.name is not None and not isinstance(request.name, str):

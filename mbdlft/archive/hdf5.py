@@ -14,16 +14,7 @@ import numpy as np
 from h5py import h5a, h5d, h5l, h5o, h5t, h5z
 from numpy.typing import NDArray
 
-from mbdlft.archive.layout import (
-    BLOCK_ROWS,
-    ROWS,
-    SWEEP_TYPE,
-    TEXT,
-    Items,
-    Spec,
-    check_layout,
-    encoding_of,
-)
+from mbdlft.archive import layout
 from mbdlft.base.errors import ArchiveError
 
 FORMAT, VERSION = "mbdlft-archive", "1.1"
@@ -61,7 +52,7 @@ class LongTextError(Exception):
 class Part(NamedTuple):
     """The items of a group; of a sweep the rows from `first`, and how many it has in `total`."""
 
-    items: Items
+    items: layout.Items
     first: int = 0
     total: int = 0
 
@@ -99,24 +90,24 @@ def read_group(
     heads = {path: _attribute(objects[path][0], path) for path in objects if path[:1] == "@"}
     kind = _word(heads.get("@encoding_type"))
     written = _word(heads.get("@encoding_version"))
-    version = encoding_of(kind, written, kinds)
+    version = layout.encoding_of(kind, written, kinds)
     specs = {path: spec for path, (_, spec) in objects.items()}
     if version == "1.0":
         specs = {
-            path: Spec(TEXT if spec.type == _LONG_TEXT else spec.type, spec.shape)
+            path: layout.Spec(layout.TEXT if spec.type == _LONG_TEXT else spec.type, spec.shape)
             for path, spec in specs.items()
         }
     elif long := [path for path, spec in specs.items() if spec.type == _LONG_TEXT]:
         raise ArchiveError(f"{long[0]} is {_LONG_TEXT}, expected text of fixed length.")
-    check_layout(specs, kind, version)
+    layout.check_layout(specs, kind, version)
     first, stop, count = 0, 0, 0
-    if kind == SWEEP_TYPE:
+    if kind == layout.SWEEP_TYPE:
         count = specs["status"].shape[0]
-        size = int(heads[BLOCK_ROWS][()]) if version != "1.0" else 1
+        size = int(heads[layout.BLOCK_ROWS][()]) if version != "1.0" else 1
         first, stop = _blocks(rows, count, size)
     total, items = 0, {}
     for path, (item, _) in objects.items():
-        rows_read = slice(first, stop) if kind == SWEEP_TYPE and path in ROWS else None
+        rows_read = slice(first, stop) if kind == layout.SWEEP_TYPE and path in layout.ROWS else None
         total += _bytes(item, path, rows_read, limit)
         if total > limit:
             raise ArchiveError(
@@ -165,7 +156,7 @@ def opened(image: bytes | Path) -> Any:
     return h5py.File(BytesIO(image) if isinstance(image, bytes) else image, "r")
 
 
-def _items_of(group: Any) -> Iterator[tuple[str, tuple[Any, Spec]]]:
+def _items_of(group: Any) -> Iterator[tuple[str, tuple[Any, layout.Spec]]]:
     """Path, object and specification of each item of a group; the object of an attribute is its owner."""
     for path, item in _walk(group, "", {}, 0, strict=True):
         for name in attribute_names(item):
@@ -173,7 +164,7 @@ def _items_of(group: Any) -> Iterator[tuple[str, tuple[Any, Spec]]]:
                 raise ArchiveError(f"{path}@{name}: a name with '@' cannot be that of an item.")
             yield f"{path}@{name}", (item, _attribute_spec(item, path, name))
         if isinstance(item, h5py.Dataset):
-            yield path, (item, Spec(_type(path, item.id.get_type()), _shape(path, item.shape)))
+            yield path, (item, layout.Spec(_type(path, item.id.get_type()), _shape(path, item.shape)))
 
 
 def _walk(
@@ -247,7 +238,7 @@ def _type(path: str, kind: Any) -> str:
     if kind.committed():
         raise ArchiveError(f"{path} has a type that is stored elsewhere in the file.")
     if isinstance(kind, h5t.TypeStringID):
-        return _LONG_TEXT if kind.is_variable_str() else TEXT
+        return _LONG_TEXT if kind.is_variable_str() else layout.TEXT
     for known, name in _NUMBERS:
         if kind.equal(known):
             return name
@@ -266,11 +257,11 @@ def attribute_names(item: Any) -> list[str]:
     return list(item.attrs.keys())
 
 
-def _attribute_spec(item: Any, path: str, name: str) -> Spec:
+def _attribute_spec(item: Any, path: str, name: str) -> layout.Spec:
     """Type and shape of an attribute."""
     attribute = h5a.open(item.id, name.encode("utf-8"))
     called = f"{path}@{name}"
-    return Spec(_type(called, attribute.get_type()), _shape(called, _dataspace(attribute)))
+    return layout.Spec(_type(called, attribute.get_type()), _shape(called, _dataspace(attribute)))
 
 
 def _dataspace(attribute: Any) -> tuple[int, ...] | None:
@@ -344,14 +335,14 @@ def _root_text(archive: Any, name: str, long_text: bool) -> str | None:  # noqa:
     if name not in attribute_names(archive):
         return None
     spec = _attribute_spec(archive, "", name)
-    if spec.type not in (TEXT, _LONG_TEXT) or spec.shape:
+    if spec.type not in (layout.TEXT, _LONG_TEXT) or spec.shape:
         return None
     if spec.type == _LONG_TEXT and not long_text:
         raise LongTextError
     return _word(_attribute(archive, f"@{name}"))
 
 
-def write_items(group: Any, items: Items) -> None:
+def write_items(group: Any, items: layout.Items) -> None:
     """Write items into an empty group, numbers and texts as they are, bytes and programs compressed."""
     for path, values in items.items():
         owner, at, name = path.partition("@")

@@ -235,6 +235,13 @@ _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
         (ANALYSIS_TYPE, VERSION): {"": _ANALYSIS, **_ANALYSIS_PARTS},
     }.items()
 }
+# sizes of each item of a row of a sweep, in the order of a row
+ROW_SIZES = {
+    path: section[path].sizes[1:]
+    for path in ROWS
+    for section in _LAYOUTS[SWEEP_TYPE, VERSION].values()
+    if path in section
+}
 
 
 def encode(kind: str, values: Mapping[str, Any]) -> Items:
@@ -277,6 +284,24 @@ def of_fields(group: str, kind: str, owner: Any) -> dict[str, Any]:
 def columns(group: str, names: Iterable[str], rows: Sequence[Any]) -> dict[str, Any]:
     """Values by path of some fields of several objects: an item for each field."""
     return {f"{group}/{name}": [getattr(row, name) for row in rows] for name in names}
+
+
+def rows_of(items: Items, group: str, names: Iterable[str]) -> list[tuple[Any, ...]]:
+    """The way back from `columns`: of each object the texts, numbers and lists of these fields."""
+    fields_of_all = (
+        words(items, path) if items[path].dtype.kind == "S" else items[path].tolist()
+        for path in (f"{group}/{name}" for name in names)
+    )
+    return list(zip(*fields_of_all, strict=True))
+
+
+def unique_names(items: Items, group: str) -> tuple[str, ...]:
+    """The names of a group such as ``states``, each of which occurs once."""
+    names = words(items, f"{group}/name")
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ArchiveError(f"{group}/name: {twice!r} stands twice.")
+    return names
 
 
 def record(made: type[Made], items: Items, group: str, **others: Any) -> Made:

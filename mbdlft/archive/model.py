@@ -11,23 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.archive import layout
 from mbdlft.archive.hdf5 import FAILURES
-from mbdlft.archive.layout import (
-    FIRST,
-    MODEL_TYPE,
-    SYSTEM_TYPE,
-    Items,
-    check_digest,
-    columns,
-    encode,
-    long_text,
-    nested,
-    of_fields,
-    record,
-    with_digest,
-    word,
-    words,
-)
 from mbdlft.archive.program import program_of_items, program_values, theta_of_items, theta_values
 from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.base.parameter import Parameter
@@ -37,7 +22,7 @@ from mbdlft.lft.lft import LFT, Block
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.theta import DeltaThetaModel
 
-KINDS = (MODEL_TYPE, SYSTEM_TYPE)
+KINDS = (layout.MODEL_TYPE, layout.SYSTEM_TYPE)
 PROVED, CHECKED, OPEN = "proved", "checked", "open"
 _SIGNALS = ("states", "inputs", "outputs")
 _FOUR = {"D_zw": "M11", "D_zu": "M12", "D_yw": "M21", "D_yu": "M22"}
@@ -47,32 +32,32 @@ _ULPS = 8.0  # between machines a tangent may differ in its last bit
 _POINTER = "in the dataset provenance/scene"  # where readers of 1.0 look for the text
 
 
-def items_of_model(model: System | DeltaThetaModel) -> Items:
+def items_of_model(model: System | DeltaThetaModel) -> layout.Items:
     """The items of a model or a system, and of its nonlinear functions, with their digest."""
     values: dict[str, Any] = {}
     if isinstance(model, DeltaThetaModel):
         values, model = theta_values(model), model.linear
-    kind = MODEL_TYPE if isinstance(model, LFTModel) else SYSTEM_TYPE
-    values |= of_fields("", kind, model)
+    kind = layout.MODEL_TYPE if isinstance(model, LFTModel) else layout.SYSTEM_TYPE
+    values |= layout.of_fields("", kind, model)
     values |= {"@time_domain": "continuous", "@description": model.description or None}
     for name in _SIGNALS:
         values |= signal_values(name, getattr(model, name))
     values |= _block_values("delta", model.lft, model.parameters)
-    values |= columns("parameters", (*_TEXTS, *_NUMBERS), model.parameters)
+    values |= layout.columns("parameters", (*_TEXTS, *_NUMBERS), model.parameters)
     values["parameters/map"] = [_row(p) for p in model.parameters]
     if isinstance(model, LFTModel):
         values |= _trim_values(model.trim, model.parameters)
         values |= _certificate_values(model.certificate)
-        values |= of_fields("provenance", kind, model.provenance)
+        values |= layout.of_fields("provenance", kind, model.provenance)
         values["provenance@scene"] = _POINTER
         if model.known_program is not None:
             values |= program_values(model.known_program)
-    return with_digest(encode(kind, values))
+    return layout.with_digest(layout.encode(kind, values))
 
 
 def signal_values(group: str, signals: Sequence[Signal]) -> dict[str, Any]:
     """Names and units of signals, by path."""
-    return columns(group, ("name", "unit"), signals)
+    return layout.columns(group, ("name", "unit"), signals)
 
 
 def _row(p: Parameter) -> tuple[float, float, float]:
@@ -83,7 +68,7 @@ def _block_values(group: str, lft: LFT, parameters: Sequence[Parameter]) -> dict
     """The blocks of Delta, and of each of its rows the parameter; -1 where there is none."""
     place = {p.name: k for k, p in enumerate(parameters)}
     return {
-        **columns(group, ("name", "kind"), lft.blocks),
+        **layout.columns(group, ("name", "kind"), lft.blocks),
         f"{group}/rows": [block.outputs for block in lft.blocks],
         f"{group}/columns": [block.inputs for block in lft.blocks],
         f"{group}/parameter": [
@@ -100,11 +85,11 @@ def _trim_values(trim: Trim, parameters: Sequence[Parameter]) -> dict[str, Any]:
     return values
 
 
-def model_of_items(items: Items, name: str) -> System | DeltaThetaModel:
+def model_of_items(items: layout.Items, name: str) -> System | DeltaThetaModel:
     """The model or system of the items of a group, which agree with the table."""
-    if word(items, "@encoding_version") != FIRST:
-        check_digest(items)
-    domain = word(items, "@time_domain")
+    if layout.word(items, "@encoding_version") != layout.FIRST:
+        layout.check_digest(items)
+    domain = layout.word(items, "@time_domain")
     if domain != "continuous":
         raise ArchiveError(f"time_domain is {domain!r}, expected 'continuous'.")
     try:
@@ -118,7 +103,7 @@ def model_of_items(items: Items, name: str) -> System | DeltaThetaModel:
         raise ArchiveError(f"is not as specified: {error}") from None
 
 
-def _system(items: Items, name: str) -> System:
+def _system(items: layout.Items, name: str) -> System:
     parameters = _parameters(items)
     blocks = _blocks(items, "delta", parameters)
     M = items
@@ -134,45 +119,40 @@ def _system(items: Items, name: str) -> System:
         "lft": lft,
         **{key: signals_of(items, key) for key in _SIGNALS},
         "parameters": Parameters(parameters),
-        "description": word(items, "@description"),
+        "description": layout.word(items, "@description"),
     }
-    if word(items, "@encoding_type") == SYSTEM_TYPE:
+    if layout.word(items, "@encoding_type") == layout.SYSTEM_TYPE:
         return System(**common)
     sizes = tuple(block.size for block in blocks if block.kind == "real")
     trim = _trim(items, parameters)
-    scene = long_text(items, "provenance/scene", "provenance@scene")
+    scene = layout.long_text(items, "provenance/scene", "provenance@scene")
     return LFTModel(
         **common,
         trim=trim,
         program=program_of_items(items, parameters, lft, trim.lft),
         certificate=_certificate(items, sizes),
-        provenance=record(Provenance, items, "provenance", scene=scene),
+        provenance=layout.record(Provenance, items, "provenance", scene=scene),
     )
 
 
-def _parameters(items: Items) -> tuple[Parameter, ...]:
-    _check_unique(items, "parameters")
-    rows = zip(
-        *(words(items, f"parameters/{name}") for name in _TEXTS),
-        *(items[f"parameters/{name}"].tolist() for name in _NUMBERS),
-        items["parameters/map"],
-        strict=True,
-    )
+def _parameters(items: layout.Items) -> tuple[Parameter, ...]:
+    layout.unique_names(items, "parameters")
     parameters = []
-    for *labels, nominal, low, high, reference, row in rows:
+    for *labels, nominal, low, high, reference, row in layout.rows_of(
+        items, "parameters", (*_TEXTS, *_NUMBERS, "map")
+    ):
         texts: dict[str, Any] = dict(zip(_TEXTS, labels, strict=True))
         p = Parameter(**texts, nominal=nominal, low=low, high=high, reference=reference)
         expected = np.array(_row(p))
         if not np.all(np.abs(row - expected) <= _ULPS * np.finfo(float).eps * np.max(np.abs(expected))):
             raise ArchiveError(
-                f"parameters/map of {p.name!r} is {row.tolist()}, but its range gives "
-                f"{expected.tolist()}."
+                f"parameters/map of {p.name!r} is {row}, but its range gives {expected.tolist()}."
             )
         parameters.append(p)
     return tuple(parameters)
 
 
-def _trim(items: Items, parameters: Sequence[Parameter]) -> Trim:
+def _trim(items: layout.Items, parameters: Sequence[Parameter]) -> Trim:
     signals, nominal = signals_of(items, "trim"), tuple(items["trim/nominal"].tolist())
     if "trim/lft/D_zw" not in items:
         return Trim(signals, nominal, None)
@@ -181,7 +161,7 @@ def _trim(items: Items, parameters: Sequence[Parameter]) -> Trim:
     return Trim(signals, nominal, LFT(M11, M12, M21, M22, blocks))
 
 
-def _blocks(items: Items, group: str, parameters: Sequence[Parameter]) -> tuple[Block, ...]:
+def _blocks(items: layout.Items, group: str, parameters: Sequence[Parameter]) -> tuple[Block, ...]:
     """The blocks of Delta; the rows of their parameters, which 1.0 has alone, agree with them."""
     rows = items[f"{group}/parameter"]
     if f"{group}/kind" not in items:
@@ -191,8 +171,9 @@ def _blocks(items: Items, group: str, parameters: Sequence[Parameter]) -> tuple[
             )
         counts = np.bincount(rows, minlength=len(parameters))
         return tuple(Block(p.name, int(count)) for p, count in zip(parameters, counts, strict=True))
-    sizes = (items[f"{group}/{name}"].tolist() for name in ("rows", "columns"))
-    blocks = tuple(map(_block, words(items, f"{group}/name"), words(items, f"{group}/kind"), *sizes))
+    blocks = tuple(
+        _block(*row) for row in layout.rows_of(items, group, ("name", "kind", "rows", "columns"))
+    )
     heights = [block.outputs for block in blocks]
     if min(heights, default=0) < 0 or sum(heights) != len(rows):
         raise ArchiveError(f"{group}/rows: expected {len(rows)} together, as many as channels.")
@@ -219,18 +200,9 @@ def _block(name: str, kind: str, rows: int, columns: int) -> Block:
     return Block(name, rows) if kind == "real" else ComplexBlock(name, rows)
 
 
-def signals_of(items: Items, group: str) -> tuple[Signal, ...]:
+def signals_of(items: layout.Items, group: str) -> tuple[Signal, ...]:
     """The signals of a group such as ``states``; each name occurs once."""
-    names = _check_unique(items, group)
-    return tuple(map(Signal, names, words(items, f"{group}/unit")))
-
-
-def _check_unique(items: Items, group: str) -> tuple[str, ...]:
-    names = words(items, f"{group}/name")
-    if len(set(names)) != len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ArchiveError(f"{group}/name: {twice!r} stands twice.")
-    return names
+    return tuple(map(Signal, layout.unique_names(items, group), layout.words(items, f"{group}/unit")))
 
 
 def rests_on(certificate: Certificate) -> dict[str, str]:
@@ -271,7 +243,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
     absent |= {"transfer_error"} if "frequencies" in absent else set()
     absent |= {"order_bound"} if c.order_bound == sum(c.lower_bound) else set()
     basis = rests_on(c)
-    values = of_fields("certificate", MODEL_TYPE, c)
+    values = layout.of_fields("certificate", layout.MODEL_TYPE, c)
     return {
         **{path: value for path, value in values.items() if path[12:] not in absent},
         "certificate/open": c.open_boxes or None,
@@ -280,7 +252,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
     }
 
 
-def _certificate(items: Items, sizes: tuple[int, ...]) -> Certificate:
+def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
     """The certificate; `sizes` are the repetitions of the parameters in the model."""
     attributes = {path.partition("@")[2] for path in items if path.startswith("certificate@")}
     if ("condition" in attributes) != ("sign_changes" in attributes):
@@ -295,11 +267,11 @@ def _certificate(items: Items, sizes: tuple[int, ...]) -> Certificate:
         # the first files do not have it; what is in them is exact
         raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []
-    certificate = record(Certificate, items, "certificate", open_boxes=nested(boxes))
+    certificate = layout.record(Certificate, items, "certificate", open_boxes=layout.nested(boxes))
     _check(certificate, sizes)
     if "certificate/evidence/number" in items:
-        stated = words(items, "certificate/evidence/number")
-        basis = words(items, "certificate/evidence/basis")
+        stated = layout.words(items, "certificate/evidence/number")
+        basis = layout.words(items, "certificate/evidence/basis")
         if len(set(stated)) != len(stated) or set(basis) - {PROVED, CHECKED, OPEN}:
             raise ArchiveError(
                 "certificate/evidence: expected proved, checked or open for each number once."

@@ -16,17 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.archive.hdf5 import (
-    FAILURES,
-    LongTextError,
-    Part,
-    check_format,
-    check_whole,
-    image_of_copy,
-    member_names,
-    opened,
-    read_group,
-)
+from mbdlft.archive import hdf5
 from mbdlft.archive.layout import texts, words
 from mbdlft.base.errors import ArchiveError, MbdlftError, unknown_name
 from mbdlft.base.worker import EndedError, Limits, NoProcessError, Worker, content_of
@@ -59,7 +49,7 @@ class Answer(NamedTuple):
     """Names of members, or the name of one with its items."""
 
     names: tuple[str, ...] = ()
-    part: Part = Part({})
+    part: hdf5.Part = hdf5.Part({})
 
 
 def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
@@ -67,7 +57,7 @@ def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
     image = image_of(file)
     try:
         if isinstance(image, bytes) and is_sealed(image) and not isolated:
-            with contextlib.suppress(LongTextError):
+            with contextlib.suppress(hdf5.LongTextError):
                 return perform(request, image, long_text=False)
         return _asked(request, image)
     except MbdlftError as error:
@@ -133,14 +123,14 @@ def _asked(request: Request, image: bytes | Path) -> Answer:
         ) from None
     names, rows = tuple(words(items, _NAMES)), items.pop(_ROWS).tolist()
     del items[_NAMES]
-    return Answer(names, Part(items, *rows))
+    return Answer(names, hdf5.Part(items, *rows))
 
 
 def items_apart(request: Request, image: bytes | Path) -> dict[str, NDArray[Any]]:
     """The answer to a request as arrays; any failure of the libraries is an ArchiveError."""
     try:
         names, part = perform(request, image)
-    except FAILURES as error:
+    except hdf5.FAILURES as error:
         if isinstance(error, ArchiveError):
             raise
         raise ArchiveError(f"cannot be read: {_short(error)}. {_BACKUP}") from None
@@ -150,12 +140,12 @@ def items_apart(request: Request, image: bytes | Path) -> dict[str, NDArray[Any]
 def perform(request: Request, image: bytes | Path, *, long_text: bool = True) -> Answer:
     """The answer to a request, for a file or its content."""
     try:
-        with opened(image) as archive:
-            check_format(archive, long_text=long_text)
+        with hdf5.opened(image) as archive:
+            hdf5.check_format(archive, long_text=long_text)
             return _answer(request, archive, image, long_text=long_text)
     except ArchiveError:
         raise
-    except FAILURES as error:
+    except hdf5.FAILURES as error:
         raise ArchiveError(
             f"is not a whole HDF5 file ({_size(image)} bytes): {_short(error)}. {_BACKUP}"
         ) from None
@@ -163,24 +153,24 @@ def perform(request: Request, image: bytes | Path, *, long_text: bool = True) ->
 
 def _answer(request: Request, archive: Any, image: bytes | Path, *, long_text: bool) -> Answer:
     """The answer of an open archive."""
-    names = tuple(member_names(archive, request.parent))
+    names = tuple(hdf5.member_names(archive, request.parent))
     if request.what == "names":
         return Answer(names)
     if request.what == "copy":
-        check_whole(archive, long_text=long_text)
+        hdf5.check_whole(archive, long_text=long_text)
         if isinstance(image, bytes) and long_text:
-            image_of_copy(archive, f"{request.parent}/{request.name}")
+            hdf5.image_of_copy(archive, f"{request.parent}/{request.name}")
         return Answer(names)
     name = chosen_name(request.kind, names, request.name)
     subject = f"{request.kind} {name!r}"
     try:
-        part = read_group(
+        part = hdf5.read_group(
             archive, request.parent, name, request.kinds, request.limit,
             slice(request.start, request.stop), long_text=long_text,
         )  # fmt: skip
     except ArchiveError as error:
         raise ArchiveError(said_of(subject, str(error))) from None
-    except FAILURES as error:
+    except hdf5.FAILURES as error:
         raise ArchiveError(
             f"{subject} is damaged: HDF5 cannot read it, or a checksum is not right: {_short(error)}. "
             f"{_BACKUP}"

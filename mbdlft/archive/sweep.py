@@ -26,6 +26,7 @@ from mbdlft.archive.layout import (
     BLOCK_ROWS,
     DIGEST,
     FIRST,
+    ROW_SIZES,
     ROWS,
     SWEEP_TYPE,
     Items,
@@ -76,22 +77,14 @@ class Layout:
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shape of each dataset in one sample, in the order of a row."""
-        x, u, y = len(self.states), len(self.inputs), len(self.outputs)
-        shapes: dict[str, tuple[int, ...]] = {
-            "samples": (len(self.parameters),),
-            "A": (x, x),
-            "B": (x, u),
-            "C": (y, x),
-            "D": (y, u),
-            "trim/value": (len(self.trim),),
-            "residual": (),
-            "status": (),
+        signals = (self.parameters, self.states, self.inputs, self.outputs, self.trim, self.functions)
+        sizes = dict(zip("pxuytf", map(len, signals), strict=True))
+        left_out = ("poles/",) * (not self.poles) + ("function/",) * (not self.functions)
+        return {
+            path: tuple(sizes[name] for name in names)
+            for path, names in ROW_SIZES.items()
+            if not path.startswith(left_out)
         }
-        if self.poles:
-            shapes |= {"poles/real": (x,), "poles/imaginary": (x,)}
-        if self.functions:
-            shapes["function/value"] = (len(self.functions),)
-        return shapes
 
     @property
     def kinds(self) -> dict[str, str]:

@@ -17,22 +17,10 @@ from mbdlft.archive.sweep import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLV
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.worker import Pool
+from mbdlft.batch import staging
 from mbdlft.batch.native import fastest
 from mbdlft.batch.rows import Extra, Function, Source, asked_of, source_of
 from mbdlft.batch.samples import GridSamples, RandomSamples, samples_of
-from mbdlft.batch.staging import (
-    Work,
-    blocks_of,
-    clear,
-    missing,
-    opened,
-    places,
-    points_at,
-    prepare,
-    rows_at,
-    rows_file,
-    write_shard,
-)
 from mbdlft.multibody.scene import Scene, scene_from_toml, scene_to_toml
 from mbdlft.system.model import LFTModel
 
@@ -148,8 +136,8 @@ def sweep(
         extra = asked_of(definition, all_samples, poles=poles, function=function, single=float32)
     folder = file.parent / f".{file.name}.{key}.sweep"
     with locked(folder, patience=0.0, busy=_BUSY):
-        work = prepare(folder, source, all_samples, extra, restart=restart)
-        todo = missing(folder, work)
+        work = staging.prepare(folder, source, all_samples, extra, restart=restart)
+        todo = staging.missing(folder, work)
         resumed = work.count - sum(map(work.rows_of, todo))
         done = resumed
         if progress is not None:
@@ -172,33 +160,38 @@ def sweep(
 
 
 def _put_together(
-    file: Path, key: str, folder: Path, source: Scene | LFTModel, work: Work
+    file: Path, key: str, folder: Path, source: Scene | LFTModel, work: staging.Work
 ) -> NDArray[np.intp]:
     """Make the archive of the rows in a folder, which is then gone; how many rows have each status."""
-    counts = np.bincount(places(folder, work).statuses(rows_file(folder)), minlength=4)
+    counts = np.bincount(staging.places(folder, work).statuses(staging.rows_file(folder)), minlength=4)
     is_model = isinstance(source, LFTModel)
     finish_sweep(
         file,
         key,
         work.layout,
-        rows_file(folder),
-        blocks_of(folder, work),
+        staging.rows_file(folder),
+        staging.blocks_of(folder, work),
         work.block_rows,
         model=source.name if is_model else "",
         scene="" if isinstance(source, LFTModel) else scene_to_toml(source),
     )
-    clear(folder)
+    staging.clear(folder)
     return counts
 
 
 def _computed(
-    folder: Path, source: Scene | LFTModel, work: Work, todo: list[int], workers: int | None, client: Any
+    folder: Path,
+    source: Scene | LFTModel,
+    work: staging.Work,
+    todo: list[int],
+    workers: int | None,
+    client: Any,
 ) -> Iterator[int]:
     """Compute shards and put them into the folder; yield each when it is there."""
-    at = places(folder, work)
+    at = staging.places(folder, work)
     if client is not None:
         for shard, rows in cluster_shards(client, source, work, todo):
-            write_shard(folder, work, at, shard, rows)
+            staging.write_shard(folder, work, at, shard, rows)
             yield shard
         return
     # some systems do not tell which cores this process may use
@@ -213,8 +206,8 @@ def _computed(
         return
     fast = fastest(work.source, work.count) if todo else work.source
     for shard in todo:  # starting a process would take longer than computing most shards
-        rows = rows_at(fast, work.source.chunk, work.extra, points_at(work, shard))
-        write_shard(folder, work, at, shard, rows)
+        rows = staging.rows_at(fast, work.source.chunk, work.extra, staging.points_at(work, shard))
+        staging.write_shard(folder, work, at, shard, rows)
         yield shard
 
 
@@ -222,7 +215,7 @@ _AHEAD = 2  # shards that are submitted at a time, for each thread of the cluste
 
 
 def cluster_shards(
-    client: Any, definition: Scene | LFTModel, work: Work, shards: Sequence[int]
+    client: Any, definition: Scene | LFTModel, work: staging.Work, shards: Sequence[int]
 ) -> Iterator[tuple[int, Array]]:
     """Yield each shard with its rows (n, width) as soon as the cluster has finished it."""
     try:
@@ -236,7 +229,7 @@ def cluster_shards(
 
     def submit(shard: int) -> Any:
         # not pure, so that the cluster does not take the result of an earlier sweep
-        points = points_at(work, shard)
+        points = staging.points_at(work, shard)
         future = client.submit(shard_rows, source, work.count, work.extra, points, pure=False)
         number[future] = shard
         return future
@@ -268,7 +261,7 @@ def shard_rows(definition: str | LFTModel, count: int, extra: Extra, points: Arr
 
     `count` samples are in all shards.
     """
-    return rows_at(*_source(definition, count), extra, points)
+    return staging.rows_at(*_source(definition, count), extra, points)
 
 
 @lru_cache(maxsize=4)
@@ -282,8 +275,8 @@ def compute_shard(folder: Path, shard: int) -> None:
     """What a worker does: it computes the rows of a shard and puts them into the folder."""
     try:
         work, source, at = _opened(folder)
-        rows = rows_at(source, work.source.chunk, work.extra, points_at(work, shard))
-        write_shard(folder, work, at, shard, rows)
+        rows = staging.rows_at(source, work.source.chunk, work.extra, staging.points_at(work, shard))
+        staging.write_shard(folder, work, at, shard, rows)
     except FileNotFoundError:
         raise AnalysisError(
             f"sweep: {folder} is gone: another process has finished the sweep or thrown it away."
@@ -291,7 +284,7 @@ def compute_shard(folder: Path, shard: int) -> None:
 
 
 @lru_cache(maxsize=1)
-def _opened(folder: Path) -> tuple[Work, Source, Places]:
+def _opened(folder: Path) -> tuple[staging.Work, Source, Places]:
     """A sweep as another process reads it from its folder, what computes its rows, and their places."""
-    work = opened(folder)
-    return work, fastest(work.source, work.count), places(folder, work)
+    work = staging.opened(folder)
+    return work, fastest(work.source, work.count), staging.places(folder, work)

@@ -15,25 +15,7 @@ from mbdlft import analyze, show
 from mbdlft import archive as archives
 from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli.options import (
-    Archive,
-    AsJson,
-    Controller,
-    Gap,
-    Inputs,
-    LeaveOut,
-    Model,
-    NoSave,
-    Outputs,
-    Plot,
-    Rate,
-    Texts,
-    Work,
-    Workers,
-    check_paths,
-    numbers_by_name,
-    stored_system,
-)
+from mbdlft.cli import options
 from mbdlft.cli.output import print_json, print_table, progress_of, say
 from mbdlft.cli.responses import chosen_channels
 
@@ -59,27 +41,27 @@ class Property(StrEnum):
 
 
 def margin(
-    archive: Archive,
-    controller: Controller = None,
-    model: Model = None,
-    gap: Gap = 0.01,
-    work: Work = 30.0,
-    rate: Rate = None,
+    archive: options.Archive,
+    controller: options.Controller = None,
+    model: options.Model = None,
+    gap: options.Gap = 0.01,
+    work: options.Work = 30.0,
+    rate: options.Rate = None,
     fixed: Annotated[
-        Texts,
+        options.Texts,
         typer.Option("--fixed", help="Parameter or block that stays in its range; may be repeated."),
     ] = None,
-    leave_out: LeaveOut = None,
-    workers: Workers = 1,
-    figure: Plot = None,
-    no_save: NoSave = False,
-    as_json: AsJson = False,
+    leave_out: options.LeaveOut = None,
+    workers: options.Workers = 1,
+    figure: options.Plot = None,
+    no_save: options.NoSave = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Bounds of the margin of robust stability, proved for all frequencies and values."""
-    check_paths(None, figure)
+    options.check_paths(None, figure)
     system, ignored = _loop(archive, model, controller), leave_out or ()
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": ignored, "workers": workers}
-    asked |= {"rates": numbers_by_name("--rate", rate, _RATE), "fixed": fixed or ()}
+    asked |= {"rates": options.numbers_by_name("--rate", rate, _RATE), "fixed": fixed or ()}
     bounds, _ = _answer(
         archive, system, analyze.robust_stability, asked, store=not no_save, as_json=as_json
     )
@@ -88,25 +70,25 @@ def margin(
 
 
 def wcgain(
-    archive: Archive,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    controller: Controller = None,
-    model: Model = None,
-    gap: Gap = 0.01,
-    work: Work = 30.0,
-    rate: Rate = None,
-    leave_out: LeaveOut = None,
-    workers: Workers = 1,
-    figure: Plot = None,
-    no_save: NoSave = False,
-    as_json: AsJson = False,
+    archive: options.Archive,
+    inputs: options.Inputs = None,
+    outputs: options.Outputs = None,
+    controller: options.Controller = None,
+    model: options.Model = None,
+    gap: options.Gap = 0.01,
+    work: options.Work = 30.0,
+    rate: options.Rate = None,
+    leave_out: options.LeaveOut = None,
+    workers: options.Workers = 1,
+    figure: options.Plot = None,
+    no_save: options.NoSave = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
-    check_paths(None, figure)
+    options.check_paths(None, figure)
     system = _loop(archive, model, controller)
     asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
-    asked |= {"rates": numbers_by_name("--rate", rate, _RATE)}
+    asked |= {"rates": options.numbers_by_name("--rate", rate, _RATE)}
     asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     answer = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
@@ -117,18 +99,18 @@ def wcgain(
 
 
 def worst(
-    archive: Archive,
+    archive: options.Archive,
     what: Annotated[Property, typer.Option("--of", help="What is to be bad.")],
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    controller: Controller = None,
-    model: Model = None,
-    gap: Gap = 0.01,
-    work: Work = 30.0,
-    leave_out: LeaveOut = None,
-    workers: Workers = 1,
-    no_save: NoSave = False,
-    as_json: AsJson = False,
+    inputs: options.Inputs = None,
+    outputs: options.Outputs = None,
+    controller: options.Controller = None,
+    model: options.Model = None,
+    gap: options.Gap = 0.01,
+    work: options.Work = 30.0,
+    leave_out: options.LeaveOut = None,
+    workers: options.Workers = 1,
+    no_save: options.NoSave = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds."""
     system = _loop(archive, model, controller)
@@ -138,7 +120,7 @@ def worst(
     _answer(archive, system, analyze.worst_case, asked, store=not no_save, as_json=as_json)
 
 
-def verify(archive: Archive, as_json: AsJson = False) -> None:
+def verify(archive: options.Archive, as_json: options.AsJson = False) -> None:
     """Check every stored proof again, without a search."""
     names = archives.analysis_names(archive)
     if not names:
@@ -174,13 +156,13 @@ def _loop(archive: Path, model: str | None, controller: Path | None) -> "System"
     if model is None:  # loops that were stored beside a model are not meant
         alone = [name for name in names if _WITH not in name]
         model = alone[0] if len(alone) == 1 else None
-    system = stored_system(archive, model)
+    system = options.stored_system(archive, model)
     if controller is None:
         return system
     loop = systems.feedback(system, _controller(controller))
     name = f"{system.name}{_WITH}{controller.stem}"
     if name in names:
-        stored = stored_system(archive, name)
+        stored = options.stored_system(archive, name)
         if _same(stored, loop):
             return stored
     return systems.as_system(loop, name=name)
@@ -195,7 +177,7 @@ def _same(a: "System", b: "System") -> bool:
 def _controller(file: Path) -> Any:
     """A controller of an archive, or of the matrices A, B, C, D of a .mat file."""
     if file.suffix.lower() != ".mat":
-        return stored_system(file, None)
+        return options.stored_system(file, None)
     from scipy.io import loadmat  # here because it is slow to import
 
     try:

@@ -9,22 +9,8 @@ import typer
 from mbdlft import archive as archives
 from mbdlft import batch, show
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.cli import rooms
+from mbdlft.cli import options, rooms
 from mbdlft.cli.commands import warn
-from mbdlft.cli.options import (
-    AsJson,
-    Model,
-    Page,
-    Texts,
-    by_name,
-    is_archive,
-    is_robot,
-    load_model,
-    load_system,
-    scene_in,
-    stored_system,
-    values_of,
-)
 from mbdlft.cli.output import print_files, print_json, progress_of, say
 
 if TYPE_CHECKING:
@@ -38,7 +24,7 @@ if TYPE_CHECKING:
 
 
 Grid = Annotated[
-    Texts,
+    options.Texts,
     typer.Option(
         "--grid", help="NAME=COUNT evenly spaced values; the others are nominal; may be repeated."
     ),
@@ -66,7 +52,7 @@ def sweep(
     file: SampleFile = None,
     seed: Annotated[int | None, typer.Option(help="Of --random; 0 by default.")] = None,
     name: Annotated[str | None, typer.Option(help="Of the sweep in the archive.")] = None,
-    model: Model = None,
+    model: options.Model = None,
     workers: Annotated[
         int | None, typer.Option("--workers", help="Processes; one for each core by default.")
     ] = None,
@@ -78,7 +64,7 @@ def sweep(
     float32: Annotated[
         bool, typer.Option("--float32", help="Store in single precision: half the space, 7 digits.")
     ] = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Trim and linearize at many samples; the same command goes on after a kill."""
     samples = _samples(grid, random, file, seed)
@@ -108,16 +94,16 @@ def sweep(
 
 def _source(file: Path, model: str | None) -> "Scene | LFTModel":
     """The scene of a file, or the model `model` if the file is an archive."""
-    if is_archive(file):
+    if options.is_archive(file):
         # the sweep refuses what is neither
-        return cast("Scene | LFTModel", stored_system(file, model))
+        return cast("Scene | LFTModel", options.stored_system(file, model))
     if model is not None:
         raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
-    return scene_in(file)
+    return options.scene_in(file)
 
 
 def _samples(
-    grid: Texts, random: int | None, file: Path | None, seed: int | None
+    grid: options.Texts, random: int | None, file: Path | None, seed: int | None
 ) -> "GridSamples | RandomSamples | Mapping[str, Array]":
     """The samples that exactly one of the options --grid, --random and --file gives."""
     if (bool(grid) + (random is not None) + (file is not None)) != 1:
@@ -129,7 +115,7 @@ def _samples(
     if file is not None:
         return batch.read_samples(file)
     expected = "NAME=COUNT with a whole number, such as theta1=10."
-    return batch.GridSamples(by_name("--grid", grid, expected, _whole, AnalysisError))
+    return batch.GridSamples(options.by_name("--grid", grid, expected, _whole, AnalysisError))
 
 
 def _whole(text: str) -> int:
@@ -157,21 +143,21 @@ def export(
         ),
     ],
     grid: Annotated[
-        Texts,
+        options.Texts,
         typer.Option(
             "--grid",
             help="State matrices at COUNT evenly spaced values of each parameter, or with NAME=COUNT of "
             "this one, which may be repeated; the others are nominal.",
         ),
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
     counts = _counts(grid)
     rooms.exports.check_suffix(output, grid=counts is not None)
     file, name = _parts(source)
-    model = load_model(file, name)
-    archive = file if is_archive(file) else None
+    model = options.load_model(file, name)
+    archive = file if options.is_archive(file) else None
     files = rooms.exports.export_model(output, model, counts, archive)
     print_files(*(("file", path) for path in files), as_json=as_json)
 
@@ -179,12 +165,12 @@ def export(
 def _parts(text: str) -> tuple[Path, str | None]:
     """A file, and the name of a model behind a colon."""
     file, colon, name = text.rpartition(":")
-    if colon and name and is_archive(Path(file)) and not Path(text).exists():
+    if colon and name and options.is_archive(Path(file)) and not Path(text).exists():
         return Path(file), name
     return Path(text), None
 
 
-def _counts(texts: Texts) -> "Counts | None":
+def _counts(texts: options.Texts) -> "Counts | None":
     """Numbers of values of the options --grid: one for all parameters, or one for each of some names."""
     if not texts:
         return None
@@ -211,9 +197,9 @@ def view(
     source: Annotated[
         Path, typer.Argument(help="Scene (TOML), robot (URDF, SDF, MJCF), or archive (HDF5) of a model.")
     ],
-    output: Page = None,
+    output: options.Page = None,
     assignments: Annotated[
-        Texts, typer.Option("--set", help="name=value at which the page begins; may be repeated.")
+        options.Texts, typer.Option("--set", help="name=value at which the page begins; may be repeated.")
     ] = None,
     model: Annotated[
         str | None, typer.Option(help="Model of an archive, or of an SDF file, that has several.")
@@ -222,26 +208,26 @@ def view(
         Path | None,
         typer.Option(help="Robot (URDF, SDF, MJCF) of which the scene was made: its shapes are shown."),
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
-    looks = source if robot is None and is_robot(source) else robot
+    looks = source if robot is None and options.is_robot(source) else robot
     shown = model if looks is not None and source == looks else None
-    page = show.view(scene, values_of(assignments), robot=looks, model=shown)
+    page = show.view(scene, options.values_of(assignments), robot=looks, model=shown)
     print_files(("page", page.save(file)), as_json=as_json)
 
 
 def _scene(source: Path, model: str | None) -> "Scene":
     """The scene of a file, or that of a model of an archive."""
-    if is_archive(source):
+    if options.is_archive(source):
         return show.scene_of(archives.load(source, model))
-    if model is not None and not is_robot(source):
+    if model is not None and not options.is_robot(source):
         raise AnalysisError(
             f"--model {model}: {source} is no archive and no SDF file; only these have several models."
         )
-    return scene_in(source, model, look=True)
+    return options.scene_in(source, model, look=True)
 
 
 def _page(file: Path) -> Path:
@@ -257,12 +243,12 @@ def report(
     source: Annotated[
         Path, typer.Argument(help="Archive (HDF5), or a scene, robot or matrix, to be linearized.")
     ],
-    output: Page = None,
-    model: Model = None,
-    as_json: AsJson = False,
+    output: options.Page = None,
+    model: options.Model = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses."""
     file = _page(output or Path(f"{source.stem}.html"))
-    system = load_system(source, model)
-    archive = source if is_archive(source) else None
+    system = options.load_system(source, model)
+    archive = source if options.is_archive(source) else None
     print_files(("page", show.model_report(system, archive).save(file)), as_json=as_json)

@@ -13,24 +13,7 @@ from mbdlft import archive as archives
 from mbdlft import batch, matrix, modelica, multibody, problem
 from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError, MbdlftError
-from mbdlft.cli import rooms
-from mbdlft.cli.options import (
-    SEARCH,
-    SUFFIXES,
-    Archive,
-    AsJson,
-    Output,
-    Prove,
-    Search,
-    Seconds,
-    Texts,
-    check_paths,
-    is_modelica,
-    is_robot,
-    modelica_model,
-    read_modelica,
-    scene_in,
-)
+from mbdlft.cli import options, rooms
 from mbdlft.cli.output import (
     console,
     parameters_data,
@@ -70,9 +53,9 @@ def report_model(
 
 
 def show(
-    archive: Archive,
+    archive: options.Archive,
     name: Annotated[str | None, typer.Option(help="Only the model of this name.")] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print what is in an archive, and from when."""
     names = [name] if name else archives.model_names(archive)
@@ -208,14 +191,17 @@ ModelName = Annotated[
 
 
 def check(
-    file: ModelFile, table_file: TableFile = None, model_name: ModelName = None, as_json: AsJson = False
+    file: ModelFile,
+    table_file: TableFile = None,
+    model_name: ModelName = None,
+    as_json: options.AsJson = False,
 ) -> None:
     """Check a scene, a robot or a Modelica model, and trim it at nominal."""
-    if is_modelica(file):
+    if options.is_modelica(file):
         _check_modelica(file, table_file, model_name, as_json=as_json)
         return
     _refuse_options(file, table_file, model_name)
-    scene = scene_in(file, model_name)
+    scene = options.scene_in(file, model_name)
     equations = multibody.assemble(scene)
     inputs, outputs = rooms.to_problem.choose_signals(scene, equations)
     point = problem.solve_trim(equations)
@@ -242,7 +228,7 @@ def check(
 
 def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as_json: bool) -> None:
     """Print the structure of a Modelica model, its parameters and its equilibrium."""
-    dae, report, kept = read_modelica(file, table_file, name)
+    dae, report, kept = options.read_modelica(file, table_file, name)
     point = modelica.operating_point(dae, report, kept)
     quantities: list[dict[str, Any]] = [
         {
@@ -267,7 +253,7 @@ def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as
 
 
 Plots = Annotated[
-    Texts,
+    options.Texts,
     typer.Option(
         help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
         "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
@@ -280,11 +266,11 @@ StoreProgram = Annotated[
 
 def linearize(
     file: ModelFile,
-    output: Output = None,
-    as_json: AsJson = False,
-    search: Search = SEARCH,
-    most_seconds: Seconds = None,
-    prove: Prove = 1.0,
+    output: options.Output = None,
+    as_json: options.AsJson = False,
+    search: options.Search = options.SEARCH,
+    most_seconds: options.Seconds = None,
+    prove: options.Prove = 1.0,
     truncate: Annotated[
         float | None,
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
@@ -296,22 +282,22 @@ def linearize(
 ) -> None:
     """Linearize a scene or a Modelica model, parameters left in, and certify the result."""
     figures = _figures(plot or [])
-    check_paths(output, *(figure for _, figure in figures))
+    options.check_paths(output, *(figure for _, figure in figures))
     if program and output is None:
         raise AnalysisError("--program: it is stored in an archive; give one with -o.")
     with progress_of(file.stem) as progress:
         show = progress.stage
-        if is_modelica(file):
+        if options.is_modelica(file):
             if truncate is not None:
                 raise AnalysisError("--truncate is for scenes; truncate a finished model in Python.")
-            model, seconds, notes = modelica_model(
+            model, seconds, notes = options.modelica_model(
                 file, table_file, model_name,
                 search=search, seconds=most_seconds, prove=prove, progress=show,
             )  # fmt: skip
         else:
             _refuse_options(file, table_file, model_name)
             start = time.perf_counter()
-            scene = scene_in(file, model_name)
+            scene = options.scene_in(file, model_name)
             seconds = {"read": time.perf_counter() - start}
             model, stages, notes = _of_scene(scene, search, most_seconds, prove, show, truncate)
             seconds |= stages
@@ -331,14 +317,14 @@ def linearize(
 
 def realize(
     matrix_file: Annotated[Path, typer.Argument(help="Matrix problem, a TOML file.")],
-    output: Output = None,
-    as_json: AsJson = False,
-    search: Search = SEARCH,
-    most_seconds: Seconds = None,
-    prove: Prove = 1.0,
+    output: options.Output = None,
+    as_json: options.AsJson = False,
+    search: options.Search = options.SEARCH,
+    most_seconds: options.Seconds = None,
+    prove: options.Prove = 1.0,
 ) -> None:
     """Make a certified model of a matrix that is rational in parameters."""
-    check_paths(output)
+    options.check_paths(output)
     start = time.perf_counter()
     posed = matrix.load_matrix(matrix_file)
     seconds = {"read": time.perf_counter() - start}
@@ -409,9 +395,10 @@ def _notes(scene: "Scene", signals: Sequence["Signal"], values: Sequence[float])
 def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
     """Raise an error if a scene comes with what is for Modelica models."""
     for option, value in (("--parameters", table_file), ("--model", model_name)):
-        if value is not None and not (option == "--model" and is_robot(file)):
+        if value is not None and not (option == "--model" and options.is_robot(file)):
             raise AnalysisError(
-                f"{option} {value}: it is for Modelica models ({', '.join(SUFFIXES)}); {file} is none."
+                f"{option} {value}: it is for Modelica models ({', '.join(options.SUFFIXES)}); {file} is "
+                "none."
             )
 
 

@@ -11,21 +11,7 @@ import typer
 
 from mbdlft import analyze, base, show
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli import rooms
-from mbdlft.cli.options import (
-    AsJson,
-    Figure,
-    Inputs,
-    Model,
-    Outputs,
-    Samples,
-    Seed,
-    Source,
-    Values,
-    check_paths,
-    load_system,
-    values_of,
-)
+from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_json, print_table, progress_of, say
 
 if TYPE_CHECKING:
@@ -39,27 +25,27 @@ _SHORT = 8  # rows of the table of poles that comes with a model
 
 
 def response(
-    source: Source,
-    model: Model = None,
-    inputs: Inputs = None,
-    outputs: Outputs = None,
-    assignments: Values = None,
+    source: options.Source,
+    model: options.Model = None,
+    inputs: options.Inputs = None,
+    outputs: options.Outputs = None,
+    assignments: options.Values = None,
     frequencies: Annotated[
         list[float] | None,
         typer.Option("--at", help="Frequency (rad/s) at which to print values; may be repeated."),
     ] = None,
-    samples: Samples = 300,
-    seed: Seed = 0,
-    figure: Figure = None,
+    samples: options.Samples = 300,
+    seed: options.Seed = 0,
+    figure: options.Figure = None,
     kind: Annotated[
         str, typer.Option(help="Of the figure: sigma, bode, step, poles, order or trim.")
     ] = "sigma",
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print norms, the worst of random samples, and values at frequencies."""
     _check(figure, kind, frequencies)
-    system = chosen_channels(load_system(source, model), outputs, inputs)
-    point = values_of(assignments, _known(system))
+    system = chosen_channels(options.load_system(source, model), outputs, inputs)
+    point = options.values_of(assignments, _known(system))
     points = [_gains(system, "as set" if point else "nominal", point)]
     worst = _worst(system, samples, seed)
     if worst is not None:
@@ -118,7 +104,7 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
             raise AnalysisError(
                 f"--at {omega:g}: expected a positive finite frequency (rad/s), such as 1.5."
             )
-    check_paths(None, figure)
+    options.check_paths(None, figure)
 
 
 def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str, Any]:
@@ -219,24 +205,24 @@ def _print(system: "System", points: list[dict[str, Any]], values: list[dict[str
 
 
 def poles(
-    source: Source,
-    model: Model = None,
-    assignments: Values = None,
-    samples: Samples = 300,
-    seed: Seed = 0,
+    source: options.Source,
+    model: options.Model = None,
+    assignments: options.Values = None,
+    samples: options.Samples = 300,
+    seed: options.Seed = 0,
     prove: Annotated[
         float, typer.Option(min=0.0, help="Work (about seconds) for a proof of stability.")
     ] = 0.0,
-    figure: Figure = None,
+    figure: options.Figure = None,
     over: Annotated[
         str | None, typer.Option(help="Parameter over which the figure shows the poles.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
-    check_paths(None, figure)
-    system = load_system(source, model)
-    point = values_of(assignments, _known(system))
+    options.check_paths(None, figure)
+    system = options.load_system(source, model)
+    point = options.values_of(assignments, _known(system))
     modes = analyze.damping_table(system, point)
     has_channels = bool(system.inputs and system.outputs)
     at_zero = analyze.zeros(system, point)[0].tolist() if has_channels else None

@@ -11,8 +11,7 @@ from mbdlft import elastic, multibody, problem, robot
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.parameter import Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
-from mbdlft.cli import rooms
-from mbdlft.cli.options import AsJson, Texts, Values, by_name, scene_in, values_of
+from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_files, print_json, print_table, say, write_scene, write_text
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ _GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
 
 def trim(
     scene_file: Annotated[Path, typer.Argument(help="Scene, a TOML file.")],
-    assignments: Values = None,
+    assignments: options.Values = None,
     positions: Annotated[
         bool, typer.Option("--positions", help="Find the positions of joints that nothing holds.")
     ] = False,
@@ -35,10 +34,10 @@ def trim(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Scene to write, at the equilibrium.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print the joint efforts that hold the equilibrium, or find the equilibrium."""
-    values, scene = values_of(assignments), scene_in(scene_file)
+    values, scene = options.values_of(assignments), options.scene_in(scene_file)
     if positions or every or output:
         _print_equilibria(scene, values, starts, output, every=every, as_json=as_json)
         return
@@ -127,7 +126,7 @@ def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
 
 
 Labels = Annotated[
-    Texts,
+    options.Texts,
     typer.Option(
         "--set",
         help="LABEL=VALUE, such as tool0.mass=payload or elbow_joint.position=30*deg; numbers "
@@ -135,14 +134,14 @@ Labels = Annotated[
     ),
 ]
 Declared = Annotated[
-    Texts,
+    options.Texts,
     typer.Option(
         "--parameter",
         help="NAME=LOW,NOMINAL,HIGH,UNIT for --set, such as payload=0,2,5,kg; may be repeated.",
     ),
 ]
 Vary = Annotated[
-    Texts,
+    options.Texts,
     typer.Option(
         "--vary",
         help="LABEL=PERCENT: a parameter around the number of the file, such as "
@@ -164,7 +163,8 @@ def import_robot(
     parameters: Declared = None,
     vary: Vary = None,
     moving: Annotated[
-        Texts, typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated.")
+        options.Texts,
+        typer.Option("--moving", help="Joint that moves, the others are locked; may be repeated."),
     ] = None,
     free_base: FreeBase = None,
     keep_unphysical: Annotated[
@@ -176,7 +176,7 @@ def import_robot(
     keyframe: Annotated[
         str | None, typer.Option("--keyframe", help="Keyframe of an MJCF file whose positions are taken.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
     scene, report = robot.load_robot(
@@ -204,7 +204,7 @@ def import_robot(
     )
 
 
-def _pairs(option: str, texts: Texts) -> dict[str, str]:
+def _pairs(option: str, texts: options.Texts) -> dict[str, str]:
     """Texts by name of an option."""
 
     def nonempty(value: str) -> str:
@@ -212,7 +212,7 @@ def _pairs(option: str, texts: Texts) -> dict[str, str]:
             raise ValueError
         return value
 
-    return by_name(option, texts, "a name, = and a value.", nonempty)
+    return options.by_name(option, texts, "a name, = and a value.", nonempty)
 
 
 def _number(option: str, name: str, value: str) -> float:
@@ -244,12 +244,12 @@ def body(
     frequency: Annotated[float | None, typer.Option(help="Highest frequency, rad/s.")] = None,
     effective_mass: Annotated[float | None, typer.Option(help="Fraction of the mass.")] = None,
     damping: Annotated[float | None, typer.Option(help="Damping ratio of all modes.")] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print the table of a catalogue body, to be pasted into a scene file."""
-    options = {"method": method, "modes": modes, "frequency": frequency}
-    options |= {"effective_mass": effective_mass, "damping": damping}
-    choices: dict[str, Any] = {key: value for key, value in options.items() if value is not None}
+    chosen = {"method": method, "modes": modes, "frequency": frequency}
+    chosen |= {"effective_mass": effective_mass, "damping": damping}
+    choices: dict[str, Any] = {key: value for key, value in chosen.items() if value is not None}
     description = rooms.catalogue.body_table(body_file)
     notes = [f"{body_file.name}: {description['description']}", f"Source: {description['source']}"]
     toml = rooms.toml.body_to_toml(elastic.load_body(body_file, name, **choices))
@@ -267,7 +267,7 @@ def schema(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="File to write; else it is printed.")
     ] = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write the JSON schema of scene files: editors complete and check keys and kinds with it."""
     text = json.dumps(multibody.scene_schema(), indent=2, ensure_ascii=False) + "\n"

@@ -12,16 +12,7 @@ from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import Bounds
 from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
-from mbdlft.show.report.content import (
-    certificate_sentences,
-    parameter_rows,
-    pole_rows,
-    samples_of,
-    stability_sentences,
-    trim_rows,
-    verdict_sentence,
-    worst_cases,
-)
+from mbdlft.show.report import content
 from mbdlft.show.viewer.page import Page, View, scene_of, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
@@ -71,22 +62,22 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    trim, points = trim_rows(model)
+    trim, points = content.trim_rows(model)
     html = environment.get_template("report.html").render(
         model=model,
         version=importlib.metadata.version("mbdlft"),
         style=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
         pictures=_pictures(model),
-        verdict=verdict_sentence(model),
-        parameters=parameter_rows(model),
-        sentences=certificate_sentences(model),
+        verdict=content.verdict_sentence(model),
+        parameters=content.parameter_rows(model),
+        sentences=content.certificate_sentences(model),
         trim=trim,
         trim_points=points,
-        poles=pole_rows(model),
-        stability=stability_sentences(model),
+        poles=content.pole_rows(model),
+        stability=content.stability_sentences(model),
         pole_figure=pole_figure(model),
         responses=response_figures(model),
-        worst=worst_cases(_analyses(model, archive)),
+        worst=content.worst_cases(_analyses(model, archive)),
         archive=None if archive is None else Path(archive).name,
         provenance=model.provenance if isinstance(model, LFTModel) else None,
     )
@@ -106,7 +97,7 @@ def response_figures(model: System) -> tuple[Picture, ...]:
         return ()
     pictures = [
         _drawn(
-            lambda file: save_singular_values(file, model, most_samples=samples_of(model)),
+            lambda file: save_singular_values(file, model, most_samples=content.samples_of(model)),
             "Singular values at nominal and at random samples of the parameters; every sample has its "
             "own frequencies, around its poles. Samples are no bound of the range.",
         )
@@ -114,7 +105,7 @@ def response_figures(model: System) -> tuple[Picture, ...]:
     if len(model.inputs) * len(model.outputs) <= _MOST_CHANNELS:
         pictures.append(
             _drawn(
-                lambda file: save_bode(file, model, most_samples=samples_of(model)),
+                lambda file: save_bode(file, model, most_samples=content.samples_of(model)),
                 "Size and phase of each channel, at nominal and at random samples.",
             )
         )
@@ -126,7 +117,7 @@ def pole_figure(model: System) -> Picture | None:
     if not model.states:
         return None
     return _drawn(
-        lambda file: save_pole_map(file, model, most_samples=samples_of(model)),
+        lambda file: save_pole_map(file, model, most_samples=content.samples_of(model)),
         "Poles at nominal and at random samples; right of the axis is unstable.",
     )
 
