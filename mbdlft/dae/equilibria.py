@@ -23,6 +23,7 @@ from mbdlft.dae.balance import (
     solved_exactly,
 )
 from mbdlft.dae.index import independent
+from mbdlft.dae.kinks import near_points
 from mbdlft.dae.newton import System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of
@@ -99,6 +100,7 @@ def trim(
     _check_names(s, fixed, free)
     problem = _square(s, _posed(s, fixed, free, moving), fixed)
     points = at_points(s, problem, fixed)
+    problem = problem._replace(residual=near_points(s, problem.residual, problem.quantities, points))
     unsolved: list[tuple[int, int]] | None = None if fit is None else []
     values: dict[str, ca.SX] = solved_exactly(s, problem, points, unsolved)
     open_ = {problem.quantities[j].name for _, j in unsolved or ()}

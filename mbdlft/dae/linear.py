@@ -1,17 +1,8 @@
-"""The linear model of a DAE around an equilibrium, parameters left in: its problem for the pipeline.
+"""The linear model of a DAE around an equilibrium, parameters left in: its problem for the pipeline."""
 
-Functions that switch (|x|, sign(x), min, max, floor, ceil, comparisons and the branches of `if`) have an
-argument s that decides the branch, as x does of |x|, and a - b of max(a, b). Where s has one sign, at an
-equilibrium or on the whole range of the parameters, the branch takes the place of the function. Where s
-is zero at the equilibrium, both branches are compared there: if values and slopes are equal, either is
-right; otherwise there is no linear model, and an error says which equation has which two slopes.
-"""
-
-from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
-from typing import Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -20,19 +11,18 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
-from mbdlft.dae.newton import System, follow, values_of
+from mbdlft.dae.kinks import without_switches
+from mbdlft.dae.newton import System, follow
 from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols, parameter_points
-from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, unsupported
+from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
-from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
-from mbdlft.exact.interval import Interval, decimal, find_zero
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
 from mbdlft.problem.relations import LinearModel, Problem, Reference, Stage, TrimRelations
-from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, numbers_of
-from mbdlft.problem.sx.tapes import Rules, arithmetic, evaluate_many, fold
+from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero
+from mbdlft.problem.sx.tapes import evaluate_many
 
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
@@ -66,7 +56,7 @@ class _Linear:
         stacked = ca.vertcat(self.s.residual, *(y.expression for y in dae.outputs))
         places = [f"equation {place}" for place, _ in self.s.equations]
         places += [f"output {y.name!r}" for y in dae.outputs]
-        self.stacked = without_switches(at, stacked, places)
+        self.stacked = without_switches(self.s, at.values, stacked, places)
         every = ca.vertcat(self.stacked, *at.values.values())
         self.separation = Separation(dae, every, "fewest")
         self.internal = self.separation.internal
@@ -255,168 +245,3 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
         count = len(s.dae.outputs)
         matrices.append(np.concatenate([read[count:], read[:count]]))
     return np.array(matrices)
-
-
-Side = Literal["below", "above", "at", "open"]
-_RANGES = arithmetic(decimal, OF_INTERVALS)
-_NOTHING = 1e-12  # of the terms of a value in doubles: less is zero, as in solutions of equilibria
-
-
-class _Switch(NamedTuple):
-    """What decides, as a function of the operands, and the values below and above its zero."""
-
-    argument: Callable[..., ca.SX]
-    below: Callable[..., ca.SX]
-    above: Callable[..., ca.SX]
-
-
-def _difference(a: ca.SX, b: ca.SX) -> ca.SX:
-    return a - b
-
-
-_SWITCHES: Mapping[str, _Switch] = {
-    "fabs": _Switch(lambda a: a, lambda a: -a, lambda a: a),
-    "sign": _Switch(lambda a: a, lambda a: ca.SX(-1), lambda a: ca.SX(1)),
-    "fmin": _Switch(_difference, lambda a, b: a, lambda a, b: b),
-    "fmax": _Switch(_difference, lambda a, b: b, lambda a, b: a),
-    "lt": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
-    "le": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
-}
-_LOGIC = ("and", "or", "not")
-
-
-class _Decided(NamedTuple):
-    """A function that switches, in words, and on which side of its zero the equilibrium is."""
-
-    text: str
-    side: Side
-
-
-def without_switches(at: DaeTrim, stacked: ca.SX, places: Sequence[str]) -> ca.SX:
-    """Expressions (n, 1) near an equilibrium, with a branch in place of each function that switches.
-
-    `places` (n,) name the expressions. Functions whose argument may change its sign in the range of the
-    parameters stay as they are.
-    """
-    near = _Equilibrium(at)
-    decided: list[_Decided] = []
-    smooth = _branches(stacked, near.side, decided, {})
-    for k, switch in enumerate(decided):
-        if switch.side == "at":
-            above = _branches(stacked, near.side, [], {k: "above"})
-            near.compare(smooth, above, switch.text, places)
-    return smooth
-
-
-def _branches(
-    stacked: ca.SX, side_of: Callable[[ca.SX], Side], decided: list[_Decided], chosen: Mapping[int, Side]
-) -> ca.SX:
-    """The expressions with branches; those at a zero are below it, unless `chosen` says otherwise."""
-
-    def switched(name: str, *operands: ca.SX) -> ca.SX:
-        switch, entries = _SWITCHES[name], [ca.SX(x) for x in operands]
-        argument = switch.argument(*entries)
-        decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side_of(argument)))
-        side = chosen.get(len(decided) - 1, decided[-1].side)
-        if side == "open":
-            return ca.SX(FUNCTIONS[name](*entries))
-        return ca.SX((switch.above if side == "above" else switch.below)(*entries))
-
-    def logical(name: str, *operands: ca.SX) -> ca.SX:
-        made = ca.SX(FUNCTIONS[name](*operands))
-        return ca.SX(numbers_of(made)) if is_constant(made) else made
-
-    def chosen_value(condition: ca.SX, value: ca.SX) -> ca.SX:
-        if is_constant(condition):
-            return value if numbers_of(condition)[0, 0] else ca.SX(0)
-        return ca.SX(FUNCTIONS["if_else_zero"](condition, value))
-
-    operations: dict[str, Callable[..., ca.SX]] = {
-        **FUNCTIONS,
-        **ARITHMETIC_OF_SX,
-        **{name: partial(switched, name) for name in _SWITCHES},
-        **{name: partial(logical, name) for name in _LOGIC},
-        "if_else_zero": chosen_value,
-    }
-    free = column_of(ca.symvar(stacked))
-    function = ca.Function("switches", [free], [ca.densify(stacked)])
-    table = Rules(ca.SX, operations, unsupported)
-    (entries,) = fold(function, table, ca.vertsplit(free))
-    return column_of(ca.SX(x) for x in entries)
-
-
-class _Equilibrium:
-    """Where arguments of functions are at an equilibrium, for all values of the parameters."""
-
-    def __init__(self, at: DaeTrim) -> None:
-        self.at, self.dae, self.symbols = at, at.structure.dae, at.structure.symbols
-        self.values = column_of(at.values[q.name] for q in at.structure.quantities)
-        ends = np.array([[p.low, p.high] for p in self.dae.parameters]).reshape(-1, 2).T
-        self.bounds = {
-            p.name: (np.nextafter(low, -np.inf), np.nextafter(high, np.inf))  # angles are in rad
-            for p, low, high in zip(self.dae.parameters, *in_symbols(self.dae, ends), strict=True)
-        }
-
-    def there(self, expression: ca.SX) -> ca.SX:
-        """An expression at the equilibrium, in terms of the parameters."""
-        return ca.SX(ca.substitute(expression, self.symbols, self.values))
-
-    def side(self, argument: ca.SX) -> Side:
-        """On which side of zero an argument is: decided exactly, or by an enclosure of its range."""
-        value = self.there(argument)
-        if self.vanishes(argument):
-            return "at"
-        if is_constant(value):
-            return "above" if numbers_of(value)[0, 0] > 0.0 else "below"
-        function = ca.Function("argument", [self.dae.p], [ca.densify(in_doubles(value))])
-
-        def enclosed(box: Mapping[str, Interval]) -> Interval:
-            ((found,),) = fold(function, _RANGES, list(box.values()))
-            return Interval.of(found)
-
-        try:
-            if find_zero(enclosed, self.bounds) is not None:
-                return "open"
-        except NotRationalError:  # a function without an enclosure
-            return "open"
-        return "above" if self.number(value) > 0.0 else "below"
-
-    def vanishes(self, expression: ca.SX) -> bool:
-        """Whether an expression is zero at the equilibrium for all values of the parameters."""
-        value = self.there(expression)
-        try:
-            return is_zero(ca.densify(at_odd_parameters(self.dae, value)))
-        except NotRationalError:
-            # a function of numbers: in doubles, relative to what signals make of it
-            slopes = self.there(ca.densify(ca.jacobian(expression, self.symbols)))
-            sizes = [q.variable.nominal for q in self.at.structure.quantities]
-            terms = sum(abs(self.number(slopes[j])) * size for j, size in enumerate(sizes))
-            return abs(self.number(value)) <= _NOTHING * terms
-
-    def number(self, value: ca.SX) -> float:
-        """The value of an expression of the parameters at nominal."""
-        return float(values_of([value], self.dae.p, parameter_points(self.dae, 1)[0])[0])
-
-    def compare(self, below: ca.SX, above: ca.SX, text: str, places: Sequence[str]) -> None:
-        """Raise a TrimError if two branches differ in their values or slopes at the equilibrium."""
-        for k, place in enumerate(places):
-            change = above[k] - below[k]
-            if not ca.symvar(change) and float(change) == 0.0:
-                continue
-            if not self.vanishes(change):
-                ends = [self.number(self.there(x[k])) for x in (below, above)]
-                raise self._error(place, text, f"jumps from {ends[0]:g} to {ends[1]:g}")
-            slopes = ca.densify(ca.jacobian(change, self.symbols))
-            for j, q in enumerate(self.at.structure.quantities):
-                if not self.vanishes(slopes[j]):
-                    rows = (self.there(ca.jacobian(x[k], self.symbols[j])) for x in (below, above))
-                    ends = [self.number(ca.densify(row)) for row in rows]
-                    what = f"has two slopes by {q.name!r}, {ends[0] + 0.0:g} and {ends[1] + 0.0:g}"
-                    raise self._error(place, text, what)
-
-    def _error(self, place: str, text: str, what: str) -> TrimError:
-        return TrimError(
-            f"{self.dae.owner}, {place}: {what} at this equilibrium, where {text} switches: there is no "
-            "linear model. Linearize beside it (other inputs or states in trim, at={...}), or write a "
-            "smooth function, such as tanh(x/e) or sqrt(x^2 + e^2)."
-        )

@@ -28,6 +28,7 @@ from typing import NamedTuple, TypeVar
 
 from mbdlft.base.description import AXES
 from mbdlft.base.errors import SceneError
+from mbdlft.base.expression import Number, parse
 from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.body import Inertia, PointMass, RigidBody
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation, Universal
@@ -288,6 +289,7 @@ def slosh_tank(
         A size is not positive.
     """
     data = slosh_data(radius, height)
+    mass, acceleration = _with_unit(mass, "kg"), acceleration and _with_unit(acceleration, "m/s^2")
     moving, center = f"{data.share!r}*({mass})", height / 2.0
     still = f"(1 - {data.share!r})*({mass})"
     below = -data.share * data.height / (1.0 - data.share)
@@ -320,3 +322,10 @@ def slosh_tank(
     )
     second = Prismatic(name=f"{name}_y", parent=between.name, child=bob.name, axis=(0, 1, 0), **along)
     return SloshTank((placed, between, bob), (held, first, second))
+
+
+def _with_unit(value: float | str, unit: str) -> str:
+    """A quantity for products: a plain number has the unit written behind it."""
+    expression = parse(value)
+    is_plain = isinstance(expression, Number) and expression.unit is None
+    return f"{value} [{unit}]" if is_plain else str(value)

@@ -74,8 +74,9 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
         at_points = (problem.parameters, problem.points, problem.nouns)
         trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
         trim_error = largest(trimmed - at.trimmed, at.trim_scale)
-        if not trim_error <= ACCEPTED and at.trim_if_cancelled:  # unless it is nothing but rounding
-            trim_error = largest(trimmed - at.trimmed, at.trim_if_cancelled())
+        if not trim_error <= ACCEPTED and at.trim_in_digits:  # doubles may have lost it
+            truth, scale = at.trim_in_digits()
+            trim_error = largest(trimmed - truth, scale)
     worst, ratio = max(error, trim_error), float(np.max(ratios, initial=0.0))
     nouns = problem.nouns
     if not worst <= ACCEPTED:

@@ -126,6 +126,16 @@ def _of_equations(
     return matrices
 
 
+def efforts_in_digits(
+    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
+) -> Array:
+    """Efforts (N, n) that the trim solves for at physical points (N, n_p), rounded at the end."""
+    trim, _ = _tapes(exact, tuple(inputs), tuple(outputs))
+    with precision(BITS):
+        every = [_efforts(exact, trim, [flint.arb(float(x)) for x in point]) for point in points]
+    return np.array([[rounded(efforts[k]) for k in exact.unknown] for efforts in every])
+
+
 def _state_space(J: Balls, unknown: int, known: int, states: int) -> Balls:
     """[A B ; C D] of slopes of [residual ; outputs] by unknown and known signals."""
     try:

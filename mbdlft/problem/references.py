@@ -16,7 +16,12 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import to_internal
 from mbdlft.exact.rounding import eigenvalues_of
-from mbdlft.problem.digits import RelationsInDigits, matrices_in_digits, transfers_in_digits
+from mbdlft.problem.digits import (
+    RelationsInDigits,
+    efforts_in_digits,
+    matrices_in_digits,
+    transfers_in_digits,
+)
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
 from mbdlft.problem.relations import Complex, LinearModel, Need, Reference
@@ -136,12 +141,12 @@ def reference_of(
         coarse = entry_scale(matrices, states, at.floor, terms)
         return need.of(coarse[None])[0], need.omitted(matrices, coarse)
 
-    def trim_if_cancelled() -> Array:
+    def trim_in_digits() -> tuple[Array, Array]:
         n, nk = (signals.numel() for signals in split(e, inputs))
         by_effort = np.abs(inverse_of_efforts(at.linear.jacobian[:, :n, n + nk :]))
         stiffness = by_effort @ np.abs(at.linear.jacobian[:, :n, n : n + states])
         scale: Array = np.maximum(trim_scale, PART * np.max(stiffness, axis=(0, 2), initial=0.0))
-        return scale
+        return efforts_in_digits(exact, inputs, outputs, points), scale
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         unknown, known = (signals.numel() for signals in split(e, inputs))
@@ -161,7 +166,7 @@ def reference_of(
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
         in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
-        trim_if_cancelled=trim_if_cancelled,
+        trim_in_digits=trim_in_digits,
         transfers=transfers,
         transfers_in_digits=in_digits,
     )

@@ -409,10 +409,10 @@ class Reference:
     # function of some of the points (N, n_p), or None: values there in 50 digits, rounded at the
     # end; None where `values` are that already
     in_digits: Callable[[Array], Array] | None = None
-    # `trim_scale` for quantities that are nothing but rounding of terms that
-    # cancelled already in the numbers of the problem: at least a part of what a displacement of 1
-    # rad or 1 m makes of them
-    trim_if_cancelled: Callable[[], Array] | None = None
+    # `trimmed` in 50 digits, rounded at the end, and `trim_scale` for quantities whose terms cancelled
+    # already in the numbers of the problem: at least a part of what a displacement of 1 rad or 1 m
+    # makes of them
+    trim_in_digits: Callable[[], tuple[Array, Array]] | None = None
 
 
 class TrimRelations(NamedTuple):

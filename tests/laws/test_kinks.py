@@ -50,6 +50,9 @@ def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
         (lambda k, x: ca.fmax(k, x) * x, 0.5, lambda k: -k),  # k > x in the whole range
         (lambda k, x: ca.fabs(k - 2) * x, 0.5, lambda k: k - 2),
         (lambda k, x: ca.if_else(k * k > 0.5, 3 * x, x), 0.0, lambda k: -3 + 0 * k),
+        (lambda k, x: ca.sqrt(1 / k * (1 / k)) * x, 0.5, lambda k: -1 / k),
+        (lambda k, x: ca.sqrt(k * (k * ca.SX(0.3) / 7)) * x, 0.5, lambda k: -k * np.sqrt(0.3 / 7)),
+        (lambda k, x: ca.sqrt((k - 3) * (k - 3)) * x, 0.5, lambda k: k - 3),
     ],
 )
 def test_branches_that_are_one_function_or_stay_in_the_range(force, start, slope) -> None:
@@ -59,9 +62,28 @@ def test_branches_that_are_one_function_or_stay_in_the_range(force, start, slope
         target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[slope(k)]]), CLOSED_FORM)
 
 
-def test_a_switch_inside_the_range_is_refused() -> None:
-    with pytest.raises(mbdlft.base.NotRationalError, match="fmax"):
-        model(lambda k, x: ca.fmax(k, 1.1) * x, 0.5)
+@pytest.mark.parametrize("switch", [lambda k: ca.fmax(k, 1.1), lambda k: ca.if_else(k < 1.1, k, 1.1)])
+def test_a_switch_inside_the_range_is_refused(switch) -> None:
+    with pytest.raises(mbdlft.base.NotRationalError, match=r"1.1\) changes its branch .* range of k"):
+        model(lambda k, x: switch(k) * x, 0.5)
+
+
+@pytest.mark.parametrize(
+    ("force", "right"),
+    [
+        (lambda k, x: ca.fabs(k + x), lambda k: -1.0),  # x = 1 - k
+        (lambda k, x: ca.fmax(k * x, 0), lambda k: -k),  # x = 1 / k
+        (lambda k, x: ca.if_else(x < 0.5, 9 * x, k * x - k / 2), lambda k: -k),  # x = 1 / k + 1 / 2
+    ],
+)
+def test_an_equilibrium_that_depends_on_the_parameters_stays_on_its_branch(force, right) -> None:
+    draft = DaeDraft("switch")
+    k, x, u = draft.parameter(K), draft.variable("x", start=1.0), draft.input("u", start=1.0)
+    draft.equation(draft.der(x), equals=u - force(k, x))
+    draft.output("x")
+    linear = mbdlft.linearize_dae(draft.dae())
+    for k in (0.8, 1.0, 1.13, 1.2):
+        target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[right(k)]]), CLOSED_FORM)
 
 
 def test_decisions_do_not_depend_on_the_scale_of_an_equation() -> None:

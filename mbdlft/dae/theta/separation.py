@@ -8,10 +8,12 @@ becomes an argument of its own.
 Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 """
 
+import math
 from functools import partial
 from typing import Literal, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.alias import rational
@@ -23,11 +25,21 @@ from mbdlft.dae.theta.arguments import NOTHING, ONE_KEY, Mixed, coefficient, num
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
 from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
-from mbdlft.problem.sx.constants import is_constant, literal, numbers_of
+from mbdlft.problem.sx.constants import (
+    in_doubles,
+    is_constant,
+    literal,
+    modulo_prime,
+    numbers_of,
+    rational_of,
+    root,
+)
 from mbdlft.problem.sx.tapes import fold, rules
 
 Arrange = Literal["fewest", "blocks"]
 _PRODUCTS, _NOT_LINEAR = ("mul", "div"), ("mul", "div", "pow", "constpow")
+SWITCHING = ("fabs", "sign", "floor", "ceil", "fmin", "fmax", "lt", "le", "eq", "ne")
+_MOST_POWER, _SEED = 8, 20230917  # of a parameter in a root; of residues
 _OPERATIONS = {**ARITHMETIC_OF_SX, **FUNCTIONS}
 
 
@@ -43,6 +55,7 @@ class Separation:
         self.internal = ca.SX(dae.p)
         for k in angles:
             self.internal[k] = ca.SX.sym(f"tan({dae.parameters[k].name})")
+        self.plain = [(dae.p[k], p) for k, p in enumerate(dae.parameters) if not p.is_angle]
         cosine, sine = cosines_sines(dae.parameters, self.internal)
         self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
         p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
@@ -159,14 +172,42 @@ class Separation:
             pair = self.angles.get(values[0].element_hash())
             if pair is not None:
                 return coefficient(pair[operation == "sin"])
-        text = f"{operation}({', '.join(map(str, values))})"
+        if operation == "sqrt" and (of_square := self._root(values[0])) is not None:
+            return coefficient(of_square)
+        text = f"{operation}({', '.join(str(in_doubles(value)) for value in values)})"
         names = sorted({s.name() for value in values for s in free_symbols(value)})
+        if operation in SWITCHING:
+            raise NotRationalError(
+                f"{self.owner}, {self.place}: {text} changes its branch inside of the range of "
+                f"{', '.join(names)}, or no enclosure shows that it does not. A model has one branch: "
+                "narrow the range so that it ends where the branch does, and make a model of each."
+            )
         raise NotRationalError(
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
             f"{', '.join(names)}. Either declare the value of {text} as a parameter of its own, with "
             "which the others are rational, which is exact; or replace it by a rational fit with a "
             "guaranteed bound (DaeDraft.fit, fit_coefficient)."
         )
+
+    def _root(self, value: ca.SX) -> ca.SX | None:
+        """The square root of a number times even powers of parameters that keep their signs."""
+        known, free, made = {p.element_hash(): q for p, q in self.plain}, free_symbols(value), ca.SX(1)
+        ones = column_of(ca.SX(1) for _ in free)
+        for symbol in free:
+            parameter = known.get(symbol.element_hash())
+            slope = in_doubles(symbol * ca.jacobian(value, symbol) / value)
+            degree = ca.evalf(ca.substitute(slope, column_of(free), ones))
+            if parameter is None or not math.isfinite(float(degree)):
+                return None
+            power = round(float(degree) / 2.0)
+            if parameter.low <= 0.0 <= parameter.high or abs(power) > _MOST_POWER:
+                return None
+            made = made * (symbol if parameter.low > 0.0 else -symbol) ** power
+        number = rational_of(ca.substitute(value, column_of(free), ones))
+        if number is None or number < 0:
+            return None
+        difference, _ = modulo_prime(value - literal(number) * made**2, _SEED)
+        return None if np.any(difference) else root(number) * made
 
     def _check_angles(self, value: Mixed) -> None:
         coefficients = [term.coefficient for term in value.linear.values()]

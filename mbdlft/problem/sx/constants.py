@@ -65,7 +65,7 @@ def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
     along = tuple(x / largest for x in exact)
     length = root(sum((x * x for x in along), Fraction(0)))
     sign, components = 1.0 if largest > 0 else -1.0, ca.SX(3, 1)
-    exact_length = _rational(length)
+    exact_length = rational_of(length)
     for k, x in enumerate(along):
         if x and exact_length is None:
             components[k] = sign * constant(Constant("unit", Fraction(k), direction=along))
@@ -174,7 +174,7 @@ def _vanishes(expression: ca.SX) -> bool:
     return not value
 
 
-def _rational(expression: float | ca.SX) -> Fraction | None:
+def rational_of(expression: float | ca.SX) -> Fraction | None:
     """The value of an expression of rational constants, or None."""
     symbols, numbers = constants_in(ca.SX(expression))
     if any(number.kind != "rational" for number in numbers) or not is_constant(ca.SX(expression)):
@@ -188,7 +188,7 @@ def _applied(function: str, value: float | ca.SX) -> float | ca.SX:
     """A function of a constant."""
     if not is_constant(ca.SX(value)):
         raise NotRationalError(f"{function} takes constants only.")
-    exact, near = _rational(value), float(numbers_of(ca.SX(value))[0, 0])
+    exact, near = rational_of(value), float(numbers_of(ca.SX(value))[0, 0])
     if function == "sqrt":
         if near < 0.0:
             raise SceneError(f"sqrt of the negative number {near:g}.")
