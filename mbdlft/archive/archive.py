@@ -10,7 +10,7 @@ import os
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import version
 from io import BytesIO
@@ -22,13 +22,14 @@ import h5py
 from mbdlft.archive import hdf5
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
 from mbdlft.archive.reading import LARGE, Request, ask, image_of, said_of, seal_file, sealed
-from mbdlft.base.errors import ArchiveError
+from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
 
 Made = TypeVar("Made")
 _PATIENCE = 120.0  # s; a writer that has not ended by then does not end
-_ENDING = ".part"
+_ENDING, _SHOWN = ".part", 200  # of the name of a new file: letters of the name that it gets
+_UNCHANGED = "The old file, if there was one, is unchanged."
 LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
 
 
@@ -109,7 +110,7 @@ def rewrite(file: Path, fill: Callable[[Any], None], replaced: str, *, made: Pat
         if made is None and _size(target) <= LARGE:
             image = BytesIO()
             _make(file, target, image, fill, replaced)
-            put(target, sealed(image.getvalue()))
+            put({target: sealed(image.getvalue())})
             return
 
         def make(path: Path) -> None:
@@ -117,7 +118,7 @@ def rewrite(file: Path, fill: Callable[[Any], None], replaced: str, *, made: Pat
             if path.stat().st_size <= LARGE:
                 seal_file(path)
 
-        put(target, make, made)
+        put({target: make}, made)
 
 
 def _make(
@@ -252,7 +253,7 @@ def locked(file: Path, patience: float | None = None, busy: str = "") -> Iterato
     beside = file.with_name(f"{file.name}.lock")
     patience = _PATIENCE if patience is None else patience
     end = time.monotonic() + patience
-    try:
+    with writing(file):
         handle = _open(beside)
         while not (_try_lock(handle) and _is_same(handle, beside)):
             os.close(handle)
@@ -263,13 +264,6 @@ def locked(file: Path, patience: float | None = None, busy: str = "") -> Iterato
             handle = _open(beside)
         with contextlib.suppress(OSError):  # a full disk is told where the file itself is written
             os.write(handle, str(os.getpid()).encode())
-    except OSError as error:
-        if isinstance(error, ArchiveError):
-            raise
-        raise ArchiveError(
-            f"{file}: cannot be written: {error.strerror or error}. The old file, if there was one, is "
-            "unchanged."
-        ) from None
     try:
         _remove_leftovers(file)
         yield
@@ -322,48 +316,57 @@ def _is_same(handle: int, file: Path) -> bool:
 
 def _remove_leftovers(file: Path) -> None:
     """Remove new files of writers that were killed: under the lock nobody else writes one."""
-    pattern = re.compile(re.escape(f".{file.name}.") + r"[a-z0-9_]{8}" + re.escape(_ENDING))
+    pattern = re.compile(re.escape(f".{file.name[:_SHOWN]}.") + r"[a-z0-9_]{8}" + re.escape(_ENDING))
     with contextlib.suppress(OSError):
         for path in list(file.parent.iterdir()):
             if pattern.fullmatch(path.name):
                 path.unlink(missing_ok=True)
 
 
-def put(file: Path, image: bytes | Callable[[Path], None], made: Path | None = None) -> None:
-    """Put a complete file in place of the old one, or leave the old one as it is.
-
-    `image` is the content of the file, or a function that writes it to a path: that of a new file beside
-    the old one, or of the file `made`, which has a part of the content already and stays if this fails.
-    """
-    temporary: Path | None = None
+@contextmanager
+def writing(file: Path, unchanged: str = _UNCHANGED) -> Iterator[None]:
+    """In this context a failure of the system is an ArchiveError: a file cannot be written."""
     try:
-        if made is None:
-            handle, temporary_name = tempfile.mkstemp(
-                prefix=f".{file.name}.", suffix=_ENDING, dir=file.parent
-            )
-            temporary = Path(temporary_name)
-        else:
-            handle = os.open(made, os.O_RDWR | getattr(os, "O_BINARY", 0))
-        new = temporary or made
-        assert new is not None
-        with os.fdopen(handle, "r+b") as stream:
-            if isinstance(image, bytes):
-                stream.write(image)
-                stream.flush()
-            else:
-                image(new)
-            os.fsync(stream.fileno())
-        new.chmod(permissions_of(file))
-        new.replace(file)
+        yield
     except (OSError, RuntimeError) as error:
-        if isinstance(error, ArchiveError):
+        if isinstance(error, MbdlftError):
             raise
         reason = getattr(error, "strerror", None) or error
-        raise ArchiveError(
-            f"{file}: cannot be written: {reason}. The old file, if there was one, is unchanged."
-        ) from None
+        raise ArchiveError(f"{file}: cannot be written: {reason}. {unchanged}") from None
+
+
+def put(
+    images: Mapping[Path, bytes | Callable[[Path], None]], made: Path | None = None, **unchanged: str
+) -> None:
+    """Put complete files in place of old ones, all or none; `unchanged` as in `writing`.
+
+    An image is the content of a file, or a function that writes it to a path: that of a new file beside
+    the old one, or of the file `made`, which has a part of the content already and stays if this fails.
+    """
+    new: list[Path] = []
+    try:
+        for file, image in images.items():
+            with writing(file, **unchanged):
+                if made is None:
+                    handle, name = tempfile.mkstemp(
+                        prefix=f".{file.name[:_SHOWN]}.", suffix=_ENDING, dir=file.parent
+                    )
+                else:
+                    handle, name = os.open(made, os.O_RDWR | getattr(os, "O_BINARY", 0)), str(made)
+                new.append(Path(name))
+                with os.fdopen(handle, "r+b") as stream:
+                    if isinstance(image, bytes):
+                        stream.write(image)
+                        stream.flush()
+                    else:
+                        image(new[-1])
+                    os.fsync(stream.fileno())
+                new[-1].chmod(permissions_of(file))
+        for file, path in zip(images, new, strict=True):
+            with writing(file, **unchanged):
+                path.replace(file)
     finally:
-        if temporary is not None:
+        for temporary in new if made is None else ():
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
 

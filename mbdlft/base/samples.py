@@ -5,8 +5,8 @@ from itertools import product
 
 import numpy as np
 
-from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, check_known
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.base.errors import AnalysisError, MbdlftError, check_known
 from mbdlft.base.parameter import Parameter
 
 SEED = 0  # of the points at which models are checked
@@ -91,6 +91,43 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
     ]
     points = np.array(list(product(*axes))).reshape(int(size), len(parameters))
     return {p.name: points[:, k] for k, p in enumerate(parameters)}
+
+
+def physical_points(
+    parameters: Sequence[Parameter],
+    values: Mapping[str, ArrayLike],
+    where: str,
+    error: type[MbdlftError],
+    advice: str = "",
+    slack: float = 0.0,
+    *,
+    numbered: bool = False,
+) -> Array:
+    """Physical values (N, n_p) of numbers and arrays (N,) by name in their ranges; others are nominal.
+
+    A value may miss its range by `slack` of the width; messages say which sample it is if `numbered`.
+    """
+    check_known("parameter", map(str, values), [p.name for p in parameters], where, error)
+    columns = {name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in values.items()}
+    lengths = {len(column) for column in columns.values()} - {1}
+    if len(lengths) > 1 or any(column.ndim != 1 for column in columns.values()):
+        raise error(
+            f"{where}: values of parameters must be numbers or arrays of one length, got shapes "
+            f"{sorted({column.shape for column in columns.values()})}."
+        )
+    points = np.empty((max(lengths, default=1), len(parameters)))
+    for k, p in enumerate(parameters):
+        points[:, k] = columns.get(p.name, p.nominal)
+        room = slack * (p.high - p.low)
+        outside = ~((points[:, k] >= p.low - room) & (points[:, k] <= p.high + room))
+        if np.any(outside):
+            row = int(np.argmax(outside))
+            at = f"{where}: sample {row}" if numbered else where
+            raise error(
+                f"{at}: {p.name} = {points[row, k]:g} is outside its range [{p.low:g}, {p.high:g}] "
+                f"{p.unit}.{advice}"
+            )
+    return points
 
 
 def check_points(

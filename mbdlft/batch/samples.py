@@ -11,6 +11,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
+from mbdlft.base.samples import physical_points
 
 _OUTSIDE = 1e-9  # part of the width of a range by which rounding of a file may miss it
 
@@ -78,7 +79,11 @@ def samples_of(
             f"{type(samples).__name__}."
         )
     check_known("parameter", samples, names, "sweep, samples", AnalysisError)
-    return GivenSamples(_points(parameters, samples))
+    advice = " Widen the range in the scene, or leave it out."
+    points = physical_points(parameters, samples, "sweep", AnalysisError, advice, _OUTSIDE, numbered=True)
+    if not len(points):
+        raise AnalysisError("sweep: there are no samples.")
+    return GivenSamples(points)
 
 
 def count_of(samples: Samples) -> int:
@@ -164,28 +169,3 @@ def read_samples(path: str | Path) -> dict[str, Array]:
             f"{table.shape[1]} columns."
         )
     return {name: table[:, k] for k, name in enumerate(names)}
-
-
-def _points(parameters: Sequence[Parameter], samples: Mapping[str, ArrayLike]) -> Array:
-    """Checked values (N, n_p) of all parameters."""
-    columns = {name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in samples.items()}
-    lengths = {len(column) for column in columns.values() if column.ndim == 1}
-    if any(column.ndim != 1 for column in columns.values()) or len(lengths - {1}) > 1:
-        raise AnalysisError(
-            "sweep: values of parameters must be numbers or arrays of one length, got shapes "
-            f"{sorted({column.shape for column in columns.values()})}."
-        )
-    if 0 in lengths:
-        raise AnalysisError("sweep: there are no samples.")
-    points = np.empty((max(lengths, default=1), len(parameters)))
-    for k, p in enumerate(parameters):
-        points[:, k] = columns.get(p.name, np.array([p.nominal]))
-        slack = _OUTSIDE * (p.high - p.low)
-        wrong = ~((points[:, k] >= p.low - slack) & (points[:, k] <= p.high + slack))
-        if np.any(wrong):
-            row = int(np.argmax(wrong))
-            raise AnalysisError(
-                f"sweep: sample {row}: {p.name} = {points[row, k]:g} is outside its range "
-                f"[{p.low:g}, {p.high:g}] {p.unit}. Widen the range in the scene, or leave it out."
-            )
-    return points

@@ -12,7 +12,6 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -21,7 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.archive.archive import load, save
+from mbdlft.archive.archive import load, save, writing
+from mbdlft.archive.layout import DIGEST
+from mbdlft.archive.model import items_of_model
 from mbdlft.archive.sweep import Layout, Places, digests_of, make_rows, pack, places_in, reserve, restore
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
@@ -288,31 +289,16 @@ def _put(file: Path, image: bytes, *, now: bool = True) -> None:
     beside.replace(file)
 
 
-@contextlib.contextmanager
-def _written(folder: Path) -> Iterator[None]:
+def _written(folder: Path) -> contextlib.AbstractContextManager[None]:
     """A context in which failures of writing into the folder become an `ArchiveError`."""
-    try:
-        yield
-    except OSError as error:
-        raise ArchiveError(
-            f"{folder}: cannot be written: {error.strerror or error}. What is finished stays there; "
-            "the same sweep goes on from it."
-        ) from None
+    return writing(folder, "What is finished stays there; the same sweep goes on from it.")
 
 
 def _fingerprint(definition: Scene | LFTModel, samples: Samples) -> str:
     """A text that tells one pair of source and given samples from another."""
     digest = hashlib.sha256()
     if isinstance(definition, LFTModel):
-        digest.update(
-            repr(
-                (definition.parameters, definition.states, definition.inputs, definition.outputs)
-            ).encode()
-        )
-        for lft in (definition.lft, definition.trim.lft):
-            if lft is not None:
-                for matrix in (lft.M11, lft.M12, lft.M21, lft.M22):
-                    digest.update(matrix.tobytes())
+        digest.update(items_of_model(definition)[DIGEST].tobytes())
     else:
         digest.update(scene_to_toml(definition).encode())
     if isinstance(samples, GivenSamples):

@@ -2,6 +2,7 @@
 
 import contextlib
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -16,62 +17,32 @@ from typer.core import TyperGroup
 from mbdlft import __version__
 from mbdlft.base.errors import MbdlftError, shortened
 
+# name of a command, its module (with the function, if that has another name), first line of its help
+_TABLE = """
+check models: Check a scene, a robot or a Modelica model, and trim it at nominal.
+linearize models: Linearize a scene or a Modelica model, parameters left in, and certify the result.
+import scenes:import_robot:
+    Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed.
+body scenes: Print the table of a catalogue body, to be pasted into a scene file.
+margin bounds: Bounds of the margin of robust stability, proved for all frequencies and values.
+wcgain bounds: Bounds of the largest gain over the declared ranges, proved for all frequencies and values.
+worst bounds: The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds.
+verify bounds: Check every stored proof again, without a search.
+sweep files: Trim and linearize at many samples; the same command goes on after a kill.
+poles responses: Print poles with their damping, transmission zeros, and whether values make it unstable.
+response responses: Print norms, the worst of random samples, and values at frequencies.
+export files: Write a model for another tool, or its matrices on a grid.
+view files: Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes.
+report files: Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses.
+schema scenes: Write the JSON schema of scene files: editors complete and check keys and kinds with it.
+trim scenes: Print the joint efforts that hold the equilibrium, or find the equilibrium.
+realize models: Make a certified model of a matrix that is rational in parameters.
+show models: Print what is in an archive, and from when.
+"""
 # name of the command: its module and function, and the first line of its help
 COMMANDS = {
-    "check": ("models:check", "Check a scene, a robot or a Modelica model, and trim it at nominal."),
-    "linearize": (
-        "models:linearize",
-        "Linearize a scene or a Modelica model, parameters left in, and certify the result.",
-    ),
-    "import": (
-        "scenes:import_robot",
-        "Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed.",
-    ),
-    "body": ("scenes:body", "Print the table of a catalogue body, to be pasted into a scene file."),
-    "margin": (
-        "bounds:margin",
-        "Bounds of the margin of robust stability, proved for all frequencies and values.",
-    ),
-    "wcgain": (
-        "bounds:wcgain",
-        "Bounds of the largest gain over the declared ranges, proved for all frequencies and values.",
-    ),
-    "worst": (
-        "bounds:worst",
-        "The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds.",
-    ),
-    "verify": ("bounds:verify", "Check every stored proof again, without a search."),
-    "sweep": (
-        "files:sweep",
-        "Trim and linearize at many samples; the same command goes on after a kill.",
-    ),
-    "poles": (
-        "responses:poles",
-        "Print poles with their damping, transmission zeros, and whether values make it unstable.",
-    ),
-    "response": (
-        "responses:response",
-        "Print norms, the worst of random samples, and values at frequencies.",
-    ),
-    "export": ("files:export", "Write a model for another tool, or its matrices on a grid."),
-    "view": (
-        "files:view",
-        "Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes.",
-    ),
-    "report": (
-        "files:report",
-        "Write a page on a model: scene, parameters, what is proved, equilibrium, poles, responses.",
-    ),
-    "schema": (
-        "scenes:schema",
-        "Write the JSON schema of scene files: editors complete and check keys and kinds with it.",
-    ),
-    "trim": (
-        "scenes:trim",
-        "Print the joint efforts that hold the equilibrium, or find the equilibrium.",
-    ),
-    "realize": ("models:realize", "Make a certified model of a matrix that is rational in parameters."),
-    "show": ("models:show", "Print what is in an archive, and from when."),
+    name: (module if ":" in module else f"{module}:{name}", text)
+    for name, module, text in re.findall(r"(?m)^(\S+) (\S+):\s+(.*)$", _TABLE)
 }
 WARNINGS: list[str] = []  # that this command has shown
 

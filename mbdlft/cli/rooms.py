@@ -21,18 +21,12 @@ if TYPE_CHECKING:
     from mbdlft.show.report import content as content
 
 _PLACES = {
-    "archive": "archive.archive",
-    "catalogue": "elastic.catalogue",
-    "content": "show.report.content",
-    "exports": "export.exports",
-    "figures": "show.figures.figures",
-    "frequency": "response.frequency",
-    "linearization": "problem.linearization",
-    "models": "pipeline.models",
-    "modes": "response.modes",
-    "problem": "matrix.problem",
-    "to_problem": "multibody.to_problem",
-    "toml": "multibody.scene.toml",
+    path.rpartition(".")[2]: path
+    for path in (
+        *("archive.archive", "elastic.catalogue", "export.exports", "matrix.problem", "pipeline.models"),
+        *("multibody.scene.toml", "multibody.to_problem", "problem.linearization", "response.frequency"),
+        *("response.modes", "show.figures.figures", "show.report.content"),
+    )
 }
 
 

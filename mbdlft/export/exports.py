@@ -4,11 +4,9 @@ All files of a call are written, or none. A grid (an LPV model) has the state ma
 of values of the parameters.
 """
 
-import contextlib
 import csv
 import os
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -19,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mbdlft.archive.archive import permissions_of, save, target_of
+from mbdlft.archive.archive import put, save, target_of, writing
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError, check_known
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export.c import c_texts, julia_text
 from mbdlft.export.matlab import (
@@ -45,7 +43,6 @@ if TYPE_CHECKING:
 
 MODEL_SUFFIXES = (".mat", ".c", ".jl")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
-_ENDING = ".part"
 _SIGNED, _HEAD = b"Written by mbdlft", 4096  # in the first bytes of every text
 Counts = int | Mapping[str, int]
 _MOST_NUMBERS = 2**24  # of all matrices: 134 MB
@@ -170,37 +167,16 @@ def _written_julia(
 
 
 def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
-    """Write all files, or none: each is made beside its place, then all are put there."""
-    made: list[tuple[Path, Path]] = []
-    file = next(iter(images))
-    try:
-        for file, image in images.items():
-            target = target_of(file)
+    """Write all files, or none; others than the first take the place of files of mbdlft only."""
+    unchanged = "Old files are unchanged."
+    targets = {target_of(file): image for file, image in images.items()}
+    for k, target in enumerate(targets):
+        with writing(target, unchanged):
             if target.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
-            if made and target.exists() and not _is_ours(target):
+            if k and target.exists() and not _is_ours(target):
                 raise FileExistsError(0, "it exists, and mbdlft has not written it")
-            handle, name = tempfile.mkstemp(
-                prefix=f".{target.name[:40]}.", suffix=_ENDING, dir=target.parent
-            )
-            made.append((Path(name), target))
-            with os.fdopen(handle, "wb") as stream:
-                stream.write(image)
-                stream.flush()
-                os.fsync(stream.fileno())
-            Path(name).chmod(permissions_of(target))
-        for temporary, target in made:
-            temporary.replace(target)
-    except OSError as error:
-        if isinstance(error, ArchiveError):
-            raise
-        raise ArchiveError(
-            f"{file}: cannot be written: {error.strerror or error}. Old files are unchanged."
-        ) from None
-    finally:
-        for temporary, _ in made:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+    put(targets, unchanged=unchanged)
     return tuple(images)
 
 

@@ -199,16 +199,6 @@ def slopes_at_rest(
     return symbols, effort, slopes, residual
 
 
-def slope_sizes(
-    equations: Equations, inputs: Sequence[int], outputs: Sequence[int], at: Relinearized
-) -> Array:
-    """Sizes (N, ., .) of the slopes of `Linear.jacobian` if nothing cancelled."""
-    tape = slope_function(equations, tuple(inputs), tuple(outputs))
-    terms = term_sizes(tape, at.points, at.efforts)
-    rows, columns = at.linear.jacobian.shape[1:]
-    return terms.reshape(-1, columns, rows).transpose(0, 2, 1)
-
-
 _PROBES = 16  # samples at which pivots are chosen
 
 

@@ -23,7 +23,7 @@ from mbdlft.problem.digits import (
     transfers_in_digits,
 )
 from mbdlft.problem.equations import Equations, split
-from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_sizes
+from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_function
 from mbdlft.problem.relations import Complex, LinearModel, Need, Reference
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
@@ -205,7 +205,9 @@ def _sizes_at(
 ) -> _Sizes:
     unknown, known = (signals.numel() for signals in split(equations, inputs))
     counts = _Counts(unknown, known, len(equations.states))
-    terms = slope_sizes(equations, inputs, outputs, at)
+    tape = slope_function(equations, tuple(inputs), tuple(outputs))
+    rows, columns = at.linear.jacobian.shape[1:]
+    terms = term_sizes(tape, at.points, at.efforts).reshape(-1, columns, rows).transpose(0, 2, 1)
     return _uncancelled(at.linear.jacobian, terms, at.linear.solved, counts)
 
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.errors import TrimError
+from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import cleaned
 from mbdlft.problem.equations import (
@@ -54,21 +55,11 @@ def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) 
     TrimError
         A name is unknown, a value is outside its range, or no efforts hold the equilibrium.
     """
-    asked = dict(values or {})
-    known = {parameter.name: parameter for parameter in equations.parameters}
-    for name, value in asked.items():
-        if name not in known:
-            raise TrimError("trim: " + unknown_name("parameter", name, known))
-        parameter = known[name]
-        if not parameter.low <= value <= parameter.high:
-            raise TrimError(
-                f"trim: {name} = {value:g} is outside its range [{parameter.low:g}, "
-                f"{parameter.high:g}] {parameter.unit}."
-            )
-    point = {name: float(asked.get(name, known[name].nominal)) for name in known}
-    efforts, residual = trim_efforts(equations, np.array([list(point.values())]))
+    point = physical_points(equations.parameters, values or {}, "trim", TrimError)
+    efforts, residual = trim_efforts(equations, point)
+    names = [parameter.name for parameter in equations.parameters]
     return TrimPoint(
-        point,
+        dict(zip(names, point[0].tolist(), strict=True)),
         tuple(equations.u_signals[k] for k in equations.unknown),
         tuple(float(efforts[0, k]) for k in equations.unknown),
         float(residual[0]),
@@ -246,12 +237,6 @@ def _uncancelled(e: Equations, points: Array, efforts: Array) -> Array:
     return np.asarray(np.maximum(largest, PART * np.maximum(pull * inertia, stiffness)))
 
 
-def _at_rest(e: Equations, symbols: ParameterSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Residual at rest, u in it, and the given entries of u."""
-    u, still = ca.SX.sym("u", e.u.numel()), ca.SX(e.x.numel(), 1)
-    return _residual(e, still, still, u, symbols), u, given_value(e, symbols.symbols)
-
-
 def _residual(e: Equations, xdot: ca.SX, x: ca.SX, u: ca.SX, symbols: ParameterSymbols) -> ca.SX:
     """The residual, with multipliers of the trim."""
     _, p, cosine, sine = symbols
@@ -274,7 +259,8 @@ def relation_function(e: Equations) -> ca.Function:
 
 def relations_at_rest(e: Equations, symbols: ParameterSymbols) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Residual at rest with the given entries of u, its slopes by the unknown ones, given entries."""
-    residual, u, known_efforts = _at_rest(e, symbols)
+    u, still = ca.SX.sym("u", e.u.numel()), ca.SX(e.x.numel(), 1)
+    residual, known_efforts = (_residual(e, still, still, u, symbols), given_value(e, symbols.symbols))
     slopes = ca.jacobian(residual, u[list(e.unknown)]) if e.unknown else ca.SX(residual.numel(), 0)
     offset = ca.substitute(residual, u, known_efforts)
     return ca.densify(offset), ca.densify(slopes), ca.densify(known_efforts)

@@ -18,6 +18,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, WellPosednessError, check_known
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
+from mbdlft.base.samples import physical_points
 from mbdlft.exact import rounding
 from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft.lft import LFT
@@ -50,37 +51,20 @@ class StateMatrices(NamedTuple):
 
 def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
     """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal."""
-    names = [parameter.name for parameter in model.parameters]
+    where, names = f"model {model.name!r}", model.parameters.names
     if not isinstance(values, Mapping):
-        raise StructureError(
-            f"model {model.name!r}: expected values by name, such as {{'{(names or ['m'])[0]}': 1.0}}, "
-            f"got {values!r}."
-        )
-    check_known("parameter", map(str, values), names, f"model {model.name!r}", StructureError)
+        example = f"{{'{(names or ('m',))[0]}': 1.0}}"
+        raise StructureError(f"{where}: expected values by name, such as {example}, got {values!r}.")
+    check_known("parameter", map(str, values), names, where, StructureError)
     for name, value in values.items():
         if not np.issubdtype(np.asarray(value).dtype, np.number):
-            raise StructureError(f"model {model.name!r}: {name}: expected a number, got {value!r}.")
-    arrays = {name: np.atleast_1d(np.asarray(value, dtype=float)) for name, value in values.items()}
-    lengths = {len(array) for array in arrays.values()} - {1}
-    if len(lengths) > 1 or any(array.ndim != 1 for array in arrays.values()):
-        raise StructureError(
-            f"model {model.name!r}: values of parameters must be numbers or arrays of one length, "
-            f"got shapes {sorted({array.shape for array in arrays.values()})}."
-        )
-    points = np.zeros((max(lengths, default=1), len(names)))
+            raise StructureError(f"{where}: {name}: expected a number, got {value!r}.")
+    advice = " Widen the range in the scene and linearize again."
+    physical = physical_points(model.parameters, values, where, StructureError, advice, OUTSIDE)
+    points = np.zeros(physical.shape)
     for k, parameter in enumerate(model.parameters):
-        if parameter.name not in arrays:
-            continue
-        array = arrays[parameter.name]
-        slack = OUTSIDE * (parameter.high - parameter.low)
-        wrong = ~((array >= parameter.low - slack) & (array <= parameter.high + slack))
-        if np.any(wrong):
-            raise StructureError(
-                f"model {model.name!r}: {parameter.name} = {array[wrong][0]:g} is outside its range "
-                f"[{parameter.low:g}, {parameter.high:g}] {parameter.unit}. Widen the range in the "
-                "scene and linearize again."
-            )
-        points[:, k] = to_delta(parameter, array)
+        if parameter.name in values:
+            points[:, k] = to_delta(parameter, physical[:, k])
     return points
 
 

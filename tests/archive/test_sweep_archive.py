@@ -110,10 +110,10 @@ def test_interrupted_writing_leaves_the_archive(
         called.append(step)
         raise KeyboardInterrupt
 
-    def replace(target: Path, image: object, beside: Path | None = None) -> None:
-        if target == file:
+    def replace(images: dict[Path, bytes], made: Path | None = None) -> None:
+        if file in images:
             monkeypatch.setattr(os, step, interrupt)
-        original(target, image, beside)
+        original(images, made)
 
     monkeypatch.setattr(archive, "put", replace)
     with pytest.raises(KeyboardInterrupt):

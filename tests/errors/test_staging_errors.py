@@ -7,7 +7,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError, MbdlftError, RandomSamples
-from mbdlft.archive import archive
+from mbdlft.archive import archive, hdf5
 from mbdlft.archive import sweep as sweep_file
 from mbdlft.batch import staging
 from tests.archive import models
@@ -119,13 +119,14 @@ def test_a_kill_while_the_archive_is_put_together(
     file, given = tmp_path / "a.h5", RandomSamples(9000)
     mbdlft.save(file, models.arm())
     before = file.read_bytes()
-    for k, step in enumerate(("copy_all", "write_items", "seal_file")):
+    steps = ((hdf5, "copy_all"), (sweep_file, "write_items"), (archive, "seal_file"))
+    for k, (module, step) in enumerate(steps):
 
         def stop(*_: object, **__: object) -> None:
             raise Stop
 
         with monkeypatch.context() as patch:
-            patch.setattr(sweep_file if step == "write_items" else archive, step, stop)
+            patch.setattr(module, step, stop)
             with pytest.raises(Stop):
                 mbdlft.sweep(models.arm(), given, file, name="s", workers=1)
         assert file.read_bytes() == before

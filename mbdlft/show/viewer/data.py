@@ -13,9 +13,9 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError, unknown_name
+from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.samples import corners, random
+from mbdlft.base.samples import corners, physical_points, random
 from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import GROUND
@@ -73,20 +73,6 @@ def tape_of(function: ca.Function) -> dict[str, Any]:
         "registers": int(function.sz_w()),
         "outputs": int(function.nnz_out(0)),
     }
-
-
-def chosen_point(parameters: Sequence[Parameter], values: Mapping[str, float]) -> Array:
-    """Physical values (n_p,): those by name, in their units, and nominal ones."""
-    known = {parameter.name: parameter for parameter in parameters}
-    for name, value in values.items():
-        if name not in known:
-            raise TrimError("view: " + unknown_name("parameter", name, known))
-        if not known[name].low <= value <= known[name].high:
-            raise TrimError(
-                f"view: {name} = {value:g} is outside its range [{known[name].low:g}, "
-                f"{known[name].high:g}] {known[name].unit}."
-            )
-    return np.array([float(values.get(p.name, p.nominal)) for p in parameters])
 
 
 def trim_data(equations: Equations) -> dict[str, Any]:
@@ -212,7 +198,7 @@ def view_data(
     """
     placed = scene_poses(scene)
     parameters = placed.resolved.parameters
-    chosen = chosen_point(parameters, values or {})
+    (chosen,) = physical_points(parameters, values or {}, "view", TrimError)
     drawing = draw(placed, np.array([p.nominal for p in parameters]))
     notes = _add_looks(drawing, robot, model) if robot is not None else []
     positions = equilibrium_positions(placed)

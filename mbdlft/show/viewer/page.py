@@ -271,7 +271,7 @@ class Page:
         """Write the page to the file `path`, whole or not at all; a SceneError if that fails."""
         file = target_of(Path(path))
         try:
-            put(file, self.html.encode("utf-8"))
+            put({file: self.html.encode("utf-8")})
         except ArchiveError as error:
             raise SceneError(str(error)) from None
         return file
