@@ -315,8 +315,7 @@ def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
 
 def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
     """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
-    nominal = scene.constant_values() | {p.name: p.nominal * p.factor for p in scene.parameters}
-    problems = unphysical(made, nominal)
+    problems = unphysical(scene, made)
     if problems and not keep:
         name, problem = next(iter(problems.items()))
         more = f" The same holds for {', '.join([*problems][1:])}." if len(problems) > 1 else ""

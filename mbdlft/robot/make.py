@@ -15,13 +15,15 @@ import numpy as np
 
 from mbdlft.base.description import AXES, Quantity, Vector
 from mbdlft.base.errors import SceneError, check_known, unknown_name
+from mbdlft.base.expression import evaluate
 from mbdlft.base.parameter import Parameter
 from mbdlft.multibody.body import GROUND, Body, Ground, Inertia, RigidBody
-from mbdlft.multibody.body.rigid import negative_mass
 from mbdlft.multibody.force import Buoyancy, Force, Load, Torque
 from mbdlft.multibody.joint import Fixed, Free, Joint, Planar, Prismatic, Revolute, Rotation, Spherical
 from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.checks import inertia_conditions, nominal_values
 from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
+from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
 from mbdlft.robot.description import (
     ENTRIES,
@@ -407,20 +409,17 @@ def limits(making: Making) -> dict[JointLimit, Quantity]:
     return positions
 
 
-def unphysical(links: Iterable[Body], nominal: Mapping[str, Any]) -> dict[str, str]:
-    """Problems by name of the body, for bodies whose inertia no body can have.
-
-    `nominal` are the nominal values of parameters and constants (SI).
-    """
-    problems = {}
+def unphysical(scene: Scene, links: Iterable[Body]) -> dict[str, str]:
+    """Problems by name of the body, for bodies whose inertia no body can have at nominal."""
+    problems: dict[str, str] = {}
+    nominal = nominal_values(scene)
     for body in links:
-        values = {
-            label: np.array([float(value_at(Place(owner_name(body), label), expected, nominal))])
-            for label, expected in body.quantities().items()
-        }
-        problem = body.physical_problem(values)
-        if problem and problem != negative_mass(values["mass"]):
-            problems[body.name] = problem
+        for label, expected in body.quantities().items():
+            value_at(Place(owner_name(body), label), expected, nominal)  # an error names the place
+        for condition in inertia_conditions(body, nominal):
+            value = float(evaluate(condition.expression, nominal))
+            if value < -condition.slack:
+                problems.setdefault(body.name, f"{condition.what}: {value:.3g}.")
     return problems
 
 

@@ -61,7 +61,7 @@ def check_message(result, *texts):
         ('mass = "m1"', 'mass = "m11"', ["mass = 'm11': unknown name 'm11'. Did you mean 'm1'?"]),
         ('mass = "m1"', 'mass = "sqrt(m1)"', ["body 'link1'", "sqrt(m1) is not rational in m1."]),
         ('mass = "m1"', 'mass = "m1/(rho1 - 0.31)"', ["vanishes in the range, near rho1 = 0.31"]),
-        ("mass = 2.0", "mass = -2.0", ["body 'link2': the mass is negative"]),
+        ("mass = 2.0", "mass = -2.0", ["body 'link2': mass [kg] is negative: -2."]),
         ("axis = [1, 0, 0]", "axis = [0, 0, 0]", ["axis has zero length"]),
     ],
 )

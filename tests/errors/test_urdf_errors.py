@@ -29,7 +29,7 @@ ROBOT, '<robot xmlns:xacro="http://x"/>'
 'value="4"', 'value="nan"' => line 14: inertial of link 'carriage': <mass>, value: expected
 'value="4"', 'val="4"' => line 14 … <mass>, value: is missing; expected a finite number.
 '<mass value="4"/>', "" => line 13: inertial of link 'carriage': <mass> is missing.
-'value="4"', 'value="-4"' => body 'carriage': the mass is negative in the range: -4 kg.
+'value="4"', 'value="-4"' => body 'carriage': mass [kg] is negative: -4.
 'xyz="0 0 2"', 'xyz="0 2"' => line 7: joint 'slide': <origin>, xyz: expected 3 finite numbers
 'xyz="0 2 0"', 'xyz="0 0 0"' => line 8: joint 'slide': the axis has zero length.
 'lower="-1"', 'lower="5"' => line 9: joint 'slide': the lower limit 5 is above the upper
@@ -49,7 +49,7 @@ ROBOT, '<robot xmlns:xacro="http://x"/>'
     => the joints close a loop: … rail -> carriage -> arm -> rail … open the loop
 "</robot>", '<link name="alone"/></robot>'
     => there are 2 links without a parent: rail, alone. … one root … fixed joint
-'ixx="0.1"', 'ixx="0.3"' => body 'carriage': the triangle inequality … keep_unphysical=True
+'ixx="0.1"', 'ixx="0.3"' => body 'carriage': … (triangle inequality): … keep_unphysical=True
 '<mimic joint="finger"', '<mimic joint="fingr"'
     => joint 'other', <mimic>: unknown joint 'fingr'. Did you mean 'finger'?
 '<mimic joint="finger"', "<mimic" => <mimic>: the attribute 'joint' is missing.

@@ -59,7 +59,7 @@ def place(
         arm, origin = position(link.parent, link.parent_port, values), inboard[link.parent.name]
         arms[name] = arm - origin if origin.nnz() else arm
         inboard[name] = position(link.child, link.child_port, values)
-        elastic[name] = coordinates[owner_name(link.child)]
+        elastic[name] = coordinates[link.child_owner]
         at = elastic[link.parent.name] if joint.kind == "port" else coordinates[link.owner]
         moves[name] = joint.moves(values[link.owner], at)
     return Placed(links, moves, arms, inboard, elastic, bodies, values)

@@ -42,7 +42,6 @@ from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.checks import LABELS, check_fit
-from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate, column
 from mbdlft.problem.equations import Equations, rounded, rows_of
@@ -120,7 +119,7 @@ class Assembly:
         symbols, now = self.resolved.symbols, self.view.now
         if self.resolved.scene.loops or any(isinstance(b, ElasticBody) for b in now.bodies.values()):
             return False
-        owners = (owner for link in now.links for owner in (owner_name(link.child), link.owner))
+        owners = (owner for link in now.links for owner in (link.child_owner, link.owner))
         if not all(_has_energy(now.values.get(owner, {}), symbols) for owner in owners):
             return False
         coordinates = {

@@ -204,7 +204,7 @@ def body_channels(r: Resolved, view: View, u: ca.SX, names: Sequence[str]) -> Bo
         forces.append(ca.SX(len(link.joint.freedoms), 1))
         voltages = ca.vertcat(ca.SX(0, 1), *(u[names.index(s.name)] for s in body_inputs(body)))
         forces.append(body.driven(quantities, voltages))
-        outputs.append(body.measure(quantities, voltages, view.coordinates[owner_name(body)]))
+        outputs.append(body.measure(quantities, voltages, view.coordinates[link.child_owner]))
         signals += [signal.of(body.name) for signal in body.outputs()]
     return BodyChannels(ca.vertcat(*forces), ca.vertcat(*outputs), tuple(signals))
 

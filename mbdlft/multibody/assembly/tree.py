@@ -73,10 +73,14 @@ class Link:
     child: Body
     child_port: str
     owner: str = field(init=False)  # whose quantities the joint has
+    child_owner: str = field(init=False)
+    freedoms: tuple[Freedom, ...] = field(init=False)  # coordinates of the child
 
     def __post_init__(self) -> None:
         item = self.parent if isinstance(self.joint, PortJoint) else self.joint
-        object.__setattr__(self, "owner", owner_name(item))
+        known = {"owner": owner_name(item), "child_owner": owner_name(self.child)}
+        for key, value in {**known, "freedoms": self.child.freedoms()}.items():
+            object.__setattr__(self, key, value)
 
 
 class Owned(NamedTuple):
@@ -92,12 +96,12 @@ def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
     """Joints and bodies from the ground outward; each body after the joint that holds it."""
     owners = []
     for link in links:
-        joint, body = link.joint, link.child
+        joint = link.joint
         if not isinstance(joint, PortJoint):
             imposed = getattr(joint, "imposed", False)
             kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
             owners.append(Owned(link.owner, joint.name, joint.freedoms, kind))
-        owners.append(Owned(owner_name(body), body.name, body.freedoms(), "elastic"))
+        owners.append(Owned(link.child_owner, link.child.name, link.freedoms, "elastic"))
     return owners
 
 

@@ -351,8 +351,6 @@ class FlexibleBody(ElasticBody):
         return self._undeformed().wrench(motion, values, ca.SX(3, 1), Coordinate(none, none, none))
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        if problem := self._undeformed().physical_problem(values):
-            return problem
         for k in range(1, len(self.modes) + 1):
             lowest = float(np.min(values[f"mode{k}.frequency"]))
             if not lowest > 0.0:

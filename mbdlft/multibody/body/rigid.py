@@ -153,7 +153,6 @@ class Body(Description, abc.ABC):
 
 DIAGONAL = ("xx", "yy", "zz")
 PRODUCTS = ("xy", "xz", "yz")
-_ROUNDING = 1e-12
 _ENTRY = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
 
 
@@ -235,10 +234,6 @@ class RigidBody(Body):
     def first_moment(self, values: Values, inboard: ca.SX) -> ca.SX:
         return ca.SX((self.port_position("center_of_mass", values) - inboard) * values["mass"])
 
-    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        problem = negative_mass(values["mass"])
-        return problem if self.inertia.unchecked else problem or _inertia_problem(self, values)
-
 
 @final
 class PointMass(Body):
@@ -254,9 +249,6 @@ class PointMass(Body):
         """Wrench (3, 2) of Newton's law, force = m a at the origin, moved to the inboard port."""
         acceleration = move_motion(motion, -inboard)[:, 2]
         return move_wrench(ca.horzcat(values["mass"] * acceleration, ca.SX(3, 1)), -inboard)
-
-    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        return negative_mass(values["mass"])
 
 
 @final
@@ -291,50 +283,3 @@ def newton_euler(motion: ca.SX, mass: ca.SX, r: ca.SX, d: ca.SX, inertia: ca.SX)
 def unseen_name(body: str, entry: str) -> str:
     """Name of the symbol of an inertia entry that is not given."""
     return f"{body}.inertia.{entry}"
-
-
-def negative_mass(mass: NDArray[np.float64]) -> str | None:
-    """A sentence if the condition m >= 0 fails at one of the samples (samples,), else None."""
-    lowest = float(np.min(mass))
-    rounding = _ROUNDING * float(np.max(np.abs(mass)))
-    return f"the mass is negative in the range: {lowest:g} kg." if lowest < -rounding else None
-
-
-def _inertia_problem(body: RigidBody, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-    """A sentence on the condition of the inertia about the center of mass that fails, or None.
-
-    The diagonal entries must not be negative. If all entries are given, the matrix must be positive
-    semidefinite and its principal moments must satisfy the triangle inequality.
-    """
-    about = body.port_label(body.inertia.about)
-    mass, J = values["mass"], np.full((*values["mass"].shape, 3, 3), np.nan)
-    d = np.zeros((*mass.shape, 3))
-    for i, a in enumerate(AXES):
-        d[:, i] = values[f"center_of_mass.{a}"] - (values[f"{about}.{a}"] if about else 0.0)
-        for j, name in enumerate(_ENTRY[i]):
-            J[:, i, j] = values.get(f"inertia.{name}", np.nan)
-    square = np.einsum("ni,ni->n", d, d)[:, None, None] * np.eye(3)
-    central = J - mass[:, None, None] * (square - d[:, :, None] * d[:, None, :])
-    for k, name in enumerate(DIAGONAL):
-        if np.min(central[:, k, k]) < -_ROUNDING * np.max(np.abs(J[:, k, k])):
-            return (
-                f"inertia.{name} about the center of mass is negative in the range: "
-                f"{np.min(central[:, k, k]):g} kg m^2 (given about {body.inertia.about})."
-            )
-    if np.isnan(J).any():
-        return None
-    principal = np.linalg.eigvalsh(central)
-    scale = np.max(np.abs(J))
-    if np.min(principal) < -_ROUNDING * scale:
-        return (
-            "the inertia matrix about the center of mass is not positive semidefinite in the range: "
-            f"smallest principal moment {np.min(principal):g} kg m^2."
-        )
-    slack = principal[:, 0] + principal[:, 1] - principal[:, 2]
-    if np.min(slack) < -_ROUNDING * scale:
-        worst = principal[int(np.argmin(slack))]
-        return (
-            "the triangle inequality of the principal moments fails in the range: "
-            f"{worst[0]:g} + {worst[1]:g} < {worst[2]:g} kg m^2."
-        )
-    return None

@@ -135,9 +135,6 @@ class Joint(Description, abc.ABC):
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
         """The condition of physics that fails at one of the sampled values (samples,), or None."""
-        for label, value in values.items():
-            if label.startswith(("actuator_inertia", "reflected_inertia")) and np.min(value) < 0:
-                return f"the {label} is negative in the range: {float(np.min(value)):g}."
         return None
 
 
@@ -330,7 +327,7 @@ class Revolute(AxisJoint, MovingJoint):
                 f"the gear_ratio vanishes in the range [{np.min(ratio):g}, {np.max(ratio):g}]: the "
                 "actuator would not turn. A negative one turns it the other way."
             )
-        return super().physical_problem(values)
+        return None
 
     def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
         return _hinge(self.direction(), at, values)

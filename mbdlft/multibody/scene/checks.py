@@ -1,16 +1,16 @@
 """Checks of a scene that need its values: units, physics, and denominators over the whole range.
 
 Samples miss a disc of a hundredth of the range. So each mass, moment of inertia and number of a section
-that must not be negative is enclosed over the range: proved, or refuted at a point, or open. The
-conditions of an inertia are those of a distribution of mass that is not negative: with J about the center
-of mass, the matrix P = tr(J)/2 - J of its second moments is positive semidefinite: its principal minors
-are not negative. Then J is positive semidefinite, too, and its principal moments satisfy the triangle
-inequality.
+that must not be negative is enclosed over the range: proved, or refuted at a point, or open. What has no
+parameters is a number. The conditions of an inertia are those of a distribution of mass that is not
+negative: with J about the center of mass, the matrix P = tr(J)/2 - J of its second moments is positive
+semidefinite: its principal minors are not negative. Then J is positive semidefinite, too, and its
+principal moments satisfy the triangle inequality.
 """
 
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -111,7 +111,10 @@ def _check_quantities(
     scene: Scene, owner: str, quantities: Mapping[str, Expected], dimensions: Mapping[str, Any]
 ) -> dict[str, NDArray[np.float64]]:
     """Values (SI) of the checked quantities of one owner at samples of the range; angles left out."""
-    samples = _samples(scene, owner, quantities)
+    texts = {k: e for k, e in quantities.items() if not isinstance(e.source, float)}
+    samples = _samples(
+        scene, {n for k, e in texts.items() for n in names(expression_at(Place(owner, k), e))}
+    )
     sampled: dict[str, NDArray[np.float64]] = {}
     for label, expected in quantities.items():
         place = Place(owner, label)
@@ -181,18 +184,10 @@ def _at_all(samples: Mapping[str, Any], value: Any) -> NDArray[np.float64]:
     return np.broadcast_to(value, (1,) if longest is None else longest.shape)
 
 
-def _samples(
-    scene: Scene, owner: str, quantities: Mapping[str, Expected]
-) -> Mapping[str, NDArray[np.float64] | float]:
+def _samples(scene: Scene, used: Collection[str]) -> Mapping[str, NDArray[np.float64] | float]:
     """Nominal, corners and random points of the range: an array (SI units) for each plain parameter
-    that the quantities use. All corners, if there are not too many.
+    that is used. All corners, if there are not too many.
     """
-    used = {
-        name
-        for label, expected in quantities.items()
-        if not isinstance(expected.source, float)
-        for name in names(expression_at(Place(owner, label), expected))
-    }
     plain = [p for p in scene.parameters if not p.is_angle]
     active = [p for p in plain if p.name in used]
     values: dict[str, Any] = dict(scene.constant_values())
@@ -256,6 +251,11 @@ class Condition(NamedTuple):
     expression: Expression
     size: float
 
+    @property
+    def slack(self) -> float:
+        """How far rounding of the data may make it negative."""
+        return _ROUNDING * self.size + _TINY
+
 
 class Outcome(NamedTuple):
     """A condition with what is known of its sign; its points and parts are in units of the parameters."""
@@ -268,36 +268,43 @@ class Outcome(NamedTuple):
 def check_positive(scene: Scene, boxes: int = BOXES) -> tuple[Outcome, ...]:
     """What is known of the conditions that depend on parameters after a look at `boxes` parts of each."""
     parameters = {p.name: p for p in scene.parameters if not p.is_angle}
+    nominal = nominal_values(scene)
     outcomes = []
     items: list[Body | Joint] = [*scene.bodies, *scene.joints]
-    for item in items if parameters else ():
-        for condition in _conditions(scene, item):
-            used = tuple(sorted(names(condition.expression) & parameters.keys()))
-            if used:
-                used_parameters = {name: parameters[name] for name in used}
-                sign = _sign(condition, used_parameters, scene.constant_values(), boxes)
-                if sign.point is not None:
-                    raise SceneError(_failure(condition, sign, used_parameters))
-                outcomes.append(Outcome(condition, used, sign))
+    for condition in (c for item in items for c in conditions(item, nominal)):
+        used = tuple(sorted(names(condition.expression) & parameters.keys()))
+        used_parameters = {name: parameters[name] for name in used}
+        if not used:
+            value = float(evaluate(condition.expression, nominal))
+            sign = Sign() if value >= -condition.slack else Sign({}, value)
+        else:
+            sign = _sign(scene, condition, used_parameters, boxes)
+            outcomes.append(Outcome(condition, used, sign))
+        if sign.point is not None:
+            raise SceneError(_failure(condition, sign, used_parameters))
     return tuple(outcomes)
 
 
-def _sign(
-    condition: Condition, parameters: Mapping[str, Parameter], constants: Mapping[str, float], boxes: int
-) -> Sign:
-    """By intervals over the whole range, if they are enough; else by parts."""
+def _sign(scene: Scene, condition: Condition, parameters: Mapping[str, Parameter], boxes: int) -> Sign:
+    """By intervals over the whole range, if they are enough; else at samples, and by parts."""
     factors = {name: p.factor for name, p in parameters.items()}
     bounds = {name: (p.low, p.high) for name, p in parameters.items()}
-    slack = _ROUNDING * condition.size + _TINY
+    constants = scene.constant_values()
 
     def value(at: Mapping[str, Any]) -> Any:
         return evaluate(condition.expression, {**constants, **{n: x * factors[n] for n, x in at.items()}})
 
     whole = {name: Interval(*ends) * factors[name] for name, ends in bounds.items()}
     known = {**{name: decimal(float(x)) for name, x in constants.items()}, **whole}
-    if Interval.of(evaluate(condition.expression, known, decimal, FUNCTIONS)).low >= -slack:
+    if Interval.of(evaluate(condition.expression, known, decimal, FUNCTIONS)).low >= -condition.slack:
         return Sign()
-    return not_negative(value, bounds, slack, boxes)
+    samples = _samples(scene, bounds)
+    values = _at_all(samples, evaluate(condition.expression, samples))
+    worst = int(np.argmin(values))
+    if values[worst] < -condition.slack:
+        point = {name: float(np.asarray(samples[name])[worst]) / factors[name] for name in bounds}
+        return Sign(point, float(values[worst]))
+    return not_negative(value, bounds, condition.slack, boxes)
 
 
 def _failure(condition: Condition, sign: Sign, parameters: Mapping[str, Parameter]) -> str:
@@ -305,43 +312,45 @@ def _failure(condition: Condition, sign: Sign, parameters: Mapping[str, Paramete
         f"{name} = {at:.9g} {parameters[name].unit}".removesuffix(" 1")
         for name, at in (sign.point or {}).items()
     )
-    return (
-        f"{condition.owner}: {condition.what} in the range, at {where}: {sign.value:.3g}. Narrow the "
-        "ranges, or correct the expression."
-    )
+    where = f" in the range, at {where}: {sign.value:.3g}. Narrow the ranges, or correct the expression."
+    values = where if sign.point else f": {sign.value:.3g}. Correct the values."
+    return f"{condition.owner}: {condition.what}{values}"
 
 
-def _conditions(scene: Scene, item: Body | Joint) -> Iterator[Condition]:
-    """All conditions of a body or a joint."""
-    owner = owner_name(item)
+def conditions(item: Body | Joint, nominal: Mapping[str, float]) -> Iterator[Condition]:
+    """All conditions of a body or a joint, with sizes at nominal values (SI) by name."""
+    quantities = {k: e for k, e in item.quantities().items() if _KEEPS_SIGN.fullmatch(k)}
+    for label, expected in quantities.items():
+        expression = expression_at(Place(owner_name(item), label), expected)
+        size = abs(float(evaluate(expression, nominal)))
+        yield Condition(owner_name(item), f"{label} [{expected.unit}] is negative", expression, size)
+    if isinstance(item, Body):
+        yield from inertia_conditions(item, nominal)
+
+
+def nominal_values(scene: Scene) -> dict[str, float]:
+    """Values (SI) by name of the constants, and at nominal of the parameters that are no angles."""
+    plain = (p for p in scene.parameters if not p.is_angle)
+    return scene.constant_values() | {p.name: p.nominal * p.factor for p in plain}
+
+
+def inertia_conditions(body: Body, nominal: Mapping[str, float]) -> Iterator[Condition]:
+    """Those of the inertia of a body, if it has one that is to be checked."""
+    inertia = getattr(body, "inertia", None)
+    if inertia is None or inertia.unchecked:
+        return
+    owner = owner_name(body)
     expressions = {
         label: expression_at(Place(owner, label), expected)
-        for label, expected in item.quantities().items()
+        for label, expected in body.quantities().items()
         if expected.unit != "rad"
     }
-    nominal = dict(scene.constant_values())
-    for p in scene.parameters:
-        if not p.is_angle:
-            nominal[p.name] = p.nominal * p.factor
-
-    def size(expression: Expression) -> float:
-        return abs(float(evaluate(expression, nominal)))
-
-    for label, expression in expressions.items():
-        if _KEEPS_SIGN.fullmatch(label):
-            unit = item.quantities()[label].unit
-            what = f"{label} [{unit}] is negative"
-            yield Condition(owner, what, expression, size(expression))
-    inertia = getattr(item, "inertia", None)
-    if isinstance(item, Body) and inertia is not None and not inertia.unchecked:
-        center = inertia.about == "center_of_mass"
-        point = "center_of_mass" if center else item.port_label(inertia.about)
-        about = [expressions[f"{point}.{a}"] if point else _ZERO for a in AXES]
-        for what, expression, factors in _of_inertia(expressions, about):
-            product = 1.0
-            for factor in factors:
-                product *= size(factor)
-            yield Condition(owner, what, expression, product)
+    center = inertia.about == "center_of_mass"
+    point = "center_of_mass" if center else body.port_label(inertia.about)
+    about = [expressions[f"{point}.{a}"] if point else _ZERO for a in AXES]
+    for what, expression, factors in _of_inertia(expressions, about):
+        size = float(np.prod([abs(float(evaluate(factor, nominal))) for factor in factors]))
+        yield Condition(owner, what, expression, size)
 
 
 _Terms = Iterator[tuple[str, Expression, list[Expression]]]
