@@ -200,8 +200,8 @@ def test_inertia_about_a_point_too_far_from_the_center_of_mass():
     old, new = "inertia = { xx = 0.1 }", 'inertia = { xx = 0.1, about = "origin" }'
     with says(
         SceneError,
-        "body 'link2': inertia.xx [kg m^2] about the center of mass is negative in the range, at L2 = 1.2 "
-        "m: -0.62.",
+        "body 'link2': inertia.xx [kg m^2] about the center of mass is negative in the range, at L2 = "
+        "1.2 m: -0.62.",
     ):
         arm(old, new)
     arm(old, new.replace("0.1,", "0.8,"))
