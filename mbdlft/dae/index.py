@@ -315,13 +315,19 @@ def _columns(
     """Columns, as many as rows, with which all matrices (m, k) are regular."""
     sizes = np.array([d.dae.variables[j].nominal for j, _ in entries])
     classes = np.array([_class(d, entry, wanted) for entry in entries])
-    count = len(matrices[0])
+    count, free = len(matrices[0]), np.flatnonzero(classes < _KEPT)
     best, least = None, 0.0
     for matrix in matrices:
-        chosen = _by_pivots(matrix * sizes, classes, count)
-        if chosen is None:
+        scaled = divided(matrix * sizes, np.max(np.abs(matrix * sizes), axis=1, keepdims=True))[:, free]
+        chosen = [int(free[k]) for k in independent(scaled, classes[free])]
+        if len(chosen) < count:
             continue
-        worst = min(_smallest(other[:, chosen] * sizes[chosen]) for other in matrices)
+        worst = np.inf
+        for other in matrices:  # the least singular value of all, with rows and columns of one size
+            whole = other[:, chosen] * sizes[chosen]
+            whole = divided(whole, np.linalg.norm(whole, axis=1, keepdims=True))
+            whole = divided(whole, np.linalg.norm(whole, axis=0))
+            worst = min(worst, float(np.linalg.svd(whole, compute_uv=False)[-1]))
         if best is None or worst > 2.0 * least:
             best, least = chosen, worst
     if best is None:
@@ -342,14 +348,6 @@ def _class(d: Differentiated, entry: Entry, wanted: Collection[str]) -> int:
     return 0 if entry.order > 1 else 1
 
 
-def _by_pivots(matrix: Array, classes: Array, count: int) -> list[int] | None:
-    """Pivot columns of the lowest classes, but the last, that give the full rank."""
-    columns = np.flatnonzero(classes < _KEPT)
-    scaled = divided(matrix, np.max(np.abs(matrix), axis=1, keepdims=True))[:, columns]
-    chosen = [int(columns[k]) for k in independent(scaled, classes[columns])]
-    return chosen if len(chosen) == count else None
-
-
 def independent(matrix: Array, classes: Array) -> list[int]:
     """Independent columns, of the lowest classes first."""
     projected, chosen = matrix, []
@@ -363,10 +361,3 @@ def independent(matrix: Array, classes: Array) -> list[int]:
         chosen += [int(columns[k]) for k in order[:count]]
         projected = q[:, count:].T @ projected
     return sorted(chosen)
-
-
-def _smallest(matrix: Array) -> float:
-    """The least singular value of a matrix with rows and columns of one size."""
-    scaled = divided(matrix, np.linalg.norm(matrix, axis=1, keepdims=True))
-    scaled = divided(scaled, np.linalg.norm(scaled, axis=0))
-    return float(np.linalg.svd(scaled, compute_uv=False)[-1])

@@ -23,18 +23,18 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.description import AXES, Expected
-from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError, check_known
-from mbdlft.base.expression import BUILTIN_CONSTANTS, evaluate, parse
+from mbdlft.base.errors import AnalysisError, SceneError, check_known
+from mbdlft.base.expression import BUILTIN_CONSTANTS
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners
-from mbdlft.base.unit import Signal, dimension_name, parse_unit
-from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
+from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.exact.operators import Dimension
 from mbdlft.lft.lft import LFT, select
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody
 from mbdlft.multibody.force import Force, Torque
 from mbdlft.multibody.joint import Free
 from mbdlft.multibody.scene import Constant, Scene
+from mbdlft.multibody.scene.quantities import Place, check_dimension, expression_at, value_at
 from mbdlft.multibody.sensor import Acceleration, AngularAcceleration, JointWrench
 from mbdlft.order.search import SEARCH
 from mbdlft.pipeline.models import realize, to_lft
@@ -260,21 +260,12 @@ def linear_block(
     dimensions = {p.name: Dimension(parse_unit(p.unit).dimension) for p in parameters}
     values = {}
     for label, expected in quantities.items():
-        where = f"{name}, {label} = {expected.source!r}"
-        source = expected.source
-        if isinstance(source, bool) or not isinstance(source, int | float | str):
+        where, place = f"{name}, {label} = {expected.source!r}", Place(name, label)
+        if isinstance(expected.source, bool) or not isinstance(expected.source, int | float | str):
             raise SceneError(f"{where}: expected a number or an expression.")
-        try:
-            parsed = parse(source)
-            values[label] = evaluate(parsed, {**BUILTIN_CONSTANTS, **in_si})
-            dimension = evaluate(parsed, {**BUILTIN_CONSTANTS, **dimensions}, functions=DIMENSIONS)
-            known = dimension.exponents if isinstance(dimension, Dimension) else None
-            if known not in (None, parse_unit(expected.unit).dimension):
-                raise SceneError(
-                    f"the unit does not fit: expected {expected.unit}, got {dimension_name(known)}."
-                )
-        except MbdlftError as error:
-            raise type(error)(f"{where}: {error}") from None
+        values[label] = value_at(place, expected, {**BUILTIN_CONSTANTS, **in_si})
+        expression = expression_at(place, expected)
+        check_dimension(place, expected, expression, {**BUILTIN_CONSTANTS, **dimensions})
         lowest = _lowest(values[label], parameters, symbols)
         if not (lowest > 0.0 or (lowest == 0.0 and label in may_vanish)):
             raise SceneError(
@@ -360,14 +351,17 @@ def two_port(
     whole = _with_areas(body, used) if isinstance(body, Beam) else body
     model = to_lft(_scene(whole, parameters, constants or {}, ports, parent, used), search)
     loads, accelerations = (
-        {port: _signals(port, kinds, used) for port in (*ports, parent)}
+        {
+            port: [Signal(f"{port}.{kind}.{axis}", _UNITS[kind]) for kind, axis in _split(used, kinds)]
+            for port in (*ports, parent)
+        }
         for kinds in (_LOADS, _ACCELERATIONS)
     )
     body_signals = _own(body)
     return replace(
         model,
         lft=_without_rigid_motion(model, [signal.name for signal in model.outputs]),
-        states=tuple(s for s in model.states if not _is_rigid(s)),
+        states=tuple(s for s in model.states if not s.name.startswith(f"{_HOLD}.")),
         inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *body_signals[0]),
         outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *body_signals[1]),
     )
@@ -462,20 +456,12 @@ def _split(axes: Sequence[str], kinds: tuple[str, str]) -> list[tuple[str, str]]
     return [(kinds[len(axis) - 1], axis[-1]) for axis in axes]
 
 
-def _signals(port: str, kinds: tuple[str, str], axes: Sequence[str]) -> list[Signal]:
-    return [Signal(f"{port}.{kind}.{axis}", _UNITS[kind]) for kind, axis in _split(axes, kinds)]
-
-
-def _is_rigid(signal: Signal) -> bool:
-    return signal.name.startswith(f"{_HOLD}.")
-
-
 def _without_rigid_motion(model: LFTModel, outputs: Sequence[str]) -> LFT:
     """The LFT without the position and rate of P, and with the reaction of the wrench that holds P.
 
     Nothing depends on them: there is no load at equilibrium, and P moves as it is told to.
     """
-    rigid = [k for k, signal in enumerate(model.states) if _is_rigid(signal)]
+    rigid = [k for k, signal in enumerate(model.states) if signal.name.startswith(f"{_HOLD}.")]
     rows = [k for k in range(model.lft.shape[0]) if k not in rigid]
     columns = [k for k in range(model.lft.shape[1]) if k not in rigid]
     seen = np.any(model.lft.M12[:, rigid]) or np.any(model.lft.M22[np.ix_(rows, rigid)])

@@ -236,7 +236,7 @@ def _size(array: Value, dimension: Value = Fraction(1)) -> Value:
 
 _larger, _smaller = (partial(v.extreme, largest=largest) for largest in (True, False))
 _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and number of arguments
-    **{(name, 1): partial(v.applied, name) for name in v.UNARY},
+    **{(name, 1): partial(v.each, partial(v.applied, name)) for name in v.UNARY},
     **{(name, 1): partial(v.rounded, name) for name in ("floor", "ceil", "integer")},
     ("smooth", 2): lambda order, value: value,
     ("max", 2): _larger,

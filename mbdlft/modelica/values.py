@@ -119,11 +119,6 @@ def chosen(condition: Value, then: Value, otherwise: Value) -> Value:
     return each(lambda a, b: ca.if_else(_truth(condition), to_sx(a), to_sx(b)), then, otherwise)
 
 
-def applied(function: str, value: Value) -> Value:
-    """A function of one argument, of each entry of an array."""
-    return each(lambda a: _applied(function, a), value)
-
-
 def rounded(function: str, value: Value) -> Value:
     """floor, ceil or integer of a number."""
     number = number_of(value)
@@ -192,7 +187,7 @@ def _power(a: Value, b: Value) -> Value:
     if not isinstance(b, Fraction):
         return ca.power(to_sx(a), to_sx(b))
     if b.denominator == 2 and abs(b) == Fraction(1, 2):
-        root = _applied("sqrt", a)
+        root = applied("sqrt", a)
         return root if b > 0 else _over(Fraction(1), root)
     if b.denominator != 1:
         number = number_of(a)
@@ -253,7 +248,8 @@ def _logical(operator: str, left: Value, right: Value) -> Value:
     return (ca.logic_and if operator == "and" else ca.logic_or)(_truth(left), _truth(right))
 
 
-def _applied(function: str, value: Value) -> Value:
+def applied(function: str, value: Value) -> Value:
+    """A function of one scalar."""
     number = number_of(value)
     if number is None:
         if function == "log10":

@@ -254,23 +254,17 @@ class _Form:
         return dict(zip(self.symbols, taken[len(self.s.inputs) :], strict=True))
 
     def _argument_names(self, used: Sequence[int]) -> list[str]:
-        """Names of omega that no output has."""
+        """Names of omega that no output has: of the signals that they are, or their numbers."""
         taken = [y.name for y in self.s.dae.outputs]
         for a in used:
-            name = self._argument_name(a)
+            value, name = self.separation.registry.arguments[a].value, f"omega{a + 1}"
+            if set(value.linear) == {ONE_KEY} and value.constant is None and not value.terms:
+                form = value.linear[ONE_KEY].form
+                name = f"omega.{form.name()}" if form.is_symbolic() else name
             while name in taken:
                 name += "_"
             taken.append(name)
         return taken[len(self.s.dae.outputs) :]
-
-    def _argument_name(self, a: int) -> str:
-        """The name of omega: of the signal that it is, or its number."""
-        value = self.separation.registry.arguments[a].value
-        if set(value.linear) == {ONE_KEY} and value.constant is None and not value.terms:
-            form = value.linear[ONE_KEY].form
-            if form.is_symbolic():
-                return f"omega.{form.name()}"
-        return f"omega{a + 1}"
 
 
 def signals_of(s: Structure, form: ThetaForm) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:

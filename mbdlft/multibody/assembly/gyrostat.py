@@ -11,7 +11,7 @@ does not turn, the angle is in no equation, and the linear model does not depend
 is periodic, and refused. The decisions are made in exact numbers.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -240,22 +240,20 @@ class _Finder:
         turning = self.bodies[body]
         return self._vanishes(ca.cross(turning.axis, turning.off + port_arm(self.at_rest, body, port)))
 
-    def _turning(self, port: str) -> tuple[Turning, str, str] | None:
-        """What turns at a port, with the names of the body and of the port."""
-        body, _, name = port.partition(".")
-        return (self.bodies[body], body, name or "origin") if body in self.bodies else None
+    def _turning(self, *ports: str) -> Iterator[tuple[str, Turning, str, bool]]:
+        """Ports at which something turns: what it is, the name of its body, whether it is on the axis."""
+        for port in ports:
+            body, _, name = port.partition(".")
+            if body in self.bodies:
+                yield port, self.bodies[body], body, self._is_on_axis(body, name or "origin")
 
     def check_loads(self) -> None:
         """Loads act along the axis, or are fixed to the scene and act at the axis."""
         for load in self.scene.loads:
-            for port in load.ports().values():
-                at_port = self._turning(port)
-                if at_port is None:
-                    continue
-                turning, body, name = at_port
+            for port, turning, body, on_axis in self._turning(*load.ports().values()):
                 turner = turning.joint.name
                 where = f"load {load.name!r}: it acts on body {body!r}, which joint {turner!r}"
-                if load.kind != "torque" and not self._is_on_axis(body, name):
+                if load.kind != "torque" and not on_axis:
                     raise SceneError(
                         f"{where} turns at a steady rate, at {port!r}, which is not on the axis. "
                         f"{_PERIODIC}. Move the port to the axis, or the load to a body that does "
@@ -275,7 +273,6 @@ class _Finder:
         """Sensors are where nothing turns, or see the displacement of a point on the axis."""
         for sensor in self.scene.sensors:
             frame = getattr(sensor, "frame", "ground")
-            at_port = self._turning(getattr(sensor, "port", frame))
             name = getattr(sensor, "joint", "")
             inside = any(
                 link.joint.name == name and link.parent.name in self.bodies for link in self.at_rest.links
@@ -286,11 +283,10 @@ class _Finder:
                     f"sensor {sensor.name!r}: {inner or f'frame {frame!r} '}turns at a steady rate. "
                     f"{_PERIODIC}. Measure what does not turn: another frame, or the joint with the rate."
                 )
-            if at_port is None:
-                continue
-            turning, body, name = at_port
             displaced = sensor.kind in ("position", "velocity", "acceleration")
-            if not displaced or not self._is_on_axis(body, name):
+            for _, turning, body, on_axis in self._turning(getattr(sensor, "port", frame)):
+                if displaced and on_axis:
+                    continue
                 raise SceneError(
                     f"sensor {sensor.name!r}: body {body!r} is turned at a steady rate by joint "
                     f"{turning.joint.name!r}. {_PERIODIC}. A position, velocity or acceleration of a "
@@ -301,18 +297,14 @@ class _Finder:
     def check_loops(self) -> None:
         """Loops hold points on the axis, and directions across it."""
         for loop in self.scene.loops:
-            for port in (loop.parent, loop.child):
-                at_port = self._turning(port)
-                if at_port is None:
-                    continue
-                turning, body, name = at_port
+            for port, turning, _, on_axis in self._turning(loop.parent, loop.child):
                 free = loop.kind == "spherical"
                 if loop.kind in ("revolute", "cylindrical") and loop.axis is not None:
                     axis = unit_vector(loop.axis)
                     if port == loop.parent:
                         axis = loop.in_parent_axes(axis, self.at_rest.values[owner_name(loop)])
                     free = self._vanishes(ca.cross(turning.axis, axis))
-                if not (free and self._is_on_axis(body, name)):
+                if not (free and on_axis):
                     raise SceneError(
                         f"loop {loop.name!r}: {port!r} is on a body that joint {turning.joint.name!r} "
                         f"turns at a steady rate. {_PERIODIC}. A loop may hold it at a port on the axis "

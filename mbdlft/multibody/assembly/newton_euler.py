@@ -178,9 +178,8 @@ def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]
     efforts = signals.list_efforts(r, laws, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    ground = signals.ground_motion(scene, uniform, load, efforts, u)
+    ground, field = signals.ground_motion(scene, uniform, load, efforts, u)
     inertial, loads = body_wrenches(r, view, ground, signals.acting(r, view, closure, u, z))
-    field = signals.uniform_load(scene, load, efforts, u)
     return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 

@@ -148,25 +148,21 @@ def force_density(spring: Spring, view: View) -> Any:
     return values["stiffness"] * (1.0 - values["rest_length"] / length)
 
 
-def uniform_load(scene: Scene, load: ca.SX, listed: Sequence[Effort], u: ca.SX) -> ca.SX:
-    """The acceleration (3,) that makes the weights: `load`, and what the trim solves for."""
-    names = [effort.signal.name for effort in listed]
-    for axis, entry in enumerate(scene.acceleration):
-        if entry == UNKNOWN:
-            load = load + ca.SX.eye(3)[:, axis] * u[names.index(GROUND_ACCELERATION[axis])]
-    return load
-
-
 def ground_motion(
     scene: Scene, uniform: Values, load: ca.SX, listed: Sequence[Effort], u: ca.SX
-) -> ca.SX:
-    """Motion (3, 3) of the origin of the ground: spin of the frame, and its acceleration."""
+) -> tuple[ca.SX, ca.SX]:
+    """Motion (3, 3) of the origin of the ground, by the spin of the frame and its acceleration; and the
+    acceleration (3,) that makes the weights: `load`, and what the trim solves for."""
     names = [effort.signal.name for effort in listed]
     spin = unit_vector(scene.spin.axis) * uniform["spin.rate"] if scene.spin else ca.SX(3, 1)
     asked = {name: u[names.index(name)] for name in GROUND_ACCELERATION if name in names}
+    field = load
+    for axis, entry in enumerate(scene.acceleration):
+        if entry == UNKNOWN:
+            field = field + ca.SX.eye(3)[:, axis] * asked[GROUND_ACCELERATION[axis]]
     if asked:
         load = load + ca.vertcat(*(asked.get(name, 0.0) for name in GROUND_ACCELERATION))
-    return ca.horzcat(spin, ca.SX(3, 1), load)
+    return ca.horzcat(spin, ca.SX(3, 1), load), field
 
 
 def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> list[BodyWrench]:

@@ -152,12 +152,10 @@ def project_at(equations: EquilibriumEquations, s: Array) -> Projected:
 
 def whole_slopes(equations: EquilibriumEquations, s: Array, w: Array) -> Array:
     """Derivatives (m, n_s + n_w) of the rows by s and w, with rows and columns over their sizes."""
-    _, by_w = (value.full() for value in equations.offset(s))
-    _, by_s = (value.full() for value in equations.slopes(s, w))
-    by_w = by_w / equations.sizes[:, None]
+    by_w = equations.offset(s)[1].full() / equations.sizes[:, None]
+    by_s = equations.slopes(s, w)[1].full() / equations.sizes[:, None]
     column = np.max(np.abs(by_w), axis=0, initial=0.0)
-    by_s = by_s / equations.sizes[:, None] * equations.steps
-    return np.hstack([by_s, by_w / np.where(column > 0, column, 1.0)])
+    return np.hstack([by_s * equations.steps, by_w / np.where(column > 0, column, 1.0)])
 
 
 def random_start(equations: EquilibriumEquations, rng: np.random.Generator) -> Array:

@@ -32,7 +32,7 @@ from mbdlft.base.expression import (
 )
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
-from mbdlft.exact.operators import Dimension
+from mbdlft.exact.operators import Dimension, Operators
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -60,7 +60,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class AngleSum:
+class AngleSum(Operators):
     """An angle (rad): a constant, and integer multiples of parameters and of arctangents."""
 
     constant: float = 0.0
@@ -76,8 +76,6 @@ class AngleSum:
             _summed(self.arctangents, other.arctangents),
         )
 
-    __radd__ = __add__
-
     def __mul__(self, other: "AngleSum | float") -> "AngleSum":
         if not isinstance(other, float) or not other.is_integer():
             raise NotRationalError(_INTEGER)
@@ -87,16 +85,8 @@ class AngleSum:
             {tangent: count * int(other) for tangent, count in self.arctangents.items()},
         )
 
-    __rmul__ = __mul__
-
     def __neg__(self) -> "AngleSum":
         return self * -1.0
-
-    def __sub__(self, other: "AngleSum | float") -> "AngleSum":
-        return self + (-other)
-
-    def __rsub__(self, other: float) -> "AngleSum":
-        return -self + other
 
     def __truediv__(self, other: object) -> "AngleSum":
         raise NotRationalError(_INTEGER)
