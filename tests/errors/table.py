@@ -21,6 +21,11 @@ import pytest
 
 import mbdlft
 
+
+class MessageError(Exception):
+    """What a command line says as it refuses."""
+
+
 _CLASS = re.compile(r"([A-Z]\w*(?:Error|Warning|Exit)): ?")
 
 

@@ -10,7 +10,7 @@ from mbdlft import AnalysisError, MatrixProblem, Parameter, SceneError, exact_lo
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.pipeline import forms
 from tests.errors.scenes import arm
-from tests.errors.table import refused, says
+from tests.errors.table import refused
 
 test_messages = refused(
     r"""
@@ -52,6 +52,8 @@ parse("__import__('os').getcwd()") => unknown function '__import__'
 "1e-300 [nm^9]"
     => expression '1e-300 [nm^9]', column 8: expected zero or a number that a double can be, from
         5e-324, got '[nm^9]'. Expressions are made
+"9" * 1001 => expected a number of at most 1000 characters, got '999
+"(" * 101 + "1" + ")" * 101 => expression '(((( … '...: nested more than 100 deep.
 > evaluate(parse({}), {"m1": np.array([1.0, 2.0]), "L": 3.0}) => SceneError:
 "m11" => unknown name 'm11'. Did you mean 'm1'? Existing: L, m1.
 "m1/(2 - 2)" => division by zero in a constant.
@@ -81,17 +83,10 @@ parse("__import__('os').getcwd()") => unknown function '__import__'
 )
 
 
-def test_a_number_has_not_too_many_digits():
+def test_what_is_just_allowed():
     assert evaluate(parse(f"0.{'0' * 300}1e301"), {}) == 1.0
     assert evaluate(parse("0e-400"), {}) == 0.0
-    with says(SceneError, "expected a number of at most 1000 characters, got '999"):
-        parse("9" * 1001)
-
-
-def test_nested_too_deep():
     assert evaluate(parse("(" * 90 + "1" + ")" * 90), {}) == 1.0
-    with says(SceneError, "expression '((((", "'...: nested more than 100 deep."):
-        parse("(" * 101 + "1" + ")" * 101)
 
 
 def test_long_sum_is_evaluated_or_refused():

@@ -5,9 +5,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-import pytest
 
-from mbdlft.base.errors import NotRationalError, StructureError, TrimError
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
 from tests.errors.table import refused
 
@@ -58,13 +56,8 @@ residual(lambda t, p: t * (t - p)), (-1, 1, 2), 0.0
 ROOT, (-1, 1, 2), 1.0 => equilibrium of 'arm': … the branch ends: the residual is not finite beyond
 residual(lambda t, p: 1 - p * t), (-1, 1, 2), 1.0
     => equilibrium of 'arm': … goes to infinity … another reference
+> fit(residual(lambda t, p: {}), 0.5, 1.0, 1.5, 1.0) => NotRationalError: integer
+t - ca.exp(p)
+t - p**2.5
 """
 )
-
-
-@pytest.mark.parametrize(
-    "function", [lambda t, p: t - ca.exp(p), lambda t, p: t - p**2.5], ids=["exp", "power"]
-)
-def test_operation(function: Callable[[Any, Any], Any]) -> None:
-    with pytest.raises(NotRationalError, match="integer"):
-        fit(residual(function), 0.5, 1.0, 1.5, 1.0)

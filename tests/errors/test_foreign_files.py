@@ -4,6 +4,7 @@ import io
 import subprocess
 import sys
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -35,56 +36,73 @@ def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
     return image.getvalue()
 
 
+@pytest.fixture
+def npz(tmp_path: Path) -> Callable[..., Path]:
+    return lambda data, name="mass.npy": packed(tmp_path / "a.npz", name, data)
+
+
+@pytest.fixture
+def hdf5(tmp_path: Path) -> Callable[..., Path]:
+    def write(make: Callable[[h5py.File], object]) -> Path:
+        with h5py.File(tmp_path / "a.h5", "w") as archive:
+            make(archive)
+        return tmp_path / "a.h5"
+
+    return write
+
+
+@pytest.fixture
+def mtx(tmp_path: Path) -> Callable[[str], Path]:
+    def write(text: str) -> Path:
+        (tmp_path / "a.nodes.txt").write_text("1 0 0 0 1\n")
+        (tmp_path / "a.mass.mtx").write_text(f"%%MatrixMarket matrix {text}")
+        return tmp_path / "a.mass.mtx"
+
+    return write
+
+
+def objects() -> bytes:
+    image = io.BytesIO()
+    np.save(image, np.array([{}]), allow_pickle=True)
+    return image.getvalue()
+
+
+test_messages_of_matrices = pytest.mark.usefixtures("read_here")(
+    refused(
+        r"""
+> load_matrices(npz({})) => StructureError: a.npz …
+header((2**40,)) => : needs 8796093022208 bytes of memory at 'mass', expected at
+header((4,)) + bytes(31) => mass: expected 32 bytes of (4,), got 31
+header((-4,)) => mass: has shape (-4,)
+objects() => mass: expected numbers, got object; objects are not read
+b"\x93NUMPY\x03\x00" + bytes(100) => mass: has npy version (3, 0), expected 1.0 or 2.0
+> load_matrices({}) => StructureError:
+npz(header((2**20,)) + bytes(2**23)), limit=10**6
+    => needs 8388608 bytes of memory at 'mass', expected at most 1000000
+> load_matrices(hdf5(lambda f: {})) => StructureError: a.h5: …
+f.__setitem__("A", h5py.ExternalLink("b", "/")) => 'A' is a link to another place
+f.create_group("A") => 'A' is not an array
+f.__setitem__("A", ["x"]) => 'A': expected numbers, got object
+f.create_dataset("A", (2,), "<f8", external=[("b", 0, 16)]) => 'A' takes its numbers from another place
+f.create_dataset("A", (2**20, 2**20), "<f8", chunks=(9, 9))
+    => bytes of memory at 'A', expected at most 2147483648
+> load_matrices(mtx({})) => StructureError: a.mass.mtx: …
+"array real general\n1000000 1000000\n" => needs 8000000000000 bytes of memory
+"coordinate real general\n9 9 99999\n" => says that it has 99999 entries, more than it has
+"coordinate complex general\n1 1 1\n1 1 1 1\n" => expected real numbers, got complex
+"""
+    )
+)
+
+
 @pytest.mark.usefixtures("read_here")
-def test_npz(tmp_path: Path) -> None:
+def test_many_arrays_in_one_file(tmp_path: Path) -> None:
     file = tmp_path / "a.npz"
-    packed(file, "mass.npy", header((2**40,)))
-    with says(StructureError, f"{file}: needs 8796093022208 bytes of memory at 'mass', expected at"):
-        load_matrices(file)
-    packed(file, "mass.npy", header((2**20,)) + bytes(2**23))
-    with says(StructureError, "needs 8388608 bytes of memory at 'mass', expected at most 1000000"):
-        load_matrices(file, limit=10**6)
-    packed(file, "mass.npy", header((4,)) + bytes(31))
-    with says(StructureError, "mass: expected 32 bytes of (4,), got 31"):
-        load_matrices(file)
-    packed(file, "mass.npy", header((-4,)))
-    with says(StructureError, "mass: has shape (-4,)"):
-        load_matrices(file)
-    objects = io.BytesIO()
-    np.save(objects, np.array([{}]), allow_pickle=True)
-    packed(file, "mass.npy", objects.getvalue())
-    with says(StructureError, "mass: expected numbers, got object; objects are not read"):
-        load_matrices(file)
-    packed(file, "mass.npy", b"\x93NUMPY\x03\x00" + bytes(100))
-    with says(StructureError, "mass: has npy version (3, 0), expected 1.0 or 2.0"):
-        load_matrices(file)
     with zipfile.ZipFile(file, "w") as archive:
         for k in range(101):
             archive.writestr(f"{k}.npy", b"")
     with says(StructureError, "has 101 arrays, expected at most 100"):
         load_matrices(file)
-
-
-@pytest.mark.usefixtures("read_here")
-def test_hdf5(tmp_path: Path) -> None:
-    file = tmp_path / "a.h5"
-    for make, text in (
-        (lambda f: f.__setitem__("A", h5py.ExternalLink("b", "/")), "'A' is a link to another place"),
-        (lambda f: f.create_group("A"), "'A' is not an array"),
-        (lambda f: f.__setitem__("A", ["x"]), "'A': expected numbers, got object"),
-        (
-            lambda f: f.create_dataset("A", (2,), "<f8", external=[("b", 0, 16)]),
-            "'A' takes its numbers from another place",
-        ),
-        (
-            lambda f: f.create_dataset("A", (2**20, 2**20), "<f8", chunks=(9, 9)),
-            "bytes of memory at 'A', expected at most 2147483648",
-        ),
-    ):
-        with h5py.File(file, "w") as archive:
-            make(archive)
-        with says(StructureError, f"{file}: ", text):
-            load_matrices(file)
 
 
 def test_hdf5_that_hangs(tmp_path: Path) -> None:
@@ -120,26 +138,24 @@ def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         load_scene(tmp_path / "a.toml")
 
 
-@pytest.mark.parametrize("encoding", ["shift_jis", "none", "utf-7"])
-def test_encodings_of_robots(tmp_path: Path, encoding: str) -> None:
-    file = tmp_path / "a.urdf"
+def encoded(folder: Path, encoding: str) -> Path:
+    file = folder / "a.urdf"
     file.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="é"/>', "utf-8")
-    with says(SceneError, f"{file}: line 1: "):
-        load_robot(file)
+    return file
 
 
 test_messages = refused(
     r"""
-worker.arrays_of('tests.dying:read', {'what': 'loop'}, seconds=1, memory=2 ** 28, error=SceneError)
-    => its reader did not end as it should
-worker.arrays_of('tests.dying:read', {'what': 'memory'}, seconds=1, memory=2 ** 28, error=SceneError)
-    => cannot be read: Unable to allocate
-worker.arrays_of('tests.dying:read', {'what': 'die'}, seconds=1, memory=2 ** 28, error=SceneError)
-    => its reader did not end as it should (exit code 3)
-worker.arrays_of('tests.dying:read', {'what': 'error'}, seconds=1, memory=2 ** 28, error=SceneError)
-    => cannot be read: lost
-worker.arrays_of('tests.dying:read', {'what': 'named'}, seconds=1, memory=2 ** 28, error=SceneError)
-    => named
+> load_robot(encoded(tmp_path, {})) => SceneError: a.urdf: line 1:
+"shift_jis"
+"none"
+"utf-7"
+> worker.arrays_of("tests.dying:read", {"what": {}}, seconds=1, memory=2**28, error=SceneError)
+"loop" => its reader did not end as it should
+"memory" => cannot be read: Unable to allocate
+"die" => its reader did not end as it should (exit code 3)
+"error" => cannot be read: lost
+"named" => named
 """
 )
 

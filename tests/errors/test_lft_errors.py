@@ -2,9 +2,8 @@
 
 import casadi as ca
 import numpy as np
-import pytest
 
-from mbdlft import LFT, Parameter, StructureError
+from mbdlft import LFT, Parameter
 from mbdlft.lft.lft import (
     add,
     constant,
@@ -72,6 +71,8 @@ fix(inverse(D + HALF), {"mass": -0.5})
     => WellPosednessError: an LFT with fixed deltas: the matrix is singular to working precision.
 evaluate(inverse(D + HALF), {"mass": [0.0, -0.5]})
     => WellPosednessError: I - M11 Delta is singular at one of the points.
+evaluate(D, {"mass": np.zeros((2, 2))}) => evaluate
+D + np.zeros((1, 1, 1)) => LFT
 > extracted({}) => NotRationalError:
 ca.exp(P) * X + Z
     => OP_EXP at instruction 1 of 'relations' is not a rational operation (parameters: ratio; acts on a
@@ -92,16 +93,6 @@ X / (P - 1) - Z
         no linear fractional form around them. Move the nominal values.
 """
 )
-
-
-@pytest.mark.parametrize(
-    "make",
-    [lambda: evaluate(D, {"mass": np.zeros((2, 2))}), lambda: D + np.zeros((1, 1, 1))],
-    ids=["deltas of two dimensions", "matrix of three"],
-)
-def test_number_of_dimensions(make):
-    with pytest.raises(StructureError, match=r"LFT|evaluate"):
-        make()
 
 
 def test_well_posed_beside_the_singular_point():

@@ -12,7 +12,6 @@ import mbdlft
 from mbdlft import (
     FiniteElements,
     Nodes,
-    SceneError,
     StructureError,
     every_dof,
     load_body,
@@ -79,6 +78,14 @@ def tied(mass: Any, _: Any) -> None:
     mass[6, 22] = mass[22, 6] = 0.01
 
 
+def spun(mass: Any, _: Any) -> None:
+    """Negative rotary inertia that the rigid inertia does not show."""
+    mass[9, 9] -= 0.02
+    mass[15, 15] -= 0.02
+    mass[9, 15] += 0.02
+    mass[15, 9] += 0.02
+
+
 def negative(_: Any, stiffness: Any) -> None:
     stiffness[25:, 25:] *= 0.3
 
@@ -91,6 +98,20 @@ def cut(_: Any, stiffness: Any) -> None:
     stiffness[18:, 18:] = straight(1, 0.5).stiffness_matrix
 
 
+def of(mass: Any, stiffness: Any) -> Any:
+    return modal_model(mass, stiffness, straight(4).nodes, 10, {"tip": 50}, modes=3)
+
+
+def lumped(*masses: float) -> Any:
+    """Three nodes in a row with these masses: a rotation has none in any motion that is kept."""
+    nodes = Nodes([1, 2, 3], np.zeros((3, 3)), every_dof([1, 2, 3], (1,)))
+    stiffness = np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])
+    return modal_model(np.diag(masses), stiffness, nodes, 1, {"tip": 3}, modes=1)
+
+
+MASS, STIFFNESS = straight(4)[:2]
+TEXTS = 'format = "mbdlft-body/1"\ndescription = "d"\nsource = "s"\n'
+POINT = 'body = { kind = "point_mass", mass = 2 }\n'
 test_messages = refused(
     r"""
 > {} => StructureError:
@@ -138,12 +159,49 @@ mbdlft.assemble(mbdlft.Scene(name='s', bodies=[RigidBody(name='hub', mass=1, ine
     participation=(0, 0, 2.0, 0, 0, 0))])], joints=[mbdlft.Free(name='free', parent='ground',
     child='hub'), mbdlft.Fixed(name='fixed', parent='hub', child='p')]))
     => SceneError: 'p' … the participation factors exceed the rigid mass
+of(MASS[:-1, :-1], STIFFNESS) => mass matrix: expected 30 x 30 … got 29 x 29
+of(MASS, STIFFNESS[:, :-1]) => stiffness matrix: expected 30 x 30 … got 30 x 29
+of("heavy", STIFFNESS) => mass matrix: expected a matrix of real numbers
+lumped(1.0, 1.0, 0.0) => mass matrix: a coordinate that is kept has no mass
+lumped(1.0, 0.0, 0.0) => mass matrix: nothing that can move has mass
+(tmp_path / "box.toml").write_text(""), load_body(tmp_path / "box.toml")
+    => SceneError: box.toml … format: expected 'mbdlft-body/1', got None.
+load_body(body_of(tmp_path, POINT), modes=3)
+    => SceneError: box.toml: 'modes' cannot be chosen: the body has no matrices.
+mbdlft.elastic.catalogue.reduced_body(body_of(tmp_path, POINT))
+    => SceneError: box.toml: the body has no matrices ('data').
+load_body(ROOT / "bodies" / "solar_panel.toml", mode=3)
+    => SceneError: solar_panel.toml: unknown choice 'mode'. Did you mean 'modes'?
+> load_body(body_of(tmp_path, {})) => SceneError: box.toml …
+"" => 'data' is missing.
+"mass = 1\n" => unknown key 'mass'.
+"body = 1\n" => body: expected a table, got 1.
+"data = 1\nparent = 1\nports = {}\n" => data: expected a text, got 1.
+'body = { kind = "rigid", mass = 1, modes = 1 }\n' => unknown key 'modes'
+'data = "x.npz"\nparent = 1\nports = {}\n' => StructureError: x.npz: cannot be read
+'data = "x.npz"\nparent = { node = 1 }\nports = {}\n'
+    => StructureError: parent: expected nodes and, if need be, a point, got {'node': 1}.
+# An arm with one mode, given by its results.
+> results(**{}) => StructureError:
+{"frequencies": []} => frequencies: expected some between
+{"frequencies": [0.0]} => in rad/s (not Hz, not squares), got [0.0].
+{"frequencies": [[1.0]]} => frequencies: expected the shape (1,), got (1, 1).
+{"reactions": np.ones((3, 1))} => reactions: expected the shape (6, 1), got (3, 1).
+{"reactions": "x"} => reactions: expected numbers of shape (6, 1).
+{"shapes": {}} => port 'tip' has no mode shapes in `shapes`.
+{"ports": {}} => port 'tip' has no position in `ports`.
+{"shapes": {"tip": np.ones((6, 2))}} => shapes of 'tip': expected the shape (6, 1), got
+{"modal_masses": [-1.0]} => modal_masses: expected positive masses, got -1.
+{"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]} => inertia: expected a symmetric matrix.
+{"mass": 1.0} => reactions: the participation factors exceed the rigid mass
+{"modal_masses": [0.1]} => reactions: the participation factors exceed the rigid mass
 > broken({}) => StructureError:
 entry(0, 3, 4, 0.5) => mass matrix: not symmetric: entry (4, 5) is 0.5 and (5, 4) is 0.
 entry(1, 3, 4, 1e9) => stiffness matrix: not symmetric: entry (4, 5) is 1e+09
 entry(0, 2, 2, np.nan) => mass matrix: expected finite entries, got nan or inf.
 entry(1, 20, 20, -1.0) => stiffness matrix: component 3 of node 40 has a negative stiffness
 entry(1, 20, 20, 0.0) => stiffness matrix: component 3 of node 40 has no stiffness (0)
+spun => mass matrix: indefinite: a motion of the structure has negative
 negative => stiffness matrix: indefinite: the structure held at the parent
 cut => stiffness matrix: singular although the structure is held at the parent
 scaled(0, -1.0) => mass matrix: indefinite: a motion of the structure has negative
@@ -157,28 +215,6 @@ scaled(1, 1e-14) => the first frequency is 5.82e-07 Hz; expected one between 0.0
 scaled(1, 1e14) => MHz.
 """
 )
-
-
-def test_indefinite_mass() -> None:
-    def spun(mass: Any, _: Any) -> None:
-        """Negative rotary inertia that the rigid inertia does not show."""
-        mass[9, 9] -= 0.02
-        mass[15, 15] -= 0.02
-        mass[9, 15] += 0.02
-        mass[15, 9] += 0.02
-
-    with says(StructureError, "mass matrix: indefinite: a motion of the structure has negative"):
-        broken(spun)
-
-
-def test_shapes_of_matrices() -> None:
-    mass, stiffness, nodes = straight(4)
-    with says(StructureError, "mass matrix: expected 30 x 30", "got 29 x 29"):
-        modal_model(mass[:-1, :-1], stiffness, nodes, 10, {"tip": 50}, modes=3)
-    with says(StructureError, "stiffness matrix: expected 30 x 30", "got 30 x 29"):
-        modal_model(mass, stiffness[:, :-1], nodes, 10, {"tip": 50}, modes=3)
-    with says(StructureError, "mass matrix: expected a matrix of real numbers"):
-        modal_model("heavy", stiffness, nodes, 10, {"tip": 50}, modes=3)
 
 
 def test_interface_nodes_that_do_not_hold() -> None:
@@ -245,16 +281,6 @@ def test_plane_models_that_do_not_tell_enough() -> None:
         )  # fmt: skip
 
 
-def test_coordinates_without_mass() -> None:
-    """Lumped masses: a rotation of a port that has no mass in any motion that is kept."""
-    nodes = Nodes([1, 2, 3], np.zeros((3, 3)), every_dof([1, 2, 3], (1,)))
-    stiffness = np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])
-    with says(StructureError, "mass matrix: a coordinate that is kept has no mass"):
-        modal_model(np.diag([1.0, 1.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
-    with says(StructureError, "mass matrix: nothing that can move has mass"):
-        modal_model(np.diag([1.0, 0.0, 0.0]), stiffness, nodes, 1, {"tip": 3}, modes=1)
-
-
 def results(**changes: Any) -> Any:
     """A slender arm with one mode."""
     given = {
@@ -264,29 +290,6 @@ def results(**changes: Any) -> Any:
     }  # fmt: skip
     w, reactions, shapes, ports = (given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports"))
     return mbdlft.model_of_results(w, reactions, shapes, ports, **given)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"frequencies": []}, "frequencies: expected some between"),
-        ({"frequencies": [0.0]}, "in rad/s (not Hz, not squares), got [0.0]."),
-        ({"frequencies": [[1.0]]}, "frequencies: expected the shape (1,), got (1, 1)."),
-        ({"reactions": np.ones((3, 1))}, "reactions: expected the shape (6, 1), got (3, 1)."),
-        ({"reactions": "x"}, "reactions: expected numbers of shape (6, 1)."),
-        ({"shapes": {}}, "port 'tip' has no mode shapes in `shapes`."),
-        ({"ports": {}}, "port 'tip' has no position in `ports`."),
-        ({"shapes": {"tip": np.ones((6, 2))}}, "shapes of 'tip': expected the shape (6, 1), got"),
-        ({"modal_masses": [-1.0]}, "modal_masses: expected positive masses, got -1."),
-        ({"inertia": [[1, 1, 0], [0, 1, 0], [0, 0, 1]]}, "inertia: expected a symmetric matrix."),
-        ({"mass": 1.0}, "reactions: the participation factors exceed the rigid mass"),
-        ({"modal_masses": [0.1]}, "reactions: the participation factors exceed the rigid mass"),
-    ],
-)
-def test_results_of_a_modal_analysis(changes: dict[str, Any], message: str) -> None:
-    assert len(results().frequencies) == 1
-    with says(StructureError, message):
-        results(**changes)
 
 
 def test_files_of_matrices(tmp_path: Path) -> None:
@@ -343,40 +346,10 @@ def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         load_nastran(tmp_path / "x.op4", bulk)
 
 
-TEXTS = 'format = "mbdlft-body/1"\ndescription = "d"\nsource = "s"\n'
+def body_of(folder: Path, text: str) -> Path:
+    (folder / "box.toml").write_text(TEXTS + text)
+    return folder / "box.toml"
 
 
-@pytest.mark.parametrize(
-    ("text", "error", "message"),
-    [
-        ("", SceneError, "format: expected 'mbdlft-body/1', got None."),
-        (TEXTS, SceneError, "'data' is missing."),
-        (TEXTS + "mass = 1\n", SceneError, "unknown key 'mass'."),
-        (TEXTS + "body = 1\n", SceneError, "body: expected a table, got 1."),
-        (TEXTS + "data = 1\nparent = 1\nports = {}\n", SceneError, "data: expected a text, got 1."),
-        (TEXTS + 'body = { kind = "rigid", mass = 1, modes = 1 }\n', SceneError, "unknown key 'modes'"),
-        (TEXTS + 'data = "x.npz"\nparent = 1\nports = {}\n', StructureError, "x.npz: cannot be read"),
-        (
-            TEXTS + 'data = "x.npz"\nparent = { node = 1 }\nports = {}\n',
-            StructureError,
-            "parent: expected nodes and, if need be, a point, got {'node': 1}.",
-        ),
-    ],
-)
-def test_catalogue_files(tmp_path: Path, text: str, error: type[Exception], message: str) -> None:
-    file = tmp_path / "box.toml"
-    file.write_text(text)
-    with says(error, "box.toml", message):
-        load_body(file)
-
-
-def test_choices_of_catalogue_bodies(tmp_path: Path) -> None:
-    file = tmp_path / "box.toml"
-    file.write_text(TEXTS + 'body = { kind = "point_mass", mass = 2 }\n')
-    assert load_body(file) == mbdlft.PointMass(name="box", mass=2)
-    with says(SceneError, "box.toml: 'modes' cannot be chosen: the body has no matrices."):
-        load_body(file, modes=3)
-    with says(SceneError, "box.toml: the body has no matrices ('data')."):
-        mbdlft.elastic.catalogue.reduced_body(file)
-    with says(SceneError, "solar_panel.toml: unknown choice 'mode'. Did you mean 'modes'?"):
-        load_body(ROOT / "bodies" / "solar_panel.toml", mode=3)
+def test_a_body_of_a_file_has_its_name(tmp_path: Path) -> None:
+    assert load_body(body_of(tmp_path, POINT)) == mbdlft.PointMass(name="box", mass=2)

@@ -17,13 +17,9 @@ from mbdlft import (
     Prismatic,
     RigidBody,
     Scene,
-    StructureError,
-    WellPosednessError,
     assemble,
-    matrices_at,
     scene_from_toml,
     to_lft,
-    trim_at,
 )
 from mbdlft.export import lpv_grid
 from mbdlft.multibody.body import Inertia
@@ -136,6 +132,17 @@ realize([['1']], [], search='long')
 {"mas": 1.0} => trim: unknown parameter 'mas'. Did you mean 'mass'? Existing: load, mass.
 {"mass": 3.0} => trim: mass = 3 is outside its range [0.5, 2] kg.
 {"mass": np.nan} => trim: mass = nan is outside its range [0.5, 2] kg.
+> to_lft(cart({}, MASSES), search=0.0) => WellPosednessError: scene 'cart_on_rail' … mass
+0.0
+"0*mass"
+> {matrices_at|trim_at}(model, {}) => StructureError: model 'cart_on_rail':
+{"mas": 1.0} => unknown parameter 'mas'. Did you mean 'mass'? Existing: load, mass.
+{"mass": 3.0} => mass = 3 is outside its range [0.5, 2] kg. Widen the range in the scene and linearize
+{"mass": [1.0, 0.4]} => mass = 0.4 is outside its range [0.5, 2] kg.
+{"mass": np.nan} => mass = nan is outside its range
+{"mass": [1.0, 1.0], "load": [1.0, 1.0, 1.0]}
+    => values of parameters must be numbers or arrays of one length, got shapes [(2,), (3,)].
+{"mass": np.ones((2, 2))} => values of parameters must be numbers or arrays of one length
 """
 )
 
@@ -157,40 +164,6 @@ def two_rails(low: float) -> Scene:
             Prismatic(name="second", parent="b", child="c", **along_y),
         ],
     )
-
-
-@pytest.mark.filterwarnings("ignore:.*not proved.*:mbdlft.MbdlftWarning")
-@pytest.mark.parametrize("mass", [0.0, "0*mass"])
-def test_mass_matrix_that_is_singular_at_nominal_names_the_scene(mass):
-    with says(WellPosednessError, "scene 'cart_on_rail'", "mass"):
-        to_lft(cart(mass, MASSES), search=0.0)
-
-
-# a finished model ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("values", "message"),
-    [
-        ({"mas": 1.0}, "unknown parameter 'mas'. Did you mean 'mass'? Existing: load, mass."),
-        (
-            {"mass": 3.0},
-            "mass = 3 is outside its range [0.5, 2] kg. Widen the range in the scene and linearize "
-            "again.",
-        ),
-        ({"mass": [1.0, 0.4]}, "mass = 0.4 is outside its range [0.5, 2] kg."),
-        ({"mass": np.nan}, "mass = nan is outside its range"),
-        (
-            {"mass": [1.0, 1.0], "load": [1.0, 1.0, 1.0]},
-            "values of parameters must be numbers or arrays of one length, got shapes [(2,), (3,)].",
-        ),
-        ({"mass": np.ones((2, 2))}, "values of parameters must be numbers or arrays of one length"),
-    ],
-)
-def test_values_of_parameters(model, values, message):
-    for ask in (matrices_at, trim_at):
-        with says(StructureError, f"model 'cart_on_rail': {message}"):
-            ask(model, values)
 
 
 def test_state_space_of_a_name_with_a_dot(model):

@@ -2,12 +2,14 @@
 
 import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import mbdlft
 from mbdlft.base.errors import SceneError
+from mbdlft.cli.models import check
 from mbdlft.modelica import (
     ModelicaTable,
     flat_model,
@@ -28,6 +30,15 @@ def text_of(declarations: str, equations: str = "x = 1;") -> str:
 
 def model(text: str, table: ModelicaTable | None = None) -> object:
     return translate(flat_model(text, "m.mof"), table)
+
+
+BALL = """model Ball
+ Real h(start=1); Real v;
+equation
+ der(h) = v;
+ der(v) = -9.81;
+ when h <= 0 then reinit(v, -0.7*pre(v)); end when;
+end Ball;"""
 
 
 def test_everything_that_has_no_place_is_named_with_its_line() -> None:
@@ -52,6 +63,25 @@ def test_everything_that_has_no_place_is_named_with_its_line() -> None:
     )
     with pytest.raises(SceneError, match=message):
         model(text)
+
+
+@pytest.fixture
+def file_of(tmp_path: Path) -> Callable[[str, str], Path]:
+    def write(name: str, text: str) -> Path:
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return write
+
+
+@pytest.fixture
+def without_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "rumoca", None)
+
+
+WITH = pytest.mark.skipif(
+    importlib.util.find_spec("rumoca") is None, reason="the compiler rumoca is not installed"
+)
 
 
 P = "parameter Real a = 2; parameter Real b = 2*a; parameter Integer n = 2; constant Real c = 3; Real x;"
@@ -93,7 +123,16 @@ model_of_tables(TABLES | {'equations': [{'residual': {'Literal': {'value': {'Rea
 "[trim]\nat = { a = true }" => trim: at: 'a': expected a number or the name of a parameter
 "extra = 3" => unknown key 'extra'
 "a = " => not valid TOML
+> load_modelica({}) => SceneError:
+tmp_path / "none.mof" => none.mof: cannot be read
+file_of("m.txt", text_of("Real x;")) => m.txt: expected a Modelica file: .mo, or .mof for flat
+file_of("m.mof", text_of("Real x;")), model="N" => m.mof: the model is 'M', and not 'N'
 > {} => SceneError:
+(without_compiler, load_modelica(file_of("m.mo", text_of("Real x;"))))
+    => m.mo: … rumoca: pip install 'mbdlft[modelica]'. Flat
+load_modelica_table(file_of("t.toml", "model = 3"))
+    => t.toml: the line format = 'mbdlft-modelica/1' is missing
+check(Path("arm.toml"), None, "M") => AnalysisError: --model M: it is for Modelica models
 model(text_of("".join(f"Integer k{i};" for i in range(20)))) => m.mof … (k11); and 8 more
 > model({}) => SceneError: m.mof …
 "" => line 1, column 1: expected a model, such as 'model motor', got the end.
@@ -213,33 +252,6 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 )
 
 
-def test_table_file_is_named(tmp_path: Path) -> None:
-    file = tmp_path / "t.toml"
-    file.write_text("model = 3")
-    with pytest.raises(SceneError, match=r"t.toml: the line format = 'mbdlft-modelica/1' is missing"):
-        load_modelica_table(file)
-
-
-def test_files(tmp_path: Path) -> None:
-    with pytest.raises(SceneError, match=r"none.mof: cannot be read"):
-        load_modelica(tmp_path / "none.mof")
-    other, flat = tmp_path / "m.txt", tmp_path / "m.mof"
-    other.write_text(text_of("Real x;"))
-    flat.write_text(text_of("Real x;"))
-    with pytest.raises(SceneError, match=r"m.txt: expected a Modelica file: .mo, or .mof for flat"):
-        load_modelica(other)
-    with pytest.raises(SceneError, match=r"m.mof: the model is 'M', and not 'N'"):
-        load_modelica(flat, model="N")
-
-
-def test_a_missing_compiler_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "rumoca", None)
-    file = tmp_path / "m.mo"
-    file.write_text(text_of("Real x;"))
-    with pytest.raises(SceneError, match=r"m.mo: .*rumoca: pip install 'mbdlft\[modelica\]'. Flat"):
-        load_modelica(file)
-
-
 TABLES = {
     "is_partial": False,
     "variables": {},
@@ -251,28 +263,16 @@ TABLES = {
 NUMBER = {"Literal": {"value": {"Integer": 1}}}
 
 
-WITH = pytest.mark.skipif(
-    importlib.util.find_spec("rumoca") is None, reason="the compiler rumoca is not installed"
-)
-
-
-@WITH
-def test_a_compiler_that_refuses_is_quoted(tmp_path: Path) -> None:
-    file = tmp_path / "m.mo"
-    file.write_text("model M\n Real x; Real y;\nequation\n x = 1;\nend M;")
-    with pytest.raises(SceneError, match=r"m.mo: the compiler rumoca does not take it: .*unbalanced"):
-        load_modelica(file)
-
-
-@WITH
-def test_events_of_the_tables_are_refused(tmp_path: Path) -> None:
-    file = tmp_path / "ball.mo"
-    file.write_text(
-        "model Ball\n Real h(start=1); Real v;\nequation\n der(h) = v;\n der(v) = -9.81;\n"
-        " when h <= 0 then reinit(v, -0.7*pre(v)); end when;\nend Ball;"
+test_messages_of_the_compiler = WITH(
+    refused(
+        r"""
+> load_modelica(file_of({})) => SceneError:
+"m.mo", "model M\n Real x; Real y;\nequation\n x = 1;\nend M;"
+    => m.mo: the compiler rumoca does not take it:  … unbalanced
+"ball.mo", BALL => ball.mo: model 'Ball' … the event 'when' in line 6 (v)
+"""
     )
-    with pytest.raises(SceneError, match=r"ball.mo: model 'Ball' .* the event 'when' in line 6 \(v\)"):
-        load_modelica(file)
+)
 
 
 @WITH
@@ -286,10 +286,3 @@ def test_parameters_that_have_chosen_equations_cannot_stay(tmp_path: Path) -> No
         load_modelica(file)
     dae, _ = load_modelica(file, ModelicaTable(parameters={"p": False}))
     assert [str(e.residual) for e in dae.equations] == ["(y-x)", "(x-3)"]
-
-
-def test_options_for_modelica_are_refused_for_scenes() -> None:
-    from mbdlft.cli.models import check
-
-    with pytest.raises(mbdlft.base.AnalysisError, match=r"--model M: it is for Modelica models"):
-        check(Path("arm.toml"), None, "M")

@@ -1,7 +1,7 @@
 """Messages of joints that turn at a steady rate: what would be periodic is refused by name."""
 
 import mbdlft
-from mbdlft import Inertia, Loop, Parameter, Revolute, RigidBody, Rotation, Scene
+from mbdlft import Inertia, Parameter, Revolute, RigidBody, Scene
 from tests.close import CLOSED_FORM, target
 from tests.errors.table import refused
 

@@ -1,12 +1,13 @@
 """Every error of sweeps, by class and message."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import AnalysisError, ArchiveError, GridSamples, Parameter, RandomSamples, SceneError
+from mbdlft import ArchiveError, Parameter, RandomSamples, SceneError
 from mbdlft.archive import sweep as sweeps
 from mbdlft.batch import staging
 from tests.errors.scenes import cart
@@ -17,26 +18,26 @@ def scene() -> mbdlft.Scene:
     return cart("m", [Parameter("m", 1.0, low=0.5, high=2.0, unit="kg")])
 
 
-@pytest.mark.parametrize(
-    ("samples", "texts"),
-    [
-        ({"M": 1.0}, ("sweep, samples: unknown parameter 'M'", "m")),
-        (GridSamples({"M": 2}), ("sweep, grid: unknown parameter 'M'", "m")),
-        (GridSamples({"m": 0}), ("number of values of at least 1", "{'m': 0}")),
-        (GridSamples({}), ("number of values of at least 1", "{}")),
-        (RandomSamples(0), ("at least 1 random sample", "count=0")),
-        (RandomSamples(1, -1), ("a seed of at least 0", "seed=-1")),
-        ([1.0], ("expected GridSamples, RandomSamples or a mapping", "got list")),
-        ({"m": [[1.0]]}, ("numbers or arrays of one length, got shapes [(1, 1)]",)),
-        ({"m": []}, ("there are no samples",)),
-        ({"m": [1.0, 3.0]}, ("sample 1: m = 3 is outside its range [0.5, 2] kg", "Widen")),
-        ({"m": [1.0, np.nan]}, ("sample 1: m = nan is outside its range",)),
-    ],
-)
-def test_samples(tmp_path: Path, samples: object, texts: tuple[str, ...]) -> None:
-    with says(AnalysisError, *texts):
-        mbdlft.sweep(scene(), samples, tmp_path / "a.h5", workers=1)  # type: ignore[arg-type]
-    assert not list(tmp_path.iterdir())
+@pytest.fixture
+def swept(tmp_path: Path) -> Callable[[object], None]:
+    """A sweep that is refused and writes nothing."""
+
+    def sweep(samples: object) -> None:
+        try:
+            mbdlft.sweep(scene(), samples, tmp_path / "a.h5", workers=1)  # type: ignore[arg-type]
+        finally:
+            assert not list(tmp_path.iterdir())
+
+    return sweep
+
+
+@pytest.fixture
+def file_of(tmp_path: Path) -> Callable[[str], Path]:
+    def write(text: str) -> Path:
+        (tmp_path / "s.csv").write_text(text, encoding="utf-8")
+        return tmp_path / "s.csv"
+
+    return write
 
 
 test_messages = refused(
@@ -48,6 +49,23 @@ mbdlft.sweep(cart('m', [Parameter('k', 1.0, percent=5), Parameter('m', 1.0, perc
 mbdlft.sweep("scene.toml", {}, tmp_path / "a.h5")
     => SceneError: sweep: expected a Scene or an LFTModel, got str
 mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=0) => sweep: expected at least 1 worker, got 0
+> swept({}) => AnalysisError:
+{"M": 1.0} => sweep, samples: unknown parameter 'M' … m
+GridSamples({"M": 2}) => sweep, grid: unknown parameter 'M' … m
+GridSamples({"m": 0}) => number of values of at least 1 … {'m': 0}
+GridSamples({}) => number of values of at least 1 … {}
+RandomSamples(0) => at least 1 random sample … count=0
+RandomSamples(1, -1) => a seed of at least 0 … seed=-1
+[1.0] => expected GridSamples, RandomSamples or a mapping … got list
+{"m": [[1.0]]} => numbers or arrays of one length, got shapes [(1, 1)]
+{"m": []} => there are no samples
+{"m": [1.0, 3.0]} => sample 1: m = 3 is outside its range [0.5, 2] kg … Widen
+{"m": [1.0, np.nan]} => sample 1: m = nan is outside its range
+> mbdlft.read_samples({}) => AnalysisError: s.csv: …
+tmp_path / "s.csv" => cannot be read
+file_of("m,k\n1.0,2.0\n3.0,x\n") => expected names in the first line
+file_of("m,m\n1.0,2.0\n") => expected as many different names as columns
+file_of("m\n1.0,2.0\n") => expected as many different names as columns
 """
 )
 
@@ -67,18 +85,11 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(staging.os, "fsync", full)
-    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
-    monkeypatch.undo()
-    monkeypatch.setattr(sweeps.os, "posix_fallocate", full, raising=False)
-    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
-    monkeypatch.undo()
-    monkeypatch.setattr(sweeps, "_put", full)
-    with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
-    monkeypatch.undo()
+    for place, name in ((staging.os, "fsync"), (sweeps.os, "posix_fallocate"), (sweeps, "_put")):
+        with monkeypatch.context() as patch:
+            patch.setattr(place, name, full, raising=name != "posix_fallocate")
+            with says(ArchiveError, "cannot be written: No space left on device. What is finished stays"):
+                mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
@@ -89,16 +100,3 @@ def test_error_of_a_worker_is_that_of_the_sweep(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr(staging, "scene_to_toml", lambda _: "name = 3")
     with says(SceneError, "the line format = 'mbdlft-scene/1' is missing"):
         mbdlft.sweep(scene(), RandomSamples(10_000), tmp_path / "a.h5", workers=2)
-
-
-def test_sample_files(tmp_path: Path) -> None:
-    file = tmp_path / "s.csv"
-    with says(AnalysisError, f"{file}: cannot be read"):
-        mbdlft.read_samples(file)
-    file.write_text("m,k\n1.0,2.0\n3.0,x\n", encoding="utf-8")
-    with says(AnalysisError, f"{file}: expected names in the first line"):
-        mbdlft.read_samples(file)
-    for text in ("m,m\n1.0,2.0\n", "m\n1.0,2.0\n"):
-        file.write_text(text, encoding="utf-8")
-        with says(AnalysisError, f"{file}: expected as many different names as columns"):
-            mbdlft.read_samples(file)

@@ -1,6 +1,5 @@
 """What cannot be shown is one message, and no page is written."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,7 @@ from mbdlft.show.viewer.data import _modes, view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.page import _filled, scene_picture
 from mbdlft.show.viewer.poses import scene_poses
-from tests.errors.table import refused
-from tests.scenarios.commands import run
+from tests.errors.table import MessageError, refused
 
 ROOT = Path(__file__).parents[2]
 PENDULUM = ROOT / "scenarios" / "pendulum.toml"
@@ -22,6 +20,11 @@ PENDULUM = ROOT / "scenarios" / "pendulum.toml"
 
 def pendulum() -> mbdlft.Scene:
     return mbdlft.load_scene(PENDULUM)
+
+
+def with_sensor(fields: str) -> str:
+    text = PENDULUM.read_text(encoding="utf-8")
+    return text.replace("[linearize]", f"[sensors.place]\n{fields}\n[linearize]")
 
 
 test_messages = refused(
@@ -36,31 +39,23 @@ mbdlft.show.scene_of(mbdlft.realize(mbdlft.load_matrix(ROOT / 'scenarios' / 'mis
     => was not made of one scene alone
 mbdlft.show.scene_of(1.0) => a float has no scene
 mbdlft.view(pendulum()).save(tmp_path) => cannot be written: Is a directory
+_scene(tmp_path / "a.toml", None) => a.toml: cannot be read
+_scene(tmp_path / "a.urdf", None) => a.urdf: cannot be read
+_scene(tmp_path / "a.h5", None) => ArchiveError: a.h5: cannot be read
+> mbdlft.view(mbdlft.scene_from_toml(with_sensor({}))) => SceneError:
+'kind = "position"\nport = "bob"\nframe = "bod"' => frame: unknown body 'bod'
+'kind = "joint_wrench"\njoint = "pivo"' => joint: unknown joint 'pivo'
+> command("view", str(PENDULUM), {}) => MessageError:
+"-o", "page.txt" => page.txt: expected the ending .html of a page, got '.txt'.
+"-o", "nowhere/page.html" => nowhere is not a folder
+"--model", "a" => --model a:
+"--set", "m" => --set m: expected name=value
+"--set", "n=1" => unknown parameter 'n'
 > mbdlft.view(pendulum(), {}) => TrimError:
 {"x": 1.0} => unknown parameter 'x'
 {"m": 30.0} => m = 30 is outside its range [1.4, 2.6] kg
 """
 )
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "words"),
-    [
-        ('port = "bob"', 'port = "bob"\nframe = "bod"', "frame: unknown body 'bod'"),
-        (
-            'kind = "position"\nport = "bob"',
-            'kind = "joint_wrench"\njoint = "pivo"',
-            "joint: unknown joint 'pivo'",
-        ),
-    ],
-)
-def test_scenes_that_cannot_be_drawn(old: str, new: str, words: str) -> None:
-    text = PENDULUM.read_text(encoding="utf-8").replace(
-        "[linearize]", '[sensors.place]\nkind = "position"\nport = "bob"\n\n[linearize]'
-    )
-    assert old in text
-    with pytest.raises(SceneError, match=re.escape(words)):
-        mbdlft.view(mbdlft.scene_from_toml(text.replace(old, new)))
 
 
 def test_loads_that_are_nothing() -> None:
@@ -76,30 +71,6 @@ def test_loads_that_are_nothing() -> None:
     assert "lift" not in scene_picture(scene)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["-o", "page.txt"], "page.txt: expected the ending .html of a page, got '.txt'."),
-        (["-o", "nowhere/page.html"], "nowhere is not a folder"),
-        (["--model", "a"], "--model a: "),
-        (["--set", "m"], "--set m: expected name=value"),
-        (["--set", "n=1"], "unknown parameter 'n'"),
-    ],
-)
-def test_options(
-    arguments: list[str],
-    words: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    code, _, said = run(monkeypatch, capsys, "view", str(PENDULUM), *arguments)
-    assert code == 2
-    assert words in said
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_page_that_cannot_be_written_leaves_the_old_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,9 +84,3 @@ def test_a_page_that_cannot_be_written_leaves_the_old_one(
         mbdlft.show.Page("other", "other").save(tmp_path / "a.html")
     assert [path.name for path in tmp_path.iterdir()] == ["a.html"]
     assert (tmp_path / "a.html").read_text(encoding="utf-8") == page.html
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    for name, kind in (("a.toml", SceneError), ("a.urdf", SceneError), ("a.h5", ArchiveError)):
-        with pytest.raises(kind):
-            _scene(tmp_path / name, None)
