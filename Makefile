@@ -14,8 +14,9 @@ INSTALL := PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet -
 # what is imported is compiled once: tests start hundreds of processes, each three times faster then
 export PYTHONDONTWRITEBYTECODE :=
 
-# the processes of pytest share the cores; threads of linear algebra would wait for each other
-PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto
+# the processes of pytest share the cores; threads of linear algebra would wait for each other. Each
+# starts with half of the tests, so that the models of a file are made once, and takes from the others
+PYTEST := OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --dist worksteal
 # kernels of linear algebra, those that this processor has: results must not depend on them
 has = $(shell grep -m 1 -o $(1) /proc/cpuinfo 2>/dev/null)
 KERNELS := Prescott $(if $(call has,avx2),Haswell) $(if $(call has,avx512f),SkylakeX)

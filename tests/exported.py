@@ -3,6 +3,7 @@
 import ctypes
 import shutil
 import subprocess
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -45,16 +46,22 @@ def off_center() -> LFTModel:
     return mbdlft.realize(matrix, parameters, states=0, name="größe.λ model*/", search=0.0)
 
 
-MODELS: dict[str, System] = {
-    "arm": arm(),
-    "turned": turned_arm(),
-    "unused": unused(),
-    "numbers": numbers(),
-    "bare": bare(),
-    "off_center": off_center(),
-    "system": mbdlft.as_system(np.array([[1.0, 2.0]]), name="gains"),
-    "loop": mbdlft.feedback(arm(), mbdlft.as_system(np.eye(2), name="gains")),
+MODELS: dict[str, Callable[[], System]] = {
+    "arm": arm,
+    "turned": turned_arm,
+    "unused": unused,
+    "numbers": numbers,
+    "bare": bare,
+    "off_center": off_center,
+    "system": lambda: mbdlft.as_system(np.array([[1.0, 2.0]]), name="gains"),
+    "loop": lambda: mbdlft.feedback(arm(), mbdlft.as_system(np.eye(2), name="gains")),
 }
+
+
+@cache
+def exported(key: str) -> System:
+    """The model of a key of `MODELS`."""
+    return MODELS[key]()
 
 
 def samples_of(model: System) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:

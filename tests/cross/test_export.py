@@ -19,6 +19,7 @@ from tests.exported import (
     MODELS,
     ROOT,
     compiled,
+    exported,
     octave,
     pointer,
     read,
@@ -88,12 +89,12 @@ def test_scenarios_in_c_and_in_mat_files(stem: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", MODELS)
 def test_models_of_all_kinds_in_mat_files(key: str, tmp_path: Path) -> None:
-    check_mat(MODELS[key], tmp_path)
+    check_mat(exported(key), tmp_path)
 
 
 @pytest.mark.parametrize("key", [key for key in MODELS if key not in ("arm", "unused")])
 def test_models_of_all_kinds_in_c(key: str, tmp_path: Path) -> None:
-    check_c(MODELS[key], tmp_path)
+    check_c(exported(key), tmp_path)
 
 
 def test_c_says_what_is_outside_and_what_is_singular(tmp_path: Path) -> None:
@@ -114,7 +115,7 @@ def test_c_says_what_is_outside_and_what_is_singular(tmp_path: Path) -> None:
 
 def test_units_inside_make_nothing_singular(tmp_path: Path) -> None:
     """The same model with signals of Delta in units that differ by 24 orders, up and down."""
-    model = MODELS["arm"]
+    model = exported("arm")
     a, units = model.lft, 10.0 ** np.linspace(-12.0, 12.0, model.order)
     values, expected = samples_of(model)
     for u in (units, units[::-1]):
@@ -137,7 +138,7 @@ def test_names_are_identifiers_and_the_files_say_which(tmp_path: Path) -> None:
     assert identifier("end") == "end_"
     assert identifier("日") == "u65E5"
     assert identifier("2x") == "x2x"
-    model = MODELS["off_center"]
+    model = exported("off_center")
     files = [*export_model(tmp_path / "m.mat", model), *export_model(tmp_path / "m.c", model)]
     for path in files[1:3]:
         assert "mu " in path.read_text(encoding="utf-8")
@@ -151,7 +152,7 @@ def test_names_are_identifiers_and_the_files_say_which(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("key", ["turned", "off_center", "numbers"])
 def test_functions_run_in_octave(key: str, tmp_path: Path) -> None:
-    model = MODELS[key]
+    model = exported(key)
     export_model(tmp_path / "some.mat", model)
     values, expected = samples_of(model)
     rows = rows_of(model, values)
@@ -186,7 +187,7 @@ TOOLBOX = {
 @pytest.mark.parametrize("key", ["turned", "off_center"])
 def test_uncertain_system_of_the_script(key: str, tmp_path: Path) -> None:
     """With elements that are numbers, the script of the toolbox makes the matrices at these numbers."""
-    model = MODELS[key]
+    model = exported(key)
     export_model(tmp_path / "some.mat", model)
     values, expected = samples_of(model)
     for name, text in TOOLBOX.items():
@@ -203,7 +204,7 @@ def test_uncertain_system_of_the_script(key: str, tmp_path: Path) -> None:
 def test_blocks_of_other_kinds_are_carried_by_mat_files(tmp_path: Path) -> None:
     loop = mbdlft.series(
         mbdlft.as_system(np.eye(2) + 0.1 * np.eye(2) @ delta(FullBlock("unknown", 2)), name="a"),
-        MODELS["arm"],
+        exported("arm"),
     )
     export_model(tmp_path / "some.mat", loop)
     stored = read(tmp_path / "some.mat")["delta"]
@@ -219,12 +220,12 @@ def test_blocks_of_other_kinds_are_carried_by_mat_files(tmp_path: Path) -> None:
 
 
 def test_octave_refuses_what_is_outside(tmp_path: Path) -> None:
-    export_model(tmp_path / "some.mat", MODELS["arm"])
+    export_model(tmp_path / "some.mat", exported("arm"))
     more = "".join(
         f"try, some_at(struct('{name}', {value})); catch e, e{k} = e.message; end\n"
         for k, (name, value) in enumerate((("theta1", 300), ("theta1", "nan"), ("theta", 1)))
     )
-    found = octave(MODELS["arm"], tmp_path, "some", np.zeros((0, 7)), more)
+    found = octave(exported("arm"), tmp_path, "some", np.zeros((0, 7)), more)
     assert found["e0"][0].startswith("theta1 = 300 is outside its range [45, 90] deg")
     assert "outside its range" in found["e1"][0]
     assert found["e2"][0].startswith("unknown parameter theta. Existing: J1 L2 m1")
@@ -232,8 +233,8 @@ def test_octave_refuses_what_is_outside(tmp_path: Path) -> None:
 
 def test_equal_models_give_equal_bytes(tmp_path: Path) -> None:
     for suffix in (".mat", ".c"):
-        first = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", MODELS["arm"])]
-        again = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", MODELS["arm"])]
+        first = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", exported("arm"))]
+        again = [f.read_bytes() for f in export_model(tmp_path / f"a{suffix}", exported("arm"))]
         assert first == again
 
 

@@ -12,19 +12,19 @@ import pytest
 import mbdlft
 from mbdlft.export import export_model, lpv_grid
 from tests.close import EXPORT, exact, target
-from tests.exported import MODELS, read, texts
+from tests.exported import exported, read, texts
 
 COUNTS = {"theta1": 3, "m3": 4}  # in the order of the names: m3, then theta1
 
 
 def expected(counts: dict[str, int]) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
-    model = MODELS["arm"]
+    model = exported("arm")
     values = mbdlft.grid(model.parameters, counts)
     return values, list(mbdlft.matrices_at(model, values))
 
 
 def test_state_spaces_on_a_grid() -> None:
-    model = MODELS["arm"]
+    model = exported("arm")
     values, matrices = expected(COUNTS)
     found = lpv_grid(model, COUNTS)
     assert len(found) == 12
@@ -35,13 +35,13 @@ def test_state_spaces_on_a_grid() -> None:
         target(system.A, at.A, EXPORT)
         assert (system.input_labels, system.output_labels) == (at.input_labels, at.output_labels)
         assert system.state_labels == at.state_labels
-    assert len(lpv_grid(MODELS["off_center"], 2)) == 8
-    (single,) = lpv_grid(MODELS["numbers"], 9)
-    exact(single.A, MODELS["numbers"].A)
+    assert len(lpv_grid(exported("off_center"), 2)) == 8
+    (single,) = lpv_grid(exported("numbers"), 9)
+    exact(single.A, exported("numbers").A)
 
 
 def test_grid_as_a_table(tmp_path: Path) -> None:
-    model = MODELS["arm"]
+    model = exported("arm")
     (file,) = export_model(tmp_path / "grid.csv", model, COUNTS)
     values, matrices = expected(COUNTS)
     names, *rows = csv.reader(io.StringIO(file.read_text(encoding="utf-8")))
@@ -57,7 +57,7 @@ def test_grid_as_a_table(tmp_path: Path) -> None:
 
 
 def test_grid_for_numpy(tmp_path: Path) -> None:
-    model = MODELS["arm"]
+    model = exported("arm")
     (file,) = export_model(tmp_path / "grid.npz", model, COUNTS)
     values, matrices = expected(COUNTS)
     with np.load(file) as found:  # nothing is pickled
@@ -73,7 +73,7 @@ def test_grid_for_numpy(tmp_path: Path) -> None:
 
 
 def test_grid_for_matlab_has_an_axis_for_each_parameter(tmp_path: Path) -> None:
-    model = MODELS["arm"]
+    model = exported("arm")
     (file,) = export_model(tmp_path / "grid.mat", model, COUNTS)
     _, matrices = expected(COUNTS)
     found = read(file)
@@ -96,15 +96,15 @@ def test_grid_for_matlab_has_an_axis_for_each_parameter(tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".mat", ".csv", ".npz"])
 @pytest.mark.parametrize("key", ["numbers", "bare", "off_center", "system"])
 def test_grids_of_models_of_all_kinds(key: str, suffix: str, tmp_path: Path) -> None:
-    (file,) = export_model(tmp_path / f"grid{suffix}", MODELS[key], 2)
+    (file,) = export_model(tmp_path / f"grid{suffix}", exported(key), 2)
     assert file.stat().st_size > 0
     if suffix == ".csv":
         lines = file.read_text(encoding="utf-8").splitlines()
-        assert len(lines) == 1 + 2 ** len(MODELS[key].parameters)
+        assert len(lines) == 1 + 2 ** len(exported(key).parameters)
 
 
 def test_julia_script_reads_what_an_archive_has(tmp_path: Path) -> None:
-    model = MODELS["turned"]
+    model = exported("turned")
     script, archive = export_model(tmp_path / "arm.jl", model)
     assert archive == tmp_path / "arm.h5"
     assert mbdlft.load(archive).name == model.name

@@ -34,9 +34,7 @@ _modes("pendulum", np.array([[0.0, 1.0], [np.inf, 0.0]]), [0])
     => WellPosednessError: 'pendulum': an entry of the linear model is not
 _filled({"name": "far", "size": float("nan")}, "", "") => 'far': a number of the page is not finite
 mbdlft.view("pendulum.toml") => expected a Scene, got str. load_scene
-mbdlft.show.scene_of(mbdlft.realize(mbdlft.load_matrix(ROOT / 'scenarios' / 'missile.toml'),
-    search=0.0))
-    => was not made of one scene alone
+mbdlft.show.scene_of(mbdlft.realize([[1.0]])) => was not made of one scene alone
 mbdlft.show.scene_of(1.0) => a float has no scene
 mbdlft.view(pendulum()).save(tmp_path) => cannot be written: Is a directory
 _scene(tmp_path / "a.toml", None) => a.toml: cannot be read

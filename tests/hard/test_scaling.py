@@ -14,7 +14,8 @@ def test_rows_are_verified(shape: str, few: bool, tmp_path) -> None:  # type: ig
     assert all(row["bound"] <= row["order"] <= row["raw"] for row in rows)
     assert all(row["parameters"] == (5 if few else 3 * row["bodies"]) for row in rows)
     assert table(rows).count("\n") > len(rows)
-    figure(tmp_path / "figure.png", rows)
+    if shape == "star" and few:
+        figure(tmp_path / "figure.png", rows)
 
 
 def test_slope_of_a_power() -> None:

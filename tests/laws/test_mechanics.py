@@ -1,5 +1,7 @@
 """Laws of mechanics that every model of a scene obeys."""
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -175,12 +177,17 @@ def floating() -> mbdlft.Scene:
     )  # fmt: skip
 
 
+@cache
+def floating_at_points():
+    return at_points(floating())
+
+
 MOMENTUM = tuple(f"momentum.{part}.{axis}" for part in ("linear", "angular") for axis in XYZ)
 
 
 def momentum_changes() -> tuple[mbdlft.LFTModel, np.ndarray]:
     """d/dt of [linear, angular] momentum (N, 6, states + inputs)."""
-    model, (A, B, C, _) = at_points(floating())
+    model, (A, B, C, _) = floating_at_points()
     momentum = picked(C, model.outputs, *MOMENTUM)
     return model, momentum @ np.concatenate([A, B], axis=2)
 
@@ -211,7 +218,7 @@ def test_external_forces_change_momentum_by_themselves() -> None:
 
 
 def test_center_of_mass_moves_as_momentum_over_mass() -> None:
-    model, (A, _, C, _) = at_points(floating())
+    model, (A, _, C, _) = floating_at_points()
     center = picked(C, model.outputs, *(f"center.{axis}" for axis in XYZ))
     momentum = picked(C, model.outputs, *MOMENTUM[:3])
     m = np.concatenate([POINTS["m"], mbdlft.corners(MASSES)["m"]])
@@ -220,7 +227,7 @@ def test_center_of_mass_moves_as_momentum_over_mass() -> None:
 
 def test_wrench_of_the_joint_of_a_free_body_is_zero() -> None:
     """What nothing holds feels nothing: a free joint has no constraint and no effort."""
-    model, (_, _, C, D) = at_points(floating())
+    model, (_, _, C, D) = floating_at_points()
     names = [f"held.{part}.{axis}" for part in ("force", "torque") for axis in XYZ]
     for matrix in (C, D):
         held = picked(matrix, model.outputs, *names)

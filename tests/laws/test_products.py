@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from types import SimpleNamespace
 from unittest.mock import patch
@@ -20,6 +20,7 @@ from tests.laws.turned import one_order_only
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
+LONG = partial(pytest.param, marks=pytest.mark.long)
 SEEDS = [(random_scene, 3), (random_mechanism, 7), (random_mechanism, 10)]
 MORE = [(random_scene, 14), (random_scene, 20), (random_mechanism, 2), (random_mechanism, 13)]
 
@@ -49,9 +50,7 @@ def compare(scene: mbdlft.Scene) -> None:
     turned.compare(scene, one, close.CROSS)
 
 
-@pytest.mark.parametrize(
-    ("draw", "seed"), [*SEEDS, *(pytest.param(*case, marks=pytest.mark.long) for case in MORE)]
-)
+@pytest.mark.parametrize(("draw", "seed"), [*SEEDS, *(LONG(*case) for case in MORE)])
 def test_both_ways_are_one_model(draw: Callable[[int], mbdlft.Scene], seed: int) -> None:
     compare(draw(seed))
 
@@ -62,7 +61,7 @@ def spatial_chain(links: int) -> mbdlft.LFTModel:
     return build(chain(links, spatial=True), 0.0).model
 
 
-@pytest.mark.parametrize(("links", "reached"), [(3, 47), (4, 84), (5, 129), (6, 183)])
+@pytest.mark.parametrize(("links", "reached"), [(3, 47), (4, 84), LONG(5, 129), LONG(6, 183)])
 def test_fewer_repetitions_in_long_chains_in_space(links: int, reached: int) -> None:
     with one_order_only():
         alone = build(chain(links, spatial=True), 0.0).model.order

@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +24,24 @@ SCENES = [
     for path in sorted((ROOT / "scenarios").glob("*.toml"))
     if "mbdlft-scene" in path.read_text(encoding="utf-8")
 ]
-FITS = fastjsonschema.compile(scene_schema())
+
+
+@cache
+def schema() -> Any:
+    return fastjsonschema.compile(scene_schema())
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda path: str(path.stem))
 def test_scenarios_fit(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    FITS(tomllib.loads(text))
-    FITS(tomllib.loads(scene_to_toml(scene_from_toml(text))))
+    schema()(tomllib.loads(text))
+    schema()(tomllib.loads(scene_to_toml(scene_from_toml(text))))
 
 
 def test_what_is_read_fits() -> None:
     """Random trees with all kinds of joints, and scenes that were changed by chance."""
     for seed in range(12):
-        FITS(tomllib.loads(scene_to_toml(random_mechanism(seed))))
+        schema()(tomllib.loads(scene_to_toml(random_mechanism(seed))))
     rng, given, read = np.random.default_rng(5), texts(), 0
     for _ in range(150):
         text = as_toml(restructured(tomllib.loads(given[int(rng.integers(len(given)))]), rng))
@@ -45,7 +50,7 @@ def test_what_is_read_fits() -> None:
         except MbdlftError:
             continue
         read += 1
-        FITS(tomllib.loads(text))
+        schema()(tomllib.loads(text))
     assert read > 20
 
 
@@ -72,13 +77,13 @@ ARM: dict[str, Any] = tomllib.loads((ROOT / "scenarios" / "two_link_arm.toml").r
 def test_slips_do_not_fit(place: tuple[str, ...], value: object) -> None:
     """They are errors of the reader, too."""
     table = json.loads(json.dumps(ARM))
-    FITS(table)
+    schema()(table)
     part = table
     for key in place[:-1]:
         part = part[key]
     part[place[-1]] = value
     with pytest.raises(fastjsonschema.JsonSchemaValueException):
-        FITS(table)
+        schema()(table)
     with pytest.raises(MbdlftError):
         scene_from_toml(as_toml(table))
 
@@ -91,7 +96,7 @@ def test_what_is_missing_does_not_fit() -> None:
             part = part[key]
         del part[place[-1]]
         with pytest.raises(fastjsonschema.JsonSchemaValueException):
-            FITS(table)
+            schema()(table)
 
 
 def test_the_command(

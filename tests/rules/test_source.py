@@ -3,6 +3,7 @@
 import ast
 import inspect
 import re
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import mbdlft
 
 ROOT = Path(__file__).parents[2]
 SOURCES = sorted((ROOT / "mbdlft").rglob("*.py"))
+MOST = 15  # imports of the package in functions
 ROOMS = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE)
 PUBLIC = sorted(name for room in ROOMS for name in import_module(f"mbdlft.{room}").__all__)
 
@@ -124,10 +126,39 @@ def test_functions_have_at_most_60_lines() -> None:
     long = {
         f"{path.relative_to(ROOT / 'mbdlft').as_posix()}:{node.name}"
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _lines(node) > 60
+        for node in functions(path.read_text(encoding="utf-8"))
+        if _lines(node) > 60
     }
     assert not long
+
+
+@cache
+def functions(text: str) -> list[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """All functions of a text, those inside of others too."""
+    found = ast.walk(ast.parse(text))
+    return [node for node in found if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)]
+
+
+def imports_inside(text: str) -> int:
+    """Imports of the package inside functions of a text."""
+    lines = {
+        node.lineno
+        for function in functions(text)
+        for node in ast.walk(function)
+        if (isinstance(node, ast.ImportFrom) and ((node.module or "").startswith("mbdlft") or node.level))
+        or (isinstance(node, ast.Import) and any(name.name.startswith("mbdlft") for name in node.names))
+    }
+    return len(lines)
+
+
+def test_few_functions_import_the_package() -> None:
+    assert (
+        imports_inside("def f():\n    def g():\n        from mbdlft.a import b\n    import mbdlft.c\n")
+        == 2
+    )
+    assert imports_inside("import mbdlft\ndef f():\n    import numpy\n") == 0
+    counts = {str(path): imports_inside(path.read_text(encoding="utf-8")) for path in SOURCES}
+    assert sum(counts.values()) <= MOST, {path: count for path, count in counts.items() if count}
 
 
 def test_lines_of_a_function_count_all_but_its_docstring() -> None:

@@ -66,6 +66,15 @@ def test_values_of_view(place: Path, call: Call) -> None:
     assert '"point":[0.8,2.5]' in text
 
 
+GAIN = """
+format = "mbdlft-matrix/1"
+name = "gain"
+matrix = [["-k", "1"], ["1", "0"]]
+states = 1
+parameters.k = { nominal = 2.0, percent = 20 }
+"""
+
+
 def test_report_of_an_archive_and_of_a_matrix(place: Path, call: Call) -> None:
     pendulum = mbdlft.load_scene(SCENARIOS / "pendulum.toml")
     mbdlft.save("p.h5", mbdlft.to_lft(pendulum, search=0.0, prove=0.0))
@@ -73,8 +82,9 @@ def test_report_of_an_archive_and_of_a_matrix(place: Path, call: Call) -> None:
     assert (code, said.strip()) == (0, "page: told.html")
     text = (place / "told.html").read_text(encoding="utf-8")
     assert "None is stored in p.h5" in text
-    code, said, _ = call("report", str(SCENARIOS / "missile.toml"))
-    assert (code, said.strip()) == (0, "page: missile.html")
+    Path("gain.toml").write_text(GAIN, encoding="utf-8")
+    code, said, _ = call("report", "gain.toml")
+    assert (code, said.strip()) == (0, "page: gain.html")
 
 
 @pytest.mark.usefixtures("place")

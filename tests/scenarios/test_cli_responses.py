@@ -14,7 +14,13 @@ from tests.oscillators import oscillator, spring_and_mass
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
-MISSILE = str(ROOT / "scenarios" / "missile.toml")
+LAG = """
+format = "mbdlft-matrix/1"
+name = "lag"
+matrix = [["-k"]]
+states = 1
+parameters.k = { nominal = 1.0, low = -1.0, high = 3.0 }
+"""
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -73,9 +79,10 @@ def test_poles_of_a_scene_and_of_a_matrix(run) -> None:
     expected = mbdlft.poles(arm, {"theta1": 60.0})[0]
     target([row["real"] for row in found["poles"]], expected.real, CLOSED_FORM)
     assert found["verdict"]["nominal"] == "unstable"
-    missile = json.loads(run("poles", MISSILE, "--json"))
-    assert missile["verdict"]["nominal"] == "stable"
-    assert missile["verdict"]["counterexample"]["Ma"] == 4.0
+    Path("lag.toml").write_text(LAG, encoding="utf-8")
+    lag = json.loads(run("poles", "lag.toml", "--json"))
+    assert lag["verdict"]["nominal"] == "stable"
+    assert lag["verdict"]["counterexample"]["k"] == -1.0
 
 
 def test_response_prints_norms_and_values(run, spring) -> None:

@@ -1,0 +1,11 @@
+"""Seeds of a test: a few in the default run, and more of them in the long one."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import pytest
+
+
+def some(few: Sequence[Any], more: Iterable[Any]) -> list[Any]:
+    """Parameters: `few`, and those of `more` that are not among them, marked as long."""
+    return [*few, *(pytest.param(seed, marks=pytest.mark.long) for seed in more if seed not in few)]
