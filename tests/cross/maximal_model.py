@@ -159,8 +159,7 @@ class _Solved:
         return acting
 
     @cached_property
-    def equilibrium(self) -> tuple[dict[str, Any], dict[tuple[str, int], Any], Values, float]:
-        """Sizes of loads and efforts by name, those of laws, multipliers, what is missed."""
+    def equilibrium(self) -> "_Equilibrium":
         b, known = self.b, dict[str, Any]()
         for link in b.links:
             known |= {law.effort: law.preset for law in link.laws}
@@ -169,39 +168,49 @@ class _Solved:
             known[f"{load.name}.{load.signal.name}"] = None if size is None else b.value(size)
         for axis, a in zip("xyz", b.scene.acceleration, strict=True):
             known[f"ground.acceleration.{axis}"] = None if a == "unknown" else 0
-        left = zeros(self.n)  # what is not balanced yet
+        left = _Sum(self.n)  # what is not balanced yet
         for k, m in enumerate(b.motions):
-            left[6 * k : 6 * k + 6] += b.needed(k, m)
+            left.add(slice(6 * k, 6 * k + 6), np.array(b.needed(k, m), dtype=object))
         for link, rotor in self.rotors:
             now = b.rotor_needs(link, rotor, b.motion(link.parent), b.motion(link.child))
-            left[self._rotor_part(link, rotor)] += now[1 : 1 + len(left[self._rotor_part(link, rotor)])]
-            left += self.at.jacobian[link.name][rotor.coordinate] * now[0]
+            part = self._rotor_part(link, rotor)
+            left.add(part, np.array(now[1:], dtype=object)[: part.stop - (part.start or 0)])
+            left.add(slice(None), self.at.jacobian[link.name][rotor.coordinate] * now[0])
         at_rest = {}
         for link in b.links:
             for i, law in enumerate(link.laws):
                 at_rest[link.name, i] = law.tension - law.damping * law.rate
-                left -= self.at.jacobian[link.name][i] * at_rest[link.name, i]
+                left.add(slice(None), -self.at.jacobian[link.name][i] * at_rest[link.name, i])
         unknown = [name for name, size in known.items() if size is None]
         for name, size in known.items():
             if size is not None:
-                left -= self.acting[name] * size
+                left.add(slice(None), -self.acting[name] * size)
         columns = np.vstack([rows_of([self.acting[name] for name in unknown], self.n), self.G]).T
         chosen, rows = independent(columns.T), independent(columns)
-        solution = zeros(columns.shape[1], 1)
-        solution[chosen] = solve(columns[np.ix_(rows, chosen)], left[rows, None])
-        missed = (left[:, None] - times(columns, solution)).astype(float)
+        solution, sizes = zeros(columns.shape[1], 1), np.zeros((columns.shape[1], 1))
+        right = left.value[rows, None], left.size[rows, None]
+        solution[chosen], sizes[chosen] = _sized(columns[np.ix_(rows, chosen)], right, [])
+        missed = (left.value[:, None] - times(columns, solution)).astype(float)
+        size = {name: abs(float(x)) for name, x in known.items() if x is not None}
+        size |= dict(zip(unknown, sizes[:, 0], strict=False))
         known |= dict(zip(unknown, solution[:, 0], strict=False))
+        forces = {}
         for link in b.links:
             for i, law in enumerate(link.laws):
                 at_rest[link.name, i] += law.gain * known[law.effort]
-        size = max(1.0, np.max(np.abs(left.astype(float)), initial=0.0))
-        multipliers = solution[len(unknown) :, 0].tolist()
-        return known, at_rest, multipliers, float(np.max(np.abs(missed), initial=0.0)) / size
+                add = abs(float(law.gain)) * size[law.effort]
+                forces[link.name, i] = at_rest[link.name, i], abs(float(at_rest[link.name, i])) + add
+        of_constraints = zip(
+            self.held, solution[len(unknown) :, 0], sizes[len(unknown) :, 0], strict=True
+        )
+        forces |= {(x.name, i): (force, its_size) for (x, i), force, its_size in of_constraints}
+        most = max(1.0, np.max(np.abs(left.value.astype(float)), initial=0.0))
+        return _Equilibrium(known, size, forces, float(np.max(np.abs(missed), initial=0.0)) / most)
 
     @cached_property
     def falling(self) -> Bodies:
         """The bodies, once what is unknown of the acceleration of the frame is known."""
-        known = self.equilibrium[0]
+        known = self.equilibrium.loads
         self.b.fall = self.b.fall + vector([known[f"ground.acceleration.{axis}"] for axis in "xyz"])
         return self.b
 
@@ -215,30 +224,29 @@ class _Solved:
         return slopes
 
     @cached_property
-    def slopes(self) -> np.ndarray:
+    def slopes(self) -> "_Sum":
         """Slopes (n, 3 n) of what the motion needs, less what acts."""
-        known, at_rest, multipliers, _ = self.equilibrium
-        b, slopes = self.falling, zeros(self.n, 3 * self.n)
+        at, b, slopes = self.equilibrium, self.falling, _Sum(self.n, 3 * self.n)
         for k in range(len(b.motions)):
-            slopes[6 * k : 6 * k + 6] += self.at.of_body(lambda m, k=k: b.needed(k, m), k)
+            part = slice(6 * k, 6 * k + 6)
+            slopes.add(part, self.at.of_body(lambda m, k=k: b.needed(k, m), k))
         for (link, rotor), by in zip(self.rotors, self.rotor_slopes, strict=True):
             part = self._rotor_part(link, rotor)
-            slopes[part] += by[1 : 1 + len(slopes[part])]
+            slopes.add(part, by[1 : 1 + part.stop - (part.start or 0)])
         for link in b.links:
             for i in range(len(link.laws)):
-                slopes += self.at.jacobian[link.name][i][:, None] * self.law_slopes(link, i)
-        forces = [*at_rest.items(), *(((x.name, i), f) for (x, i), f in self._multiplied(multipliers))]
-        for (name, i), force in forces:
-            slopes[:, : self.n] -= self.at.bent[name][i] * force
+                law = self.at.jacobian[link.name][i][:, None] * self.law_slopes(link, i)
+                slopes.add(slice(None), law)
+        for (name, i), (force, size) in at.forces.items():
+            bent = np.hstack([self.at.bent[name][i], zeros(self.n, 2 * self.n)])
+            slopes.add(slice(None), -bent * force, np.abs(bent.astype(float)) * size)
         for load in self.loads.values():
-            k = b.port(load.port)[0]
+            k, name = b.port(load.port)[0], f"{load.name}.{load.signal.name}"
             if k >= 0:
                 by = self.at.of_body(lambda m, x=load: b.pushed(x, m), k)
-                slopes[6 * k : 6 * k + 6] -= by * known[f"{load.name}.{load.signal.name}"]
+                size = np.abs(by.astype(float)) * at.sizes[name]
+                slopes.add(slice(6 * k, 6 * k + 6), -by * at.loads[name], size)
         return slopes
-
-    def _multiplied(self, multipliers: Values) -> list[tuple[Pair, Any]]:
-        return list(zip(self.held, multipliers, strict=True))
 
     # motions ------------------------------------------------------------------------------------
 
@@ -263,9 +271,10 @@ class _Solved:
         nz, none = len(self.place), zeros(len(self.held), len(self.place))
         tops = [rows_of([self.unit(x.laws[i].measures[k]) for x, i in chosen], nz) for k in (0, 1)]
         (by_x, _, _), turning = (self.at.rows(k, self.held + chosen) for k in (0, 1))
-        x = _sized(by_x, np.vstack([none, tops[0]]), [])
-        v = _sized(turning[1], np.vstack([none, tops[1]]), [(turning[0], x)])
-        K, D, M = np.split(self.slopes, 3, axis=1)
+        x = _sized(by_x, _plain(np.vstack([none, tops[0]])), [])
+        v = _sized(turning[1], _plain(np.vstack([none, tops[1]])), [(*_plain(turning[0]), x)])
+        K, D, M = np.split(self.slopes.value, 3, axis=1)
+        K_size, D_size, _ = np.split(self.slopes.size, 3, axis=1)
         by_x, by_v, by_a = self.at.rows(2, self.held + self.imposed)
         pushes = rows_of([self.at.jacobian[x.name][i] for x, i in self.imposed], self.n)
         corner = zeros(len(by_a), len(by_a))
@@ -275,8 +284,10 @@ class _Solved:
             if signal.name in self.acting and signal.name not in self._efforts_imposed():
                 acting[:, self.place[signal.name]] = self.acting[signal.name]
         given = rows_of([self.unit(x.laws[i].measures[2]) for x, i in self.imposed], nz)
-        right = np.vstack([acting, none, given])
-        a = _sized(matrix, right, [(np.vstack([K, by_x]), x), (np.vstack([D, by_v]), v)])
+        right = _plain(np.vstack([acting, none, given]))
+        of_x, of_v = (np.vstack([K_size, _plain(by_x)[1]]), np.vstack([D_size, _plain(by_v)[1]]))
+        less = [(np.vstack([K, by_x]), of_x, x), (np.vstack([D, by_v]), of_v, v)]
+        a = _sized(matrix, right, less)
         z = rows_of([self.unit(name) for name in self.place], nz)
         return np.vstack([x[0], v[0], a[0], z]), np.vstack([x[1], v[1], a[1], z.astype(float)])
 
@@ -304,11 +315,10 @@ class _Solved:
             is_measure = signal.name in measures
             rows.append(self._measured(*measures[signal.name]) if is_measure else sensed[signal.name])
         whole = rows_of(rows, len(moves))
-        known, _, _, missed = self.equilibrium
-        asked = {s.name for s in self.model.trim.signals}
-        trim = {name: float(size) for name, size in known.items() if name in asked}
+        asked, at = {s.name for s in self.model.trim.signals}, self.equilibrium
+        trim = {name: float(size) for name, size in at.loads.items() if name in asked}
         doubles = np.abs(whole.astype(float))
-        return Truth(times(whole, moves).astype(float), doubles @ sizes, trim, missed)
+        return Truth(times(whole, moves).astype(float), doubles @ sizes, trim, at.missed)
 
     # rows of outputs by [x ; v ; a ; lambda ; e ; z] ---------------------------------------
 
@@ -384,14 +394,15 @@ class _Solved:
     def _wrench(self, link: Link) -> np.ndarray:
         """Force and torque (6, .) of a joint on its child about the port, in the child's axes."""
         b, n, part = self.b, self.n, slice(6 * link.child, 6 * link.child + 6)
-        _, at_rest, multipliers, _ = self.equilibrium
         J, bent = self.at.jacobian[link.name], self.at.bent[link.name]
         rows, start = self._row(6), zeros(6)
-        for k, ((x, i), force) in enumerate(self._multiplied(multipliers)):
-            if x is link:
+        for (name, i), (force, _) in self.equilibrium.forces.items():
+            if name == link.name:
                 start += J[i][part] * force
-                rows[:, 3 * n + k] += J[i][part]
                 rows[:, :n] += bent[i][part] * force
+        for k, (x, i) in enumerate(self.held):
+            if x is link:
+                rows[:, 3 * n + k] += J[i][part]
         first = 3 * n + len(self.held)
         for i, law in enumerate(link.laws):
             acts = self._row(1)[0]
@@ -400,9 +411,7 @@ class _Solved:
                 acts[first + [x is link and k == i for x, k in self.imposed].index(True)] = flint.arb(1)
             else:
                 acts[-len(self.place) :] = self.unit(law.effort) * law.gain
-            start += J[i][part] * at_rest[link.name, i]
             rows += J[i][part, None] * acts
-            rows[:, :n] += bent[i][part] * at_rest[link.name, i]
         C = b.motion(link.child)
         for (x, rotor), by in zip(self.rotors, self.rotor_slopes, strict=True):
             if x is link and not rotor.on_parent:
@@ -418,15 +427,39 @@ class _Solved:
         return np.vstack([times(back, rows[:3]), times(back, rows[3:])])
 
 
-Sized = tuple[np.ndarray, np.ndarray]
+class _Sum:
+    """A sum and its size if nothing cancelled."""
+
+    def __init__(self, *shape: int) -> None:
+        self.value, self.size = zeros(*shape), np.zeros(shape)
+
+    def add(self, part: slice, term: np.ndarray, size: np.ndarray | None = None) -> None:
+        self.value[part] += term
+        self.size[part] += np.abs(term.astype(float)) if size is None else size
 
 
-def _sized(matrix: np.ndarray, right: np.ndarray, less: list[tuple[np.ndarray, Sized]]) -> Sized:
+class _Equilibrium(NamedTuple):
+    """Loads and their sizes by name, forces of links with their sizes, what is missed (relative)."""
+
+    loads: dict[str, Any]
+    sizes: dict[str, float]
+    forces: dict[tuple[str, int], tuple[Any, float]]
+    missed: float
+
+
+Sized = tuple[np.ndarray, np.ndarray]  # values and sizes
+
+
+def _plain(values: np.ndarray) -> Sized:
+    return values, np.abs(values.astype(float))
+
+
+def _sized(matrix: np.ndarray, sides: Sized, less: list[tuple[np.ndarray, np.ndarray, Sized]]) -> Sized:
     """matrix^-1 (right - sum of products), and its size if nothing cancelled (Skeel 1979)."""
-    size = np.abs(right.astype(float))
-    for factor, (value, its_size) in less:
+    right, size = sides
+    for factor, its_size, (value, size_of_value) in less:
         right = right - times(factor, value)
-        size = size + np.abs(factor.astype(float)) @ its_size
+        size = size + its_size @ size_of_value
     solution, doubles = solve(matrix, right), matrix.astype(float)
     of_matrix = np.abs(doubles) @ np.abs(solution.astype(float))
     return solution, np.abs(np.linalg.inv(doubles)) @ (of_matrix + size)
