@@ -2,7 +2,7 @@
 
 `tests/cross/mixed_mechanisms.py` draws trees and all kinds of closed loops with rotors at steady rates,
 centers of mass anywhere, gears, springs, struts, imposed motions and frames that spin. Each entry is
-right to a hundred roundings of its terms and of the LFT, and to 1e-10 of itself unless those are far larger.
+right to a hundred roundings of its terms and of the LFT, and to 1e-10 where those are not far larger.
 """
 
 from pathlib import Path

@@ -39,6 +39,8 @@ from tests.cross.poses import (
     zeros,
 )
 
+BALL = 1e-25  # of a value: what its 512 bits have lost
+
 
 class Truth(NamedTuple):
     """[A B ; C D] at one point, sizes of its terms, and the trim by name; what it misses, relative."""
@@ -109,7 +111,8 @@ class _Around:
 
 
 def _quotients(before: Values, after: Values) -> Values:
-    return [(y - x) / STEP for x, y in zip(before, after, strict=True)]
+    # balls would grow in what is solved with them: numbers go on, whose errors are those of the step
+    return [flint.arb(((y - x) / STEP).mid()) for x, y in zip(before, after, strict=True)]
 
 
 class _Solved:
@@ -317,8 +320,9 @@ class _Solved:
         whole = rows_of(rows, len(moves))
         asked, at = {s.name for s in self.model.trim.signals}, self.equilibrium
         trim = {name: float(size) for name, size in at.loads.items() if name in asked}
-        doubles = np.abs(whole.astype(float))
-        return Truth(times(whole, moves).astype(float), doubles @ sizes, trim, at.missed)
+        doubles, values = np.abs(whole.astype(float)), times(whole, moves)
+        assert all(x.rad() < BALL for x in values.ravel()), "too few bits"
+        return Truth(values.astype(float), doubles @ sizes, trim, at.missed)
 
     # rows of outputs by [x ; v ; a ; lambda ; e ; z] ---------------------------------------
 

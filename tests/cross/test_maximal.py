@@ -48,14 +48,7 @@ def geared_wheel() -> mbdlft.Scene:
             ),
         ],
         sensors=[mbdlft.Momentum(name="whole"), mbdlft.JointWrench(name="cut", joint="cross")],
-        outputs=[
-            "motor.rate",
-            "whole.angular.x",
-            "whole.linear.y",
-            "cut.torque.x",
-            "cut.force.z",
-            "imu.y",
-        ],
+        outputs=["motor.rate", "whole.angular.x", "whole.linear.y", "cut.torque.x", "cut.force.z"],
     )
 
 
