@@ -260,13 +260,10 @@ def attribute_names(item: Any) -> list[str]:
 def _attribute_spec(item: Any, path: str, name: str) -> layout.Spec:
     """Type and shape of an attribute."""
     attribute = h5a.open(item.id, name.encode("utf-8"))
+    is_null = attribute.get_space().get_simple_extent_type() == h5py.h5s.NULL
     called = f"{path}@{name}"
-    return layout.Spec(_type(called, attribute.get_type()), _shape(called, _dataspace(attribute)))
-
-
-def _dataspace(attribute: Any) -> tuple[int, ...] | None:
-    space = attribute.get_space()
-    return None if space.get_simple_extent_type() == h5py.h5s.NULL else attribute.shape
+    shape = _shape(called, None if is_null else attribute.shape)
+    return layout.Spec(_type(called, attribute.get_type()), shape)
 
 
 def _blocks(rows: slice, count: int, size: int) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbdlft.archive import layout
 from mbdlft.archive.hdf5 import FAILURES
-from mbdlft.archive.program import program_of_items, program_values, theta_of_items, theta_values
+from mbdlft.archive.program import coded, program_of_items, theta_of_items, theta_values
 from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
@@ -50,8 +50,9 @@ def items_of_model(model: System | DeltaThetaModel) -> layout.Items:
         values |= _certificate_values(model.certificate)
         values |= layout.of_fields("provenance", kind, model.provenance)
         values["provenance@scene"] = _POINTER
-        if model.known_program is not None:
-            values |= program_values(model.known_program)
+        if (known := model.known_program) is not None:
+            program = coded(known.program, known.row)
+            values |= {f"program/{name}": array for name, array in program.items()}
     return layout.with_digest(layout.encode(kind, values))
 
 

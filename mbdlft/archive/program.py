@@ -54,11 +54,6 @@ _WORK = 1e9  # products for that, about: a second at most
 _ITEMS = ("operation", "left", "right", "numbers", "result", "pivots")
 
 
-def program_values(known: ModelProgram) -> dict[str, Any]:
-    """A program of a model as values by path."""
-    return {f"program/{name}": array for name, array in coded(known.program, known.row).items()}
-
-
 def coded(program: Program, row: Array) -> Items:
     """A program whose entries have the places (0, k) of a row, as arrays.
 

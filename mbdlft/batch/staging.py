@@ -67,15 +67,6 @@ class Work:
         return min(self.shard_rows, self.count - shard * self.shard_rows)
 
 
-def work_of(definition: Scene | LFTModel, samples: Samples, extra: Extra) -> Work:
-    """The work of a sweep in shards of whole chunks, small enough for memory and for regular progress."""
-    source = source_of(definition)
-    width = extra.layout(source.layout).width
-    block = source.chunk * max(1, min(_BLOCK_ROWS, _SHARD_ROWS) // source.chunk)
-    most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * width))
-    return Work(source, samples, extra, block, block * max(1, most // block))
-
-
 def points_at(work: Work, shard: int) -> Array:
     """Samples (n, n_p) of a shard."""
     start = shard * work.shard_rows
@@ -109,8 +100,14 @@ def rows_at(source: Source, chunk: int, extra: Extra, points: Array) -> Array:
 def prepare(
     folder: Path, definition: Scene | LFTModel, samples: Samples, extra: Extra, *, restart: bool
 ) -> Work:
-    """Make the folder of a sweep, or continue with that of the same sweep."""
-    work = work_of(definition, samples, extra)
+    """Make the folder of a sweep, or continue with that of the same sweep.
+
+    Shards are whole chunks, small enough for memory and for regular progress.
+    """
+    source = source_of(definition)
+    block = source.chunk * max(1, min(_BLOCK_ROWS, _SHARD_ROWS) // source.chunk)
+    most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * extra.layout(source.layout).width))
+    work = Work(source, samples, extra, block, block * max(1, most // block))
     plan = {
         "mbdlft": version("mbdlft"),
         "source": "model" if isinstance(definition, LFTModel) else "scene",

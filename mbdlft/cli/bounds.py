@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections import defaultdict
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
@@ -15,7 +14,7 @@ from mbdlft import analyze, show
 from mbdlft import archive as archives
 from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError
-from mbdlft.cli import options
+from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_json, print_table, progress_of, say
 from mbdlft.cli.responses import chosen_channels
 
@@ -228,14 +227,9 @@ def _print(system: "System", bounds: "Bounds", wrong: str) -> None:
             f"{2.0 * math.pi / bounds.frequency:.6g} s"
         )
     if bounds.worst:
-        units = {p.name: p.unit for p in system.parameters}
         near = f" at {bounds.frequency:.6g} rad/s" if math.isfinite(bounds.frequency) else ""
         title = f"worst case: {bounds.reached:.6g}{near}"
-        delta, share = (defaultdict(float, of) for of in (bounds.delta, bounds.sensitivity))
-        rows = (
-            (name, f"{value:.6g}", units[name], f"{delta[name]:.4f}", f"{share[name]:.3f}")
-            for name, value in bounds.worst.items()
-        )
+        rows = rooms.content.worst_rows(system, bounds)
         print_table(title, "parameter | value > | unit | delta > | share >", rows)
     if bounds.reason:
         say(f"why not more: {bounds.reason}")

@@ -156,8 +156,8 @@ def export(
     counts = _counts(grid)
     rooms.exports.check_suffix(output, grid=counts is not None)
     file, name = _parts(source)
-    model = options.load_model(file, name)
     archive = file if options.is_archive(file) else None
+    model = options.load_system(file, name) if archive is None else archives.load(file, name)
     files = rooms.exports.export_model(output, model, counts, archive)
     print_files(*(("file", path) for path in files), as_json=as_json)
 

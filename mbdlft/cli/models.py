@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
+from mbdlft import analyze, batch, matrix, modelica, multibody, problem
 from mbdlft import archive as archives
-from mbdlft import batch, matrix, modelica, multibody, problem
 from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.cli import options, rooms
@@ -24,7 +24,7 @@ from mbdlft.cli.output import (
     say,
     signals_data,
 )
-from mbdlft.cli.responses import KINDS, OVER, draw, poles_data, print_poles
+from mbdlft.cli.responses import KINDS, OVER, draw, modes_data, print_poles
 from mbdlft.cli.scenes import efforts_data, print_efforts
 
 if TYPE_CHECKING:
@@ -170,7 +170,7 @@ def _model_data(model: "LFTModel") -> dict[str, Any]:
         "sign_changes": c.sign_changes if c.condition else None,
         "rounding_ratio": c.rounding_ratio if c.condition else None,
         "open_boxes": [[list(ends) for ends in box] for box in c.open_boxes],
-        **poles_data(model),
+        **modes_data(analyze.damping_table(model)),
     }
 
 

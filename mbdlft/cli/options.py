@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from mbdlft.dae import Dae
     from mbdlft.modelica import ModelicaReport, ModelicaTable
     from mbdlft.multibody import Scene
-    from mbdlft.system import DeltaThetaModel, LFTModel, System
+    from mbdlft.system import LFTModel, System
 
     ModelicaFile = tuple[Dae, ModelicaReport, ModelicaTable]
 
@@ -200,13 +200,6 @@ def modelica_model(
     times.append(time.perf_counter())
     stages = zip(("read", "trim", "linearize"), itertools.pairwise(times), strict=True)
     return model, {stage: b - a for stage, (a, b) in stages}, str(report).splitlines()
-
-
-def load_model(file: Path, name: str | None = None) -> "System | DeltaThetaModel":
-    """As `load_system`, with nonlinear functions where an archive has them."""
-    if is_archive(file):
-        return cast("System | DeltaThetaModel", archives.load(file, name))
-    return load_system(file, name)
 
 
 def load_system(file: Path, name: str | None = None) -> "System":

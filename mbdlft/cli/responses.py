@@ -66,18 +66,17 @@ def response(
 
 def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
     """Draw a figure of one of the `KINDS`, if need be over a parameter."""
-    if kind == "poles":
-        show.save_pole_map(figure, system, over, seed)
-    elif kind == "trim":
-        show.save_trims(figure, system, over, seed)
+    if kind in OVER:
+        {"poles": show.save_pole_map, "trim": show.save_trims}[kind](figure, system, over, seed)
     elif kind == "order":
         show.save_orders(figure, system)
-    elif kind == "bode":
-        show.save_bode(figure, system, seed)
-    elif kind == "step":
-        show.save_step(figure, system, seed)
     else:
-        show.save_singular_values(figure, system, seed)
+        kinds: dict[str, Any] = {
+            "bode": show.save_bode,
+            "step": show.save_step,
+            "sigma": show.save_singular_values,
+        }
+        kinds[kind](figure, system, seed)
 
 
 def _known(system: "System") -> str:
@@ -230,7 +229,7 @@ def poles(
         verdict = analyze.check_stability(system, samples, seed, prove=prove)
     try:
         if as_json:
-            data = {"name": system.name, "point": point, **_modes_data(modes)}
+            data = {"name": system.name, "point": point, **modes_data(modes)}
             data["zeros"] = None if at_zero is None else [_parts(z) for z in at_zero]
             print_json({**data, "verdict": _verdict_data(verdict)})
         else:
@@ -296,13 +295,8 @@ def print_poles(system: "System") -> None:
         say("not asymptotically stable at nominal: poles are on the axis")
 
 
-def poles_data(system: "System") -> dict[str, Any]:
-    """Poles at nominal as plain data, for JSON."""
-    return _modes_data(analyze.damping_table(system))
-
-
-def _modes_data(modes: "DampingTable") -> dict[str, Any]:
-    """Poles as plain data."""
+def modes_data(modes: "DampingTable") -> dict[str, Any]:
+    """Poles as plain data, for JSON."""
     numbers = ("natural_frequency", "frequency", "damping", "time_constant")
     poles = [
         {**_parts(row.pole), **{name: getattr(row, name) for name in numbers}, "on_axis": row.on_axis}

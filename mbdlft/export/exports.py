@@ -26,7 +26,7 @@ from mbdlft.export.matlab import (
     cells,
     column,
     items_of_matlab,
-    items_of_theta_matlab,
+    items_of_theta,
     m_texts,
     matlab_image,
     rates_text,
@@ -133,12 +133,11 @@ def _matlab(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
         )
     linear: System = model.linear if isinstance(model, DeltaThetaModel) else model
     script, evaluation = m_texts(linear, stem)
+    items = items_of_matlab(linear)
     texts = {file.with_suffix(".m"): script, file.with_name(f"{stem}_at.m"): evaluation}
     if isinstance(model, DeltaThetaModel):
-        items = items_of_theta_matlab(model)
+        items["theta"] = items_of_theta(model)
         texts[file.with_name(f"{stem}_rates.m")] = rates_text(model, stem)
-    else:
-        items = items_of_matlab(linear)
     return {file: matlab_image(items), **{path: t.encode() for path, t in texts.items()}}
 
 

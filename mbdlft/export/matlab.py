@@ -17,7 +17,6 @@ from mbdlft.base.parameter import DIVISORS, Parameter, to_internal
 from mbdlft.base.unit import Signal
 from mbdlft.dae.text import SYMBOLIC, column_of, formula_of
 from mbdlft.export.names import (
-    Places,
     check_different,
     filled,
     identifier,
@@ -163,13 +162,9 @@ def table_of(model: System, begin: str, shown: dict[str, str] | None = None) -> 
     return [f"{begin}{one_line(line)}".rstrip() for line in lines]
 
 
-def items_of_theta_matlab(model: DeltaThetaModel) -> dict[str, Any]:
-    """Variables of the .mat file: those of the linear part, and the structure `theta`."""
+def items_of_theta(model: DeltaThetaModel) -> dict[str, Any]:
+    """The structure `theta` of a .mat file, beside the variables of the linear part."""
     places = places_of(model, "MATLAB")
-    return {**items_of_matlab(model.linear), "theta": _items(model, places)}
-
-
-def _items(model: DeltaThetaModel, places: Places) -> dict[str, Any]:
     tables = [table for f in model.functions for table in f.tables]
     kind = [(name, object) for name in ("breakpoint", "value", "below", "above", "slope")]
     table_records = np.zeros((len(tables), 1), dtype=kind)

@@ -226,7 +226,7 @@ class Need:
 
     def of(self, matrices: Array) -> Array:
         """[A B ; C D] (N, ., .) of the kept states, from those of all states."""
-        if self._keeps_all:
+        if len(self.states) == len(self.seen):
             return matrices
         rows, columns = self.kept(*matrices.shape[1:])
         kept_entries: Array = matrices[:, rows[:, None], columns]
@@ -246,10 +246,6 @@ class Need:
         unseen = size[np.ix_(seen_rows, np.flatnonzero(~self.seen))]
         undriven = size[np.ix_(np.flatnonzero(~self.driven), driven_columns)]
         return float(max(np.max(unseen, initial=0.0), np.max(undriven, initial=0.0)))
-
-    @property
-    def _keeps_all(self) -> bool:
-        return len(self.states) == len(self.seen)
 
     def kept(self, rows: int, columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns that are kept of [A B ; C D] with so many."""

@@ -314,20 +314,19 @@ def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, 
     """The analyses that are stored beside the model."""
     worst = []
     for name, system, bounds in analyses:
-        units = {p.name: p.unit for p in system.parameters}
-        rows = tuple(
-            (
-                parameter,
-                short(value),
-                units.get(parameter, ""),
-                _delta(bounds.delta.get(parameter, 0.0)),
-                f"{bounds.sensitivity.get(parameter, 0.0):.3f}",
-            )
-            for parameter, value in bounds.worst.items()
-        )
         wrong = verify(system, bounds)
-        worst.append(Worst(name, not wrong, tuple(_said(bounds, wrong)), rows))
+        worst.append(Worst(name, not wrong, tuple(_said(bounds, wrong)), worst_rows(system, bounds)))
     return tuple(worst)
+
+
+def worst_rows(system: System, bounds: Bounds) -> tuple[tuple[str, str, str, str, str], ...]:
+    """Of each parameter its value in the worst case, unit, delta, and share of the sensitivity."""
+    units = {p.name: p.unit for p in system.parameters}
+    share, delta = bounds.sensitivity, bounds.delta
+    return tuple(
+        (name, short(value), units[name], _delta(delta.get(name, 0.0)), f"{share.get(name, 0.0):.3f}")
+        for name, value in bounds.worst.items()
+    )
 
 
 def _delta(value: object) -> str:

@@ -1,7 +1,6 @@
 """The report of a model: one page without scripts, which a browser shows and prints."""
 
 import base64
-import importlib.metadata
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ from mbdlft.robust.evidence import Bounds
 from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
 from mbdlft.show.report import content
-from mbdlft.show.viewer.page import Page, View, scene_of, scene_pictures
+from mbdlft.show.viewer.page import Page, View, rendered, scene_of, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
@@ -47,26 +46,16 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
     ArchiveError
         The archive cannot be read.
     """
-    import jinja2
-    from markupsafe import Markup
-
     if not isinstance(model, System):
         raise AnalysisError(
             f"report: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
             "one of a scene."
         )
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_FOLDER),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     trim, points = content.trim_rows(model)
-    html = environment.get_template("report.html").render(
+    html = rendered(
+        _FOLDER / "report.html",
+        _FOLDER / "report.css",
         model=model,
-        version=importlib.metadata.version("mbdlft"),
-        style=Markup((_FOLDER / "report.css").read_text(encoding="utf-8")),
         pictures=_pictures(model),
         verdict=content.verdict_sentence(model),
         parameters=content.parameter_rows(model),

@@ -116,16 +116,7 @@ class _Sheet:
 
 
 def scene_picture(scene: Scene, azimuth: float = 0.9, height: float = 0.35, *, names: bool = True) -> str:
-    """The picture of a scene at nominal and at equilibrium, as an SVG element.
-
-    Parameters
-    ----------
-    scene : Scene
-    azimuth, height : float
-        Where the eye is (rad): about the vertical, from x; and above the horizon.
-    names : bool
-        Whether joints, bodies, loads and sensors have their names.
-    """
+    """The picture of a scene at nominal and at equilibrium, as an SVG element; arguments as of `View`."""
     return scene_pictures(scene, [View(azimuth, height, names)])[0]
 
 
@@ -330,12 +321,8 @@ def view(
 
 def _filled(data: Mapping[str, Any], library: str, version: str) -> str:
     """The page with its data; what a scene says is text and never markup."""
-    import jinja2
     from markupsafe import Markup
 
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_FOLDER), autoescape=True, undefined=jinja2.StrictUndefined
-    )
     try:
         text = json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     except ValueError:
@@ -345,14 +332,33 @@ def _filled(data: Mapping[str, Any], library: str, version: str) -> str:
         ) from None
     for letter in "<>&":  # no text of a scene can end the element
         text = text.replace(letter, f"\\u{ord(letter):04x}")
-    return environment.get_template("page.html").render(
+    return rendered(
+        _FOLDER / "page.html",
+        _FOLDER / "style.css",
         data=data,
         data_text=Markup(text),
-        style=Markup((_FOLDER / "style.css").read_text(encoding="utf-8")),
         scripts=[Markup((_FOLDER / name).read_text(encoding="utf-8")) for name in _SCRIPTS],
         library=Markup(library),
         library_version=version,
+    )
+
+
+def rendered(template: Path, style: Path, **entries: Any) -> str:
+    """A page of a template and a style, with its entries; what a user has written is never markup."""
+    import jinja2
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(template.parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template.name).render(
+        style=Markup(style.read_text(encoding="utf-8")),
         version=importlib.metadata.version("mbdlft"),
+        **entries,
     )
 
 
