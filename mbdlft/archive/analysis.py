@@ -17,9 +17,8 @@ from mbdlft.archive.archive import (
     rewrite,
     save,
 )
-from mbdlft.archive.hdf5 import Part, write_items
+from mbdlft.archive.hdf5 import Part, Request, write_items
 from mbdlft.archive.model import items_of_model
-from mbdlft.archive.reading import Request
 from mbdlft.base.errors import ArchiveError
 from mbdlft.robust.evidence import (
     Bounds,

@@ -21,7 +21,7 @@ import h5py
 
 from mbdlft.archive import hdf5
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
-from mbdlft.archive.reading import LARGE, Request, ask, image_of, said_of, seal_file, sealed
+from mbdlft.archive.reading import LARGE, ask, image_of, said_of, seal_file, sealed
 from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
@@ -149,7 +149,7 @@ def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
     image = image_of(old)
     parent, _, name = replaced.partition("/")
     try:
-        ask(old, Request("copy", parent, name=name))  # where the library may fail
+        ask(old, hdf5.Request("copy", parent, name=name))  # where the library may fail
     except ArchiveError as error:
         raise ArchiveError(
             str(error).replace(f"{old}: ", f"{file}: ", 1) + " Nothing is written."
@@ -190,14 +190,14 @@ def load(path: str | Path, name: str | None = None, *, limit: int = LIMIT, isola
         The file is missing, truncated, changed, foreign or newer, or the model is missing or incomplete,
         or its numbers do not agree.
     """
-    request = Request("read", "models", "model", name, KINDS, limit)
+    request = hdf5.Request("read", "models", "model", name, KINDS, limit)
     return read_one(
         Path(path), request, lambda part, key: model_of_items(part.items, key), isolated=isolated
     )
 
 
 def read_one(
-    file: Path, request: Request, make: Callable[[hdf5.Part, str], Made], *, isolated: bool = False
+    file: Path, request: hdf5.Request, make: Callable[[hdf5.Part, str], Made], *, isolated: bool = False
 ) -> Made:
     """What is made of one member of an archive and of its name."""
     if request.name is not None and not isinstance(request.name, str):
@@ -226,7 +226,7 @@ def model_names(path: str | Path) -> tuple[str, ...]:
 
 def names_in(file: Path, parent: str) -> tuple[str, ...]:
     """Sorted names of the members of a group of an archive."""
-    return ask(file, Request("names", parent)).names
+    return ask(file, hdf5.Request("names", parent)).names
 
 
 def _size(file: Path) -> int:

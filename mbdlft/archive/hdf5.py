@@ -49,6 +49,20 @@ class LongTextError(Exception):
     """Text of variable length is met, which only the helper reads: the library can loop on its heap."""
 
 
+class Request(NamedTuple):
+    """What is asked of a file: the names in a group, a member of it, or whether it can be copied."""
+
+    what: str  # names, read, copy
+    parent: str
+    kind: str = ""  # what messages call a member: model, sweep
+    name: str | None = None
+    kinds: tuple[str, ...] = ()
+    limit: int = 2**30
+    start: int | None = None
+    stop: int | None = None
+    long_text: bool = True  # whether text of variable length may be read here
+
+
 class Part(NamedTuple):
     """The items of a group; of a sweep the rows from `first`, and how many it has in `total`."""
 
@@ -70,27 +84,18 @@ def member_names(archive: Any, parent: str) -> list[str]:
     return sorted(names)
 
 
-def read_group(
-    archive: Any,
-    parent: str,
-    name: str,
-    kinds: tuple[str, ...],
-    limit: int,
-    rows: slice,
-    *,
-    long_text: bool,
-) -> Part:
-    """The items of a group such as ``/models/arm``; of a sweep, whole blocks that have the `rows`."""
-    group = member(member(archive, parent), name)
+def read_group(archive: Any, request: Request, name: str) -> Part:
+    """The items of a group such as ``/models/arm``; of a sweep, whole blocks that have its rows."""
+    group = member(member(archive, request.parent), name)
     if not isinstance(group, h5py.Group):
         raise ArchiveError(f"{group.name} is not a group.")
     objects = dict(_items_of(group))
-    if not long_text and any(spec.type == _LONG_TEXT for _, spec in objects.values()):
+    if not request.long_text and any(spec.type == _LONG_TEXT for _, spec in objects.values()):
         raise LongTextError
     heads = {path: _attribute(objects[path][0], path) for path in objects if path[:1] == "@"}
     kind = _word(heads.get("@encoding_type"))
     written = _word(heads.get("@encoding_version"))
-    version = layout.encoding_of(kind, written, kinds)
+    version = layout.encoding_of(kind, written, request.kinds)
     specs = {path: spec for path, (_, spec) in objects.items()}
     if version == "1.0":
         specs = {
@@ -104,8 +109,8 @@ def read_group(
     if kind == layout.SWEEP_TYPE:
         count = specs["status"].shape[0]
         size = int(heads[layout.BLOCK_ROWS][()]) if version != "1.0" else 1
-        first, stop = _blocks(rows, count, size)
-    total, items = 0, {}
+        first, stop = _blocks(slice(request.start, request.stop), count, size)
+    total, items, limit = 0, {}, request.limit
     for path, (item, _) in objects.items():
         rows_read = slice(first, stop) if kind == layout.SWEEP_TYPE and path in layout.ROWS else None
         total += _bytes(item, path, rows_read, limit)

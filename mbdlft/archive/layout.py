@@ -92,10 +92,10 @@ _EVIDENCE = """
     certificate/order certificate/lower_bound certificate/raw_order: int64 p
     certificate/doubtful?: int64 p
     certificate@max_relative_error: float64
-    certificate@truncation_error? certificate@fit_error_bound? certificate@condition?: float64
+    certificate@truncation_error? certificate@fit_error_bound?: float64
     certificate@rounding_ratio?: float64
     certificate@check_points certificate@seed: int64
-    certificate@order_bound? certificate@sign_changes?: int64
+    certificate@order_bound?: int64
     certificate@exact certificate@exact_bound?: bool
     provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py: text
     provenance@created: text
@@ -110,8 +110,6 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     provenance/scene: uint8 characters
     certificate@well_posed: text
     certificate/open?: float64 open p 2
-    certificate@transfer_error?: float64
-    certificate/frequencies?: float64 frequency
     certificate/by_terms?: int64 by_terms 2
     certificate/near?: text near
     certificate/evidence/number certificate/evidence/basis: text evidence
@@ -214,7 +212,13 @@ _FORM = """
     form/outputs?: text y
 """
 # what a group needs, by type and version: all of "", and of the others what it has the beginning of
-_MODEL_PARTS = {"theta/": _THETA, "theta/table": _TABLES, "program/": _PROGRAM}
+_CONDITION = "certificate@condition: float64\ncertificate@sign_changes: int64"
+_TRANSFERS = "certificate/frequencies: float64 frequency\ncertificate@transfer_error: float64"
+_MODEL_PARTS = {
+    **dict.fromkeys(("certificate@condition", "certificate@sign_changes"), _CONDITION),
+    **dict.fromkeys(("certificate/frequencies", "certificate@transfer_error"), _TRANSFERS),
+    **{"theta/": _THETA, "theta/table": _TABLES, "program/": _PROGRAM},
+}
 _SWEEP_PARTS = {
     "poles/": "poles/real poles/imaginary: float N x",
     "function/": "function/name: text f\nfunction/value: float N f",

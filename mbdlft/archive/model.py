@@ -255,16 +255,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
 
 def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
     """The certificate; `sizes` are the repetitions of the parameters in the model."""
-    attributes = {path.partition("@")[2] for path in items if path.startswith("certificate@")}
-    if ("condition" in attributes) != ("sign_changes" in attributes):
-        raise ArchiveError(
-            "is not whole: 'condition' and 'sign_changes' of 'certificate': one is missing."
-        )
-    has_frequencies = "certificate/frequencies" in items
-    if ("transfer_error" in attributes) != has_frequencies:
-        absent = ("'certificate/frequencies'", "'transfer_error' of 'certificate'")
-        raise ArchiveError(f"is not whole: {absent[has_frequencies]} is missing.")
-    if not items["certificate@exact"] and "truncation_error" not in attributes:
+    if not items["certificate@exact"] and "certificate@truncation_error" not in items:
         # the first files do not have it; what is in them is exact
         raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []

@@ -32,19 +32,6 @@ _NAMES, _ROWS = "/names", "/rows"  # beside the paths of items, which do not beg
 _READER = Worker({"HDF5_USE_FILE_LOCKING": "FALSE"}, plain=True)
 
 
-class Request(NamedTuple):
-    """What is asked of a file: the names in a group, a member of it, or whether it can be copied."""
-
-    what: str  # names, read, copy
-    parent: str
-    kind: str = ""  # what messages call a member: model, sweep
-    name: str | None = None
-    kinds: tuple[str, ...] = ()
-    limit: int = 2**30
-    start: int | None = None
-    stop: int | None = None
-
-
 class Answer(NamedTuple):
     """Names of members, or the name of one with its items."""
 
@@ -52,13 +39,13 @@ class Answer(NamedTuple):
     part: hdf5.Part = hdf5.Part({})
 
 
-def ask(file: Path, request: Request, *, isolated: bool = False) -> Answer:
+def ask(file: Path, request: hdf5.Request, *, isolated: bool = False) -> Answer:
     """The answer to a request about a file."""
     image = image_of(file)
     try:
         if isinstance(image, bytes) and is_sealed(image) and not isolated:
             with contextlib.suppress(hdf5.LongTextError):
-                return perform(request, image, long_text=False)
+                return perform(request._replace(long_text=False), image)
         return _asked(request, image)
     except MbdlftError as error:
         raise ArchiveError(f"{file}: {error}") from None
@@ -105,7 +92,7 @@ def is_sealed(image: bytes) -> bool:
     )
 
 
-def _asked(request: Request, image: bytes | Path) -> Answer:
+def _asked(request: hdf5.Request, image: bytes | Path) -> Answer:
     """The answer from the other process."""
     size = _size(image)
     seconds = _SECONDS + size / _BYTES_PER_SECOND
@@ -126,7 +113,7 @@ def _asked(request: Request, image: bytes | Path) -> Answer:
     return Answer(names, hdf5.Part(items, *rows))
 
 
-def items_apart(request: Request, image: bytes | Path) -> dict[str, NDArray[Any]]:
+def items_apart(request: hdf5.Request, image: bytes | Path) -> dict[str, NDArray[Any]]:
     """The answer to a request as arrays; any failure of the libraries is an ArchiveError."""
     try:
         names, part = perform(request, image)
@@ -137,12 +124,12 @@ def items_apart(request: Request, image: bytes | Path) -> dict[str, NDArray[Any]
     return {**part.items, _NAMES: texts(names), _ROWS: np.array([part.first, part.total])}
 
 
-def perform(request: Request, image: bytes | Path, *, long_text: bool = True) -> Answer:
+def perform(request: hdf5.Request, image: bytes | Path) -> Answer:
     """The answer to a request, for a file or its content."""
     try:
         with hdf5.opened(image) as archive:
-            hdf5.check_format(archive, long_text=long_text)
-            return _answer(request, archive, image, long_text=long_text)
+            hdf5.check_format(archive, long_text=request.long_text)
+            return _answer(request, archive, image)
     except ArchiveError:
         raise
     except hdf5.FAILURES as error:
@@ -151,23 +138,20 @@ def perform(request: Request, image: bytes | Path, *, long_text: bool = True) ->
         ) from None
 
 
-def _answer(request: Request, archive: Any, image: bytes | Path, *, long_text: bool) -> Answer:
+def _answer(request: hdf5.Request, archive: Any, image: bytes | Path) -> Answer:
     """The answer of an open archive."""
     names = tuple(hdf5.member_names(archive, request.parent))
     if request.what == "names":
         return Answer(names)
     if request.what == "copy":
-        hdf5.check_whole(archive, long_text=long_text)
-        if isinstance(image, bytes) and long_text:
+        hdf5.check_whole(archive, long_text=request.long_text)
+        if isinstance(image, bytes) and request.long_text:
             hdf5.image_of_copy(archive, f"{request.parent}/{request.name}")
         return Answer(names)
     name = chosen_name(request.kind, names, request.name)
     subject = f"{request.kind} {name!r}"
     try:
-        part = hdf5.read_group(
-            archive, request.parent, name, request.kinds, request.limit,
-            slice(request.start, request.stop), long_text=long_text,
-        )  # fmt: skip
+        part = hdf5.read_group(archive, request, name)
     except ArchiveError as error:
         raise ArchiveError(said_of(subject, str(error))) from None
     except hdf5.FAILURES as error:

@@ -21,7 +21,7 @@ from h5py import h5d, h5p, h5s, h5t
 from numpy.typing import NDArray
 
 from mbdlft.archive.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
-from mbdlft.archive.hdf5 import Part, write_items
+from mbdlft.archive.hdf5 import Part, Request, write_items
 from mbdlft.archive.layout import (
     BLOCK_ROWS,
     DIGEST,
@@ -38,7 +38,6 @@ from mbdlft.archive.layout import (
     words,
 )
 from mbdlft.archive.model import signal_values, signals_of
-from mbdlft.archive.reading import Request
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.unit import Signal

@@ -21,17 +21,8 @@ from mbdlft.archive.archive import put, save, target_of, writing
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
+from mbdlft.export import matlab
 from mbdlft.export.c import c_texts, julia_text
-from mbdlft.export.matlab import (
-    cells,
-    column,
-    items_of_matlab,
-    items_of_theta,
-    m_texts,
-    matlab_image,
-    rates_text,
-    signals,
-)
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import in_control, matrices_at, trim_at
@@ -132,13 +123,13 @@ def _matlab(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
             f"letters, digits and underscores, a letter first. Call it {identifier(stem)}.mat."
         )
     linear: System = model.linear if isinstance(model, DeltaThetaModel) else model
-    script, evaluation = m_texts(linear, stem)
-    items = items_of_matlab(linear)
+    script, evaluation = matlab.m_texts(linear, stem)
+    items = matlab.items_of_matlab(linear)
     texts = {file.with_suffix(".m"): script, file.with_name(f"{stem}_at.m"): evaluation}
     if isinstance(model, DeltaThetaModel):
-        items["theta"] = items_of_theta(model)
-        texts[file.with_name(f"{stem}_rates.m")] = rates_text(model, stem)
-    return {file: matlab_image(items), **{path: t.encode() for path, t in texts.items()}}
+        items["theta"] = matlab.items_of_theta(model)
+        texts[file.with_name(f"{stem}_rates.m")] = matlab.rates_text(model, stem)
+    return {file: matlab.matlab_image(items), **{path: t.encode() for path, t in texts.items()}}
 
 
 def _c(file: Path, model: System | DeltaThetaModel) -> dict[Path, bytes]:
@@ -320,19 +311,19 @@ def grid_mat(model: System, grid: Grid) -> bytes:
         shaped = matrices.reshape(*grid.counts, *matrices.shape[1:])
         items[letter] = np.moveaxis(shaped, (-2, -1), (0, 1))
     for what in ("states", "inputs", "outputs"):
-        items[what] = signals(getattr(model, what))
+        items[what] = matlab.signals(getattr(model, what))
     items["parameters"] = {
-        "name": cells([p.name for p in model.parameters]),
-        "identifier": cells([names[p.name] for p in model.parameters]),
-        "unit": cells([p.unit for p in model.parameters]),
-        "count": column(grid.counts),
+        "name": matlab.cells([p.name for p in model.parameters]),
+        "identifier": matlab.cells([names[p.name] for p in model.parameters]),
+        "unit": matlab.cells([p.unit for p in model.parameters]),
+        "count": matlab.column(grid.counts),
     }
     axes = {name: np.unique(grid.values[name]) for name in names}
-    items["axes"] = {names[name]: column(values.tolist()) for name, values in axes.items()}
+    items["axes"] = {names[name]: matlab.column(values.tolist()) for name, values in axes.items()}
     if grid.trim is not None and isinstance(model, LFTModel):
         shaped = grid.trim.reshape(*grid.counts, len(model.trim.signals))
-        items["trim"] = {**signals(model.trim.signals), "value": np.moveaxis(shaped, -1, 0)}
-    return matlab_image(items)
+        items["trim"] = {**matlab.signals(model.trim.signals), "value": np.moveaxis(shaped, -1, 0)}
+    return matlab.matlab_image(items)
 
 
 def _columns(grid: Grid) -> Array:

@@ -21,19 +21,9 @@ from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.samples import physical_points
 from mbdlft.exact import rounding
 from mbdlft.exact.rounding import equilibrate
+from mbdlft.lft import sampling
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.native import is_available
-from mbdlft.lft.sampling import (
-    KNOWN,
-    NATIVE,
-    OWN,
-    chunks,
-    evaluate,
-    evaluate_at,
-    evaluate_known,
-    is_native,
-    way,
-)
 from mbdlft.system.model import OUTSIDE, LFTModel, System
 
 if TYPE_CHECKING:
@@ -109,11 +99,11 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
             return by_program
         if not model.is_proved_regular:
             check_regular_at(lft, points, model.parameters, f"model {model.name!r}")
-        by_lft = with_digits(lft, points, evaluate_at(lft, points))
+        by_lft = with_digits(lft, points, sampling.evaluate_at(lft, points))
         return by_lft[0] if single else by_lft
     others = {name: value for name, value in values.items() if name in kinds}
     named = {p.name: points[0, k] if single else points[:, k] for k, p in enumerate(model.parameters)}
-    return evaluate(lft, {**named, **others})
+    return sampling.evaluate(lft, {**named, **others})
 
 
 def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
@@ -181,7 +171,7 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
     It is so exactly, or to working precision: rounding of its entries makes it singular.
     """
     spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
-    for chunk in chunks(len(deltas), lft.order):
+    for chunk in sampling.chunks(len(deltas), lft.order):
         numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[chunk, None, :])
         singular = np.flatnonzero(~(numbers <= 1.0 / float(np.finfo(float).eps)))
         if len(singular):
@@ -277,7 +267,7 @@ def value_by_program(
         if not model.is_proved_regular:
             check_regular_at(lft, deltas, model.parameters, f"model {model.name!r}")
 
-    by_program = evaluate_known(lft, points, known, physical, check)
+    by_program = sampling.evaluate_known(lft, points, known, physical, check)
     # the LFT may then be evaluated with more digits than the equations have
     return None if by_program is None or needs_digits(lft, points, by_program) else by_program
 
@@ -305,7 +295,9 @@ def computed_by(model: System, count: int) -> str:
     if not isinstance(count, int) or count < 0:
         raise StructureError(f"computed_by: expected a number of samples, got {count!r}.")
     known = model.known_program
-    way_taken = way(model.lft, count, known)
-    if way_taken == KNOWN and known is not None:
-        return way_taken + ", native" * is_native(known, count)
-    return way_taken + ", native" * (way_taken == OWN and count >= NATIVE and is_available())
+    way_taken = sampling.way(model.lft, count, known)
+    if way_taken == sampling.KNOWN and known is not None:
+        return way_taken + ", native" * sampling.is_native(known, count)
+    return way_taken + ", native" * (
+        way_taken == sampling.OWN and count >= sampling.NATIVE and is_available()
+    )
