@@ -13,10 +13,10 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
-from mbdlft.dae.theta.piecewise import ARGUMENT, Piecewise, applied, joined
+from mbdlft.dae.theta.piecewise import ARGUMENT, Piecewise, applied, between
 from mbdlft.dae.theta.piecewise import constant as always
-from mbdlft.exact.numbers import Constant, constant_of
-from mbdlft.problem.sx.constants import constants_in, double, is_constant, literal
+from mbdlft.exact.numbers import Constant, constant_of, decimal
+from mbdlft.problem.sx.constants import constants_in, double, in_doubles, is_constant, literal
 from mbdlft.problem.sx.tapes import Rule, Rules, fold
 from mbdlft.system.theta import Table, named_tables
 
@@ -131,20 +131,10 @@ def formula_function(
 
 
 def _looked_up(table: Table, argument: ca.SX) -> ca.SX:
-    b, v, a = table.breakpoints, table.values, ca.SX(argument)
-
-    def piece(k: int) -> ca.SX:
-        h, rise = b[k + 1] - b[k], v[k + 1] - v[k]
-        t = (a - b[k]) / h
-        inside = v[k] + t * rise
-        if table.slopes:
-            below, right = table.slopes[k]
-            inside += t * (1 - t) * ((1 - t) * (h * below - rise) - t * (h * right - rise))
-        return ca.SX(inside)
-
-    inside = joined(a, b[1:-1], [piece(k) for k in range(len(b) - 1)])
-    inside = ca.if_else(a < b[0], v[0] + table.below * (a - b[0]), inside)
-    return ca.SX(ca.if_else(a > b[-1], v[-1] + table.above * (a - b[-1]), inside))
+    points = [(decimal(x), decimal(y)) for x, y in zip(table.breakpoints, table.values, strict=True)]
+    slopes = [(decimal(below), decimal(above)) for below, above in table.slopes]
+    ends = decimal(table.below), decimal(table.above)
+    return in_doubles(between(ca.SX(argument), points, slopes, ends))
 
 
 class _Piece:

@@ -16,7 +16,7 @@ from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
-from mbdlft.modelica.dimensions import check_units
+from mbdlft.modelica.evaluation import check_units
 from mbdlft.modelica.rumoca import Sources, model_of_tables
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.text import flat_model

@@ -23,8 +23,7 @@ from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
-from mbdlft.modelica.dimensions import unit_of
-from mbdlft.modelica.evaluation import Evaluator
+from mbdlft.modelica.evaluation import Evaluator, unit_of
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import Expression, write
 from mbdlft.modelica.values import Value, described, number_of

@@ -18,7 +18,7 @@ from typing import ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
-from pydantic import InstanceOf, model_validator
+from pydantic import model_validator
 
 from mbdlft.base.description import (
     AXES,
@@ -61,7 +61,7 @@ class Loop(Description):
     axis: Direction | None = None
     axis1: Direction | None = None
     axis2: Direction | None = None
-    orientation: Many[InstanceOf[Rotation]] = ()
+    orientation: Many[Rotation] = ()
 
     @model_validator(mode="after")
     def _kind_and_axes(self) -> Self:

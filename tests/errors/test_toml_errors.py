@@ -50,7 +50,7 @@ THETA1, THETA1.replace("45.0", "-120.0") => line 18: parameter 'theta1': the ran
 > (lambda old, new: scene_from_toml(changed(old, new)))({}) => SceneError:
 '"rigid"', '"rigd"' => line 21: … body 'link1': unknown kind 'rigd'. Did you mean
 '"revolute"', '"revolut"' => line 39: … joint 'shoulder': unknown kind 'revolut'. D
-"{ xx = 0.1 }", "{ xw = 0.1 }" => line 28: … body 'link2', inertia: unknown key 'xw'. Did you mean 'xz'?
+"{ xx = 0.1 }", "{ xw = 0.1 }" => line 28: … body 'link2': inertia: unknown key 'xw'. Did you mean 'xz'?
 "ports.tip", "port.tip" => line 21: … body 'link1': unknown key 'port'. Did you mean
 'mass = "m3"', "" => line 35: … body 'load': 'mass' is missing.
 "stiffness =", "stifness ="

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
 from mbdlft.modelica import flat_model, flat_text, translate
-from mbdlft.modelica.dimensions import unit_of
-from mbdlft.modelica.evaluation import Evaluator
+from mbdlft.modelica.evaluation import Evaluator, unit_of
 from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary, write
 from mbdlft.problem.sx.constants import in_doubles

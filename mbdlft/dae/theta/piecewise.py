@@ -252,45 +252,42 @@ def table_expression(
             f"'constant'; got {interpolation!r}, {beyond!r}."
         )
     exact = [(decimal(float(x)), decimal(float(y))) for x, y in zip(b, v, strict=True)]
-    slopes = _monotone(b, v) if interpolation == "cubic" else None
-    pieces = _pieces(exact, slopes)
-    chord = pieces[-1][1] if slopes is None else slopes[-1]
-    ends = (Fraction(0), Fraction(0)) if beyond == "constant" else (pieces[0][1], chord)
-    every = [(exact[0][1], ends[0]), *pieces, (exact[-1][1], ends[1])]
-    origins = [exact[0][0], *(x for x, _ in exact)]
-    cuts = [literal(x) for x, _ in exact]
-    return joined(argument, cuts, [_local(argument, o, p) for o, p in zip(origins, every, strict=True)])
+    slopes = list(pairwise(_monotone(b, v))) if interpolation == "cubic" else []
+    ends = (Fraction(0), Fraction(0))
+    if beyond == "lines":
+        chords = [(y - x) / (q - p) for (p, x), (q, y) in (exact[:2], exact[-2:])]
+        ends = (slopes[0][0], slopes[-1][1]) if slopes else (chords[0], chords[1])
+    return between(argument, exact, slopes, ends)
+
+
+Pair = tuple[Fraction, Fraction]
+
+
+def between(argument: ca.SX, points: Sequence[Pair], slopes: Sequence[Pair], ends: Pair) -> ca.SX:
+    """The function with values at points (b, value): lines, or cubics with `slopes` at both ends of each
+    piece, and lines with the slopes `ends` before the first point and behind the last."""
+    pieces: list[tuple[Fraction, ...]] = [(points[0][1], ends[0])]
+    for k, ((a, low), (b, high)) in enumerate(pairwise(points)):
+        h = b - a
+        chord = (high - low) / h
+        pieces.append((low, chord))
+        if slopes:
+            s, e = slopes[k]
+            pieces[-1] = (low, s, (3 * chord - 2 * s - e) / h, (s + e - 2 * chord) / h**2)
+    pieces.append((points[-1][1], ends[1]))
+    origins, parts = [points[0][0], *(b for b, _ in points)], []
+    for origin, coefficients in zip(origins, pieces, strict=True):
+        distance, value = argument - literal(origin), ca.SX(0)
+        for c in reversed(coefficients):
+            value = value * distance + literal(c)
+        parts.append(ca.SX(value))
+    return joined(argument, [literal(b) for b, _ in points], parts)
 
 
 def _monotone(b: Array, v: Array) -> list[Fraction]:
     from scipy.interpolate import PchipInterpolator
 
     return [decimal(float(x)) for x in PchipInterpolator(b, v).derivative()(b)]
-
-
-def _pieces(
-    points: Sequence[tuple[Fraction, Fraction]], slopes: Sequence[Fraction] | None
-) -> list[tuple[Fraction, ...]]:
-    """Coefficients of each piece, in powers of the distance from its left end."""
-    pieces: list[tuple[Fraction, ...]] = []
-    for k, ((a, low), (b, high)) in enumerate(pairwise(points)):
-        h = b - a
-        chord = (high - low) / h
-        if slopes is None:
-            pieces.append((low, chord))
-        else:
-            below, right = slopes[k], slopes[k + 1]
-            pieces.append(
-                (low, below, (3 * chord - 2 * below - right) / h, (below + right - 2 * chord) / h**2)
-            )
-    return pieces
-
-
-def _local(argument: ca.SX, origin: Fraction, coefficients: Sequence[Fraction]) -> ca.SX:
-    distance, value = argument - literal(origin), ca.SX(0)
-    for c in reversed(coefficients):
-        value = value * distance + literal(c)
-    return ca.SX(value)
 
 
 def joined(argument: ca.SX, cuts: Sequence[float | ca.SX], pieces: Sequence[ca.SX]) -> ca.SX:

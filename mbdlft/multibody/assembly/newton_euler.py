@@ -21,7 +21,6 @@ from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
-from mbdlft.multibody.assembly import signals
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.gyrostat import body_momenta
 from mbdlft.multibody.assembly.kinematics import (
@@ -33,8 +32,22 @@ from mbdlft.multibody.assembly.kinematics import (
     pass_inward,
     place,
 )
-from mbdlft.multibody.assembly.resolved import Resolved, in_plane, resolve
-from mbdlft.multibody.assembly.signals import Effort
+from mbdlft.multibody.assembly.resolved import (
+    Effort,
+    Resolved,
+    acting,
+    body_channels,
+    check_springs,
+    force_density,
+    ground_motion,
+    in_plane,
+    list_efforts,
+    measures,
+    moved_coordinates,
+    resolve,
+    static_deflections,
+    steady_angles,
+)
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
@@ -165,9 +178,9 @@ def assembly(scene: Scene) -> Assembly:
     r = in_plane(resolved)
     view = r.view()
     closure = close_loops(r.scene, view, r.symbols.evaluate)
-    signals.check_springs(r.scene, view, r.symbols.evaluate)
+    check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
-    return in_motion(r, view, closure, {s.name: signals.force_density(s, view) for s in springs})
+    return in_motion(r, view, closure, {s.name: force_density(s, view) for s in springs})
 
 
 def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
@@ -175,11 +188,11 @@ def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]
     scene, uniform = r.scene, r.values[f"scene {r.scene.name!r}"]
     base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
-    efforts = signals.list_efforts(r, laws, closure)
+    efforts = list_efforts(r, laws, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    ground, field = signals.ground_motion(scene, uniform, load, efforts, u)
-    inertial, loads = body_wrenches(r, view, ground, signals.acting(r, view, closure, u, z))
+    ground, field = ground_motion(scene, uniform, load, efforts, u)
+    inertial, loads = body_wrenches(r, view, ground, acting(r, view, closure, u, z))
     return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
@@ -206,17 +219,17 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     r, view, symbols = m.resolved, m.view, m.resolved.symbols
     scene, links = r.scene, r.links
     view.passed = passed
-    channels = signals.body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
-    efforts, deflections = signals.static_deflections(r, m.closure, m.u)
+    channels = body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
+    efforts, deflections = static_deflections(r, m.closure, m.u)
     dynamics = _dynamics(r, view, efforts) - channels.forces
     n = symbols.q.numel()
     held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
     if m.closure.yielding:
         held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
-    moved = signals.moved_coordinates(links, [effort.signal.name for effort in m.efforts])
+    moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, default = signals.measures(r, view, channels)
+    measured, y_signals, default = measures(r, view, channels)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)
@@ -250,7 +263,7 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
         equilibrium_signals=tuple(degree.effort for degree in every),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=default,
-        ignorable=tuple(states.index(k) for k in signals.steady_angles(links) if k in states),
+        ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
         moved=moved,
         carried=carried,
         carried_by=carried_by,

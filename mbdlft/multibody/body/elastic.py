@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import InstanceOf, model_validator
+from pydantic import model_validator
 
 from mbdlft.base.description import (
     ANY_UNIT,
@@ -267,8 +267,8 @@ class FlexibleBody(ElasticBody):
 
     mass: Quantity
     center_of_mass: Vector = (0.0, 0.0, 0.0)
-    inertia: InstanceOf[Inertia]
-    modes: Many[InstanceOf[Mode]]
+    inertia: Inertia
+    modes: Many[Mode]
 
     @model_validator(mode="after")
     def _data_are_complete(self) -> Self:

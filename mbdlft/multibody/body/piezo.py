@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, final
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, InstanceOf, model_validator
+from pydantic import Field, model_validator
 
 from mbdlft.base.description import ANY_UNIT, Description, Expected, Many, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
@@ -101,7 +101,7 @@ class PiezoBeam(Beam):
     kind: ClassVar[str] = "piezo_beam"
 
     thickness: Quantity
-    patches: Many[InstanceOf[PiezoPatch]]
+    patches: Many[PiezoPatch]
     common_voltage: bool = False
 
     @model_validator(mode="after")

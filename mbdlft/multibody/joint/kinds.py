@@ -32,7 +32,7 @@ from typing import ClassVar, Literal, Self, final
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import InstanceOf, model_validator
+from pydantic import model_validator
 
 from mbdlft.base.description import (
     AXES,
@@ -112,7 +112,7 @@ class Joint(Description, abc.ABC):
     name: Name
     parent: Text
     child: Text
-    orientation: Many[InstanceOf[Rotation]] = ()
+    orientation: Many[Rotation] = ()
 
     def own_quantities(self) -> dict[str, Expected]:
         """The quantities of this kind by label, without those of the orientation."""

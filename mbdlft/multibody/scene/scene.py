@@ -105,7 +105,7 @@ class Scene(Description):
     description: Prose = ""
     gravity: Vector = (0.0, 0.0, 0.0)
     acceleration: Vector = (0.0, 0.0, 0.0)
-    spin: InstanceOf[Spin] | None = None
+    spin: Spin | None = None
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
     parameters: Many[InstanceOf[Parameter]] = ()
     bodies: Many[InstanceOf[Body]] = ()
@@ -113,7 +113,7 @@ class Scene(Description):
     loads: Many[InstanceOf[Load]] = ()
     sensors: Many[InstanceOf[Sensor]] = ()
     loops: Many[InstanceOf[Loop]] = ()
-    fit: InstanceOf[Fit] | None = None
+    fit: Fit | None = None
     inputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     outputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     states: str = ALL

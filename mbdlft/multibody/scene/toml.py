@@ -9,9 +9,9 @@ import inspect
 import math
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast, get_args, get_origin
+from typing import Any, TypeVar, cast
 
 import tomli_w
 
@@ -211,7 +211,7 @@ def _scene(table: dict[str, Any]) -> Scene:
             raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
     return Scene(
         **{key: table[key] for key in _PLAIN if key in table},
-        **{key: record(**_table(key, table[key])) for key, record in _RECORDS.items() if key in table},
+        **{key: _table(key, table[key]) for key in _RECORDS if key in table},
         constants=read_constants(table),
         parameters=read_parameters(table),
         **{key: _kinds(noun, key, table, kinds) for key, (noun, kinds) in _ITEMS.items()},
@@ -246,29 +246,10 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
             raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
         if "name" in fields:
             raise SceneError(f"{what} {name!r}: the key 'name' is not used; the table has the name.")
-        try:
-            for field, record, several in _records(kinds[kind]):
-                entries = fields.get(field)
-                if several and isinstance(entries, list):
-                    fields[field] = [record(**_table(field, entry)) for entry in entries]
-                elif not several and isinstance(entries, dict):
-                    fields[field] = record(**entries)
-        except SceneError as error:
-            raise SceneError(f"{what} {name!r}, {error}") from None
         if kinds[kind] is Loop:
             fields["kind"] = kind
         items.append(kinds[kind](**{"name": name, **fields}))
     return items
-
-
-def _records(kind: type[Description]) -> Iterator[tuple[str, type[Description], bool]]:
-    """Fields of a kind that are records, with their class, and whether there are several."""
-    for name, field in kind.model_fields.items():
-        several = get_origin(field.annotation) is tuple
-        annotation = get_args(field.annotation)[0] if several else field.annotation
-        record = get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
-        if isinstance(record, type) and issubclass(record, Description):
-            yield name, record, several
 
 
 def _kind_table(item: Any) -> dict[str, Any]:
