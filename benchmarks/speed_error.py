@@ -9,6 +9,7 @@ the processor in one thread, medians of rounds in which all methods take turns.
 
 import argparse
 import json
+import re
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +34,7 @@ MANY, QUICK = (
     10e-6,
 )  # samples of the last column, and seconds per model: slower ones take minutes
 CALL_BYTES = 5e8  # of the values of a call
+COMPILED = "mbdlft, equations compiled"
 _ROUNDING = 1e-9  # 1/s: a smaller real part is that of an undamped pole
 Row = dict[str, Any]
 
@@ -203,6 +205,7 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
     for title, names in [("all ways of this package", own), *((f"`{n}`", [n]) for n in own)]:
         found = [f"{', '.join(b)} ({s})" for s, g in groups(rows).items() if (b := beaten(g, names))]
         lines.append(f"- Faster and more accurate than {title}: {'; '.join(found) or 'none'}.")
+    lines += against_c(rows)
     arm = next((r for r in rows if r["method"] == own[0] and r["system"] == "two-link arm"), None)
     if arm is not None:
         us, error = 1e6 * arm["seconds_per_model"], arm["error"]
@@ -212,6 +215,30 @@ def verdicts(rows: Sequence[Row]) -> list[str]:
             f"{1e6 * TARGET_SECONDS:g} us and {TARGET_ERROR:.0e}: {'met' if met else 'missed'}."
         )
     return lines
+
+
+def against_c(rows: Sequence[Row]) -> list[str]:
+    """Times of native code in those of both kinds of C, by system."""
+    lines = []
+    for name, group in groups(rows).items():
+        seconds = {r["method"]: r["seconds_per_model"] for r in group if "error" in r}
+        ratios = [
+            f"{seconds[COMPILED] / seconds[c]:.2f} of {c}"
+            for c in ("plain C", "vectorized C")
+            if {c, COMPILED} <= seconds.keys()
+        ]
+        if ratios:
+            lines.append(f"- {name}, `{COMPILED}`: {', '.join(ratios)}.")
+    return lines
+
+
+def merged(rows: Sequence[Row], lines: Path) -> list[Row]:
+    """Rows that were measured, and those of the other methods of a file, in the order of the methods."""
+    order = [c.name for c in CANDIDATES]
+    earlier = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
+    by_key = {(r["system"], r["method"]): r for r in [*earlier, *rows] if r["method"] in order}
+    names = list(groups(earlier))
+    return sorted(by_key.values(), key=lambda r: (names.index(r["system"]), order.index(r["method"])))
 
 
 def json_lines(rows: Sequence[Row]) -> str:
@@ -225,15 +252,20 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=SAMPLES)
     parser.add_argument("--many", type=int, default=MANY, help="0: none")
     parser.add_argument("--only", help="a part of the name of a system")
+    parser.add_argument("--methods", help="a pattern of their names; the lines of the others stay")
     parser.add_argument("--proofs", type=int, default=PROOFS)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
     parser.add_argument("--lines", type=Path, default=Path("docs/speed-error.jsonl"))
     parser.add_argument("--write", type=Path)
     parser.add_argument("--figure", type=Path)
     options = parser.parse_args()
-    rows: list[Row] = []
+    measured_rows: list[Row] = []
+    candidates = [c for c in CANDIDATES if re.search(options.methods or "", c.name)]
     for system in (one for one in systems() if (options.only or "") in one.name):
-        rows += measured(system, options.samples, options.proofs, options.rounds, many=options.many)
+        measured_rows += measured(
+            system, options.samples, options.proofs, options.rounds, candidates, options.many
+        )
+    rows = merged(measured_rows, options.lines) if options.methods else measured_rows
     options.lines.write_text(json_lines(rows), encoding="utf-8")
     text = table(rows)
     print(text)

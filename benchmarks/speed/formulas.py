@@ -1,4 +1,4 @@
-"""The motion written down by hand, as code: by SymPy for NumPy, and by CasADi for a C compiler.
+"""The motion written down by hand, as code: by SymPy for NumPy, and as C, of numbers and of vectors.
 
 Both start from the same formulas, which are not simplified by hand; common parts are found by the tools.
 """
@@ -122,44 +122,80 @@ def _entries(rows: list[list[Any]]) -> dict[tuple[int, int], Any]:
     }
 
 
-def by_compiled_c(system: System) -> Method:
+def by_plain_c(system: System) -> Method:
     """All of [A B ; C D] as C code, the mass matrix solved with in it, in a loop over samples in C."""
+    return _by_c(system, _LOOP)
+
+
+def by_vector_c(system: System) -> Method:
+    """The same statements on four samples at once: vectors of GCC, cosines and sines of libmvec."""
+    return _by_c(system, _VECTOR_LOOP, "-lmvec")
+
+
+def _by_c(system: System, loop: str, *libraries: str) -> Method:
     symbols = {p.name: ca.SX.sym(p.name) for p in system.parameters}
     motion = system.motion(system.in_radians(symbols, np.pi / 180.0), Circle(ca.cos, ca.sin))
     rows = state_space(motion)
     shape = (len(rows), len(rows[0]))
     constant, varying = np.zeros(shape), {}
-    for place, entry in _entries(rows).items():
+    for (i, j), entry in _entries(rows).items():
         if isinstance(entry, ca.SX) and not entry.is_constant():
-            varying[place] = entry
+            varying[i * shape[1] + j] = entry
         else:
-            constant[place] = float(entry)
-    code = ca.Function("sample", [ca.vertcat(*symbols.values())], [ca.vertcat(*varying.values())])
-    index = np.array([i * shape[1] + j for i, j in varying])
+            constant[i, j] = float(entry)
+    entries = ca.cse(ca.vertcat(*varying.values()))
+    function = ca.Function(
+        "sample", [ca.vertcat(*symbols.values())], [entries], {"live_variables": False}
+    )
+    text = loop % {
+        "statements": "\n  ".join(_statements(function)),
+        "places": ", ".join(map(str, varying)),
+        "inputs": len(symbols),
+        "varying": len(varying),
+        "size": constant.size,
+    }
     with tempfile.TemporaryDirectory() as folder:
-        library = _compiled(code, Path(folder))
+        library = _compiled(text, Path(folder), libraries)
     pointer = np.ctypeslib.ndpointer(dtype=float, flags="C_CONTIGUOUS")
-    library.samples.argtypes = [
-        ctypes.c_long,
-        ctypes.c_long,
-        ctypes.c_long,
-        ctypes.c_long,
-        pointer,
-        pointer,
-        np.ctypeslib.ndpointer(dtype=np.int64, flags="C_CONTIGUOUS"),
-        pointer,
-    ]
-    index = index.astype(np.int64)
+    library.samples.argtypes = [ctypes.c_long, pointer, pointer, pointer]
 
     def method(samples: Samples) -> Array:
         points = np.stack([samples[name] for name in symbols], axis=-1)
         values = np.empty((len(points), *shape))
-        library.samples(
-            len(points), points.shape[1], len(index), values[0].size, points, constant, index, values
-        )
+        library.samples(len(points), points, constant, values)
         return values
 
     return method
+
+
+_FORMULAS = {
+    ca.OP_ADD: "{} + {}",
+    ca.OP_SUB: "{} - {}",
+    ca.OP_MUL: "{} * {}",
+    ca.OP_DIV: "{} / {}",
+    ca.OP_NEG: "-{}",
+    ca.OP_SQ: "{0} * {0}",
+    ca.OP_TWICE: "{0} + {0}",
+    ca.OP_INV: "1.0 / {}",
+    ca.OP_COS: "COS({})",
+    ca.OP_SIN: "SIN({})",
+    ca.OP_SQRT: "SQRT({})",
+}
+
+
+def _statements(function: ca.Function) -> Iterator[str]:
+    """A statement in C for each operation of CasADi: `in` and `out` of a sample, `NUMBER` by type."""
+    for k in range(function.n_instructions()):
+        operation, inputs = function.instruction_id(k), function.instruction_input(k)
+        target = f"const NUMBER w{function.instruction_output(k)[0]}"
+        if operation == ca.OP_INPUT:
+            yield f"{target} = in[{inputs[1]}];"
+        elif operation == ca.OP_CONST:
+            yield f"{target} = CONSTANT({function.instruction_constant(k)!r});"
+        elif operation == ca.OP_OUTPUT:
+            yield f"out[{function.instruction_output(k)[1]}] = w{inputs[0]};"
+        else:
+            yield f"{target} = {_FORMULAS[operation].format(*(f'w{i}' for i in inputs))};"
 
 
 class NoDeviceError(Exception):
@@ -202,35 +238,62 @@ def by_jax(system: System, device: str = "cpu") -> Method:
     return method
 
 
-_LOOP = """
+_SAMPLE = """
+#include <math.h>
 #include <string.h>
-void samples(long count, long inputs, long varying, long size, const double* points,
-             const double* constant, const long long* index, double* values) {
-  double found[%d], work[%d];
-  long long integers[%d];
-  for (long k = 0; k < count; ++k) {
-    const double* argument[%d] = {points + k * inputs};
-    double* result[%d] = {found};
-    sample(argument, result, integers, work, 0);
-    memcpy(values + k * size, constant, size * sizeof(double));
-    for (long i = 0; i < varying; ++i) values[k * size + index[i]] = found[i];
-  }
+static const int places[%(varying)d] = {%(places)s};
+static inline __attribute__((always_inline)) void sample(const NUMBER* in, NUMBER* out) {
+  %(statements)s
 }
 """
 
+_LOOP = f"""
+#define NUMBER double
+#define CONSTANT(x) x
+#define COS cos
+#define SIN sin
+#define SQRT sqrt
+{_SAMPLE}
+void samples(long count, const double* points, const double* constant, double* values) {{
+  for (long k = 0; k < count; ++k) {{
+    double out[%(varying)d], *row = values + k * %(size)d;
+    sample(points + k * %(inputs)d, out);
+    memcpy(row, constant, %(size)d * sizeof(double));
+    for (int i = 0; i < %(varying)d; ++i) row[places[i]] = out[i];
+  }}
+}}
+"""
 
-def _compiled(code: ca.Function, folder: Path) -> ctypes.CDLL:
-    """The function in a loop, as a library; its file may go once it is loaded."""
-    generator = ca.CodeGenerator("sample.c", {"casadi_int": "long long"})
-    generator.add(code)
-    sizes = (
-        code.nnz_out(0),
-        max(1, code.sz_w()),
-        max(1, code.sz_iw()),
-        max(1, code.sz_arg()),
-        max(1, code.sz_res()),
-    )
+_VECTOR_LOOP = f"""
+typedef double vector __attribute__((vector_size(32)));
+vector _ZGVdN4v_cos(vector), _ZGVdN4v_sin(vector);
+#define NUMBER vector
+#define CONSTANT(x) (x) - (vector){{0.0}}
+#define COS _ZGVdN4v_cos
+#define SIN _ZGVdN4v_sin
+#define SQRT(x) (vector){{sqrt(x[0]), sqrt(x[1]), sqrt(x[2]), sqrt(x[3])}}
+{_SAMPLE}
+void samples(long count, const double* points, const double* constant, double* values) {{
+  for (long k = 0; k < count; k += 4) {{
+    vector in[%(inputs)d], out[%(varying)d];
+    const long some = count - k < 4 ? count - k : 4;
+    for (int i = 0; i < %(inputs)d; ++i)
+      for (int lane = 0; lane < 4; ++lane)
+        in[i][lane] = points[(k + (lane < some ? lane : some - 1)) * %(inputs)d + i];
+    sample(in, out);
+    for (int lane = 0; lane < some; ++lane) {{
+      double* row = values + (k + lane) * %(size)d;
+      memcpy(row, constant, %(size)d * sizeof(double));
+      for (int i = 0; i < %(varying)d; ++i) row[places[i]] = out[i][lane];
+    }}
+  }}
+}}
+"""
+
+
+def _compiled(text: str, folder: Path, libraries: tuple[str, ...]) -> ctypes.CDLL:
+    """C as a library; its file may go once it is loaded."""
     source, library = folder / "sample.c", folder / "sample.so"
-    source.write_text(generator.dump() + _LOOP % sizes, encoding="utf-8")
-    subprocess.run([*COMPILER, str(source), "-o", str(library), "-lm"], check=True)
+    source.write_text(text, encoding="utf-8")
+    subprocess.run([*COMPILER, str(source), "-o", str(library), *libraries, "-lm"], check=True)
     return ctypes.CDLL(str(library))

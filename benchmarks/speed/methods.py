@@ -1,12 +1,21 @@
 """The methods that are compared, and why one cannot do a system."""
 
 from collections.abc import Callable
+from ctypes.util import find_library
 from functools import partial
 from importlib.util import find_spec
 from shutil import which
 from typing import NamedTuple
 
-from benchmarks.speed.formulas import COMPILER, NoDeviceError, SlowError, by_compiled_c, by_jax, by_sympy
+from benchmarks.speed.formulas import (
+    COMPILER,
+    NoDeviceError,
+    SlowError,
+    by_jax,
+    by_plain_c,
+    by_sympy,
+    by_vector_c,
+)
 from benchmarks.speed.own import (
     TooLongError,
     by_compiled_equations,
@@ -53,7 +62,8 @@ CANDIDATES = (
     Candidate("JAX, GPU", partial(by_jax, device="gpu"), module="jax"),
     Candidate("grid, quadratic", partial(by_polynomials, degree=2), FITTED),
     Candidate("grid, cubic", partial(by_polynomials, degree=3), FITTED),
-    Candidate("compiled C", by_compiled_c, general=False),
+    Candidate("plain C", by_plain_c, general=False),
+    Candidate("vectorized C", by_vector_c, general=False),
 )
 
 
@@ -63,8 +73,10 @@ def missing(candidate: Candidate, system: System) -> str:
         return "no beams among its bodies"
     if candidate.module and find_spec(candidate.module) is None:
         return "not installed"
-    if candidate.make is by_compiled_c and which(COMPILER[0]) is None:
+    if candidate.make in (by_plain_c, by_vector_c) and which(COMPILER[0]) is None:
         return f"no {COMPILER[0]}"
+    if candidate.make is by_vector_c and find_library("mvec") is None:
+        return "no libmvec"
     return ""
 
 

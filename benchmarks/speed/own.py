@@ -62,7 +62,7 @@ def _compiled(given: mbdlft.Scene | mbdlft.LFTModel) -> Method:
     names = [p.name for p in found.parameters]
 
     def method(samples: Samples) -> Array:
-        return found.rows(np.stack([samples[name] for name in names], axis=-1))[0]
+        return found.rows(np.stack([samples[name] for name in names]).T)[0]
 
     return method
 

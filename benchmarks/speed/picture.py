@@ -22,7 +22,8 @@ STYLES = {
     "JAX, GPU": ("H", "tab:brown", 60),
     "grid, quadratic": ("X", "0.45", 70),
     "grid, cubic": ("x", "0.45", 60),
-    "compiled C": ("d", "black", 60),
+    "plain C": ("d", "black", 60),
+    "vectorized C": ("D", "black", 45),
 }
 
 

@@ -9,6 +9,7 @@ The straight-line program of a model: that of the equations of its scene, to be 
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,7 @@ from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_o
 from mbdlft.lft.program.elimination import closed
 from mbdlft.lft.program.native import (
     NativeProgram,
+    aligned,
     compile_native,
     is_available,
     run_natively,
@@ -39,7 +41,7 @@ from mbdlft.system.model import LFTModel
 
 _WORTH = 50_000  # samples from which on compiling equations takes less than it saves
 _CHUNK, _ENTRIES = 8192, 2**22  # most samples, and numbers of their rows (32 MB), at a time
-_AT_ONCE = 2**16  # samples at a time, so that their arguments stay near a core
+_AT_ONCE = 2**16  # samples at a time, so that their deltas take little memory
 _LONGEST = LONGEST
 _LONG = 5_000  # instructions of a model: its equations are looked at, which may have fewer
 _PROBES, _AGREED = 16, 1e-6  # samples, and part of a row and column: a mistake is more
@@ -140,30 +142,27 @@ class Compiled:
         """The rows at points (N, n_p), as `Source.rows` describes them."""
         if self.line is None or self.program is None:
             return self.source.rows(points)
-        count, entries = len(points), int(np.prod(self.line.shape))
-        values = np.empty((count, len(self.line.row)))
+        count, entries = len(points), prod(self.line.shape)
+        values = aligned(count * entries).reshape(count, entries)
+        columns = np.repeat(self.line.row[entries:, None], count, axis=1)
         lost = np.zeros(count, dtype=bool)
         for start in range(0, count, _AT_ONCE):
             at_once = slice(start, start + _AT_ONCE)
-            arguments = self._arguments(points[at_once])
+            arguments, row = self._arguments(points[at_once]), self.line.row[:entries]
             lost[at_once] = run_natively(
-                self.program, arguments, self.line.row, values[at_once], self.threads
+                self.program, arguments, row, values[at_once], self.threads, columns[:, at_once]
             )
-        matrices = values[:, :entries].reshape(count, *self.line.shape)
-        end = entries + self.line.trims
-        trim, remainders, status = (
-            values[:, entries:end],
-            values[:, end:],
-            np.full(count, float(SOLVED)),
-        )
+        matrices, status = values.reshape(count, *self.line.shape), np.full(count, float(SOLVED))
+        trim, remainders = columns[: self.line.trims].T, columns[self.line.trims :]
         if isinstance(self.source, ModelSource):
             residual = np.full(count, self.source.model.certificate.max_relative_error)
         else:
-            residual = remainders[:, 0] / np.where(remainders[:, 1] > 0.0, remainders[:, 1], 1.0)
+            residual, carried = remainders[0], remainders[1:]
             lost |= ~(residual <= RESIDUAL)
-            largest = np.max(np.abs(remainders[~lost, 2:]), axis=0, initial=0.0)
-            if np.any(largest[1:] > CARRIED * largest[0]):
-                check_carried(self.source.equations, largest[1:], float(largest[0]))
+            if len(carried):
+                largest = np.max(np.abs(carried[:, ~lost]), axis=1, initial=0.0)
+                if np.any(largest[1:] > CARRIED * largest[0]):
+                    check_carried(self.source.equations, largest[1:], float(largest[0]))
         if np.any(lost):
             again = self.source.rows(points[lost])
             matrices[lost], trim[lost], residual[lost], status[lost] = again
@@ -231,7 +230,7 @@ def _again(scene: Scene, threads: int | None) -> Compiled | None:
         return None
     source, line = earlier
     try:
-        program = compile_native(line.program, len(line.row), user_cache())
+        program = compile_native(line.program, prod(line.shape), user_cache())
     except Exception:  # it is compiled as if for the first time, and says why
         return None
     return Compiled(source, line, program, "", threads)
@@ -254,7 +253,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     if line is None:
         return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
     try:
-        program = compile_native(line.program, len(line.row), user_cache())
+        program = compile_native(line.program, prod(line.shape), user_cache())
     except Exception as error:
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)

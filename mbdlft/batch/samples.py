@@ -99,8 +99,8 @@ def points_of(samples: Samples, parameters: Sequence[Parameter], start: int, sto
     The values of a sample do not depend on the part in which it is made.
     """
     if isinstance(samples, GivenSamples):
-        return np.array(samples.points[start:stop], dtype=float)
-    points = np.empty((stop - start, len(parameters)))
+        return np.array(samples.points[start:stop], dtype=float, order="F")
+    points = np.empty((stop - start, len(parameters)), order="F")  # as native code reads it
     if isinstance(samples, RandomSamples):
         for k, p in enumerate(parameters):
             # `random` draws one 64-bit number for each value: first all values of the first parameter

@@ -135,7 +135,7 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     compiled = _native(a) if len(p) >= NATIVE and is_available() else None
     if compiled is None:
         lost = run(planned[1], p, values)
-    else:  # bit for bit the same
+    else:  # bit for bit the same: there are no cosines
         lost = run_natively(compiled, p, a.M22.ravel(), values.reshape(len(p), -1))
     if not agrees(a, p, values, lost, 0.0):
         lost[:] = True
@@ -356,7 +356,7 @@ def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDAr
     compiled = _native_piece(known, first, size) if is_native(known, count) else None
     if compiled is not None:
         lost = run_natively(compiled, physical, row, values)
-    else:  # bit for bit the same
+    else:
         values[:] = row
         lost = run(_piece(known, first, size)[1], physical, values[:, None, :])
     return values.reshape(count, *a.shape), lost

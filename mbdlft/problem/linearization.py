@@ -200,6 +200,7 @@ def slopes_at_rest(
 
 
 _PROBES = 16  # samples at which pivots are chosen
+_SMALLEST = 5e-324  # load; without one, a residual that is not zero is infinitely large
 
 
 class StraightLine(NamedTuple):
@@ -208,9 +209,9 @@ class StraightLine(NamedTuple):
     program: Program  # its pivots tell, too, whether a number of the row is not finite
     row: Array  # (size,), what a row is where nothing depends on the parameters
     shape: tuple[int, int]  # of the matrices, the first part of a row, row by row
-    # number of trim unknowns, the next part; then come the largest residual of the equations at
-    # rest and the largest of their terms that the unknowns have to hold, the largest load or
-    # effort, and the wrenches through elastic bodies
+    # number of trim unknowns, the next part; then come the largest residual of the equations at rest
+    # relative to the largest of their terms that the unknowns have to hold, and, where there are
+    # elastic bodies, the largest load or effort, and the wrenches through these bodies
     trims: int
 
 
@@ -258,7 +259,8 @@ def _written(
     rows, columns = kept
     outcome = [matrices[i].get(j, 0.0) for i in rows.tolist() for j in columns.tolist()]
     outcome += [held.efforts[k] for k in e.unknown]
-    outcome += [held.residual, held.load, *_carried(e, registers, held.efforts, tape)]
+    outcome.append(tape.divide(held.residual, tape.maximum(held.load, _SMALLEST)))
+    outcome += _carried(e, registers, held.efforts, tape)
     program, row = rows_of_numbers(tape, outcome, [*held.pivots, *pivots])
     return StraightLine(program, row, (len(rows), len(columns)), len(e.unknown))
 
@@ -266,7 +268,7 @@ def _written(
 def _carried(e: Equations, registers: list[int], efforts: Sequence[Operand], tape: Tape) -> list[Operand]:
     """The largest load or effort, and the wrenches through elastic bodies, if there are any."""
     if not e.carried_by:
-        return [0.0]
+        return []
     carried, loads = _folded(carried_function(e), tape, registers, efforts)
     largest: Operand = 0.0
     for value in [*efforts, *(load.get(0, 0.0) for load in loads)]:

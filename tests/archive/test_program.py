@@ -106,7 +106,7 @@ def test_without_casadi(tmp_path: Path) -> None:
     assert done.stdout.split("\n")[:2] == ["stored program", float(found.A[-1, 2, 0]).hex()]
 
 
-def test_native_code_has_the_bits_of_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_native_code_has_the_values_of_numpy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("llvmlite")
     monkeypatch.setenv("MBDLFT_CACHE", str(tmp_path / "cache"))
     model = models.carried()
@@ -115,7 +115,7 @@ def test_native_code_has_the_bits_of_numpy(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(lft_values, "KNOWN_NATIVE", COUNT)
     assert mbdlft.computed_by(model, COUNT) == "stored program, native"
     for part, other in zip(mbdlft.matrices_at(model, values), expected, strict=True):
-        exact(part, other)
+        roundoff(part, other, kappa=10.0)
     assert len(list((tmp_path / "cache").iterdir())) == 1
     made = mbdlft.compile(model, threads=1)
     assert (made.computes, made.reason) == ("stored program", "")

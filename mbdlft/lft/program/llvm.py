@@ -1,24 +1,37 @@
-"""A straight-line program as text for LLVM: each register is a vector of eight samples.
+"""A straight-line program as text for LLVM: each register is a vector of samples.
 
 The text depends on the structure of the program alone: numbers are read from a table, so that scenes that
 differ in numbers share their code. Operations are those of IEEE 754, one by one and never fused, so the
-results are bit for bit those of numpy.
+results are those of numpy bit for bit, but for cosines and sines: numpy takes them from the library of
+the system, whose last bits differ.
 
 Code of thousands of instructions without a branch takes compilers a time like the square of its length,
 so it is cut into functions. What one leaves for another goes through a table of slots, which stays in
-the nearest cache.
+the nearest cache. The first slots are the inputs.
+
+Values are written in squares, as many entries as samples: the vectors of some entries are transposed
+into pieces of rows. What is constant in all rows is copied.
+
+Cosine and sine: x = k pi/2 + y + z with an integer k, |y| <= pi/4, and a correction z below the last bit
+of y. pi/2 has two parts of 33 bits, whose products with k < 2^20 are exact, and a rest (Cody, Waite
+1980), so y + z is known to 2^-98. Polynomials of y (fdlibm: Ng 1993; errors below 2^-57) give cosine and
+sine of it; k mod 4 says which of the two is asked for, and the sign. Larger arguments give no number.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from mbdlft.lft.program.tape import (
     ADD,
+    COSINE,
     DIVIDE,
     LOST,
     MAXIMUM,
     MULTIPLY,
     ROOT,
+    SINE,
     SIZE,
     SUBTRACT,
     Instruction,
@@ -29,78 +42,82 @@ from mbdlft.lft.program.tape import (
     results,
 )
 
-LANES = 8  # samples of a vector; processors with shorter vectors take several
 _LENGTH = 400  # instructions of a function
 _WRITTEN = 1000  # entries that a function writes
-_VECTOR = f"<{LANES} x double>"
-_BYTES = 8 * LANES
 _BINARY = {ADD: "fadd", SUBTRACT: "fsub", MULTIPLY: "fmul", DIVIDE: "fdiv"}
-_CALLED = {
-    SIZE: f"@llvm.fabs.v{LANES}f64",
-    ROOT: f"@llvm.sqrt.v{LANES}f64",
-    MAXIMUM: f"@llvm.maximum.v{LANES}f64",
-}
+_CALLED = {SIZE: "fabs", ROOT: "sqrt", MAXIMUM: "maximum"}
+_SLOTS = "ptr noalias readonly %slots"
+
+_FARTHEST = float.fromhex("0x1.9p+20")  # argument of a cosine: k is below 2^20
+_ROUNDER = float.fromhex("0x1.8p+52")  # a number added to it is an integer, in the last bits of the sum
+_QUADRANTS = float.fromhex("0x1.45f306dc9c883p-1")  # in an angle of 1: 2 / pi
+_QUADRANT = tuple(
+    float.fromhex(part) for part in ("0x1.921fb544p+0", "0x1.0b4611a6p-34", "0x1.3198a2e037073p-69")
+)
+_SINE = (
+    -1.66666666666666324348e-01,
+    8.33333333332248946124e-03,
+    -1.98412698298579493134e-04,
+    2.75573137070700676789e-06,
+    -2.50507602534068634195e-08,
+    1.58969099521155010221e-10,
+)
+_COSINE = (
+    4.16666666666666019037e-02,
+    -1.38888888888741095749e-03,
+    2.48015872894767294178e-05,
+    -2.75573143513906633035e-07,
+    2.08757232129817482790e-09,
+    -1.13596475577881948265e-11,
+)
 
 
 class Code(NamedTuple):
     """What LLVM compiles: text, the constants in the order of their table, and the number of slots.
 
-    The function is `samples(blocks, inputs, numbers, slots, row, values, lost)` for blocks of `LANES`
-    samples: inputs (blocks, inputs, LANES), numbers (constants,), slots (slots, LANES), the row of
-    `size` entries that each sample starts from, values (samples, size), lost (samples,) of bytes.
+    The function is `samples(blocks, between, stride, points, numbers, slots, row, values, columns, lost)`
+    for blocks of `lanes` samples: points (inputs, between), numbers (constants,), slots (slots, lanes),
+    the row of `size` entries with the constants of all rows, values (samples, size), columns (., stride),
+    lost (samples,) of bytes. Of points and columns the first so many numbers are read and written.
     """
 
     text: str
     numbers: tuple[float, ...]
     slots: int
+    lanes: int
 
 
-def code(program: Program, size: int) -> Code:
-    """The text of a program without cosines and sines; entries have places (0, k) in rows."""
+def code(program: Program, size: int, lanes: int) -> Code:
+    """The text of a program for vectors of `lanes` samples.
+
+    Its entries have places (0, k): in rows if k < size, and in the column k - size otherwise.
+    """
     kept = needed(program)
     pieces = [kept[start : start + _LENGTH] for start in range(0, len(kept), _LENGTH)]
-    numbers = _Numbers()
+    numbers: dict[str, int] = {}
     slots = _slots(program, pieces)
-    names = [f"part{k}" for k in range(len(pieces))]
-    functions = [
-        _part(name, piece, program.inputs, slots, numbers)
-        for name, piece in zip(names, pieces, strict=True)
-    ]
-    places = [(place, slots.get(register), register) for (_, place), register in program.entries]
-    writers = [
-        _writer(f"write{k}", places[start : start + _WRITTEN])
-        for k, start in enumerate(range(0, len(places), _WRITTEN))
-    ]
-    functions += [*writers, _check(program, slots)]
-    calls = [f"  call void @{name}(ptr %in, ptr %numbers, ptr %slots)" for name in names]
-    calls += [
-        f"  call void @write{k}(ptr %in, ptr %slots, ptr %lane_row, i64 %lane)"
-        for k in range(len(writers))
-    ]
+    functions = {"read": _reader(program.inputs, lanes)}
+    for k, piece in enumerate(pieces):
+        functions[f"part{k}"] = _part(piece, slots, numbers, lanes)
+    written = {place: slots[register] for (_, place), register in program.entries}
+    for k, start in enumerate(range(0, size, _WRITTEN)):
+        functions[f"write{k}"] = _writer(written, start, min(start + _WRITTEN, size), size, lanes)
+    columns = {place - size: slot for place, slot in written.items() if place >= size}
+    functions["columns"] = _columns(columns, lanes)
+    functions["check"] = _check(program, slots, lanes)
+    calls = [f"call void @{name}({_arguments(body.head)})" for name, body in functions.items()]
+    texts = [body.text(name) for name, body in functions.items()]
+    table = tuple(float.fromhex(number) for number in numbers)
     return Code(
-        "\n".join([*functions, _loop(program.inputs, size, len(names), calls), *_DECLARED]),
-        tuple(numbers.known),
+        "\n".join([*texts, _loop(size, calls, lanes), *_declared(lanes)]),
+        table,
         1 + max(slots.values(), default=0),
+        lanes,
     )
 
 
-class _Numbers:
-    """Constants, each once, by their bits: 0.0 is not -0.0."""
-
-    def __init__(self) -> None:
-        self.known: list[float] = []
-        self._places: dict[str, int] = {}
-
-    def place(self, number: float) -> int:
-        key = number.hex()
-        if key not in self._places:
-            self._places[key] = len(self.known)
-            self.known.append(number)
-        return self._places[key]
-
-
 def _slots(program: Program, pieces: Sequence[Sequence[Instruction]]) -> dict[int, int]:
-    """A slot for each register that another function reads; free again after its last reader."""
+    """A slot for each input, and each register that another function reads, free after the last one."""
     final = len(pieces)
     last: dict[int, int] = {}
     for k, piece in enumerate(pieces):
@@ -109,10 +126,10 @@ def _slots(program: Program, pieces: Sequence[Sequence[Instruction]]) -> dict[in
                 last[operand] = k
     for register in results(program):
         last[register] = final
-    slots: dict[int, int] = {}
+    slots = {k: k for k in range(program.inputs)}
     free: list[int] = []
     freed: list[list[int]] = [[] for _ in range(final + 1)]
-    count = 0
+    count = program.inputs
     for k, piece in enumerate(pieces):
         free += freed[k]
         for instruction in piece:
@@ -129,144 +146,263 @@ def _slots(program: Program, pieces: Sequence[Sequence[Instruction]]) -> dict[in
     return slots
 
 
+def _arguments(head: str) -> str:
+    """The arguments of a call, of those of the function."""
+    return head.replace("noalias ", "").replace("readonly ", "")
+
+
+class _Body:
+    """The lines of a function without a result; `head` are its arguments."""
+
+    def __init__(self, head: str, lanes: int) -> None:
+        self.head, self.lanes = head, lanes
+        self.vector = f"<{lanes} x double>"
+        self.lines: list[str] = []
+
+    def put(self, formula: str) -> str:
+        """The name of a new value."""
+        name = f"%v{len(self.lines)}"
+        self.lines.append(f"{name} = {formula}")
+        return name
+
+    def operation(self, formula: str, *operands: str) -> str:
+        return self.put(f"{formula} {self.vector} {', '.join(operands)}")
+
+    def call(self, name: str, *operands: str) -> str:
+        arguments = ", ".join(f"{self.vector} {operand}" for operand in operands)
+        return self.put(f"call {self.vector} @llvm.{name}.v{self.lanes}f64({arguments})")
+
+    def place(self, base: str, k: int, kind: str = "double") -> str:
+        return self.put(f"getelementptr {kind}, ptr {base}, i64 {k}")
+
+    def number(self, base: str, k: int) -> str:
+        """The number with the place k of a table."""
+        return self.put(f"load double, ptr {self.place(base, k)}, align 8")
+
+    def spread(self, number: str) -> str:
+        """A vector of one number."""
+        first = self.put(f"insertelement {self.vector} poison, double {number}, i64 0")
+        zeros = f"<{self.lanes} x i32> zeroinitializer"
+        return self.put(f"shufflevector {self.vector} {first}, {self.vector} poison, {zeros}")
+
+    def slot(self, k: int) -> str:
+        """The vector in a slot."""
+        place = self.place("%slots", k, self.vector)
+        return self.put(f"load {self.vector}, ptr {place}, align {8 * self.lanes}")
+
+    def keep(self, vector: str, k: int) -> None:
+        """Put a vector into a slot."""
+        self.store(f"{self.vector} {vector}", self.place("%slots", k, self.vector), 8 * self.lanes)
+
+    def column(self, base: str, stride: str, k: int) -> str:
+        """The place of the first sample in the column k of a table."""
+        start = self.put(f"mul i64 {stride}, {k}")
+        return self.put(f"getelementptr double, ptr {base}, i64 {start}")
+
+    def store(self, value: str, place: str, align: int = 8) -> None:
+        self.lines.append(f"store {value}, ptr {place}, align {align}")
+
+    def text(self, name: str) -> str:
+        lines = "\n  ".join([*self.lines, "ret void"])
+        return f"define internal void @{name}({self.head}) noinline {{\n  {lines}\n}}\n"
+
+
+def _reader(inputs: int, lanes: int) -> _Body:
+    """Inputs of some samples, put into slots."""
+    body = _Body("ptr noalias readonly %points, i64 %between, ptr noalias %slots", lanes)
+    for k in range(inputs):
+        place = body.column("%points", "%between", k)
+        body.keep(body.put(f"load {body.vector}, ptr {place}, align 8"), k)
+    return body
+
+
 def _part(
-    name: str,
-    instructions: Sequence[Instruction],
-    inputs: int,
-    slots: Mapping[int, int],
-    numbers: _Numbers,
-) -> str:
-    """A function of some instructions."""
-    lines: list[str] = []
+    instructions: Sequence[Instruction], slots: Mapping[int, int], numbers: dict[str, int], lanes: int
+) -> _Body:
+    """Some instructions. A constant is known by its bits, as 0.0 is not -0.0."""
+    body = _Body("ptr noalias readonly %numbers, ptr noalias %slots", lanes)
     known: dict[Operand | str, str] = {}
+    circles: dict[Operand, tuple[str, str]] = {}
 
     def value(operand: Operand) -> str:
         key = operand if isinstance(operand, int) else operand.hex()
-        if key in known:
-            return known[key]
-        text = f"%v{len(known)}"
-        known[key] = text
-        if isinstance(operand, int):
-            pointer = "%in" if operand < inputs else "%slots"
-            place = operand if operand < inputs else slots[operand]
-            lines.extend(_loaded(text, pointer, place))
-        else:
-            lines.append(f"{text}p = getelementptr double, ptr %numbers, i64 {numbers.place(operand)}")
-            lines.append(f"{text}s = load double, ptr {text}p, align 8")
-            lines.extend(_spread(text, f"{text}s", f"{text}i"))
-        return text
+        if key not in known:
+            if isinstance(key, int):
+                known[key] = body.slot(slots[key])
+            else:
+                place = numbers.setdefault(key, len(numbers))
+                known[key] = body.spread(body.number("%numbers", place))
+        return known[key]
 
     for operation, target, left, right in instructions:
-        formula: str
         if operation in _BINARY:
-            formula = f"{_BINARY[operation]} {_VECTOR} {value(left)}, {value(right)}"
+            vector = body.operation(_BINARY[operation], value(left), value(right))
+        elif operation in (COSINE, SINE):
+            if left not in circles:
+                circles[left] = _circle(body, value(left))
+            vector = circles[left][operation == SINE]
         else:
             both = (left, right) if operation == MAXIMUM else (left,)
-            operands = ", ".join(f"{_VECTOR} {value(operand)}" for operand in both)
-            formula = f"call {_VECTOR} {_CALLED[operation]}({operands})"
-        text = f"%v{len(known)}"
-        known[target] = text
-        lines.append(f"{text} = {formula}")
+            vector = body.call(_CALLED[operation], *map(value, both))
+        known[target] = vector
         if target in slots:
-            place = f"{text}o"
-            lines.append(f"{place} = getelementptr {_VECTOR}, ptr %slots, i64 {slots[target]}")
-            lines.append(f"store {_VECTOR} {text}, ptr {place}, align {_BYTES}")
-    head = "ptr noalias readonly %in, ptr noalias readonly %numbers, ptr noalias %slots"
-    return _function(name, head, lines)
+            body.keep(vector, slots[target])
+    return body
 
 
-def _function(name: str, head: str, lines: Sequence[str]) -> str:
-    body = "\n  ".join(lines)
-    return f"define internal void @{name}({head}) noinline {{\n  {body}\n  ret void\n}}\n"
+def _circle(body: _Body, angle: str) -> tuple[str, str]:
+    """Cosine and sine of a vector."""
+    bools, integers = f"<{body.lanes} x i1>", f"<{body.lanes} x i64>"
+
+    def add(a: str, b: str) -> str:
+        return body.operation("fadd", a, b)
+
+    def subtract(a: str, b: str) -> str:
+        return body.operation("fsub", a, b)
+
+    def multiply(a: str, b: str) -> str:
+        return body.operation("fmul", a, b)
+
+    def choose(condition: str, a: str, b: str) -> str:
+        return body.put(f"select {bools} {condition}, {body.vector} {a}, {body.vector} {b}")
+
+    def polynomial(coefficients: Sequence[float], z: str) -> str:
+        total = _constant(coefficients[-1])
+        for coefficient in reversed(coefficients[:-1]):
+            total = add(multiply(total, z), _constant(coefficient))
+        return total
+
+    near = body.operation("fcmp ole", body.call("fabs", angle), _constant(_FARTHEST))
+    x = choose(near, angle, _constant(float("nan")))
+    rounded = add(multiply(x, _constant(_QUADRANTS)), _constant(_ROUNDER))
+    k = subtract(rounded, _constant(_ROUNDER))
+    rough, middle, fine = (multiply(k, _constant(part)) for part in _QUADRANT)
+    first = subtract(x, rough)
+    second = subtract(first, middle)
+    missed = subtract(fine, subtract(subtract(first, second), middle))
+    y = subtract(second, missed)
+    z = subtract(subtract(second, y), missed)
+    square, half = multiply(y, y), _constant(0.5)
+    cube, halved = multiply(square, y), multiply(half, square)
+    # sin(y + z) = y + s y^3 + y^5 p(y^2) + (1 - y^2 / 2) z, the small terms first
+    higher = subtract(multiply(half, z), multiply(cube, polynomial(_SINE[1:], square)))
+    lower = subtract(multiply(square, higher), z)
+    sine = subtract(y, subtract(lower, multiply(cube, _constant(_SINE[0]))))
+    # cos(y + z) = 1 - y^2 / 2 + y^4 p(y^2) - y z; what 1 - y^2 / 2 has lost is added again
+    most = subtract(_constant(1.0), halved)
+    rest = subtract(subtract(_constant(1.0), most), halved)
+    fourth = multiply(multiply(square, square), polynomial(_COSINE, square))
+    cosine = add(most, add(rest, subtract(fourth, multiply(y, z))))
+    quadrant = body.put(f"bitcast {body.vector} {rounded} to {integers}")
+    after = body.put(f"add {integers} {quadrant}, splat (i64 1)")
+    is_odd = body.put(f"trunc {integers} {quadrant} to {bools}")
+    chosen = []
+    pair = choose(is_odd, sine, cosine), choose(is_odd, cosine, sine)
+    for vector, turns in zip(pair, (after, quadrant), strict=True):  # the second bit is the sign
+        bit = body.put(f"and {integers} {turns}, splat (i64 2)")
+        sign = body.put(f"shl {integers} {bit}, splat (i64 62)")
+        bits = body.put(f"bitcast {body.vector} {vector} to {integers}")
+        signed = body.put(f"xor {integers} {bits}, {sign}")
+        chosen.append(body.put(f"bitcast {integers} {signed} to {body.vector}"))
+    return chosen[0], chosen[1]
 
 
-def _spread(text: str, number: str, first: str) -> list[str]:
-    """A vector of one number."""
-    return [
-        f"{first} = insertelement {_VECTOR} poison, double {number}, i64 0",
-        f"{text} = shufflevector {_VECTOR} {first}, {_VECTOR} poison, <{LANES} x i32> zeroinitializer",
-    ]
+def _constant(number: float) -> str:
+    return f"splat (double 0x{np.float64(number).view(np.uint64):016X})"
 
 
-def _loaded(text: str, pointer: str, place: int) -> list[str]:
-    return [
-        f"{text}p = getelementptr {_VECTOR}, ptr {pointer}, i64 {place}",
-        f"{text} = load {_VECTOR}, ptr {text}p, align {_BYTES}",
-    ]
+def _writer(slots: Mapping[int, int], start: int, stop: int, size: int, lanes: int) -> _Body:
+    """Entries from `start` to `stop` of the rows of some samples; those in `slots` are not constant.
+
+    Rows are copied whole, one after the other, as memory is written fastest in its order.
+    """
+    body = _Body(f"{_SLOTS}, ptr noalias readonly %row, ptr noalias %values", lanes)
+    source = body.place("%row", start)
+    for lane in range(lanes):
+        target = body.place("%values", lane * size + start)
+        body.lines.append(
+            f"call void @llvm.memcpy.p0.p0.i64(ptr align 8 {target}, ptr align 8 {source}, "
+            f"i64 {8 * (stop - start)}, i1 false)"
+        )
+
+    def column(k: int) -> str:
+        return body.slot(slots[k]) if k in slots else body.spread(body.number("%row", k))
+
+    tail = stop - (stop - start) % lanes
+    for at in range(start, tail, lanes):
+        if any(k in slots for k in range(at, at + lanes)):
+            rows = _transposed(body, [column(k) for k in range(at, at + lanes)])
+            for lane, row in enumerate(rows):
+                body.store(f"{body.vector} {row}", body.place("%values", lane * size + at))
+    for k in filter(slots.__contains__, range(tail, stop)):
+        vector = column(k)
+        for lane in range(lanes):
+            number = body.put(f"extractelement {body.vector} {vector}, i64 {lane}")
+            body.store(f"double {number}", body.place("%values", lane * size + k))
+    return body
 
 
-def _writer(name: str, places: Sequence[tuple[int, int | None, int]]) -> str:
-    """A function that writes entries of one sample, a lane of the vectors."""
-    lines = []
-    for k, (place, slot, register) in enumerate(places):
-        pointer, place_of_vector = ("%in", register) if slot is None else ("%slots", slot)
-        lines += [
-            f"%e{k}b = getelementptr {_VECTOR}, ptr {pointer}, i64 {place_of_vector}",
-            f"%e{k}p = getelementptr double, ptr %e{k}b, i64 %lane",
-            f"%e{k} = load double, ptr %e{k}p, align 8",
-            f"%e{k}q = getelementptr double, ptr %row, i64 {place}",
-            f"store double %e{k}, ptr %e{k}q, align 8",
-        ]
-    head = "ptr noalias readonly %in, ptr noalias readonly %slots, ptr noalias %row, i64 %lane"
-    return _function(name, head, lines)
+def _columns(slots: Mapping[int, int], lanes: int) -> _Body:
+    """Entries beside the rows, one column of all samples for each."""
+    body = _Body(f"{_SLOTS}, ptr noalias %columns, i64 %stride", lanes)
+    for column, slot in slots.items():
+        body.store(f"{body.vector} {body.slot(slot)}", body.column("%columns", "%stride", column))
+    return body
 
 
-def _check(program: Program, slots: Mapping[int, int]) -> str:
-    """A function that tells at which samples a pivot is too small."""
-    bits = f"<{LANES} x i1>"
-    lines = _spread("%least", f"{LOST:e}", "%least0")
-    good = "splat (i1 true)"
-    for k, pivot in enumerate(program.pivots):
-        for text, register in ((f"%a{k}", pivot.value), (f"%b{k}", pivot.size)):
-            is_input = register < program.inputs
-            place = register if is_input else slots[register]
-            lines += _loaded(text, "%in" if is_input else "%slots", place)
-        lines += [
-            f"%c{k} = call {_VECTOR} {_CALLED[SIZE]}({_VECTOR} %a{k})",
-            f"%d{k} = fmul {_VECTOR} %b{k}, %least",
-            f"%f{k} = fcmp oge {_VECTOR} %c{k}, %d{k}",
-            f"%g{k} = and {bits} {good}, %f{k}",
-        ]
-        good = f"%g{k}"
-    lines += [
-        f"%bad = xor {bits} {good}, splat (i1 true)",
-        f"%bytes = zext {bits} %bad to <{LANES} x i8>",
-        f"store <{LANES} x i8> %bytes, ptr %lost, align 1",
-    ]
-    head = "ptr noalias readonly %in, ptr noalias readonly %slots, ptr noalias %lost"
-    return _function("check", head, lines)
+def _transposed(body: _Body, vectors: Sequence[str]) -> list[str]:
+    """As many vectors as they have lanes; bit by bit, places in vectors become places of vectors."""
+    lanes, some = len(vectors), list(vectors)
+    bit = 1
+    while bit < lanes:
+        upper = [lane & ~bit if lane & bit == 0 else lanes + lane - bit for lane in range(lanes)]
+        lower = [lane + bit if lane & bit == 0 else lanes + lane for lane in range(lanes)]
+        for k in range(lanes):
+            if k & bit == 0:
+                pair = f"{body.vector} {some[k]}, {body.vector} {some[k + bit]}"
+                some[k], some[k + bit] = (
+                    body.put(
+                        f"shufflevector {pair}, <{lanes} x i32> <{', '.join(f'i32 {j}' for j in mask)}>"
+                    )
+                    for mask in (upper, lower)
+                )
+        bit *= 2
+    return some
 
 
-def _loop(inputs: int, size: int, computing: int, calls: Sequence[str]) -> str:
-    """The loop over blocks; in it, one over the samples of a block, whose rows are copied and filled."""
+def _check(program: Program, slots: Mapping[int, int], lanes: int) -> _Body:
+    """Tell at which samples a pivot is too small."""
+    body = _Body(f"{_SLOTS}, ptr noalias %lost", lanes)
+    bits, good = f"<{lanes} x i1>", "splat (i1 true)"
+    for pivot in program.pivots:
+        size = body.call("fabs", body.slot(slots[pivot.value]))
+        least = body.operation("fmul", body.slot(slots[pivot.size]), _constant(LOST))
+        enough = body.operation("fcmp oge", size, least)
+        good = body.put(f"and {bits} {good}, {enough}")
+    bad = body.put(f"xor {bits} {good}, splat (i1 true)")
+    bytes_ = body.put(f"zext {bits} {bad} to <{lanes} x i8>")
+    body.store(f"<{lanes} x i8> {bytes_}", "%lost", 1)
+    return body
+
+
+def _loop(size: int, calls: Sequence[str], lanes: int) -> str:
+    """The loop over blocks of samples."""
     newline = "\n  "
-    first, writing = calls[:computing], calls[computing:]
     return f"""
-define void @samples(i64 %blocks, ptr %inputs, ptr %numbers, ptr %slots, ptr %row, ptr %values,
-                     ptr %lost_all) {{
+define void @samples(i64 %blocks, i64 %between, i64 %stride, ptr %all_points, ptr %numbers, ptr %slots,
+                     ptr %row, ptr %all_values, ptr %all_columns, ptr %all_lost) {{
 entry:
   %some = icmp sgt i64 %blocks, 0
   br i1 %some, label %block, label %done
 block:
-  %k = phi i64 [ 0, %entry ], [ %next, %end ]
-  %first = mul i64 %k, {inputs}
-  %in = getelementptr {_VECTOR}, ptr %inputs, i64 %first
-  %sample = mul i64 %k, {LANES}
-  %lost = getelementptr i8, ptr %lost_all, i64 %sample
-{newline.join(first)}
-  call void @check(ptr %in, ptr %slots, ptr %lost)
-  br label %write
-write:
-  %lane = phi i64 [ 0, %block ], [ %lane_next, %write ]
-  %own = add i64 %sample, %lane
-  %start = mul i64 %own, {size}
-  %lane_row = getelementptr double, ptr %values, i64 %start
-  call void @llvm.memcpy.p0.p0.i64(ptr align 8 %lane_row, ptr align 8 %row, i64 {8 * size}, i1 false)
-{newline.join(writing)}
-  %lane_next = add i64 %lane, 1
-  %more = icmp slt i64 %lane_next, {LANES}
-  br i1 %more, label %write, label %end
-end:
+  %k = phi i64 [ 0, %entry ], [ %next, %block ]
+  %sample = mul i64 %k, {lanes}
+  %start = mul i64 %sample, {size}
+  %points = getelementptr double, ptr %all_points, i64 %sample
+  %values = getelementptr double, ptr %all_values, i64 %start
+  %columns = getelementptr double, ptr %all_columns, i64 %sample
+  %lost = getelementptr i8, ptr %all_lost, i64 %sample
+  {newline.join(calls)}
   %next = add i64 %k, 1
   %again = icmp slt i64 %next, %blocks
   br i1 %again, label %block, label %done
@@ -276,8 +412,10 @@ done:
 """
 
 
-_DECLARED = (
-    *(f"declare {_VECTOR} {_CALLED[name]}({_VECTOR})" for name in (SIZE, ROOT)),
-    f"declare {_VECTOR} {_CALLED[MAXIMUM]}({_VECTOR}, {_VECTOR})",
-    "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
-)
+def _declared(lanes: int) -> list[str]:
+    vector = f"<{lanes} x double>"
+    return [
+        *(f"declare {vector} @llvm.{name}.v{lanes}f64({vector})" for name in ("fabs", "sqrt")),
+        f"declare {vector} @llvm.maximum.v{lanes}f64({vector}, {vector})",
+        "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
+    ]

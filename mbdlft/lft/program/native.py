@@ -1,7 +1,7 @@
 """Straight-line programs as native code, compiled by LLVM for the processor at hand, and its cache.
 
-Cosines and sines are numpy's; all else runs on vectors of eight samples, with as many threads as there
-are cores. Results are bit for bit those of `run`.
+It runs on vectors of four samples, eight where the processor has vectors of that length, with as many
+threads as there are cores. Results are bit for bit those of `run`, but for cosines and sines (`llvm.py`).
 
 Compiled code is kept in a folder, by content: the text it was made from, and the processor. It is run as
 it is read, so a folder or a file that others may write to is not used. Each file begins with the digest
@@ -16,7 +16,7 @@ import stat
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.lft.program.llvm import LANES, Code, code
-from mbdlft.lft.program.tape import COSINE, SINE, Plan, Program, needed, plan, renamed, run
+from mbdlft.lft.program.llvm import Code, code
+from mbdlft.lft.program.tape import Program
 
 _ALIGNED = 64  # bytes of a vector
-_SAMPLES = 2048  # of a chunk: what comes in stays near a core
+_SAMPLES = 8192  # of a chunk, as many as a thread gets at a time
 _OPTIMIZED = 2  # level of LLVM; 3 takes longer and is not faster here
 _POINTER = ctypes.c_void_p
-_KIND = ctypes.CFUNCTYPE(None, ctypes.c_int64, *([_POINTER] * 6))
+_KIND = ctypes.CFUNCTYPE(None, *([ctypes.c_int64] * 3), *([_POINTER] * 7))
 
 
 _DIGEST = 32
@@ -126,49 +126,52 @@ def is_available() -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NativeProgram:
-    """A program as native code.
+    """A program as native code: `size` are the entries of a row; `engine` owns the memory of `call`."""
 
-    `first` is what is done by numpy: cosines, sines and their arguments. `inputs` are those of the native
-    function `call`, whose memory `engine` owns; `size` are the entries of a row.
-    """
-
-    first: Plan | None
-    inputs: int
     size: int
     code: Code
+    numbers: Array
     call: Any
     engine: Any
 
 
 def compile_native(program: Program, size: int, cache: Cache | None = None) -> NativeProgram:
-    """Compile a program whose entries have the places (0, k) in rows of a size, or find its code."""
-    first, without_circles = _without_circles(program)
-    compiled = code(without_circles, size)
+    """Compile a program whose entries have the places (0, k), k < size in rows, or find its code."""
+    compiled = code(program, size, _lanes())
     call, engine = _loaded(compiled.text, cache)
-    return NativeProgram(first, without_circles.inputs, size, compiled, call, engine)
+    return NativeProgram(size, compiled, np.array(compiled.numbers or (0.0,)), call, engine)
 
 
 def run_natively(
-    program: NativeProgram, points: Array, row: Array, values: Array, threads: int | None = None
+    program: NativeProgram,
+    points: Array,
+    row: Array,
+    values: Array,
+    threads: int | None = None,
+    columns: Array | None = None,
 ) -> NDArray[np.bool_]:
     """Write whole rows of values (N, size): the entries of the program, others as in `row` (size,).
 
-    `points` are (N, inputs of the program), and there are as many threads as cores by default. True (N,)
-    where a pivot has lost digits, as in `run`.
+    `points` are (N, inputs of the program), column by column in memory, or copied. Entries with the
+    places (0, size + k) go to columns (k, N), which have their constants.
+    There are as many threads as cores by default. True (N,) where a pivot has lost digits, as in `run`.
     """
-    count = len(points)
-    whole = count - count % LANES
+    count, lanes = len(points), program.code.lanes
     lost = np.zeros(count, dtype=np.uint8)
-    numbers = np.array(program.code.numbers or (0.0,))
+    points = np.asfortranarray(points, dtype=float)
     row = np.ascontiguousarray(row, dtype=float)
+    columns = np.empty((0, count)) if columns is None else columns
     assert row.shape == (program.size,)
     assert values.shape == (count, program.size)
     assert values.flags.c_contiguous
+    assert columns.shape[1:] == (count,)
+    assert columns.strides[1] == columns.itemsize or not columns.size
 
     def fill(start: int) -> None:
-        chunk = slice(start, min(start + _SAMPLES, whole))
-        _call(program, points[chunk], numbers, row, values[chunk], lost[chunk])
+        some = slice(start, min(start + _SAMPLES, whole))
+        _call(program, points[some], row, values[some], columns[:, some], lost[some])
 
+    whole = count - count % lanes
     starts = range(0, whole, _SAMPLES)
     workers = min(threads or _cores(), len(starts))
     if workers > 1:
@@ -177,35 +180,32 @@ def run_natively(
     else:
         for start in starts:
             fill(start)
-    if count > whole:
-        last = np.concatenate([points[whole:], np.tile(points[-1], (whole + LANES - count, 1))])
-        last_rows, last_lost = np.empty((LANES, program.size)), np.zeros(LANES, dtype=np.uint8)
-        _call(program, last, numbers, row, last_rows, last_lost)
-        values[whole:], lost[whole:] = last_rows[: count - whole], last_lost[: count - whole]
-    return lost.astype(bool)
+    if count > whole:  # a vector that is filled up with the last sample
+        last = np.asfortranarray(points[np.minimum(np.arange(whole, whole + lanes), count - 1)])
+        rows, beside = np.empty((lanes, program.size)), np.repeat(columns[:, whole, None], lanes, axis=1)
+        bad = np.empty(lanes, dtype=np.uint8)
+        _call(program, last, row, rows, beside, bad)
+        some = slice(count - whole)
+        values[whole:], columns[:, whole:], lost[whole:] = rows[some], beside[:, some], bad[some]
+    return lost.view(bool)
 
 
 def _call(
     program: NativeProgram,
     points: Array,
-    numbers: Array,
     row: Array,
     values: Array,
+    columns: Array,
     lost: NDArray[np.uint8],
 ) -> None:
     """Call the native code for whole vectors of samples."""
-    count, blocks = points.shape[1], len(points) // LANES
-    packed = _aligned(len(points) * program.inputs).reshape(blocks, program.inputs, LANES)
-    packed[:, :count] = points.reshape(blocks, LANES, count).transpose(0, 2, 1)
-    if program.first is not None:
-        circles = np.empty((len(points), 1, program.inputs - count))
-        run(program.first, points, circles)
-        packed[:, count:] = circles.reshape(blocks, LANES, -1).transpose(0, 2, 1)
-    arrays = (packed, numbers, _aligned(program.code.slots * LANES), row, values, lost)
-    program.call(blocks, *(array.ctypes.data for array in arrays))
+    lanes = program.code.lanes
+    arrays = (points, program.numbers, aligned(program.code.slots * lanes), row, values, columns, lost)
+    strides = points.strides[1] // points.itemsize, columns.strides[0] // columns.itemsize
+    program.call(len(points) // lanes, *strides, *(array.ctypes.data for array in arrays))
 
 
-def _aligned(count: int) -> Array:
+def aligned(count: int) -> Array:
     """An array of so many numbers that begins where vectors may begin."""
     room = np.empty(count + _ALIGNED // 8)
     start = (-room.ctypes.data % _ALIGNED) // 8
@@ -217,22 +217,11 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _without_circles(program: Program) -> tuple[Plan | None, Program]:
-    """The cosines and sines of a program, and what is left, to which they are inputs."""
-    kept = needed(program)
-    circles = [i.target for i in kept if i.operation in (COSINE, SINE)]
-    if not circles:
-        return None, replace(program, instructions=tuple(kept))
-    entries = tuple(((0, k), register) for k, register in enumerate(circles))
-    first = plan(Program(program.inputs, tuple(kept), entries, ()))
-    names = {register: program.inputs + k for k, register in enumerate(circles)}
+def _lanes() -> int:
+    """Samples of a vector of this processor."""
+    import llvmlite.binding as llvm
 
-    def name(register: int) -> int:
-        is_input = register < program.inputs
-        return register if is_input else names.get(register, register + len(circles))
-
-    others = [i for i in kept if i.target not in names]
-    return first, renamed(program, program.inputs + len(circles), others, name)
+    return 8 if llvm.get_host_cpu_features().get("avx512f") else 4
 
 
 def _loaded(text: str, cache: Cache | None) -> tuple[Any, Any]:

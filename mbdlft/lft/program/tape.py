@@ -128,10 +128,13 @@ def rows_of_numbers(
     """A program of rows with a pivot that tells finite numbers, and the constant row (size,)."""
     row = np.array([number if isinstance(number, float) else 0.0 for number in outcome])
     places = tuple(((0, k), number) for k, number in enumerate(outcome) if isinstance(number, int))
-    total: Operand = 1.0
+    total: Operand = 0.0
     for register in dict.fromkeys(register for _, register in places):
-        total = tape.add(total, tape.put(MULTIPLY, register, 0.0))
-    finite = [Pivot(total, total)] if isinstance(total, int) else []
+        total = tape.add(total, register)
+    finite = []
+    if isinstance(total, int):  # 1, or not a number
+        number = tape.put(ADD, tape.put(MULTIPLY, total, 0.0), 1.0)
+        finite.append(Pivot(number, number))
     return Program(tape.inputs, tuple(tape.instructions), places, (*pivots, *finite)), row
 
 
