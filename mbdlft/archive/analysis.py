@@ -5,18 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.archive import archive as archives
 from mbdlft.archive import layout
-from mbdlft.archive.archive import (
-    LIMIT,
-    check_name,
-    load,
-    model_names,
-    names_in,
-    naming,
-    read_one,
-    rewrite,
-    save,
-)
 from mbdlft.archive.hdf5 import Part, Request, write_items
 from mbdlft.archive.model import items_of_model
 from mbdlft.base.errors import ArchiveError
@@ -55,23 +45,23 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
     file = Path(path)
     what = f"{bounds.kind}, moving parameters" if bounds.rates else bounds.kind
     key = f"{system.name}: {what}" if name is None else name
-    check_name(file, "analysis", key)
+    archives.check_name(file, "analysis", key)
     model_digest = layout.word(items_of_model(system), layout.DIGEST)
-    if not file.exists() or system.name not in model_names(file):
-        save(file, system)
-    elif layout.word(items_of_model(load(file, system.name)), layout.DIGEST) != model_digest:
+    if not file.exists() or system.name not in archives.model_names(file):
+        archives.save(file, system)
+    elif layout.word(items_of_model(archives.load(file, system.name)), layout.DIGEST) != model_digest:
         raise ArchiveError(
             f"{file}: the model {system.name!r} is another one than the one that was analyzed. Save the "
             "analysis in another file, or give the system another name."
         )
-    with naming(file, f"analysis {key!r}"):
+    with archives.naming(file, f"analysis {key!r}"):
         values = {"@model": system.name, "@model_digest": model_digest, **_values(bounds)}
         items = layout.with_digest(layout.encode(layout.ANALYSIS_TYPE, values))
 
     def fill(archive: Any) -> None:
         write_items(archive.require_group("analyses").create_group(key), items)
 
-    rewrite(file, fill, f"analyses/{key}")
+    archives.rewrite(file, fill, f"analyses/{key}")
 
 
 def analysis_names(path: str | Path) -> tuple[str, ...]:
@@ -86,11 +76,11 @@ def analysis_names(path: str | Path) -> tuple[str, ...]:
     ArchiveError
         The file is missing, truncated, foreign or newer.
     """
-    return names_in(Path(path), "analyses")
+    return archives.names_in(Path(path), "analyses")
 
 
 def load_analysis(
-    path: str | Path, name: str | None = None, *, limit: int = LIMIT
+    path: str | Path, name: str | None = None, *, limit: int = archives.LIMIT
 ) -> tuple[System, Bounds]:
     """Read an analysis from an archive, with the system that was analyzed.
 
@@ -120,8 +110,8 @@ def load_analysis(
         return key, model, digest_of_model, _bounds(part.items)
 
     request = Request("read", "analyses", "analysis", name, (layout.ANALYSIS_TYPE,), limit)
-    key, model, digest_of_model, bounds = read_one(file, request, make)
-    system = load(file, model)
+    key, model, digest_of_model, bounds = archives.read_one(file, request, make)
+    system = archives.load(file, model)
     if layout.word(items_of_model(system), layout.DIGEST) != digest_of_model:
         raise ArchiveError(
             f"{file}: analysis {key!r}: the model {system.name!r} is not the one that was analyzed; "

@@ -387,11 +387,3 @@ def _copy(old: Any, new: Any, left_out: str) -> None:
         check_link(old, name)
         if name != left_out:
             old.copy(name, new)
-
-
-def image_of_copy(archive: Any, replaced: str) -> bytes:
-    """What `copy_all` makes of a file, in memory."""
-    image = BytesIO()
-    with h5py.File(image, "w", libver=("v110", "v110")) as new:
-        copy_all(archive, new, replaced)
-    return image.getvalue()

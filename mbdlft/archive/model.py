@@ -46,7 +46,10 @@ def items_of_model(model: System | DeltaThetaModel) -> layout.Items:
     values |= layout.columns("parameters", (*_TEXTS, *_NUMBERS), model.parameters)
     values["parameters/map"] = [_row(p) for p in model.parameters]
     if isinstance(model, LFTModel):
-        values |= _trim_values(model.trim, model.parameters)
+        values |= {**signal_values("trim", model.trim.signals), "trim/nominal": model.trim.nominal}
+        if (held := model.trim.lft) is not None:
+            values |= {f"trim/lft/{name}": getattr(held, M) for name, M in _FOUR.items()}
+            values |= _block_values("trim/lft/delta", held, model.parameters)
         values |= _certificate_values(model.certificate)
         values |= layout.of_fields("provenance", kind, model.provenance)
         values["provenance@scene"] = _POINTER
@@ -76,14 +79,6 @@ def _block_values(group: str, lft: LFT, parameters: Sequence[Parameter]) -> dict
             place[b.name] if b.kind == "real" else -1 for b in lft.blocks for _ in range(b.outputs)
         ],
     }
-
-
-def _trim_values(trim: Trim, parameters: Sequence[Parameter]) -> dict[str, Any]:
-    values = {**signal_values("trim", trim.signals), "trim/nominal": trim.nominal}
-    if trim.lft is not None:
-        values |= {f"trim/lft/{name}": getattr(trim.lft, M) for name, M in _FOUR.items()}
-        values |= _block_values("trim/lft/delta", trim.lft, parameters)
-    return values
 
 
 def model_of_items(items: layout.Items, name: str) -> System | DeltaThetaModel:

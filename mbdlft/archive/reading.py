@@ -10,9 +10,11 @@ one is read in a process with a limit of time and memory, which is kept for the 
 
 import contextlib
 import hashlib
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
@@ -146,7 +148,8 @@ def _answer(request: hdf5.Request, archive: Any, image: bytes | Path) -> Answer:
     if request.what == "copy":
         hdf5.check_whole(archive, long_text=request.long_text)
         if isinstance(image, bytes) and request.long_text:
-            hdf5.image_of_copy(archive, f"{request.parent}/{request.name}")
+            with h5py.File(BytesIO(), "w", libver=("v110", "v110")) as new:
+                hdf5.copy_all(archive, new, f"{request.parent}/{request.name}")
         return Answer(names)
     name = chosen_name(request.kind, names, request.name)
     subject = f"{request.kind} {name!r}"

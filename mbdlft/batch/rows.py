@@ -120,7 +120,8 @@ class EquationSource:
             efforts, kept = trims.efforts[good], some[good]
             values = self.need.of(linearized(e, self.inputs, self.outputs, at[good], efforts))
             check_prestress(e, at[good], efforts)
-            matrices[_as_slice(kept)] = values
+            whole = kept[-1] - kept[0] + 1 == len(kept)  # a slice is copied faster than rows one by one
+            matrices[slice(kept[0], kept[-1] + 1) if whole else kept] = values
             finite = np.all(np.isfinite(values), axis=(1, 2))
             kept = kept[finite]
             trim[kept] = efforts[finite][:, unknown]
@@ -193,12 +194,6 @@ def deltas_at(model: LFTModel, points: Array) -> Array:
     """Deltas (N, n_p) of a model at physical points (N, n_p) in its ranges."""
     deltas = deltas_of(model, {p.name: points[:, k] for k, p in enumerate(model.parameters)})
     return np.broadcast_to(deltas, (len(points), deltas.shape[1]))
-
-
-def _as_slice(some: Indices) -> slice | Indices:
-    """Indices (n,), as a slice if they are consecutive: a slice is copied faster."""
-    whole = some[-1] - some[0] + 1 == len(some)
-    return slice(int(some[0]), int(some[-1]) + 1) if whole else some
 
 
 def _halves(fill: Callable[[Indices], None], some: Indices) -> None:

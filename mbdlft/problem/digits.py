@@ -5,7 +5,7 @@ the problem as they are written, and the equations are solved in balls, too. Wha
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -33,43 +33,53 @@ BITS = 200  # 50 digits and what solving takes
 Balls = NDArray[np.object_]
 
 
-def matrices_in_digits(
-    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> Array:
-    """[A B ; C D] (N, ., .) of the exact equations at physical points (N, n_p), rounded at the end."""
-    with precision(BITS):
-        return _rounded_all(_of_equations(exact, inputs, outputs, points))
+class InDigits(NamedTuple):
+    """Linear relations in 50 digits: slopes of [residual ; outputs] at a physical point, as balls."""
 
-
-def transfers_in_digits(
-    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array, frequencies: Array
-) -> NDArray[np.complex128]:
-    """Transfer functions (N, F, n_y, n_u) at physical points (N, n_p), frequencies (F,) in rad/s."""
-    with precision(BITS):
-        balls = _of_equations(exact, inputs, outputs, points)
-        return transfers_of(balls, len(exact.states), frequencies)
-
-
-class RelationsInDigits:
-    """The same of linear relations, whose slopes by unknown and known signals are given."""
-
-    def __init__(self, model: LinearModel, slopes: ca.SX) -> None:
-        self.model, self.tape = model, _tape(model.p, slopes)
+    slopes: Callable[[Array], Balls]
+    unknown: int  # numbers of signals
+    known: int
+    states: int
 
     def matrices(self, points: Array) -> Array:
+        """[A B ; C D] (N, ., .) at physical points (N, n_p), rounded at the end."""
         with precision(BITS):
             return _rounded_all(self._balls(points))
 
     def transfers(self, points: Array, frequencies: Array) -> NDArray[np.complex128]:
+        """Transfer functions (N, F, n_y, n_u) at physical points (N, n_p), frequencies (F,) in rad/s."""
         with precision(BITS):
-            return transfers_of(self._balls(points), self.model.derivatives, frequencies)
+            return transfers_of(self._balls(points), self.states, frequencies)
 
     def _balls(self, points: Array) -> list[Balls]:
-        m, matrices = self.model, []
-        for point in points:
-            (J,) = self.tape.at([_internal(*pair) for pair in zip(m.parameters, point, strict=True)])
-            matrices.append(_state_space(J, m.unknown.numel(), m.known.numel(), m.derivatives))
-        return matrices
+        try:
+            return [_state_space(self.slopes(p), self.unknown, self.known, self.states) for p in points]
+        except ZeroDivisionError:
+            raise _singular() from None
+
+
+def equations_in_digits(exact: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> InDigits:
+    """The exact equations of a scene, trimmed and linearized."""
+    with precision(BITS):
+        trim, tape = _tapes(exact, tuple(inputs), tuple(outputs))
+
+    def slopes(point: Array) -> Balls:
+        physical = [flint.arb(float(x)) for x in point]
+        return tape.at(physical + _efforts(exact, trim, physical))[0]
+
+    unknown, known = (signals.numel() for signals in split(exact, inputs))
+    return InDigits(slopes, unknown, known, len(exact.states))
+
+
+def relations_in_digits(m: LinearModel, slopes: ca.SX) -> InDigits:
+    """Linear relations, whose slopes by unknown and known signals are given."""
+    with precision(BITS):
+        tape = _tape(m.p, slopes)
+
+    def at(point: Array) -> Balls:
+        return tape.at([_internal(*pair) for pair in zip(m.parameters, point, strict=True)])[0]
+
+    return InDigits(at, m.unknown.numel(), m.known.numel(), m.derivatives)
 
 
 def _internal(parameter: Parameter, physical: float) -> Any:
@@ -109,23 +119,6 @@ def _rounded_all(matrices: Sequence[Balls]) -> Array:
     return values.reshape(len(matrices), *matrices[0].shape)
 
 
-def _of_equations(
-    exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
-) -> list[Balls]:
-    """[A B ; C D] of the exact equations at physical points (N, n_p)."""
-    trim, slopes = _tapes(exact, tuple(inputs), tuple(outputs))
-    unknown, known = (signals.numel() for signals in split(exact, inputs))
-    matrices = []
-    for point in points:
-        physical = [flint.arb(float(x)) for x in point]
-        try:
-            (J,) = slopes.at(physical + _efforts(exact, trim, physical))
-        except ZeroDivisionError:
-            raise _singular() from None
-        matrices.append(_state_space(J, unknown, known, len(exact.states)))
-    return matrices
-
-
 def efforts_in_digits(
     exact: Equations, inputs: Sequence[int], outputs: Sequence[int], points: Array
 ) -> Array:
@@ -138,10 +131,7 @@ def efforts_in_digits(
 
 def _state_space(J: Balls, unknown: int, known: int, states: int) -> Balls:
     """[A B ; C D] of slopes of [residual ; outputs] by unknown and known signals."""
-    try:
-        solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
-    except ZeroDivisionError:
-        raise _singular() from None
+    solved = -_solved(J[:unknown, :unknown], J[:unknown, unknown : unknown + known])
     read = J[unknown:, unknown : unknown + known] + _times(J[unknown:, :unknown], solved)
     return np.concatenate([solved[:states], read])
 

@@ -16,12 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import to_internal
 from mbdlft.exact.rounding import eigenvalues_of
-from mbdlft.problem.digits import (
-    RelationsInDigits,
-    efforts_in_digits,
-    matrices_in_digits,
-    transfers_in_digits,
-)
+from mbdlft.problem.digits import efforts_in_digits, equations_in_digits, relations_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_function
 from mbdlft.problem.relations import Complex, LinearModel, Need, Reference
@@ -152,9 +147,7 @@ def reference_of(
         unknown, known = (signals.numel() for signals in split(e, inputs))
         return implicit_transfers(at.linear.jacobian[list(some)], (unknown, known, states), frequencies)
 
-    def in_digits(some: Sequence[int], frequencies: Array) -> Complex:
-        return transfers_in_digits(exact, inputs, outputs, points[list(some)], frequencies)
-
+    digits = cache(lambda: equations_in_digits(exact, inputs, outputs))
     trim_scale = np.max(at.effort_sizes, axis=0)
     return Reference(
         values=need.of(matrices),
@@ -165,10 +158,10 @@ def reference_of(
         least=NEGLIGIBLE * need.of(_whole(size, states, at.floor)[None])[0],
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
-        in_digits=lambda some: need.of(matrices_in_digits(exact, inputs, outputs, some)),
+        in_digits=lambda some: need.of(digits().matrices(some)),
         trim_in_digits=trim_in_digits,
         transfers=transfers,
-        transfers_in_digits=in_digits,
+        transfers_in_digits=lambda some, w: digits().transfers(points[list(some)], w),
     )
 
 
@@ -287,8 +280,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     def coarse() -> tuple[Array, float]:
         return np.maximum(scale, np.max(terms(), axis=0)), 0.0
 
-    def transfers_in_digits(some: Sequence[int], frequencies: Array) -> Complex:
-        return RelationsInDigits(model, slopes).transfers(points[list(some)], frequencies)
+    digits = cache(lambda: relations_in_digits(model, slopes))
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
         jacobian = spread(entries[list(some)])
@@ -304,8 +296,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
         trimmed=np.zeros((len(points), 0)),
         trim_scale=np.zeros(0),
         transfers=transfers,
-        transfers_in_digits=transfers_in_digits,
-        in_digits=lambda some: RelationsInDigits(model, slopes).matrices(some),
+        transfers_in_digits=lambda some, w: digits().transfers(points[list(some)], w),
+        in_digits=lambda some: digits().matrices(some),
     )
 
 

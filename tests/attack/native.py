@@ -11,7 +11,7 @@ from mbdlft import MbdlftError
 from mbdlft.batch.native import compiled
 from mbdlft.batch.rows import EquationSource, source_of
 from mbdlft.multibody.assembly import assembly
-from mbdlft.problem.digits import matrices_in_digits
+from mbdlft.problem.digits import equations_in_digits
 from tests.attack.mutations import check_message
 from tests.close import EVALUATION, NOTHING
 from tests.cross.mechanisms import closed_loop, open_tree
@@ -45,7 +45,9 @@ def attack(seed: int, folder: Path) -> str:
     if not len(good):
         return "no sample has a solution"
     exact = assembly(scene).exact
-    reference = source.need.of(matrices_in_digits(exact, source.inputs, source.outputs, points[good]))
+    reference = source.need.of(
+        equations_in_digits(exact, source.inputs, source.outputs).matrices(points[good])
+    )
     size = np.max(np.abs(reference), axis=0)
     size = np.where(size > NOTHING * np.max(size), size, max(np.max(size), NOTHING))
     own, other = (float(np.max(np.abs(x[0][good] - reference) / size)) for x in (rows, expected))

@@ -30,7 +30,7 @@ from mbdlft.lft.program.elimination import solve, sparse
 from mbdlft.lft.program.native import Cache, compile_native, key_of, run_natively, user_cache
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, plan, rows_of_numbers, run
 from mbdlft.multibody.assembly import assembly
-from mbdlft.problem.digits import matrices_in_digits
+from mbdlft.problem.digits import equations_in_digits
 from tests.close import ELASTIC, EVALUATION, NOTHING, exact, roundoff
 from tests.errors.scenes import cart
 
@@ -196,7 +196,9 @@ def test_as_near_to_fifty_digits_as_the_definition(name: str) -> None:
     found = mbdlft.compile(scene(name), threads=1)
     source = found.source
     at = probes(found, 6)
-    reference = matrices_in_digits(assembly(scene(name)).exact, source.inputs, source.outputs, at)
+    reference = equations_in_digits(assembly(scene(name)).exact, source.inputs, source.outputs).matrices(
+        at
+    )
     reference = source.need.of(reference)
     size = np.max(np.abs(reference), axis=0)
     some = size > 1e-8 * np.sqrt(np.outer(np.max(size, axis=1), np.max(size, axis=0)))
