@@ -10,8 +10,9 @@ import pytest
 
 from mbdlft import ArchiveError, load, model_names, save
 from tests.archive import models, plain_digest
+from tests.archive.plain_digest import attributes, instead, put, without
 from tests.archive.test_layout import ATTRIBUTES, DATASETS, OPTIONAL, TEXT
-from tests.errors.table import says
+from tests.errors.table import refused, says
 
 NAME = "two_link_arm"
 SEAL = 44  # bytes behind the HDF5 file
@@ -37,15 +38,6 @@ def edit(file, change):
 
 
 # files --------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("read", [load, model_names])
-def test_missing(tmp_path, read):
-    file = tmp_path / "none.h5"
-    with says(ArchiveError, f"{file}: cannot be read: No such file or directory."):
-        read(file)
-    with says(ArchiveError, f"{tmp_path}: cannot be read: Is a directory."):
-        read(tmp_path)
 
 
 @pytest.mark.parametrize("part", [0.0, 1e-4, 0.01, 0.1, 0.5, 0.9, 0.999])
@@ -88,40 +80,22 @@ def test_foreign(tmp_path):
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("attribute", "value", "message"),
-    [
-        ("format", "other", "root attribute 'format' is 'other', expected 'mbdlft-archive'."),
-        (
-            "format_version",
-            "2.0",
-            "has format version 2.0, this mbdlft reads up to 1.1. Install a newer mbdlft.",
-        ),
-        ("format_version", "10.1", "has format version 10.1, this mbdlft reads up to 1.1."),
-        ("format_version", "new", "'format_version' is 'new', expected '1.1'."),
-        ("format_version", None, "'format_version' is None, expected '1.1'."),
-    ],
-)
-def test_format(file, attribute, value, message):
-    with h5py.File(file, "r+") as archive:
-        if value is None:
-            del archive.attrs[attribute]
-        else:
-            archive.attrs[attribute] = value
-    before = file.read_bytes()
-    for attempt in (load, model_names, lambda path: save(path, models.arm())):
-        with says(ArchiveError, f"{file}: ", message):
-            attempt(file)
-    assert file.read_bytes() == before
+@pytest.fixture
+def kept(file):
+    """What a file that is changed is refused for, by all that read it; nothing is written into it."""
 
+    def refuse(change, *attempts):
+        with h5py.File(file, "r+") as archive:
+            change(archive)
+        before = file.read_bytes()
+        for attempt in attempts or (load, model_names, lambda path: save(path, models.arm())):
+            with pytest.raises(ArchiveError) as caught:
+                attempt(file)
+            assert str(caught.value).startswith(f"{file}: ")
+        assert file.read_bytes() == before
+        raise caught.value
 
-def test_models_that_is_not_a_group(file):
-    with h5py.File(file, "r+") as archive:
-        del archive["models"]
-        archive["models"] = np.arange(3.0)
-    for attempt in (load, model_names, lambda path: save(path, models.arm())):
-        with says(ArchiveError, f"{file}: ", "models"):
-            attempt(file)
+    return refuse
 
 
 def test_bytes_that_are_damaged(file):
@@ -145,77 +119,46 @@ def test_bytes_that_are_damaged(file):
 # names --------------------------------------------------------------------------------------------
 
 
-def test_unknown_model(file):
-    with says(
-        ArchiveError,
-        f"{file}: unknown model 'two_link_am'. Did you mean 'two_link_arm'? Existing: two_link_arm.",
-    ):
-        load(file, "two_link_am")
+test_messages = refused(
+    r"""
+> {load|model_names}({}) => ArchiveError:
+tmp_path / "none.h5" => none.h5: cannot be read: No such file or directory.
+tmp_path => : cannot be read: Is a directory.
+> kept({}) => ArchiveError:
+attributes("", format="other") => root attribute 'format' is 'other', expected 'mbdlft-archive'.
+attributes("", format_version="2.0")
+    => has format version 2.0, this mbdlft reads up to 1.1. Install a newer mbdlft.
+attributes("", format_version="10.1") => has format version 10.1, this mbdlft reads up to 1.1.
+attributes("", format_version="new") => 'format_version' is 'new', expected '1.1'.
+attributes("", format_version=None) => 'format_version' is None, expected '1.1'.
+instead("models", np.arange(3.0)) => models
+without("models"), load => give the name of a model. Existing: none.
+> kept(attributes(""), {}) => ArchiveError:
+lambda file: load(file, "two_link_am")
+    => unknown model 'two_link_am'. Did you mean 'two_link_arm'? Existing: two_link_arm.
+lambda file: save(file, models.arm(), "a/b") => 'a/b' cannot name a model
+lambda file: save(file, models.arm(), "/") => '/' cannot name a model
+lambda file: save(file, models.arm(), ".") => '.' cannot name a model
+lambda file: save(file, models.arm(), "a\0b") => 'a\x00b' cannot name a model
+lambda file: save(file, models.arm(), "a\ud800") => 'a\ud800' cannot name a model
+lambda file: save(file, replace(models.arm(), description="a\0b")) => .h5:
+# Models and places that cannot be written.
+> save({}) => ArchiveError:
+tmp_path / "arm.h5", "scene" => arm.h5: expected an LFTModel or a System, got str. to_lft(scene)
+tmp_path / "none" / "arm.h5", models.arm()
+    => arm.h5: cannot be written: No such file or directory. The old file, if there was one, is unchanged.
+tmp_path, models.arm() => : cannot be read: Is a directory.
+"""
+)
 
 
 def test_name_is_needed(file):
     save(file, models.arm(), "other")
     with says(ArchiveError, f"{file}: give the name of a model. Existing: other, two_link_arm."):
         load(file)
-    with h5py.File(file, "r+") as archive:
-        del archive["models"]
-    with says(ArchiveError, f"{file}: give the name of a model. Existing: none."):
-        load(file)
-
-
-@pytest.mark.parametrize("name", ["a/b", "/", ".", "a\0b", "a\ud800"])
-def test_name_that_cannot_be_written(file, name):
-    before = file.read_bytes()
-    with says(ArchiveError, f"{file}: {name!r} cannot name a model"):
-        save(file, models.arm(), name)
-    assert file.read_bytes() == before
-
-
-def test_text_that_cannot_be_written(file):
-    before = file.read_bytes()
-    with says(ArchiveError, f"{file}: "):
-        save(file, replace(models.arm(), description="a\0b"))
-    assert file.read_bytes() == before
 
 
 # models -------------------------------------------------------------------------------------------
-
-
-def without(*names):
-    """Takes items out."""
-    return lambda group: [group.__delitem__(name) for name in names]
-
-
-def with_attributes(of, **values):
-    """Puts attributes of a group, or of the model; None takes one out."""
-
-    def change(model):
-        owner = model[of] if of else model
-        for name, value in values.items():
-            owner.attrs.pop(name, None)
-            if isinstance(value, str):
-                plain_digest.put_text(owner, name, value)
-            elif value is not None:
-                owner.attrs[name] = value
-
-    return change
-
-
-def with_entries(name, where, value):
-    return lambda group: group[name].__setitem__(where, value)
-
-
-def with_texts_for_numbers(group):
-    del group["A"]
-    group["A"] = ["a", "b"]
-
-
-def with_channels(rows):
-    def change(group):
-        channels = group["delta/parameter"]
-        channels[[0, -1]] = rows
-
-    return change
 
 
 # an exact model of the first files has no truncation_error
@@ -231,44 +174,44 @@ NO_CHANNELS = "delta/parameter is not sorted, or names a parameter that is not t
 DAMAGES = {
     **{f"no {k}": (without(k), (WHOLE, f"'{k}' is missing")) for k in DATASETS if k not in OPTIONAL},
     **{f"no {k}": (without(k), (WHOLE, f"'{k}/", "is missing")) for k in PARTS},
-    **{f"no {g}.{k}": (with_attributes(g, **{k: None}), (WHOLE, f"'{k}'")) for g, k in REQUIRED},
+    **{f"no {g}.{k}": (attributes(g, **{k: None}), (WHOLE, f"'{k}'")) for g, k in REQUIRED},
     "not exact, and no bound": (
-        with_attributes("certificate", exact=np.bool_(False), truncation_error=None),
+        attributes("certificate", exact=np.bool_(False), truncation_error=None),
         (WHOLE, "'truncation_error'"),
     ),
     "a sweep": (
-        with_attributes("", encoding_type="sweep"),
+        attributes("", encoding_type="sweep"),
         ("encoding_type is 'sweep', expected 'lft-model' or 'system'.",),
     ),
     "no type": (
-        with_attributes("", encoding_type=None),
+        attributes("", encoding_type=None),
         ("encoding_type is '', expected 'lft-model' or 'system'.",),
     ),
     "newer": (
-        with_attributes("", encoding_version="2.1"),
+        attributes("", encoding_version="2.1"),
         ("encoding_version is 2.1, this mbdlft reads up to 1.1.",),
     ),
-    "no version": (with_attributes("", encoding_version=None), ("encoding_version",)),
-    "discrete": (with_attributes("", time_domain="discrete"), ("time_domain",)),
+    "no version": (attributes("", encoding_version=None), ("encoding_version",)),
+    "discrete": (attributes("", time_domain="discrete"), ("time_domain",)),
     "a bound of the order below that of the parameters": (
-        with_attributes("certificate", order_bound=3),
+        attributes("certificate", order_bound=3),
         ("order_bound is 3, expected at least 16",),
     ),
-    "texts for numbers": (with_texts_for_numbers, (": A is text of variable length, expected",)),
+    "texts for numbers": (instead("A", ["a", "b"]), (": A is text of variable length, expected",)),
     **{
-        str(x): (
-            with_entries("D_zw", (0, 0), x),
-            (SPECIFIED, "LFT: M11 has an entry that is not finite."),
-        )
+        str(x): (put("D_zw", (0, 0), x), (SPECIFIED, "LFT: M11 has an entry that is not finite."))
         for x in (np.nan, np.inf)
     },
-    **{str(rows): (with_channels(rows), (NO_CHANNELS,)) for rows in ([1, 0], [-1, 0], [0, 7])},
+    **{
+        str(rows): (put("delta/parameter", [0, -1], rows), (NO_CHANNELS,))
+        for rows in ([1, 0], [-1, 0], [0, 7])
+    },
     "another map": (
-        with_entries("parameters/map", (0, 1), 3.0),
+        put("parameters/map", (0, 1), 3.0),
         ("parameters/map of 'J1' is [", "], but its range gives ["),
     ),
     "no range": (
-        with_entries("parameters/low", 0, 9.0),
+        put("parameters/low", 0, 9.0),
         (SPECIFIED, "parameter 'J1': low must be less than high"),
     ),
 }
@@ -328,25 +271,3 @@ def test_each_bit_of_the_numbers(file):
             file.write_bytes(damaged)
             with says(ArchiveError, f"{file}: model '{name}' is damaged: ", "checksum"):
                 load(file, name)
-
-
-# writing ------------------------------------------------------------------------------------------
-
-
-def test_what_is_not_a_model(tmp_path):
-    file = tmp_path / "arm.h5"
-    with says(ArchiveError, f"{file}: expected an LFTModel or a System, got str. to_lft(scene)"):
-        save(file, "scene")
-    assert not file.exists()
-
-
-def test_folder_that_is_not_there(tmp_path):
-    file = tmp_path / "none" / "arm.h5"
-    with says(
-        ArchiveError,
-        f"{file}: cannot be written: No such file or directory. The old file, if there was one, is "
-        "unchanged.",
-    ):
-        save(file, models.arm())
-    with says(ArchiveError, f"{tmp_path}: cannot be read: Is a directory."):
-        save(tmp_path, models.arm())
