@@ -6,7 +6,7 @@ import pytest
 from mbdlft import Bounds, MbdlftError, System, verify
 from tests.claims import KINDS, analysis, changed, forged, is_true
 
-DRAWS = 24  # an attack of this class draws a hundred
+DRAWS = 40
 
 
 @pytest.mark.parametrize("kind", KINDS)
