@@ -1,4 +1,7 @@
-"""Writers of one file: none loses the work of another, links are followed, leftovers are removed."""
+"""Writers of one file: locks, links that are followed, leftovers that are removed.
+
+That two writers lose nothing is a class of tests/attack.
+"""
 
 import os
 import shutil
@@ -20,40 +23,6 @@ from tests.errors.table import says
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
-WRITER = """
-import sys
-from mbdlft import load, save
-
-source, file, prefix, count = sys.argv[1:]
-model = load(source)
-print("ready", flush=True)
-sys.stdin.readline()
-for k in range(int(count)):
-    save(file, model, f"{prefix}{k}")
-"""
-
-
-def test_two_writers_lose_nothing(tmp_path: Path) -> None:
-    save(tmp_path / "source.h5", models.bare())
-    file = tmp_path / "a.h5"
-    writers = [
-        subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(tmp_path / "source.h5"), str(file), prefix, "15"],
-            cwd=ROOT,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for prefix in ("x", "y")
-    ]
-    for writer in writers:
-        assert writer.stdout is not None
-        assert writer.stdout.readline() == "ready\n"
-    for writer in writers:
-        writer.communicate("go\n", timeout=60)
-        assert writer.returncode == 0
-    assert model_names(file) == tuple(sorted(f"{p}{k}" for p in "xy" for k in range(15)))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.h5", "source.h5"]
 
 
 def test_lock_of_a_dead_process(tmp_path: Path) -> None:

@@ -8,9 +8,19 @@ import numpy as np
 
 import mbdlft
 from tests.archive import models
-from tests.archive.test_writers import WRITER
 
 ROOT = Path(__file__).parents[2]
+WRITER = """
+import sys
+from mbdlft import load, save
+
+source, file, prefix, count = sys.argv[1:]
+model = load(source)
+print("ready", flush=True)
+sys.stdin.readline()
+for k in range(int(count)):
+    save(file, model, f"{prefix}{k}")
+"""
 
 
 def attack(seed: int, folder: Path) -> str:
@@ -40,4 +50,5 @@ def attack(seed: int, folder: Path) -> str:
         assert writer.returncode == 0
     wanted = tuple(sorted(f"{prefix}{k}" for prefix in "xy" for k in range(count)))
     assert mbdlft.model_names(file) == wanted
+    assert sorted(path.name for path in folder.iterdir()) == ["a.h5", "source.h5"]
     return "pairs that lost nothing"

@@ -8,7 +8,6 @@
 """
 
 import os
-import random
 import signal
 import subprocess
 import sys
@@ -242,7 +241,7 @@ def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 @pytest.mark.long
 def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     count, file = 250_000, tmp_path / "a.h5"  # 62 shards, of which a few are there at the kill
-    few = random.randint(1, 6)
+    few = 3
     model = mbdlft.to_lft(cart(), search=0.0)
     mbdlft.save(file, model)
     before, folder = file.read_bytes(), tmp_path / ".a.h5.two_link_arm.sweep"
@@ -287,6 +286,8 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
     assert not np.any(mbdlft.load_sweep(file, stop=4096).A)
     with pytest.raises(KeyboardInterrupt):
         mbdlft.sweep(arm(), given, file, workers=1, progress=interrupt)
+    with says(mbdlft.AnalysisError, "another sweep of this name is not finished", "--restart"):
+        mbdlft.sweep(arm(), RandomSamples(9000, 1), file, workers=1)
     assert mbdlft.sweep(arm(), given, file, workers=1, restart=True).resumed == 0
     check_arm(mbdlft.load_sweep(file), drawn(9000))
 
