@@ -20,7 +20,7 @@ import casadi as ca
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
-from mbdlft.dae.text import column_of, free_symbols
+from mbdlft.dae.text import PLAIN, column_of, free_symbols
 from mbdlft.exact.operators import Operators
 from mbdlft.problem.sx.constants import is_constant
 from mbdlft.problem.sx.tapes import Rules, fold, rules
@@ -349,10 +349,6 @@ def unit_of(expression: ca.SX, measures: Mapping[int, Measure]) -> Measure:
     return measure
 
 
-_PLAIN = (
-    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
-    *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1"),
-)
 _RULES: Rules = rules(
     lambda value: OPEN,
     add=operator.add,
@@ -367,5 +363,5 @@ _RULES: Rules = rules(
     **dict.fromkeys(("lt", "le"), compared),
     missing=lambda operation, where, *operands: OPEN,
     **dict.fromkeys(("fabs", "floor", "ceil"), lambda a: a),
-    **dict.fromkeys(_PLAIN, plain),
+    **dict.fromkeys(PLAIN, plain),
 )

@@ -20,12 +20,14 @@ from mbdlft.problem.sx.constants import constants_in, double, in_doubles, is_con
 from mbdlft.problem.sx.tapes import Rule, Rules, fold
 from mbdlft.system.theta import Table, named_tables
 
+PLAIN = (  # functions of plain numbers
+    *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"),
+    *("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1"),
+)
+_OTHERS = ("sqrt", "fabs", "sign", "floor", "ceil", "fmin", "fmax", "atan2", "fmod", "hypot", "copysign")
+_COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
 FUNCTIONS: Mapping[str, Rule] = {
-    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
-    **{name: getattr(ca, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
-    **{name: getattr(ca, name) for name in ("exp", "log", "log1p", "expm1", "sqrt", "fabs")},
-    **{name: getattr(ca, name) for name in ("sign", "floor", "ceil", "fmin", "fmax", "atan2")},
-    **{name: getattr(ca, name) for name in ("fmod", "hypot", "copysign", "lt", "le", "eq", "ne")},
+    **{name: getattr(ca, name) for name in (*PLAIN, *_OTHERS, *_COMPARED)},
     "if_else_zero": lambda a, b: ca.if_else(a, b, 0.0),
     "and": ca.logic_and,
     "or": ca.logic_or,
@@ -80,19 +82,9 @@ _SHORT = 12  # characters; longer parts that are used twice get a name
 _TABLE = 3  # breakpoints from which on a part is a table, or two where its text is long:
 _LONG = 16  # operations and operands; a saturation has five
 _BINARY = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2)}
-_CALLS = {
-    **{name: name for name in ("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh")},
-    **{name: name for name in ("asinh", "acosh", "atanh", "exp", "log", "log1p", "expm1", "sqrt")},
-    **{name: name for name in ("sign", "floor", "ceil", "atan2", "hypot", "copysign")},
-    "fabs": "abs",
-    "fmin": "min",
-    "fmax": "max",
-    "fmod": "mod",
-    "and": "and_",
-    "or": "or_",
-    "not": "not_",
-}
-_COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+_CALLS = {name: name for name in (*PLAIN, *_OTHERS)}
+_CALLS |= {"fabs": "abs", "fmin": "min", "fmax": "max", "fmod": "mod"}
+_CALLS |= {name: f"{name}_" for name in ("and", "or", "not")}
 # what formulas are for SX
 SYMBOLIC: Functions = {
     **ARITHMETIC,
