@@ -28,7 +28,7 @@ from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
-from mbdlft.problem.sx.tapes import steps
+from mbdlft.problem.sx.tapes import steps, term_sizes
 
 _SMALL = Fraction(1, 8)
 _MOST_CRAMER = 6  # unknowns; more are eliminated by entries with parameters, too
@@ -200,11 +200,16 @@ def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
         if n == 1:
             return [-offset / slopes]
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
-            return [_number(x, q) for x, q in zip(values[0], quantities, strict=True)]
+            numbers = [_number(x) for x in values[0]]
+            sizes = zip(values[0], quantities, strict=True)
+            zeros = [abs(x) <= _ZERO * q.variable.nominal for x, q in sizes]
+            cleaned = [ca.SX(0) if zero else x for x, zero in zip(numbers, zeros, strict=True)]
+            return cleaned if _holds(s, block, cleaned) else numbers
         return solved_linear(slopes, -offset)
-    guessed = _guessed(s, block, values)
-    if guessed is not None:
-        return guessed
+    for least in (SAME, 0.0):  # what is small may be a number in other units
+        guessed = _guessed(s, block, values, least)
+        if guessed is not None:
+            return guessed
     names = listed(q.name for q in quantities)
     raise NotRationalError(
         f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} "
@@ -214,14 +219,18 @@ def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
     )
 
 
-def _guessed(s: Structure, block: Balance, values: Array) -> list[ca.SX] | None:
+def _guessed(s: Structure, block: Balance, values: Array, least: float) -> list[ca.SX] | None:
     """Unknowns that are numbers or monomials of parameters by their values, and what follows from them.
 
-    The equations have to hold with them, at many points and to rounding.
+    Values up to `least` of their nominal size are zero. The equations have to hold with them, at many
+    points and to rounding.
     """
     residual, places, quantities = block
     p = np.array(parameter_points(s.dae, len(values)))
-    guesses = {q.name: _monomial(s, values[:, k], p, q) for k, q in enumerate(quantities)}
+    guesses = {
+        q.name: _monomial(s, values[:, k], p, least * q.variable.nominal)
+        for k, q in enumerate(quantities)
+    }
     known = {name: value for name, value in guesses.items() if value is not None}
     missing = [k for k, q in enumerate(quantities) if q.name not in known]
     if missing:
@@ -245,10 +254,10 @@ def _guessed(s: Structure, block: Balance, values: Array) -> list[ca.SX] | None:
     return solution if _holds(s, block, solution) else None
 
 
-def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX | None:
-    """Zero, or a number times integer powers of parameters that are no angles, if the values are that."""
+def _monomial(s: Structure, values: Array, points: Array, least: float) -> ca.SX | None:
+    """Zero up to a size, or a number times integer powers of parameters that are no angles; else None."""
     size = np.max(np.abs(values))
-    if size <= SAME * q.variable.nominal:
+    if size <= least:
         return ca.SX(0)
     if np.min(np.abs(values)) <= SAME * size or len({*np.sign(values)}) > 1:
         return None
@@ -262,7 +271,7 @@ def _monomial(s: Structure, values: Array, points: Array, q: Quantity) -> ca.SX 
     if np.max(np.abs(factor - factor[0])) > SAME * abs(factor[0]):
         return None
     signs = np.prod([np.sign(points[0, k]) ** n for k, n in zip(usable, powers, strict=True)])
-    expression = _number(float(factor[0] * signs), q._replace(variable=q.variable))
+    expression = _number(float(factor[0] * signs))
     for k, n in zip(usable, powers, strict=True):
         for _ in range(abs(int(n))):
             expression = expression * s.dae.p[k] if n > 0 else expression / s.dae.p[k]
@@ -274,20 +283,21 @@ def _holds(s: Structure, block: Balance, solution: Sequence[ca.SX]) -> bool:
     expressions, z = column_of(solution), block.z
     missed = ca.substitute(block.residual, z, expressions)
     slopes = ca.substitute(ca.jacobian(block.residual, z), z, expressions)
-    results = [ca.densify(in_doubles(x)) for x in (missed, slopes, expressions)]
-    function = ca.Function("missed", [s.dae.p], results)
-    for p in parameter_points(s.dae, 4 * POINTS)[1:]:
-        r, J, at = (np.abs(result.full()) for result in function(p))
-        sizes = np.maximum(at[:, 0], [q.variable.nominal for q in block.quantities])
-        if not np.all(r[:, 0] <= _MISSED * np.max(J * sizes, axis=1)):
+    slopes, expressions = (ca.densify(in_doubles(x)) for x in (slopes, expressions))
+    function = ca.Function("slopes", [s.dae.p], [slopes, expressions])
+    of_terms = ca.Function("missed", [s.dae.p], [ca.densify(in_doubles(missed))])
+    points = np.array(parameter_points(s.dae, 4 * POINTS)[1:])
+    for p, terms in zip(points, term_sizes(of_terms, points), strict=True):
+        r, (J, at) = np.abs(of_terms(p).full()[:, 0]), (np.abs(x.full()) for x in function(p))
+        with np.errstate(invalid="ignore"):  # an infinite slope at zero has no size
+            sizes = np.fmax(terms, np.max(J * at[:, 0], axis=1))
+        if not np.all(r <= _MISSED * sizes):
             return False
     return True
 
 
-def _number(value: float, q: Quantity) -> ca.SX:
-    """A number with the digits that doubles carry, zero if it is rounding."""
-    if abs(value) <= _ZERO * q.variable.nominal:
-        return ca.SX(0)
+def _number(value: float) -> ca.SX:
+    """A number with the digits that doubles carry."""
     short = decimal(float(f"{value:.14g}"))
     near = abs(float(short) - value) <= _ZERO * abs(value) and short.denominator < 10**9
     return ca.SX(literal(short if near else Fraction(repr(float(value)))))

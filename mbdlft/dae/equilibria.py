@@ -204,7 +204,7 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     at = solve(system, start, point, sizes)
     if not at.is_solution:
         raise no_equilibrium(s, places, at, fixed)
-    J = system.jacobian(at.values, point) * sizes
+    J = system.jacobian(at.values, point) * np.maximum(sizes, np.abs(at.values))
     J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
     states = {q.name for q in s.states}

@@ -56,6 +56,7 @@ class _Linear:
         stacked = ca.vertcat(self.s.residual, *(y.expression for y in dae.outputs))
         places = [f"equation {place}" for place, _ in self.s.equations]
         places += [f"output {y.name!r}" for y in dae.outputs]
+        self.places = places
         self.stacked = without_switches(self.s, at.values, stacked, places)
         every = ca.vertcat(self.stacked, *at.values.values())
         self.separation = Separation(dae, every, "fewest")
@@ -66,6 +67,7 @@ class _Linear:
         s = self.s
         small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
         moved = self._moved(self.stacked, small)
+        moved = without_switches(self.s, self.at.values, moved, self.places)  # roots of squares, too
         count = len(s.equations)
         equations = self.separation.equations(s, moved[:count], moved[count:], small)
         return LinearModel(

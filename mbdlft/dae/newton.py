@@ -26,6 +26,7 @@ _CONTRACTED, _SMALL_STEP = 0.1, 1e-9  # of a second step; steps over the sizes o
 _DENSE = 150  # equations up to which matrices are dense
 _SOLVED = 1e-6  # of the right side, what a sparse solution may miss
 _SEED = 7
+_RANK = 1e-12  # of the largest singular value: below it, one is none
 
 
 class Found(NamedTuple):
@@ -95,7 +96,10 @@ def solve(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
         point = _newton(system, around, knowns, sizes)
         if np.max(point.missing, initial=0.0) < np.max(best.missing, initial=0.0):
             best = point
-    return best
+    # all digits of what is small, where the equations hold to rounding of its own size, too
+    own_sizes = np.where(best.values != 0.0, np.abs(best.values), sizes)
+    finer = _newton(system, best.values, knowns, own_sizes) if best.is_solution else best
+    return finer if finer.is_solution else best
 
 
 def follow(
@@ -167,7 +171,14 @@ def _smallest_step(J: Array, r: Array) -> Array:
             step = np.full(n, np.nan)
         if np.all(np.isfinite(step)) and np.max(np.abs(J @ step - r)) <= _SOLVED * np.max(np.abs(r)):
             return np.asarray(step)
-    return np.asarray(np.linalg.lstsq(J, r, rcond=1e-12)[0])
+    step, _, rank, _ = np.linalg.lstsq(J, r, rcond=_RANK)
+    if rank < m <= n:  # or rows and columns of very different sizes
+        rows = np.linalg.norm(J, axis=1, keepdims=True)
+        columns = np.linalg.norm(divided(J, rows), axis=0) if m == n else np.ones(n)
+        scaled = divided(divided(J, rows), columns)
+        scaled_step, _, rank, _ = np.linalg.lstsq(scaled, divided(r, rows[:, 0]), rcond=_RANK)
+        step = divided(scaled_step, columns) if rank == m else step
+    return np.asarray(step)
 
 
 def values_of(expressions: Sequence[ca.SX], arguments: ca.SX, point: Array) -> Array:

@@ -35,6 +35,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "norms": (0, 1),
     "frames": (0, 1),
     "loops": (3, 4),
+    "switches": range(8),
     "mechanisms": (0,),
 }
 SECONDS = 20.0  # of the clock that one attack may take

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from mbdlft.base import expression, unit
+from mbdlft.dae import kinks
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import stability as margin
 from mbdlft.robust.bisect import boxes
-from tests.attack import analyses, cores, equations, expressions, matrices, scenes
+from tests.attack import analyses, cores, equations, expressions, matrices, scenes, switches
 from tests.extracted import exactly
 
 Patch = pytest.MonkeyPatch
@@ -64,6 +65,10 @@ def nothing_vanishes(patch: Patch) -> None:
     patch.setattr(boxes, "excludes", lambda piece, gain: True)
 
 
+def a_wrong_branch(patch: Patch) -> None:
+    patch.setitem(kinks._SWITCHES, "fmax", kinks._SWITCHES["fmin"])  # type: ignore[index]
+
+
 def crossings_too_near(patch: Patch) -> None:
     right = margin.smallest_crossing
 
@@ -87,6 +92,7 @@ def crossings_too_near(patch: Patch) -> None:
         (a_wrong_entry, expressions.attack, range(60)),
         (a_wrong_entry, scenes.attack, range(60)),
         (a_wrong_entry, equations.attack, range(3)),
+        (a_wrong_branch, switches.attack, range(25, 26)),
     ],
 )
 def test_planted_bug_is_found(

@@ -1,0 +1,130 @@
+"""Equations with kinks, jumps, implicit functions and scales from 1e-12 to 1e12: slopes by mpmath.
+
+The equations are texts of Modelica, the reference evaluates the same texts with 100 digits, and shares no
+code with the package. A kink at the equilibrium, or inside of the range, has to be named.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import mpmath
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import MbdlftError
+from mbdlft.base.array import Array
+from mbdlft.dae import reduce_index, trim
+from mbdlft.modelica import flat_model, translate
+from tests.close import CLOSED_FORM, target
+
+K = (0.8, 1.0, 1.0625, 1.2)  # values of the parameter
+_STEP = mpmath.mpf(10) ** -35  # of differences, of 100 digits
+_NAMES: dict[str, Any] = {
+    **{name: getattr(mpmath, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan")},
+    **{"sign": mpmath.sign, "mpf": mpmath.mpf, "abs": abs, "max": max, "min": min},
+}
+# f of der(x) = u - s f(v, k) at v = 1, where v is x/s
+_RIGHT = (
+    "k*v", "v^2/k", "sin(v)*k", "k*v/(4 + v^2)", "sqrt(v)*k", "exp(v) - k", "log(v) + k*v", "k*abs(v)",
+    "max(k*v, -v)", "min(k*v, 3*v + 9)", "v*abs(v)", "(if v > 0 then k*v else v^2)", "abs(k + 3)*v",
+    "(if v < -1 then 0 else k*v)", "max(k, 0.5)*v", "(if k > 0.5 then v else 0)", "sqrt((1/k)^2)*v",
+    "sqrt(k*(k*0.09))*v", "k*v*sign(v - 3)", "(v - 1)*abs(v - 1) + k*v",
+    "(if v > 1 then k*v else k*v + v^2 - 2*v + 1)",
+)  # fmt: skip
+_REFUSED = {  # by words of the message
+    "two slopes": ("k*abs(v - 1)", "max(v, k*(v - 1) + 1)", "(if v > 1 then v else 3*v - 2)"),
+    "jumps": ("sign(v - 1)", "(if v > 1 then v + k else v)"),
+    "changes its branch": ("abs(k - 1)*v", "max(k, 1.1)*v", "(if k > 1 then v else 2*v)"),
+    "not rational": ("sqrt(k)*v", "exp(v/k)", "sin(k*v)"),
+}
+_IMPLICIT = "sin(w)", "w + w^3", "sqrt(w)", "w*abs(w)", "atan(w)", "w*exp(w)", "max(w, 2*w)"  # = v/2
+
+
+def text_of(equations: str, starts: dict[str, float], declared: str = "") -> str:
+    """A flat model with the state x, the input u, the parameter k, and with z if an equation has it."""
+    names = ["x", "z"] if re.search(r"\bz\b", equations) else ["x"]
+    fresh = [name for name in names if f"Real {name}" not in declared]
+    variables = [f"Real {name}(start={starts.get(name, 0.0)!r});" for name in fresh]
+    return "\n".join([
+        f"model M\nparameter Real k(min={K[0]}, max={K[-1]})=1;", *variables, declared,
+        f"input Real u(start={starts.get('u', 0.0)!r});", f"output Real y={names[-1]};",
+        "equation", *(f"{equation};" for equation in equations.split(";")), "end M;",
+    ])  # fmt: skip
+
+
+def slopes(
+    equations: str,
+    starts: dict[str, float],
+    k: float,
+    at_x: float | None = None,
+    **scaled: tuple[str, float],
+) -> Array:
+    """A, B, C by mpmath; at the equilibrium near the start values, or at a value of x.
+
+    `scaled` are other names: v=("x", s) is x/s.
+    """
+    with mpmath.workdps(100):
+        numbers, codes = r"(?<![\w.])(\d[\d.]*(e[-+]?\d+)?)", []
+        for equation in equations.replace("^", "**").replace("der(x)", "rate").split(";"):
+            text = re.sub(r"if (.*?) then (.*?) else ([^()]*)", r"((\2) if \1 else (\3))", equation)
+            left, right = re.sub(numbers, r"mpf('\1')", text).strip().split(" = ")
+            codes.append(compile(f"({left}) - ({right})", "equation", "eval"))
+        others = ["z"] if codes[1:] else []
+
+        def solved(names: list[str], near: list[Any], **known: Any) -> list[Any]:
+            def residual(*values: Any) -> list[Any]:
+                every = _NAMES | known | dict(zip(names, values, strict=True))
+                every["k"] = mpmath.mpf(repr(k))
+                for name, (of, size) in scaled.items():
+                    every[name] = every.get(of, 0) / mpmath.mpf(repr(size))
+                return [eval(code, every) for code in codes]  # texts of the tests
+
+            near = [mpmath.mpf(repr(x) if isinstance(x, float) else x) for x in near]
+            return list(mpmath.findroot(residual, near, tol=1e-70, verify=False))
+
+        u, z = mpmath.mpf(repr(starts.get("u", 0.0))), [starts[name] for name in others]
+        if at_x is None:
+            x, *z = solved(["x", *others], [starts.get("x", 0.0), *z], u=u, rate=mpmath.mpf(0))
+        else:
+            x = mpmath.mpf(repr(at_x))
+        columns = []
+        for dx, du in ((_STEP * (abs(x) or 1), 0), (0, _STEP * (abs(u) or 1))):
+            ends = [solved(["rate", *others], [0, *z], x=x + h * dx, u=u + h * du) for h in (-1, 1)]
+            columns.append([(b - a) / (2 * (dx + du)) for a, b in zip(*ends, strict=True)])
+        return np.array([columns[0][0], columns[1][0], columns[0][1] if others else 1], dtype=float)
+
+
+def check(linear: mbdlft.LFTModel, right: dict[float, Array]) -> None:
+    """The model has the slopes A, B, C of the reference at values of the parameter."""
+    for k, values in right.items():
+        matrices = mbdlft.matrices_at(linear, {"k": k})[:3]
+        for matrix, value in zip(matrices, values, strict=True):
+            target(np.ravel(matrix), np.array([value]), CLOSED_FORM)
+
+
+def attack(seed: int, folder: Path) -> str:
+    """One function of the lists in other scales, with an implicit one beside it now and then."""
+    random = np.random.default_rng(seed)
+    mantissas, powers = random.uniform(1, 9, 4), random.integers(-12, 13, 4)
+    s, scale, t, other = (float(f"{m:.3g}e{e}") for m, e in zip(mantissas, powers, strict=True))
+    kinds = [(f, "") for f in _RIGHT]
+    kinds += [(f, words) for words, functions in _REFUSED.items() for f in functions]
+    f, words = kinds[int(random.integers(len(kinds)))]
+    equations, starts = f"{scale}*der(x) = {scale}*(u - {s}*({f}))", {"x": s}
+    if random.random() < 0.5:
+        equations += f"; {other}*({random.choice(_IMPLICIT)}) = {other}*v/2"
+        starts["z"] = 0.4 * t
+    text = text_of(re.sub(r"\bw\b", f"(z/{t})", re.sub(r"\bv\b", f"(x/{s})", equations)), starts)
+    at = trim(reduce_index(translate(flat_model(text))[0]), at={"x": s}, free=["u"])
+    if words:
+        with pytest.raises(MbdlftError, match=words):
+            mbdlft.linearize_dae(at)
+        return f"refused: {words}"
+    try:
+        linear = mbdlft.linearize_dae(at, search=0.0)
+    except MbdlftError as error:
+        raise AssertionError(f"refused: {equations}") from error
+    check(linear, {k: slopes(equations, starts, k, s, v=("x", s), w=("z", t)) for k in K})
+    return "right"
