@@ -173,11 +173,11 @@ def _smallest_step(J: Array, r: Array) -> Array:
             return np.asarray(step)
     step, _, rank, _ = np.linalg.lstsq(J, r, rcond=_RANK)
     if rank < m <= n:  # or rows and columns of very different sizes
-        rows: Array = np.linalg.norm(J, axis=1, keepdims=True)
+        rows = np.linalg.norm(J, axis=1, keepdims=True)
         columns = np.linalg.norm(divided(J, rows), axis=0) if m == n else np.ones(n)
         scaled = divided(divided(J, rows), columns)
         scaled_step, _, rank, _ = np.linalg.lstsq(scaled, divided(r, rows[:, 0]), rcond=_RANK)
-        step = divided(scaled_step, columns) if rank == m else step
+        step = scaled_step / columns if rank == m else step
     return np.asarray(step)
 
 
