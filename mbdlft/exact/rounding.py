@@ -19,6 +19,10 @@ from mbdlft.base.errors import WellPosednessError
 
 ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
 NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
+# an error of a model of exact numbers is rounding, or a mistake: sums and solutions of n terms stay below
+# this times 2.2e-16 times the sizes of their terms
+MOST_ROUNDINGS = 100.0
+EPS = float(np.finfo(float).eps)
 
 
 def cleaned(values: Array, size: Array) -> Array:

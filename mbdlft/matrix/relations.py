@@ -101,8 +101,7 @@ def _scaled(matrix: MatrixProblem, resolved: Resolved, parameters: Sequence[Para
     reference = Reference(
         values=values,
         scale=scale,
-        omitted=0.0,
-        if_cancelled=lambda: (scale, 0.0),
+        if_cancelled=lambda: scale,
         sizes=lambda: terms,
         least=least,
         trimmed=np.zeros((len(points), 0)),

@@ -8,11 +8,11 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
-from mbdlft.exact.rounding import conditioning
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import rounding_sizes, values_at, vanishes
 from mbdlft.order.degree import Bound
-from mbdlft.problem.references import frequencies_of, largest_of_rows, transfers
+from mbdlft.problem.references import frequencies_of, largest_of_rows, rounded_transfers, transfers
 from mbdlft.problem.relations import Nouns, Problem, Reference
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
@@ -21,16 +21,10 @@ from mbdlft.system.sampled import at_values
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 
-ACCEPTED = 1e-5  # of an error; larger ones are refused
-# an error of a model of exact numbers is rounding, or a mistake: sums and solutions of n terms stay below
-# this times 2.2e-16 times the sizes of their terms
-MOST_ROUNDINGS = 100.0
+ACCEPTED = 1e-5  # of an error of an entry; larger ones are refused, also if rounding explains them
 _LOOKED_AT = 16  # points at which cancellation in the LFT is looked at
-_EPS = float(np.finfo(float).eps)
 _CARRIED = 1e-11  # of an error in doubles: what the reference may have lost is not looked at
-_CARRIED_BY_TRANSFERS = 1e-9  # the same for transfer functions
 _AT_FIRST = 1e-3  # units of work before a theorem is looked for
-_MOST_BY_ROUNDING = 10.0  # times the error of transfer functions of exact matrices, rounded
 
 
 class Checked(NamedTuple):
@@ -47,7 +41,7 @@ class Checked(NamedTuple):
     # condition and number of changes of sign, as in `Certificate`
     condition: float
     sign_changes: int
-    rounding_ratio: float  # largest error of an entry in units of 2.2e-16 times its sizes
+    rounding_ratio: float  # largest error in units of 2.2e-16 times the sizes of its terms
 
 
 def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -> Checked:
@@ -69,35 +63,63 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
         truth = at.in_digits(problem.points[some])
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         ratios, count = np.abs(values[some] - truth) / rounding, len(some)
-    trim_error = 0.0
-    if trim is not None:
-        at_points = (problem.parameters, problem.points, problem.nouns)
-        trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
-        trim_error = largest(trimmed - at.trimmed, at.trim_scale)
-        if not trim_error <= ACCEPTED and at.trim_in_digits:  # doubles may have lost it
-            truth, scale = at.trim_in_digits()
-            trim_error = largest(trimmed - truth, scale)
-    worst, ratio = max(error, trim_error), float(np.max(ratios, initial=0.0))
     nouns = problem.nouns
-    if not worst <= ACCEPTED:
-        where = "matrices" if error >= trim_error else "trim"
+    if not error <= ACCEPTED:
         raise AnalysisError(
-            f"{nouns.owner}: the model differs from {nouns.truth} by {worst:.1e} of the size of an entry "
-            f"of its {where}. Either {nouns.badly_scaled}, or this is a bug: please report the "
+            f"{nouns.owner}: the model differs from {nouns.truth} by {error:.1e} of the size of an entry "
+            f"of its matrices. Either {nouns.badly_scaled}, or this is a bug: please report the "
             f"{nouns.kind}."
         )
-    if not ratio <= MOST_ROUNDINGS:
-        _, i, j = np.unravel_index(np.argmax(ratios), ratios.shape)
-        raise AnalysisError(
-            f"{nouns.owner}: entry ({i + 1}, {j + 1}) of [A B ; C D] differs from {nouns.truth} by "
-            f"{ratio:.1e} times what rounding of all numbers may change, at most {MOST_ROUNDINGS:g} was "
-            f"expected. Two derivations contradict each other: this is a bug, please report the "
-            f"{nouns.kind}."
-        )
-    by_frequency = _error_of_transfers(problem, values[some], some, at)
+    _, i, j = np.unravel_index(np.argmax(ratios), ratios.shape) if ratios.size else (0, 0, 0)
+    of_entries = float(np.max(ratios, initial=0.0))
+    _check_roundings(nouns, f"entry ({i + 1}, {j + 1}) of [A B ; C D]", of_entries)
+    of_omitted = at.omitted()
+    _check_roundings(nouns, "what states that are left out would change", of_omitted)
+    trim_error, of_trim = (0.0, 0.0) if trim is None else _error_of_trim(problem, trim, at)
+    transfer_error, frequencies, of_transfers = _error_of_transfers(
+        problem, values[some], some, at, rounding
+    )
     by_data, sign_changes = conditioning(at.values, at.sizes(), at.scale, at.least)
-    condition = max(by_data, by_channels)
-    return Checked(worst, count, *by_frequency, by_terms, condition, sign_changes, ratio)
+    return Checked(
+        max(error, trim_error),
+        count,
+        transfer_error,
+        frequencies,
+        by_terms,
+        max(by_data, by_channels),
+        sign_changes,
+        max(of_entries, of_omitted, of_trim, of_transfers),
+    )
+
+
+def _check_roundings(nouns: Nouns, what: str, ratio: float) -> None:
+    """Raise an AnalysisError where an error is more than rounding."""
+    if not ratio <= MOST_ROUNDINGS:
+        raise AnalysisError(
+            f"{nouns.owner}: {what} differs from {nouns.truth} by {ratio:.1e} times what rounding of all "
+            f"numbers may change, at most {MOST_ROUNDINGS:g} was expected. Two derivations contradict "
+            f"each other: this is a bug, please report the {nouns.kind}."
+        )
+
+
+def _error_of_trim(problem: Problem, trim: LFT, at: Reference) -> tuple[float, float]:
+    """Largest error of a trim relative to its sizes, and in roundings of its terms and of its LFT."""
+    at_points = (problem.parameters, problem.points, problem.nouns)
+    trimmed = values_at_points(trim, *at_points, what="trim")[:, :, 0]
+    errors, scale = np.abs(trimmed - at.trimmed), at.trim_scale
+    looked_at = np.any(errors > MOST_ROUNDINGS * EPS * scale, axis=1)
+    looked_at[np.linspace(0, len(errors) - 1, _LOOKED_AT).astype(int)] = True
+    deltas = deltas_at(problem.parameters, problem.points[looked_at])
+    sizes = np.maximum(scale, np.max(rounding_sizes(trim, deltas)[:, :, 0], axis=0))
+    # doubles may have lost what is compared with
+    if np.any(errors > MOST_ROUNDINGS * EPS * sizes) and at.trim_in_digits:
+        truth, scale = at.trim_in_digits()
+        errors = np.abs(trimmed - truth)
+    ratios = np.max(errors / (EPS * sizes), axis=0, initial=0.0)
+    if ratios.size:
+        name = problem.trim.signals[int(np.argmax(ratios))].name if problem.trim else ""
+        _check_roundings(problem.nouns, f"{name} of the trim", float(np.max(ratios)))
+    return largest(errors, scale), float(np.max(ratios, initial=0.0))
 
 
 def rounding_of(
@@ -108,41 +130,37 @@ def rounding_of(
     Sizes of terms are those of the data, and of the LFT at a few points and where errors are large.
     """
     sizes = at.sizes()[some]
-    looked_at = np.any(errors > MOST_ROUNDINGS * _EPS * sizes, axis=(1, 2))
+    looked_at = np.any(errors > MOST_ROUNDINGS * EPS * sizes, axis=(1, 2))
     looked_at[np.linspace(0, len(sizes) - 1, _LOOKED_AT).astype(int)] = True
     deltas = deltas_at(problem.parameters, problem.points[some][looked_at])
     of_lft = np.max(rounding_sizes(lft, deltas), axis=0)
-    rounding = _EPS * np.maximum(at.scale, np.maximum(np.max(sizes, axis=0), of_lft))
+    rounding = EPS * np.maximum(at.scale, np.maximum(np.max(sizes, axis=0), of_lft))
     return rounding, float(np.max(of_lft / at.scale, initial=1.0))
 
 
 def _error_of_transfers(
-    problem: Problem, values: Array, some: Sequence[int], at: Reference
-) -> tuple[float, tuple[float, ...]]:
-    """Largest error of transfer functions at some points, in 50 digits if needed; frequencies."""
+    problem: Problem, values: Array, some: Sequence[int], at: Reference, rounding: Array
+) -> tuple[float, tuple[float, ...], float]:
+    """Largest error of transfer functions at some points, in 50 digits if needed; frequencies; roundings.
+
+    `rounding` (., .) of [A B ; C D] changes them by what the resolvent makes of it (`rounded_transfers`).
+    """
     states = len(problem.states)
     if not (states and problem.inputs and problem.outputs):
-        return 0.0, ()
+        return 0.0, (), 0.0
     frequencies = frequencies_of(values[:, :states, :states])
     of_model = transfers(values, states, frequencies)
-    error = largest_of_rows(of_model, at.transfers(some, frequencies))
-    if error > _CARRIED_BY_TRANSFERS:
+    truth = at.transfers(some, frequencies)
+    if largest_of_rows(of_model, truth) > _CARRIED:
         # half of the points and of the frequencies: each takes as long as all of them in doubles
-        some, frequencies, of_model = some[::2], frequencies[::2], of_model[::2, ::2]
-        truth = at.transfers_in_digits(some, frequencies)
-        error = largest_of_rows(of_model, truth)
-        if not error <= ACCEPTED:
-            points = problem.points[list(some)]
-            exact = at.values[list(some)] if at.in_digits is None else at.in_digits(points)
-            rounded = transfers(exact, states, frequencies)
-            if not error <= _MOST_BY_ROUNDING * largest_of_rows(rounded, truth):
-                nouns = problem.nouns
-                raise AnalysisError(
-                    f"{nouns.owner}: the transfer functions of the model differ from those of "
-                    f"{nouns.truth} by {error:.1e}. Either {nouns.badly_scaled}, or this is a bug: "
-                    f"please report the {nouns.kind}."
-                )
-    return error, tuple(frequencies.tolist())
+        values, some, frequencies = values[::2], some[::2], frequencies[::2]
+        of_model, truth = of_model[::2, ::2], at.transfers_in_digits(some, frequencies)
+    error, ratio = largest_of_rows(of_model, truth), 0.0
+    if error > _CARRIED:
+        change = rounded_transfers(values, states, frequencies, rounding)
+        ratio = float(np.max(np.abs(of_model - truth) / change, initial=0.0))
+        _check_roundings(problem.nouns, "a transfer function of the model", ratio)
+    return error, tuple(frequencies.tolist()), ratio
 
 
 def error_of_values(
@@ -154,16 +172,16 @@ def error_of_values(
     lost it; if they are known in 50 digits, only one that is zero.
     """
     differences = values - truth
-    error = max(at.omitted, largest(differences, at.scale))
+    error = largest(differences, at.scale)
     if error <= ACCEPTED:
         return error, ()
-    coarse, omitted = at.if_cancelled()
+    coarse = at.if_cancelled()
     is_rounding = ~(np.max(np.abs(differences), axis=0) <= ACCEPTED * at.scale)
     if in_digits:
         is_rounding &= np.max(np.abs(truth), axis=0) == 0.0
     scale = np.where(is_rounding, coarse, at.scale)
     by_terms = np.argwhere(is_rounding & (coarse > at.scale)).tolist()
-    return max(omitted, largest(differences, scale)), tuple((i, j) for i, j in by_terms)
+    return largest(differences, scale), tuple((i, j) for i, j in by_terms)
 
 
 def values_at_points(

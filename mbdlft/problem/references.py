@@ -15,7 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import to_internal
-from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, eigenvalues_of
 from mbdlft.problem.digits import efforts_in_digits, equations_in_digits, relations_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_function
@@ -72,6 +72,21 @@ def implicit_transfers(jacobian: Array, sizes: tuple[int, int, int], frequencies
     shape = (*by_states.shape[:-1], others.shape[-1])
     both = np.concatenate([by_states, np.broadcast_to(others, shape)], axis=-1)
     return _eliminated(both[..., :unknown, :], both[..., unknown:, :], unknown)
+
+
+def rounded_transfers(values: Array, states: int, frequencies: Array, rounding: Array) -> Array:
+    """What rounding (., .) of [A B ; C D] (N, ., .) changes transfer functions by, (N, F, n_y, n_u).
+
+    With the resolvent R = (s I - A)^-1, to first order dG = dD + dC R B + C R (dA R B + dB); solving with
+    s I - A changes that matrix by a rounding of its entries.
+    """
+    shift = 1j * frequencies[:, None, None] * np.eye(states) - values[:, None, :states, :states]
+    inverse = np.linalg.inv(shift)
+    right = np.abs(inverse @ values[:, None, :states, states:])
+    left = np.abs(values[:, None, states:, :states] @ inverse)
+    dA, dB = rounding[:states, :states] + EPS * np.abs(shift), rounding[:states, states:]
+    dC, dD = rounding[states:, :states], rounding[states:, states:]
+    return np.asarray(dD + dC @ right + left @ (dA @ right + dB))
 
 
 def largest_of_rows(values: Complex, truth: Complex) -> float:
@@ -131,10 +146,23 @@ def reference_of(
     matrices = at.linear.matrices
     scale, size = entry_scale(matrices, states, at.floor), np.max(np.abs(matrices), axis=0)
 
-    def if_cancelled() -> tuple[Array, float]:
-        terms = entry_sizes(e, inputs, outputs, at)
-        coarse = entry_scale(matrices, states, at.floor, terms)
-        return need.of(coarse[None])[0], need.omitted(matrices, coarse)
+    @cache
+    def sizes() -> Array:
+        return _sizes_at(e, inputs, outputs, at).entries
+
+    def if_cancelled() -> Array:
+        coarse = entry_scale(matrices, states, at.floor, entry_sizes(e, inputs, outputs, at))
+        kept: Array = need.of(coarse[None])[0]
+        return kept
+
+    def omitted() -> float:
+        if need.keeps_all:
+            return 0.0
+        rounding = EPS * np.maximum(scale, np.max(sizes(), axis=0))
+        ratio = need.omitted(matrices, rounding)
+        if ratio > MOST_ROUNDINGS:  # doubles may have lost that it is zero
+            ratio = need.omitted(digits().matrices(points[[0, -1]]), rounding)
+        return ratio
 
     def trim_in_digits() -> tuple[Array, Array]:
         n, nk = (signals.numel() for signals in split(e, inputs))
@@ -152,9 +180,9 @@ def reference_of(
     return Reference(
         values=need.of(matrices),
         scale=need.of(scale[None])[0],
-        omitted=need.omitted(matrices, scale),
+        omitted=omitted,
         if_cancelled=if_cancelled,
-        sizes=cache(lambda: need.of(_sizes_at(e, inputs, outputs, at).entries)),
+        sizes=lambda: need.of(sizes()),
         least=NEGLIGIBLE * need.of(_whole(size, states, at.floor)[None])[0],
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
@@ -277,9 +305,6 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
             matrices.append(_uncancelled(jacobian, spread(sums[chunk]), solved, sizes).entries)
         return np.concatenate(matrices)
 
-    def coarse() -> tuple[Array, float]:
-        return np.maximum(scale, np.max(terms(), axis=0)), 0.0
-
     digits = cache(lambda: relations_in_digits(model, slopes))
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
@@ -289,8 +314,7 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     return Reference(
         values=values,
         scale=scale,
-        omitted=0.0,
-        if_cancelled=coarse,
+        if_cancelled=lambda: np.maximum(scale, np.max(terms(), axis=0)),
         sizes=terms,
         least=NEGLIGIBLE * scale,
         trimmed=np.zeros((len(points), 0)),

@@ -226,14 +226,14 @@ class Need:
 
     def of(self, matrices: Array) -> Array:
         """[A B ; C D] (N, ., .) of the kept states, from those of all states."""
-        if len(self.states) == len(self.seen):
+        if self.keeps_all:
             return matrices
         rows, columns = self.kept(*matrices.shape[1:])
         kept_entries: Array = matrices[:, rows[:, None], columns]
         return kept_entries
 
     def omitted(self, matrices: Array, scale: Array) -> float:
-        """Largest relative error of leaving out states; zero if they do not matter.
+        """Largest error of leaving out states, relative to `scale`; zero if they do not matter.
 
         `matrices` (N, ., .) are [A B ; C D] of all states: no state that is not seen may act on one that
         is, or on an output; none that is not driven may be acted on by one that is, or by an input.
@@ -246,6 +246,11 @@ class Need:
         unseen = size[np.ix_(seen_rows, np.flatnonzero(~self.seen))]
         undriven = size[np.ix_(np.flatnonzero(~self.driven), driven_columns)]
         return float(max(np.max(unseen, initial=0.0), np.max(undriven, initial=0.0)))
+
+    @property
+    def keeps_all(self) -> bool:
+        """Whether no state is left out."""
+        return len(self.states) == len(self.seen)
 
     def kept(self, rows: int, columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Rows and columns that are kept of [A B ; C D] with so many."""
@@ -388,10 +393,8 @@ class Reference:
 
     values: Array  # (N, rows, columns)
     scale: Array  # (rows, columns), what the error of an entry is relative to
-    # relative error that leaving out states has made, by the values with and without them
-    omitted: float
-    # `scale` and `omitted` for entries that are nothing but rounding of terms that cancelled
-    if_cancelled: Callable[[], tuple[Array, float]]
+    # `scale` for entries that are nothing but rounding of terms that cancelled
+    if_cancelled: Callable[[], Array]
     # sizes (N, rows, columns) if nothing cancelled, which rounding of the data is relative to
     sizes: Callable[[], Array]
     least: Array  # (rows, columns), of a value: a smaller one is negligible at a point
@@ -409,6 +412,8 @@ class Reference:
     # already in the numbers of the problem: at least a part of what a displacement of 1 rad or 1 m
     # makes of them
     trim_in_digits: Callable[[], tuple[Array, Array]] | None = None
+    # largest error that leaving out states has made, in roundings of the terms of an entry
+    omitted: Callable[[], float] = float
 
 
 class TrimRelations(NamedTuple):

@@ -25,15 +25,16 @@ from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.samples import check_points
 from mbdlft.base.unit import Signal
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
-from mbdlft.lft.sampling import evaluate, evaluate_at, values_at, vanishes
+from mbdlft.lft.sampling import evaluate, evaluate_at, rounding_sizes, values_at, vanishes
 from mbdlft.order.degree import degree_bounds, moved
 from mbdlft.system.conversion import check_once
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.regular import PROVED, well_posed
 from mbdlft.system.wiring import Wiring, plain_wiring, reduced, wire, wired_values
 
-_ACCEPTED = 1e-5  # of an error; larger ones are refused
+_LOOKED_AT = 8  # points at which cancellation in LFTs is looked at
 _SEED = 0
 _RADIUS = 0.5  # of complex and full deltas at the points of a check
 # of models that are derived from others
@@ -208,17 +209,33 @@ def _error(
     values = [values_of(system.lft, parameters, deltas, others) for system in systems]
     errors = [p.certificate.max_relative_error if isinstance(p, LFTModel) else 0.0 for p in systems]
     try:
-        reference = wired_values(systems, values, errors, wiring)
+        sizes = [_sizes_of(s.lft, v, parameters, deltas) for s, v in zip(systems, values, strict=True)]
+        reference = wired_values(systems, values, errors, sizes, wiring)
     except np.linalg.LinAlgError:
         raise WellPosednessError(f"{what}: the loop is singular at a checked point.") from None
     scale = entry_scale(reference.whole, reference.terms)
-    lft_error = largest(values_of(lft, parameters, deltas, others) - reference.whole, scale)
-    if not lft_error <= _ACCEPTED:
+    values_of_lft = values_of(lft, parameters, deltas, others)
+    differences = values_of_lft - reference.whole
+    of_lft = _sizes_of(lft, values_of_lft, parameters, deltas)
+    ratio = largest(differences, EPS * np.maximum(np.maximum(scale, reference.sizes), of_lft))
+    if not ratio <= MOST_ROUNDINGS:
         raise AnalysisError(
-            f"{what}: the result differs from that of state-space formulas by {lft_error:.1e} of the "
-            "size of an entry. Either a loop is nearly singular, or this is a bug: please report it."
+            f"{what}: the result differs from that of state-space formulas by {ratio:.1e} times what "
+            f"rounding of all numbers may change, at most {MOST_ROUNDINGS:g} was expected. This is a "
+            "bug: please report it."
         )
-    return lft_error + largest(reference.errors, scale)
+    return largest(differences, scale) + largest(reference.errors, scale)
+
+
+def _sizes_of(a: LFT, values: Array, parameters: Parameters, deltas: Array) -> Array:
+    """What rounding of the entries of a part is relative to (., .): largest sizes at a few points."""
+    largest_values: Array = np.max(np.abs(values), axis=0)
+    if not a.is_plain or not a.blocks:
+        return largest_values
+    columns = {name: k for k, name in enumerate(parameters.names)}
+    some = np.linspace(0, len(deltas) - 1, _LOOKED_AT).astype(int)
+    at = deltas[some][:, [columns[block.name] for block in a.blocks]]
+    return np.asarray(np.maximum(largest_values, np.max(rounding_sizes(a, at), axis=0)))
 
 
 def _certificate(

@@ -313,8 +313,9 @@ class Certificate:
         points, others to themselves. At least what rounding of the numbers of the model changes, as its
         channels may cancel, relative to the largest size of an entry. 0.0: not recorded.
     rounding_ratio : float
-        Largest error of an entry of A, B, C, D, in units of 2.2e-16 times the size of its terms: those
-        of the data or of the model, whichever are larger. More than 100 is refused when a model is made.
+        Largest error of an entry of A, B, C, D, of the trim, of transfer functions, and of what states
+        that are left out would change, in units of 2.2e-16 times the size of its terms: those of the
+        data or of the model, whichever are larger. More than 100 is refused when a model is made.
     sign_changes : int
         Number of entries that change their sign between the check points, or vanish at some. Near their
         zeros the digits of such entries are those of their largest size over the points.

@@ -34,12 +34,14 @@ class Wiring(NamedTuple):
 class Values(NamedTuple):
     """[A B ; C D] of the whole at points (N, ., .), what errors of the parts make of it, and its terms.
 
-    Terms (., .) are the largest sizes that entries would have at the points if nothing cancelled.
+    Terms (., .) are the largest sizes that entries would have at the points if nothing cancelled; sizes
+    (., .) are those that rounding of the parts is relative to.
     """
 
     whole: Array
     errors: Array
     terms: Array
+    sizes: Array
 
 
 def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring:
@@ -114,15 +116,23 @@ def _states_first(systems: Sequence[System]) -> tuple[list[int], list[int]]:
 
 
 def wired_values(
-    systems: Sequence[System], values: Sequence[Array], errors: Sequence[float], wiring: Wiring
+    systems: Sequence[System],
+    values: Sequence[Array],
+    errors: Sequence[float],
+    sizes: Sequence[Array],
+    wiring: Wiring,
 ) -> Values:
     """The whole by state-space formulas from the values (N, ., .) of its systems, without the LFT.
 
-    `errors` has for each system the error of an entry relative to its largest size over the points.
-    Those of the whole are of first order: d whole = L dS R, with dS those of the systems. A LinAlgError
-    says that the loop is singular at one of the points.
+    `errors` has for each system the error of an entry relative to its largest size over the points, and
+    `sizes` (., .) what rounding of its entries is relative to. Those of the whole are of first order:
+    d whole = L dS R, with dS those of the systems. A LinAlgError says that the loop is singular at one of
+    the points.
     """
-    S, dS = _side_by_side(systems, values, errors)
+    S = _side_by_side(systems, values)
+    largest = [np.max(np.abs(value), axis=0, initial=0.0) for value in values]
+    dS = _side_by_side(systems, [e * size[None] for e, size in zip(errors, largest, strict=True)])[0]
+    parts = _side_by_side(systems, [size[None] for size in sizes])[0]
     nx = sum(len(system.states) for system in systems)
     (nu, ny), nw = wiring.Ky.shape, wiring.E.shape[1]
     C, D = S[:, nx:, :nx], S[:, nx:, nx:]
@@ -140,23 +150,18 @@ def wired_values(
     L = np.concatenate([to_x, to_z], axis=1)
     # sizes if nothing cancelled
     R_terms = np.abs(solved) @ np.concatenate([np.abs(wiring.Ky) @ np.abs(C), np.abs(E)], axis=2)
-    sizes = np.abs(S) @ np.concatenate([np.abs(x), R_terms], axis=1)
-    seen = np.abs(wiring.F) @ sizes[:, nx:] + np.abs(wiring.G) @ R_terms
-    terms = np.max(np.concatenate([sizes[:, :nx], seen], axis=1), axis=0)
-    return Values(whole, np.abs(L) @ dS @ np.abs(R), terms)
+    read_terms = np.abs(S) @ np.concatenate([np.abs(x), R_terms], axis=1)
+    seen = np.abs(wiring.F) @ read_terms[:, nx:] + np.abs(wiring.G) @ R_terms
+    terms = np.max(np.concatenate([read_terms[:, :nx], seen], axis=1), axis=0)
+    by_parts, by_errors = (np.abs(L) @ change @ np.abs(R) for change in (parts, dS))
+    return Values(whole, by_errors, terms, np.maximum(terms, np.max(by_parts, axis=0)))
 
 
-def _side_by_side(
-    systems: Sequence[System], values: Sequence[Array], errors: Sequence[float]
-) -> tuple[Array, Array]:
-    """Values (N, ., .) of all parts as one [A B ; C D], and the errors of its entries (., .)."""
+def _side_by_side(systems: Sequence[System], values: Sequence[Array]) -> Array:
+    """Values (N, ., .) of all parts as one [A B ; C D]."""
     rows, columns = _states_first(systems)
-    n_out, n_in = len(rows), len(columns)
-    S = np.zeros((len(values[0]), n_out, n_in), dtype=np.result_type(*values))
-    dS, i, j = np.zeros((n_out, n_in)), 0, 0
-    for value, error in zip(values, errors, strict=True):
-        place = slice(i, i + value.shape[1]), slice(j, j + value.shape[2])
-        S[:, *place] = value
-        dS[place] = error * np.max(np.abs(value), axis=0, initial=0.0)
+    S, i, j = np.zeros((len(values[0]), len(rows), len(columns)), dtype=np.result_type(*values)), 0, 0
+    for value in values:
+        S[:, i : i + value.shape[1], j : j + value.shape[2]] = value
         i, j = i + value.shape[1], j + value.shape[2]
-    return S[:, rows][:, :, columns], dS[np.ix_(rows, columns)]
+    return S[:, rows][:, :, columns]

@@ -29,7 +29,7 @@ from mbdlft.problem.relations import Problem
 from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.show.report.content import checked_beside
 from scenarios import two_link_arm
-from tests.close import SCENARIO, exact, roundoff
+from tests.close import CLOSED_FORM, SCENARIO, exact, roundoff, target
 
 
 def pan_tilt(offset: float) -> mbdlft.Scene:
@@ -75,8 +75,47 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
     assert len(problem.points) == model.certificate.check_points
     with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its matrices"):
         error_of(problem, planted(right), trim)
-    with pytest.raises(mbdlft.AnalysisError, match="of the size of an entry of its trim"):
+    with pytest.raises(mbdlft.AnalysisError, match=r"of the trim differs from .* rounding"):
         error_of(problem, right, planted(trim))
+
+
+def nozzle() -> mbdlft.Scene:
+    """A cart under a thrust that a given force balances: its nozzle moves it by its angle alone."""
+    held = {"preload": 0.0}
+    return mbdlft.Scene(
+        name="nozzle",
+        parameters=[
+            Parameter("m", 2.0, percent=20, unit="kg"),
+            Parameter("F", 5.0, percent=30, unit="N"),
+        ],
+        bodies=[
+            PointMass(name="slide", mass=1.0),
+            RigidBody(name="cart", mass="m", inertia=Inertia(xx=1.0, yy=1.0, zz=1.0)),
+            RigidBody(name="nozzle", mass=0.5, inertia=Inertia(xx=0.2, yy=0.3, zz=0.2)),
+        ],
+        joints=[
+            Prismatic(name="up", parent="ground", child="slide", axis=(0, 0, 1), **held),
+            Prismatic(name="aside", parent="slide", child="cart", axis=(1, 0, 0), **held),
+            Revolute(name="hinge", parent="cart", child="nozzle", axis=(0, 1, 0), **held),
+        ],
+        loads=[
+            mbdlft.Force(name="thrust", port="nozzle", direction=(0, 0, 1)),
+            mbdlft.Force(name="drag", port="cart", direction=(0, 0, -1), frame="ground", magnitude="F"),
+        ],
+        inputs=["hinge.torque"],
+        outputs=["aside.position"],
+        states="needed",
+    )
+
+
+def test_a_state_that_is_seen_through_an_unknown_load_only() -> None:
+    """The fourth derivative of the place is the thrust over the masses, times torque over inertia."""
+    model = mbdlft.to_lft(nozzle(), search=0.0)
+    assert len(model.states) == 4
+    for m, F in ((1.7, 4.0), (2.4, 6.0)):
+        plant = model.at(m=m, F=F)
+        response = plant.C @ np.linalg.matrix_power(plant.A, 3) @ plant.B
+        target(response, [[F / (m + 0.5) / 0.3]], CLOSED_FORM)
 
 
 def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,8 @@ from mbdlft import (
 )
 from mbdlft.cli.commands import main
 from mbdlft.lft.lft import delta
-from mbdlft.system import lft
+from mbdlft.system import evidence, lft
+from mbdlft.system.wiring import reduced
 from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
@@ -78,6 +79,23 @@ def test_the_error_of_a_part_is_carried_through_the_loop() -> None:
     carried = feedback(doubtful, CONTROLLER).certificate.max_relative_error
     assert 0.1 * error < change < carried < 100 * error
     assert feedback(CART, CONTROLLER).certificate.max_relative_error < CLOSED_FORM
+
+
+def test_a_whole_that_is_wrong_by_little_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One entry of a loop is wrong by 1e-9 of itself."""
+
+    def wrong(a: LFT) -> LFT:
+        a = reduced(a)
+        moved = np.ones(a.shape)
+        moved[-1, 0] += 1e-9
+        if a.order:
+            return replace(a, M21=moved[:, :1] * a.M21, M22=moved[:, :1] * a.M22)
+        return replace(a, M22=moved * a.M22)
+
+    feedback(CART, CONTROLLER)
+    monkeypatch.setattr(evidence, "reduced", wrong)
+    with pytest.raises(mbdlft.AnalysisError, match="times what rounding"):
+        feedback(CART, CONTROLLER)
 
 
 def test_a_system_without_evidence_gives_none() -> None:

@@ -13,10 +13,11 @@ from mbdlft.problem.references import (
     frequencies_of,
     implicit_transfers,
     largest_of_rows,
+    rounded_transfers,
     transfers,
 )
 from mbdlft.problem.relations import Problem
-from tests.close import EVALUATION, roundoff
+from tests.close import EPS, EVALUATION, roundoff
 from tests.reference.chain_of_beams import scene as beams
 
 
@@ -86,18 +87,57 @@ def test_the_reference_is_that_of_what_was_not_solved(arm: Problem) -> None:
     scene = mbdlft.load_scene("scenarios/two_link_arm.toml")
     at, right = arm.reference(), mbdlft.to_lft(scene, search=0.0).lft
     wrong, lft = 1.001 * at.values, replace(right, M21=1.001 * right.M21, M22=1.001 * right.M22)
-    with pytest.raises(mbdlft.AnalysisError, match="transfer functions of the model differ from"):
+    with pytest.raises(mbdlft.AnalysisError, match="a transfer function of the model differs from"):
         measure_error(arm, lft, None, replace(at, values=wrong))
-    # what rounding of the exact matrices makes is accepted, and recorded
 
     def in_digits(points: np.ndarray) -> np.ndarray:
         return wrong[[int(np.argmin(np.abs(arm.points - p).sum(axis=1))) for p in points]]
 
-    rounded = replace(at, values=wrong, in_digits=in_digits)
-    assert measure_error(arm, lft, None, rounded).transfer_error > 1e-4
+    with pytest.raises(mbdlft.AnalysisError, match="a transfer function of the model differs from"):
+        measure_error(arm, lft, None, replace(at, values=wrong, in_digits=in_digits))
     found = measure_error(arm, right, None, at)
     assert 0.0 < found.transfer_error < 1e-12
     assert len(found.frequencies) == 8
+
+
+PLANTED = 1.0 + 1e-9
+
+
+def test_small_errors_are_no_rounding(arm: Problem) -> None:
+    """A trim and a transfer function that are wrong by 1e-9, and states that are left out and matter."""
+    model = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
+    at, trim = arm.reference(), model.trim.lft
+    assert trim is not None
+    measure_error(arm, model.lft, trim, at)
+    wrong = replace(trim, M21=PLANTED * trim.M21, M22=PLANTED * trim.M22)
+    with pytest.raises(mbdlft.AnalysisError, match=r"torque of the trim differs from .* rounding"):
+        measure_error(arm, model.lft, wrong, at)
+
+    def transfers_in_digits(some: list[int], frequencies: np.ndarray) -> np.ndarray:
+        return PLANTED * at.transfers_in_digits(some, frequencies)
+
+    moved = replace(
+        at,
+        transfers=lambda some, frequencies: PLANTED * at.transfers(some, frequencies),
+        transfers_in_digits=transfers_in_digits,
+    )
+    with pytest.raises(mbdlft.AnalysisError, match=r"a transfer function .* rounding"):
+        measure_error(arm, model.lft, trim, moved)
+    with pytest.raises(mbdlft.AnalysisError, match=r"states that are left out .* rounding"):
+        measure_error(arm, model.lft, trim, replace(at, omitted=lambda: 1e6))
+
+
+def test_what_rounding_makes_of_transfers() -> None:
+    """1/(s + a) with a changed by a rounding, where s is near the pole."""
+    a, w = 1e-3, np.array([1e-6, 1.0])
+    matrices = np.array([[[-a, 1.0], [1.0, 0.0]]])
+    rounding = np.array([[1e-12, 0.0], [0.0, 0.0]])
+    found = rounded_transfers(matrices, 1, w, rounding)[0, :, 0, 0]
+    expected = (1e-12 + EPS * np.abs(1j * w + a)) / np.abs(1j * w + a) ** 2
+    roundoff(found, expected)
+    moved = matrices - rounding
+    change = np.abs(transfers(moved, 1, w) - transfers(matrices, 1, w))[0, :, 0, 0]
+    assert np.all(change <= 1.001 * found)
 
 
 def test_rounding_is_counted_and_accepted() -> None:
