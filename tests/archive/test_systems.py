@@ -7,7 +7,6 @@ import h5py
 import numpy as np
 import pytest
 
-import mbdlft.cli.commands
 from mbdlft import ArchiveError, Certificate, LFTModel, load, matrices_at, save
 from mbdlft.archive.model import rests_on
 from mbdlft.lft.block import Block, ComplexBlock, FullBlock
@@ -17,6 +16,7 @@ from tests.archive import models
 from tests.archive.plain_digest import as_words, edit
 from tests.close import exact
 from tests.errors.table import says
+from tests.scenarios.commands import run
 
 
 def mixed(seed: int = 1) -> System:
@@ -185,10 +185,8 @@ def test_the_command_line_shows_a_system(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save(tmp_path / "a.h5", mixed())
-    monkeypatch.setattr("sys.argv", ["mbdlft", "show", str(tmp_path / "a.h5")])
-    with pytest.raises(SystemExit) as stop:
-        mbdlft.cli.commands.main()
-    assert not stop.value.code
-    shown = " ".join(capsys.readouterr().out.split())
+    code, out, _ = run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))
+    assert code == 0
+    shown = " ".join(out.split())
     assert "a (full, 3 x 2)" in shown
     assert "stored without evidence" in shown

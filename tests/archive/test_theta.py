@@ -9,12 +9,12 @@ import pytest
 
 import mbdlft
 from mbdlft import ArchiveError
-from mbdlft.cli import commands
 from mbdlft.dae import DaeDraft, formula_function
 from mbdlft.pipeline import delta_theta
-from tests.archive.plain_digest import edit
+from tests.archive.plain_digest import edit, instead, without
 from tests.close import CLOSED_FORM, target
 from tests.daes import example_2
+from tests.scenarios.commands import run
 
 READER = """
 import sys
@@ -66,11 +66,7 @@ def test_functions_are_read_and_evaluated_without_casadi(file: Path) -> None:
     ],
 )
 def test_what_does_not_agree(file: Path, name: str, value: object, message: str) -> None:
-    def change(group):  # type: ignore[no-untyped-def]
-        del group[f"theta/{name}"]
-        if value is not None:
-            group[f"theta/{name}"] = value
-
+    change = without(f"theta/{name}") if value is None else instead(f"theta/{name}", value)
     edit(file, change, "models/example_2")
     with pytest.raises(ArchiveError, match=message):
         mbdlft.load(file)
@@ -81,16 +77,13 @@ def test_commands_show_functions_and_do_not_leave_them_out(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     for command in ("show", "poles", "margin"):
-        monkeypatch.setattr("sys.argv", ["mbdlft", command, str(file)])
-        with pytest.raises(SystemExit) as stopped:
-            commands.main()
-        captured = capsys.readouterr()
+        code, out, err = run(monkeypatch, capsys, command, str(file))
         if command == "show":
-            assert not stopped.value.code
-            assert "theta.spring.alpha(J1_phi, J2_phi) = (J1_phi - J2_phi)**2" in captured.out
+            assert code == 0
+            assert "theta.spring.alpha(J1_phi, J2_phi) = (J1_phi - J2_phi)**2" in out
         else:
-            assert stopped.value.code == 2
-            assert "has 2 nonlinear functions, and is not linear" in captured.err
+            assert code == 2
+            assert "has 2 nonlinear functions, and is not linear" in err
 
 
 @pytest.mark.parametrize(
@@ -112,11 +105,7 @@ def test_tables_that_do_not_agree(tmp_path: Path, name: str, value: object, mess
     d.output("x")
     mbdlft.save(tmp_path / "a.h5", delta_theta(d.dae(), search=0.0))
 
-    def change(group):  # type: ignore[no-untyped-def]
-        del group[f"theta/{name}"]
-        if value is not None:
-            group[f"theta/{name}"] = value
-
+    change = without(f"theta/{name}") if value is None else instead(f"theta/{name}", value)
     edit(tmp_path / "a.h5", change, "models/curve")
     with pytest.raises(ArchiveError, match=message):
         mbdlft.load(tmp_path / "a.h5")

@@ -30,7 +30,6 @@ from mbdlft import (
     series,
     state_space,
 )
-from mbdlft.cli.commands import main
 from mbdlft.lft.lft import delta
 from mbdlft.system import evidence, lft
 from mbdlft.system.wiring import reduced
@@ -39,6 +38,7 @@ from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import lower_bound
 from tests.laws.test_systems import CART, CONTROLLER, ONE, SPRING, points
+from tests.scenarios.commands import run
 
 ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
 GAIN = np.array([[120.0, 0.0], [0.0, 60.0]])
@@ -386,10 +386,7 @@ def test_the_command_line_says_that_no_bound_holds(
 ) -> None:
     certificate = replace(CART.certificate, exact=False, truncation_error=0.01)
     mbdlft.save(tmp_path / "a.h5", feedback(replace(CART, certificate=certificate), CONTROLLER))
-    monkeypatch.setattr("sys.argv", ["mbdlft", "show", str(tmp_path / "a.h5")])
-    with pytest.raises(SystemExit):
-        main()
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))[1].split())
     assert "not exact: a part of it is truncated, and no bound of the error holds" in shown
 
 

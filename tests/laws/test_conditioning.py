@@ -1,14 +1,12 @@
 """The condition of the certificate: by hand, against a closed form, and in what is printed and stored."""
 
-import contextlib
-
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.cli.commands import main
 from mbdlft.exact.rounding import conditioning
 from tests.close import EPS, conditioned, exact
+from tests.scenarios.commands import run
 
 G = 9.81
 
@@ -99,10 +97,7 @@ def test_it_is_printed(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[n
         (buckling(-0.1, 0.2), ["condition 1.2e+01: ", "; 2 entries change their sign"]),
     ):
         mbdlft.save(tmp_path / "a.h5", mbdlft.to_lft(scene, search=0.0))
-        monkeypatch.setattr("sys.argv", ["mbdlft", "show", str(tmp_path / "a.h5")])
-        with contextlib.suppress(SystemExit):
-            main()
-        shown = " ".join(capsys.readouterr().out.split())
+        shown = " ".join(run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))[1].split())
         assert all(text in shown for text in expected), shown
         assert ("ill-conditioned" in shown) == ("ill-conditioned" in expected[0])
 

@@ -1,16 +1,15 @@
 """The commands `poles` and `response`: tables, JSON, figures, sources of all kinds."""
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.cli.commands import main
 from tests.close import CLOSED_FORM, NORM, PEAK, target
 from tests.oscillators import oscillator, spring_and_mass
+from tests.scenarios.commands import Call
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
@@ -25,20 +24,14 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
+def run(call: Call, monkeypatch, tmp_path):
     """Run a command in an empty folder; its standard output."""
     monkeypatch.chdir(tmp_path)
 
     def _run(*words: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["mbdlft", *words])
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = int(stop.code or 0)
-        captured = capsys.readouterr()
-        assert (code, captured.err) == (0, "")
-        return captured.out
+        code, out, err = call(*words)
+        assert (code, err) == (0, "")
+        return out
 
     return _run
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.cli.commands import main
 from mbdlft.dae import simulate
 from mbdlft.dae.linear import trimmed_points
 from mbdlft.dae.structure import in_symbols
@@ -15,6 +14,7 @@ from mbdlft.pipeline.models import delta_theta, linearize_dae
 from tests.close import EXTRAPOLATED, SCENARIO, SIMULATED, target
 from tests.daes import differences
 from tests.modelica import FLAT, ROOT, SCENARIOS, flat
+from tests.scenarios.commands import Call
 
 NAMES = [file.stem for file in SCENARIOS]
 # time (s) that shows what moves, and steps of the inputs
@@ -96,32 +96,23 @@ def test_linearizations_are_those_of_differences(name: str) -> None:
     target((16.0 * second - first) / 15.0, exact, EXTRAPOLATED)
 
 
-def run(monkeypatch: pytest.MonkeyPatch, *words: str) -> None:
-    monkeypatch.setattr("sys.argv", ["mbdlft", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
+def test_commands(tmp_path: Path, call: Call) -> None:
+    def output(*words: str) -> str:
+        code, out, _ = call(*words)
+        assert code == 0
+        return out
 
-
-def test_commands(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
     flat_file, archive = str(FLAT / "thermal_network.mof"), tmp_path / "box.h5"
     table = str(ROOT / "scenarios" / "modelica" / "thermal_network.toml")
-    run(monkeypatch, "check", flat_file, "--parameters", table, "--model", "ThermalNetwork")
-    out = capsys.readouterr().out
+    out = output("check", flat_file, "--parameters", table, "--model", "ThermalNetwork")
     assert "ThermalNetwork: 26 equations, 2 inputs, 3 parameters left in" in out
     assert "index 1" in out
     assert "found" in next(line for line in out.splitlines() if "│ Q " in line)
-    run(monkeypatch, "linearize", flat_file, "--parameters", table, "-o", str(archive))
-    assert "minimal: proved" in capsys.readouterr().out
+    out = output("linearize", flat_file, "--parameters", table, "-o", str(archive))
+    assert "minimal: proved" in out
     assert mbdlft.load(archive).order == 3
-    run(monkeypatch, "linearize", str(FLAT / "coupled_inertias.mof"), "--search", "0")
-    assert "against the nonlinear equations, linearized with numbers" in capsys.readouterr().out
-    run(monkeypatch, "poles", str(FLAT / "first.mof"))
-    assert "First: poles at nominal" in capsys.readouterr().out
-
-
-def test_notes_are_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    run(monkeypatch, "check", str(FLAT / "first.mof"))
-    assert "note: sine.y is a function of time: it is an input" in capsys.readouterr().out
+    out = output("linearize", str(FLAT / "coupled_inertias.mof"), "--search", "0")
+    assert "against the nonlinear equations, linearized with numbers" in out
+    assert "First: poles at nominal" in output("poles", str(FLAT / "first.mof"))
+    out = output("check", str(FLAT / "first.mof"))
+    assert "note: sine.y is a function of time: it is an input" in out
