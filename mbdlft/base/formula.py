@@ -99,7 +99,7 @@ def formula_value(
         try:
             result = _value(text, expression, known, functions)
         except (OverflowError, ZeroDivisionError, RecursionError) as error:
-            reason = "it is nested too deep" if isinstance(error, RecursionError) else error
+            reason = "it is nested too deep" if isinstance(error, RecursionError) else error.args[-1]
             raise SceneError(f"formula {text!r} has no value: {reason}.") from None
         if name is not None:
             known[name] = assign(name, result)

@@ -5,6 +5,7 @@ names that no text can contain, so that each number system gives its own cosine 
 arithmetic then shows that no denominator vanishes in the range of the parameters.
 """
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -38,6 +39,7 @@ from mbdlft.multibody.scene.quantities import AngleSum
 
 T = TypeVar("T")
 _MOST_TURNS = 16
+_OPERATION, _MOST_OPERATIONS = re.compile(r"[-+*/^]+"), 50_000  # an entry, which takes some 10 s
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
 
@@ -136,6 +138,11 @@ class _Resolver:
 
     def _read(self, place: str, source: float | str) -> Expression:
         self.place = f"{place} = {source!r}"
+        if isinstance(source, str) and (count := len(_OPERATION.findall(source))) > _MOST_OPERATIONS:
+            raise SceneError(
+                f"{place} has {count} operations, and {_MOST_OPERATIONS} is the most. Collect equal "
+                "powers of the parameters, or declare a part as a parameter."
+            )
         try:
             expression = parse(source)
             if any(isinstance(node, Number) and node.unit for node in walk(expression)):

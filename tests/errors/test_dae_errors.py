@@ -185,7 +185,7 @@ trim(bad("x", one="der(x) - 1 + x**3")) => SceneError: trim: expected a Structur
 "sin()" => sin has 0 arguments, expected 1
 "min(a)" => min has 1 arguments, expected 2
 "where(a > 0, 1)" => where has 2 arguments, expected 3
-"9**9**9*0 + a" => has no value
+"9**9**9*0 + a" => has no value: Numerical result out of range
 "a/0" => has no value: float division by zero
 "1e400*a" => a number is larger than a double can be
 "-"*50000 + "a" => cannot be read

@@ -34,8 +34,8 @@ _CONVERGED = 1e-9  # last step but one, relative to 1 + |t|; the last one square
 _SHORTEST = 1e-7  # of a line: how closely a singular point is met
 _FAR = 1e4  # tangent of half an angle: within 0.01 deg of 180 deg
 _TRY = (
-    "Make the range smaller, or let the angle be a parameter and the trim solve for a quantity "
-    "that enters linearly (a load, a preload, a mass offset)."
+    "Make the range smaller, or let this unknown be a parameter and the trim solve for a quantity that "
+    "enters linearly (an input; in a scene a load, a preload, a mass offset)."
 )
 _ARRAYS = arithmetic(np.float64, FUNCTIONS_OF_DOUBLES)
 
@@ -164,9 +164,9 @@ def _end(s: System, p: Array, beyond: Array, t: Array, *, turned: bool) -> TrimE
     f, jacobian = values(s, t[None], beyond[None])
     if np.max(np.abs(t)) > _FAR:
         why = (
-            f"goes to infinity (t = {t.tolist()}): no equilibrium is near beyond. The tangent of half "
-            "an angle does so where a joint comes to 180 deg from its reference; then choose another "
-            "reference"
+            f"goes to infinity (t = {t.tolist()}): no equilibrium is near beyond. In a scene, where t "
+            "is the tangent of half an angle, a joint comes to 180 deg from its reference; then choose "
+            "another reference"
         )
     elif turned:
         why = "bifurcates: df/dt is singular there and another branch crosses"
