@@ -15,7 +15,8 @@ from pathlib import Path
 import mbdlft
 from benchmarks.arm import write_between
 from mbdlft.modelica import ModelicaTable, load_modelica, load_modelica_table, operating_point
-from mbdlft.pipeline.models import SEARCH, build, delta_theta, linearize_dae
+from mbdlft.pipeline.dae_models import delta_theta, linearize_dae
+from mbdlft.pipeline.models import SEARCH, build
 
 ROOT = Path(__file__).parents[1]
 

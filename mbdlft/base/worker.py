@@ -121,16 +121,23 @@ class Worker:
             raise answer
         return answer
 
-    def _start(self) -> "subprocess.Popen[bytes]":
+    def begin(self, module: str) -> None:
+        """Start the process before its first call, if it does not run, and import a module there."""
+        with self._locks.setdefault(os.getpid(), threading.Lock()), contextlib.suppress(NoProcessError):
+            if self.process is None:
+                self._start(module)
+
+    def _start(self, *modules: str) -> "subprocess.Popen[bytes]":
         """Start a process; -P keeps the files of the folder from being imported as modules."""
         self.end()
         if getattr(sys, "frozen", False) or not Path(sys.executable or "").stem.startswith("py"):
             raise NoProcessError(f"{sys.executable!r} is not an interpreter of Python")
         search_path = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
         known = {"PYTHONPATH": os.pathsep.join(search_path), **_SINGLE, **self._environment}
+        kind = "plain" if self._plain else "pickled"
         try:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "mbdlft.base.worker", "plain" if self._plain else "pickled"],
+                [sys.executable, "-P", "-m", "mbdlft.base.worker", kind, *modules],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL if self._quiet else None,
@@ -241,6 +248,11 @@ def same_everywhere(target: str, *arguments: Any) -> Any:
         if not was_there:
             raise
     return _SAME.call(target, *arguments)  # it may have ended since the last call
+
+
+def begin_same_everywhere(module: str) -> None:
+    """Start the process of `same_everywhere`, with a module imported: its first call does not wait."""
+    _SAME.begin(module)
 
 
 class Pool:
@@ -430,4 +442,6 @@ def content_of(file: Path, error: type[MbdlftError], largest: int = LARGEST) -> 
 
 
 if __name__ == "__main__":
+    for _module in sys.argv[2:]:
+        import_module(_module)
     serve(plain=sys.argv[1] == "plain")

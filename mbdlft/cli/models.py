@@ -12,6 +12,7 @@ import typer
 from mbdlft import analyze, batch, matrix, modelica, multibody, problem
 from mbdlft import archive as archives
 from mbdlft import system as systems
+from mbdlft.base import worker
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.output import (
@@ -105,7 +106,7 @@ def print_model(model: "System") -> None:
         console().print(f"{what} ({len(signals)}): {listed}".rstrip(": "), highlight=False)
     if isinstance(model, systems.LFTModel):
         _print_repetitions(model)
-        say(*rooms.content.certificate_sentences(model))
+        say(*rooms.sentences.certificate_sentences(model))
         if model.trim.signals:
             pairs = zip(model.trim.signals, model.trim.nominal, strict=True)
             efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)
@@ -285,6 +286,8 @@ def linearize(
     options.check_paths(output, *(figure for _, figure in figures))
     if program and output is None:
         raise AnalysisError("--program: it is stored in an archive; give one with -o.")
+    if search > 0.0:
+        worker.begin_same_everywhere("mbdlft.order.search")  # while the file is read
     with progress_of(file.stem) as progress:
         show = progress.stage
         if options.is_modelica(file):

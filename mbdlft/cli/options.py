@@ -194,7 +194,7 @@ def modelica_model(
     progress("structure and trim")
     point = modelica.operating_point(dae, report, kept)
     times.append(time.perf_counter())
-    model = rooms.models.linearize_dae(
+    model = rooms.dae_models.linearize_dae(
         point, search=search, seconds=seconds, prove=prove, progress=progress
     )
     times.append(time.perf_counter())

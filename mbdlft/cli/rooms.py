@@ -13,12 +13,14 @@ if TYPE_CHECKING:
     from mbdlft.matrix import problem as problem
     from mbdlft.multibody import to_problem as to_problem
     from mbdlft.multibody.scene import toml as toml
+    from mbdlft.pipeline import dae_models as dae_models
     from mbdlft.pipeline import models as models
     from mbdlft.problem import linearization as linearization
     from mbdlft.response import frequency as frequency
     from mbdlft.response import modes as modes
     from mbdlft.show.figures import figures as figures
     from mbdlft.show.report import content as content
+    from mbdlft.show.report import sentences as sentences
 
 _PLACES = {
     path.rpartition(".")[2]: path
@@ -26,6 +28,8 @@ _PLACES = {
         *("archive.archive", "elastic.catalogue", "export.exports", "matrix.problem", "pipeline.models"),
         *("multibody.scene.toml", "multibody.to_problem", "problem.linearization", "response.frequency"),
         *("response.modes", "show.figures.figures", "show.report.content"),
+        "pipeline.dae_models",
+        "show.report.sentences",
     )
 }
 

@@ -1,7 +1,7 @@
-"""The front doors: a scene, a matrix or a DAE to a certified model, with the seconds of each stage."""
+"""The front doors: a scene or a matrix to a certified model, with the seconds of each stage."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -9,12 +9,6 @@ from typing import Any
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
-from mbdlft.dae.dae import Dae
-from mbdlft.dae.equilibria import DaeTrim, trim
-from mbdlft.dae.linear import problem_of_trim
-from mbdlft.dae.structure import Structure, reduce_index
-from mbdlft.dae.theta.separation import Arrange
-from mbdlft.dae.to_problem import problem_of_dae
 from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
@@ -25,7 +19,6 @@ from mbdlft.pipeline.forms import candidates
 from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
-from mbdlft.system.theta import DeltaThetaModel
 from mbdlft.system.truncation import check_tolerance
 from mbdlft.system.truncation import truncate as truncated
 
@@ -61,7 +54,7 @@ class Clock:
 
 
 @contextmanager
-def _timed(
+def timed(
     search: float, seconds: float | None, prove: float, progress: Progress = None
 ) -> Iterator[tuple[Budget, Clock]]:
     """A budget of work, once its numbers are known to be usable, and a clock; algebra in one thread."""
@@ -120,7 +113,7 @@ def build(
         )
     if truncate is not None:
         check_tolerance(truncate)  # before the work, not after it
-    with _timed(search, seconds, prove, progress) as (budget, clock):
+    with timed(search, seconds, prove, progress) as (budget, clock):
         model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage, prove)
         if truncate is not None:
             with clock.stage("truncate"):
@@ -193,7 +186,7 @@ def build_matrix(
     prove: float = PROVE,
 ) -> Build:
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
-    with _timed(search, seconds, prove, progress) as (budget, clock):
+    with timed(search, seconds, prove, progress) as (budget, clock):
         posed = problem_of_matrix(problem, clock.stage)
         return clock.build(realization(posed, budget, clock.stage, prove))
 
@@ -227,82 +220,3 @@ def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
                 "parameters."
             )
         return exact_degrees(candidate.exact, seed)
-
-
-def delta_theta(
-    model: Dae | Structure,
-    arrange: Arrange = "fewest",
-    *,
-    search: float = SEARCH,
-    seconds: float | None = None,
-    prove: float = PROVE,
-    progress: Progress = None,
-) -> DeltaThetaModel:
-    """The exact Delta-Theta form of a DAE, nothing linearized; its linear part has a certificate.
-
-    xdot = A x + B_w w + B_zeta zeta + B_u u, ..., w = Delta z, zeta = Theta(omega)
-
-    Parameters
-    ----------
-    model : Dae, or Structure
-        A structure has the states that were asked for.
-    arrange : {"fewest", "blocks"}
-        Functions with as few inputs as possible; or of the signals of the equations as they are.
-    search, seconds, prove
-        As in `to_lft`.
-    progress : function, optional
-        Is told the name of each stage as it starts.
-
-    Raises
-    ------
-    StructureError
-        As `reduce_index`.
-    NotRationalError
-        A coefficient is not rational in the parameters.
-    """
-    with _timed(search, seconds, prove, progress) as (budget, clock):
-        with clock.stage("structure"):
-            structure = model if isinstance(model, Structure) else reduce_index(model)
-        separated = problem_of_dae(structure, arrange, clock.stage)
-        linear = realization(separated.problem, budget, clock.stage, prove)
-    return DeltaThetaModel(
-        linear, separated.functions, separated.has_one, separated.initial, separated.zeta
-    )
-
-
-def linearize_dae(
-    model: Dae | Structure | DaeTrim,
-    at: Mapping[str, float | str] | None = None,
-    free: Sequence[str] = (),
-    *,
-    fit: float | None = None,
-    search: float = SEARCH,
-    seconds: float | None = None,
-    prove: float = PROVE,
-    progress: Progress = None,
-) -> LFTModel:
-    """The exact linear model of a DAE around an equilibrium, parameters left in, with certificate.
-
-    Parameters
-    ----------
-    model : Dae, Structure, or DaeTrim
-        Of the last the equilibrium is known; the others are trimmed.
-    at, free, fit
-        As in `trim`.
-    search, seconds, prove
-        As in `to_lft`.
-    progress : function, optional
-        Is told the name of each stage as it starts.
-
-    Raises
-    ------
-    StructureError, TrimError, NotRationalError
-        As `reduce_index`, `trim`; or the linear model is not rational in the parameters.
-    """
-    with _timed(search, seconds, prove, progress) as (budget, clock):
-        if not isinstance(model, DaeTrim):
-            with clock.stage("structure"):
-                structure = model if isinstance(model, Structure) else reduce_index(model)
-            with clock.stage("trim"):
-                model = trim(structure, at, free, fit=fit)
-        return realization(problem_of_trim(model, clock.stage), budget, clock.stage, prove)

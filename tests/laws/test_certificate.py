@@ -27,7 +27,7 @@ from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.references import entry_sizes
 from mbdlft.problem.relations import Problem
 from mbdlft.problem.sx.tapes import term_sizes
-from mbdlft.show.report.content import checked_beside
+from mbdlft.show.report.sentences import checked_beside
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, exact, roundoff, target
 

@@ -22,7 +22,7 @@ import pytest
 import mbdlft
 from mbdlft.base import worker
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.worker import NoProcessError, same_everywhere, settings
+from mbdlft.base.worker import NoProcessError, Worker, same_everywhere, settings
 from mbdlft.lft.lft import constant
 from mbdlft.order.search import IN_PROCESS
 from mbdlft.pipeline.models import build
@@ -36,6 +36,21 @@ def test_results_come_across() -> None:
     assert np.array_equal(same_everywhere("numpy:transpose", a), a.T)
     assert same_everywhere("os:getpid") != os.getpid()
     assert same_everywhere("os:getpid") == same_everywhere("os:getpid")
+
+
+def test_a_process_begins_before_its_first_call() -> None:
+    worker = Worker({})
+    worker.begin("wave")
+    first = worker.process
+    worker.begin("this")  # it runs
+    assert worker.process is first is not None
+    for module, there in (("wave", True), ("this", False)):
+        assert worker.call("builtins:eval", f"{module!r} in __import__('sys').modules") is there
+    worker.begin("no_such_module_at_all")
+    worker.end()
+    worker.begin("no_such_module_at_all")
+    assert first.wait() is not None
+    worker.end()
 
 
 def test_errors_come_across() -> None:

@@ -11,7 +11,7 @@ from scipy.optimize import fsolve
 
 import mbdlft
 from mbdlft.modelica import operating_point
-from mbdlft.pipeline.models import linearize_dae
+from mbdlft.pipeline.dae_models import linearize_dae
 from mbdlft.system.model import LFTModel
 from tests.close import CROSS, target
 from tests.modelica import flat

@@ -10,7 +10,7 @@ from mbdlft.dae import simulate
 from mbdlft.dae.linear import trimmed_points
 from mbdlft.dae.structure import in_symbols
 from mbdlft.modelica import operating_point, structure_of
-from mbdlft.pipeline.models import delta_theta, linearize_dae
+from mbdlft.pipeline.dae_models import delta_theta, linearize_dae
 from tests.close import EXTRAPOLATED, SCENARIO, SIMULATED, target
 from tests.daes import differences
 from tests.modelica import FLAT, ROOT, SCENARIOS, flat

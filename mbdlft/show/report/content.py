@@ -1,11 +1,7 @@
-"""What is known of a model, as texts: sentences on its certificate, and the rows of a report's tables.
-
-The command line prints the sentences on the certificate as well.
-"""
+"""What is known of a model, as texts: a verdict, and the rows of a report's tables."""
 
 import math
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,14 +12,10 @@ from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.stability import check_stability
-from mbdlft.system.model import Certificate, LFTModel, System
+from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import trim_at
 
-_EPS = sys.float_info.epsilon
 _MOST_SAMPLES, _FEWEST, _STATES = 100, 20, 2e4  # samples; the most states^2 times samples: seconds
-_MOST_BOXES = 4  # that are listed
-_EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
-_EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 _MOST_CORNERS = 10  # parameters, whose corners are tried
 _SAMPLES = 300  # of the trim, as many as figures have
 _ROUNDING = 1e-12  # of the largest value: what is less is rounding and shown as 0
@@ -33,121 +25,6 @@ _KINDS = {
     "MotionProof": "a function that falls along all motions",
 }
 _SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
-
-
-def order_sentences(model: LFTModel) -> Iterator[str]:
-    """Sentences on the order, its lower bound, and how the model differs from an exact one."""
-    certificate = model.certificate
-    alone = sum(certificate.lower_bound)
-    if certificate.exact:
-        proof = "minimal: proved" if certificate.minimal else "not proved minimal"
-        together = certificate.order_bound - alone
-        if certificate.exact_bound:
-            proof += f" ({f'the {alone}' if together else 'bound'} in exact arithmetic)"
-        split = f" ({alone} one by one, {together} more together)" if together else ""
-        yield f"order {model.order}, lower bound {certificate.order_bound}{split}: {proof}"
-    else:
-        yield f"order {model.order}; the lower bound {alone} is that of exact models"
-        if certificate.truncation_error == math.inf:
-            yield "not exact: a part of it is truncated, and no bound of the error holds for the whole"
-        elif certificate.truncation_error > 0.0:
-            yield (
-                f"not exact: values differ by at most {_upward(certificate.truncation_error)} of their "
-                "typical sizes, on the whole range"
-            )
-        if certificate.fit_error_bound > 0.0:
-            within = f"within {_upward(certificate.fit_error_bound)}"
-            if _EVIDENCE_OF_SCENE in model.provenance.scene:
-                what = f"positions are fits, {within} rad or m of the equilibrium"
-            else:
-                what = f"it has fits, {within} of the sizes of quantities, or in units of coefficients"
-            yield f"not exact: {what}, on the whole range"
-    if any(certificate.doubtful):
-        unclear = ", ".join(
-            f"{p.name} {count}"
-            for p, count in zip(model.parameters, certificate.doubtful, strict=True)
-            if count
-        )
-        yield f"ranks that rounding makes unclear, not counted in the bound: {unclear}"
-
-
-def largest_error(model: LFTModel) -> str:
-    """A sentence on the largest error that was found, and against what."""
-    certificate = model.certificate
-    # a scene has joints and so a trim; a matrix has none
-    truth = "the nonlinear equations, linearized with numbers"
-    if model.trim.signals:
-        truth = "re-trimming and re-linearizing"
-    elif _EVIDENCE_OF_MATRIX in model.provenance.scene[: len(_EVIDENCE_OF_MATRIX) + 40]:
-        truth = "the matrix itself"
-    return (
-        f"maximum relative error {certificate.max_relative_error:.1e} against {truth} at "
-        f"{certificate.check_points} points and corners"
-        + (", before truncation" if certificate.truncation_error > 0.0 else "")
-        + (", at the fitted positions" if certificate.fit_error_bound > 0.0 else "")
-    )
-
-
-def checked_beside(model: LFTModel) -> Iterator[str]:
-    """Sentences on transfer functions, on entries without a size of their own, and on near relations."""
-    certificate = model.certificate
-    if certificate.frequencies:
-        low, high = min(certificate.frequencies), max(certificate.frequencies)
-        yield (
-            f"transfer functions: largest error {certificate.transfer_error:.1e}, relative to their row, "
-            f"at {len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
-        )
-    yield from (f"nearly: {text}" for text in certificate.near)
-    if certificate.by_terms:
-        rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
-        columns = [signal.name for signal in (*model.states, *model.inputs)]
-        named = [f"{rows[i]} by {columns[j]}" for i, j in certificate.by_terms]
-        more = f" and {len(named) - _MOST_BOXES} more" if len(named) > _MOST_BOXES else ""
-        yield (
-            "entries that are only rounding of terms that cancel, and compared with these: "
-            f"{', '.join(named[:_MOST_BOXES])}{more}"
-        )
-
-
-def well_posed(model: LFTModel) -> Iterator[str]:
-    """Sentences on whether the model is regular at every value in the ranges."""
-    certificate = model.certificate
-    if certificate.well_posed == "proved":
-        yield "well-posed: proved in the whole range"
-        return
-    points = certificate.check_points
-    yield f"well-posed: not proved; it is at {points} points and corners and on lines to some of them"
-    boxes = certificate.open_boxes
-    for box in boxes[:_MOST_BOXES]:
-        sides = [
-            f"{p.name} in [{low:.6g}, {high:.6g}] {p.unit}".removesuffix(" 1")
-            for p, (low, high) in zip(model.parameters, box, strict=True)
-            if (low, high) != (p.low, p.high)
-        ]
-        yield f"  open: {', '.join(sides) or 'the whole range'}"
-    if len(boxes) > _MOST_BOXES:
-        yield f"  and {len(boxes) - _MOST_BOXES} more; --prove with more work may close them"
-
-
-def conditioning(certificate: Certificate) -> str:
-    """A sentence on how much the rounding of the data may change the entries of the model."""
-    change = certificate.condition * _EPS
-    text = f"condition {certificate.condition:.1e}: rounding of numbers alone may change an entry "
-    text += f"by {change:.1e} of itself; errors are up to {certificate.rounding_ratio:.2g} times rounding"
-    if change > _EPS**0.5:
-        text = f"ill-conditioned, {text}"
-    if certificate.sign_changes:
-        text += (
-            f"; {certificate.sign_changes} entries change their sign in the range: near their zeros the "
-            "errors are relative to their largest size"
-        )
-    return text
-
-
-def _upward(error: float) -> str:
-    """A bound as a text of three digits, which is never rounded down."""
-    text = f"{error:.2e}"
-    return text if float(text) >= error else f"{error + 0.01 * 10.0 ** int(text[-3:]):.2e}"
 
 
 class ParameterRow(NamedTuple):
@@ -204,17 +81,6 @@ def parameter_rows(model: System) -> tuple[ParameterRow, ...]:
         )
         for k, p in enumerate(model.parameters)
     )
-
-
-def certificate_sentences(model: System) -> tuple[str, ...]:
-    """What is proved of a model, and what was checked."""
-    if not isinstance(model, LFTModel):
-        return ("The model is stored without evidence: nothing is proved of it.",)
-    lines = [*order_sentences(model), largest_error(model), *checked_beside(model)]
-    lines += well_posed(model)
-    if model.certificate.condition > 0.0:
-        lines.append(conditioning(model.certificate))
-    return tuple(lines)
 
 
 def verdict_sentence(model: System) -> str:

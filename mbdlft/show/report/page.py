@@ -11,7 +11,7 @@ from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import Bounds
 from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
-from mbdlft.show.report import content
+from mbdlft.show.report import content, sentences
 from mbdlft.show.viewer.page import Page, View, rendered, scene_of, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
@@ -59,7 +59,7 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
         pictures=_pictures(model),
         verdict=content.verdict_sentence(model),
         parameters=content.parameter_rows(model),
-        sentences=content.certificate_sentences(model),
+        sentences=sentences.certificate_sentences(model),
         trim=trim,
         trim_points=points,
         poles=content.pole_rows(model),
