@@ -15,6 +15,7 @@ from mbdlft.robust.evidence import (
     BoxProof,
     Interval,
     IntervalProof,
+    LyapunovProof,
     MotionProof,
     Multipliers,
     Proof,
@@ -22,7 +23,7 @@ from mbdlft.robust.evidence import (
 from mbdlft.system.model import System
 
 _BY_NAME = ("worst", "sensitivity", "rates")
-_PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof}
+_PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof, "lyapunov": LyapunovProof}
 
 
 def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | None = None) -> None:

@@ -211,6 +211,11 @@ _FORM = """
     form/inputs?: text u
     form/outputs?: text y
 """
+_LYAPUNOV = """
+    lyapunov@degree: int64
+    lyapunov/log: int64 n
+    lyapunov/states: float64 ly lx lx
+"""
 # what a group needs, by type and version: all of "", and of the others what it has the beginning of
 _CONDITION = "certificate@condition: float64\ncertificate@sign_changes: int64"
 _TRANSFERS = "certificate/frequencies: float64 frequency\ncertificate@transfer_error: float64"
@@ -223,7 +228,7 @@ _SWEEP_PARTS = {
     "poles/": "poles/real poles/imaginary: float N x",
     "function/": "function/name: text f\nfunction/value: float N f",
 }
-_ANALYSIS_PARTS = {"boxes": _BOXES, "intervals": _INTERVALS, "form": _FORM}
+_ANALYSIS_PARTS = {"boxes": _BOXES, "intervals": _INTERVALS, "form": _FORM, "lyapunov": _LYAPUNOV}
 _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
     key: {beginning: _wanted(table) for beginning, table in parts.items()}
     for key, parts in {

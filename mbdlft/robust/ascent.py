@@ -32,7 +32,7 @@ from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.bisect.characteristic import Realization
+from mbdlft.robust.bisect.characteristic import Realization, is_unstable_at
 from mbdlft.robust.realization import realization
 from mbdlft.system.model import System
 from mbdlft.system.sampled import deltas_of
@@ -43,7 +43,8 @@ _STEPS = 40  # of one search
 _TINY = 1e-300  # in place of a size of 0 that is divided by
 _FOLLOWED_STEPS, _RANDOM = 12, 6  # steps of a pole to the axis; searches from random deltas
 _BISECTIONS = 60  # of a ray: more than a double has bits
-_BESIDE = 1.0 + 1e-9  # times a crossing: beside a singular model computed poles cross before it
+_NEAR = 1.0 + 1e-6  # times a crossing: a model there is proved unstable, or singular on the way
+_EXACT_BISECTIONS = 36  # of a ray, in balls
 _ENDS = 1e-7  # of a step: below this the search has arrived
 Look = Callable[[Array], tuple[float, Callable[[], Array]]]
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
@@ -245,15 +246,22 @@ def _searched(
 
 def _better(best: Crossing, model: Realization, delta: Array, largest: float) -> Crossing:
     """The smaller of a crossing and of that on a ray."""
-    return min(best, crossing_on_ray(model, delta, largest), key=lambda crossing: crossing.size)
+    crossing = crossing_on_ray(model, delta, largest, below=best.size)
+    return crossing if crossing.size < best.size else best
 
 
 def crossing_on_ray(
-    model: Realization, delta: Array, largest: float, fixed: NDArray[np.bool_] | None = None
+    model: Realization,
+    delta: Array,
+    largest: float,
+    fixed: NDArray[np.bool_] | None = None,
+    below: float = np.inf,
 ) -> Crossing:
-    """Where on the way from 0 to delta a computed pole first is on or beyond the axis; else `NONE`.
+    """Where on the way from 0 to delta a pole first is on or beyond the axis; else `NONE`.
 
-    Deltas that are fixed are the same on all of the way.
+    It is `NONE`, too, where this is not below a size. Deltas that are fixed are the same on all of the
+    way. Where computed poles are nothing but rounding, as near to singular models, balls say where a
+    pole is.
     """
 
     kept = np.zeros(len(delta), dtype=bool) if fixed is None else fixed
@@ -272,10 +280,17 @@ def crossing_on_ray(
     grid = np.linspace(0.0, 1.0, 9).tolist()  # an earlier crossing is found, if it is long
     first = next(i for i, t in enumerate(grid) if i and (t == 1.0 or is_beyond(t)))
     high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS)
+    if not high * size < below:
+        return NONE
+    if not is_unstable_at(model, at(high * _NEAR)):
+        most = min(1.0, below / size / _NEAR)
+        if not high < most or not is_unstable_at(model, at(most)):
+            return NONE
+        high = bisected(lambda t: is_unstable_at(model, at(t)), high, most, _EXACT_BISECTIONS)
     end = at(high)
     slope, frequency = np.zeros(len(delta)), np.inf
     with suppress(np.linalg.LinAlgError, WellPosednessError):
-        if state_matrices(model, at(high * _BESIDE)) is not None:  # else it is singular there
+        if state_matrices(model, at(high * _NEAR)) is not None:  # else it is singular there
             there = moving_at(model, end)[0]
             i = int(np.argmax(there.poles.real))
             frequency, real = float(abs(there.poles[i].imag)), there.gradients[i].real

@@ -80,7 +80,26 @@ class MotionProof:
     time: float
 
 
-Proof = BoxProof | IntervalProof | MotionProof
+@dataclass(frozen=True, slots=True, eq=False)
+class LyapunovProof:
+    """Lyapunov functions on parts of the box that prove stability (`mbdlft.robust.bisect.lyapunov`).
+
+    Attributes
+    ----------
+    log : tuple of int
+        Parts depth first, the lower half first: 0 for a proved one, 1 + the delta that is cut.
+    degree : int
+        Of the functions in each delta.
+    states : array (proved parts, n, n)
+        Modes of each part as columns, of which its function follows.
+    """
+
+    log: tuple[int, ...]
+    degree: int
+    states: Array
+
+
+Proof = BoxProof | IntervalProof | MotionProof | LyapunovProof
 STABILITY, PERFORMANCE, GAIN = "robust stability", "robust performance", "worst-case gain"
 REAL_PART, DAMPING, DISK = "largest real part", "smallest damping", "smallest disk margin"
 SENTENCES = {

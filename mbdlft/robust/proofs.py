@@ -3,7 +3,8 @@
 From the claim follows what there is to be proved: which matrices, on which line, on which box, between
 which signals. The proof is evidence for that and says none of it. Of cuts of a box
 (`mbdlft.robust.bisect.boxes`), the coefficients of the polynomial are computed anew, in balls, and the
-cuts repeated. Of multipliers (`mbdlft.robust.mu.mixed`), each has the structure of Delta, its matrices
+cuts repeated; of Lyapunov functions on its parts (`mbdlft.robust.bisect.lyapunov`) the functions are.
+Of multipliers (`mbdlft.robust.mu.mixed`), each has the structure of Delta, its matrices
 are definite, its eigenvalues leave its interval free, and the intervals of each part cover all
 frequencies. Of a quadratic form (`mbdlft.robust.moving.variation`), the form is computed anew, in balls,
 and is definite. All begin with a proof that the nominal model is stable, or in its region, by Routh's
@@ -16,6 +17,7 @@ import numpy as np
 
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
+from mbdlft.robust.bisect import lyapunov
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import is_hurwitz, is_stable_at, polynomials
 from mbdlft.robust.evidence import (
@@ -27,8 +29,9 @@ from mbdlft.robust.evidence import (
     SENTENCES,
     STABILITY,
     Bounds,
-    BoxProof,
     Claim,
+    IntervalProof,
+    LyapunovProof,
     MotionProof,
     Proof,
 )
@@ -105,7 +108,7 @@ def _unproved(system: System, claim: Claim, proof: Proof) -> str:
     """What is not proved of a claim; empty if all is."""
     inputs = positions_of(list(claim.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(claim.outputs), [s.name for s in system.outputs], "verify: outputs")
-    if not isinstance(proof, BoxProof | MotionProof):
+    if isinstance(proof, IntervalProof):
         stay = states_that_stay(system, claim.leave_out, outputs)
         loop = loop_of(system, stay, claim.fixed, inputs, outputs)
         if claim.kind in (GAIN, DISK):
@@ -125,9 +128,12 @@ def _unproved(system: System, claim: Claim, proof: Proof) -> str:
         return checked(system, model, rates, claim.size, gain, proof)
     ends = np.array([1.0 if name in claim.fixed else claim.size for name in model.names])
     try:
-        coefficients = polynomials(model, ends)
+        if isinstance(proof, LyapunovProof):
+            if claim.gain or slope:
+                return f"Lyapunov functions prove nothing of a {claim.kind}"
+            proves = lyapunov.replayed(model, ends, proof)
+        else:
+            proves = replayed(model, ends, polynomials(model, ends), proof.log, claim.gain)
     except (WellPosednessError, AnalysisError) as error:
         return str(error)
-    if not replayed(model, ends, coefficients, proof.log, claim.gain):
-        return f"the cuts do not prove that {claim}"
-    return ""
+    return "" if proves else f"the cuts do not prove that {claim}"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
-from mbdlft.base.running import one_thread
+from mbdlft.base.running import after, one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
 from mbdlft.robust.ascent import (
@@ -33,6 +33,7 @@ from mbdlft.robust.ascent import (
     smallest_crossing,
 )
 from mbdlft.robust.bisect.characteristic import Realization
+from mbdlft.robust.bisect.lyapunov import degree_of, searched
 from mbdlft.robust.bisect.search import (
     GAP,
     LARGEST,
@@ -52,7 +53,7 @@ from mbdlft.robust.bisect.search import (
     last_of,
     resistance,
 )
-from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof
+from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof, LyapunovProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers, with_ball
@@ -67,6 +68,7 @@ _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _SAMPLES = 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
+_SOON = 0.1  # of the work for a size: more is left to Lyapunov functions
 _PATH = 40  # points of a search for a pole on the axis
 
 
@@ -172,17 +174,9 @@ def _margins(asked: Asked, model: Realization, fixed: NDArray[np.bool_]) -> Sear
 
     def tried(state: State[Crossing], k: float) -> State[Crossing]:
         ends = np.where(fixed, 1.0, k)
-        state, polynomials = expanded(state, model, k, ends)
-        if polynomials is None:
-            return state
-        is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
-        state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=work)
-        if outcome.log is not None:
-            return state._replace(lower=k, proof=BoxProof(outcome.log))
-        point = outcome.counterexample
+        state, point = _attempted(asked, model, state, k, ends)
         if point is None:
-            point = outcome.open_box.center
-            state = state._replace(reason=resistance(outcome, k, model, ends))
+            return state
         if some:
             crossing = crossing_on_ray(model, ends * point, asked.largest, fixed)
             crossing = min(state.worst, crossing, key=lambda each: each.size)
@@ -192,6 +186,42 @@ def _margins(asked: Asked, model: Realization, fixed: NDArray[np.bool_]) -> Sear
         return state._replace(worst=crossing, upper=crossing.size)
 
     return (yield from enlarged(asked, state, tried, cost_of(model)))
+
+
+def _attempted(
+    asked: Asked, model: Realization, state: State[Crossing], k: float, ends: Array
+) -> tuple[State[Crossing], Array | None]:
+    """The state after attempts to prove the box of size k; and without a proof, where a search begins.
+
+    The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
+    smaller box, Lyapunov functions are tried before it.
+    """
+    is_wrong, degree = partial(_is_unstable, model, ends), degree_of(model)
+    state, polynomials = expanded(state, model, k, ends)
+    if polynomials is None:
+        return state, None
+    shares = [_SOON, 0.0, 1.0] if degree else [1.0]  # of the polynomial; 0: Lyapunov functions
+    if isinstance(state.proof, LyapunovProof):
+        shares = [0.0, 1.0]
+    proof: BoxProof | LyapunovProof | None
+    point = None
+    for share in shares:
+        work = (share or 1.0) * state.share(asked)
+        if share:
+            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=work)
+            proof = None if outcome.log is None else BoxProof(outcome.log)
+            state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
+            wrong, center = outcome.counterexample, outcome.open_box.center
+        else:
+            with after(state.used):
+                proof, wrong, center, used = searched(model, ends, degree, work, is_wrong)
+            state = state._replace(used=state.used + used)
+        if proof is not None:
+            return state._replace(lower=k, proof=proof), None
+        if wrong is not None:
+            return state, wrong
+        point = center
+    return state, point
 
 
 def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:

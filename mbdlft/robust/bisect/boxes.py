@@ -43,7 +43,7 @@ _SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
 _NARROWEST = 2.0**-44  # interval of t that is not cut again
 _SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
 _MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
-_CALL = 2000  # coefficients that a call costs
+_CALL, _OPEN = 4000, 1  # coefficients that a call costs; calls more where a piece is open
 _FIRST = 1.0  # units of work that are done before boxes are given to others
 _BATCH = 8  # boxes that are given to others at a time
 _SHARE = 0.5  # of the work that is left, for one of them
@@ -197,14 +197,14 @@ def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
     """Both halves of a piece along a delta, the lower first; -1 is the axis of t (de Casteljau)."""
     along = axis + 1 if axis >= 0 else -1
     largest = np.stack([_largest(row) for row in piece.values])
-    low, high = _split(piece.values, along)
+    low, high = split(piece.values, along)
     if axis >= 0:
         error = piece.error + (piece.values.shape[along] - 1) * 2.0 * _EPS * largest
         return piece._replace(values=low, error=error), piece._replace(values=high, error=error)
     n, middle = piece.error.shape[-1], 0.5 * (piece.low + piece.high)
     errors = [
         (e + n * 2.0 * _EPS * m) * (1.0 + 2.0 * n * _EPS)
-        for e, m in zip(_split(piece.error, -1), _split(largest, -1), strict=True)
+        for e, m in zip(split(piece.error, -1), split(largest, -1), strict=True)
     ]
     return (
         piece._replace(values=low, error=errors[0], high=middle),
@@ -212,7 +212,7 @@ def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
     )
 
 
-def _split(values: Any, axis: int) -> tuple[Any, Any]:
+def split(values: Any, axis: int) -> tuple[Any, Any]:
     """Coefficients on both halves of an axis."""
     row = np.moveaxis(values, axis, 0)
     low, high = [row[0]], [row[-1]]
@@ -364,6 +364,7 @@ def _refined(pieces: tuple[Piece, ...], gain: float, *, patient: bool) -> tuple[
         cost += piece.values.size + _CALL
         if excludes(piece, gain):
             continue
+        cost += _OPEN * (piece.values.size + _CALL)
         if len(still) < _MOST_PIECES and _is_worth_cutting(piece, patient=patient):
             waiting += halves(piece, -1)
         else:

@@ -15,6 +15,7 @@ the error of each coefficient is known.
 """
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from itertools import pairwise
 from math import comb, prod
 from typing import Any, NamedTuple
@@ -114,7 +115,8 @@ def polynomials(model: Realization, k: float | Array) -> Polynomials:
     scale, bits = _scale(model.A), _BITS
     while bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
-            values, radii = _balls(model, k, scale)
+            values, radii = _balls(model, k, partial(_rows, model, scale))
+            radii = np.max(radii, axis=tuple(range(1, radii.ndim - 1))) * (1.0 + 4.0 * _EPS)
         largest = np.max(np.abs(values), axis=tuple(range(1, values.ndim - 1)))
         whole = np.max(largest, axis=1, keepdims=True, initial=0.0)
         if np.all(radii <= np.maximum(_ENOUGH * largest, _NOTHING * whole)):
@@ -128,9 +130,30 @@ def polynomials(model: Realization, k: float | Array) -> Polynomials:
     )
 
 
+def state_polynomials(model: Realization, k: float | Array) -> tuple[Array, Array]:
+    """Bernstein coefficients (r_1 + 1, ..., n^2 + 1) of the entries of d A, and of d = det(I - D Delta).
+
+    Their errors are at most 2 _EPS of the second array. The box, and errors, are as those of
+    `polynomials`.
+    """
+
+    def row(whole: Balls, factor: Any) -> list[list[Any]]:
+        n = len(model.A)
+        return [[factor * x for x in whole[:n, :n].ravel()] + [factor]]
+
+    with flint.ctx.workprec(_BITS):
+        values, radii = _balls(model, k, row)
+    return values[0], (np.abs(values[0]) + radii[0] / _EPS) * (1.0 + 4.0 * _EPS)
+
+
 def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
     """Whether all poles at these deltas are proved to lie in the region."""
     return verdict_of(lambda: straightened(_at(model, delta), model.slope)) is True
+
+
+def is_unstable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
+    """Whether a pole at these deltas is proved to lie outside, or det(I - D Delta) is not positive."""
+    return verdict_of(lambda: straightened(_at(model, delta), model.slope)) is False
 
 
 def is_hurwitz(A: Array) -> bool:
@@ -221,25 +244,30 @@ def _closed(whole: Balls, size: int, value: Any) -> tuple[Balls, Any]:
 
 
 def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
-    """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None where that vanishes."""
-    whole, n = _whole(model), len(model.A)
+    """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None unless that is positive."""
+    whole, n, factor = _whole(model), len(model.A), flint.arb(1)
     for size, value in zip(model.sizes, delta, strict=True):
         try:
-            whole, _ = _closed(whole, size, flint.arb(float(value)))
+            whole, loop = _closed(whole, size, flint.arb(float(value)))
         except ZeroDivisionError:
             return None
-    return list(balls(whole[:n, :n]).charpoly().coeffs())
+        factor *= loop
+    return list(balls(whole[:n, :n]).charpoly().coeffs()) if factor > 0 else None
 
 
-def _balls(model: Realization, k: float | Array, scale: float) -> tuple[Array, Array]:
-    """Middles and radii of the Bernstein coefficients; those in omega stand for powers of j."""
-    n = len(model.A)
+def _balls(
+    model: Realization, k: float | Array, rows: Callable[[Balls, Any], list[list[Any]]]
+) -> tuple[Array, Array]:
+    """Middles and radii (number of rows, r_1 + 1, ..., length of a row) of Bernstein coefficients.
+
+    `rows` are polynomials in the deltas, of [A E; G J] with w closed and det(I - D Delta).
+    """
     shape = [size + 1 for size in model.sizes]
     ends, values = np.broadcast_to(k, len(shape)), list[Any]()
 
     def descend(whole: Balls, factor: Any, depth: int) -> None:
         if depth == len(shape):
-            values.append(_rows(model, whole, factor, scale))
+            values.append(rows(whole, factor))
             return
         size = model.sizes[depth]
         for node in range(size + 1):
@@ -254,17 +282,17 @@ def _balls(model: Realization, k: float | Array, scale: float) -> tuple[Array, A
             descend(inner, factor * loop, depth + 1)
 
     descend(_whole(model), flint.arb(1), 0)
-    coefficients = np.array(values, dtype=object).reshape(*shape, len(values[0]), n + 1)
+    coefficients = np.array(values, dtype=object).reshape(*shape, *np.shape(values[0]))
     coefficients = np.moveaxis(coefficients, -2, 0)
     for axis, size in enumerate(model.sizes, start=1):
         if size > 1:
             coefficients = _converted(coefficients, axis, size)
     middles = np.array([float(x.mid()) for x in coefficients.ravel()]).reshape(coefficients.shape)
     radii = np.array([float(x.rad()) for x in coefficients.ravel()]).reshape(coefficients.shape)
-    return middles, np.max(radii, axis=tuple(range(1, radii.ndim - 1))) * (1.0 + 4.0 * _EPS)
+    return middles, radii
 
 
-def _rows(model: Realization, whole: Balls, factor: Any, scale: float) -> list[list[Any]]:
+def _rows(model: Realization, scale: float, whole: Balls, factor: Any) -> list[list[Any]]:
     """Coefficients of p and of p G_ij, lowest first, in the Bernstein basis of t but for powers of j."""
     n = len(model.A)
     A = balls(whole[:n, :n])

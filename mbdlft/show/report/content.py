@@ -21,6 +21,7 @@ _SAMPLES = 300  # of the trim, as many as figures have
 _ROUNDING = 1e-12  # of the largest value: what is less is rounding and shown as 0
 _KINDS = {
     "BoxProof": "boxes of values",
+    "LyapunovProof": "Lyapunov functions on boxes of values",
     "IntervalProof": "intervals of frequency",
     "MotionProof": "a function that falls along all motions",
 }

@@ -1,0 +1,132 @@
+"""Lyapunov functions on boxes: damped modes that cross are proved, what is not stable never is."""
+
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Parameter, System, realize, robust_stability, verify
+from mbdlft.base.array import Array
+from mbdlft.robust.bisect.characteristic import Realization, is_unstable_at, state_polynomials
+from mbdlft.robust.bisect.lyapunov import _is_positive, _Part, degree_of, replayed, searched
+from mbdlft.robust.evidence import LyapunovProof
+from mbdlft.robust.realization import realization
+from mbdlft.robust.stability import _is_unstable
+
+DAMPING = 1e-3
+
+
+def crossing(damping: float = DAMPING) -> System:
+    """Two oscillators whose frequencies cross as a and b move; each is damped by so much."""
+    a, b = Parameter("a", 1.0, low=0.6, high=1.4), Parameter("b", 1.0, low=0.6, high=1.4)
+    d = repr(damping)
+    matrix = [
+        ["0", "0", "1", "0"],
+        ["0", "0", "0", "1"],
+        ["-a", "0", f"-{d}", "0"],
+        ["0", "-b", "0", f"-{d}"],
+    ]
+    return realize(matrix, [a, b], states=4, inputs=[], outputs=[], name="crossing")
+
+
+def attempt(
+    system: System, k: float, work: float = 1.0
+) -> tuple[Realization, Array, LyapunovProof | None]:
+    """A search for a proof of a size of the box."""
+    model = realization(system)
+    ends = np.full(len(model.sizes), k)
+    is_wrong = partial(_is_unstable, model, ends)
+    return model, ends, searched(model, ends, degree_of(model), work, is_wrong).proof
+
+
+def test_modes_that_cross_are_proved_whatever_their_damping() -> None:
+    """Stable for a, b > 0: the margin is 2.5. Ten times less damped, the proof is as short."""
+    logs = [attempt(crossing(damping), 1.5)[2] for damping in (1e-2, DAMPING)]
+    assert all(proof is not None and len(proof.log) < 20 for proof in logs)
+
+
+def test_a_proof_is_stored_and_proved_again(tmp_path: Path) -> None:
+    system, (_, _, proof) = crossing(), attempt(crossing(), 1.5)
+    bounds = replace(robust_stability(system, gap=0.5, work=0.5), lower=1.5, proof=proof)
+    mbdlft.save_analysis(tmp_path / "a.h5", system, bounds)
+    again, stored = mbdlft.load_analysis(tmp_path / "a.h5")
+    assert isinstance(stored.proof, LyapunovProof)
+    assert verify(again, stored) == ""
+    assert verify(again, replace(stored, lower=2.4))
+
+
+def test_lyapunov_functions_prove_what_the_polynomial_does_not() -> None:
+    """Double modes, as of symmetric mechanisms: the square of a polynomial comes near to 0 everywhere."""
+    b = Parameter("b", 1.0, low=0.6, high=1.4)
+    a = [Parameter("a", 1.0, low=0.6, high=1.4), b]
+    one = np.array([["0", "1"], ["-a*b", "-0.01"]], dtype=object)
+    zero = np.full((2, 2), "0", dtype=object)
+    matrix = np.block([[one, zero], [zero, one]]).tolist()
+    bounds = robust_stability(realize(matrix, a, states=4, inputs=[], outputs=[]), gap=0.3, work=4.0)
+    assert 0.7 * 2.5 <= bounds.lower <= bounds.upper <= 2.5 * (1.0 + 1e-6)
+    assert isinstance(bounds.proof, LyapunovProof)
+
+
+def test_no_other_proof_is_taken() -> None:
+    """Parts that are missing, coordinates that are none, and a box on which it is not stable."""
+    model, ends, proof = attempt(crossing(), 1.5)
+    assert proof is not None
+    assert replayed(model, ends, proof)
+    states = proof.states.copy()
+    states[0, :, 0] = 0.0
+    forged = (
+        replace(proof, log=proof.log[:-1], states=proof.states[:-1]),
+        replace(proof, log=(0,), states=proof.states[:1]),
+        replace(proof, log=(*proof.log, 0)),
+        replace(proof, states=states),
+        replace(proof, states=proof.states * np.nan),
+        replace(proof, degree=0),
+        replace(proof, degree=1),
+        replace(proof, log=(4, *proof.log[1:])),
+    )
+    assert not any(replayed(model, ends, other) for other in forged)
+    assert not replayed(model, 2.0 * ends, proof)
+
+
+def test_an_unstable_point_is_found_and_not_proved() -> None:
+    d = Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = realize([["-1+2*d"]], [d], states=1, inputs=[], outputs=[])
+    model = realization(system)
+    for k, is_proved in ((0.49, True), (0.5, False), (0.51, False), (0.9, False)):
+        assert (attempt(system, k)[2] is not None) == is_proved
+    assert is_unstable_at(model, [0.5])
+    assert not is_unstable_at(model, [0.49])
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> None:
+    """-B B' with n - 1 columns of integers is singular: no P has S > 0, whatever is computed of it."""
+    random, none = np.random.default_rng(n), np.zeros((1, 0))
+    for _ in range(100):
+        B = random.integers(-9, 10, (n, n - 1)).astype(float)
+        A, modes = -B @ B.T, random.standard_normal((n, n))
+        column = np.zeros((n, 1))
+        still = np.zeros((1, 1))
+        model = Realization(
+            ("d",), (1,), A, column, column.T, still, column[:, :0], none, column.T[:0], none.T, none[:0]
+        )
+        part = _Part(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1))
+        P = np.array([modes.T @ modes] * 2)
+        assert not _is_positive(part, modes, P)
+        shifted = state_polynomials(model._replace(A=A - np.eye(n)), 1.0)
+        assert _is_positive(part._replace(values=shifted[0], sizes=shifted[1]), modes, P)
+
+
+def test_poles_that_are_rounding_reach_no_margin() -> None:
+    """A frame that becomes short: near h = 0 entries are so large that computed poles are anywhere."""
+    h = Parameter("h", 0.8, low=0.4, high=1.0)
+    stiffness = [["-1/h^6", "1/h^5"], ["1/h^5", "-1/h^4-1"]]
+    rows = [
+        [*row, *damping] for row, damping in zip(stiffness, (["-0.1", "0"], ["0", "-0.1"]), strict=True)
+    ]
+    matrix = [["0", "0", "1", "0"], ["0", "0", "0", "1"], *rows]
+    system = realize(matrix, [h], states=4, inputs=[], outputs=[])
+    assert verify(system, robust_stability(system, gap=0.3, work=1.0)) == ""
