@@ -179,6 +179,10 @@ DAMAGES = {
         attributes("certificate", exact=np.bool_(False), truncation_error=None),
         (WHOLE, "'truncation_error'"),
     ),
+    "signs without a condition": (
+        with_attributes("certificate", sign_changes=np.int64(1), condition=None),
+        (WHOLE, "'condition' of 'certificate' is missing"),
+    ),
     "a sweep": (
         attributes("", encoding_type="sweep"),
         ("encoding_type is 'sweep', expected 'lft-model' or 'system'.",),
