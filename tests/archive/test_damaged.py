@@ -180,7 +180,7 @@ DAMAGES = {
         (WHOLE, "'truncation_error'"),
     ),
     "signs without a condition": (
-        with_attributes("certificate", sign_changes=np.int64(1), condition=None),
+        attributes("certificate", sign_changes=np.int64(1), condition=None),
         (WHOLE, "'condition' of 'certificate' is missing"),
     ),
     "a sweep": (
