@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     ModelicaFile = tuple[Dae, ModelicaReport, ModelicaTable]
 
-SEARCH = 4.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
+SEARCH = 2.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 Texts = list[str] | None
 Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]
 Source = Annotated[

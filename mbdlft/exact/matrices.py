@@ -28,6 +28,7 @@ Balls = NDArray[np.object_]
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
 _NOTHING = flint.arb(0)
 _LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
+_HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
 _FEW = 1000  # products, for which FLINT is faster
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
 
@@ -170,16 +171,17 @@ def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
 
 
 def limbs(a: Residues) -> Array:
-    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, n, m); for several products with them."""
+    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, ...); for several products with them."""
     mask = 2**_LIMB - 1
     return np.array([a & mask, (a >> _LIMB) & mask, a >> 2 * _LIMB], dtype=float)
 
 
 def times(a: Residues, b: Array, prime: int) -> Residues:
-    """a b modulo a prime, for the `limbs` of b: sums of products of 21 bits are exact in doubles."""
-    if a.shape[1] > _MOST_SUMMED:
-        half = a.shape[1] // 2
-        first, second = (times(a[:, :half], b[:, :half], prime), times(a[:, half:], b[:, half:], prime))
+    """a b modulo a prime, also of stacks, for the `limbs` of b, whose sums are exact doubles."""
+    if a.shape[-1] > _MOST_SUMMED:
+        half = a.shape[-1] // 2
+        first = times(a[..., :half], b[..., :half, :], prime)
+        second = times(a[..., half:], b[..., half:, :], prime)
         return np.asarray((first + second) % prime)
     C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
     total_so_far: Residues = C[2, 2] % prime
@@ -187,6 +189,30 @@ def times(a: Residues, b: Array, prime: int) -> Residues:
         quotient = (total_so_far * (2.0**_LIMB / prime)).astype(np.int64)
         total_so_far = ((total_so_far << _LIMB) - quotient * prime + total) % prime
     return total_so_far
+
+
+def entrywise(a: Residues, b: Residues, prime: int) -> Residues:
+    """Products of entries modulo a prime below 2^61, with the rules of numpy for shapes.
+
+    Integers overflow: of x y - q p, which is small, the last 64 bits are all.
+    """
+
+    def times_short(x: Residues, y: Residues | int) -> Residues:
+        quotient = (x * (1.0 / prime) * y).astype(np.int64)
+        return np.asarray((x * y - quotient * prime) % prime)
+
+    mask = 2**_HALF - 1
+    return np.asarray(
+        (times_short(times_short(a, b >> _HALF), 2**_HALF) + times_short(a, b & mask)) % prime
+    )
+
+
+def powers_of(points: Residues, count: int, prime: int) -> Residues:
+    """(points, count)."""
+    powers = np.ones((len(points), count), dtype=np.int64)
+    for e in range(1, count):
+        powers[:, e] = entrywise(powers[:, e - 1], points, prime)
+    return powers
 
 
 def solved(a: Residues, b: Residues, prime: int) -> Residues:

@@ -19,28 +19,44 @@ that is constant in c, and X_ac is not zero, it cannot be enough for both b and 
 y = H(alpha, .) u is a polynomial of the same degrees, f = (H u - y)/(a - alpha) is a section of the sheaf
 of the columns of [H I]. Those of k values alpha span a space E. With b alone and u of a degree below
 l = D_b + 2, E is complete when it does not grow with the next value, and then k is at least kappa.
-X_j = H^1(G(-1, -j)) are the f with f and b^(l+j-1) f in E. Functions are known by their values at random
-residues, polynomials are found by interpolation, and ranks are exact.
+X_j = H^1(G(-1, -j)) are the f with f and b^(l+j-1) f in E. In b alone H(alpha, .) is
+D + b C (I - b A)^-1 B, and y is a polynomial of a degree below l if and only if
+
+    A^(l-1) B u_0 + ... + A B u_(l-2) + B u_(l-1)
+
+is not observable. Polynomials in a third delta are found by interpolation; functions are known by their
+values at random residues, and ranks are exact.
+
+*Affine triples.* If H is affine in each of three deltas, an LFT that has each of them once has a constant
+determinant I - M11 Delta: H times it has no higher degrees than H. So no channel feeds itself back,
+the three stand in an order, and the slope of H in the middle one, y, is g(z) h(x) with a column g and a
+row h: its values at two z and two x are blocks of a matrix of rank 1. Where no delta can be the middle
+one, one of the three is repeated. (All products of two of three variables: order 4, degrees 1, 1, 1.)
 
 Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest".
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import combinations, product, takewhile
-from math import ceil, prod
+from itertools import combinations, permutations, takewhile
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
 
 from mbdlft.exact.matrices import (
     Residues,
+    entrywise,
+    limbs,
     multiplied,
     null_space,
+    powers_of,
     rank,
+    reachable_bases,
     reduced_residues,
     row_echelon,
     solved,
+    times,
 )
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_solutions
@@ -86,6 +102,14 @@ def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     return degrees
 
 
+def is_affine(a: ExactLFT, name: str) -> bool:
+    """Whether the value is affine in a delta of degree 1."""
+    ((block, rows),) = [pair for pair in zip(a.blocks, a.parts, strict=True) if pair[0].name == name]
+    M = _restricted(at_random(a, 0), np.arange(rows.start, rows.stop), a.order)
+    M, (size,) = reduced_residues(M, [block.size], a.M.prime)
+    return not M[:size, :size].any()
+
+
 @lru_cache(maxsize=1)  # pairs and triples of the same LFT are asked for one after the other
 def at_random(a: ExactLFT, seed: int = 0) -> Residues:
     """[M11 M12 ; M21 M22] in the distances of the deltas from random residues.
@@ -116,6 +140,7 @@ class JointBound:
         self.a, self.degrees = a, degrees
         self._pairs: dict[tuple[str, str, bool], Pair | None] = {}
         self._triples: dict[Triple, bool] = {}
+        self._singles: dict[tuple[str, ...], bool] = {}  # triples of which one is repeated
 
     def pairs(self, first: str, second: str, work: Work) -> list[Pair]:
         """What is proved for two deltas, for H and for its transpose, until the work is over."""
@@ -131,17 +156,26 @@ class JointBound:
             proved.append(self._pairs.get(key))
         return [pair for pair in proved if pair is not None]
 
-    def of_all(self, work: Work) -> int:
+    def of_all(self, work: Work, *, triples: bool = True) -> int:
         """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows."""
         for first, second in combinations([name for name, n in self.degrees.items() if n], 2):
             self.pairs(first, second, work)
+        affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]
         while True:
             # only a triple that the repetitions contradict can raise the bound
-            open_ = [t for t in _excluding(self._more(), self._proved()) if t not in self._triples]
-            if not open_ or work.is_over:
+            more = self._more()
+            excluding = _excluding(more, self._proved()) if triples else ()
+            open_ = [t for t in excluding if t not in self._triples]
+            single = combinations([name for name in affine if not more[name]], 3)
+            singles = [names for names in single if names not in self._singles]
+            if not (open_ or singles) or work.is_over:
                 return self.known
+            for names in singles:
+                self._singles[names] = cannot_be_single(self.a, names, work)
             for triple in open_:
-                self._triples[triple] = not work.is_over and self._is_proved(triple, work)
+                is_proved = self._is_proved(triple, work)
+                if is_proved or not work.is_over:  # it was looked at to the end
+                    self._triples[triple] = is_proved
 
     @property
     def known(self) -> int:
@@ -153,7 +187,8 @@ class JointBound:
 
     def _more(self) -> dict[str, int]:
         triples = [triple for triple, is_proved in self._triples.items() if is_proved]
-        return least_more(list(self.degrees), self._proved(), triples)
+        singles = [names for names, is_proved in self._singles.items() if is_proved]
+        return least_more(list(self.degrees), self._proved(), triples, singles)
 
     def _is_proved(self, triple: Triple, work: Work) -> bool:
         first, second, third, is_transposed = triple
@@ -164,15 +199,18 @@ class JointBound:
 
 
 def least_more(
-    names: Sequence[str], pairs: Sequence[Pair], triples: Sequence[Triple] = ()
+    names: Sequence[str],
+    pairs: Sequence[Pair],
+    triples: Sequence[Triple] = (),
+    singles: Sequence[Sequence[str]] = (),
 ) -> dict[str, int]:
     """Repetitions above the degrees that all pairs and triples allow, with the least sum.
 
     With e >= 0 repetitions more, e_first = 0 implies e_second >= second_more if and only if
     second_more e_first + e_second >= second_more; and a triple says e_first + 2 e_second + 2 e_third >= 2
-    where e_first = 0 is excluded by pairs.
+    where e_first = 0 is excluded by pairs. Of three that cannot be `singles`, one is repeated.
     """
-    if not pairs:
+    if not (pairs or singles):
         return dict.fromkeys(names, 0)
     from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
 
@@ -181,6 +219,7 @@ def least_more(
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
     conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
+    conditions += [(dict.fromkeys(three, 1), 1) for three in singles]
     rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
     least = np.array([least for _, least in conditions])
     ones = np.ones(len(names))
@@ -229,27 +268,45 @@ class _Function(NamedTuple):
         """Outputs and inputs."""
         return self.M.shape[0] - self.order, self.M.shape[1] - self.order
 
-    def at(self, points: Sequence[Mapping[str, int]]) -> Residues:
-        """Values (N, outputs, inputs), without the constant part."""
-        n, p, values = self.order, self.shape[0], []
-        self.work.add(exact_solutions(len(points), n + self.shape[1]))
-        M, identity = self.M[:, :n].astype(object), np.eye(n, dtype=object)
+    def seen(self, points: Mapping[str, Residues], directions: Residues) -> Residues:
+        """left' H (N, inputs) at N points for left sides (N, outputs); H without its constant part."""
+        n, prime, count = self.order, self.prime, len(directions)
+        self.work.add(exact_solutions(count, n))
         sizes = [part.stop - part.start for part in self.parts.values()]
-        B = self.M[:n, n:]
-        for point in points:
-            delta = np.repeat([point[name] for name in self.parts], sizes)
-            columns = M * delta.astype(object)
-            loop = np.asarray((identity - columns[:n]) % self.prime, dtype=np.int64)
-            C = np.asarray(columns[n:] % self.prime, dtype=np.int64)
-            values.append(multiplied(C, solved(loop, B, self.prime), self.prime))
-        return np.array(values, dtype=np.int64).reshape(len(points), p, -1)
+        deltas = np.repeat(np.array([points[name] for name in self.parts]), sizes, axis=0).T
+        right = entrywise(multiplied(directions, self.M[n:, :n], prime), deltas, prime)
+        transposed, identity = self.M[:n, :n].T, np.eye(n, dtype=np.int64)
+        states = [
+            solved((identity - entrywise(delta[:, None], transposed, prime)) % prime, row[:, None], prime)
+            for delta, row in zip(deltas, right, strict=True)
+        ]
+        return multiplied(np.array(states).reshape(count, n), self.M[:n, n:], prime)
+
+    def alone(self, name: str, at: Mapping[str, Residues]) -> Residues:
+        """[A B ; C D] of one delta, the others at N values: D + delta C (I - delta A)^-1 B, (N, ., .)."""
+        n, prime, kept = self.order, self.prime, range(self.order)[self.parts[name]]
+        fixed = [part for other, part in self.parts.items() if other != name]
+        channels = np.concatenate([np.arange(part.start, part.stop) for part in fixed])
+        sizes = [part.stop - part.start for part in fixed]
+        deltas = np.repeat(
+            np.array([at[other] for other in self.parts if other != name]), sizes, axis=0
+        ).T
+        rows, columns = [*kept, *range(n, len(self.M))], [*kept, *range(n, self.M.shape[1])]
+        self.work.add(exact_solutions(len(deltas), len(channels) + len(columns)))
+        inner = entrywise(self.M[:, channels], deltas[:, None], prime)
+        loops = (np.eye(len(channels), dtype=np.int64) - inner[:, channels]) % prime
+        right = self.M[np.ix_(channels, columns)]
+        through = times(
+            inner[:, rows], limbs(np.array([solved(loop, right, prime) for loop in loops])), prime
+        )
+        return np.asarray((self.M[np.ix_(rows, columns)] + through) % prime)
 
 
 class _Span(NamedTuple):
     """E: independent columns (samples, dimension), the points of the samples, k values alpha."""
 
     columns: Residues
-    points: Sequence[Mapping[str, int]]
+    points: Mapping[str, Residues]
     k: int
 
 
@@ -297,6 +354,7 @@ def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: b
     _, columns = row_echelon(M[:n, n:], prime)
     _, rows = row_echelon(np.ascontiguousarray(M[n:, :n].T), prime)
     M = M[np.ix_([*range(n), *(n + k for k in rows)], [*range(n), *(n + k for k in columns)])]
+    M[n:, n:] = 0  # the constant part
     ends = np.cumsum([0, *counts]).tolist()
     parts = {b.name: slice(s, e) for (b, _), s, e in zip(kept, ends[:-1], ends[1:], strict=True)}
     return _Function(M, parts, prime, work)
@@ -320,13 +378,15 @@ def _span(
     moves: int,
     count: int = 0,
 ) -> _Span | None:
-    """E of the polynomials u with so many powers of each delta but the first, known at random points.
+    """E of the polynomials u with so many powers of one delta, or of two, known at random points.
 
     There are as many points as E and its products with so many monomials can have dimensions, so that
     independent functions have independent values. None if E is too large, or the work is over.
     """
     (p, q), prime = H.shape, H.prime
-    coefficients = prod(lengths.values())
+    second, *thirds = lengths
+    length, wide = lengths[second], lengths[thirds[0]] if thirds else 1
+    coefficients = length * wide
     if q * coefficients > _MOST_COEFFICIENTS[len(lengths)]:
         return None
     random = np.random.default_rng(1)
@@ -334,33 +394,30 @@ def _span(
     def draw(*shape: int) -> Residues:
         return random.integers(1, prime, shape, dtype=np.int64)
 
-    # a polynomial of as many powers that has the values of H u on this grid is H u
-    axes = {name: draw(n + degrees[name] + _EXTRA).tolist() for name, n in lengths.items()}
-    grid = [dict(zip(axes, at, strict=True)) for at in product(*axes.values())]
-    monomials = _monomials(grid, lengths, prime)
-    high, low = _modes(axes, lengths, prime)
+    # a polynomial of as many powers that has the values of H u at these nodes is H u
+    nodes = draw(wide + degrees[thirds[0]] + _EXTRA if thirds else 1)
+    powers = powers_of(nodes, len(nodes), prime)
+    modes = solved(powers, np.eye(len(nodes), dtype=np.int64), prime)
     count = count or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
-    names = (first, *lengths)
-    points = [dict(zip(names, at, strict=True)) for at in draw(count, len(names)).tolist()]
-    directions, powers = draw(count, p), _monomials(points, lengths, prime)
-    all_Hu = _times(_seen(H.at(points), directions, prime), powers, prime)
-    all_y = _times(directions, powers, prime)
+    points = {name: draw(count) for name in (first, *lengths)}
+    directions = draw(count, p)
+    monomials = powers_of(points[second], length, prime)
+    for third in thirds:
+        monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
+    all_Hu = _outer(H.seen(points, directions), monomials, prime)
+    all_y = _outer(directions, monomials, prime)
     E = np.zeros((count, 0), dtype=np.int64)
     for k, alpha in enumerate(draw(2 * degrees[first] + 2).tolist()):
         if H.work.is_over:
             return None
-        value = H.at([{first: alpha, **at} for at in grid])
-        # H u at the grid by entries of y: (grid, p, coefficients of u)
-        Hu = np.hstack([_times(value[:, i], monomials, prime) for i in range(p)])
-        H.work.add(exact_elimination(p * len(high), q * coefficients))
-        u = null_space(multiplied(high, Hu, prime).reshape(-1, q * coefficients), prime)
-        y = multiplied(multiplied(low, Hu, prime).reshape(-1, q * coefficients), u, prime)
-        y = y.reshape(len(low), p, -1).swapaxes(0, 1).reshape(p * len(low), -1)
+        at = {first: np.full_like(nodes, alpha), **dict.fromkeys(thirds, nodes)}
+        u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second])
         sections = (multiplied(all_Hu, u, prime) - multiplied(all_y, y, prime)) % prime
-        over = [pow(point[first] - alpha, -1, prime) for point in points]
-        both = np.hstack([E, _scaled(over, sections, prime)])
-        H.work.add(exact_elimination(*both.shape))
-        _, pivots = row_echelon(both, prime)
+        over = np.array([pow(x - alpha, -1, prime) for x in points[first].tolist()])
+        both = np.hstack([E, entrywise(over[:, None], sections, prime)])
+        some = both[: both.shape[1] + _EXTRA]  # values at random points: as independent as all
+        H.work.add(exact_elimination(*some.shape))
+        _, pivots = row_echelon(some, prime)
         if len(pivots) == E.shape[1]:
             needed = (1 + moves) * len(pivots) + _EXTRA
             if needed > count:
@@ -370,76 +427,92 @@ def _span(
     return None
 
 
+def _polynomials(
+    H: _Function,
+    second: str,
+    at: Mapping[str, Residues],
+    length: int,
+    powers: Residues,
+    modes: Residues,
+    degree: int,
+) -> tuple[Residues, Residues]:
+    """Columns u (q, length, wide) and y = H u (p, length, wide) of all polynomials with so many powers.
+
+    The others are `at` nodes of the third delta, with its `powers` there (nodes, wide); `modes` lead from
+    values to coefficients.
+    """
+    (p, q), (count, wide), prime = H.shape, powers.shape, H.prime
+    alone = H.alone(second, at)
+    n = alone.shape[1] - p
+    A, C = alone[:, :n, :n], alone[:, n:, :n]
+    columns: list[Residues] = [alone[:, :n, n:]]  # A^k B
+    for _ in range(length - 1):
+        columns.append(times(A, limbs(columns[-1]), prime))
+    krylov = np.moveaxis(np.array(columns), 0, 3)  # (nodes, n, q, length)
+    conditions = list(krylov[..., ::-1].reshape(count, n, -1))
+    if n > degree:  # what is not observable may be anything
+        bases = [_observable(x, c, prime) for x, c in zip(A, C, strict=True)]
+        conditions = [
+            multiplied(basis, rows, prime) for basis, rows in zip(bases, conditions, strict=True)
+        ]
+    equations = [_outer(rows, power[None], prime) for rows, power in zip(conditions, powers, strict=True)]
+    u = _null_space(np.vstack(equations), H)
+    later = times(C, limbs(krylov[..., :-1].reshape(count, n, -1)), prime).reshape(count, p, q, -1)
+    impulse = np.concatenate([alone[:, n:, n:, None], later], axis=3)
+    impulse = entrywise(impulse.reshape(count, -1, 1), powers[:, None], prime)
+    impulse = multiplied(modes, impulse.reshape(count, -1), prime).reshape(count, p, q, length, wide)
+    y = np.zeros((count, p, length, q, length, wide), dtype=np.int64)
+    for k in range(length):
+        y[:, :, k:, :, k] = np.moveaxis(impulse[:, :, :, : length - k], 3, 2)
+    if count > wide:
+        too_high = multiplied(y[wide:].reshape(-1, q * length * wide), u, prime)
+        u = multiplied(u, _null_space(too_high, H), prime)
+    return u, multiplied(np.moveaxis(y[:wide], 0, 2).reshape(p * length * wide, -1), u, prime)
+
+
+def _null_space(equations: Residues, H: _Function) -> Residues:
+    H.work.add(exact_elimination(*equations.shape))
+    return null_space(equations, H.prime)
+
+
+def _observable(A: Residues, C: Residues, prime: int) -> Residues:
+    """Rows that span C, C A, C A^2, ..."""
+    (space,) = reachable_bases(np.ascontiguousarray(A.T), np.ascontiguousarray(C.T), [len(A)], prime)
+    return space.basis
+
+
 def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:
     """Dimension of the functions f in E whose products with all monomials of `moves` are in it, too."""
     size, zero = E.columns.shape[1], np.zeros_like(E.columns)
     rows = []
     for k, move in enumerate(moves):
-        factors = [
-            int(prod(pow(point[name], power, prime) for name, power in move.items())) % prime
-            for point in E.points
-        ]
+        factors = np.ones(len(E.columns), dtype=np.int64)
+        for name, power in move.items():
+            factors = entrywise(factors, powers_of(E.points[name], power + 1, prime)[:, -1], prime)
         moved = [E.columns if j == k else zero for j in range(len(moves))]
-        rows.append(np.hstack([_scaled(factors, E.columns, prime), *moved]))
+        rows.append(np.hstack([entrywise(factors[:, None], E.columns, prime), *moved]))
     return int(size * (1 + len(moves)) - rank(np.vstack(rows), prime))
 
 
-def _monomials(points: Sequence[Mapping[str, int]], lengths: Mapping[str, int], prime: int) -> Residues:
-    """Values (points, coefficients) of the products of powers below `lengths`."""
-    powers = list(product(*(range(n) for n in lengths.values())))
-    return np.array(
-        [
-            [
-                prod(pow(at[name], k, prime) for name, k in zip(lengths, exponents, strict=True)) % prime
-                for exponents in powers
-            ]
-            for at in points
-        ],
-        dtype=np.int64,
-    )
+def _outer(a: Residues, b: Residues, prime: int) -> Residues:
+    """Products (N, m n) of the entries of rows (N, m) and (N, n)."""
+    products = entrywise(a[:, :, None], b[:, None, :], prime)
+    return products.reshape(products.shape[0], -1)
 
 
-def _interpolation(axes: Mapping[str, list[int]], prime: int) -> Residues:
-    """Values on a grid to coefficients of polynomials."""
-    inverses = np.ones((1, 1), dtype=np.int64)
-    for nodes in axes.values():
-        vandermonde = np.array(
-            [[pow(x, k, prime) for k in range(len(nodes))] for x in nodes], dtype=np.int64
-        )
-        inverse = solved(vandermonde, np.eye(len(nodes), dtype=np.int64), prime)
-        inverses = _kronecker(inverses, inverse, prime)
-    return inverses
+def cannot_be_single(a: ExactLFT, names: Sequence[str], work: Work) -> bool:
+    """Whether no LFT has each of three deltas once, in which the value is affine."""
+    H = _function(a, names, work, is_transposed=False)
+    if H.order == len(names):
+        return False
+    return not any(_can_be_between(H, *order) for order in permutations(names))
 
 
-def _kronecker(a: Residues, b: Residues, prime: int) -> Residues:
-    outer = multiplied(a.reshape(-1, 1), b.reshape(1, -1), prime)
-    blocks = outer.reshape(*a.shape, *b.shape).swapaxes(1, 2)
-    return np.asarray(blocks.reshape(len(a) * len(b), -1))
-
-
-def _modes(
-    axes: Mapping[str, list[int]], lengths: Mapping[str, int], prime: int
-) -> tuple[Residues, Residues]:
-    """From values on the grid to coefficients beyond the degrees of u, zero for it; to the others."""
-    places = product(*(range(len(nodes)) for nodes in axes.values()))
-    below = [all(k < n for k, n in zip(exponents, lengths.values(), strict=True)) for exponents in places]
-    is_low, all_modes = np.array(below), _interpolation(axes, prime)
-    return all_modes[~is_low], all_modes[is_low]
-
-
-def _seen(values: Residues, directions: Residues, prime: int) -> Residues:
-    """left' values (N, inputs) for values (N, outputs, inputs)."""
-    products = directions.astype(object)[:, :, None] * values.astype(object)
-    return np.asarray(np.sum(products, axis=1) % prime, dtype=np.int64)
-
-
-def _times(entries: Residues, powers: Residues, prime: int) -> Residues:
-    """Products (N, m n) of entries (N, m) and powers (N, n)."""
-    products = entries.astype(object)[:, :, None] * powers.astype(object)[:, None, :]
-    return np.asarray(products % prime, dtype=np.int64).reshape(len(entries), -1)
-
-
-def _scaled(factors: Sequence[int], rows: Residues, prime: int) -> Residues:
-    """Rows times their factors."""
-    products = np.array(factors, dtype=object)[:, None] * rows.astype(object)
-    return np.asarray(products % prime, dtype=np.int64)
+def _can_be_between(H: _Function, before: str, middle: str, after: str) -> bool:
+    """Whether the slope in the middle delta can be a column of the last times a row of the first."""
+    p, q = H.shape
+    at = np.random.default_rng(1).integers(1, H.prime, (2, 2), dtype=np.int64)
+    alone = H.alone(middle, {before: np.tile(at[0], 2), after: np.repeat(at[1], 2)})
+    n = alone.shape[1] - p
+    slopes = times(alone[:, n:, :n], limbs(alone[:, :n, n:]), H.prime).reshape(2, 2, p, q)
+    return rank(slopes.swapaxes(1, 2).reshape(2 * p, 2 * q), H.prime) <= 1

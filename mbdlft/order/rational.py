@@ -19,7 +19,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.exact.matrices import Residues, multiplied, null_space, rank, row_echelon
+from mbdlft.exact.matrices import Residues, multiplied, null_space, powers_of, rank, row_echelon
 from mbdlft.order.work import Work, exact_elimination
 
 Terms = Mapping[tuple[int, ...], Fraction]  # coefficients of a polynomial by exponents
@@ -130,14 +130,6 @@ def _residues(terms: Terms, box: Sequence[int], prime: int) -> Residues:
 def residue_of(x: Fraction, prime: int) -> int:
     """Modulo a prime that does not divide the denominator."""
     return x.numerator * pow(x.denominator, -1, prime) % prime
-
-
-def powers_of(points: Residues, count: int, prime: int) -> Residues:
-    """(points, count)."""
-    powers = np.ones((len(points), count), dtype=np.int64)
-    for e in range(1, count):
-        powers[:, e] = powers[:, e - 1] * points % prime
-    return powers
 
 
 def along(a: Residues, axis: int, matrix: Residues, prime: int) -> Residues:

@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import flint
 import numpy as np
 
-from mbdlft.exact.matrices import Residues, multiplied, solved
+from mbdlft.exact.matrices import Residues, multiplied, powers_of, solved
 from mbdlft.order.rational import (
     Field,
     Fractions,
@@ -40,7 +40,6 @@ from mbdlft.order.rational import (
     RationalMatrix,
     along,
     lifted,
-    powers_of,
     primes,
     residue_of,
 )

@@ -31,7 +31,7 @@ from mbdlft.order.min_rank import above_bound, lower_ranks
 from mbdlft.order.work import Work, product
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
-_RANKS = 0.5  # of the work, at most, for affine deltas alone
+_RANKS = 0.3  # of the work, at most, for affine deltas alone
 _ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
 _MOST_ENTRIES = 2400  # of one with more, fewer starts and fewer of them come to an end
 _TURNS = 4  # directions that are left out, for each repetition above the bound
@@ -45,6 +45,7 @@ _LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
 _ROUNDING = 1e-15  # of the values: nothing to gain below
 _EXACT = 1e-12  # a difference that is only rounding
 _RAISES = 10
+_OF_TRY = 0.15  # units of work, which most tries do not need
 _PASSES = 20  # over the normal equations, beside their sums
 
 
@@ -186,7 +187,7 @@ def _fitted(
 
 def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
     """Newton's method, damped, until nothing is gained."""
-    damping, sizes = _DAMPING, [fit.size]
+    damping, sizes, work = _DAMPING, [fit.size], work.of_try(_OF_TRY)
     for _ in range(_STEPS):
         if work.is_over or fit.size < _ROUNDING:
             break

@@ -32,16 +32,18 @@ from mbdlft.order.refit import refit
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
 from mbdlft.order.work import Work, reduction, singular_values, solutions
 
-SEARCH = 4.0  # units of work; a small part of it is enough where the order meets the bound at once
-_FEW, _MOST = 0.3, 0.8  # of the work for the relations; the rest is for the closed LFT
-_LARGE = 120  # channels: refits take long and find little, so the bound by pairs comes first
+SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
+_FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
+_IN_VAIN = 0.5  # of the work: a search that gains nothing with so much of it ends
+_OF_PAIRS, _OF_TRIPLES = 0.5, 2.0  # units for a first look at all pairs; steps for one at triples, too
+_OF_LOOKS = 2.0  # units of work for looks at results, beside the search
+_DEAR = 1.5  # times the order of the closed LFT: larger relations come when four rounds are over
 _FAR = 3  # a form this much larger than the smallest is not started from
-_OF_PROOFS = 0.5  # of the work that is left, for one look at all pairs and triples
 _GROWTH = 2  # of the order, that LFTs on the way may have
-_REFITS, _WALKS = 0.4, 0.4  # of what is left of the work, in turn
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
-_ATTEMPTS = 12  # walks and refits of each level, with other random choices
+_ROUNDS = 16  # with other random choices each
+_SEEDS = (6, 1)  # of the closed LFT and the relations: any would do
 
 
 _POINTS = 64
@@ -105,30 +107,78 @@ def find_smallest(
     with running.budget(budget.work):
         smallest = min(closed, key=attrgetter("order"))
         work = Work(budget.work, _is_late(budget.seconds), running.tell)
-        proof = _Proof(bound, smallest, work, exact)
+        proof = _Proof(bound, smallest, exact)
         if smallest.order <= proof.order_bound or work.is_over:
             return Smallest(smallest, proof.order_bound, work.is_cut_off)
         level = _level_of_closed(smallest, truth, proof)
-        # dependent channels are seen in a moment, so they go before anything takes its share of the work
         best = smallest
-        with _keeping(dropped):
+        with _keeping(dropped):  # dependent channels are seen in a moment
             best = _smaller(smallest, [independent(smallest, work)], level, work)
-        if best.order > _LARGE:
-            proof.improve()
-        if relations and best.order > proof.order_bound:
+        sides = [_Side([best, *(form for form in closed if form is not smallest)], level)]
+        if relations:
             assert close is not None
-            share = _FEW if best.order < min(form.order for form in relations) else _MOST
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-            with _keeping(dropped):
-                solved = close(_search(relations, opened, proof, work.part(share), dropped))
-                best = solved if solved.order < best.order and proof.allows(solved) else best
-        if best.order > proof.order_bound and not work.is_over:
-            forms = [best, *(form for form in closed if form is not best)]
-            best = min(best, _search(forms, level, proof, work, dropped), key=attrgetter("order"))
+            sides.append(_Side(relations, opened))
+        best = _in_rounds(sides, proof, work, dropped)
         if best.order < smallest.order:
             smallest = with_blocks(best, [block.name for block in smallest.blocks])
         why = dropped[0] if dropped else ""
         return Smallest(smallest, proof.order_bound, work.is_cut_off, why)
+
+
+class _Side:
+    """Forms of the closed LFT or of the relations, the smallest first, and their checks."""
+
+    def __init__(self, forms: Sequence[LFT], level: "_Level") -> None:
+        self.forms, self.level, self.is_new = list(forms), level, True
+
+    def step(self, proof: "_Proof", work: Work, size: float, attempt: int, dropped: list[str]) -> None:
+        """A refit and a walk of some size, from forms with dependent channels and affine deltas moved."""
+        if self.is_new:
+            self.is_new, self.forms = False, _comparable(self.forms)
+            with _keeping(dropped):
+                for form in _other_forms(self.forms, work):
+                    if form.order < self.forms[0].order and self.level.keeps(
+                        work, self.level.exact, form
+                    ):
+                        self.forms.insert(0, form)
+        with _keeping(dropped):  # the next round makes other choices
+            of_refits = work.limited(size)
+            keeps = partial(self.level.keeps, of_refits, self.level.fitted)
+            self.forms.insert(
+                0, refit(self.forms, proof.bound, proof.order_bound, keeps, attempt, of_refits)
+            )
+            self.forms = _wandered(self.forms, self.level, proof, work.limited(size), attempt)
+
+
+def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: list[str]) -> LFT:
+    """The smallest closed LFT after rounds of growing size, at the latest when it meets the bound.
+
+    No step depends on the whole work, so more work goes on where less of it ends.
+    """
+    closed, *others = sides
+    best, last_gain, known = closed.forms[0], work.spent, (0, 0)
+    for attempt in range(_ROUNDS):
+        size = _FIRST * 2.0**attempt
+        for side in (None, *sides):
+            if best.order <= proof.order_bound or work.is_over:
+                return best
+            if side is None:
+                proof.improve(work.limited(max(_OF_PAIRS, _OF_TRIPLES * size)), triples=attempt > 2)
+            elif side is closed or attempt > 3 or side.forms[0].order <= _DEAR * best.order:
+                side.step(proof, work, size, _SEEDS[side is not closed] + attempt, dropped)
+            if side in others and not work.is_over:  # what is cut off goes on with more work
+                with _keeping(dropped):
+                    solved = side.level.close(side.forms[0])
+                    if solved.order < closed.forms[0].order and proof.allows(solved):
+                        closed.forms.insert(0, solved)
+            best = min(best, closed.forms[0], key=attrgetter("order"))
+            now = proof.order_bound, sum(side.forms[0].order for side in sides)
+            if now != known:
+                known, last_gain = now, work.spent
+            if work.spent - last_gain > _IN_VAIN * work.most:
+                return best
+    return best
 
 
 @contextmanager
@@ -151,12 +201,11 @@ def _is_late(seconds: float | None) -> Callable[[], bool]:
 class _Proof:
     """The best lower bound on the order: degrees, and then pairs and triples of deltas."""
 
-    def __init__(self, bound: Mapping[str, int], source: LFT, work: Work, exact: ExactLFT | None) -> None:
+    def __init__(self, bound: Mapping[str, int], source: LFT, exact: ExactLFT | None) -> None:
         self.bound, self.order_bound = bound, sum(bound.values())
-        self._source_order, self._work = source.order, work
+        self._source_order = source.order
         self._joint = JointBound(exact, bound) if exact else None
-        # looks at results do not take from the search, but have an end, too
-        self._work_of_looks = Work(work.most)
+        self._work_of_looks = Work(_OF_LOOKS)
 
     def allows(self, candidate: LFT) -> bool:
         """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal."""
@@ -177,11 +226,11 @@ class _Proof:
                 return False
         return True
 
-    def improve(self) -> None:
-        """Look at all pairs and triples with a share of the work; what is known costs nothing."""
-        if self._joint is not None and not self._work.is_over:
-            known = self._joint.of_all(self._work.part(_OF_PROOFS))
-            self.order_bound = max(self.order_bound, known)
+    def improve(self, work: Work, *, triples: bool) -> None:
+        """Look at all pairs, and at triples, which take longer; what is known costs nothing."""
+        if self._joint is not None:
+            bound = self._joint.of_all(work, triples=triples)
+            self.order_bound = max(self.order_bound, bound)
 
 
 class Truth:
@@ -334,26 +383,6 @@ def _comparable(forms: Sequence[LFT]) -> list[LFT]:
 
 def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
-
-
-def _search(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, dropped: list[str]) -> LFT:
-    """The smallest LFT of equal value that is found from some, at the latest when it meets the bound."""
-    forms = _comparable(forms)
-    with _keeping(dropped):
-        for form in _other_forms(forms, work):
-            if form.order < forms[0].order and level.keeps(work, level.exact, form):
-                forms.insert(0, form)
-    for attempt in range(_ATTEMPTS):
-        if forms[0].order > proof.order_bound:
-            proof.improve()
-        if forms[0].order <= proof.order_bound or work.is_over:
-            break
-        of_refits = work.part(_REFITS)
-        keeps = partial(level.keeps, of_refits, level.fitted)
-        with _keeping(dropped):  # the next attempt makes other choices
-            forms.insert(0, refit(forms, proof.bound, proof.order_bound, keeps, attempt, of_refits))
-            forms = _wandered(forms, level, proof, work.part(_WALKS), attempt)
-    return forms[0]
 
 
 def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int) -> list[LFT]:

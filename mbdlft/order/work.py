@@ -8,8 +8,8 @@ import math
 from collections.abc import Callable
 
 UNIT = 1.5e10  # operations in one unit of work, about a second of one core
-_CALL = 4e5  # what a call costs beside its operations
-_EACH = 1.5e3  # of each row of a small matrix, beside its operations
+_CALL = 3e6  # what a call costs beside its operations
+_EACH = 6e3  # of each row of a small matrix, beside its operations
 _SINGULAR_VALUES = 12.0  # per entry and row: they take several sweeps
 
 
@@ -25,28 +25,40 @@ class Work:
         self.most, self.spent, self.is_cut_off = most, 0.0, False
         self._is_late, self._tell = is_late, tell
         self._whole: Work | None = None
+        self._whole_to_ask: Work | None = None  # whether it is over
 
     def part(self, share: float) -> "Work":
-        """A share of what is left, or all of it; what it spends is spent here too."""
-        part = Work(share * self.left)
-        part._whole = self
+        """A share of what is left; what it spends is spent here too."""
+        return self.limited(share * self.left)
+
+    def limited(self, units: float) -> "Work":
+        """So many units, or fewer where the whole ends; nothing but that depends on the whole."""
+        part = Work(units)
+        part._whole = part._whole_to_ask = self
         return part
 
     @property
     def left(self) -> float:
-        """Units that are left, here and of what this is a part of."""
-        here = max(0.0, self.most - self.spent)
-        return here if self._whole is None else min(here, self._whole.left)
+        """Units that are left here."""
+        return max(0.0, self.most - self.spent)
 
     @property
     def is_over(self) -> bool:
         """Whether nothing is left, or it is late."""
         if self.left <= 0.0:
             return True
-        if self._whole is not None:
-            return self._whole.is_over
+        if self._whole_to_ask is not None:
+            return self._whole_to_ask.is_over
         self.is_cut_off = self.is_cut_off or self._is_late()
         return self.is_cut_off
+
+    def of_try(self, least: float) -> "Work":
+        """For what goes on beyond this part to its own end: so many units, or all of a larger part."""
+        attempt = Work(max(least, self.most))
+        attempt._whole = attempt._whole_to_ask = self
+        while attempt._whole_to_ask._whole is not None:
+            attempt._whole_to_ask = attempt._whole_to_ask._whole
+        return attempt
 
     def add(self, operations: float) -> None:
         """Count operations, and the call."""
@@ -72,7 +84,7 @@ def exact_solutions(count: int, n: int) -> float:
 
 def exact_elimination(rows: int, columns: int) -> float:
     """Operations of an echelon form modulo a prime."""
-    return (4e3 + 40.0 * min(rows, columns)) * rows * columns
+    return (1e4 + 40.0 * min(rows, columns)) * rows * columns
 
 
 def singular_values(rows: int, columns: int, count: int = 1) -> float:
@@ -83,9 +95,9 @@ def singular_values(rows: int, columns: int, count: int = 1) -> float:
 
 def product(rows: int, inner: int, columns: int) -> float:
     """Operations of a product, or of an orthogonal or triangular factor: these are the fastest."""
-    return float(rows) * inner * columns
+    return 0.5 * rows * inner * columns
 
 
 def reduction(order: int) -> float:
     """Operations of a reduction of an LFT, or of another step of its algebra."""
-    return 5e6 + 20.0 * float(order) ** 3
+    return 1.5e7 + 60.0 * float(order) ** 3

@@ -79,7 +79,7 @@ def test_too_many_channels_on_the_way_are_refused() -> None:
 
 
 def finishing(a: LFT, close: Callable[[LFT], LFT]) -> search._Level:
-    return search._level_of_relations(a, close, None, search._Proof({}, a, Work(), None))
+    return search._level_of_relations(a, close, None, search._Proof({}, a, None))
 
 
 def test_wrong_when_closed_is_refused() -> None:

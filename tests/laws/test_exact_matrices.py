@@ -17,6 +17,7 @@ from mbdlft.exact import matrices as module
 from mbdlft.exact.matrices import (
     ExactMatrix,
     TooFewBitsError,
+    entrywise,
     identity,
     limbs,
     multiplied,
@@ -39,6 +40,7 @@ from tests.laws.lfts import lfts, points
 Fractions = list[list[Fraction]]
 PRIME = FIELD.prime
 sides = st.integers(0, 5)
+residues = st.integers(0, PRIME - 1)
 
 
 @pytest.fixture(autouse=True)
@@ -222,3 +224,11 @@ def test_products_of_residues(shape: tuple[int, int, int]) -> None:
         expected = (a.astype(object) @ b.astype(object)) % prime
         exact(multiplied(a, b, prime), expected.astype(np.int64))
         exact(times(a, limbs(b), prime), expected.astype(np.int64))
+
+
+@given(st.lists(st.tuples(residues, residues), min_size=1, max_size=4))
+def test_products_of_entries(pairs: list[tuple[int, int]]) -> None:
+    """Against integers of any size, up to the largest residues."""
+    a, b = np.array(pairs, dtype=np.int64).T
+    for x, y in ((a, b), (a[:, None], b), (PRIME - 1 - a % 4, PRIME - 1 - b % 4)):
+        exact(entrywise(x, y, PRIME), (x.astype(object) * y.astype(object) % PRIME).astype(np.int64))

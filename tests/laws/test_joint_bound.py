@@ -341,6 +341,36 @@ def test_a_triple_needs_a_second_repetition() -> None:
     assert sum(least_more("abc", found, [Triple("a", "b", "c")]).values()) == 2
 
 
+def symmetric(degree: int, count: int) -> str:
+    """The sum of all products of so many of the variables."""
+    return " + ".join("*".join(f"x{k}" for k in some) for some in combinations(range(count), degree))
+
+
+DETERMINANT = "x0*(x4*x8 - x5*x7) - x1*(x3*x8 - x5*x6) + x2*(x3*x7 - x4*x6)"
+
+
+@pytest.mark.parametrize(
+    ("text", "order"),
+    [
+        (symmetric(2, 3), 4),
+        (symmetric(2, 4), 6),
+        (symmetric(3, 4), 6),
+        (DETERMINANT, 12),
+        ("(1 + x0)*x1*(2 - x2)", 3),
+        ("x1*(x0 + x2)", 3),
+    ],
+)
+def test_affine_triples(text: str, order: int) -> None:
+    """Each variable has degree 1; some triples of them cannot all be single."""
+    names = sorted({f"x{k}" for k in range(9) if f"x{k}" in text})
+    matrix = mbdlft.matrix_problem([[text]], [mbdlft.Parameter(name, 1.5, percent=20) for name in names])
+    problem = problem_of_matrix(matrix)
+    exact = candidates(problem, problem.forms)[0].exact
+    assert exact is not None
+    law_table(len(names), order, exact)
+    assert exact.order == order
+
+
 def side_by_side(seed: int) -> ExactLFT:
     """Two matrices that share L, one with m and one with k."""
     first, second = known(1.0, seed), known(-0.75, seed + 1)

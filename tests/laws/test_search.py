@@ -160,7 +160,7 @@ def test_singular_results_are_refused() -> None:
     plain = reduce_order(case("O3"))
     p = constant([[0.5]]) + delta("d1")
     singular = plain @ (inverse(p) @ p)
-    level = search._level_of_closed(plain, None, search._Proof({}, plain, Work(), None))
+    level = search._level_of_closed(plain, None, search._Proof({}, plain, None))
     assert level.keeps(Work(), level.exact, plain)
     assert not level.keeps(Work(), level.exact, singular)
 
