@@ -68,13 +68,14 @@ _LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles
 
 
 class Smallest(NamedTuple):
-    """The smallest LFT, the least order of any, whether seconds ended the search early, and why a part
-    of it failed."""
+    """The smallest LFT, the least order of any, whether seconds ended the search early, why a part of it
+    failed, and larger LFTs on the way, the smallest first."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
     dropped: str = ""
+    larger: tuple[LFT, ...] = ()
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -119,11 +120,11 @@ def find_smallest(
             assert close is not None
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
             sides.append(_Side(relations, opened))
-        best = _in_rounds(sides, proof, work, dropped)
-        if best.order < smallest.order:
-            smallest = with_blocks(best, [block.name for block in smallest.blocks])
-        why = dropped[0] if dropped else ""
-        return Smallest(smallest, proof.order_bound, work.is_cut_off, why)
+        on_the_way = _in_rounds(sides, proof, work, dropped)
+        names, why = [block.name for block in smallest.blocks], dropped[0] if dropped else ""
+        smaller = [with_blocks(form, names) for form in on_the_way if form.order < smallest.order]
+        best, *larger = [*smaller, smallest]
+        return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger))
 
 
 class _Side:
@@ -151,34 +152,38 @@ class _Side:
             self.forms = _wandered(self.forms, self.level, proof, work.limited(size), attempt)
 
 
-def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: list[str]) -> LFT:
-    """The smallest closed LFT after rounds of growing size, at the latest when it meets the bound.
+def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: list[str]) -> list[LFT]:
+    """Closed LFTs after rounds of growing size, the smallest first, until one of them meets the bound.
 
     No step depends on the whole work, so more work goes on where less of it ends.
     """
-    closed, *others = sides
+    closed, *opened = sides
     best, last_gain, known = closed.forms[0], work.spent, (0, 0)
+    on_the_way = [best]
     for attempt in range(_ROUNDS):
         size = _FIRST * 2.0**attempt
         for side in (None, *sides):
             if best.order <= proof.order_bound or work.is_over:
-                return best
+                return on_the_way
             if side is None:
                 proof.improve(work.limited(max(_OF_PAIRS, _OF_TRIPLES * size)), triples=attempt > 2)
             elif side is closed or attempt > 3 or side.forms[0].order <= _DEAR * best.order:
                 side.step(proof, work, size, _SEEDS[side is not closed] + attempt, dropped)
-            if side in others and not work.is_over:  # what is cut off goes on with more work
+            if side in opened and not work.is_over:  # what is cut off goes on with more work
                 with _keeping(dropped):
                     solved = side.level.close(side.forms[0])
                     if solved.order < closed.forms[0].order and proof.allows(solved):
                         closed.forms.insert(0, solved)
-            best = min(best, closed.forms[0], key=attrgetter("order"))
+            if closed.forms[0].order < best.order:
+                best = closed.forms[0]
+                others = {form.blocks: form for form in (*on_the_way, *closed.forms[1:])}
+                on_the_way = [best, *sorted(others.values(), key=attrgetter("order"))]
             now = proof.order_bound, sum(side.forms[0].order for side in sides)
             if now != known:
                 known, last_gain = now, work.spent
             if work.spent - last_gain > _IN_VAIN * work.most:
-                return best
-    return best
+                return on_the_way
+    return on_the_way
 
 
 @contextmanager

@@ -107,21 +107,25 @@ def _searched(
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = reduced[0].lft, None
     with stage("search"):
-        smaller, order_bound, is_cut_off, dropped = _search(problem, reduced, degrees, budget, stage)
-        if smaller.order < lft.order:
+        result = _search(problem, reduced, degrees, budget, stage)
+        dropped = result.dropped
+        for smaller in (result.lft, *result.larger):
+            if smaller.order >= lft.order:
+                break
             smaller = with_blocks(smaller, [p.name for p in problem.parameters])
             known = regularity(smaller, prove)
-            if lost := _what_is_lost(smaller, known, lft, check):
-                dropped = f"order {smaller.order}: {lost}"
-            else:
+            lost = _what_is_lost(smaller, known, lft, check)
+            if not lost:
                 lft, of_search = smaller, known
+                break
+            dropped = dropped or f"order {smaller.order}: {lost}"
     if dropped:
         with stage(f"{DROPPED} ({dropped})"):  # what is there before it stands
             pass
-    if is_cut_off:
+    if result.is_cut_off:
         with stage(CUT_OFF):  # with more time the model may be smaller
             pass
-    return lft, of_search, order_bound
+    return lft, of_search, result.order_bound
 
 
 def _is_singular(candidate: Candidate, prove: float) -> bool:

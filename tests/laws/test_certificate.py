@@ -131,6 +131,15 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     model = mbdlft.to_lft(two_link_arm.scene())
     assert (model.order, model.certificate.order_bound) == (17, 16)
     assert model.certificate.max_relative_error <= SCENARIO
+
+    def lossy_at_last(*arguments: Any) -> Any:
+        a = (found := right(*arguments)).lft
+        longer = LFT(a.M11, a.M12, 2.0 * a.M21, a.M22, a.blocks)
+        return found._replace(lft=longer, larger=(a, *found.larger))
+
+    monkeypatch.setattr(stages, "_search", lossy_at_last)  # the one on the way to it is right
+    assert mbdlft.to_lft(two_link_arm.scene()).order == 16
+    monkeypatch.setattr(stages, "_search", lossy)
     monkeypatch.setattr(stages, "_loses_digits", lambda *_: False)
     with pytest.raises(mbdlft.AnalysisError, match="Two derivations contradict each other"):
         mbdlft.to_lft(two_link_arm.scene())

@@ -202,6 +202,17 @@ def test_budget() -> None:
             assert 0.0 < counted[0].spent < 1.5 * most + 0.3
 
 
+def test_more_work_never_ends_above_less() -> None:
+    """No step depends on the whole work, and the LFTs on the way are there, the smallest first."""
+    plain = reduce_order(case("O2"))
+    bound = dict.fromkeys((name for name, _ in plain.blocks), 0)
+    results = [find_smallest([plain], bound, Budget(work)) for work in (0.0, 0.05, 0.1, 0.2)]
+    orders = [result.lft.order for result in results]
+    assert orders == sorted(orders, reverse=True)
+    assert orders[-1] < orders[0] == plain.order
+    assert results[-1].larger[-1] is plain
+
+
 def test_a_limit_in_seconds_cuts_off() -> None:
     """It says so, and the result is one of the ways to write the model."""
     plain = reduce_order(case("O2"))
