@@ -111,6 +111,7 @@ class Structure:
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
+        """Unknowns, states and inputs, in the order of the columns of the derivatives."""
         return (*self.unknowns, *self.states, *self.inputs)
 
     @cached_property
