@@ -36,7 +36,7 @@ one, one of the three is repeated. (All products of two of three variables: orde
 Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest".
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations, takewhile
 from math import ceil
@@ -59,35 +59,12 @@ from mbdlft.exact.matrices import (
     times,
 )
 from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.repetitions import Pair, Triple, excluding, least_more
 from mbdlft.order.work import Work, exact_elimination, exact_solutions
 
 _EXTRA = 2  # samples more than needed
 _SURPLUS = 4  # dimensions of E above degree times coefficients, at first: h is rarely larger
 _MOST_COEFFICIENTS = {1: 300, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
-
-
-class Pair(NamedTuple):
-    """Two deltas that do not both have their degree.
-
-    `second_more` are the repetitions above its degree that the second needs if the first has none, and
-    the other way round. Both are at least 1. `is_transposed` says whether it is proved for H or for its
-    transpose.
-    """
-
-    first: str
-    second: str
-    first_more: int
-    second_more: int
-    is_transposed: bool = False
-
-
-class Triple(NamedTuple):
-    """If the last two deltas have their degree, the first has at least two repetitions above its own."""
-
-    first: str
-    second: str
-    third: str
-    is_transposed: bool = False
 
 
 def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
@@ -164,8 +141,8 @@ class JointBound:
         while True:
             # only a triple that the repetitions contradict can raise the bound
             more = self._more()
-            excluding = _excluding(more, self._proved()) if triples else ()
-            open_ = [t for t in excluding if t not in self._triples]
+            contradicted = excluding(more, self._proved()) if triples else ()
+            open_ = [t for t in contradicted if t not in self._triples]
             single = combinations([name for name in affine if not more[name]], 3)
             singles = [names for names in single if names not in self._singles]
             if not (open_ or singles) or work.is_over:
@@ -196,59 +173,6 @@ class JointBound:
             is_constant(self.a, names, self.degrees, work, is_transposed=is_transposed)
             for names in ((first, second, third), (first, third, second))
         )
-
-
-def least_more(
-    names: Sequence[str],
-    pairs: Sequence[Pair],
-    triples: Sequence[Triple] = (),
-    singles: Sequence[Sequence[str]] = (),
-) -> dict[str, int]:
-    """Repetitions above the degrees that all pairs and triples allow, with the least sum.
-
-    With e >= 0 repetitions more, e_first = 0 implies e_second >= second_more if and only if
-    second_more e_first + e_second >= second_more; and a triple says e_first + 2 e_second + 2 e_third >= 2
-    where e_first = 0 is excluded by pairs. Of three that cannot be `singles`, one is repeated.
-    """
-    if not (pairs or singles):
-        return dict.fromkeys(names, 0)
-    from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
-
-    conditions: list[tuple[dict[str, int], int]] = []
-    for first, second, first_more, second_more, _ in pairs:
-        conditions.append(({first: second_more, second: 1}, second_more))
-        conditions.append(({first: 1, second: first_more}, first_more))
-    conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
-    conditions += [(dict.fromkeys(three, 1), 1) for three in singles]
-    rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
-    least = np.array([least for _, least in conditions])
-    ones = np.ones(len(names))
-    program = milp(ones, constraints=LinearConstraint(rows, lb=least), integrality=ones)
-    return {name: round(float(e)) for name, e in zip(names, program.x, strict=True)}
-
-
-def allows(pair: Pair, more: Mapping[str, int]) -> bool:
-    """Whether a pair leaves these repetitions above the degrees possible."""
-    first, second = more[pair.first], more[pair.second]
-    return (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
-
-
-def _excludes(triple: Triple, more: Mapping[str, int]) -> bool:
-    """Whether these repetitions above the degrees are not possible."""
-    return more[triple.first] <= 1 and more[triple.second] == more[triple.third] == 0
-
-
-def _excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
-    """Triples that would exclude these repetitions above the degrees, of deltas that are in pairs."""
-    beside: dict[tuple[str, bool], list[str]] = {}
-    for pair in pairs:
-        beside.setdefault((pair.first, pair.is_transposed), []).append(pair.second)
-        beside.setdefault((pair.second, pair.is_transposed), []).append(pair.first)
-    for (first, is_transposed), others in beside.items():
-        for second, third in combinations(others, 2):
-            triple = Triple(first, second, third, is_transposed)
-            if _excludes(triple, more):
-                yield triple
 
 
 class _Function(NamedTuple):
