@@ -8,7 +8,6 @@ from mbdlft import Constant, Parameter, realize
 from mbdlft.lft.lft import delta
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import search
-from mbdlft.order.work import Work
 from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
 
@@ -145,6 +144,6 @@ def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
     a, b, c = (delta(name, 1) for name in "abc")
     problem = problem_of_matrix(mbdlft.matrix_problem([["a + b + c"]], THREE))
     (found, *_) = forms.candidates(problem, problem.forms)
-    proof = search._Proof(dict.fromkeys("abc", 1), found.lft, Work(1.0), found.exact)
+    proof = search._Proof(dict.fromkeys("abc", 1), found.lft, found.exact)
     assert proof.allows(a + b + c)
     assert not proof.allows(a + a + b)
