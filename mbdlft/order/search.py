@@ -44,8 +44,8 @@ _GROWTH = 2  # of the order, that LFTs on the way may have
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
 _ROUNDS = 16  # with other random choices each
-# Of the closed LFT and the relations. A refit succeeds in some starts only; these were the best of ten pairs
-# on four_bar, gimbal, piezo_beam and ur5: 9, 30, 47 and 32, with others up to 10, 31, 53 and 33.
+# Of the closed LFT and the relations. A refit succeeds in some starts only; these are the best of ten
+# pairs on four_bar, gimbal, piezo_beam and ur5: 9, 30, 47 and 32, with others up to 10, 31, 53 and 33.
 _SEEDS = (6, 1)
 
 
