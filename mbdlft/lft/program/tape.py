@@ -160,27 +160,23 @@ def registers(instruction: Instruction) -> list[int]:
     return [o for o in (instruction.left, instruction.right) if isinstance(o, int)]
 
 
-def renamed(
-    program: Program, inputs: int, kept: Sequence[Instruction], name: Callable[[int], int]
-) -> Program:
-    """The program with so many inputs, some of its instructions, and other numbers of registers."""
-
-    def operand(o: Operand) -> Operand:
-        return name(o) if isinstance(o, int) else o
-
-    return Program(
-        inputs,
-        tuple(Instruction(i.operation, name(i.target), operand(i.left), operand(i.right)) for i in kept),
-        tuple((place, name(register)) for place, register in program.entries),
-        tuple(Pivot(name(pivot.value), name(pivot.size)) for pivot in program.pivots),
-    )
-
-
 def compact(program: Program) -> Program:
     """The instructions that results depend on; that with number k writes the register inputs + k."""
     kept = needed(program)
     names = {instruction.target: program.inputs + k for k, instruction in enumerate(kept)}
-    return renamed(program, program.inputs, kept, lambda register: names.get(register, register))
+
+    def operand(o: Operand) -> Operand:
+        return names.get(o, o) if isinstance(o, int) else o
+
+    def name(register: int) -> int:
+        return names.get(register, register)
+
+    return Program(
+        program.inputs,
+        tuple(Instruction(i.operation, name(i.target), operand(i.left), operand(i.right)) for i in kept),
+        tuple((place, name(register)) for place, register in program.entries),
+        tuple(Pivot(name(pivot.value), name(pivot.size)) for pivot in program.pivots),
+    )
 
 
 _CACHE = 2**20  # numbers in all vectors of a run: they stay near a core
