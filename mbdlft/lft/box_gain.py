@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import EPS
 from mbdlft.lft.lft import LFT, check_plain, solve_nominal
 
-_EPS = float(np.finfo(float).eps)
 _GAP = 0.01  # of g: how far from the best multipliers the search may stop
 _VANISHED = 1e-16  # of the first g: below this the gain is taken for zero
 _RAISE = 8.0  # factor of the weight of g from one center to the next
@@ -108,7 +108,7 @@ def box_bound(a: LFT, limit: float = np.inf) -> Bound:
     n = a.order
     if not n or not a.M22.size:
         size = float(np.linalg.norm(a.M22, 2)) if a.M22.size else 0.0
-        return Bound(size * (1.0 + 16.0 * _EPS), np.zeros(len(a.blocks)))
+        return Bound(size * (1.0 + 16.0 * EPS), np.zeros(len(a.blocks)))
     X, rho, P = _well_posed(a)
     if rho < 1.0:
         return Bound(np.inf, _slope(a, X, P))
@@ -118,10 +118,10 @@ def box_bound(a: LFT, limit: float = np.inf) -> Bound:
     # a multiple of X for which S > 0 with some g
     inner = form.matrix(0.0, X) + form.Q
     need = a.M21 @ np.linalg.solve(inner[:n, :n], a.M21.T)
-    X = X * 2.0 * max(float(np.linalg.norm(need, 2)), _EPS)
+    X = X * 2.0 * max(float(np.linalg.norm(need, 2)), EPS)
     S = form.matrix(0.0, X)
     g = 2.0 * float(np.max(np.abs(S[n:, :n] @ np.linalg.solve(S[:n, :n], S[:n, n:]) - S[n:, n:])))
-    g = g * a.shape[1] + _EPS
+    g = g * a.shape[1] + EPS
     count = len(S) + n  # the parameter of the barrier
     weight, least = count / g, _VANISHED * g
     while True:
@@ -139,10 +139,10 @@ def proved(form: _Form, g: float, X: Array) -> bool:
     """Whether S(g, X) > 0 and X + X' > 0 whatever rounding did to the computed S."""
     S = form.matrix(g, X)
     terms = np.abs(form.U).T @ np.abs(X) @ np.abs(form.V) + np.abs(form.Q) + g * np.eye(len(S))
-    margin = 4.0 * len(S) * _EPS * float(np.linalg.norm(terms))
+    margin = 4.0 * len(S) * EPS * float(np.linalg.norm(terms))
     blocks = X + X.T
     least = float(np.linalg.eigvalsh(blocks)[0])
-    rounding = len(X) * _EPS * float(np.linalg.norm(blocks))
+    rounding = len(X) * EPS * float(np.linalg.norm(blocks))
     return bool(np.linalg.eigvalsh(S)[0] > margin and least > rounding)
 
 

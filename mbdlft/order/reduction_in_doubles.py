@@ -21,10 +21,9 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import one_thread
-from mbdlft.exact.rounding import balanced_channels, channel_scales, product
+from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, product
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
 
-_EPS = float(np.finfo(float).eps)
 _THRESHOLD = 2.0**8  # a direction counts when its length over its error is larger
 _MOST_ERROR = 2.0**-40
 _LARGE = 300  # channels; for fewer, changing the number of threads would cost more than it gains
@@ -73,7 +72,7 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
     sizes = tuple(block.size for block in a.blocks)
     errors = [
         tuple(
-            _EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0) for part in consecutive(sizes)
+            EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0) for part in consecutive(sizes)
         )
         for size in (into, out)
     ]
@@ -211,7 +210,7 @@ class _Basis:
         if not len(lengths):
             return self.nothing
         self.vectors = np.hstack([self.vectors, added])
-        self.errors = np.concatenate([self.errors, np.maximum(1.0 / np.array(lengths), _EPS)])
+        self.errors = np.concatenate([self.errors, np.maximum(1.0 / np.array(lengths), EPS)])
         return self.vectors[:, known:], self.errors[known:]
 
 

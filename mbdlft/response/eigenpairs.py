@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import EPS
 
-_EPS = float(np.finfo(float).eps)
-ROUNDING = 16.0 * _EPS  # times the number of states and the size of A: what rounding may do to A
+ROUNDING = 16.0 * EPS  # times the number of states and the size of A: what rounding may do to A
 _BITS, _REFINED, _INFLATED = 192, 4, 3  # of balls; steps to an eigenpair; boxes that are tried around it
 
 
@@ -31,7 +31,7 @@ def eigenpair(A: Array, pole: complex, v: NDArray[Any], u: NDArray[Any]) -> list
         return None
     with flint.ctx.workprec(_BITS):
         near = flint.acb_mat(A.astype(complex).tolist())
-        all_near = with_rounding(A, _EPS * n * float(np.linalg.norm(A)))
+        all_near = with_rounding(A, EPS * n * float(np.linalg.norm(A)))
         left = flint.acb_mat([np.conj(u).astype(complex).tolist()])
         x = flint.acb_mat([[entry] for entry in [*(v / scale).tolist(), pole]])
         try:

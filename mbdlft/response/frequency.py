@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.rounding import EPS
 from mbdlft.response.modes import (
     Names,
     eigenvalues,
@@ -29,11 +30,10 @@ from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
 Complex = NDArray[np.complex128]
-_EPS = float(np.finfo(float).eps)
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
 _SAME = 1e-9  # of the largest entry of a row: rows that differ by less are one, but for rounding
 _CANCELED = 0.1  # of D: where less is left, a digit is lost
-_NEAR = 4.0 * _EPS  # of s: an eigenvalue as near as this is s
+_NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
 POINTS = 200  # evenly spaced in the logarithm
 _DECADE = 10.0  # beyond the slowest and the fastest pole

@@ -24,7 +24,6 @@ from mbdlft.system.sampled import StateMatrices, matrices_at
 
 Names = str | Sequence[str] | None  # of channels; None: all
 Stability = Literal["stable", "marginal", "unstable"]
-_EPS = float(np.finfo(float).eps)
 _ZERO = 1e-5  # of the size of A: how far rounding may move three poles from zero
 _CLEAR = 10.0  # times what rounding does to a pole, to first order: then its side is clear
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
-from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
 from mbdlft.response.staircase import Plant, connected, scaled, seen, without_one
@@ -29,7 +29,6 @@ from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
-_EPS = float(np.finfo(float).eps)
 _AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
 _LIGHT, _BITS = 1e-6, 128  # damping of a pole beside which gains are computed in balls; bits of these
 _ROUNDS = 60  # of the level; far more than are needed
@@ -291,6 +290,6 @@ def _near_axis(plant: Plant, level: float) -> NDArray[np.float64]:
     lower = np.conj(C.T) @ (np.eye(len(D)) + D @ np.linalg.solve(R, np.conj(D.T))) @ C / level
     H = np.block([[inside, upper], [-lower, -np.conj(inside.T)]])
     eigenvalues = eigenvalues_of(H)
-    rounding = 16.0 * _EPS * float(np.linalg.norm(H))
+    rounding = 16.0 * EPS * float(np.linalg.norm(H))
     near = np.abs(eigenvalues.real) <= _AXIS * np.abs(eigenvalues) + rounding
     return np.unique(np.abs(eigenvalues[near].imag))

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.display import heading, table
+from mbdlft.exact.rounding import EPS
 
 Complex = NDArray[np.complex128]
-_EPS = float(np.finfo(float).eps)
 
 
 class Multipliers(NamedTuple):
@@ -177,7 +177,7 @@ def one_over(bound: float) -> float:
 def slope_of(damping: float) -> float:
     """A slope of edges left of which poles are damped by at least so much, which is inside (-1, 1)."""
     slope = damping / math.sqrt((1.0 - damping) * (1.0 + damping))
-    return slope + 8.0 * _EPS * abs(slope)
+    return slope + 8.0 * EPS * abs(slope)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import after, tell
+from mbdlft.exact.rounding import EPS
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, is_stable_at
 
-_EPS = float(np.finfo(float).eps)
-_WIDER = 64.0 * _EPS  # rad: more than angles in doubles are off, so that edges pass their check
+_WIDER = 64.0 * EPS  # rad: more than angles in doubles are off, so that edges pass their check
 _TINY = 1e-300  # more than products lose that are below all normal doubles
 _LOOK = 512  # coefficients that are looked at first, from twice as many on
 Values = NDArray[np.complex128]
@@ -43,7 +43,7 @@ _SMALLEST = 2.0**-16  # half of a box that is not cut again, of the whole [1]
 _NARROWEST = 2.0**-44  # interval of t that is not cut again
 _SLOW = 0.35  # of the change along a delta: less change along t is not a reason to cut t
 _MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any more
-_CALL, _OPEN = 4000, 1  # coefficients that a call costs; calls more where a piece is open
+_CALL = 4000  # coefficients that a call costs
 _FIRST = 1.0  # units of work that are done before boxes are given to others
 _BATCH = 8  # boxes that are given to others at a time
 _SHARE = 0.5  # of the work that is left, for one of them
@@ -109,12 +109,12 @@ def _angles(flat: Values, radii: Array) -> tuple[float, float] | None:
 def _is_left(values: Any, direction: Any, radii: Any = 0.0) -> bool:
     """Whether all numbers within radii of values are less than half a turn left of a direction.
 
-    That is Im(conj(direction) value) > radius. Each product and the difference is off by half an _EPS of
-    itself, and the direction is a unit but for some _EPS.
+    That is Im(conj(direction) value) > radius. Each product and the difference is off by half an EPS of
+    itself, and the direction is a unit but for some EPS.
     """
     across = direction.real * np.imag(values) - direction.imag * np.real(values)
-    rounding = 4.0 * _EPS * (np.abs(np.real(values)) + np.abs(np.imag(values))) + _TINY
-    return bool(np.all(across > radii * (1.0 + 16.0 * _EPS) + rounding))
+    rounding = 4.0 * EPS * (np.abs(np.real(values)) + np.abs(np.imag(values))) + _TINY
+    return bool(np.all(across > radii * (1.0 + 16.0 * EPS) + rounding))
 
 
 def excludes(piece: Piece, gain: float) -> bool:
@@ -128,7 +128,7 @@ def excludes(piece: Piece, gain: float) -> bool:
     size = np.sqrt(np.sum(q.real**2 + q.imag**2, axis=(0, 1)))
     if min(q.shape[:2]) > 1 and np.all(gain * size < (1.0 + q.shape[0]) * np.abs(p)):
         size = largest_singular(np.moveaxis(q.reshape(*q.shape[:2], -1), -1, 0)).reshape(p.shape)
-    rounding = 8.0 * len(piece.values) * _EPS  # of sums of squares, and of what is made of them
+    rounding = 8.0 * len(piece.values) * EPS  # of sums of squares, and of what is made of them
     return _is_on_one_side(p, (error + gain * (size + errors)) * (1.0 + rounding))
 
 
@@ -136,14 +136,14 @@ def largest_singular(matrices: Values) -> Array:
     """Upper bounds (N,) of the largest singular values of matrices Q (N, n_y, n_u).
 
     With V near to the right singular vectors, and W = Q V, it is at most the root of the largest row sum
-    of |W'W|, over the least singular value of V; products of k terms are off by at most k _EPS of those
+    of |W'W|, over the least singular value of V; products of k terms are off by at most k EPS of those
     of sizes.
     """
     tall = matrices if matrices.shape[1] >= matrices.shape[2] else np.swapaxes(matrices, 1, 2)
     n = tall.shape[2]
     V = np.conj(np.swapaxes(np.linalg.svd(tall, full_matrices=False)[2], 1, 2))
     W = tall @ V
-    rounding = 4.0 * (sum(tall.shape[1:]) + 4) * n * _EPS
+    rounding = 4.0 * (sum(tall.shape[1:]) + 4) * n * EPS
     whole = np.sqrt(np.sum(np.abs(tall) ** 2, axis=(1, 2)))
     squares, lengths = (
         _row_sums(np.conj(np.swapaxes(X, 1, 2)) @ X, one) for X, one in ((W, 0.0), (V, 1.0))
@@ -165,10 +165,10 @@ def turn_of(piece: Piece, axis: int) -> int:
     has one sign if it has it for all pairs of edges of both cones.
     """
     p, error = piece.values[0], piece.error[0]
-    along = cone(np.diff(p, axis=axis), 2.0 * error + 2.0 * _EPS * _largest(p))
+    along = cone(np.diff(p, axis=axis), 2.0 * error + 2.0 * EPS * _largest(p))
     if along is None:
         return 0
-    pairs = error + 2.0 * _EPS * _largest(p)
+    pairs = error + 2.0 * EPS * _largest(p)
     speed = cone(np.diff(p, axis=-1), pairs[1:] + pairs[:-1])
     if speed is None:
         return 0
@@ -199,11 +199,11 @@ def halves(piece: Piece, axis: int) -> tuple[Piece, Piece]:
     largest = np.stack([_largest(row) for row in piece.values])
     low, high = split(piece.values, along)
     if axis >= 0:
-        error = piece.error + (piece.values.shape[along] - 1) * 2.0 * _EPS * largest
+        error = piece.error + (piece.values.shape[along] - 1) * 2.0 * EPS * largest
         return piece._replace(values=low, error=error), piece._replace(values=high, error=error)
     n, middle = piece.error.shape[-1], 0.5 * (piece.low + piece.high)
     errors = [
-        (e + n * 2.0 * _EPS * m) * (1.0 + 2.0 * n * _EPS)
+        (e + n * 2.0 * EPS * m) * (1.0 + 2.0 * n * EPS)
         for e, m in zip(split(piece.error, -1), split(largest, -1), strict=True)
     ]
     return (
@@ -364,7 +364,7 @@ def _refined(pieces: tuple[Piece, ...], gain: float, *, patient: bool) -> tuple[
         cost += piece.values.size + _CALL
         if excludes(piece, gain):
             continue
-        cost += _OPEN * (piece.values.size + _CALL)
+        cost += piece.values.size + _CALL  # of the cut, or of the look whether to cut
         if len(still) < _MOST_PIECES and _is_worth_cutting(piece, patient=patient):
             waiting += halves(piece, -1)
         else:

@@ -26,11 +26,10 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.robust.balls import balls, entries
 
 Balls = NDArray[np.object_]
-_EPS = float(np.finfo(float).eps)
 _BITS, _MOST_BITS = 128, 4096  # of balls: at first, and when doubling ends
 # parts that the radius of a ball may be: of the largest coefficient of its power of t, and of all
 _ENOUGH, _NOTHING = 2.0**-60, 2.0**-120
@@ -116,12 +115,12 @@ def polynomials(model: Realization, k: float | Array) -> Polynomials:
     while bits <= _MOST_BITS:
         with flint.ctx.workprec(bits):
             values, radii = _balls(model, k, partial(_rows, model, scale))
-            radii = np.max(radii, axis=tuple(range(1, radii.ndim - 1))) * (1.0 + 4.0 * _EPS)
+            radii = np.max(radii, axis=tuple(range(1, radii.ndim - 1))) * (1.0 + 4.0 * EPS)
         largest = np.max(np.abs(values), axis=tuple(range(1, values.ndim - 1)))
         whole = np.max(largest, axis=1, keepdims=True, initial=0.0)
         if np.all(radii <= np.maximum(_ENOUGH * largest, _NOTHING * whole)):
             powers, off = _powers(values.shape[-1], model.slope)
-            sizes = np.abs(powers) * (1.0 + 4.0 * _EPS)
+            sizes = np.abs(powers) * (1.0 + 4.0 * EPS)
             error = radii * sizes + off * sizes * largest
             return Polynomials(values * powers, error, scale, len(model.J))
         bits *= 2
@@ -133,7 +132,7 @@ def polynomials(model: Realization, k: float | Array) -> Polynomials:
 def state_polynomials(model: Realization, k: float | Array) -> tuple[Array, Array]:
     """Bernstein coefficients (r_1 + 1, ..., n^2 + 1) of the entries of d A, and of d = det(I - D Delta).
 
-    Their errors are at most 2 _EPS of the second array. The box, and errors, are as those of
+    Their errors are at most 2 EPS of the second array. The box, and errors, are as those of
     `polynomials`.
     """
 
@@ -143,7 +142,7 @@ def state_polynomials(model: Realization, k: float | Array) -> tuple[Array, Arra
 
     with flint.ctx.workprec(_BITS):
         values, radii = _balls(model, k, row)
-    return values[0], (np.abs(values[0]) + radii[0] / _EPS) * (1.0 + 4.0 * _EPS)
+    return values[0], (np.abs(values[0]) + radii[0] / EPS) * (1.0 + 4.0 * EPS)
 
 
 def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
@@ -180,11 +179,11 @@ def is_root_near(coefficients: list[Any], s: complex, distance: float) -> bool:
 def _powers(count: int, slope: float) -> tuple[NDArray[np.complex128], float]:
     """Powers (count,) of j - slope, and a relative bound of the error of a product with one."""
     if not slope:
-        return np.asarray(1j ** (np.arange(count) % 4), dtype=np.complex128), _EPS
+        return np.asarray(1j ** (np.arange(count) % 4), dtype=np.complex128), EPS
     with flint.ctx.workprec(_BITS):
         edge = flint.acb(-slope, 1)
         powers = [complex((edge**k).mid()) for k in range(count)]
-    return np.array(powers, dtype=np.complex128), 8.0 * _EPS
+    return np.array(powers, dtype=np.complex128), 8.0 * EPS
 
 
 def straightened(coefficients: list[Any] | None, slope: float) -> list[Any] | None:

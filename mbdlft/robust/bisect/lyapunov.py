@@ -34,13 +34,12 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import tell
-from mbdlft.exact.rounding import eigenvectors_of
+from mbdlft.exact.rounding import EPS, eigenvectors_of
 from mbdlft.response.modes import balancing
 from mbdlft.robust.bisect.boxes import Check, Ends, split
 from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
 from mbdlft.robust.evidence import LyapunovProof
 
-_EPS = float(np.finfo(float).eps)
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 _DEGREE = 4  # of P in each delta; less where there are many
 _DEAREST = 1.0  # units of work of a part
@@ -53,7 +52,7 @@ _HOPELESS = 0.02  # of the box that has to be proved with half of the work
 class _Part(NamedTuple):
     """N and d as Bernstein coefficients (r_1 + 1, ..., n^2 + 1) on deltas c - h to c + h, of a unit box.
 
-    Their errors are at most `steps` _EPS of `sizes`, which has their shape.
+    Their errors are at most `steps` EPS of `sizes`, which has their shape.
     """
 
     values: Array
@@ -215,10 +214,10 @@ def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> boo
     """Whether d > 0 and S > 0 on a part are proved, and by how much of the mean of S.
 
     With W near to the inverse of T, the modes, P stands for W'P W, and T'S T is the sum of -E'P (W N T)
-    and its transpose, E = W T. Each product of k terms is off by at most k _EPS of that of sizes.
+    and its transpose, E = W T. Each product of k terms is off by at most k EPS of that of sizes.
     """
     n, q = len(modes), len(part.center)
-    shape, rounding = part.values.shape[:q], part.steps * _EPS
+    shape, rounding = part.values.shape[:q], part.steps * EPS
     if not np.all(part.values[..., -1] > 2.0 * rounding * part.sizes[..., -1]):
         return False
     W = np.linalg.inv(modes)
@@ -226,14 +225,14 @@ def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> boo
     largest = np.outer(np.sum(np.abs(W), axis=0), np.sum(np.abs(modes), axis=1))
     errors = part.sizes[..., :-1] @ largest.ravel()
     near = W @ modes - np.eye(n)
-    identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * _EPS * (np.abs(W) @ np.abs(modes))))
+    identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * EPS * (np.abs(W) @ np.abs(modes))))
     terms = prod(P.shape[:q])
-    share = 2.0 * (identity + rounding + (6.0 * n + 2.0 * terms + 40.0) * _EPS)
+    share = 2.0 * (identity + rounding + (6.0 * n + 2.0 * terms + 40.0) * EPS)
     half = _product(P, N)
     S = -(half + half.mT)
     sizes = _product(np.linalg.norm(P, axis=(-2, -1))[..., None, None], errors[..., None, None])
     trace = np.trace(S, axis1=-2, axis2=-1)
-    less = share * sizes[..., 0, 0] + (slack / n + 4.0 * (n + 2.0) * _EPS) * np.abs(trace)
+    less = share * sizes[..., 0, 0] + (slack / n + 4.0 * (n + 2.0) * EPS) * np.abs(trace)
     S = S - (less * _UP)[..., None, None] * np.eye(n)
     if not np.all(np.isfinite(S)):
         return False

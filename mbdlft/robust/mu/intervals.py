@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.exact.rounding import EPS
 from mbdlft.robust.balls import adjoint, balls, entries, is_positive, joined, largest, middles
 from mbdlft.robust.evidence import Interval, Multipliers
 
@@ -38,7 +39,6 @@ Complex = NDArray[np.complex128]
 _BITS = 128  # of balls: products of doubles lose nothing, and a matrix beside a pole little
 _FINE_BITS = 256  # where doubles do not separate eigenvalues from the axis
 _SLACK = 1e-8  # what an interval is made smaller by, so that other machines find it, too
-_EPS = float(np.finfo(float).eps)
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 
 
@@ -185,7 +185,7 @@ def _discs(
         return None
     # a row of T - s S with s in no disc is dominated by its diagonal, values - s
     radii = fixed[: 2 * n] + moving[: 2 * n] * (np.abs(values) + fixed[: 2 * n]) / 0.98
-    return values, (radii + _EPS * np.abs(values)) * _UP
+    return values, (radii + EPS * np.abs(values)) * _UP
 
 
 def _pencil(system: Channels, first: Any, mixed: Any, last: Any) -> Any:
