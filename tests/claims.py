@@ -11,13 +11,21 @@ import mbdlft
 from mbdlft import Bounds, ComplexBlock, Parameter, System, realize
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
-from mbdlft.robust.evidence import SENTENCES, BoxProof, Interval, IntervalProof, MotionProof, Multipliers
+from mbdlft.robust.evidence import (
+    SENTENCES,
+    BoxProof,
+    Interval,
+    IntervalProof,
+    LyapunovProof,
+    MotionProof,
+    Multipliers,
+)
 
 UNCLAIMED = ("sensitivity", "work", "reason")  # what is said beside a claim, and nothing rests on
 _FACTORS = (0.0, -1.0, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 1e3, 1e-3, 1e300, np.nan, np.inf)
 KINDS = (
     *("margin", "fixed", "moving", "slow", "mixed", "gain", "gain of one", "moving gain", "mixed gain"),
-    *("performance", "real part", "damping", "disk margin"),
+    *("performance", "real part", "damping", "disk margin", "double modes"),
 )
 
 
@@ -32,6 +40,15 @@ def cart() -> System:
         ["0", "m", "0", "0.1"],
     ]
     return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"], name="cart")
+
+
+@cache
+def twice() -> System:
+    """Two equal oscillators: Lyapunov functions prove more of them than the polynomial does."""
+    own = [Parameter(name, 1.0, low=0.6, high=1.4) for name in ("k", "m")]
+    matrix = np.full((4, 4), "0", dtype=object)
+    matrix[:2, :2] = matrix[2:, 2:] = [["0", "1"], ["-k*m", "-0.01"]]
+    return realize(matrix.tolist(), own, states=4, inputs=[], outputs=[], name="twice")
 
 
 def with_error(system: System) -> System:
@@ -62,6 +79,7 @@ def analysis(kind: str) -> tuple[System, Bounds]:
         "mixed gain": (mixed, lambda s: mbdlft.worst_case_gain(s, gap=0.1)),
         "performance": (weighted, lambda s: mbdlft.robust_performance(s, gap=0.1)),
         "disk margin": (one, lambda s: mbdlft.worst_case(s, kind, gap=0.05)),
+        "double modes": (twice(), lambda s: mbdlft.robust_stability(s, gap=0.5, work=1.0)),
     }
     system, bounds_of = made.get(kind, (plant, lambda s: mbdlft.worst_case(s, kind, gap=0.05)))
     return system, bounds_of(system)
@@ -94,6 +112,8 @@ def _other(name: str, value: Any, random: np.random.Generator) -> Any:
         return tuple(str(word) for word in random.permutation(pool)[: random.integers(0, 3)])
     if isinstance(value, float):
         return value * float(random.choice(_FACTORS))
+    if isinstance(value, int):
+        return value + int(random.choice([-2, -1, 1, 2, 10**9]))
     if isinstance(value, dict):
         return _mapping(value, random)
     if isinstance(value, np.ndarray):
@@ -129,7 +149,7 @@ def _array(array: Array, random: np.random.Generator) -> Array:
     """An array with one entry changed, or one row less."""
     other = array.copy()
     if len(array) and random.uniform() < 0.2:
-        return other[:-1] if array.ndim == 2 else other * 2.0
+        return other[:-1] if array.ndim > 1 else other * 2.0
     if other.size:
         with np.errstate(all="ignore"):
             other.flat[random.integers(0, other.size)] *= float(random.choice(_FACTORS))
@@ -259,3 +279,7 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
         yield "multipliers of one channel", replace(bounds, proof=replace(proof, multipliers=small))
     elif isinstance(proof, MotionProof):
         yield "no form", replace(bounds, proof=replace(proof, P=0.0 * proof.P))
+    elif isinstance(proof, LyapunovProof):
+        whole = replace(proof, log=(0,), states=proof.states[:1])
+        yield "one function", replace(bounds, proof=whole)
+        yield "no functions", replace(bounds, proof=replace(proof, states=0.0 * proof.states))

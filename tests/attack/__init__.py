@@ -36,7 +36,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "frames": (0, 1),
     "loops": (3, 4),
     "switches": range(8),
-    "mechanisms": (0,),
+    "mechanisms": (0, 108),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

@@ -34,6 +34,7 @@ from tests.cross.poses import (
     cross,
     dot,
     independent,
+    number,
     rotation,
     rows_of,
     skew,
@@ -41,6 +42,8 @@ from tests.cross.poses import (
     unit,
     vector,
 )
+
+_FUNCTIONS = {name: getattr(flint.arb, name) for name in ("sqrt", "sin", "cos", "atan")}
 
 
 class Bodies:
@@ -51,7 +54,8 @@ class Bodies:
         self.values: dict[str, Any] = {"pi": pi, "deg": pi / 180}
         for name, constant in scene.constants.items():
             is_plain = not isinstance(constant, mbdlft.Constant)
-            self.values[name] = constant if is_plain else constant.value * _factor(constant.unit)
+            value = number(constant if is_plain else constant.value)
+            self.values[name] = value if is_plain else value * _factor(constant.unit)
         for p in scene.parameters:
             self.values[p.name] = point[p.name] * _factor(p.unit)
         self.spin = NONE
@@ -71,7 +75,7 @@ class Bodies:
         self._turn_steadily()
 
     def value(self, source: Any) -> Any:
-        return flint.arb(evaluate(parse(source), self.values))
+        return number(evaluate(parse(source), self.values, number, _FUNCTIONS))
 
     def vector(self, sources: Sequence[Any]) -> Vector:
         return vector([self.value(source) for source in sources])
@@ -255,7 +259,7 @@ class Bodies:
 def _factor(unit: str) -> Any:
     pi = flint.arb.pi()
     exact = {"deg": pi / 180, "rpm": pi / 30, "%": flint.arb(1) / 100}
-    return exact[unit] if unit in exact else flint.arb(parse_unit(unit).factor)
+    return exact[unit] if unit in exact else number(parse_unit(unit).factor)
 
 
 def _entries(joint: Any, key: str, default: Any) -> list[Any]:

@@ -33,13 +33,14 @@ from tests.cross.poses import (
     independent,
     rows_of,
     skew,
-    solve,
     times,
     vector,
     zeros,
 )
+from tests.cross.sizes import Sum, plain, sized
 
 BALL = 1e-25  # of a value: what its 512 bits have lost
+MISSED = 1e-25  # of the loads, or m of a closure: an equilibrium is exact
 
 
 class Truth(NamedTuple):
@@ -56,6 +57,15 @@ def linear_model(scene: mbdlft.Scene, point: dict[str, float], model: mbdlft.LFT
     before, flint.ctx.prec = flint.ctx.prec, BITS
     try:
         return _Solved(Bodies(scene, point), model).truth()
+    finally:
+        flint.ctx.prec = before
+
+
+def fault(scene: mbdlft.Scene, point: dict[str, float]) -> str:
+    """Why a scene has no linear model at a point: no equilibrium, several, or motions that contradict."""
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        return _Solved(Bodies(scene, point)).fault()
     finally:
         flint.ctx.prec = before
 
@@ -118,8 +128,12 @@ def _quotients(before: Values, after: Values) -> Values:
 class _Solved:
     """The equilibrium and motions around it, by the states and inputs of a model."""
 
-    def __init__(self, bodies: Bodies, model: mbdlft.LFTModel) -> None:
-        self.b, self.model, self.n = bodies, model, bodies.n
+    def __init__(self, bodies: Bodies, model: mbdlft.LFTModel | None = None) -> None:
+        self.b, self.n = bodies, bodies.n
+        self.states, self.inputs, self.outputs, self.asked = (
+            (model.states, model.inputs, model.outputs, model.trim.signals) if model else ((),) * 4
+        )
+        self.place = {s.name: k for k, s in enumerate([*self.states, *self.inputs])}
         self.at = _Around(bodies)
         self.loads = {x.name: x for x in bodies.scene.loads if x.kind not in ("spring", "strut")}
         every = [(x, i) for x in bodies.links for i in range(len(x.laws), len(self.at.jacobian[x.name]))]
@@ -129,7 +143,6 @@ class _Solved:
         self.imposed = [(x, i) for x in bodies.joints if x.imposed for i in range(len(x.laws))]
         self.rotors = [(x, rotor) for x in bodies.joints for rotor in x.rotors]
         self.rotor_slopes = [self.at.slopes(self._needs(x, rotor), x) for x, rotor in self.rotors]
-        self.place = {s.name: k for k, s in enumerate([*model.states, *model.inputs])}
 
     def _needs(self, link: Link, rotor: Any) -> Callable[[Motion, Motion], Values]:
         return lambda P, C: self.b.rotor_needs(link, rotor, P, C)
@@ -171,7 +184,7 @@ class _Solved:
             known[f"{load.name}.{load.signal.name}"] = None if size is None else b.value(size)
         for axis, a in zip("xyz", b.scene.acceleration, strict=True):
             known[f"ground.acceleration.{axis}"] = None if a == "unknown" else 0
-        left = _Sum(self.n)  # what is not balanced yet
+        left = Sum(self.n)  # what is not balanced yet
         for k, m in enumerate(b.motions):
             left.add(slice(6 * k, 6 * k + 6), np.array(b.needed(k, m), dtype=object))
         for link, rotor in self.rotors:
@@ -192,7 +205,7 @@ class _Solved:
         chosen, rows = independent(columns.T), independent(columns)
         solution, sizes = zeros(columns.shape[1], 1), np.zeros((columns.shape[1], 1))
         right = left.value[rows, None], left.size[rows, None]
-        solution[chosen], sizes[chosen] = _sized(columns[np.ix_(rows, chosen)], right, [])
+        solution[chosen], sizes[chosen] = sized(columns[np.ix_(rows, chosen)], right, [])
         missed = (left.value[:, None] - times(columns, solution)).astype(float)
         size = {name: abs(float(x)) for name, x in known.items() if x is not None}
         size |= dict(zip(unknown, sizes[:, 0], strict=False))
@@ -208,7 +221,28 @@ class _Solved:
         )
         forces |= {(x.name, i): (force, its_size) for (x, i), force, its_size in of_constraints}
         most = max(1.0, np.max(np.abs(left.value.astype(float)), initial=0.0))
-        return _Equilibrium(known, size, forces, float(np.max(np.abs(missed), initial=0.0)) / most)
+        worst = float(np.max(np.abs(missed), initial=0.0)) / most
+        return _Equilibrium(known, size, forces, max(worst, self._gap()), columns.shape[1] - len(chosen))
+
+    def _gap(self) -> float:
+        """How far closures are from closed: their slopes are those of the mechanism at no other place."""
+        gaps = [
+            abs(float(x))
+            for link in self.b.links
+            for x in link.relation(self.b.motion(link.parent), self.b.motion(link.child))[
+                len(link.laws) :
+            ]
+        ]
+        return max(gaps, default=0.0)
+
+    def fault(self) -> str:
+        at, driven = self.equilibrium, [pair for pair in self.imposed if pair[0].imposed == "motion"]
+        rows = rows_of([self.at.jacobian[x.name][i] for x, i in driven], self.n)
+        if len(independent(np.vstack([self.G, rows]))) < len(self.G) + len(driven):
+            return "motions that are imposed contradict closures"
+        if at.undetermined:
+            return "loads are redundant"
+        return "no equilibrium" if at.missed > MISSED else ""
 
     @cached_property
     def falling(self) -> Bodies:
@@ -227,9 +261,9 @@ class _Solved:
         return slopes
 
     @cached_property
-    def slopes(self) -> "_Sum":
+    def slopes(self) -> "Sum":
         """Slopes (n, 3 n) of what the motion needs, less what acts."""
-        at, b, slopes = self.equilibrium, self.falling, _Sum(self.n, 3 * self.n)
+        at, b, slopes = self.equilibrium, self.falling, Sum(self.n, 3 * self.n)
         for k in range(len(b.motions)):
             part = slice(6 * k, 6 * k + 6)
             slopes.add(part, self.at.of_body(lambda m, k=k: b.needed(k, m), k))
@@ -263,7 +297,7 @@ class _Solved:
     @cached_property
     def moves(self) -> tuple[np.ndarray, np.ndarray]:
         """[x ; v ; a ; lambda ; e ; z] by z, and their sizes if nothing cancelled."""
-        states = {s.name for s in self.model.states}
+        states = {s.name for s in self.states}
         links = self.b.joints
         chosen = [
             (x, i)
@@ -274,8 +308,8 @@ class _Solved:
         nz, none = len(self.place), zeros(len(self.held), len(self.place))
         tops = [rows_of([self.unit(x.laws[i].measures[k]) for x, i in chosen], nz) for k in (0, 1)]
         (by_x, _, _), turning = (self.at.rows(k, self.held + chosen) for k in (0, 1))
-        x = _sized(by_x, _plain(np.vstack([none, tops[0]])), [])
-        v = _sized(turning[1], _plain(np.vstack([none, tops[1]])), [(*_plain(turning[0]), x)])
+        x = sized(by_x, plain(np.vstack([none, tops[0]])), [])
+        v = sized(turning[1], plain(np.vstack([none, tops[1]])), [(*plain(turning[0]), x)])
         K, D, M = np.split(self.slopes.value, 3, axis=1)
         K_size, D_size, _ = np.split(self.slopes.size, 3, axis=1)
         by_x, by_v, by_a = self.at.rows(2, self.held + self.imposed)
@@ -283,14 +317,14 @@ class _Solved:
         corner = zeros(len(by_a), len(by_a))
         matrix = np.block([[M, -self.G.T, -pushes.T], [by_a, corner]])
         acting = zeros(self.n, nz)
-        for signal in self.model.inputs:
+        for signal in self.inputs:
             if signal.name in self.acting and signal.name not in self._efforts_imposed():
                 acting[:, self.place[signal.name]] = self.acting[signal.name]
         given = rows_of([self.unit(x.laws[i].measures[2]) for x, i in self.imposed], nz)
-        right = _plain(np.vstack([acting, none, given]))
-        of_x, of_v = (np.vstack([K_size, _plain(by_x)[1]]), np.vstack([D_size, _plain(by_v)[1]]))
+        right = plain(np.vstack([acting, none, given]))
+        of_x, of_v = (np.vstack([K_size, plain(by_x)[1]]), np.vstack([D_size, plain(by_v)[1]]))
         less = [(np.vstack([K, by_x]), of_x, x), (np.vstack([D, by_v]), of_v, v)]
-        a = _sized(matrix, right, less)
+        a = sized(matrix, right, less)
         z = rows_of([self.unit(name) for name in self.place], nz)
         return np.vstack([x[0], v[0], a[0], z]), np.vstack([x[1], v[1], a[1], z.astype(float)])
 
@@ -306,19 +340,19 @@ class _Solved:
             for order, name in enumerate(law.measures)
         }
         rows = []
-        for signal in self.model.states:
+        for signal in self.states:
             x, i, order = measures[signal.name]
             rows.append(self._measured(x, i, order + 1))
         sensed = dict[str, np.ndarray]()
         for sensor in self.b.scene.sensors:
             names = [signal.name for signal in sensor.signals()]
-            if any(signal.name in names for signal in self.model.outputs):
+            if any(signal.name in names for signal in self.outputs):
                 sensed |= dict(zip(names, self._sensed(sensor), strict=True))
-        for signal in self.model.outputs:
+        for signal in self.outputs:
             is_measure = signal.name in measures
             rows.append(self._measured(*measures[signal.name]) if is_measure else sensed[signal.name])
         whole = rows_of(rows, len(moves))
-        asked, at = {s.name for s in self.model.trim.signals}, self.equilibrium
+        asked, at = {s.name for s in self.asked}, self.equilibrium
         trim = {name: float(size) for name, size in at.loads.items() if name in asked}
         doubles, values = np.abs(whole.astype(float)), times(whole, moves)
         assert all(x.rad() < BALL for x in values.ravel()), "too few bits"
@@ -431,39 +465,11 @@ class _Solved:
         return np.vstack([times(back, rows[:3]), times(back, rows[3:])])
 
 
-class _Sum:
-    """A sum and its size if nothing cancelled."""
-
-    def __init__(self, *shape: int) -> None:
-        self.value, self.size = zeros(*shape), np.zeros(shape)
-
-    def add(self, part: slice, term: np.ndarray, size: np.ndarray | None = None) -> None:
-        self.value[part] += term
-        self.size[part] += np.abs(term.astype(float)) if size is None else size
-
-
 class _Equilibrium(NamedTuple):
-    """Loads and their sizes by name, forces of links with their sizes, what is missed (relative)."""
+    """Loads and their sizes by name, forces of links with their sizes, what is missed (relative or m)."""
 
     loads: dict[str, Any]
     sizes: dict[str, float]
     forces: dict[tuple[str, int], tuple[Any, float]]
     missed: float
-
-
-Sized = tuple[np.ndarray, np.ndarray]  # values and sizes
-
-
-def _plain(values: np.ndarray) -> Sized:
-    return values, np.abs(values.astype(float))
-
-
-def _sized(matrix: np.ndarray, sides: Sized, less: list[tuple[np.ndarray, np.ndarray, Sized]]) -> Sized:
-    """matrix^-1 (right - sum of products), and its size if nothing cancelled (Skeel 1979)."""
-    right, size = sides
-    for factor, its_size, (value, size_of_value) in less:
-        right = right - times(factor, value)
-        size = size + its_size @ size_of_value
-    solution, doubles = solve(matrix, right), matrix.astype(float)
-    of_matrix = np.abs(doubles) @ np.abs(solution.astype(float))
-    return solution, np.abs(np.linalg.inv(doubles)) @ (of_matrix + size)
+    undetermined: int

@@ -9,6 +9,7 @@ import numpy as np
 import mbdlft
 from mbdlft import Angle, Loop, Parameter, Rotation, Scene
 from mbdlft.multibody.joint import Joint
+from tests.cross.at_rest import at_rest, turned
 from tests.cross.frames import Frames
 
 KINDS = ("revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
@@ -184,10 +185,10 @@ def closed_loop(seed: int) -> Scene:
 
 
 def closed_by(kind: str, seed: int) -> Scene:
-    """A chain closed on the ground by one of the kinds, with an orientation that is a parameter.
+    """A chain closed on a copy that stands still, by one of the kinds; its orientation is a parameter.
 
     What slides is apart along the axis; its orientation, and that of a universal joint, is a number.
-    For even seeds the ground is then the child, so that the parent moves.
+    For even seeds what stands still is then the child, so that the parent moves.
     """
     random = np.random.default_rng(9000 + seed)
     passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
@@ -203,31 +204,25 @@ def closed_by(kind: str, seed: int) -> Scene:
     about, angle = _vector(random, 1.0), "psi" if varies else 0.4
     axis, second = (1.0, 2.0, -1.0), (2.0, 0.0, 1.0)
     parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
-    frame = _frame(Scene(name="chain", parameters=parameters, bodies=bodies, joints=joints))
-    to_ground, back = _axis_angle(frame[:3, :3].T)
-    tip = f"{bodies[-1].name}.tip"
-    collar = mbdlft.RigidBody(name="collar", mass=0.2, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1))
     end = mbdlft.RigidBody(
         name="end",
         mass=0.5,
         center_of_mass=(0.1, 0.0, 0.0),
         inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03),
     )
-    welds = [
-        mbdlft.Fixed(name="weld", parent=tip, child="collar", axis=to_ground, position=back),
-        mbdlft.Fixed(name="turn", parent="collar", child="end", axis=about, position=angle),
-    ]
-    anchor, ends = frame[:3, 3], {"parent": "ground.anchor", "child": "end"}
+    tip = f"{bodies[-1].name}.tip"
+    turn = mbdlft.Fixed(name="turn", parent=tip, child="end", axis=about, position=angle)
+    copies, welds, first = at_rest(bodies, joints)
+    ends, turn_of_loop = {"parent": f"{copies[-1].name}.anchor", "child": "end"}, angle
     if slides:
-        unit = np.array(about) / np.linalg.norm(about)
-        skew = np.cross(np.eye(3), unit)
-        R = np.eye(3) + np.sin(0.4) * skew + (1 - np.cos(0.4)) * skew @ skew
-        anchor = anchor - 0.3 * R @ axis
-    turned = Rotation(axis=about, angle=angle)
-    if slides and seed % 2 == 0:
-        ends = {"parent": "end", "child": "ground.anchor"}
-        axis, turned = tuple(R @ axis), Rotation(axis=about, angle=-0.4)
-    ground = mbdlft.Ground(ports={"anchor": tuple(anchor), "wall": _vector(random, 2.0)})
+        back = [f"(-0.3*({x}))" for x in axis]
+        if seed % 2 == 0:
+            ends, turn_of_loop = {"parent": "end", "child": ends["parent"]}, -0.4
+        else:
+            back = turned(about, 0.4, back)
+        at = tuple(f"{x} + {d}" for x, d in zip(copies[-1].ports["anchor"], back, strict=True))
+        copies[-1] = copies[-1].model_copy(update={"ports": {**copies[-1].ports, "anchor": at}})
+    ground = mbdlft.Ground(ports={"anchor": first, "wall": _vector(random, 2.0)})
     axes = {"axis": axis} if kind in mbdlft.multibody.loop.WITH_AXIS else {}
     if kind == "universal":
         axes = {"axis1": axis, "axis2": second}
@@ -235,9 +230,9 @@ def closed_by(kind: str, seed: int) -> Scene:
         name=f"closed_by_{kind}_{seed}",
         gravity=tuple(random.uniform(-6.0, 6.0, 3)),
         parameters=(*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters,
-        bodies=(ground, *bodies, collar, end),
-        joints=(*joints, *welds),
-        loops=[Loop(name="pin", kind=kind, **ends, orientation=_in_three(turned), **axes)],
+        bodies=(ground, *bodies, *copies, end),
+        joints=(*joints, *welds, turn),
+        loops=[Loop(name="pin", kind=kind, **ends, orientation=_in_three(about, turn_of_loop), **axes)],
         loads=[
             mbdlft.Spring(
                 name="stay",
@@ -252,12 +247,12 @@ def closed_by(kind: str, seed: int) -> Scene:
     )
 
 
-def _in_three(turned: Rotation) -> list[Rotation]:
+def _in_three(about, angle) -> list[Rotation]:
     """The same rotation as a turn about x, one about the axis seen from there, and the turn back."""
-    x, y, z = turned.axis
+    x, y, z = about
     return [
         Rotation(axis=(1.0, 0.0, 0.0), angle="90*deg"),
-        Rotation(axis=(x, z, -y), angle=turned.angle),
+        Rotation(axis=(x, z, -y), angle=angle),
         Rotation(axis=(1.0, 0.0, 0.0), angle="-90*deg"),
     ]
 

@@ -17,8 +17,13 @@ RANK = 1e-11  # of scaled rows, in doubles: rows of closures depend on others, o
 Vector, Matrix, Values = Any, Any, list[Any]  # arb_mat (3, 1), arb_mat (3, 3), numbers
 
 
+def number(x: Any) -> Any:
+    """A number as it is written: 0.1 is a tenth."""
+    return flint.arb(repr(x) if isinstance(x, float) else x)
+
+
 def vector(entries: Sequence[Any]) -> Vector:
-    return flint.arb_mat(3, 1, [flint.arb(x) for x in entries])
+    return flint.arb_mat(3, 1, [number(x) for x in entries])
 
 
 def skew(v: Vector) -> Matrix:
@@ -40,7 +45,7 @@ def unit(axis: Sequence[Any]) -> Vector:
 
 
 def rotation(axis: Sequence[Any], angle: Any) -> Matrix:
-    k, angle = skew(unit(axis)), flint.arb(angle)
+    k, angle = skew(unit(axis)), number(angle)
     return EYE + k * angle.sin() + k * k * (1 - angle.cos())
 
 
