@@ -138,8 +138,8 @@ def export(
         Path,
         typer.Option(
             "-o", "--output",
-            help="File to write: .mat (MATLAB, Octave), .c (C99), .jl (Julia); with --grid .mat, .csv, "
-            ".npz.",
+            help="File to write: .mat (MATLAB, Octave), .c (C99), .fmu (FMI), .jl (Julia); with --grid "
+            ".mat, .csv, .npz.",
         ),
     ],
     grid: Annotated[
@@ -150,6 +150,7 @@ def export(
             "this one, which may be repeated; the others are nominal.",
         ),
     ] = None,
+    fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI of a .fmu.")] = 3,
     as_json: options.AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
@@ -158,7 +159,7 @@ def export(
     file, name = _parts(source)
     archive = file if options.is_archive(file) else None
     model = options.load_system(file, name) if archive is None else archives.load(file, name)
-    files = rooms.exports.export_model(output, model, counts, archive)
+    files = rooms.exports.export_model(output, model, counts, archive, fmi)
     print_files(*(("file", path) for path in files), as_json=as_json)
 
 

@@ -1,4 +1,4 @@
-"""Finished models for other tools: MATLAB and Octave, C, Julia, and matrices on a grid."""
+"""Finished models for other tools: MATLAB and Octave, C, FMI, Julia, Python's libraries, grids."""
 
 import lazy_loader
 

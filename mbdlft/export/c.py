@@ -54,7 +54,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
     name = identifier(linear.name)
     shown = {key: f"{name}_p_{text}" for key, text in names.items()}
     trim = linear.trim.lft if isinstance(linear, LFTModel) and linear.trim.signals else None
-    functions = [_value_function(f"{name}_f_value", linear.parameters, linear.lft)]
+    functions = [value_function(f"{name}_f_value", linear.parameters, linear.lft)]
     entries: dict[str, Any] = {
         "name": name,
         "stem": stem,
@@ -74,7 +74,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
         for field in (("low", "nominal", "high") if linear.parameters else ())
     ]
     if trim is not None:
-        functions.append(_value_function(f"{name}_f_trim", linear.parameters, trim))
+        functions.append(value_function(f"{name}_f_trim", linear.parameters, trim))
     if isinstance(model, DeltaThetaModel):
         more, theta_tables, theta_entries = _theta(name, model)
         functions, tables, entries = (functions + more, tables + theta_tables, entries | theta_entries)
@@ -91,7 +91,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
     return filled("model.c", entries), filled("model.h", entries)
 
 
-def _value_function(name: str, parameters: Parameters, lft: LFT) -> ca.Function:
+def value_function(name: str, parameters: Parameters, lft: LFT) -> ca.Function:
     """Physical values -> the value of an LFT, row by row, and a condition number in the 1-norm."""
     values = ca.MX.sym("values", len(parameters))
     value, condition = ca.MX(ca.DM(lft.M22)), ca.MX(0.0)

@@ -23,6 +23,7 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export import matlab
 from mbdlft.export.c import c_texts, julia_text
+from mbdlft.export.fmi import fmu_image
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import in_control, matrices_at, trim_at
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from control import StateSpace
 
 
-MODEL_SUFFIXES = (".mat", ".c", ".jl")
+MODEL_SUFFIXES = (".mat", ".c", ".fmu", ".jl")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
 _SIGNED, _HEAD = b"Written by mbdlft", 4096  # in the first bytes of every text
 Counts = int | Mapping[str, int]
@@ -46,6 +47,7 @@ def export_model(
     model: System | DeltaThetaModel,
     counts: Counts | None = None,
     archive: str | Path | None = None,
+    fmi: int = 3,
 ) -> tuple[Path, ...]:
     """Write a model for another tool; the ending of the name says for which.
 
@@ -53,8 +55,10 @@ def export_model(
     ----------
     path : file
         ``.mat``: the numbers, with a script ``NAME.m`` and a function ``NAME_at.m`` beside it for MATLAB
-        and Octave; ``.c``: C99, with a header; ``.jl``: a Julia script that reads an archive, and for
-        nonlinear functions calls the C that is written beside it.
+        and Octave; ``.c``: C99, with a header; ``.fmu``: a functional mock-up unit with C and its
+        binary for this machine (see `mbdlft.export.fmi`), which needs a C compiler;
+        ``.jl``: a Julia script that reads an archive, and for nonlinear functions calls the C that is
+        written beside it.
     model : LFTModel, System or DeltaThetaModel
         Of the last, derivatives and outputs with the nonlinear functions, too; for MATLAB in a third
         file ``NAME_rates.m``.
@@ -64,6 +68,8 @@ def export_model(
         ``.npz``.
     archive : file, optional
         For ``.jl``: where the model is stored under its name; else it is saved beside, as ``NAME.h5``.
+    fmi : 3 or 2
+        For ``.fmu``: FMI 3.0 or 2.0.
 
     Returns
     -------
@@ -74,7 +80,7 @@ def export_model(
     ------
     StructureError
         The ending or the name of the file is unknown to the tool, the model has complex or full blocks
-        that it does not know, or names become the same.
+        that it does not know, names become the same, or there is no C compiler.
     AnalysisError
         The grid is too large or is no grid, as in `lpv_grid`.
     ArchiveError
@@ -97,6 +103,13 @@ def export_model(
         return _written({file: write(model, matrices_on(model, counts))})
     if suffix == ".jl":
         return _written_julia(file, model, archive)
+    if suffix == ".fmu":
+        if isinstance(model, DeltaThetaModel):
+            raise StructureError(
+                f"{file}: model {model.name!r} has nonlinear functions, which a unit does not carry. "
+                "Linearize it around an equilibrium (linearize_dae), or export it as .c."
+            )
+        return _written({file: fmu_image(model, file.stem, fmi)})
     return _written(_matlab(file, model) if suffix == ".mat" else _c(file, model))
 
 

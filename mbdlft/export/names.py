@@ -88,7 +88,7 @@ def check_different(identifiers: Mapping[str, str], where: str) -> None:
 
 
 def one_line(text: str) -> str:
-    """A text for a comment: on one line, without anything that could end a comment of C."""
+    """A text on one line, without anything that could end a comment of C."""
     line = "".join(c if c.isprintable() else " " for c in text)
     return line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?").rstrip("\\ ")
 

@@ -11,7 +11,7 @@ import mbdlft
 from mbdlft import ComplexBlock, FullBlock, Parameter
 from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError
 from mbdlft.cli.files import _counts, _parts
-from mbdlft.export import export_model, lpv_grid
+from mbdlft.export import dataset, export_model, lpv_grid
 from mbdlft.lft import LFT
 from mbdlft.lft.lft import delta
 from mbdlft.system import System
@@ -45,10 +45,10 @@ export_model(tmp_path / 'a.mat', replace(one('tan_half_theta'), lft=one('tan_hal
     => elements of MATLAB: the names … 'tan_half_theta'
 export_model(tmp_path / "grid.csv", one("D_1_1"), 2) => columns of the table clash: D_1_1 … .npz or .mat
 > exported({}) => StructureError:
-"arm.txt", arm() => .mat, .c, .jl; a grid (--grid) as .mat, .csv, .npz
+"arm.txt", arm() => .mat, .c, .fmu, .jl; a grid (--grid) as .mat, .csv, .npz
 "arm", arm() => unknown ending ''
-"arm.csv", arm() => a model is written as .mat, .c, .jl
-"arm.c", arm(), 3 => a grid is written as .mat, .csv, .npz; a model as .mat, .c, .jl
+"arm.csv", arm() => a model is written as .mat, .c, .fmu, .jl
+"arm.c", arm(), 3 => a grid is written as .mat, .csv, .npz; a model as .mat, .c, .fmu, .jl
 "2 arms.mat", arm() => Call it x2_arms.mat
 "end.mat", arm() => Call it end_.mat
 'a"b.c', arm() => cannot include
@@ -57,6 +57,11 @@ export_model(tmp_path / "grid.csv", one("D_1_1"), 2) => columns of the table cla
 "grid.mat", one("theta", "θ"), 2 => clash
 "a.c", unknown({ComplexBlock|FullBlock}("unknown", 1)) =~ unknown \((complex|full)\)\. Export it as \.mat
 "a.jl", unknown({ComplexBlock|FullBlock}("unknown", 1)) =~ unknown \((complex|full)\)\. Export it as \.mat
+"a.fmu", unknown(FullBlock("unknown", 1)) => unknown (full). Export it as .mat
+> export_model(tmp_path / "a.fmu", {}) => StructureError:
+arm(), fmi=1 => FMI 1 is unknown; 3 and 2 are written
+> dataset({}) => StructureError:
+one("input") => parameter 'input' has the name of an array
 > lpv_grid(unknown({ComplexBlock|FullBlock}("unknown", 1)), {}) => StructureError:
 2 => a grid has no blocks of dynamics
 > command("export", {}) => MessageError:

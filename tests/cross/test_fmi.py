@@ -1,0 +1,166 @@
+"""Functional mock-up units against the library: FMPy validates, sets, gets and simulates them."""
+
+import ctypes
+import subprocess
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from zipfile import ZipFile
+
+import fmpy
+import fmpy.validation
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike
+
+import mbdlft
+from mbdlft.export import export_model
+from mbdlft.export.names import identifier
+from mbdlft.system import System
+from tests.close import exact, roundoff
+from tests.exported import COMPILER, STRICT, exported, scenario
+
+pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
+VERSIONS = pytest.mark.parametrize("version", [3, 2])
+
+
+@pytest.fixture(scope="module")
+def units(tmp_path_factory: pytest.TempPathFactory) -> Callable[[System, int], Path]:
+    """Units of models, each written once, without optimization, and valid."""
+    folder = tmp_path_factory.mktemp("units")
+
+    @cache
+    def unit_of(model: System, version: int) -> Path:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setenv("CFLAGS", "-O0")
+            (file,) = export_model(folder / f"{model.name}{version}.fmu", model, fmi=version)
+        assert fmpy.validation.validate_fmu(str(file)) == []
+        return file
+
+    return unit_of
+
+
+def values_of(model: System) -> dict[str, float]:
+    return {p.name: 0.3 * p.low + 0.7 * p.high for p in model.parameters}
+
+
+@pytest.mark.parametrize(
+    "stem",
+    [
+        "pendulum",
+        *(
+            pytest.param(s, marks=pytest.mark.long)
+            for s in ("two_link_arm", "half_car", "rotatory_spacecraft")
+        ),
+    ],
+)
+@VERSIONS
+def test_steps_of_co_simulation_are_exact(stem: str, version: int, units: Any) -> None:
+    model = scenario(stem)
+    values, step = values_of(model), model.inputs[0].name
+    start = {f"parameter.{name}": value for name, value in values.items()} | {f"input.{step}": 1.0}
+    names = [f"output.{s.name}" for s in model.outputs]
+    rows = fmpy.simulate_fmu(
+        str(units(model, version)), fmi_type="CoSimulation", stop_time=2.0,
+        output_interval=0.04, start_values=start, output=names,
+    )  # fmt: skip
+    expected = mbdlft.analyze.step_response(model, values, rows["time"], inputs=[step]).values[0, :, :, 0]
+    largest = np.max(np.abs(expected), axis=0)
+    assert np.all(largest > 0.0)
+    assert np.max(np.abs(np.stack([rows[name] for name in names], axis=1) - expected) / largest) < 1e-8
+
+
+@pytest.fixture
+def opened(units: Any, tmp_path: Path) -> Any:
+    """Open a unit of a model for model exchange, in initialization mode."""
+
+    def open_unit(model: System, version: int) -> Any:
+        file = units(model, version)
+        folder = fmpy.extract(str(file), str(tmp_path / f"unit{version}"))
+        description = fmpy.read_model_description(folder)
+        unit = fmpy.instantiate_fmu(folder, description, "ModelExchange")
+        if version == 2:
+            unit.setupExperiment()
+        unit.enterInitializationMode()
+        numbers = {v.name: v.valueReference for v in description.modelVariables}
+        derivatives = [v for v in description.modelVariables if v.derivative is not None]
+        assert len(derivatives) == len(model.states)
+        assert all(v.name == f"der({v.derivative.name})" for v in derivatives)
+        get = unit.getReal if version == 2 else unit.getFloat64
+        put = unit.setReal if version == 2 else unit.setFloat64
+
+        def read(kind: str, names: list[str]) -> np.ndarray:
+            return np.array(get([numbers[kind.format(name)] for name in names]))
+
+        def write(kind: str, values: dict[str, float]) -> None:
+            put([numbers[kind.format(name)] for name in values], list(values.values()))
+
+        def slope(unknowns: list[str], knowns: list[str], seed: ArrayLike) -> np.ndarray:
+            at = [[numbers[name] for name in names] for names in (unknowns, knowns)]
+            return np.array(unit.getDirectionalDerivative(*at, list(np.asarray(seed))))
+
+        return SimpleNamespace(unit=unit, read=read, write=write, slope=slope)
+
+    return open_unit
+
+
+@VERSIONS
+def test_rates_outputs_and_slopes_are_those_of_the_matrices(opened: Any, version: int) -> None:
+    model = scenario("pendulum")
+    at, fmu = values_of(model), opened(model, version)
+    x, u, y = ([s.name for s in getattr(model, key)] for key in ("states", "inputs", "outputs"))
+    generator = np.random.default_rng(3)
+    states, inputs = generator.standard_normal(len(x)), generator.standard_normal(len(u))
+    fmu.write("parameter.{}", at)
+    fmu.write("state.{}", dict(zip(x, states, strict=True)))
+    fmu.write("input.{}", dict(zip(u, inputs, strict=True)))
+    A, B, C, D = mbdlft.matrices_at(model, at)
+    roundoff(fmu.read("der(state.{})", x), A @ states + B @ inputs, 100.0)
+    roundoff(fmu.read("output.{}", y), C @ states + D @ inputs, 100.0)
+    roundoff(fmu.read("trim.{}", [s.name for s in model.trim.signals]), mbdlft.trim_at(model, at), 100.0)
+    rows = [*(f"der(state.{name})" for name in x), *(f"output.{name}" for name in y)]
+    columns = [*(f"state.{name}" for name in x), *(f"input.{name}" for name in u)]
+    seed = np.concatenate([states, inputs])
+    roundoff(fmu.slope(rows, columns, seed), np.block([[A, B], [C, D]]) @ seed, 100.0)
+
+
+@VERSIONS
+def test_states_of_units_are_saved_and_parameters_outside_are_refused(opened: Any, version: int) -> None:
+    model = scenario("pendulum")
+    fmu, (first, *_) = opened(model, version), model.states
+    fmu.write("state.{}", {first.name: 2.0})
+    get, put = ((fmu.unit.getFMUstate, fmu.unit.setFMUstate) if version == 2 else
+                (fmu.unit.getFMUState, fmu.unit.setFMUState))  # fmt: skip
+    saved = get()
+    fmu.write("state.{}", {first.name: 3.0})
+    put(saved)
+    exact(fmu.read("state.{}", [first.name]), [2.0])
+    parameter = model.parameters[0]
+    fmu.write("parameter.{}", {parameter.name: 2.0 * parameter.high + 1.0})
+    with pytest.raises(Exception, match="fmi"):
+        fmu.read("output.{}", [model.outputs[0].name])
+
+
+@VERSIONS
+@pytest.mark.parametrize("key", ["bare", pytest.param("system", marks=pytest.mark.long)])
+def test_models_without_states_or_signals(key: str, version: int, units: Any, tmp_path: Path) -> None:
+    """Their C has no warning."""
+    model = exported(key)
+    with ZipFile(units(model, version)) as archive:
+        archive.extractall(tmp_path)
+        (binary,) = [name for name in archive.namelist() if name.startswith("binaries/")]
+    command = [
+        "cc",
+        *STRICT,
+        "-Wno-type-limits",
+        "-Wno-unused-parameter",
+        "-O0",
+        "-fsyntax-only",
+        "fmu.c",
+    ]
+    done = subprocess.run(command, cwd=tmp_path / "sources", capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert Path(binary).stem == identifier(model.name)
+    assert ctypes.CDLL(str(tmp_path / binary))
