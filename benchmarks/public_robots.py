@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 import mbdlft
-from benchmarks.cases.public import REFERENCES, Reference
+from benchmarks.cases.public import REFERENCES, Reference, following
 from benchmarks.targets import PUBLIC
 from mbdlft.multibody.scene.scene import Scene
 
@@ -97,7 +97,7 @@ def outcome(file: Path) -> Outcome:
     unit = np.sqrt(np.diag(rest.M))
     if not np.linalg.cond(rest.M / unit[:, None] / unit) < _SINGULAR:
         return Outcome(file, kind, "loaded", states, reason="M is singular up to rounding")
-    error, where = difference(model, rest)
+    error, where = difference(model, following(rest, scene))
     return Outcome(file, kind, "equal" if error <= PUBLIC else "differs", states, error, where)
 
 

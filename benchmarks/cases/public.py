@@ -48,6 +48,21 @@ def efforts_of(scene: Scene) -> dict[str, list[str]]:
     }
 
 
+def following(rest: Reference, scene: Scene) -> Reference:
+    """The model of the coordinates that are left where joints of couplings follow their leaders."""
+    place = {name: k for k, name in enumerate(rest.efforts)}
+    own, G = efforts_of(scene), np.eye(len(rest.efforts))
+    followers = []
+    for coupling in scene.couplings:
+        (row,), (leader,) = ([place[name] for name in own[x]] for x in (coupling.joint, coupling.leader))
+        G[row] = float(coupling.multiplier) * G[leader]
+        followers.append(row)
+    left = np.delete(np.arange(len(G)), followers)
+    G = G[:, left]
+    labels = tuple(rest.efforts[k] for k in left)
+    return Reference(labels, *(G.T @ matrix @ G for matrix in (rest.M, rest.K, rest.D)))
+
+
 def across(vector: np.ndarray) -> np.ndarray:
     """The matrix (3, 3) of the cross product with a vector (3,)."""
     x, y, z = vector

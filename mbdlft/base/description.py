@@ -150,7 +150,7 @@ _WORDS = (
     ("unchecked", "true or false"),
     *(
         (name, f"a list of {name}")
-        for name in ("parameters", "bodies", "joints", "loads", "sensors", "loops")
+        for name in ("parameters", "bodies", "joints", "loads", "sensors", "loops", "couplings")
     ),
 )
 _EXPECTED = {name: words for names, words in _WORDS for name in names.split()}

@@ -10,6 +10,14 @@ from .body import PointMass as PointMass
 from .body import RigidBody as RigidBody
 from .body.beam import FrequencyErrors as FrequencyErrors
 from .body.beam import frequency_errors as frequency_errors
+from .coupling import Belt as Belt
+from .coupling import Cable as Cable
+from .coupling import Differential as Differential
+from .coupling import Gear as Gear
+from .coupling import Mimic as Mimic
+from .coupling import Planetary as Planetary
+from .coupling import Rack as Rack
+from .coupling import Screw as Screw
 from .equilibrium import EquilibriumPoint as EquilibriumPoint
 from .equilibrium import at_equilibrium as at_equilibrium
 from .equilibrium import eigenvalues_at as eigenvalues_at

@@ -15,6 +15,9 @@ A graph has a node for each signal of the relations. Each equation is matched wi
 depends on the other signals of that equation; a state depends on its derivative. A state that the outputs
 do not depend on is *not seen*; one that does not depend on the inputs stays zero, it is *not driven*.
 Without either, the transfer function is the same for every value of the parameters.
+
+A position is *cyclic* if nothing but its own rate has it: the angle of a wheel, the place of a rover. A
+graph does not see what cancels, so that is decided on A and C modulo a prime.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,6 +34,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.unit import Signal
+from mbdlft.exact.matrices import multiplied, solved
 from mbdlft.problem.equations import (
     WITH_CONSTANTS,
     Equations,
@@ -42,8 +46,10 @@ from mbdlft.problem.equations import (
     rows_of,
     split,
 )
-from mbdlft.problem.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 from mbdlft.problem.trim import trim_rows
+
+_SEED = 20261126  # of the residues that stand for parameters
 
 
 class Lifted(NamedTuple):
@@ -259,21 +265,44 @@ class Need:
 
 
 def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = ()) -> Need:
-    """The relations as they are, but for those states among `ignorable` that are in none of them."""
+    """The relations as they are, but for those states among `ignorable` that no other one and no output
+    depends on."""
     m, every = relations, np.ones(states, dtype=bool)
     if not ignorable:
         return Need(m, tuple(range(states)), every, every)
     n, known = m.unknown.numel(), m.known.numel()
-    used = np.asarray(_pattern(m).sum(axis=0)).ravel()[n : n + states] > 0
-    seen = np.array([k not in ignorable or bool(used[k]) for k in range(states)])
+    seen = _seen_exactly(m, states, ignorable)
     kept, dropped = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
+    both, lifted = _stilled(m, ca.vertcat(m.residual, m.output), rows_of(m.known, dropped))
+    residual, output = ca.vertsplit(both, [0, n, both.numel()])
     smaller = replace(
         m,
+        residual=residual,
+        output=output,
         unknown=rows_of(m.unknown, [*kept, *range(states, n), *dropped]),
         known=rows_of(m.known, [*kept, *range(states, known)]),
         derivatives=len(kept),
+        lifted=lifted,
     )
     return Need(smaller, tuple(kept), seen, every)
+
+
+def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask:
+    """Which states (n_x,) are not ignorable, or have others or outputs that depend on them."""
+    n = m.unknown.numel()
+    both = _with_factors(m, ca.vertcat(m.residual, m.output))
+    slopes = modulo_prime(ca.jacobian(both, ca.vertcat(m.unknown, m.known[:states])), _SEED)
+    matrix, prime = slopes.residues.astype(np.int64), slopes.prime
+    seen = np.ones(states, dtype=bool)
+    try:
+        follow = solved(matrix[:n, :n], matrix[:n, n:], prime)
+    except ZeroDivisionError:
+        return seen  # singular; to be reported where they are solved
+    outputs = (matrix[n:, n:] - multiplied(matrix[n:, :n], follow, prime)) % prime
+    seen[list(ignorable)] = outputs[:, list(ignorable)].any(axis=0)
+    while np.any(more := follow[:states][seen].any(axis=0) & ~seen):
+        seen |= more
+    return seen
 
 
 def needed_states(relations: LinearModel, states: int) -> Need:
@@ -302,16 +331,7 @@ def needed_states(relations: LinearModel, states: int) -> Need:
         rows_of(m.known, np.flatnonzero(~driven[of_states]).tolist()),
     )
     both = ca.vertcat(rows_of(m.residual, [int(matched[k]) for k in unknown]), m.output)
-    lifted = m.lifted
-    if lifted:
-        displacements = enumerate(ca.vertsplit(lifted.displacements))
-        unmoved = [j for j, displacement in displacements if ca.depends_on(displacement, still)]
-        still = ca.vertcat(still, rows_of(lifted.loads, unmoved))
-    both = ca.substitute(both, still, ca.SX.zeros(still.numel()))
-    if lifted:
-        lifted = lifted.chosen(
-            [j for j in range(len(lifted.outputs)) if ca.depends_on(both, lifted.loads[j])]
-        )
+    both, lifted = _stilled(m, both, still)
     residual, output = ca.vertsplit(both, [0, len(unknown), both.numel()])
     inputs = list(range(states, known))
     return Need(
@@ -331,12 +351,32 @@ def needed_states(relations: LinearModel, states: int) -> Need:
     )
 
 
+def _stilled(m: LinearModel, both: ca.SX, still: ca.SX) -> tuple[ca.SX, Lifted | None]:
+    """Rows of the relations without signals that stay zero, and the loads that are left in them."""
+    lifted = m.lifted
+    if lifted:
+        displacements = enumerate(ca.vertsplit(lifted.displacements))
+        unmoved = [j for j, displacement in displacements if ca.depends_on(displacement, still)]
+        still = ca.vertcat(still, rows_of(lifted.loads, unmoved))
+    both = ca.substitute(both, still, ca.SX.zeros(still.numel()))
+    if lifted:
+        lifted = lifted.chosen(
+            [j for j in range(len(lifted.outputs)) if ca.depends_on(both, lifted.loads[j])]
+        )
+    return both, lifted
+
+
+def _with_factors(m: LinearModel, both: ca.SX) -> ca.SX:
+    """Rows with symbols times displacements in place of lifted loads, so that nothing cancels."""
+    if not m.lifted:
+        return both
+    factors = ca.SX.sym("load", m.lifted.loads.numel())
+    return ca.SX(ca.substitute(both, m.lifted.loads, factors * m.lifted.displacements))
+
+
 def _pattern(m: LinearModel) -> csr_array:
     """Which of the rows [residual ; output] have which of the signals [unknown ; known]."""
-    both = in_doubles(ca.vertcat(m.residual, m.output))
-    if m.lifted:  # times a symbol, so that nothing cancels
-        factors = ca.SX.sym("load", m.lifted.loads.numel())
-        both = ca.substitute(both, m.lifted.loads, factors * m.lifted.displacements)
+    both = _with_factors(m, in_doubles(ca.vertcat(m.residual, m.output)))
     sparsity = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
     rows, columns = sparsity.get_triplet()
     return csr_array((np.ones(len(rows)), (rows, columns)), shape=sparsity.shape)

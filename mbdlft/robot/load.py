@@ -4,7 +4,7 @@ Each format has a reader of its own: URDF, also written in xacro, SDF and MJCF. 
 inside the limits of the joints for every value of the parameters.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import atan
@@ -19,11 +19,12 @@ from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import Body, RigidBody
+from mbdlft.multibody.coupling import Mimic
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.robot.description import JointLimit, Robot, body_name, said
+from mbdlft.robot.description import JointLimit, Robot, body_name, said, unused
 from mbdlft.robot.make import (
     AXIAL,
     Making,
@@ -263,6 +264,7 @@ def load_robot(
         loads=[*(load_of(making, load) for load in robot.loads), *held],
         sensors=sensors(making),
         loops=loops(making),
+        couplings=_couplings(making, [*making.names.values(), *(load.name for load in held)]),
         inputs=inputs if inputs is not None else _inputs(making, joints),
         outputs=outputs if outputs is not None else _outputs(making, joints),
     )
@@ -276,7 +278,21 @@ def load_robot(
     check_limits(scene, {k: position for k, position in limits(making).items() if k.joint not in stay})
     if gravity is None and robot.gravity is None:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
-    return scene, ImportReport(ignored_of(robot, making.moves), tuple(assumed), tuple(limits(making)))
+    return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(limits(making)))
+
+
+def _couplings(making: Making, taken: Container[str]) -> list[Mimic]:
+    """Joints that follow others, by the multipliers of the file."""
+    return [
+        Mimic(
+            name=unused(f"{making.names[joint.name]}_mimic", taken),
+            joint=making.names[joint.name],
+            leader=making.names[making.leader(joint)],
+            multiplier=joint.mimic.multiplier,
+        )
+        for joint in making.robot.joints.values()
+        if joint.mimic and making.leader(joint)
+    ]
 
 
 def _chosen(
@@ -366,12 +382,13 @@ def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
     return names
 
 
-def ignored_of(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
+def ignored_of(making: Making) -> tuple[str, ...]:
     """Sentences on the contents of the file that the scene does not have."""
-    joints = [joint for joint in robot.joints.values() if joint.name in moves]
+    robot = making.robot
+    joints = [joint for joint in robot.joints.values() if joint.name in making.moves]
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
     limited = f"limits of effort and velocity of {len(bounded)} joints; the report has them"
-    coupled = (joint.name for joint in joints if joint.mimic and joint.kind in AXIAL)
+    alone = (j.name for j in joints if j.mimic and j.kind in AXIAL and not making.leader(j))
     planar = (joint.name for joint in joints if joint.kind == "planar" and joint.damping)
     return (
         *(f"<{tag}>: {count}" for tag, count in robot.others.items()),
@@ -379,9 +396,9 @@ def ignored_of(robot: Robot, moves: frozenset[str]) -> tuple[str, ...]:
         *said("Coulomb friction of {}: it is not linear", (j.name for j in joints if j.friction)),
         *([limited] if bounded else []),
         *said(
-            "<mimic> of {}: their positions follow their leaders, their motions are free; leave them out "
-            "of `moving` to lock them",
-            coupled,
+            "<mimic> of {}: their leaders do not move, and their motions are free; leave them out of "
+            "`moving` to lock them",
+            alone,
         ),
         *said("damping of {}: give it in the scene", planar),
     )

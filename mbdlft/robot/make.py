@@ -273,13 +273,17 @@ class Making:
         )
         return x, y, z
 
-    def is_passive(self, joint: RobotJoint) -> bool:
-        """Whether nothing but its spring can hold the joint: it has no drive, where loops are closed.
+    def leader(self, joint: RobotJoint) -> str:
+        """The name in the file of the joint that a joint follows, if both move; else empty."""
+        leader = joint.mimic.leader if joint.mimic and joint.kind in AXIAL else ""
+        return leader if {joint.name, leader} <= self.moves else ""
 
-        Elsewhere the effort that holds a joint is found, so that a robot can stand in any position.
-        """
-        robot = self.robot
-        return bool(robot.loops) and robot.inputs is not None and joint.name not in robot.inputs
+    def is_passive(self, joint: RobotJoint) -> bool:
+        """Whether nothing but its spring holds the joint: it follows one, or has no drive in a loop."""
+        robot, follows = self.robot, bool(self.leader(joint))
+        return follows or bool(
+            robot.loops and robot.inputs is not None and joint.name not in robot.inputs
+        )
 
     def preload(self, joint: RobotJoint) -> Quantity | None:
         """The effort of a joint with one coordinate at equilibrium; None if it is to be found."""
@@ -287,6 +291,8 @@ class Making:
         if preload is not None or not self.is_passive(joint):
             return preload
         stiffness, position = (self.values[f"{joint.name}.{key}"] for key in ("stiffness", "position"))
+        if stiffness == 0.0:
+            return 0.0
         if isinstance(stiffness, float | int) and isinstance(position, float | int):
             return -stiffness * (position - joint.slack)
         return f"-({stiffness})*(({position}) - {joint.slack!r})"

@@ -37,6 +37,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "loops": (3, 4),
     "switches": range(8),
     "mechanisms": (0, 108),
+    "couplings": (16,),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

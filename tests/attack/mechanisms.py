@@ -23,7 +23,11 @@ _NEGLIGIBLE = 1e-8  # of the row or column: a smaller entry is compared with tha
 
 def attack(seed: int, folder: Path) -> str:
     """Build a model and compare it where the truth is known: at nominal, inside, and at a corner."""
-    scene = mixed(seed)
+    return answer(mixed(seed), seed)
+
+
+def answer(scene: mbdlft.Scene, seed: int) -> str:
+    """What came of one mechanism."""
     try:
         model = to_lft(scene, search=0.0, prove=0.0)
     except WellPosednessError:

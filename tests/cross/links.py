@@ -53,6 +53,16 @@ class Law(NamedTuple):
     rate: Any = 0
 
 
+class Coupling(NamedTuple):
+    """A combination of coordinates, (coefficient, link, row) each; its force, rigid without stiffness."""
+
+    force: str
+    combination: list[tuple[Any, Any, int]]
+    stiffness: Any
+    damping: Any
+    preset: Any  # the force of one with stiffness at equilibrium; None: unknown
+
+
 class Link(NamedTuple):
     """Two bodies (-1 is the ground), the relation of their poses, and laws of its coordinates."""
 

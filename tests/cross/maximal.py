@@ -4,7 +4,9 @@ Joints, closures, springs and struts are functions of the poses of two bodies. S
 coordinates s, the others vanish:
 
     needed(motions) = sum (ds/dx)' E + (dphi/dx)' lambda + loads,     phi(poses) = 0
-    E = gain e + tension - k (s - s0) - c ds/dt - m d2s/dt2
+    E = gain e + tension - k (s - s0) - c ds/dt - m d2s/dt2 + sum c_j f_j
+
+Couplings j are combinations of coordinates, e = sum c s, with a multiplier f, or f = f0 - k e - c de/dt.
 
 All derivatives are differences. Motions follow from constraints and not from a recursion along a tree.
 No program is shared with the package or with Lagrange's equations (`tests/cross/mechanism.py`). Rotors
@@ -22,7 +24,7 @@ import flint
 import mbdlft
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
-from tests.cross.links import FREE, Law, Link, Rotor, hinges, placed, relation_of
+from tests.cross.links import FREE, Coupling, Law, Link, Rotor, hinges, placed, relation_of
 from tests.cross.poses import (
     EYE,
     GROUND,
@@ -72,6 +74,7 @@ class Bodies:
         self.joints = self._joints()
         self.links = self.joints + [self._loop(loop) for loop in scene.loops]
         self.links += [self._spring(load) for load in scene.loads if load.kind in ("spring", "strut")]
+        self.couplings = [self._coupling(coupling) for coupling in scene.couplings]
         self._turn_steadily()
 
     def value(self, source: Any) -> Any:
@@ -193,6 +196,40 @@ class Bodies:
             tension,
         )
         return Link(load.name, parent, child, length, (law,))
+
+    def _coupling(self, x: Any) -> Coupling:
+        """A relation of coordinates, as textbooks have it for each kind."""
+        links = {link.name: link for link in self.joints}
+        value = self.value
+        match x.kind:
+            case "gear":
+                terms = {x.joints[0]: 1, x.joints[1]: -value(x.ratio)}
+            case "planetary":
+                ratio = value(x.ratio)
+                terms = {x.sun: 1, x.carrier: -1 - ratio, x.ring: ratio}
+            case "differential":
+                terms = {x.left: 1, x.right: 1, x.carrier: -2}
+            case "belt":
+                r1, r2 = map(value, x.radii)
+                terms = {x.joints[0]: r1, x.joints[1]: r2 if x.crossed else -r2}
+            case "rack":
+                terms = {x.slider: 1, x.joint: -value(x.radius)}
+            case "screw":
+                terms = {x.slider: 1, x.joint: -value(x.pitch) / (2 * flint.arb.pi())}
+            case "cable":
+                terms = {name: value(c) for name, c in x.strands.items()}
+            case _:
+                terms = {x.joint: 1, x.leader: -value(x.multiplier)}
+        combination = []
+        for name, c in terms.items():
+            link = links[name.partition(".")[0]]
+            measures = [law.measures[0] for law in link.laws]
+            combination.append((flint.arb(c), link, measures.index(name) if "." in name else 0))
+        force = x.signal(self.scene.joints).name
+        if x.stiffness is None:
+            return Coupling(force, combination, None, 0, None)
+        preset = None if x.preload is None else value(x.preload)
+        return Coupling(force, combination, value(x.stiffness), value(x.damping), preset)
 
     def _turn_steadily(self) -> None:
         """Rates and accelerations of all bodies that have the steady rates of joints."""

@@ -19,7 +19,7 @@ import flint
 import numpy as np
 
 import mbdlft
-from tests.cross.links import Link
+from tests.cross.links import Coupling, Link
 from tests.cross.maximal import Bodies
 from tests.cross.poses import (
     AXES,
@@ -71,6 +71,7 @@ def fault(scene: mbdlft.Scene, point: dict[str, float]) -> str:
 
 
 Pair = tuple[Link, int]  # a link and a row of its relation
+Terms = list[tuple[Any, Link, int]]  # a combination of such rows, with coefficients
 
 
 class _Around:
@@ -114,15 +115,23 @@ class _Around:
         alone = Link("", -1, k, lambda P, C: [])
         return self.slopes(lambda P, C: f(C), alone)
 
-    def rows(self, order: int, pairs: list[Pair]) -> list[np.ndarray]:
+    def rows(self, order: int, sums: list[Terms]) -> list[np.ndarray]:
         """Slopes (rows, n) of derivatives of some order by displacements, rates and accelerations."""
-        names = [(link.name, order * len(self.jacobian[link.name]) + i) for link, i in pairs]
-        return np.split(rows_of([self.moving[name][i] for name, i in names], 3 * self.n), 3, axis=1)
+        rows = [self.of_sum(self.moving, terms, order) for terms in sums]
+        return np.split(rows_of(rows, 3 * self.n), 3, axis=1)
+
+    def of_sum(self, slopes: dict[str, np.ndarray], terms: Terms, order: int = 0) -> np.ndarray:
+        """A combination of the rows of some order."""
+        return sum(c * slopes[x.name][order * len(self.jacobian[x.name]) + i] for c, x, i in terms)
 
 
 def _quotients(before: Values, after: Values) -> Values:
     # balls would grow in what is solved with them: numbers go on, whose errors are those of the step
     return [flint.arb(((y - x) / STEP).mid()) for x, y in zip(before, after, strict=True)]
+
+
+def _single(pair: Pair) -> Terms:
+    return [(flint.arb(1), *pair)]
 
 
 class _Solved:
@@ -137,9 +146,13 @@ class _Solved:
         self.at = _Around(bodies)
         self.loads = {x.name: x for x in bodies.scene.loads if x.kind not in ("spring", "strut")}
         every = [(x, i) for x in bodies.links for i in range(len(x.laws), len(self.at.jacobian[x.name]))]
-        G = rows_of([self.at.jacobian[x.name][i] for x, i in every], self.n)
+        sums = [_single(pair) for pair in every]
+        self.rigid = [c for c in bodies.couplings if c.stiffness is None]
+        self.soft = [c for c in bodies.couplings if c.stiffness is not None]
+        sums += [coupling.combination for coupling in self.rigid]
+        G = rows_of([self.at.of_sum(self.at.jacobian, terms) for terms in sums], self.n)
         kept = independent(G)
-        self.G, self.held = G[kept], [every[k] for k in kept]
+        self.G, self.held = G[kept], [sums[k] for k in kept]
         self.imposed = [(x, i) for x in bodies.joints if x.imposed for i in range(len(x.laws))]
         self.rotors = [(x, rotor) for x in bodies.joints for rotor in x.rotors]
         self.rotor_slopes = [self.at.slopes(self._needs(x, rotor), x) for x, rotor in self.rotors]
@@ -160,6 +173,8 @@ class _Solved:
         for link in b.links:
             for law, row in zip(link.laws, self.at.jacobian[link.name], strict=False):
                 acting[law.effort] = row * law.gain
+        for soft in self.soft:
+            acting[soft.force] = self.at.of_sum(self.at.jacobian, soft.combination)
         for load in self.loads.values():
             k, push = b.port(load.port)[0], zeros(self.n)
             if k >= 0:
@@ -179,6 +194,7 @@ class _Solved:
         b, known = self.b, dict[str, Any]()
         for link in b.links:
             known |= {law.effort: law.preset for law in link.laws}
+        known |= {soft.force: soft.preset for soft in self.soft}
         for load in self.loads.values():
             size = getattr(load, load.magnitude_key)
             known[f"{load.name}.{load.signal.name}"] = None if size is None else b.value(size)
@@ -216,10 +232,14 @@ class _Solved:
                 at_rest[link.name, i] += law.gain * known[law.effort]
                 add = abs(float(law.gain)) * size[law.effort]
                 forces[link.name, i] = at_rest[link.name, i], abs(float(at_rest[link.name, i])) + add
-        of_constraints = zip(
-            self.held, solution[len(unknown) :, 0], sizes[len(unknown) :, 0], strict=True
-        )
-        forces |= {(x.name, i): (force, its_size) for (x, i), force, its_size in of_constraints}
+        of_sums = [*zip(self.held, solution[len(unknown) :, 0], sizes[len(unknown) :, 0], strict=True)]
+        of_sums += [(soft.combination, known[soft.force], size[soft.force]) for soft in self.soft]
+        for terms, force, its_size in of_sums:
+            for c, x, i in terms:
+                before = forces.get((x.name, i), (0, 0.0))
+                forces[x.name, i] = before[0] + c * force, before[1] + abs(float(c)) * its_size
+        multipliers = {id(terms): force for terms, force, _ in of_sums}
+        known |= {rigid.force: multipliers[id(rigid.combination)] for rigid in self.rigid}
         most = max(1.0, np.max(np.abs(left.value.astype(float)), initial=0.0))
         worst = float(np.max(np.abs(missed), initial=0.0)) / most
         return _Equilibrium(known, size, forces, max(worst, self._gap()), columns.shape[1] - len(chosen))
@@ -274,6 +294,9 @@ class _Solved:
             for i in range(len(link.laws)):
                 law = self.at.jacobian[link.name][i][:, None] * self.law_slopes(link, i)
                 slopes.add(slice(None), law)
+        for soft in self.soft:
+            force = self.soft_force(soft)
+            slopes.add(slice(None), self.at.of_sum(self.at.jacobian, soft.combination)[:, None] * -force)
         for (name, i), (force, size) in at.forces.items():
             bent = np.hstack([self.at.bent[name][i], zeros(self.n, 2 * self.n)])
             slopes.add(slice(None), -bent * force, np.abs(bent.astype(float)) * size)
@@ -284,6 +307,11 @@ class _Solved:
                 size = np.abs(by.astype(float)) * at.sizes[name]
                 slopes.add(slice(6 * k, 6 * k + 6), -by * at.loads[name], size)
         return slopes
+
+    def soft_force(self, soft: Coupling) -> np.ndarray:
+        """Slopes (3 n,) of the force of a coupling that gives way."""
+        e, rate = (self.at.of_sum(self.at.moving, soft.combination, order) for order in (0, 1))
+        return -(e * soft.stiffness + rate * soft.damping)
 
     # motions ------------------------------------------------------------------------------------
 
@@ -307,12 +335,13 @@ class _Solved:
         ]
         nz, none = len(self.place), zeros(len(self.held), len(self.place))
         tops = [rows_of([self.unit(x.laws[i].measures[k]) for x, i in chosen], nz) for k in (0, 1)]
-        (by_x, _, _), turning = (self.at.rows(k, self.held + chosen) for k in (0, 1))
+        known = self.held + [_single(pair) for pair in chosen]
+        (by_x, _, _), turning = (self.at.rows(k, known) for k in (0, 1))
         x = sized(by_x, plain(np.vstack([none, tops[0]])), [])
         v = sized(turning[1], plain(np.vstack([none, tops[1]])), [(*plain(turning[0]), x)])
         K, D, M = np.split(self.slopes.value, 3, axis=1)
         K_size, D_size, _ = np.split(self.slopes.size, 3, axis=1)
-        by_x, by_v, by_a = self.at.rows(2, self.held + self.imposed)
+        by_x, by_v, by_a = self.at.rows(2, self.held + [_single(pair) for pair in self.imposed])
         pushes = rows_of([self.at.jacobian[x.name][i] for x, i in self.imposed], self.n)
         corner = zeros(len(by_a), len(by_a))
         matrix = np.block([[M, -self.G.T, -pushes.T], [by_a, corner]])
@@ -348,6 +377,14 @@ class _Solved:
             names = [signal.name for signal in sensor.signals()]
             if any(signal.name in names for signal in self.outputs):
                 sensed |= dict(zip(names, self._sensed(sensor), strict=True))
+        for k, terms in enumerate(self.held):
+            for rigid in self.rigid:
+                if rigid.combination is terms:
+                    sensed[rigid.force] = self._row(1)[0]
+                    sensed[rigid.force][3 * self.n + k] = flint.arb(1)
+        for soft in self.soft:
+            sensed[soft.force] = self._row(1)[0]
+            sensed[soft.force][: 3 * self.n] = self.soft_force(soft)
         for signal in self.outputs:
             is_measure = signal.name in measures
             rows.append(self._measured(*measures[signal.name]) if is_measure else sensed[signal.name])
@@ -438,9 +475,14 @@ class _Solved:
             if name == link.name:
                 start += J[i][part] * force
                 rows[:, :n] += bent[i][part] * force
-        for k, (x, i) in enumerate(self.held):
-            if x is link:
-                rows[:, 3 * n + k] += J[i][part]
+        for k, terms in enumerate(self.held):
+            for c, x, i in terms:
+                if x is link:
+                    rows[:, 3 * n + k] += J[i][part] * c
+        for soft in self.soft:
+            for c, x, i in soft.combination:
+                if x is link:
+                    rows[:, : 3 * n] += J[i][part, None] * (self.soft_force(soft) * c)
         first = 3 * n + len(self.held)
         for i, law in enumerate(link.laws):
             acts = self._row(1)[0]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from benchmarks.cases.public import REFERENCES, across, by_mujoco_of
+from benchmarks.cases.public import REFERENCES, across, by_mujoco_of, following
 from benchmarks.cases.robots import by_pinocchio
 from benchmarks.public_robots import difference, files, installed, outcome, table
 from benchmarks.targets import PUBLIC
@@ -72,6 +72,13 @@ FRAME = (
 )
 BAR = '<geom type="capsule" fromto="0 0 0 .1 .2 .4" size=".03"/>'
 CASES = {
+    "a joint that an equality couples with another one": FRAME.format(
+        more="",
+        bodies=f'<body name="a"><joint name="j" axis="0 1 0"/>{BAR}<body name="b" pos=".1 .2 .4"><joint '
+        f'name="k" axis="1 0 0" stiffness="2"/>{BAR}<body name="c" pos="0 0 .3"><joint name="l" '
+        f'type="slide" axis="0 0 1" armature=".3"/>{BAR}</body></body></body>',
+        rest='<equality><joint joint1="k" joint2="j" polycoef=".2 -1.5 0 0 0"/></equality>',
+    ),
     "a hinge with a spring, a reference and a rotor": FRAME.format(
         more="",
         bodies='<body name="a" quat="1 .2 .3 .4"><joint name="j" axis="0 1 1" pos=".1 0 0" ref=".3" '
@@ -118,7 +125,7 @@ def rest_of(file: Path) -> tuple[Scene, float, str]:
     scene = Scene(**{**dict(scene), "inputs": None, "outputs": None})
     reference = by_mujoco_of(file, scene)
     assert not isinstance(reference, str), reference
-    return scene, *difference(mbdlft.to_lft(scene, search=0.0), reference)
+    return scene, *difference(mbdlft.to_lft(scene, search=0.0), following(reference, scene))
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -142,17 +142,35 @@ def compare(case: Case, tool: Callable[..., Rest], count: int, bound: float) -> 
     own = [coordinate(signal.name) for signal in model.inputs if signal.name[:5] != "hold_"]
     trimmed = [coordinate(signal.name) for signal in model.trim.signals]
     n = len(own)
+    G, moving = following(case, own)
+    m = len(moving)
     for k in range(count):
         rest = tool(*told(case, k), free=case.free)
         place = {name.replace(".", "_"): row for row, name in enumerate(rest.coordinates)}
         order = [place[name] for name in own]
-        M, K, D = (matrix[np.ix_(order, order)] for matrix in (rest.M, rest.K, rest.D))
+        M, K, D = (G.T @ matrix[np.ix_(order, order)] @ G for matrix in (rest.M, rest.K, rest.D))
         unit = np.sqrt(np.diag(M))[:, None]
         inverse = np.linalg.inv(M)
-        target(unit * B[k, n:, :n] * unit.T, unit * inverse * unit.T, bound)
-        target(unit * A[k, n:, :n] / unit.T, -unit * (inverse @ K) / unit.T, bound)
-        target(unit * A[k, n:, n:] / unit.T, -unit * (inverse @ D) / unit.T, bound)
-        target(efforts[k], rest.effort[[place[name] for name in trimmed]], bound)
+        target(unit * B[k, m:, :n], unit * inverse @ G.T, bound)
+        target(unit * A[k, m:, :m] / unit.T, -unit * (inverse @ K) / unit.T, bound)
+        target(unit * A[k, m:, m:] / unit.T, -unit * (inverse @ D) / unit.T, bound)
+        wanted = {f"{name}_mimic": rest.effort[place[name]] for name in own if name not in moving}
+        wanted |= {name: rest.effort[place[name]] for name in trimmed if name in place}
+        wanted |= dict(zip(moving, G.T @ rest.effort[order], strict=True))
+        target(efforts[k], np.array([wanted[name] for name in trimmed]), bound)
+
+
+def following(case: Case, own: list[str]) -> tuple[np.ndarray, list[str]]:
+    """Displacements of all joints by those that do not mimic another one, and the names of these."""
+    joints = [joint for joint in read_robot(case.path).joints.values() if joint.mimic]
+    mimics = {joint.name.replace(".", "_"): joint.mimic for joint in joints}
+    moving = [name for name in own if name not in mimics]
+    G = np.array([[float(name == other) for other in moving] for name in own])
+    for row, name in enumerate(own):
+        if name in mimics:
+            leader, multiplier, _ = mimics[name]
+            G[row, moving.index(leader.replace(".", "_"))] = multiplier
+    return G, moving
 
 
 def coordinate(signal: str) -> str:

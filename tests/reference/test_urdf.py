@@ -73,8 +73,6 @@ def test_scene_and_report_of_the_crane(tmp_path: Path) -> None:
         "<transmission>: 1",
         "Coulomb friction of slide: it is not linear",
         "limits of effort and velocity of 4 joints; the report has them",
-        "<mimic> of other: their positions follow their leaders, their motions are free; leave them "
-        "out of `moving` to lock them",
     )
     assert report.assumed == (
         "1 angles are multiples of 90 deg, from which the file differs by at most 2.7e-08 rad",
@@ -205,6 +203,10 @@ def test_mimic_joint_follows_a_parameter(tmp_path: Path) -> None:
     scene, _ = load_robot(file, parameters=[grip], values={"finger.position": "grip"})
     (other,) = (joint for joint in scene.joints if joint.name == "other")
     assert other.position == "0.5*(grip) + 0.01"
+    (follows,) = scene.couplings
+    assert (follows.joint, follows.leader, follows.multiplier) == ("other", "finger", 0.5)
+    _, report = load_robot(file, moving=["other", "slide", "swing"])
+    assert "<mimic> of other: their leaders do not move" in str(report)
     wide = Parameter("grip", 0.05, 0.01, 0.19, unit="m")
     with pytest.raises(SceneError, match=r"joint 'finger'.*leave the limits"):
         load_robot(file, parameters=[wide], values={"finger.position": "grip"})

@@ -1,4 +1,4 @@
-"""Closed kinematic loops: independent rows of the constraints, and the coordinates that follow."""
+"""Closed loops and rigid couplings: independent rows of the constraints, and coordinates that follow."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
+from mbdlft.multibody.assembly.coupled import multipliers_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import degrees
 from mbdlft.multibody.force import BodyWrench
@@ -42,10 +43,13 @@ class Closure:
     yielding: tuple[int, ...] = ()  # positions of coordinates
 
 
-def constraint(loops: Sequence[Loop], view: View, order: int) -> ca.SX:
-    """G w for the small motions w of one order: displacement, velocity or acceleration."""
-    rows = []
-    for loop in loops:
+def constraint(scene: Scene, view: View, order: int) -> ca.SX:
+    """G w for the small motions w of one order: displacement, velocity or acceleration.
+
+    First of the loops, then of the rigid couplings.
+    """
+    rows = [ca.SX(0, 1)]
+    for loop in scene.loops:
         values = view.owned(loop)
         body, held = view.small(loop.parent, order)
         other, moved = view.small(loop.child, order)
@@ -57,11 +61,12 @@ def constraint(loops: Sequence[Loop], view: View, order: int) -> ca.SX:
         turned = view.across(moved.rotation, other, body) - held.rotation
         second = second_axis(loop, values, partial(view.across, source=other, target=body))
         rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, values)))
-    return ca.vertcat(*rows) if rows else ca.SX(0, 1)
+    small = ca.vertcat(*(coordinate[order] for coordinate in view.coordinates.values()))
+    return ca.vertcat(*rows, ca.mtimes(relations(scene, rigid(scene), view), small))
 
 
 def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[BodyWrench]:
-    """Wrenches of the multipliers, one for each row of `constraint`, on both bodies of each loop."""
+    """Wrenches of the multipliers, one for each row of loops in `constraint`, on both bodies."""
     wrenches, k = [], 0
     for loop in loops:
         values = view.owned(loop)
@@ -95,22 +100,25 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
 
     `evaluate` gives the values of an expression at nominal and at other points of the range.
     """
-    if not scene.loops:
+    count = len(multipliers_of(scene))
+    if not count:
         return Closure((), ())
     q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
-    matrices = evaluate(ca.jacobian(constraint(scene.loops, view, 0), q))
+    matrices = evaluate(ca.jacobian(constraint(scene, view, 0), q))
     explained = _explained(scene, view, matrices)
     row = 0
     for loop in scene.loops:
         loop_rows = slice(row, row := row + len(loop.signals()))
         _check_that_it_closes(loop, view, evaluate, explained[:, loop_rows])
-    rank, rows = independent(matrices[0].T)
-    listed = f"{', '.join(loop.name for loop in scene.loops)}"
-    for matrix in matrices[1:]:
+    coupling = range(row, count)  # rows that are independent of each other, which all are kept
+    rank, rows = independent(matrices[0][:row].T) if row else (0, [])
+    rows, rank = [*rows, *coupling], rank + len(coupling)
+    listed = ", ".join([loop.name for loop in scene.loops] + [item.name for item in rigid(scene)])
+    for matrix in matrices:
         if independent(matrix.T)[0] != rank or independent(matrix[rows].T)[0] != rank:
             raise SceneError(
-                f"scene {scene.name!r}: the {rank} independent constraints of the loops "
-                f"{listed} are not independent everywhere in the "
+                f"scene {scene.name!r}: the {rank} independent constraints of the loops and "
+                f"couplings {listed} are not independent everywhere in the "
                 "range of the parameters: the mechanism passes a singular position, or constraints "
                 "are redundant at nominal only. Move the nominal values or narrow the ranges."
             )
@@ -122,7 +130,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     follow, last = independent((matrices[0][rows] * weights)[:, ::-1])
     if follow < rank:
         raise SceneError(
-            f"scene {scene.name!r}: the loops {listed} hold joints "
+            f"scene {scene.name!r}: the loops and couplings {listed} hold joints "
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
@@ -148,7 +156,10 @@ def _check_that_it_moves_alike(
 
     Where branches of the motion cross, fewer are, and the linearized constraints let more move than does.
     """
+    if not scene.loops:
+        return  # couplings are linear
     gap = ca.vertcat(*(gap_of(loop, view)[0] for loop in scene.loops))
+    gap = ca.vertcat(gap, ca.mtimes(relations(scene, rigid(scene), view), q))
     both = ca.horzcat(gap, ca.jacobian(gap, q))
     _, _, rows = np.linalg.svd(evaluate(ca.substitute(both, q, ca.DM.zeros(q.numel())))[0][:, 1:])
     free = rows[rank:].T

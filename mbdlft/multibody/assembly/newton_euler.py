@@ -22,6 +22,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
+from mbdlft.multibody.assembly.coupled import check_couplings
 from mbdlft.multibody.assembly.gyrostat import body_momenta
 from mbdlft.multibody.assembly.kinematics import (
     Passed,
@@ -38,6 +39,7 @@ from mbdlft.multibody.assembly.resolved import (
     acting,
     body_channels,
     check_springs,
+    couplings,
     force_density,
     ground_motion,
     in_plane,
@@ -130,7 +132,7 @@ class Assembly:
     def is_regular(self) -> bool:
         """Whether accelerations are proved to be determined at every value; False: it was not proved."""
         symbols, now = self.resolved.symbols, self.view.now
-        if self.resolved.scene.loops or any(isinstance(b, ElasticBody) for b in now.bodies.values()):
+        if self.closure.rows or any(isinstance(b, ElasticBody) for b in now.bodies.values()):
             return False
         owners = (owner for link in now.links for owner in (link.child_owner, link.owner))
         if not all(_has_energy(now.values.get(owner, {}), symbols) for owner in owners):
@@ -177,6 +179,7 @@ def assembly(scene: Scene) -> Assembly:
         )
     r = in_plane(resolved)
     view = r.view()
+    check_couplings(r.scene, view, r.symbols)
     closure = close_loops(r.scene, view, r.symbols.evaluate)
     check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
@@ -219,17 +222,21 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     r, view, symbols = m.resolved, m.view, m.resolved.symbols
     scene, links = r.scene, r.links
     view.passed = passed
-    channels = body_channels(r, view, m.u, [e.signal.name for e in m.efforts])
+    names = [effort.signal.name for effort in m.efforts]
+    channels, coupled = (
+        body_channels(r, view, m.u, names),
+        couplings(r, view, m.closure, m.u, m.z, names),
+    )
     efforts, deflections = static_deflections(r, m.closure, m.u)
-    dynamics = _dynamics(r, view, efforts) - channels.forces
+    dynamics = _dynamics(r, view, efforts, coupled.efforts) - channels.forces
     n = symbols.q.numel()
-    held = [constraint(scene.loops, view, order)[list(m.closure.rows)] for order in range(3)]
+    held = [rows_of(constraint(scene, view, order), m.closure.rows) for order in range(3)]
     if m.closure.yielding:
         held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
-    moved = moved_coordinates(links, [effort.signal.name for effort in m.efforts])
+    moved = moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, default = measures(r, view, channels)
+    measured, y_signals, default = measures(r, view, channels, coupled)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)
@@ -279,7 +286,7 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
-def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX) -> ca.SX:
+def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
     """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
     needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(r.links)))
     rows: list[ca.SX] = []
@@ -292,7 +299,7 @@ def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX) -> ca.SX:
             effort += quantities.get(degree.label("stiffness"), 0.0) * r.symbols.q[row]
             rate = r.symbols.v[row] + quantities.get("rate", 0.0)
             effort += quantities.get(degree.label("damping"), 0.0) * rate
-        rows.append(effort - acting_efforts[row])
+        rows.append(effort - acting_efforts[row] - of_couplings[row])
     return ca.vertcat(*rows)
 
 

@@ -1,7 +1,7 @@
 """A scene with its names looked up: tree, parameters, quantities as SX; its inputs and outputs.
 
-Inputs u are efforts of joints, magnitudes of loads, voltages, and multipliers of loops; outputs are what
-joints, sensors and bodies measure.
+Inputs u are efforts of joints, magnitudes of loads, voltages, forces of couplings, and multipliers;
+outputs are what joints, sensors and bodies measure, and forces of couplings.
 
 A planar mechanism in a plane that is not a coordinate plane is described in other axes.
 
@@ -23,6 +23,7 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, independent, reactions
+from mbdlft.multibody.assembly.coupled import Coupled, coupled, multipliers_of, rigid
 from mbdlft.multibody.assembly.gyrostat import steady_momenta
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees, links_of
@@ -285,7 +286,12 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
         for order in range(2)
         if degree.kind == "motion"
     ]
-    multipliers = [signal for loop in scene.loops for signal in loop.signals()]
+    for coupling in scene.couplings:
+        if coupling.stiffness is not None:
+            value = values[owner_name(coupling)].get("preload")
+            signal = coupling.signal(scene.joints)
+            efforts.append(Effort(signal, value, is_input=False, is_default=False))
+    multipliers = multipliers_of(scene)
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
     return efforts + deflections + forces
 
@@ -379,11 +385,29 @@ def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> lis
     wrenches: list[BodyWrench] = []
     for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
         wrenches += load.wrenches(view.owned(load), u[k], view)
-    count = sum(len(loop.signals()) for loop in r.scene.loops)
-    multipliers = ca.SX(count, 1)
+    return wrenches + reactions(
+        r.scene.loops, view, multipliers(r.scene, closure, u) + multipliers(r.scene, closure, z)
+    )
+
+
+def multipliers(scene: Scene, closure: Closure, last: ca.SX) -> ca.SX:
+    """All multipliers, of which the last entries of a column are those of the rows that are kept."""
+    every, first = ca.SX(len(multipliers_of(scene)), 1), last.numel() - len(closure.rows)
     for position, row in enumerate(closure.rows):
-        multipliers[row] = u[u.numel() - len(closure.rows) + position] + z[position]
-    return wrenches + reactions(r.scene.loops, view, multipliers)
+        every[row] = last[first + position]
+    return every
+
+
+def couplings(
+    r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX, names: Sequence[str]
+) -> Coupled:
+    """What couplings do; `names` are those of the entries of u."""
+    scene = r.scene
+    soft = [c for c in scene.couplings if c.stiffness is not None]
+    preloads = [u[names.index(c.signal(scene.joints).name)] for c in soft]
+    first = len(multipliers_of(scene)) - len(rigid(scene))
+    at_rest, change = (multipliers(scene, closure, entries)[first:] for entries in (u, z))
+    return coupled(scene, view, at_rest + change, change, preloads)
 
 
 class BodyChannels(NamedTuple):
@@ -421,9 +445,9 @@ def steady_angles(links: tuple[Link, ...]) -> list[int]:
 
 
 def measures(
-    r: Resolved, view: View, channels: BodyChannels
+    r: Resolved, view: View, channels: BodyChannels, held: Coupled
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs (n_y,) of joints, sensors that are asked for, and bodies; signals; which are default."""
+    """Outputs (n_y,) of joints, sensors that are asked for, bodies, couplings; signals; the default."""
     scene, symbols = r.scene, r.symbols
     entries: list[ca.SX] = []
     signals: list[Signal] = []
@@ -443,5 +467,5 @@ def measures(
         entries.append(r.back(sensor.measure(view)))
         signals += named
     default += range(len(signals), len(signals) + len(channels.signals))
-    expressions = ca.vertcat(*entries, channels.outputs)
-    return expressions, (*signals, *channels.signals), tuple(default)
+    expressions = ca.vertcat(*entries, channels.outputs, held.forces)
+    return expressions, (*signals, *channels.signals, *held.signals), tuple(default)

@@ -1,6 +1,6 @@
 """The conditions of equilibrium for displacements q of any size from the declared positions, and of fits.
 
-    0 = efforts needed at rest + stiffness q - u,      0 = gap of each loop
+    0 = efforts needed at rest + stiffness q - u,      0 = gap of each loop and rigid coupling
 
 At q = 0 these are the conditions of equilibrium of `assemble`. For other q, the force density of a
 spring follows the law of the spring, and a gap is the true distance of the two ports, with all its
@@ -32,13 +32,14 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.assembly.closure import Closure, gap_of
+from mbdlft.multibody.assembly.coupled import multipliers_of, position_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.newton_euler import in_motion, without_unseen
-from mbdlft.multibody.assembly.resolved import Resolved, resolve
-from mbdlft.multibody.assembly.tree import Link, Symbols, coordinate_owners, degrees
+from mbdlft.multibody.assembly.resolved import Resolved, couplings, resolve
+from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
 from mbdlft.multibody.force import Spring, Strut
 from mbdlft.multibody.joint import Joint, coordinate_label
-from mbdlft.multibody.scene.quantities import Place, owner_name
+from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import physical_symbols
@@ -101,16 +102,15 @@ def displace(scene: Scene) -> Displaced:
     view = _view_at_rest(r)
     springs = [load for load in scene.loads if isinstance(load, Spring | Strut)]
     laws = {load.name: spring_law(load, view) for load in springs}
-    every = Closure(tuple(range(sum(len(loop.signals()) for loop in scene.loops))), ())
+    every = Closure(tuple(range(len(multipliers_of(scene)))), ())
     m = in_motion(r, view, every, laws)
     needed, u, listed = m.passed_as_displaced().efforts, m.u, m.efforts
-
-    every_degree = degrees(links)
-    elastic = {k for k, degree in enumerate(every_degree) if degree.kind == "elastic"}
-    entries = [k for k in range(len(every_degree)) if k not in elastic]
+    kinds = [degree.kind for degree in degrees(links)]
+    elastic = {k for k, kind in enumerate(kinds) if kind == "elastic"}
+    entries = [k for k in range(len(kinds)) if k not in elastic]
     coordinates = _coordinates(links, values)
-    unbalanced = [ca.SX(0, 1)]
-    row_signals: list[Signal] = []
+    coupled = couplings(r, view, every, u, m.z, [effort.signal.name for effort in listed]).efforts
+    unbalanced, row_signals = [ca.SX(0, 1)], list[Signal]()
     efforts = [needed[owned.owner] for owned in coordinate_owners(links) if owned.kind != "elastic"]
     for k, c, effort in zip(entries, coordinates, ca.vertsplit(ca.vertcat(*efforts)), strict=True):
         if not c.is_imposed:
@@ -118,23 +118,16 @@ def displace(scene: Scene) -> Displaced:
             held = quantity_of(quantities, "stiffness", c.freedom) * symbols.q[k]
             if "rate" in quantities:  # it turns on against its damper
                 held = quantities["rate"] * quantity_of(quantities, "damping", c.freedom)
-            unbalanced.append(effort + held - u[k])
+            unbalanced.append(effort + held - u[k] - coupled[k])
             row_signals.append(c.effort)
-    alignment = [ca.SX(0, 1)]
-    for loop in scene.loops:
-        gap, cosines = gap_of(loop, view)
-        unbalanced.append(gap)
-        alignment.append(cosines)
-        for multiplier in loop.signals():
-            kind, _, label = multiplier.name.removeprefix(f"{loop.name}.").partition(".")
-            row_signals.append(Signal(f"{loop.name}.gap.{label}", "m" if kind == "force" else "rad"))
+    gaps, alignment, gap_signals = _gaps(scene, view, symbols.q)
     known = [ca.SX(m.base.nz[:]), ca.SX.zeros(m.z.numel())]
-    (rows,) = ca.substitute([ca.vertcat(*unbalanced)], [ca.SX(m.load.nz[:]), m.z], known)
+    (rows,) = ca.substitute([ca.vertcat(*unbalanced, gaps)], [ca.SX(m.load.nz[:]), m.z], known)
     return Displaced(
         name=scene.name,
         rows=ca.densify(in_doubles(without_unseen(scene, rows))),
-        row_signals=tuple(row_signals),
-        alignment=ca.densify(in_doubles(ca.vertcat(*alignment))),
+        row_signals=(*row_signals, *gap_signals),
+        alignment=ca.densify(in_doubles(alignment)),
         q=symbols.q[entries],
         u=u,
         given=in_doubles(ca.SX(ca.vertcat(*(0.0 if e.value is None else e.value for e in listed)))),
@@ -145,11 +138,28 @@ def displace(scene: Scene) -> Displaced:
         cosine=symbols.cosine,
         sine=symbols.sine,
         coordinates=coordinates,
-        declared=in_doubles(ca.vertcat(*(_declared(scene, symbols, values, c) for c in coordinates))),
+        declared=in_doubles(
+            ca.vertcat(*(position_of(scene, c.joint, c.freedom, symbols, values) for c in coordinates))
+        ),
         lengths={load.name: in_doubles(_length(load, view)) for load in springs},
         arms=ca.densify(in_doubles(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values()))),
         parameters=r.parameters,
     )
+
+
+def _gaps(scene: Scene, view: View, q: ca.SX) -> tuple[ca.SX, ca.SX, list[Signal]]:
+    """Gaps of loops and rigid couplings, cosines that are 1 where loops are closed, names of the gaps."""
+    gaps, alignment, signals = [ca.SX(0, 1)], [ca.SX(0, 1)], list[Signal]()
+    for loop in scene.loops:
+        gap, cosines = gap_of(loop, view)
+        gaps.append(gap)
+        alignment.append(cosines)
+        for multiplier in loop.signals():
+            kind, _, label = multiplier.name.removeprefix(f"{loop.name}.").partition(".")
+            signals.append(Signal(f"{loop.name}.gap.{label}", "m" if kind == "force" else "rad"))
+    signals += [Signal(f"{c.name}.gap", c.measured_in(scene.joints)) for c in rigid(scene)]
+    coupled = ca.mtimes(relations(scene, rigid(scene), view), q)
+    return ca.vertcat(*gaps, coupled), ca.vertcat(*alignment), signals
 
 
 def _view_at_rest(r: Resolved) -> View:
@@ -198,16 +208,6 @@ def _coordinates(links: tuple[Link, ...], values: Mapping[str, Values]) -> tuple
 def quantity_of(values: Values, key: str, freedom: Freedom) -> Any:
     """Value of a quantity of one coordinate; zero if the joint has none."""
     return values.get(coordinate_label(key, freedom), 0.0)
-
-
-def _declared(scene: Scene, symbols: Symbols, values: Mapping[str, Values], c: JointCoordinate) -> Any:
-    """Declared position (rad, m) of a coordinate, a function of p."""
-    owner, label = owner_name(c.joint), coordinate_label("position", c.freedom)
-    if c.is_ball:
-        return ca.SX(0.0)
-    if c.freedom.turns:
-        return symbols.angle(scene, Place(owner, label), c.joint.quantities()[label])
-    return ca.SX(values[owner][label])
 
 
 def spring_law(spring: Spring | Strut, view: View) -> ca.SX | None:

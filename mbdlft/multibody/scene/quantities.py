@@ -34,6 +34,7 @@ from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
 from mbdlft.exact.operators import Dimension, Operators
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
@@ -102,7 +103,7 @@ def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
 
 
 def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
-    """The scene, its bodies, joints, loads and loops in words, with their quantities by label."""
+    """The scene and its items, but for sensors, in words, with their quantities by label."""
     gravity = vector_quantities("gravity", scene.gravity, "m s^-2")
     x, y, z = (0.0 if entry == UNKNOWN else entry for entry in scene.acceleration)
     acceleration = vector_quantities("acceleration", (x, y, z), "m s^-2")
@@ -111,6 +112,8 @@ def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
     items: list[Body | Joint | Load | Loop] = [*scene.bodies, *scene.joints, *scene.loads]
     for item in [*items, *scene.loops]:
         yield owner_name(item), item.quantities()
+    for coupling in scene.couplings:
+        yield owner_name(coupling), coupling.quantities(scene.joints)
 
 
 def unused_names(scene: Scene) -> tuple[str, ...]:
@@ -142,8 +145,8 @@ def unused_ports(scene: Scene) -> tuple[str, ...]:
     return tuple(port for port in declared if port not in named | abouts)
 
 
-def owner_name(item: Body | Joint | Load | Loop) -> str:
-    """The words by which error messages name a body, a joint, a load or a loop."""
+def owner_name(item: Body | Joint | Load | Loop | Coupling) -> str:
+    """The words by which error messages name a body, a joint, a load, a loop or a coupling."""
     return f"{item.noun} {item.name!r}"
 
 

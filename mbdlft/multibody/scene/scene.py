@@ -13,6 +13,7 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
@@ -87,6 +88,8 @@ class Scene(Description):
     sensors : sequence of sensors
     loops : sequence of `Loop`
         Closures of kinematic loops.
+    couplings : sequence of `Coupling`
+        Gears, belts, racks, screws, cables between coordinates of joints.
     fit : `Fit`, optional
         Written by `fit_positions`: the positions are those of the equilibrium within these bounds only.
     inputs, outputs : sequence of str
@@ -113,6 +116,7 @@ class Scene(Description):
     loads: Many[InstanceOf[Load]] = ()
     sensors: Many[InstanceOf[Sensor]] = ()
     loops: Many[InstanceOf[Loop]] = ()
+    couplings: Many[InstanceOf[Coupling]] = ()
     fit: Fit | None = None
     inputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     outputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
@@ -137,10 +141,10 @@ class Scene(Description):
             "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
         )
         check_unique("body", [body.name for body in self.bodies])
-        with_signals: list[Joint | Load | Sensor | Loop] = [*self.joints, *self.loads]
-        with_signals += [*self.sensors, *self.loops]
+        with_signals: list[Joint | Load | Sensor | Loop | Coupling] = [*self.joints, *self.loads]
+        with_signals += [*self.sensors, *self.loops, *self.couplings]
         check_unique("joint", [joint.name for joint in self.joints])
-        check_unique("joint, load, sensor or loop", [item.name for item in with_signals])
+        check_unique("joint, load, sensor, loop or coupling", [item.name for item in with_signals])
         check_unique("input", self.inputs or ())
         check_unique("output", self.outputs or ())
         if UNKNOWN in self.acceleration and UNKNOWN in {
@@ -170,7 +174,7 @@ class Scene(Description):
         return text + table(("joint", "kind", "parent", "child"), joined)
 
     def _sizes(self) -> str:
-        kinds = ("bodies", "joints", "loads", "sensors", "loops", "parameters")
+        kinds = ("bodies", "joints", "loads", "sensors", "loops", "couplings", "parameters")
         counts = {kind: len(getattr(self, kind)) for kind in kinds}
         return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 

@@ -22,6 +22,7 @@ from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import KINDS as BODIES
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.coupling import KINDS as COUPLINGS
 from mbdlft.multibody.force import KINDS as LOADS
 from mbdlft.multibody.joint import KINDS as JOINTS
 from mbdlft.multibody.loop import KINDS as LOOPS
@@ -42,6 +43,7 @@ _ITEMS: dict[str, tuple[str, Mapping[str, type[Description]]]] = {
     "loads": ("load", LOADS),
     "sensors": ("sensor", SENSORS),
     "loops": ("loop", dict.fromkeys(LOOPS, Loop)),
+    "couplings": ("coupling", COUPLINGS),
 }
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
 
@@ -253,7 +255,7 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
 
 
 def _kind_table(item: Any) -> dict[str, Any]:
-    """The table of a body, joint, load, sensor or loop: its kind and the fields that are not default."""
+    """The table of an item: its kind and the fields that are not default."""
     left_out: dict[str, Any] = {"exclude_defaults": True, "exclude_none": True}
     fields: dict[str, Any] = item.model_dump(mode="json", exclude={"name", "kind"}, **left_out)
     return {"kind": item.kind} | fields
@@ -305,7 +307,7 @@ def _in_unit(radians: float, factor: float) -> float:
 
 def _line(text: str, message: str) -> int | None:
     """Line of the body, joint, ... that an error message names; None if it names none."""
-    match = re.search(r"(parameter|constant|body|joint|load|sensor|loop) '([^']+)'", message)
+    match = re.search(r"(parameter|constant|body|joint|load|sensor|loop|coupling) '([^']+)'", message)
     if match is None:
         return None
     section = {"parameter": "parameters", "body": "bodies"}.get(match[1], match[1] + "s")

@@ -14,6 +14,7 @@ import casadi as ca
 
 from mbdlft.base.description import Values
 from mbdlft.multibody.assembly.closure import gap_of
+from mbdlft.multibody.assembly.coupled import relations, rigid
 from mbdlft.multibody.assembly.kinematics import View, position
 from mbdlft.multibody.assembly.resolved import Resolved, resolve
 from mbdlft.multibody.assembly.tree import Owned, coordinate_owners
@@ -177,9 +178,10 @@ def equilibrium_positions(poses: Poses) -> list[ca.SX | None]:
 
 
 def gaps(poses: Poses) -> ca.SX:
-    """What closures of loops keep at zero (m, sines, and cosines that are not 1)."""
+    """What closures of loops and rigid couplings keep at zero (m, rad, sines, cosines less 1)."""
     rows = []
     for loop in poses.scene.loops:
         gap, cosines = gap_of(loop, poses.view)
         rows += [gap, 1.0 - cosines]
-    return ca.vertcat(ca.SX(0, 1), *rows)
+    follow = relations(poses.scene, rigid(poses.scene), poses.view)
+    return ca.vertcat(ca.SX(0, 1), *rows, ca.mtimes(follow, poses.resolved.symbols.q))

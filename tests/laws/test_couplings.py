@@ -1,0 +1,134 @@
+"""Couplings: closed forms, the limit of stiff ones, steady rates, the truth of maximal coordinates."""
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Scene, to_lft
+from mbdlft.multibody.coupling import KINDS, Coupling
+from tests import close
+from tests.attack.couplings import attack
+
+N = Parameter("n", 5.0, low=3.0, high=8.0)
+ROUND = Inertia(xx=0.1, yy=0.1, zz=0.02)
+
+
+def machine(coupling: Coupling, *more: Coupling, inputs: Any = ("a.torque",), **joints: Any) -> Scene:
+    """Rotors a, b and c about z and a slide s along x, each on the ground; a is driven."""
+    fields = {"parent": "ground", "axis": (0, 0, 1), "preload": 0.0}
+    made = [
+        Revolute(name=name, child=f"rotor_{name}", **{**fields, **joints.get(name, {})}) for name in "abc"
+    ]
+    slide = {**fields, "axis": (1, 0, 0), **joints.get("s", {})}
+    return Scene(
+        name="machine",
+        parameters=[N],
+        bodies=[
+            *(RigidBody(name=f"rotor_{name}", mass=1.0, inertia=ROUND) for name in "abc"),
+            RigidBody(name="sled", mass=3.0),
+        ],
+        joints=[*made, Prismatic(name="s", child="sled", **slide)],
+        couplings=[coupling, *more],
+        inputs=inputs,
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "followers"),
+    [
+        ("gear", {"joints": ("b", "a"), "ratio": "n"}, {"b": "n"}),
+        ("belt", {"joints": ("b", "a"), "radii": (0.2, "0.1*n")}, {"b": "n/2"}),
+        ("belt", {"joints": ("b", "a"), "radii": (0.2, 0.1), "crossed": True}, {"b": "-1/2"}),
+        ("rack", {"joint": "a", "slider": "s", "radius": "0.1*n"}, {"s": "n/10"}),
+        ("screw", {"joint": "a", "slider": "s", "pitch": 0.01}, {"s": "1/(200*pi)"}),
+        ("mimic", {"joint": "s", "leader": "a", "multiplier": "1/n"}, {"s": "1/n"}),
+    ],
+    ids=str,
+)
+def test_two_members_move_as_one(kind: str, fields: dict[str, Any], followers: dict[str, str]) -> None:
+    scene = machine(KINDS[kind](name="k", **fields))
+    force = scene.couplings[0].signal(scene.joints).name
+    ((follower, ratio),) = followers.items()
+    measured = f"{follower}.{'position' if follower == 's' else 'angle'}"
+    model = to_lft(scene.model_copy(update={"outputs": (measured, force)}), search=0.0)
+    assert len(model.states) == 6
+    for n in (3.0, 8.0):
+        i = eval(ratio, {"n": n, "pi": np.pi})
+        inertia = 3.0 if follower == "s" else 0.02
+        gain = i / (0.02 + i * i * inertia)
+        values = mbdlft.matrices_at(model, {"n": n})
+        acceleration = (values.C @ values.A @ values.B)[0, 0]
+        assert np.isclose(acceleration, gain, rtol=close.CLOSED_FORM)
+        # the first term of the relation has the coefficient r of a belt, else one
+        first = 0.2 if kind == "belt" else 1.0
+        assert np.isclose(values.D[1, 0], inertia * gain / first, rtol=close.CLOSED_FORM)
+
+
+def test_planetary_and_differential_gears_are_those_of_textbooks() -> None:
+    inputs = ("a.torque", "b.torque", "c.torque")
+    planetary = KINDS["planetary"](name="k", sun="a", ring="b", carrier="c", ratio="n")
+    differential = KINDS["differential"](name="k", left="a", right="b", carrier="c")
+    for coupling, c in ((planetary, [1.0, 5.0, -6.0]), (differential, [1.0, 1.0, -2.0])):
+        model = to_lft(machine(coupling, inputs=inputs), search=0.0)
+        values, J, C = mbdlft.matrices_at(model, {}), 0.02, np.array([c])
+        free = np.eye(3) - C.T @ C / (C @ C.T)  # accelerations without that across the relation
+        rows = [[o.name for o in model.outputs].index(f"{name}.angle") for name in "abc"]
+        assert np.allclose((values.C @ values.A @ values.B)[rows], free / J, rtol=close.CLOSED_FORM)
+
+
+def test_a_stiff_coupling_tends_to_a_rigid_one() -> None:
+    gear = {"name": "k", "joints": ("a", "b"), "ratio": "n"}
+
+    def response(**more: Any) -> np.ndarray:
+        scene = machine(KINDS["gear"](**gear, **more)).model_copy(update={"outputs": ("b.angle",)})
+        v = mbdlft.matrices_at(to_lft(scene, search=0.0), {"n": 4.0})
+        return v.C @ np.linalg.solve(300j * np.eye(len(v.A)) - v.A, v.B) + v.D
+
+    rigid = response()
+    errors = [
+        np.max(np.abs(response(stiffness=k) - rigid)) / np.max(np.abs(rigid)) for k in (1e5, 1e7, 1e9)
+    ]
+    for error, next_error in pairwise(errors):
+        assert 90.0 < error / next_error < 110.0
+    assert errors[-1] < 1e-4
+
+
+def test_force_and_positions_follow_at_equilibrium() -> None:
+    """A drum holds a weight by a cable of two strands: torque m g r/2, and so is the trim."""
+    cable = KINDS["cable"](name="k", strands={"s": 2.0, "a": 0.1}, offset=0.7)
+    scene = machine(cable, a={"position": 1.0, "preload": None}, s={"position": 0.3, "axis": (0, 0, 1)})
+    scene = scene.model_copy(update={"gravity": (0.0, 0.0, -10.0)})
+    model = to_lft(scene, search=0.0)
+    trim = dict(
+        zip((s.name for s in model.trim.signals), np.ravel(mbdlft.trim_at(model, {})), strict=True)
+    )
+    assert np.isclose(trim["k.force"], 15.0)
+    assert np.isclose(trim["a.torque"], -1.5)
+    point = mbdlft.find_equilibrium(scene, positions=["s"])
+    assert point.positions == {"s.position": 0.3}
+
+
+def test_coupled_steady_rates_leave_both_angles_out() -> None:
+    gear = KINDS["gear"](name="k", joints=("a", "b"), ratio="n")
+    rates = {"a": {"rate": "n*10", "preload": None}, "b": {"rate": 10.0}}
+    model = to_lft(machine(gear, **rates), search=0.0)
+    names = [state.name for state in model.states]
+    assert not {"a.angle", "b.angle"} & set(names)
+    assert len(names) == 5  # one of two rates, c and s
+
+
+def test_toml_is_lossless() -> None:
+    scene = machine(
+        KINDS["cable"](name="k", strands={"s": 2.0, "a": "0.1*n"}, stiffness="n", damping=0.1)
+    )
+    assert mbdlft.multibody.scene_from_toml(mbdlft.multibody.scene_to_toml(scene)) == scene
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", range(30))
+def test_coupled_mechanisms_equal_maximal_coordinates(seed: int, tmp_path: Path) -> None:
+    assert attack(seed, tmp_path) == "right"
