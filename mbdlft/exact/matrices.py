@@ -230,7 +230,7 @@ def rank(a: Residues, prime: int) -> int:
 def null_space(a: Residues, prime: int) -> Residues:
     """Independent columns (columns of a, nullity) that span the null space modulo a prime."""
     rows, pivots = row_echelon(a, prime)
-    free = [k for k in range(a.shape[1]) if k not in set(pivots)]
+    free = _others(pivots, a.shape[1])
     basis = np.zeros((a.shape[1], len(free)), dtype=np.int64)
     basis[free, np.arange(len(free))] = 1
     basis[pivots] = -rows[:, free] % prime
@@ -239,11 +239,38 @@ def null_space(a: Residues, prime: int) -> Residues:
 
 def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
     """The reduced echelon form of the rows, without rows of zeros, and the columns of its pivots."""
+    matrix, pivots = _eliminated(a, prime)
+    rows, all_rows = np.zeros((len(pivots), a.shape[1]), dtype=np.int64), range(len(pivots))
+    rows[all_rows, pivots] = 1
+    # an entry of FLINT takes longer than its elimination: only those are read that may be anything
+    free = _others(pivots, a.shape[1])
+    entries = [[int(matrix[i, j]) if j > pivots[i] else 0 for j in free] for i in all_rows]
+    rows[:, free] = np.array(entries, dtype=np.int64).reshape(len(pivots), len(free))
+    return rows, pivots
+
+
+def _others(some: Sequence[int], count: int) -> list[int]:
+    """Those of so many numbers that are not among some."""
+    return [k for k, is_other in enumerate(np.bincount(some, minlength=count) == 0) if is_other]
+
+
+def pivot_columns(a: Residues, prime: int) -> list[int]:
+    """The columns that do not depend on those before them."""
+    return _eliminated(a, prime)[1]
+
+
+def _eliminated(a: Residues, prime: int) -> tuple[Any, list[int]]:
+    """The reduced echelon form of FLINT, and the columns of its pivots."""
     if not a.size:
-        return a[:0], []
+        return None, []
     matrix, count = _residue_matrix(a, prime).rref()
-    rows = _residues(matrix)[:count]
-    return rows, [int(k) for k in np.argmax(rows != 0, axis=1)] if count else []
+    pivots, column = [], 0
+    for row in range(count):
+        while not matrix[row, column]:
+            column += 1
+        pivots.append(column)
+        column += 1
+    return matrix, pivots
 
 
 def _residue_matrix(a: Residues, prime: int) -> Any:
@@ -356,7 +383,7 @@ class Space:
             outside = (outside - inside) % self.prime
             some = np.any(outside != 0, axis=1)
             used, outside = used[some], outside[some]
-        _, which = row_echelon(np.ascontiguousarray(outside.T), self.prime)
+        which = pivot_columns(outside.T, self.prime)
         taken = used[which]
         self.taken.append(taken.tolist())
         if len(which):

@@ -129,9 +129,9 @@ def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues, work: Work) -
     deltas = np.repeat(truth.points, [block.size for block in kept], axis=1)
     n = deltas.shape[1]
     count, outputs, inputs = truth.values.shape
-    work.add(solutions(2 * count, n, (outputs + inputs) // 2) + product(count * outputs, n, inputs))
-    W = deltas[:, :, None] * channels_at(M[:n, :n], M[:n, n:], deltas)
-    Y = np.swapaxes(channels_at(M[:n, :n].T, M[n:, :n].T, deltas), 1, 2) * deltas[:, None, :]
+    work.add(solutions(count, n, n) + product(4 * count * (outputs + inputs), n, n))
+    through = deltas[:, :, None] * np.linalg.inv(np.eye(n) - M[:n, :n] * deltas[:, None, :])
+    W, Y = through @ M[:n, n:], M[n:, :n] @ through
     difference = M[n:, :n] @ W - truth.values
     size = math.sqrt(np.mean(np.abs(difference) ** 2))
     if not math.isfinite(size):

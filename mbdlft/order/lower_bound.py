@@ -50,11 +50,11 @@ from mbdlft.exact.matrices import (
     limbs,
     multiplied,
     null_space,
+    pivot_columns,
     powers_of,
     rank,
     reachable_bases,
     reduced_residues,
-    row_echelon,
     solved,
     times,
 )
@@ -136,7 +136,8 @@ class JointBound:
     def of_all(self, work: Work, *, triples: bool = True) -> int:
         """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows."""
         for first, second in combinations([name for name, n in self.degrees.items() if n], 2):
-            self.pairs(first, second, work)
+            if not work.is_over:  # what is begun is not begun again
+                self.pairs(first, second, work.of_try(work.most))
         affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]
         while True:
             # only a triple that the repetitions contradict can raise the bound
@@ -275,8 +276,7 @@ def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: b
     M, counts = reduced_residues(_restricted(M, channels, a.order), [b.size for b, _ in kept], prime)
     n = sum(counts)
     # inputs and outputs that are combinations of others do not matter
-    _, columns = row_echelon(M[:n, n:], prime)
-    _, rows = row_echelon(np.ascontiguousarray(M[n:, :n].T), prime)
+    columns, rows = pivot_columns(M[:n, n:], prime), pivot_columns(M[n:, :n].T, prime)
     M = M[np.ix_([*range(n), *(n + k for k in rows)], [*range(n), *(n + k for k in columns)])]
     M[n:, n:] = 0  # the constant part
     ends = np.cumsum([0, *counts]).tolist()
@@ -341,7 +341,7 @@ def _span(
         both = np.hstack([E, entrywise(over[:, None], sections, prime)])
         some = both[: both.shape[1] + _EXTRA]  # values at random points: as independent as all
         H.work.add(exact_elimination(*some.shape))
-        _, pivots = row_echelon(some, prime)
+        pivots = pivot_columns(some, prime)
         if len(pivots) == E.shape[1]:
             needed = (1 + moves) * len(pivots) + _EXTRA
             if needed > count:

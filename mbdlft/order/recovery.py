@@ -25,7 +25,7 @@ polynomials, and the pipeline compares the values.
 
 import itertools
 import math
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from typing import Any, NamedTuple
 
@@ -146,9 +146,9 @@ def _image(a: Fractions, prime: int) -> Residues:
     return np.array(flat, dtype=np.int64).reshape(a.shape)
 
 
-def _named(f: "Polynomials", left: Sequence[int], budget: int, name: Hashable) -> "_Step | None":
+def _named(f: "Polynomials", left: Sequence[int], budget: int, name: "_Name") -> "_Step | None":
     """The step of a name."""
-    steps = _steps(f, _degrees(f, left), budget)
+    steps = _steps(f, _degrees(f, left), budget, name)
     return next((step for step in steps if step.name == name), None)
 
 
@@ -184,15 +184,16 @@ def _module(f: Polynomials, k: int, degree: int) -> Residues:
     if conditions:
         others = unknowns // (shape[0] * D)
         points = f.field.points(min(unknowns // conditions, 4 * others) + 3, f.d.ndim)
-        equations = []
-        for point, B in zip(points, _bezout(f, k, points), strict=True):
-            zero = f.field.null_space(B).T.reshape(-1, shape[0], D)
-            for axis, size in enumerate(f.d.shape):
-                if axis != k:
-                    powers = powers_of(point[axis : axis + 1], size, prime)[0]
-                    zero = zero[..., None] * powers % prime
-            equations.append(np.moveaxis(zero, 2, 2 + k).reshape(len(zero), unknowns))
-        space = f.field.null_space(np.vstack(equations)).T
+        zeros = [f.field.null_space(B).T for B in _bezout(f, k, points)]
+        points = np.repeat(points, [len(zero) for zero in zeros], axis=0)
+        equations: Residues = np.vstack(zeros).reshape(-1, shape[0], D)
+        for axis, size in enumerate(f.d.shape):
+            if axis != k:
+                powers = powers_of(points[:, axis], size, prime)
+                powers = powers.reshape(len(points), *[1] * (equations.ndim - 1), size)
+                equations = equations[..., None] * powers % prime
+        equations = np.moveaxis(equations, 2, 2 + k).reshape(-1, unknowns)
+        space = f.field.null_space(equations).T
     rows = np.zeros((len(space), *shape), dtype=np.int64)
     rows[tuple(slice(size) for size in (len(space), *below))] = space.reshape(len(space), *below)
     return f.field.echelon(rows.reshape(len(space), math.prod(shape)))[0]
@@ -223,12 +224,15 @@ def _intersection(field: Field, a: Residues, b: Residues) -> Residues:
     return field.echelon(multiplied(zero, a, field.prime))[0] if len(zero) else a[:0]
 
 
+_Name = str | tuple[Any, ...]  # of a step: a side, or what it begins with
+
+
 class _Partial(NamedTuple):
     """An LFT modulo a prime, and the names of the steps that led to it."""
 
     M: Residues
     blocks: tuple[tuple[int, int], ...]
-    path: tuple[Hashable, ...]
+    path: tuple[_Name, ...]
 
 
 class _Factors(NamedTuple):
@@ -241,14 +245,14 @@ class _Factors(NamedTuple):
 class _Step(NamedTuple):
     """Spaces that close the LFT, or one that opens its parameter; its name is the same for all primes."""
 
-    name: Hashable
+    name: _Name
     f: Polynomials  # or its transpose
     is_transposed: bool
     spaces: _Spaces
 
 
 def _realized(
-    f: Polynomials, left: Sequence[int], budget: int, path: Sequence[Hashable] = ()
+    f: Polynomials, left: Sequence[int], budget: int, path: Sequence[_Name] = ()
 ) -> _Partial | None:
     """An LFT of at most so many repetitions; along a path, if there is one."""
     degrees = _degrees(f, left)
@@ -257,7 +261,7 @@ def _realized(
     if not degrees:  # what is left is constant
         d, N = int(f.d.flat[0]), f.N.reshape(*f.N.shape[:2], -1)[:, :, 0]
         return _Partial(N * pow(d, -1, f.field.prime) % f.field.prime, (), ()) if d else None
-    for step in _steps(f, degrees, budget):
+    for step in _steps(f, degrees, budget, path[0] if path else None):
         if path and step.name != path[0]:
             continue
         closes = step.name in ("rows", "columns")
@@ -281,7 +285,7 @@ def _closed(step: _Step) -> _Partial | None:
 
 
 def _opened_and_realized(
-    step: _Step, left: Sequence[int], budget: int, path: Sequence[Hashable]
+    step: _Step, left: Sequence[int], budget: int, path: Sequence[_Name]
 ) -> _Partial | None:
     ((k, W),) = step.spaces.items()
     inner = _opened(step.f, k, W)
@@ -343,31 +347,39 @@ def _trimmed(f: Polynomials) -> Polynomials:
     return f._replace(N=f.N[(slice(None), slice(None), *box)], d=f.d[box])
 
 
-def _steps(f: Polynomials, degrees: Mapping[int, int], budget: int) -> Iterator[_Step]:
-    """What to try, the best first; where no repetition is to spare, forced spaces leave no choice."""
+def _steps(
+    f: Polynomials, degrees: Mapping[int, int], budget: int, wanted: _Name | None = None
+) -> Iterator[_Step]:
+    """What to try, the best first; where no repetition is to spare, forced spaces leave no choice.
+
+    Where the step with one name is `wanted`, steps that have another one may be left out.
+    """
     is_tight = sum(degrees.values()) == budget
+    ends = is_tight and wanted is None
     sides = []
     for side, g in (("rows", f), ("columns", f.T)):
+        if wanted is not None and side not in (wanted, wanted[0]):
+            continue
         modules = {k: _module(g, k, degree) for k, degree in degrees.items()}
         spaces, has_all = _shrunk(g, modules)
         if has_all and all(len(spaces[k]) == degree for k, degree in degrees.items()):
             yield _Step(side, g, g is not f, spaces)
-        if is_tight and not (has_all and all(len(spaces[k]) >= degree for k, degree in degrees.items())):
+        if ends and not (has_all and all(len(spaces[k]) >= degree for k, degree in degrees.items())):
             return
         sides.append((side, g, spaces if is_tight else modules))
     for side, g, spaces in sides:
         for k in sorted(degrees, key=lambda k: -degrees[k]):
             if len(spaces[k]) == degrees[k]:
                 yield _Step((side, k), g, g is not f, {k: spaces[k]})
-                if is_tight:
+                if ends:
                     return
     for k, degree in degrees.items():
-        if degree == 1:
+        if degree == 1 and (wanted is None or isinstance(wanted, _Factors)):
             for row in _rows_modulo(f, k):
                 yield _Step(
                     _Factors(k, tuple(row.ravel().tolist())), f, is_transposed=False, spaces={k: row}
                 )
-            if is_tight:
+            if ends:
                 return
     proposals = [
         (len(W) - degrees[k], number, k)

@@ -22,13 +22,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import LinAlgError
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.order.min_rank import above_bound, lower_ranks
-from mbdlft.order.work import Work, product
+from mbdlft.order.work import UNIT, Work, product
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
 _RANKS = 0.3  # of the work, at most, for affine deltas alone
@@ -38,15 +39,18 @@ _TURNS = 4  # directions that are left out, for each repetition above the bound
 _MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
 _SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
 _STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
+_AT_ROUNDING = 3  # the same where the difference is only rounding
 _NOISE = 0.01  # of the entries: starts where nothing vanishes by chance
 _DAMPING = 1e-2  # at first, over the difference
 _EASED, _RAISED = 0.25, 5.0  # the damping after a step, and after one that gains nothing
 _LEAST_DAMPING, _RIDGE = 1e-9, 1e-15
 _ROUNDING = 1e-15  # of the values: nothing to gain below
 _EXACT = 1e-12  # a difference that is only rounding
+_CONVERGES = 1e-6  # a difference from which few steps lead to rounding: they are made in any case
 _RAISES = 10
 _OF_TRY = 0.15  # units of work, which most tries do not need
-_PASSES = 20  # over the normal equations, beside their sums
+_PASSES = 60  # over the normal equations, beside their sums
+_LEAST_STEPS = 8  # of a try: one that cannot make as many is not begun
 
 
 def refit(
@@ -107,7 +111,7 @@ def _lower(
     for candidate in lower_ranks(a, bound, least, entries, seed, work):
         yield candidate
         (block,) = (candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name])
-        unknowns = (block.stop - block.start) * (2 * candidate.order + sum(a.shape))
+        unknowns = _unknowns(candidate, block.stop - block.start, candidate.order)
         if unknowns > _MOST_UNKNOWNS or work.is_over:
             continue
         try:
@@ -145,8 +149,8 @@ def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | N
     """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
     block = a.slices()[name]
     last = block.stop - 1
-    unknowns = (last - block.start) * (2 * a.order + sum(a.shape))
-    if unknowns > _MOST_UNKNOWNS:
+    unknowns = _unknowns(a, last - block.start, a.order - 1)
+    if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * _of_step(unknowns) > max(_OF_TRY, work.most):
         return None
     truth = circle_values(a, unknowns, random, work)
     M = scaled(a, truth)
@@ -155,6 +159,12 @@ def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | N
     M[:, block] = M[:, block] @ turn
     M = np.delete(np.delete(M, last, axis=0), last, axis=1)
     return _fitted(a, name, truth, M, slice(block.start, last), random, work)
+
+
+def _unknowns(a: LFT, repetitions: int, order: int) -> int:
+    """Entries of M in the rows and columns of a delta, of an LFT with the signals of `a`."""
+    signals = np.sum(np.any(a.M21, axis=1)) + np.sum(np.any(a.M12, axis=0))
+    return repetitions * int(2 * order - repetitions + signals)
 
 
 def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
@@ -189,15 +199,14 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
     """Newton's method, damped, until nothing is gained."""
     damping, sizes, work = _DAMPING, [fit.size], work.of_try(_OF_TRY)
     for _ in range(_STEPS):
-        if work.is_over or fit.size < _ROUNDING:
+        if (work.is_over and fit.size > _CONVERGES) or fit.size < _ROUNDING:
             break
         normal, slope = _normal_equations(fit, block, work)
         for _ in range(_RAISES):
             ridge = damping * fit.size + _RIDGE
             try:
-                work.add(product(len(normal), len(normal), len(normal)) / 3.0)
-                factor = cho_factor(normal + ridge * np.eye(len(normal)), check_finite=False)
-                after = fit_of(fit.M - _spread(cho_solve(factor, slope), fit, block), kept, truth, work)
+                step = _spread(_solved(normal, ridge, slope, work), fit, block)
+                after = fit_of(fit.M - step, kept, truth, work)
             except (LinAlgError, np.linalg.LinAlgError):
                 damping *= _RAISED
                 continue
@@ -208,9 +217,31 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
             break
         fit, damping = after, max(_EASED * damping, _LEAST_DAMPING)
         sizes.append(fit.size)
-        if len(sizes) > _STALLED and sizes[-_STALLED] < _GAIN * fit.size:
+        turns = _STALLED if fit.size > _EXACT else _AT_ROUNDING
+        if len(sizes) > turns and sizes[-1 - turns] < _GAIN * fit.size:
             break
     return fit
+
+
+def _solved(normal: Array, ridge: float, slope: Array, work: Work) -> Array:
+    """(normal + ridge I)^-1 slope; a LinAlgError if that is not positive."""
+    work.add(_of_factor(len(normal)))
+    factor = normal.copy().T  # in the order of LAPACK, which overwrites it
+    factor[np.diag_indices_from(factor)] += ridge
+    factor, failed = dpotrf(factor, lower=1, clean=0, overwrite_a=1)
+    if failed:
+        raise LinAlgError
+    return np.asarray(dpotrs(factor, slope, lower=1)[0])
+
+
+def _of_factor(unknowns: int) -> float:
+    """Operations of a triangular factor: a third of a product, at half of its speed."""
+    return product(unknowns, unknowns, unknowns) / 1.5
+
+
+def _of_step(unknowns: int) -> float:
+    """Units of work of one step, at least."""
+    return (_of_factor(unknowns) + product(_PASSES, unknowns, unknowns)) / UNIT
 
 
 def _normal_equations(fit: Fit, block: slice, work: Work) -> tuple[Array, Array]:

@@ -22,6 +22,7 @@ from mbdlft.exact.matrices import (
     limbs,
     multiplied,
     null_space,
+    pivot_columns,
     rank,
     rough_values,
     row_echelon,
@@ -129,6 +130,7 @@ def test_ranks(seed: int, n: int, m: int, most: int) -> None:
     ]
     assert rows.tolist() == expected
     assert pivots == [next(j for j in range(m) if echelon[i, j] != 0) for i in range(count)]
+    assert pivot_columns(a.residues, PRIME) == pivots
     nothing = null_space(a.residues, PRIME)
     assert nothing.shape == (m, m - count)
     assert not multiplied(a.residues, nothing, PRIME).any()

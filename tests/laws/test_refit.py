@@ -22,7 +22,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import min_rank, search
 from mbdlft.order import refit as module
-from mbdlft.order.circles import independent
+from mbdlft.order.circles import circle_values, fit_of, independent, scaled
 from mbdlft.order.lower_bound import JointBound, exact_degrees
 from mbdlft.order.reduction import reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order
@@ -146,6 +146,19 @@ def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_work_is_over() -> None:
     a = chain_in_space(3, "m2", "t2")
     assert not list(one_less(a, lower_bound(a), TRIES, 0, Work(0.0)))
+
+
+@pytest.mark.parametrize(("change", "is_finished"), [(1e-8, True), (1e-3, False)])
+def test_what_converges_is_finished_without_work(
+    change: float, is_finished: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_OF_TRY", 0.0)
+    a, random = chain_in_space(2, "m0", "t1"), np.random.default_rng(0)
+    truth = circle_values(a, 200, random, Work())
+    M, block = scaled(a, truth), a.slices()["t1"]
+    M[block] += change * random.standard_normal(M[block].shape)
+    fit = module._descend(fit_of(M, a.blocks, truth, Work()), a.blocks, block, truth, Work(0.0))
+    assert (fit.size < 1e-13) == is_finished
 
 
 def forgotten_scale(M: Any, kept: Any, a: LFT, truth: Any) -> LFT:
