@@ -235,7 +235,8 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
-    absent |= {"sign_changes", "rounding_ratio"} if "condition" in absent else set()
+    absent |= {"sign_changes"} if "condition" in absent else set()
+    absent |= set() if c.condition or c.rounding_ratio else {"rounding_ratio"}
     absent |= {"transfer_error"} if "frequencies" in absent else set()
     absent |= {"order_bound"} if c.order_bound == sum(c.lower_bound) else set()
     basis = rests_on(c)

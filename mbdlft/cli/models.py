@@ -169,7 +169,7 @@ def _model_data(model: "LFTModel") -> dict[str, Any]:
         "by_terms": [list(entry) for entry in c.by_terms],
         "condition": c.condition or None,
         "sign_changes": c.sign_changes if c.condition else None,
-        "rounding_ratio": c.rounding_ratio if c.condition else None,
+        "rounding_ratio": c.rounding_ratio if c.condition or c.rounding_ratio else None,
         "open_boxes": [[list(ends) for ends in box] for box in c.open_boxes],
         **modes_data(analyze.damping_table(model)),
     }

@@ -64,15 +64,14 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         ratios, count = np.abs(values[some] - truth) / rounding, len(some)
     nouns = problem.nouns
-    if not error <= ACCEPTED:
-        raise AnalysisError(
-            f"{nouns.owner}: the model differs from {nouns.truth} by {error:.1e} of the size of an entry "
-            f"of its matrices. Either {nouns.badly_scaled}, or this is a bug: please report the "
-            f"{nouns.kind}."
-        )
     _, i, j = np.unravel_index(np.argmax(ratios), ratios.shape) if ratios.size else (0, 0, 0)
     of_entries = float(np.max(ratios, initial=0.0))
     _check_roundings(nouns, f"entry ({i + 1}, {j + 1}) of [A B ; C D]", of_entries)
+    if not error <= ACCEPTED:
+        raise AnalysisError(
+            f"{nouns.owner}: the model differs from {nouns.truth} by {error:.1e} of the size of an entry "
+            f"of its matrices. Rounding explains that: {nouns.badly_scaled}."
+        )
     of_omitted = at.omitted()
     _check_roundings(nouns, "what states that are left out would change", of_omitted)
     trim_error, of_trim = (0.0, 0.0) if trim is None else _error_of_trim(problem, trim, at)

@@ -93,7 +93,7 @@ def composed(
         others = (block for block in lft.blocks if block.kind != "real")
         zero = {b.name: np.zeros((b.outputs, b.inputs) if b.kind == "full" else ()) for b in others}
         check_determinant(fix(lft, zero), deltas, what, parameters)
-    error = _error(systems, wiring, lft, parameters, deltas, what)
+    error, ratio = _error(systems, wiring, lft, parameters, deltas, what)
     whole = (like.name, lft, state_names(systems), tuple(inputs), tuple(outputs), parameters)
     certified = [system for system in systems if isinstance(system, LFTModel)]
     if not certified or any(p.parameters and not isinstance(p, LFTModel) for p in systems):
@@ -109,12 +109,14 @@ def composed(
         ]
         twin = with_blocks(reduced(wire(moved_systems, wiring, what)), parameters.names)
         certificate = _certificate(certified, lft, twin, error, seed)
+    ratio = max(ratio, *(system.certificate.rounding_ratio for system in certified))
     are_proved = all(system.certificate.well_posed == PROVED for system in certified)
+    regularity = well_posed(lft, parameters, what, are_proved=are_proved)
     return LFTModel(
         *whole,
         description=like.description,
         trim=_trim(certified, parameters.names),
-        certificate=replace(certificate, **well_posed(lft, parameters, what, are_proved=are_proved)),
+        certificate=replace(certificate, rounding_ratio=ratio, **regularity),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
 
@@ -203,8 +205,11 @@ def values_of(lft: LFT, parameters: Parameters, deltas: Array, others: Mapping[s
 
 def _error(
     systems: Sequence[System], wiring: Wiring, lft: LFT, parameters: Parameters, deltas: Array, what: str
-) -> float:
-    """Largest relative error of the whole: that of its LFT, and what those of the parts make of it."""
+) -> tuple[float, float]:
+    """Largest relative error of the whole, and that of its LFT in roundings.
+
+    To the error of its LFT is added what those of the parts make of the whole.
+    """
     others = _other_deltas(systems, len(deltas))
     values = [values_of(system.lft, parameters, deltas, others) for system in systems]
     errors = [p.certificate.max_relative_error if isinstance(p, LFTModel) else 0.0 for p in systems]
@@ -224,7 +229,7 @@ def _error(
             f"rounding of all numbers may change, at most {MOST_ROUNDINGS:g} was expected. This is a "
             "bug: please report it."
         )
-    return largest(differences, scale) + largest(reference.errors, scale)
+    return largest(differences, scale) + largest(reference.errors, scale), ratio
 
 
 def _sizes_of(a: LFT, values: Array, parameters: Parameters, deltas: Array) -> Array:

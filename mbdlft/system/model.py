@@ -315,7 +315,9 @@ class Certificate:
     rounding_ratio : float
         Largest error of an entry of A, B, C, D, of the trim, of transfer functions, and of what states
         that are left out would change, in units of 2.2e-16 times the size of its terms: those of the
-        data or of the model, whichever are larger. More than 100 is refused when a model is made.
+        data or of the model, whichever are larger. More than 100 is refused when a model is made. Of a
+        model that is made of others: the largest of theirs and of its own, which is the difference from
+        state-space formulas. 0.0: not recorded, or nothing differs.
     sign_changes : int
         Number of entries that change their sign between the check points, or vanish at some. Near their
         zeros the digits of such entries are those of their largest size over the points.

@@ -11,6 +11,7 @@ from mbdlft.lft.sampling import values_and_sizes
 from mbdlft.system.sampled import deltas_of
 from tests.archive import models
 from tests.archive.plain_digest import edit
+from tests.archive.test_program import with_bump
 from tests.close import roundoff
 
 _COUNT = 1100
@@ -21,6 +22,8 @@ def attack(seed: int, folder: Path) -> str:
     """Change some entries of a program; load it, and evaluate many samples."""
     random = np.random.default_rng(seed)
     file, model = folder / "a.h5", models.carried()
+    if seed % 3 == 2:
+        return false_in_a_slab(random, file, model)
     mbdlft.save(file, model)
 
     def change(group: Any) -> None:
@@ -48,3 +51,11 @@ def attack(seed: int, folder: Path) -> str:
     roundoff(np.block([[A, B], [C, D]]), expected, kappa=1e3)
     same = found.program.program == model.program.program  # type: ignore[union-attr]
     return "not changed" if same else "evaluated"
+
+
+def false_in_a_slab(random: np.random.Generator, file: Path, model: mbdlft.LFTModel) -> str:
+    """A program with another value in half a percent to two of the box, which few samples see."""
+    place, share = int(random.integers(len(model.parameters))), float(random.uniform(0.005, 0.02))
+    mbdlft.save(file, with_bump(model, place, share, smooth=bool(random.integers(2))))
+    assert mbdlft.load(file).program is None, "a false program is used"
+    return "false in a slab, left out"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbdlft.archive import program as stored
 from mbdlft.base import expression, unit
 from mbdlft.dae import kinks
 from mbdlft.lft.lft import LFT
@@ -15,7 +16,7 @@ from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import stability as margin
 from mbdlft.robust.bisect import boxes
-from tests.attack import analyses, cores, equations, expressions, matrices, scenes, switches
+from tests.attack import analyses, cores, equations, expressions, matrices, programs, scenes, switches
 from tests.extracted import exactly
 
 Patch = pytest.MonkeyPatch
@@ -69,6 +70,10 @@ def a_wrong_branch(patch: Patch) -> None:
     patch.setitem(kinks._SWITCHES, "fmax", kinks._SWITCHES["fmin"])  # type: ignore[index]
 
 
+def programs_unproved(patch: Patch) -> None:
+    patch.setattr(stored, "mistake_of", lambda *_: "")
+
+
 def crossings_too_near(patch: Patch) -> None:
     right = margin.smallest_crossing
 
@@ -93,6 +98,7 @@ def crossings_too_near(patch: Patch) -> None:
         (a_wrong_entry, scenes.attack, range(60)),
         (a_wrong_entry, equations.attack, range(3)),
         (a_wrong_branch, switches.attack, range(25, 26)),
+        (programs_unproved, programs.attack, range(2, 3)),
     ],
 )
 def test_planted_bug_is_found(

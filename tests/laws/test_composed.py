@@ -81,6 +81,12 @@ def test_the_error_of_a_part_is_carried_through_the_loop() -> None:
     assert feedback(CART, CONTROLLER).certificate.max_relative_error < CLOSED_FORM
 
 
+def test_a_whole_has_the_largest_ratio_of_its_parts_and_its_own() -> None:
+    parts = [replace(CART, certificate=replace(CART.certificate, rounding_ratio=r)) for r in (0.0, 50.0)]
+    own, of_part = (feedback(part, CONTROLLER).certificate.rounding_ratio for part in parts)
+    assert 0.0 < own < of_part == 50.0
+
+
 def test_a_whole_that_is_wrong_by_little_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """One entry of a loop is wrong by 1e-9 of itself."""
 
