@@ -203,18 +203,16 @@ def check(
         return
     _refuse_options(file, table_file, model_name)
     scene = options.scene_in(file, model_name)
-    equations = multibody.assemble(scene)
+    both = rooms.assembly.assembly(scene)
+    equations = both.equations
     inputs, outputs = rooms.to_problem.choose_signals(scene, equations)
+    states = rooms.to_problem.choose_states(scene, both.exact, inputs, outputs).states
     point = problem.solve_trim(equations)
     rooms.linearization.relinearize(
         equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]])
     )
     notes = _notes(scene, point.signals, point.values)
-    counts = {
-        "bodies": len(scene.bodies),
-        "joints": len(scene.joints),
-        "states": len(equations.x_signals),
-    }
+    counts = {"bodies": len(scene.bodies), "joints": len(scene.joints), "states": len(states)}
     parameters = equations.parameters
     if as_json:
         data = {"parameters": parameters_data(parameters), "efforts": efforts_data(point)}

@@ -72,7 +72,10 @@ Controller = Annotated[
 Gap = Annotated[float, typer.Option(help="Part by which the bounds may differ.")]
 Work = Annotated[float, typer.Option(help="Units of work, each at most about a second.")]
 LeaveOut = Annotated[
-    Texts, typer.Option("--leave-out", help="State on which nothing else depends; may be repeated.")
+    Texts,
+    typer.Option(
+        "--leave-out", help="State on which nothing else depends; cyclic: all; may be repeated."
+    ),
 ]
 Rate = Annotated[
     Texts,

@@ -45,7 +45,13 @@ from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
 from mbdlft.robust.mu.coverage import Loop, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers, with_ball
-from mbdlft.robust.realization import check_constant, realization, stable_states, states_that_stay
+from mbdlft.robust.realization import (
+    check_constant,
+    left_out,
+    realization,
+    stable_states,
+    states_that_stay,
+)
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
@@ -101,10 +107,10 @@ def worst_case_gain(
     moving = rates_of(system, rates, what)
     chosen = _chosen(system, inputs, outputs, leave_out, what, work)
     with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
+        asked = Asked(system, gap, work, progress, chosen.left_out, crew=crew)
         if not moving and chosen.model is None:
             return _by_multipliers(asked, chosen, GAIN)
-        model = chosen.model or realization(system, chosen.inputs, chosen.outputs, leave_out)
+        model = chosen.model or realization(system, chosen.inputs, chosen.outputs, chosen.left_out)
         if not moving:
             state = last_of(asked, State(NOTHING), _gains(asked, model))
             return with_ball(_loop(asked, chosen, GAIN), _gain_bounds(asked, model, state, chosen.names))
@@ -155,7 +161,7 @@ def robust_performance(
     check_numbers(what, gap=gap, work=work, largest=largest)
     chosen = _chosen(system, inputs, outputs, leave_out, what, work)
     with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
+        asked = Asked(system, gap, work, progress, chosen.left_out, largest, crew)
         if chosen.model is None:
             return _by_multipliers(asked, chosen, PERFORMANCE)
         state = last_of(asked, State(NOTHING), _margins_of_performance(asked, chosen.model))
@@ -171,6 +177,7 @@ class _Chosen(NamedTuple):
     outputs: list[int]
     names: Signals
     model: Realization | None
+    left_out: tuple[str, ...]
 
 
 def _chosen(
@@ -186,11 +193,12 @@ def _chosen(
             "when the model is made."
         )
     signals = tuple(names[0][k] for k in j), tuple(names[1][k] for k in i)
-    stable_states(system, leave_out, what, i)
-    model = realization(system, j, i, leave_out) if system.lft.is_plain else None
+    gone = left_out(system, leave_out, i)
+    stable_states(system, gone, what, i)
+    model = realization(system, j, i, gone) if system.lft.is_plain else None
     if model is not None and system.order and is_dear(model, work):
         model = None
-    return _Chosen(j, i, signals, model)
+    return _Chosen(j, i, signals, model, gone)
 
 
 def _loop(asked: Asked, chosen: _Chosen, kind: str) -> Loop:

@@ -77,6 +77,33 @@ def matrices_of(
     )
 
 
+CYCLIC = "cyclic"  # what `leave_out` says for all `cyclic_states`
+
+
+def left_out(model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()) -> tuple[str, ...]:
+    """The names of states that are left out, with those of all cyclic ones in place of the word."""
+    asked = [leave_out] if isinstance(leave_out, str) else list(leave_out)
+    if CYCLIC not in asked:
+        return tuple(asked)
+    every = (*(name for name in asked if name != CYCLIC), *cyclic_states(model, outputs))
+    return tuple(dict.fromkeys(every))
+
+
+def cyclic_states(model: System, outputs: Sequence[int] = ()) -> tuple[str, ...]:
+    """Names of the integrators on which nothing depends but others of them, and no output that is chosen.
+
+    Such are positions and rates of a free body. One that depends on itself, or on each other, is none.
+    """
+    rows = np.vstack([model.A, model.C_z, model.C_y[list(outputs)]])
+    found: list[int] = []
+    while True:
+        others = np.delete(np.arange(len(rows)), found)
+        more = [k for k in range(len(model.states)) if k not in found and not np.any(rows[others, k])]
+        if not more:
+            return tuple(model.states[k].name for k in sorted(found))
+        found += more
+
+
 def states_that_stay(model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()) -> list[int]:
     """Positions of the states that are not left out; an error if one of those depends on one of these."""
     names = [state.name for state in model.states]
@@ -119,8 +146,13 @@ def stable_states(
     if abs(pole.real) <= _AXIS * max(abs(pole), size):
         raise AnalysisError(
             f"{what}: model {model.name!r}: the nominal model has a pole on the imaginary axis, {where}: "
-            "no range is robustly stable. Close a loop around this mode, or give it damping; or, if "
-            "nothing else depends on these states, leave them out: leave_out=[...]."
+            "no range is robustly stable. Close a loop around this mode, or give it damping"
+            + (
+                f"; or leave out states on which nothing else depends, leave_out = 'cyclic': "
+                f"{', '.join(cyclic)}."
+                if (cyclic := cyclic_states(model, outputs))
+                else "."
+            )
         )
     raise AnalysisError(
         f"{what}: model {model.name!r}: the nominal model is unstable, with the pole {where}. Close "

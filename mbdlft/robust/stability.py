@@ -57,7 +57,7 @@ from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof, LyapunovProof
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers, with_ball
-from mbdlft.robust.realization import check_parameters, realization, stable_states
+from mbdlft.robust.realization import check_parameters, left_out, realization, stable_states
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import System
 from mbdlft.system.sampled import at_values
@@ -110,7 +110,7 @@ def robust_stability(
         ranges of the others may grow (skew mu).
     leave_out : sequence of str
         States on which nothing else depends, such as positions that no loop measures: their poles do
-        not count.
+        not count. ``"cyclic"`` stands for all integrators of this kind.
     progress : function (lower, upper), optional
         Called whenever a bound has changed. If it, or Ctrl-C, raises KeyboardInterrupt, the best bounds
         so far are returned.
@@ -139,9 +139,10 @@ def robust_stability(
         raise AnalysisError(f"{what}: expected rates or fixed blocks, got both. Fix none.")
     if set(kept) >= {block.name for block in system.lft.blocks if block.inputs}:
         raise AnalysisError(f"{what}: expected a block that is not fixed.")
+    leave_out = left_out(system, leave_out)
     stay = stable_states(system, leave_out, what)
     with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, tuple(leave_out), largest, crew)
+        asked = Asked(system, gap, work, progress, leave_out, largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
             constant = _margin(asked, model, _reached(asked, model))

@@ -51,7 +51,7 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, BoxProof, slope_of
 from mbdlft.robust.gain import worst_case_gain
-from mbdlft.robust.realization import check_constant, physical, realization
+from mbdlft.robust.realization import check_constant, left_out, physical, realization
 from mbdlft.system.algebra import feedback
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
@@ -246,12 +246,13 @@ def worst_case(
         return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
     with one_thread(), crew_of(workers, client, "worst_case") as crew:
         if isinstance(what, str) and what in POLES:
-            asked = Asked(system, gap, work, progress, tuple(leave_out), crew=crew)
+            leave_out = left_out(system, leave_out)
+            asked = Asked(system, gap, work, progress, leave_out, crew=crew)
             return worst_poles(asked, realization(system, leave_out=leave_out), POLES[what])
         j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
         i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
-        model = realization(system, j, i, leave_out)
-        return _searched(system, model, what, tuple(leave_out))
+        leave_out = left_out(system, leave_out, i)
+        return _searched(system, realization(system, j, i, leave_out), what, leave_out)
 
 
 def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slice(None)) -> System:

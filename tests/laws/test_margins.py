@@ -463,7 +463,8 @@ def test_states_on_which_nothing_depends_can_be_left_out() -> None:
     own = [Parameter("k", 2.0, low=1.0, high=3.0)]
     matrix = [["0", "1", "0"], ["-k", "-1", "0"], ["1", "0", "0"]]
     drifting = realize(matrix, own, states=3, inputs=[], outputs=[])
-    found = robust_stability(drifting, leave_out=[drifting.states[2].name])
+    found = robust_stability(drifting, leave_out="cyclic")
+    assert found.leave_out == (drifting.states[2].name,)
     inner = realize([row[:2] for row in matrix[:2]], own, states=2, inputs=[], outputs=[])
     other = robust_stability(inner)
     roundoff([found.lower, found.upper], [other.lower, other.upper])

@@ -261,6 +261,19 @@ def test_trim_prints_the_torques(call: Call) -> None:
     assert "N m" in out
 
 
+def test_check_counts_the_states_that_the_model_has(call: Call) -> None:
+    """Angles of rotors that no output asks for are none."""
+    path = "scenarios/control_moment_gyros.toml"
+    code, out, _ = call("check", path, "--json")
+    assert code == 0
+    model = mbdlft.to_lft(mbdlft.load_scene(path), search=0.0)
+    assert (
+        json.loads(out)["states"]
+        == len(model.states)
+        < len(mbdlft.multibody.assemble(mbdlft.load_scene(path)).states)
+    )
+
+
 def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
     code, out, _ = call("check", ARM)
     assert code == 0

@@ -28,7 +28,7 @@ from mbdlft.robust.mu.coverage import (
 from mbdlft.robust.mu.intervals import channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import squared, structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import SmallDelta, small_delta
-from mbdlft.robust.realization import check_constant, check_parameters, stable_states
+from mbdlft.robust.realization import check_constant, check_parameters, left_out, stable_states
 from mbdlft.system.model import System
 
 _NOTHING = 1e-6  # of the norm: less is nothing
@@ -186,7 +186,7 @@ def mu_bands(
     gap : float
         The part by which a bound may be above the best of its multipliers at one frequency.
     leave_out : sequence of str
-        States on which nothing else depends.
+        States on which nothing else depends; ``"cyclic"`` for all integrators of this kind.
 
     Returns
     -------
@@ -201,7 +201,7 @@ def mu_bands(
         raise AnalysisError(f"mu_bands: expected 0 < low < high (rad/s), got {low!r} and {high!r}.")
     check_parameters(system, "mu_bands")
     check_constant(system, "mu_bands")
-    stay = stable_states(system, leave_out, "mu_bands")
+    stay = stable_states(system, left_out(system, leave_out), "mu_bands")
     loop, blocks = loop_of(system, stay), system.lft.blocks
     channels, structure = loop.channels, loop.structure
     first = first_frequencies(channels.A)
