@@ -12,6 +12,7 @@ of the path of the data:
 - `mbdlft.system`: finished models, and what connects, inverts, truncates them
 - `mbdlft.library`: actuators, filters, two-ports
 - `mbdlft.analyze`: responses at samples, and what is proved on all values
+- `mbdlft.synthesis`: controllers tuned for goals at the worst values, with a proof
 - `mbdlft.archive`, `mbdlft.batch`: archives and sweeps
 - `mbdlft.show`: figures, pages that show a scene, reports on a model
 - `mbdlft.export`: files for MATLAB, Octave, C and Julia, and matrices on a grid
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from mbdlft.problem import *
     from mbdlft.robot import *
     from mbdlft.show import *
+    from mbdlft.synthesis import *
     from mbdlft.system import *
 
 if TYPE_CHECKING:  # public names that are also those of modules, which come with the lines above
@@ -66,6 +68,7 @@ _FIRST = {
         "system": "matrices_at trim_at as_system series feedback connect append",
         "analyze": "frequency_response damping_table check_stability robust_stability worst_case"
         " worst_case_gain verify",
+        "synthesis": "tune",
         "batch": "sweep",
         "archive": "save load save_analysis load_analysis load_sweep",
         "show": "view",
@@ -87,6 +90,7 @@ _NAMESPACES = (
     "modelica",
     "robot",
     "show",
+    "synthesis",
 )
 _ELSEWHERE = ("lft", "pipeline", "problem")  # rooms that have names of the list above, and no more
 _MODULES = {

@@ -24,7 +24,7 @@ WALKS = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs").glob("task-*.md"
 PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})]
 # of these the default run knows that their types are right and their commands are accepted
 SLOW = ("analysis", "command-line", "dae", "matrices", "poles-and-responses", "report", "tutorial",
-        "task-modelica", "task-nastran", "worst_case")  # fmt: skip
+        "task-modelica", "task-nastran", "task-tune", "worst_case")  # fmt: skip
 
 
 def quick_first(pages: list[Path]) -> list[Any]:

@@ -219,7 +219,7 @@ def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns
     With the bound of a gain, P, X and Y have the size that they must have; it is 0 for stability.
     """
     places, N = places_of(form), form.V.shape[1]
-    t = sparse.csc_matrix(_vectors(np.eye(N)[None]).T)
+    t = sparse.csc_matrix(vectors(np.eye(N)[None]).T)
     columns = sparse.hstack([_coefficients(form, sizes, places, gain), t])
     trace = np.append(_traces(places, states), [1.0, 0.0] if gain else [0.0])
     cost = np.zeros(len(trace))
@@ -232,7 +232,7 @@ def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns
 def least_gain(form: Form, sizes: Array, states: int) -> float:
     """Nearly the least gain for which there are unknowns, for a gain near 1; inf if none was found."""
     places = places_of(form)
-    supplied = sparse.csc_matrix(_vectors(-(form.u.T @ form.u)[None]).T)
+    supplied = sparse.csc_matrix(vectors(-(form.u.T @ form.u)[None]).T)
     columns = sparse.hstack([_coefficients(form, sizes, places, 0.0), supplied])
     side = _EDGE * np.eye(form.V.shape[1]) + form.y.T @ form.y
     cost = np.append(0.1 * _EDGE * _traces(places, states), 1.0)
@@ -247,7 +247,7 @@ def least_level(form: Form, sizes: Array, P: Array) -> tuple[float, Array, Array
     """
     places = places_of(form)
     first = int(places.ends[0])
-    level = sparse.csc_matrix(_vectors(-(form.V.T @ P @ form.V)[None]).T)
+    level = sparse.csc_matrix(vectors(-(form.V.T @ P @ form.V)[None]).T)
     columns = sparse.hstack([_coefficients(form, sizes, places, 0.0)[:, first:], level])
     cost = np.zeros(columns.shape[1])
     cost[-1] = 1.0
@@ -278,7 +278,7 @@ def _solution(
     groups, X = groups_of(form), places_of(form).X
     blocks = [columns, *(_selected(group, X, first, len(cost), floor) for group in groups)]
     b = np.zeros(sum(block.shape[0] for block in blocks))
-    b[: columns.shape[0]] -= _vectors(side[None])[0]
+    b[: columns.shape[0]] -= vectors(side[None])[0]
     cones = [clarabel.PSDTriangleConeT(size) for size in (len(side), *map(len, groups))]
     if total is not None:
         blocks.insert(0, sparse.csc_matrix(total[0][None]))
@@ -328,7 +328,7 @@ def _coefficients(form: Form, sizes: Array, places: Places, gain: float) -> Any:
     columns = [_columns(make, where, V.shape[1]) for make, where in made]
     if gain:
         supplied = form.y.T @ form.y - gain**2 * form.u.T @ form.u
-        columns.append(sparse.csc_matrix(_vectors(supplied[None]).T))
+        columns.append(sparse.csc_matrix(vectors(supplied[None]).T))
     return sparse.hstack(columns)
 
 
@@ -338,7 +338,7 @@ def _columns(make: Callable[[Index, Index], Array], where: Index, N: int) -> Any
     columns = [sparse.csc_matrix((N * (N + 1) // 2, 0))]
     for start in range(0, where.shape[1], step):
         matrices = make(*where[:, start : start + step])
-        columns.append(sparse.csc_matrix(_vectors(matrices + np.swapaxes(matrices, 1, 2)).T))
+        columns.append(sparse.csc_matrix(vectors(matrices + np.swapaxes(matrices, 1, 2)).T))
     return sparse.hstack(columns)
 
 
@@ -350,7 +350,7 @@ def _half(i: Index, j: Index) -> Array:
     return np.where(i == j, 0.5, 1.0)[:, None, None]
 
 
-def _vectors(matrices: Array) -> Array:
+def vectors(matrices: Array) -> Array:
     """Symmetric matrices (k, N, N) as vectors (k, N (N + 1)/2) with the same inner product."""
     columns, rows = np.tril_indices(matrices.shape[1])
     return matrices[:, rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2.0))
@@ -360,7 +360,7 @@ def _selected(group: Index, X: Index, first: int, count: int, floor: float) -> A
     """Minus the entries of X of one group, of all unknowns, and a floor of the last times 1."""
     columns, rows = np.tril_indices(len(group))
     inside = np.flatnonzero(np.isin(X[0], group))
-    order = np.lexsort((X[0][inside], X[1][inside]))  # by columns, as in `_vectors`
+    order = np.lexsort((X[0][inside], X[1][inside]))  # by columns, as in `vectors`
     weights = -np.where(rows == columns, 1.0, np.sqrt(2.0))
     at = np.arange(len(inside))
     diagonal = at[rows == columns] if floor else at[:0]

@@ -1,0 +1,15 @@
+from .box import Reached as Reached
+from .box import Tuning as Tuning
+from .box import save_tuning as save_tuning
+from .box import tune as tune
+from .goals import Goal as Goal
+from .goals import gain_goal as gain_goal
+from .goals import margin_goal as margin_goal
+from .goals import pole_goal as pole_goal
+from .pieces import FreeValue as FreeValue
+from .pieces import TunableSystem as TunableSystem
+from .pieces import scheduled as scheduled
+from .pieces import tunable_gain as tunable_gain
+from .pieces import tunable_pid as tunable_pid
+from .pieces import tunable_state_space as tunable_state_space
+from .pieces import tunable_transfer as tunable_transfer

@@ -1,0 +1,327 @@
+"""Controllers for all values of the parameters: tuned on few points, and proved on the whole box.
+
+From the nominal point on, the worst points of the loop are looked for (those that are not stable first),
+added to the points, and the values tuned again, until no worse point is found (Apkarian, Dao, Noll, IEEE
+Transactions on Automatic Control 60, 2015). The search uses corners, random points, and ascents with
+exact slopes. It proves nothing: at the end each goal is bounded for all values and all frequencies by
+`worst_case_gain` and `worst_case`, and `verify` checks what is stored.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdlft.archive.analysis import save_analysis
+from mbdlft.archive.archive import save
+from mbdlft.base.array import Array
+from mbdlft.base.errors import StructureError
+from mbdlft.base.parameter import to_physical
+from mbdlft.base.running import one_thread
+from mbdlft.robust.ascent import largest_peak, smallest_crossing
+from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.gain import worst_case_gain
+from mbdlft.robust.realization import realization
+from mbdlft.robust.worst import worst_case
+from mbdlft.synthesis.bound import full_order_bound
+from mbdlft.synthesis.evaluation import Look
+from mbdlft.synthesis.goals import H2, HINF, MARGIN, POLES, Goal
+from mbdlft.synthesis.loop import Connections, Network, closed_loop, network
+from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
+from mbdlft.synthesis.tuning import Tuned, Tuner, taken_on, tuned
+from mbdlft.system.model import System
+
+_ROUNDS, _MOST_POINTS = 15, 24  # of the worst-case loop; points beyond which the idle ones leave
+_CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
+_WORSE = 2e-3  # of a goal: a point that is worse by less is not added
+_ENOUGH = 1.03  # of what no controller passes at nominal: no more searches begin below it
+_DECIDES = 0.9  # of the largest value: points below it are idle
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reached:
+    """What a goal came to; values are at most 1 where it is reached.
+
+    Attributes
+    ----------
+    goal : Goal
+    tuned : float, the largest at the points that it was tuned on
+    worst : float, the largest that was found in the box
+    proved : float
+        Not passed for all values of the parameters and all frequencies; inf without a proof.
+    least : float
+        No controller of any order, with these measurements, has a smaller value at the nominal point;
+        0.0 if not known.
+    loop : System
+        From the weighted inputs to the weighted outputs of the goal.
+    bounds : tuple of Bounds
+        With the proofs; `verify(loop, bounds)` checks one.
+    """
+
+    goal: Goal
+    tuned: float
+    worst: float
+    proved: float
+    least: float
+    loop: System
+    bounds: tuple[Bounds, ...]
+
+    def __str__(self) -> str:
+        kind = "hard" if self.goal.hard else "soft"
+        text = f"{self.goal.name} ({kind}): tuned {self.tuned:.4g}, worst found {self.worst:.4g}"
+        if np.isfinite(self.proved):
+            text += f", proved <= {self.proved:.4g} for all values and frequencies"
+        elif self.bounds:
+            text += f", not proved: {self.bounds[0].reason}"
+        return text + (f"; no controller below {self.least:.4g}" if self.least else "")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tuning:
+    """Controllers, and what is known of their loops.
+
+    Attributes
+    ----------
+    controllers : tuple of System
+    values : mapping of names of free values to numbers; design parameters in their units
+    goals : tuple of Reached
+    points : tuple of mappings of names to values
+        Of the parameters, where the loop was tuned: the nominal point, and worst ones.
+    """
+
+    controllers: tuple[System, ...]
+    values: Mapping[str, float]
+    goals: tuple[Reached, ...]
+    points: tuple[Mapping[str, float], ...]
+
+    @property
+    def soft(self) -> float:
+        """The largest value of a soft goal that was found in the box; 0 if there is none."""
+        return max((r.worst for r in self.goals if not r.goal.hard), default=0.0)
+
+    @property
+    def hard(self) -> float:
+        """The same of hard goals, which are reached where it is at most 1."""
+        return max((r.worst for r in self.goals if r.goal.hard), default=0.0)
+
+    def __repr__(self) -> str:
+        return "\n".join(map(str, self.goals))
+
+
+def tune(
+    systems: Sequence[Any],
+    goals: Sequence[Goal],
+    connections: Connections,
+    *,
+    inputs: Sequence[str] = (),
+    starts: int = 6,
+    seed: int = 0,
+    prove: bool = True,
+    gap: float = 0.01,
+    work: float = 30.0,
+    progress: Progress | None = None,
+) -> Tuning:
+    """Choose the free values of controllers for goals, at the worst values of the parameters.
+
+    The largest value of the soft goals is made small, where all hard goals are at most 1. Without soft
+    goals the largest of the hard ones is.
+
+    Parameters
+    ----------
+    systems : sequence of System, python-control systems, and controllers with free values
+        Such as of `tunable_pid`. Parameters of the role ``design`` are free values, too; goals hold for
+        all values of the others.
+    goals : sequence of Goal
+        Of `gain_goal`, `margin_goal`, `pole_goal`.
+    connections : as of `connect`
+        Inputs of systems that nothing drives are zero.
+    inputs : sequence of str
+        Inputs of the whole that stand in `connections`, and in no goal; those of goals are known.
+    starts : int
+        The first from the initial values, others from random ones.
+    seed : int
+    prove : bool
+        Whether goals are proved on the box; those of poles and gains can be.
+    gap, work : as for `worst_case_gain`, of each proof
+    progress : function of a text, optional
+
+    Returns
+    -------
+    Tuning
+        Also if hard goals are not reached: `Tuning.hard` says so.
+
+    Raises
+    ------
+    StructureError
+        A name is unknown, or nothing is free.
+    AnalysisError
+        No values were found with which the loops are stable: the message names the pole, and the point.
+    """
+    if not (isinstance(starts, int) and starts > 0):
+        raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
+    say = progress or (lambda text: None)
+    net = network(systems, connections, goals, inputs)
+    sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
+    with one_thread():
+        least = _least(net, goals, (systems, connections, inputs))
+        enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
+        points = np.zeros((1, len(net.system.parameters)))
+        best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
+        for count in range(_ROUNDS if points.shape[1] else 0):
+            new = _worst_points(net, sought, best, points, seed + count)
+            say(f"{len(points)} points, {_said(best.look)}, {len(new)} worse")
+            if not len(new):
+                break
+            if len(points) > _MOST_POINTS:
+                points = points[Tuner(net, sought, points).deciding(best.x, _DECIDES)]
+            points = np.vstack([points, new])
+            best = taken_on(Tuner(net, sought, points), best.x, starts, seed)
+        reached = []
+        for goal, bound in zip(goals, least, strict=True):
+            if prove:
+                say(f"proof of {goal.name}")
+            reached.append(_reached(net, goal, best.x, points, bound, (prove, gap, work)))
+    controllers = tuple(
+        c.with_values({v.name: float(x) for v, x in zip(net.free, best.x, strict=True) if v in c.free})
+        for c in net.controllers
+    )
+    return Tuning(
+        controllers, _values(net, best.x), tuple(reached), tuple(_physical(net, p) for p in points)
+    )
+
+
+def _said(look: Look) -> str:
+    hard = f", hard goals {look.hard:.4g}" if np.isfinite(look.hard) else ""
+    return (f"soft goals {look.soft:.4g}" if np.isfinite(look.soft) else "") + hard
+
+
+def _values(net: Network, x: Array) -> dict[str, float]:
+    return {
+        value.name: net.design[value.name].physical(number) if value.name in net.design else float(number)
+        for value, number in zip(net.free, x, strict=True)
+    }
+
+
+def _physical(net: Network, point: Array) -> dict[str, float]:
+    return {p.name: float(to_physical(p, d)) for p, d in zip(net.system.parameters, point, strict=True)}
+
+
+def _screened(net: Network, seed: int) -> Array:
+    """Corners of the box, all or some, and random points."""
+    p, random = len(net.system.parameters), np.random.default_rng(seed)
+    if 2**p <= _CORNERS:
+        corners = np.array(list(product((-1.0, 1.0), repeat=p)))
+    else:
+        corners = random.choice([-1.0, 1.0], (_CORNERS, p))
+    return np.vstack([corners, random.uniform(-1.0, 1.0, (_RANDOM, p))])
+
+
+def _worst_points(net: Network, goals: Sequence[Goal], best: Tuned, points: Array, seed: int) -> Array:
+    """Points that are worse than those known: the worst of each goal, or an unstable one."""
+    found: list[Array] = []
+    loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
+    crossing = smallest_crossing(realization(loops[0], range(len(loops[0].inputs))), 1.0)
+    if np.isfinite(crossing.size):
+        return np.asarray(_in_order(net, loops[0], crossing.delta)[None])
+    for goal, loop, (value, delta) in zip(
+        goals, loops, Tuner(net, goals, _screened(net, seed)).worst(best.x), strict=True
+    ):
+        if goal.kind in (HINF, MARGIN):
+            model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
+            of_model = [net.system.parameters.names.index(name) for name in model.names]
+            peak = largest_peak(model, 1.0, (delta[of_model],))
+            if peak.gain / goal.limit > value:
+                value, delta = peak.gain / goal.limit, _in_order(net, loop, peak.delta)
+        known = max(1.0, best.look.hard) if goal.hard else best.look.soft
+        is_new = np.min(np.max(np.abs(points - delta), axis=1)) > 0.0
+        if value > known * (1.0 + _WORSE) and is_new:
+            found.append(delta)
+    return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0)
+
+
+def _in_order(net: Network, loop: System, delta: Array) -> Array:
+    """Deltas of the blocks of a loop that are not empty, in the order of the parameters."""
+    blocks = [block.name for block in loop.lft.blocks if block.size]
+    by_name = dict(zip(blocks, delta, strict=True))
+    return np.array([by_name.get(name, 0.0) for name in net.system.parameters.names])
+
+
+def _reached(
+    net: Network, goal: Goal, x: Array, points: Array, least: float, how: tuple[bool, float, float]
+) -> Reached:
+    """A goal at values: at the points, in the box, and proved."""
+    loop = closed_loop(net, None if goal.kind == POLES else goal, x, f"{net.system.name}: {goal.name}")
+    (tuned_to, _), (screened, _) = (
+        Tuner(net, [goal], some).worst(x)[0] for some in (points, _screened(net, 0))
+    )
+    worst, proved = max(tuned_to, screened), np.inf
+    prove, gap, work = how
+    bounds = tuple(_bounds(loop, goal, gap, work)) if prove else ()
+    if bounds:
+        claimed, attained = zip(*(_ratios(goal, b) for b in bounds), strict=True)
+        worst = max(worst, *attained)
+        proved = max(claimed) if np.isinf(goal.speed) else np.inf
+    return Reached(goal, tuned_to, worst, proved, least, loop, bounds)
+
+
+def _least(
+    net: Network, goals: Sequence[Goal], parts: tuple[Sequence[Any], Connections, Sequence[str]]
+) -> list[float]:
+    """What no controllers with the same measurements pass at nominal; 0 where that is not known."""
+    if net.design:
+        return [0.0] * len(goals)
+    systems, connections, inputs = parts
+    matrices = [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
+    opened = network(matrices, connections, goals, inputs)
+    return [full_order_bound(opened, g) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
+
+
+def _bounds(loop: System, goal: Goal, gap: float, work: float) -> list[Bounds]:
+    if goal.kind in (HINF, MARGIN):
+        return [worst_case_gain(loop, gap=gap, work=work)]
+    if goal.kind == H2:
+        return [worst_case(loop, "H2 norm", work=work)]
+    asked = {"real part": goal.decay, "damping": goal.damping}
+    return [worst_case(loop, what, gap=gap, work=work) for what, number in asked.items() if number]
+
+
+def _ratios(goal: Goal, bounds: Bounds) -> tuple[float, float]:
+    """The value that is proved, and that which is reached."""
+    if goal.kind in (HINF, MARGIN, H2):
+        ends = bounds.upper / goal.limit, bounds.lower / goal.limit
+    elif bounds.is_from_above:
+        ends = _over(goal.decay, -bounds.upper), _over(goal.decay, -bounds.lower)
+    else:
+        ends = _over(goal.damping, bounds.lower), _over(goal.damping, bounds.upper)
+    return (ends[0] if bounds.proved else np.inf), ends[1]
+
+
+def _over(wanted: float, has: float) -> float:
+    return wanted / has if has > 0.0 else np.inf
+
+
+def save_tuning(path: str | Path, tuning: Tuning) -> None:
+    """Write controllers, loops and proofs into an archive; `mbdlft verify` checks the proofs.
+
+    Parameters
+    ----------
+    path : file, made if it does not exist
+    tuning : Tuning
+
+    Raises
+    ------
+    ArchiveError
+        As `save` and `save_analysis`.
+    """
+    said = "\n".join(["tuned:", *map(str, tuning.goals)])
+    for controller in tuning.controllers:
+        save(path, replace(controller, description=said))
+    for reached in tuning.goals:
+        if reached.bounds:  # of an earlier loop of this name
+            save(path, reached.loop)
+        for bounds in reached.bounds:
+            save_analysis(path, reached.loop, bounds)

@@ -1,0 +1,263 @@
+"""Two descents for a largest of many smooth pieces: trust-region SQP, and BFGS with weak Wolfe steps.
+
+SQP: with the pieces s_i (soft) and h_j (hard) near the largest, a step d solves
+
+    min t + c e + d'H d/2,   s_i + g_i'd <= t,   h_j + g_j'd <= 1 + e,   e >= 0,   |d_k| <= radius,
+
+within the ranges of the values; H is a Powell-damped BFGS matrix of the Lagrangian, whose pieces are
+matched from step to step by goal, point and frequency (Fletcher, Practical Methods of Optimization, 1987,
+chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces). BFGS on the
+largest itself, whose slope is that of the largest piece, needs steps of the weak Wolfe kind only (Lewis,
+Overton, Mathematical Programming 141, 2013). Values are divided by their scales.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from mbdlft.base.array import Array
+from mbdlft.synthesis.evaluation import STABLE, Look
+
+_PIECES = 120  # in one step; more are those that matter least
+_TRIES = 12  # steps that are refused before a descent ends
+_SLOW, _SMALL = 6, 10.0  # so many steps that gain less than so many tolerances end a descent
+_RADIUS, _LARGEST = 0.5, 10.0  # of scaled values
+_ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
+_ALIKE = 0.7  # logarithm of the ratio of frequencies of one piece at two steps
+_ARMIJO, _WOLFE = 1e-4, 0.9
+_FIRST_SIZE = 1e-2  # of H before anything is known of it
+Evaluate = Callable[[Array], Look]
+
+
+class Problem(NamedTuple):
+    """What is made small: looks at scaled values, within ranges, with a price of hard goals."""
+
+    evaluate: Evaluate
+    low: Array
+    high: Array
+    hard: Callable[[int], bool]  # whether a goal is one
+    price: float  # c
+    unit: float = 1.0  # of soft values
+
+    def merit(self, look: Look) -> float:
+        """t + c e."""
+        if not np.isfinite(look.soft) and look.soft > 0.0:
+            return np.inf
+        soft = look.soft / self.unit if np.isfinite(look.soft) else 0.0
+        return soft + self.price * max(0.0, look.hard - 1.0)
+
+
+class Descended(NamedTuple):
+    """Where a descent ended, and the evaluations that it took."""
+
+    x: Array
+    merit: float
+    evaluations: int
+
+
+class _Pieces(NamedTuple):
+    """Pieces as arrays; soft values are in the unit of the merit."""
+
+    values: Array
+    slopes: Array
+    hard: NDArray[np.bool_]
+    keys: list[tuple[int, int]]
+    frequencies: Array
+
+
+def _pieces(problem: Problem, look: Look) -> _Pieces:
+    chosen = sorted(look.pieces, key=lambda p: -p.value)[:_PIECES]
+    hard = np.array([problem.hard(p.goal) for p in chosen], dtype=bool)
+    unit = np.where(hard, 1.0, problem.unit)
+    return _Pieces(
+        np.array([p.value for p in chosen]) / unit,
+        np.array([p.slope for p in chosen]).reshape(len(chosen), len(problem.low)) / unit[:, None],
+        hard,
+        [(p.goal, p.point) for p in chosen],
+        np.array([p.frequency for p in chosen]),
+    )
+
+
+def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
+    """Trust-region SQP from a stable start; it ends below a merit `goal`."""
+    H, radius, slow = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0
+    here = problem.evaluate(x)
+    merit, evaluations, is_first = problem.merit(here), 1, True
+    if not np.isfinite(merit):
+        return Descended(x, np.inf, 1)
+    for _ in range(steps):
+        pieces = _pieces(problem, here)
+        if not pieces.keys:  # nothing is moved
+            break
+        there, least = None, tolerance * max(1e-3, abs(merit))
+        for _ in range(_TRIES):
+            step = _step(problem, H, pieces, x, radius)
+            if step is None or merit - step[2] <= least:
+                break
+            d, multipliers, predicted = step
+            there = problem.evaluate(x + d)
+            evaluations += 1
+            new = problem.merit(there)
+            share = (merit - new) / (merit - predicted) if np.isfinite(new) else -1.0
+            if share > _ACCEPTED:
+                break
+            there, radius = None, max(0.3 * min(radius, float(np.max(np.abs(d)))), 1e-12)
+        if there is None:
+            break
+        H = _curved(H, pieces, _pieces(problem, there), multipliers, d, is_first=is_first)
+        is_first = False
+        if share > _GOOD and np.max(np.abs(d)) > 0.9 * radius:
+            radius = min(2.5 * radius, _LARGEST)
+        elif share < _POOR:
+            radius *= 0.5
+        slow = slow + 1 if merit - new < _SMALL * least else 0
+        x, here, merit = x + d, there, new
+        if merit <= goal or slow >= _SLOW:
+            break
+    return Descended(x, merit, evaluations)
+
+
+def _step(
+    problem: Problem, H: Array, pieces: _Pieces, x: Array, radius: float
+) -> tuple[Array, Array, float] | None:
+    """A step, the multipliers of the pieces, and the merit that it predicts."""
+    import clarabel  # here because it is slow to import
+
+    n, hard = len(x), pieces.hard
+    low, high = np.maximum(problem.low - x, -radius), np.minimum(problem.high - x, radius)
+    rows = [
+        np.hstack([pieces.slopes, -(~hard[:, None]).astype(float), -hard[:, None].astype(float)]),
+        np.hstack([np.eye(n), np.zeros((n, 2))]),
+        np.hstack([-np.eye(n), np.zeros((n, 2))]),
+        np.hstack([np.zeros((1, n + 1)), [[-1.0]]]),
+    ]
+    sides = [np.where(hard, 1.0, 0.0) - pieces.values, high, -low, np.zeros(1)]
+    if np.all(hard):  # t is nothing but zero
+        rows.append(np.hstack([np.zeros((1, n)), [[-1.0, 0.0]]]))
+        sides.append(np.zeros(1))
+    cost = np.concatenate([np.zeros(n), [1.0, problem.price]])
+    P = np.zeros((n + 2, n + 2))
+    P[:n, :n] = np.triu(H)
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads, settings.max_iter = False, 1, 60
+    b = np.concatenate(sides)
+    solver = clarabel.DefaultSolver(
+        sparse.csc_matrix(P),
+        cost,
+        sparse.csc_matrix(np.vstack(rows)),
+        b,
+        [clarabel.NonnegativeConeT(len(b))],
+        settings,
+    )
+    solution = solver.solve()
+    z = np.array(solution.x)
+    if not np.all(np.isfinite(z)):
+        return None
+    d = np.clip(z[:n], low, high)
+    return d, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1])
+
+
+def _curved(
+    H: Array, old: _Pieces, new: _Pieces, multipliers: Array, d: Array, *, is_first: bool
+) -> Array:
+    """The damped BFGS matrix after a step, from slopes of pieces that are there before and after it."""
+    y, matched = np.zeros(len(d)), 0.0
+    by_key: dict[tuple[int, int], list[int]] = {}
+    for k, key in enumerate(new.keys):
+        by_key.setdefault(key, []).append(k)
+    finite = [np.clip(p.frequencies, 1e-9, 1e9) for p in (old, new)]
+    for i in np.flatnonzero(multipliers > 1e-6):
+        distances = [(abs(np.log(finite[1][j] / finite[0][i])), j) for j in by_key.get(old.keys[i], ())]
+        if distances and min(distances)[0] < _ALIKE:
+            y += multipliers[i] * (new.slopes[min(distances)[1]] - old.slopes[i])
+            matched += multipliers[i]
+    if not matched > 0.3 * np.sum(multipliers):
+        return H
+    if is_first and d @ y > 0.0:
+        H = np.eye(len(d)) * float(np.clip(y @ y / (d @ y), 1e-4, 1e4))
+    Hd = H @ d
+    dHd, dy = float(d @ Hd), float(d @ y)
+    if dy < 0.2 * dHd:  # Powell
+        share = 0.8 * dHd / (dHd - dy)
+        y = share * y + (1.0 - share) * Hd
+        dy = float(d @ y)
+    if not (dy > 1e-14 and dHd > 1e-16):
+        return H
+    H = H - np.outer(Hd, Hd) / dHd + np.outer(y, y) / dy
+    return np.asarray(0.5 * (H + H.T))
+
+
+def bfgs(problem: Problem, x: Array, steps: int, tolerance: float) -> Descended:
+    """BFGS with weak Wolfe steps on the merit; values outside of their ranges count as at the ends."""
+
+    def at(x: Array) -> tuple[float, Array]:
+        inside = np.clip(x, problem.low, problem.high)
+        look = problem.evaluate(inside)
+        merit = problem.merit(look)
+        if not np.isfinite(merit):
+            return np.inf, np.zeros(len(x))
+        pieces, slope = _pieces(problem, look), np.zeros(len(x))
+        for hard, price in ((False, 1.0), (True, problem.price if look.hard > 1.0 else 0.0)):
+            of_kind = [k for k in np.flatnonzero(pieces.hard == hard) if pieces.keys[k][0] != STABLE]
+            if of_kind and price:
+                slope += price * pieces.slopes[max(of_kind, key=lambda k: pieces.values[k])]
+        return merit, np.where(x == inside, slope, 0.0)
+
+    merit, slope = at(x)
+    inverse, evaluations = np.eye(len(x)), 1
+    for step in range(steps if np.isfinite(merit) else 0):
+        d = -inverse @ slope
+        if not slope @ d < 0.0:
+            inverse, d = np.eye(len(x)), -slope
+        if not step:
+            d = (
+                d
+                / max(float(np.linalg.norm(d)), 1e-300)
+                * min(1.0, 0.05 * float(np.linalg.norm(x)) + 1e-3)
+            )
+        line = _weak_wolfe(at, x, merit, float(slope @ d), d)
+        evaluations += line.evaluations
+        if not line.merit < merit:
+            break
+        s, y = line.length * d, line.slope - slope
+        sy = float(s @ y)
+        if sy > 1e-14 * np.linalg.norm(s) * np.linalg.norm(y):
+            if not step:
+                inverse = inverse * (sy / float(y @ y))
+            V = np.eye(len(x)) - np.outer(s, y) / sy
+            inverse = V @ inverse @ V.T + np.outer(s, s) / sy
+        gain, x, merit, slope = merit - line.merit, x + s, line.merit, line.slope
+        if gain < tolerance * abs(merit) and step > 20:
+            break
+    return Descended(np.clip(x, problem.low, problem.high), merit, evaluations)
+
+
+class _Line(NamedTuple):
+    length: float
+    merit: float
+    slope: Array
+    evaluations: int
+
+
+def _weak_wolfe(
+    at: Callable[[Array], tuple[float, Array]], x: Array, merit: float, rate: float, d: Array
+) -> _Line:
+    """A step along d that descends enough, and at whose end the descent is less steep, by bisection."""
+    low, high, length = 0.0, np.inf, 1.0
+    best = _Line(0.0, merit, np.zeros(len(x)), 0)
+    for count in range(1, 41):
+        value, slope = at(x + length * d)
+        if not value <= merit + _ARMIJO * length * rate:
+            high = length
+        else:
+            best = _Line(length, value, slope, count)
+            if slope @ d >= _WOLFE * rate:
+                return best
+            low = length
+        length = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
+        if high - low < 1e-14:
+            break
+    return best._replace(evaluations=count)

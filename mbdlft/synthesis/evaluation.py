@@ -1,0 +1,369 @@
+"""Values of goals at several points of the box, as smooth pieces with exact slopes.
+
+The largest of many norms is not smooth. Each local peak of the gain of each goal at each point is: a
+*piece*, with the frequency at which it is. With left and right singular vectors u and v at a peak,
+
+    d sigma = Re( u' [C (j omega - A)^-1, I] dX [(j omega - A)^-1 B ; I] v ),      dX = L_S dS R_S.
+
+An eigenvalue moves by u' dA v / (u' v). The H2 norm is h^2 = tr(C P C') with the Gramians P and Q of
+states and costates, d(h^2) = 2 tr(Q dA P + Q dB B' + P C' dC).
+"""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.base.array import Array
+from mbdlft.response.frequency import resolvent
+from mbdlft.response.norms import gramians
+from mbdlft.response.staircase import Plant
+from mbdlft.synthesis.goals import H2, POLES, Goal
+from mbdlft.synthesis.loop import Closed, Family, places
+from mbdlft.system.sampled import StateMatrices
+
+Complex = NDArray[np.complex128]
+Index = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+_GRID = 40  # frequencies of the grid that all goals share
+_BEYOND = 10.0  # the grid ends this factor beyond the slowest and the fastest pole
+_ZOOMS, _INSIDE, _PARABOLAS = 2, 7, 4  # rounds of a search for a peak, each with so many frequencies
+_SAME = 0.02  # logarithm of the ratio of frequencies below which two peaks are one
+_SECOND = 0.98  # of the largest singular value: a second one above it is a piece of its own
+_DEPENDENT = 1e8  # product of the norms of both vectors: beyond it modes lose too many digits
+_STILL = 1e-12  # of the largest slope: a pole that moves by less is not moved by the values
+_NEAR = 0.05  # of the largest real part: poles as far left of it are pieces, too
+_FAR = 8.0  # times the decay that poles have to keep: nearer to the axis, they are pieces
+STABLE = -1  # the goal of pieces that keep the loop stable
+
+
+class Piece(NamedTuple):
+    """A smooth function of the values that is at most 1 where its goal is reached."""
+
+    goal: int  # STABLE: the loop is stable
+    point: int
+    frequency: float  # rad/s
+    value: float
+    slope: Array  # (number of values,)
+
+
+class Asked(NamedTuple):
+    """What an evaluation needs to know beside the loops."""
+
+    goals: Sequence[Goal]
+    decay: float  # that poles have to keep (rad/s)
+    extra: Array = np.zeros(0)  # more frequencies of the grid (rad/s)
+
+
+class Look(NamedTuple):
+    """Goals at values: the largest soft and hard ones, and pieces near to them."""
+
+    soft: float
+    hard: float
+    pieces: tuple[Piece, ...]
+    abscissa: float  # largest real part of poles that the values move, and of others on the right
+    point: int = 0  # where this is
+
+    @property
+    def is_stable(self) -> bool:
+        return self.abscissa < 0.0
+
+
+UNSTABLE = Look(np.inf, np.inf, (), np.inf)
+
+
+class _Poles(NamedTuple):
+    """Eigenvalues (m, n) with their slopes (m, n, number of values) and vectors (m, n, n)."""
+
+    poles: Complex
+    slopes: Complex
+    right: Complex  # as columns
+    left: Complex  # as rows; the inverse of the right ones
+
+    @property
+    def are_modal(self) -> bool:
+        """Whether responses are computed by modes: the vectors are far from dependent."""
+        sizes = np.linalg.norm(self.right, axis=(1, 2)) * np.linalg.norm(self.left, axis=(1, 2))
+        return bool(np.all(sizes < _DEPENDENT))
+
+    def moved(self) -> Flags:
+        size = np.max(np.abs(self.slopes), axis=2, initial=0.0)
+        return np.asarray(size > _STILL * np.max(size, initial=0.0))
+
+
+def _poles(family: Family, closed: Closed) -> _Poles:
+    n = family.states
+    poles, V = np.linalg.eig(closed.A)
+    with np.errstate(all="ignore"):
+        try:
+            U = np.linalg.inv(V)
+        except np.linalg.LinAlgError:  # a multiple pole: its slopes are those of poles beside it
+            U = np.linalg.pinv(V)
+    left, right = U @ closed.L[:, :n], closed.R[:, :, :n] @ V
+    slopes = (left[..., None] * np.swapaxes(right, 1, 2)[:, :, None, :]).reshape(
+        *poles.shape, -1
+    ) @ family.moves.reshape(len(family.moves), -1).T
+    return _Poles(poles, slopes, V, U)
+
+
+def abscissas(family: Family, x: Array, near: float) -> Look:
+    """The largest real part of the poles, with those not far left of it as pieces."""
+    closed = family.closed(x)
+    if closed is None:
+        return UNSTABLE
+    found = _poles(family, closed)
+    moved, real = found.moved(), found.poles.real
+    real = np.where(moved | (real >= 0.0), real, -np.inf)
+    top = float(np.max(real, initial=-np.inf))
+    chosen = moved & (real > top - max(near, _NEAR * abs(top))) & (found.poles.imag >= 0.0)
+    pieces = tuple(
+        Piece(STABLE, int(i), float(found.poles[i, k].imag), float(real[i, k]), found.slopes[i, k].real)
+        for i, k in np.argwhere(chosen)
+    )
+    return Look(top, 0.0, pieces, top)
+
+
+def look(family: Family, asked: Asked, x: Array, keep: float = 0.8) -> Look:
+    """Goals at values, with pieces that are at least a part `keep` of the largest, soft or hard.
+
+    Everything is infinite where a loop is not stable. A part of 1 or more leaves slopes out.
+    """
+    closed = family.closed(x)
+    if closed is None:
+        return UNSTABLE
+    found = _poles(family, closed)
+    real = found.poles.real
+    moved = found.moved()
+    largest_real = np.max(np.where(moved | (real >= 0.0), real, -np.inf), axis=1, initial=-np.inf)
+    worst = int(np.argmax(largest_real))
+    abscissa = float(largest_real[worst])
+    if abscissa >= 0.0:
+        return UNSTABLE._replace(abscissa=abscissa, point=worst)
+    values = [
+        piece
+        for k, goal in enumerate(asked.goals)
+        for piece in (
+            _pole_pieces(found, moved, k, goal)
+            if goal.kind == POLES
+            else _h2_pieces(family, closed, k, asked.goals)
+            if goal.kind == H2
+            else _peaks(closed, found, k, asked)
+        )
+    ]
+    largest = {
+        hard: max((p.value for p in values if asked.goals[p.goal].hard == hard), default=-np.inf)
+        for hard in (False, True)
+    }
+    pieces = []
+    if keep < 1.0:
+        for p in values:
+            hard = asked.goals[p.goal].hard
+            if p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
+                pieces += [p] if len(p.slope) else _with_slope(family, closed, asked.goals, p)
+        pieces += _stable_pieces(found, moved, asked.decay)
+    return Look(largest[False], largest[True], tuple(pieces), abscissa)
+
+
+def _stable_pieces(found: _Poles, moved: Flags, decay: float) -> list[Piece]:
+    chosen = moved & (found.poles.real > -_FAR * decay) & (found.poles.imag >= 0.0)
+    return [
+        Piece(
+            STABLE,
+            int(i),
+            float(found.poles[i, k].imag),
+            2.0 + float(found.poles[i, k].real) / decay,
+            found.slopes[i, k].real / decay,
+        )
+        for i, k in np.argwhere(chosen)
+    ]
+
+
+def _pole_pieces(found: _Poles, moved: Flags, k: int, goal: Goal) -> list[Piece]:
+    """Ratios of what is asked of a pole and what it has, where they are large."""
+    pieces = []
+    for i, j in np.argwhere(moved & (found.poles.imag >= 0.0)):
+        pole, slope = found.poles[i, j], found.slopes[i, j]
+        size = abs(pole)
+        of_size = np.real(np.conj(pole) * slope) / size
+        for wanted, value, of_value in (
+            (goal.decay, goal.decay / -pole.real, goal.decay * slope.real / pole.real**2),
+            (
+                goal.damping,
+                goal.damping * size / -pole.real,
+                goal.damping * (size * slope.real / pole.real**2 - of_size / pole.real),
+            ),
+            (1.0 / goal.speed, size / goal.speed, of_size / goal.speed),
+        ):
+            if wanted:
+                pieces.append(Piece(k, int(i), float(pole.imag), float(value), of_value))
+    return pieces
+
+
+def _h2_pieces(family: Family, closed: Closed, k: int, goals: Sequence[Goal]) -> list[Piece]:
+    """The H2 norm at each point; infinite with a direct path."""
+    rows, columns = places(goals)[k]
+    n, pieces = family.states, []
+    for i in range(len(closed.A)):
+        plant = Plant(closed.A[i], closed.B[i][:, columns], closed.C[i][rows], closed.D[i][rows, columns])
+        P, Q = gramians(plant)
+        norm = float(np.sqrt(max(np.trace(plant.C @ P @ plant.C.T), 0.0)))
+        if np.any(plant.D) or norm == 0.0:
+            value = np.inf if np.any(plant.D) else 0.0
+            pieces.append(Piece(k, i, 0.0, value, np.zeros(len(family.moves))))
+            continue
+        whole = np.zeros((closed.R.shape[2], closed.L.shape[1]))  # of tr(whole dX)
+        whole[:n, :n], whole[n:, :n][columns] = P @ Q, plant.B.T @ Q
+        whole[:n, n:][:, rows] = P @ plant.C.T
+        inner = closed.R[i] @ whole @ closed.L[i]
+        slope = np.einsum("xij,ji->x", family.moves, inner) / (norm * goals[k].limit)
+        pieces.append(Piece(k, i, 0.0, norm / goals[k].limit, slope))
+    return pieces
+
+
+def _peaks(closed: Closed, found: _Poles, k: int, asked: Asked) -> list[Piece]:
+    """Local peaks of the gain over frequency at each point, without slopes."""
+    goal, (rows, columns) = asked.goals[k], places(asked.goals)[k]
+    poles = found.poles
+    m, n = poles.shape
+    T = StateMatrices(closed.A, closed.B[:, :, columns], closed.C[:, rows], closed.D[:, rows, columns])
+    response = _by_modes(found, T) if found.are_modal else _by_solving(T)
+    sizes, widths = np.abs(poles), np.abs(poles.real)
+    if n:
+        even = np.geomspace(max(float(np.min(sizes)), 1e-6) / _BEYOND, np.max(sizes) * _BEYOND, _GRID)
+    else:
+        even = np.ones(1)
+    # of a pair of poles one gives its frequencies, the other one those beside: none stands twice
+    upper = poles.imag >= 0.0
+    imag = np.abs(poles.imag)
+    beside = np.where(upper, imag + widths, np.abs(imag - widths))
+    more = np.broadcast_to(np.concatenate([even, asked.extra]), (m, len(even) + len(asked.extra)))
+    omega = np.sort(np.hstack([np.zeros((m, 1)), more, np.where(upper, imag, sizes), beside]), axis=1)
+    gains = _largest(response(np.arange(m), omega))
+    at_infinity = _largest(T.D.astype(complex))
+    rises = np.ones(gains.shape, dtype=bool)
+    rises[:, 1:] &= gains[:, 1:] >= gains[:, :-1]
+    rises[:, :-1] &= gains[:, :-1] >= gains[:, 1:]
+    rises[:, -1] &= gains[:, -1] > at_infinity
+    floor = 0.5 * np.max(np.maximum(np.max(gains, axis=1), at_infinity), initial=0.0)
+    points, at = np.nonzero(rises & (gains >= floor))
+    low, high = omega[points, np.maximum(at - 1, 0)], omega[points, np.minimum(at + 1, len(omega[0]) - 1)]
+    middle, best = omega[points, at], gains[points, at]
+    middle, best = _climbed(partial(response, points), (low, middle, high), best)
+    pieces = [
+        Piece(k, i, float("inf"), float(at_infinity[i]) / goal.limit, np.zeros(0))
+        for i in range(m)
+        if at_infinity[i] >= floor
+    ]
+    seen: list[tuple[int, float]] = []
+    for j in np.argsort(-best):
+        i, where = int(points[j]), float(middle[j])
+        if any(i == a and abs(np.log((where + 1e-300) / (b + 1e-300))) < _SAME for a, b in seen):
+            continue
+        seen.append((i, where))
+        pieces.append(Piece(k, i, where, float(best[j]) / goal.limit, np.zeros(0)))
+    return pieces
+
+
+def _climbed(
+    response: Callable[[Array], Complex], ends: tuple[Array, Array, Array], best: Array
+) -> tuple[Array, Array]:
+    """Frequencies and gains (k,) of peaks between low and high ends, with the best one known between.
+
+    Both sides of the best are divided evenly, twice; then parabolas through three points are followed.
+    """
+    low, middle, high = ends
+    share, line = np.linspace(0.0, 1.0, _INSIDE), np.arange(len(best))
+    for _ in range(_ZOOMS if len(best) else 0):
+        below, above = low + (middle - low) * share[:, None], middle + (high - middle) * share[1:, None]
+        fine = np.vstack([below, above]).T
+        values = _largest(response(fine))
+        top = np.argmax(values, axis=1)
+        middle, best = fine[line, top], values[line, top]
+        low, high = (fine[line, np.clip(top + k, 0, fine.shape[1] - 1)] for k in (-1, 1))
+        sides = [values[line, np.clip(top + k, 0, fine.shape[1] - 1)] for k in (-1, 1)]
+    for _ in range(_PARABOLAS if len(best) else 0):
+        left, right = middle - low, high - middle
+        with np.errstate(all="ignore"):
+            rise, fall = (best - sides[0]) / left, (best - sides[1]) / right
+            at = middle + 0.5 * (left * fall * -1.0 + right * rise) / (rise + fall)
+        at = np.where(np.isfinite(at) & (at > low) & (at < high), at, 0.5 * (low + middle))
+        gain = _largest(response(at[:, None]))[:, 0]
+        better, lower = gain > best, at < middle
+        low, high = (
+            np.where(better, np.where(lower, low, middle), np.where(lower, at, low)),
+            np.where(better, np.where(lower, middle, high), np.where(lower, high, at)),
+        )
+        sides = [
+            np.where(better, np.where(lower, sides[0], best), np.where(lower, gain, sides[0])),
+            np.where(better, np.where(lower, best, sides[1]), np.where(lower, sides[1], gain)),
+        ]
+        middle, best = np.where(better, at, middle), np.maximum(best, gain)
+    return middle, best
+
+
+Response = Callable[[Index, Array], Complex]
+
+
+def _by_modes(found: _Poles, T: StateMatrices) -> Response:
+    """Values (k, F, nz, nw) of chosen points (k,) at frequencies (k, F), as sums over modes."""
+    CV, UB = T.C @ found.right, found.left @ T.B
+
+    def response(points: Index, omega: Array) -> Complex:
+        with np.errstate(all="ignore"):
+            modes = 1.0 / (1j * omega[..., None] - found.poles[points, None])
+            values = (CV[points, None] * modes[:, :, None]) @ UB[points, None]
+        return np.asarray(values + T.D[points, None])
+
+    return response
+
+
+def _by_solving(T: StateMatrices) -> Response:
+    """As `_by_modes`, without eigenvectors."""
+
+    def response(points: Index, omega: Array) -> Complex:
+        return resolvent(
+            StateMatrices(*(matrix[points] for matrix in T)), np.asarray(1j * omega, complex)
+        )
+
+    return response
+
+
+def _largest(values: Complex) -> Array:
+    """Largest singular values (..., ) of matrices; infinite where one is not finite."""
+    values = values if values.shape[-2] <= values.shape[-1] else np.swapaxes(values, -1, -2)
+    squares = values @ np.conj(np.swapaxes(values, -1, -2))
+    finite = np.all(np.isfinite(squares), axis=(-2, -1))
+    squares[~finite] = 0.0
+    if len(squares.T) == 1:
+        largest: Array = squares[..., 0, 0].real
+    elif len(squares.T) == 2:
+        a, d = squares[..., 0, 0].real, squares[..., 1, 1].real
+        largest = 0.5 * (a + d) + np.hypot(0.5 * (a - d), np.abs(squares[..., 0, 1]))
+    else:
+        largest = np.asarray(np.linalg.eigvalsh(squares)[..., -1])
+    return np.asarray(np.where(finite, np.sqrt(np.maximum(largest, 0.0)), np.inf))
+
+
+def _with_slope(family: Family, closed: Closed, goals: Sequence[Goal], piece: Piece) -> list[Piece]:
+    """A peak with its slope; two, where a second singular value is nearly as large."""
+    i, n, goal = piece.point, family.states, goals[piece.goal]
+    rows, columns = places(goals)[piece.goal]
+    A, B, C, D = closed.A[i], closed.B[i][:, columns], closed.C[i][rows], closed.D[i][rows, columns]
+    row, column = 0.0 * C.astype(complex), 0.0 * B.astype(complex)
+    if np.isfinite(piece.frequency):
+        inverse = np.linalg.inv(1j * piece.frequency * np.eye(n) - A)
+        row, column = C @ inverse, inverse @ B
+    u, sizes, vh = np.linalg.svd(D + C @ column)
+    pieces = []
+    for j in range(1 + (len(sizes) > 1 and sizes[1] > _SECOND * sizes[0])):
+        left, right = u[:, j].conj(), vh[j].conj()
+        at = closed.L[i]
+        out = (left @ row) @ at[:n] + left @ at[n:][rows]
+        into = closed.R[i][:, :n] @ (column @ right) + closed.R[i][:, n:][:, columns] @ right
+        slope = (
+            family.moves.reshape(len(family.moves), -1) @ np.outer(out, into).real.ravel() / goal.limit
+        )
+        pieces.append(piece._replace(value=float(sizes[j]) / goal.limit, slope=slope))
+    return pieces

@@ -1,0 +1,215 @@
+"""Goals of a tuner: what is asked of the closed loop, each as a ratio that is to be at most 1.
+
+    gain          |W_out T W_in| / limit in the H-infinity norm, or in the H2 norm
+    margin        alpha |S - 1/2|, S the sensitivity where the loop is opened: a disk margin of alpha
+    poles         decay / -Re(lambda),   damping |lambda| / -Re(lambda),   |lambda| / speed
+
+A template of a response over frequency is the inverse of a weight, which is a system. The disk margin is
+that of Seiler, Packard, Gahinet (IEEE Control Systems Magazine 40, 2020) without skew.
+"""
+
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.errors import StructureError
+from mbdlft.response.modes import spectrum
+from mbdlft.synthesis.pieces import Names
+from mbdlft.system.conversion import as_system, state_space
+from mbdlft.system.model import System
+
+HINF, H2, MARGIN, POLES = "H-infinity", "H2", "disk margin", "poles"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Goal:
+    """What is asked of a loop: its value is at most 1 where the goal is reached.
+
+    Attributes
+    ----------
+    kind : ``"H-infinity"``, ``"H2"``, ``"disk margin"`` or ``"poles"``
+    name : str
+    inputs, outputs : tuple of str
+        Channels of the closed loop.
+    limit : float
+        Of a norm: that is not to be passed, in the unit of the channels and weights.
+    hard : bool
+        A hard goal is a constraint; the largest of the others is made small.
+    before, after : System, or None
+        Weights at the inputs and at the outputs.
+    decay, damping, speed : float
+        Of poles: at least, at least, and at most (rad/s, 1, rad/s).
+    """
+
+    kind: str
+    name: str
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+    _: KW_ONLY
+    limit: float = 1.0
+    hard: bool = False
+    before: System | None = None
+    after: System | None = None
+    decay: float = 0.0
+    damping: float = 0.0
+    speed: float = np.inf
+
+
+def gain_goal(
+    inputs: Names,
+    outputs: Names,
+    *,
+    limit: float = 1.0,
+    before: Any = None,
+    after: Any = None,
+    norm: str = HINF,
+    hard: bool = False,
+    name: str = "",
+) -> Goal:
+    """A limit of the weighted gain between channels: its H-infinity or H2 norm.
+
+    Parameters
+    ----------
+    inputs, outputs : name, or sequence of names
+        Channels as `connect` takes them: inputs of systems, to which these are added, or new names that
+        stand in the connections; outputs of systems, or inputs of systems, which are what adds up there.
+    limit : float
+    before, after : System, python-control system, number or matrix, optional
+        Stable weights at the inputs and at the outputs; one with one channel stands at each of them.
+    norm : {"H-infinity", "H2"}
+    hard : bool
+        Whether it is a constraint.
+    name : str, optional
+        By default the channels.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        The norm is unknown, the limit is not positive, a weight does not fit, or is not stable.
+    """
+    u, y = (tuple([names] if isinstance(names, str) else names) for names in (inputs, outputs))
+    name = name or f"{', '.join(u)} to {', '.join(y)}"
+    if norm not in (HINF, H2):
+        raise StructureError(f"goal {name!r}: expected the norm {HINF!r} or {H2!r}, got {norm!r}.")
+    _check_positive(name, limit=limit)
+    first, last = _weight(before, len(u), name), _weight(after, len(y), name)
+    return Goal(norm, name, u, y, limit=limit, hard=hard, before=first, after=last)
+
+
+def margin_goal(channels: Names, margin: float, *, hard: bool = False, name: str = "") -> Goal:
+    """A disk margin of the loop that is opened at inputs of systems, all at once.
+
+    Parameters
+    ----------
+    channels : name, or sequence of names, of inputs of systems
+    margin : float, between 0 and 2
+        A margin of alpha is one of gain from (2 - alpha)/(2 + alpha) to its inverse, and one of phase of
+        2 arctan(alpha/2).
+    hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        The margin is not between 0 and 2: no loop that does something has a larger one.
+    """
+    u = tuple([channels] if isinstance(channels, str) else channels)
+    name = name or f"margin at {', '.join(u)}"
+    if not 0.0 < margin < 2.0:
+        raise StructureError(f"goal {name!r}: expected a disk margin between 0 and 2, got {margin!r}.")
+    return Goal(MARGIN, name, u, u, limit=1.0 / margin, hard=hard)
+
+
+def pole_goal(
+    *,
+    decay: float = 0.0,
+    damping: float = 0.0,
+    speed: float = np.inf,
+    hard: bool = True,
+    name: str = "poles",
+) -> Goal:
+    """A region of the poles that the free values move.
+
+    Parameters
+    ----------
+    decay : float, in rad/s
+        Real parts are at most its negative.
+    damping : float, below 1
+        Damping ratios are at least this.
+    speed : float, in rad/s
+        No pole is farther from zero.
+    hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        A number is negative, the damping is not below 1, or nothing is asked for.
+    """
+    if not (0.0 <= decay < np.inf and 0.0 <= damping < 1.0 and speed > 0.0) or (
+        decay == damping == 0.0 and speed == np.inf
+    ):
+        raise StructureError(
+            f"goal {name!r}: expected a decay from 0 up, a damping from 0 to 1 and a positive speed, one "
+            f"of them at least, got {decay!r}, {damping!r}, {speed!r}."
+        )
+    return Goal(POLES, name, hard=hard, decay=decay, damping=damping, speed=speed)
+
+
+def _check_positive(name: str, **numbers: float) -> None:
+    for label, number in numbers.items():
+        if not (isinstance(number, int | float) and 0.0 < number < np.inf):
+            raise StructureError(f"goal {name!r}: expected a positive {label}, got {number!r}.")
+
+
+def _weight(weight: Any, channels: int, name: str) -> System | None:
+    """A weight of as many channels; one of a single channel stands at each."""
+    if weight is None:
+        return None
+    made = as_system(weight)
+    sizes = len(made.inputs), len(made.outputs)
+    if sizes == (1, 1) and channels > 1:
+        made, sizes = _repeated(made, channels), (channels, channels)
+    if channels not in sizes:
+        raise StructureError(
+            f"goal {name!r}: a weight has {sizes[0]} inputs and {sizes[1]} outputs, expected 1 or "
+            f"{channels} of the channels."
+        )
+    if made.parameters:
+        raise StructureError(f"goal {name!r}: a weight has parameters, expected numbers.")
+    if len(made.states) and spectrum(made.A).stability != "stable":
+        raise StructureError(
+            f"goal {name!r}: a weight has the pole {spectrum(made.A).worst:.4g}, expected a stable one. "
+            "Move a pole at 0 to the left, such as from 1/s to 1/(s + 0.001)."
+        )
+    return made
+
+
+def _repeated(weight: System, count: int) -> System:
+    """A weight of one channel at each of several."""
+    A, B, C, D = (np.kron(np.eye(count), M) for M in (weight.A, weight.B_u, weight.C_y, weight.D_yu))
+    return state_space(A, B, C, D, name=weight.name)
+
+
+def check_goals(goals: Sequence[Goal]) -> None:
+    """Raise an error unless there is a goal, and each is one, of a name of its own."""
+    names = [goal.name for goal in goals]
+    if not goals:
+        raise StructureError("tune: expected one goal or more: what is to be small?")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise StructureError(f"tune: two goals have the name {twice!r}. Name one with name=...")

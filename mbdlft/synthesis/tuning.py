@@ -1,0 +1,242 @@
+"""The tuner: free values of controllers for goals at the nominal point, or at several points of the box.
+
+From each start the loop is made stable, by SQP on the real parts of its poles; SQP on the goals follows,
+and BFGS from the same place. The best of all starts is taken on with other numbers of pieces until that
+gains nothing. Each variable is divided by a scale: that of its value, changed where its slopes are small
+or large beside those of others.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.parameter import to_physical
+from mbdlft.exact.rounding import eigenvectors_of
+from mbdlft.response.modes import pole_text
+from mbdlft.response.norms import peak_of
+from mbdlft.response.staircase import Plant
+from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
+from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
+from mbdlft.synthesis.goals import H2, POLES, Goal
+from mbdlft.synthesis.loop import Family, Network, family, places, weighted
+
+_DECAY, _STABLE, _NEAR = 1e-5, 1e-3, 0.05  # of the bandwidth: decay to be kept, aimed at, and of pieces
+_STABLE_STEPS, _FIRST_STEPS, _STEPS, _ROUNDS = 80, 80, 250, 8
+_KEEPS = (0.9, 0.7, 0.8, 0.6)  # parts of the largest from which on peaks are pieces, by round
+_TOLERANCE = 1e-7  # of the merit
+_PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
+_REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
+_SMALL = 0.1  # of the first scale of a value: it is not divided by less
+_GAIN = 1e-6  # of a merit: two rounds that gain less are the last
+_MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
+_PEAK = 1e-9  # of a norm: its tolerance
+_BEST = 2  # of the first descents are taken on
+Engine = Callable[[Problem, Array, int, float], Descended]
+Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
+Told = Callable[[str], None]
+
+
+class Tuned(NamedTuple):
+    """Values, and what they reach at the points they were tuned on."""
+
+    x: Array
+    look: Look
+
+    def rank(self) -> tuple[float, float]:
+        """For comparisons: first how far hard goals are missed, then the soft ones."""
+        return max(0.0, self.look.hard - 1.0 - _REACHED), self.look.soft
+
+
+class Tuner:
+    """Loops at some points of the box, with the goals as functions of scaled values."""
+
+    def __init__(self, net: Network, goals: Sequence[Goal], points: Array) -> None:
+        self.net, self.goals, self.points = net, tuple(goals), points
+        self.family: Family = family(net, weighted(net, goals), points)
+        self.first_scale = self.scale = np.array([value.scale for value in net.free])
+        self.low = np.array([value.low for value in net.free])
+        self.high = np.array([value.high for value in net.free])
+        sizes = np.abs(np.linalg.eigvals(self.family.X[0, : self.family.states, : self.family.states]))
+        seen = sizes[sizes > 1e-6 * np.max(sizes, initial=0.0)]
+        self.bandwidth = float(np.median(seen)) if len(seen) else 1.0
+        self.asked = Asked(self.goals, _DECAY * self.bandwidth)
+
+    def problem(self, keep: float, price: float, unit: float) -> Problem:
+        """The goals, at scaled values."""
+
+        def at(scaled: Array) -> Look:
+            found = look(self.family, self.asked, scaled * self.scale, keep)
+            return self._scaled(found)
+
+        def is_hard(goal: int) -> bool:
+            return goal == STABLE or self.goals[goal].hard
+
+        return Problem(at, self.low / self.scale, self.high / self.scale, is_hard, price, unit)
+
+    def _scaled(self, found: Look) -> Look:
+        return found._replace(pieces=tuple(p._replace(slope=p.slope * self.scale) for p in found.pieces))
+
+    def stabilized(self, x: Array) -> tuple[Array, float]:
+        """Values near x with which all loops are stable, and the largest real part of a pole there."""
+        near, self.scale = _NEAR * self.bandwidth, self.first_scale
+
+        def at(scaled: Array) -> Look:
+            return self._scaled(abscissas(self.family, scaled * self.scale, near))
+
+        problem = Problem(
+            at, self.low / self.scale, self.high / self.scale, lambda _: False, 1.0, self.bandwidth
+        )
+        found = sqp(problem, x / self.scale, _STABLE_STEPS, 1e-6, -_STABLE)
+        return found.x * self.scale, found.merit * self.bandwidth
+
+    def at(self, x: Array) -> Tuned:
+        """What values reach."""
+        return Tuned(x, look(self.family, self.asked, x, 1.0))
+
+    def descended(self, x: Array, plan: Plan, steps: int, *, is_first: bool = False) -> Tuned:
+        """The goals made small from stable values: rounds of descents, with scales of the size of values.
+
+        The price of hard goals rises until they are reached.
+        """
+        best = self.at(x)
+        for k, (engine, keep) in enumerate(plan):
+            self.scale = self.first_scale
+            if k or not is_first:
+                self.scale = np.maximum(np.abs(best.x), _SMALL * self.first_scale)
+            unit = best.look.soft if 0.0 < best.look.soft < np.inf else 1.0
+            for price in _PRICES:
+                problem = self.problem(keep, price, unit)
+                x = engine(problem, best.x / self.scale, steps, _TOLERANCE).x * self.scale
+                best = min(best, self.at(x), key=Tuned.rank)
+                if best.rank()[0] == 0.0:
+                    break
+        return best
+
+    def polished(self, best: Tuned) -> Tuned:
+        """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
+        flat = 0
+        for k in range(_ROUNDS):
+            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
+            is_complete = self.peaks_are_seen(new)
+            new = self.at(new.x)
+            gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
+            flat = flat + 1 if max(gain[0], gain[1] / max(abs(new.look.soft), 1e-300)) < _GAIN else 0
+            best = new if not is_complete else min(best, new, key=Tuned.rank)
+            if is_complete and flat >= 2:
+                break
+        return best
+
+    def unstable(self, x: Array) -> str:
+        """Which pole no search brought to the left, and what hardly sees or moves it."""
+        closed = self.family.closed(x)
+        assert closed is not None, "a search has evaluated it"
+        n = self.family.states
+        poles = np.linalg.eigvals(closed.A)
+        i, k = np.unravel_index(np.argmax(poles.real), poles.shape)
+        point = ", ".join(
+            f"{p.name} {float(to_physical(p, d)):.6g}"
+            for p, d in zip(self.net.system.parameters, self.points[i], strict=True)
+        )
+        text = f"tune: no values were found that make the loop stable{point and ' at '}{point}: "
+        text += f"the pole {pole_text(complex(poles[i, k]))} stays on the right. "
+        # how much of the direction of the mode of the open loop the channels see and move
+        values, left, right = eigenvectors_of(self.family.X[i, :n, :n])
+        j = int(np.argmin(np.abs(values - poles[i, k])))
+        moved, seen = (
+            float(np.linalg.norm(matrix)) / max(float(np.linalg.norm(whole)), 1e-300)
+            for matrix, whole in (
+                (left[:, j].conj() @ self.family.L[i, :n], self.family.L[i, :n]),
+                (self.family.R[i, :, :n] @ right[:, j], self.family.R[i, :, :n]),
+            )
+        )
+        text += (
+            f"Of the open loop, the controllers see {seen:.2g} of this mode, and move {moved:.2g} of it. "
+        )
+        return text + "Give a controller that measures or drives it, more order, or other starts."
+
+    def peaks_are_seen(self, tuned: Tuned) -> bool:
+        """Whether the grid has the peak of every norm; if not, it has it from now on."""
+        closed = self.family.closed(tuned.x)
+        if closed is None or not tuned.look.is_stable:
+            return True
+        missed = []
+        for goal, (rows, columns) in zip(self.goals, places(self.goals), strict=True):
+            if goal.kind in (H2, POLES):
+                continue
+            for A, B, C, D in zip(*closed[:4], strict=True):
+                plant = Plant(A, B[:, columns], C[rows], D[rows, columns])
+                exact, _, frequency, _ = peak_of(plant, _PEAK)
+                known = tuned.look.hard if goal.hard else tuned.look.soft
+                if exact / goal.limit > known * (1.0 + _MISSED) and np.isfinite(frequency):
+                    missed.append(frequency)
+        if missed:
+            self.asked = self.asked._replace(extra=np.union1d(self.asked.extra, missed))
+        return not missed
+
+    def worst(self, x: Array) -> list[tuple[float, Array]]:
+        """The largest value of each goal at the points, and the point (number of parameters,)."""
+        found = look(self.family, self.asked, x, 0.0)
+        if not found.is_stable:
+            return [(np.inf, self.points[found.point])] * len(self.goals)
+        worst = []
+        for k in range(len(self.goals)):
+            of_goal = [(p.value, p.point) for p in found.pieces if p.goal == k]
+            value, point = max(of_goal, default=(0.0, 0))  # of poles, if none is moved
+            worst.append((value, self.points[point]))
+        return worst
+
+    def deciding(self, x: Array, share: float) -> list[int]:
+        """The nominal point, and those whose largest value is at least a share of the largest of all."""
+        found = look(self.family, self.asked, x, share)
+        return sorted({0, *(p.point for p in found.pieces)})
+
+
+def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
+    """Where searches begin: the initial values, then random ones of their scales, in their ranges."""
+    random = np.random.default_rng(seed)
+    initial = np.array([value.initial for value in tuner.net.free])
+    yield initial
+    for _ in range(starts - 1):
+        x = initial + tuner.first_scale * random.standard_normal(len(initial))
+        yield np.clip(x, tuner.low, tuner.high)
+
+
+def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) -> Tuned:
+    """The best of several starts, taken on; Ctrl-C ends it with the best that is known.
+
+    No more searches begin when soft goals are at most `enough`. An AnalysisError says that no start led
+    to stable loops, and which pole is on the right.
+    """
+    found: list[Tuned] = []
+    nearest = (np.inf, np.zeros(len(tuner.net.free)))
+    try:
+        for count, start in enumerate(begun(tuner, starts, seed)):
+            x, real = tuner.stabilized(start)
+            if real >= 0.0:
+                nearest = min(nearest, (real, x), key=lambda pair: pair[0])
+                continue
+            for engine in (sqp, bfgs):
+                plan = [(engine, 0.9), (sqp, 0.9), (sqp, 0.7)]
+                found.append(tuner.descended(x, plan, _FIRST_STEPS, is_first=True))
+            best = min(found, key=Tuned.rank)
+            say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
+            if best.rank() <= (0.0, enough):
+                break
+        found = [tuner.polished(best) for best in sorted(found, key=Tuned.rank)[:_BEST]] or found
+    except KeyboardInterrupt:
+        if not found:
+            raise
+    if not found:
+        raise AnalysisError(tuner.unstable(nearest[1]))
+    return min(found, key=Tuned.rank)
+
+
+def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:
+    """Values of other points, made stable at these and tuned; from new starts, where that fails."""
+    stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
+    if real >= 0.0:
+        return tuned(tuner, starts, seed, lambda text: None)
+    return tuner.descended(stable, [(sqp, 0.9), (sqp, 0.7)], _FIRST_STEPS)

@@ -1,0 +1,53 @@
+"""What cannot be tuned is said with the name, the number or the pole."""
+
+import numpy as np
+
+import mbdlft
+from mbdlft.synthesis import gain_goal, margin_goal, pole_goal, tunable_gain, tunable_pid, tune
+from mbdlft.system import state_space
+from tests.errors.table import refused
+
+PLANT = state_space([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], inputs=["f"], outputs=["y"], name="P")
+BLIND = state_space(
+    np.diag([2.0, -1]), [[0], [1]], [[1, 1]], [[0]], inputs=["f"], outputs=["y"], name="B"
+)
+UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
+PID = tunable_pid("K", "e", "u")
+SCHEDULED = mbdlft.scheduled(tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)])
+GOAL = gain_goal("f", "y")
+
+
+def made(goals=(GOAL,), systems=(PLANT, PID), wired=(("f", "u"), ("e", "-y")), **how):
+    return tune(list(systems), list(goals), list(wired), starts=1, prove=False, **how)
+
+
+test_messages = refused(
+    r"""
+> {} => StructureError:
+made(goals=()) => expected one goal or more
+made(goals=(GOAL, GOAL)) => two goals have the name 'f to y'
+made(systems=(PLANT, PLANT["y", "f"])) => nothing to be tuned
+made(goals=(gain_goal("g", "y"),)) => unknown input 'g'
+made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
+made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy'
+tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
+made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … stays on the right … move 0 of it
+gain_goal("f", "y", limit=0.0) => expected a positive limit, got 0.0
+gain_goal("f", "y", limit=float("nan")) => expected a positive limit, got nan
+gain_goal("f", "y", norm="inf") => expected the norm 'H-infinity' or 'H2', got 'inf'
+gain_goal("f", "y", after=state_space([[0.0]], [[1]], [[1]], [[0]])) => the pole 0 … from 1/s to
+gain_goal(["a", "b"], "y", before=np.eye(3)) => a weight has 3 inputs and 3 outputs, expected 1 or 2
+margin_goal("f", 2.0) => expected a disk margin between 0 and 2, got 2.0
+pole_goal() => one of them at least
+pole_goal(damping=1.0) => a damping from 0 to 1
+tunable_pid("K", "e", "u", filter=0.0) => expected a positive filter
+tunable_pid("K", "e", "u", terms="PX") => unknown term 'X'
+tunable_pid("K", "e", "u", initial={"kq": 1.0}) => unknown value 'kq'. Did you mean
+tunable_pid("K", "e", "u", ranges={"kp": (1.0, 1.0)}) => kp: expected a finite start … low < high
+tunable_pid("K", "e", "u", scale=float("nan")) => expected a finite start, a positive scale
+PID.with_values({"kp": 1.0}) => unknown value 'kp'. Did you mean 'K.kp'?
+mbdlft.tunable_state_space("K", "e", "u", 0) => expected an order of 1 or more
+mbdlft.tunable_transfer("K", "e", "u", 0) => expected an order of 1 or more
+mbdlft.scheduled(SCHEDULED, PLANT.parameters) => expected a controller that is not scheduled
+"""
+)

@@ -1,0 +1,238 @@
+"""Tuned controllers: frames, slopes and norms against formulas, and proofs that are checked again."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.base.parameter import to_physical
+from mbdlft.base.running import one_thread
+from mbdlft.synthesis import (
+    TunableSystem,
+    gain_goal,
+    margin_goal,
+    pole_goal,
+    save_tuning,
+    scheduled,
+    tunable_gain,
+    tunable_pid,
+    tunable_state_space,
+    tunable_transfer,
+    tune,
+)
+from mbdlft.synthesis.evaluation import Asked, look
+from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
+from mbdlft.system import state_space
+from tests.close import CLOSED_FORM, CROSS, FITTED, target
+
+RANGES = [
+    mbdlft.Parameter("m", 3.0, percent=40),
+    mbdlft.Parameter("c", 1.0, percent=20),
+    mbdlft.Parameter("k", 2.0, percent=30),
+]
+MATRIX = [["0", "1", "0"], ["-k/m", "-c/m", "1/m"], ["1", "0", "0"]]
+PLANT = mbdlft.realize(
+    MATRIX, RANGES, states=2, inputs=["f"], outputs=["y"], name="plant", search=0.0, prove=0.0
+)
+LOOP = [["f", "u"], ["e", "r", "-y"]]
+WEIGHT = state_space([[-0.002]], [[1.0]], [[2.0 - 0.002 / 1.3]], [[1.0 / 1.3]])
+S = 0.7j + 0.2  # where transfer functions are compared
+
+
+def transfer(system: mbdlft.System, s: complex = S, **values: float) -> np.ndarray:
+    A, B, C, D = mbdlft.matrices_at(system, values)
+    return np.asarray(C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D)
+
+
+def at(delta: np.ndarray) -> dict[str, float]:
+    return {p.name: float(to_physical(p, d)) for p, d in zip(PLANT.parameters, delta, strict=True)}
+
+
+def named(controller: TunableSystem, **values: float) -> mbdlft.System:
+    return controller.with_values({f"K.{name}": value for name, value in values.items()})
+
+
+def test_controllers_have_the_transfers_that_they_say() -> None:
+    pid = named(tunable_pid("K", "e", "u", filter=(10.0, 100.0)), kp=2.0, ki=3.0, kd=4.0, N=50.0)
+    target(transfer(pid), [[2.0 + 3.0 / S + 4.0 * 50.0 * S / (S + 50.0)]], CLOSED_FORM)
+    pd = named(tunable_pid("K", "e", "u", filter=20.0, terms="PD"), kp=2.0, kd=4.0)
+    assert len(pd.states) == 1
+    target(transfer(pd), [[2.0 + 80.0 * S / (S + 20.0)]], CLOSED_FORM)
+    ratio = named(tunable_transfer("K", "e", "u", 2, speed=10.0), a0=2.0, a1=3.0, b0=4.0, b1=5.0, b2=6.0)
+    p = S / 10.0
+    target(transfer(ratio), [[(6 * p**2 + 5 * p + 4) / (p**2 + 3 * p + 2)]], CLOSED_FORM)
+    numbers = {"A[1,1]": -1.0, "A[1,2]": 2.0, "A[2,2]": -3.0, "B[1,1]": 4.0, "B[2,1]": 5.0}
+    full = tunable_state_space("K", ["e"], ["u", "v"], 2, speed=10.0)
+    made = named(full, **numbers, **{"C[1,1]": 1.0, "C[2,2]": 2.0, "D[2,1]": 3.0})
+    x = np.linalg.solve(S * np.eye(2) - 10 * np.array([[-1, 2], [0, -3]]), [[40.0], [50.0]])
+    target(transfer(made), np.diag([1.0, 2.0]) @ x + [[0.0], [3.0]], CLOSED_FORM)
+
+
+def test_a_schedule_is_affine_in_its_parameters() -> None:
+    gain = scheduled(tunable_gain("K", "e", "u"), RANGES[:2])
+    made = named(gain, **{"D[1,1]": 1.0, "D[1,1]*m": 0.5, "D[1,1]*c": 0.25})
+    target(transfer(made, m=4.2, c=0.9), [[1.0 + 0.5 - 0.125]], CLOSED_FORM)
+
+
+def case(controller: TunableSystem, *goals: Any, points: int = 3) -> tuple[Any, ...]:
+    net = network([PLANT, controller], LOOP, goals, ["r"])
+    deltas = np.random.default_rng(1).uniform(-1.0, 1.0, (points, 3))
+    return net, family(net, weighted(net, goals), deltas), Asked(goals, 1e-3), deltas
+
+
+GOALS = (
+    gain_goal("r", "e", after=WEIGHT, name="tracking"),
+    gain_goal(["r", "f"], ["u", "y"], limit=20.0, name="many"),
+    margin_goal("plant.f", 0.8),
+    gain_goal("f", "y", norm="H2", before=state_space([[-5.0]], [[5.0]], [[1.0]], [[0.0]]), limit=0.1),
+    pole_goal(decay=0.5, damping=0.9, speed=5.0),
+)
+CONTROLLERS = {
+    "pid": (tunable_pid("K", "e", "u", filter=(10.0, 100.0)), [50.0, 20.0, 20.0, 60.0]),
+    "schedule": (scheduled(tunable_pid("K", "e", "u", terms="PD"), RANGES[:1]), [50, 20, 3.0, 2.0]),
+    "transfer": (tunable_transfer("K", "e", "u", 1, speed=10.0), [10.0, 5.0, 20.0]),
+}
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_closed_loops_are_those_of_connect(name: str) -> None:
+    controller, x = CONTROLLERS[name]
+    net, loops, _, deltas = case(controller, GOALS[0])
+    closed = loops.closed(np.array(x))
+    numbers = dict(zip((v.name for v in net.free), x, strict=True))
+    parts = [PLANT, controller.with_values(numbers)]
+    whole = mbdlft.connect(parts, LOOP, inputs=["r"], outputs=["e"])
+    alone = closed_loop(net, GOALS[0], np.array(x), "alone")
+    for k, delta in enumerate(deltas):
+        values = at(delta)
+        A, B, C, D = (matrix[k] for matrix in closed[:4])
+        expected = transfer(WEIGHT) @ transfer(whole, **values)
+        target(C @ np.linalg.solve(S * np.eye(len(A)) - A, B) + D, expected, CROSS)
+        target(transfer(alone, **values), expected, CROSS)
+
+
+@pytest.mark.parametrize("name", CONTROLLERS)
+def test_slopes_are_those_of_differences(name: str) -> None:
+    controller, x = CONTROLLERS[name]
+    _, loops, asked, _ = case(controller, *GOALS)
+    x, step = np.array(x), 1e-5
+    here = look(loops, asked, x, 0.0)
+    kinds = {piece.goal for piece in here.pieces}
+    assert kinds == {0, 1, 2, 3, 4}
+    for k, size in enumerate(x):
+        move = step * size * np.eye(len(x))[k]
+        sides = [look(loops, asked, x + sign * move, 0.0).pieces for sign in (1.0, -1.0)]
+        for piece in here.pieces:
+            values = []
+            for pieces in sides:
+                alike = [p.value for p in pieces if p[:2] == piece[:2]]
+                values.append(min(alike, key=lambda value: abs(value - piece.value)))
+            difference = (values[0] - values[1]) / (2.0 * step * size)
+            scale = max(np.max(np.abs(piece.slope * x)), piece.value)
+            assert abs(difference - piece.slope[k]) * abs(size) < 1e-4 * scale, piece
+
+
+def test_values_are_norms_and_poles_of_the_loops() -> None:
+    _, loops, asked, deltas = case(CONTROLLERS["pid"][0], *GOALS, points=1)
+    x = np.array(CONTROLLERS["pid"][1])
+    found = look(loops, asked, x, 0.0)
+    closed = loops.closed(x)
+    for k, goal in enumerate(GOALS[:4]):
+        rows, columns = places(GOALS)[k]
+        A, B, C, D = (matrix[0] for matrix in closed[:4])
+        system = state_space(A, B[:, columns], C[rows], D[rows, columns])
+        norm = mbdlft.h2_norm(system).value if k == 3 else mbdlft.hinf_norm(system, tolerance=1e-9).lower
+        largest = max(p.value for p in found.pieces if p.goal == k)
+        target([largest], norm / goal.limit, FITTED)
+    names = ("kp", "ki", "kd", "N")
+    opened = mbdlft.series(PLANT, named(CONTROLLERS["pid"][0], **dict(zip(names, x, strict=True))))
+    disk = mbdlft.hinf_norm(mbdlft.disk_transfer(opened), at(deltas[0]), tolerance=1e-9).lower
+    target([max(p.value for p in found.pieces if p.goal == 2)], 0.8 * disk, FITTED)
+
+
+def test_a_matched_template_of_a_double_integrator_is_reached() -> None:
+    """|s^2 + 1.4 s + 1|/|s^2 + kd s + kp| is 1 at infinity, and nowhere more if they are equal."""
+    plant = state_space(
+        [[0, 1], [0, 0]], [[0.0], [1.0]], [[1, 1.4], [1, 0], [0, 1]], [[1.0], [0.0], [0.0]],
+        inputs=["d"], outputs=["z", "angle", "rate"], name="body",
+    )  # fmt: skip
+    pd = tunable_gain(
+        "pd", ["q", "w"], "torque", initial={"D[1,1]": 0.2, "D[1,2]": 0.1}, ranges={"D[1,1]": (0, 9)}
+    )
+    wired = [["d", "-torque"], ["q", "angle"], ["w", "rate"]]
+    made = tune([plant, pd], [gain_goal("d", "z")], wired, starts=1)
+    assert look_value(made) >= 1.0 - 1e-9
+    assert abs(look_value(made) - 1.0) < 1e-6
+
+
+def look_value(tuning: mbdlft.Tuning) -> float:
+    return float(mbdlft.hinf_norm(tuning.goals[0].loop, tolerance=1e-9).upper[0])
+
+
+def test_a_mass_on_a_spring_is_tuned_and_proved(tmp_path: Path) -> None:
+    goals = [
+        gain_goal("r", "e", after=WEIGHT, name="tracking"),
+        gain_goal("r", "u", limit=2000.0, hard=True, name="effort"),
+    ]
+    pid = tunable_pid("pid", "e", "u", filter=100.0, scale=20.0)
+    made = tune([PLANT, pid], goals, LOOP, starts=1)
+    tracking, effort = made.goals
+    assert tracking.least <= tracking.tuned <= tracking.worst <= tracking.proved
+    assert 0.77 < tracking.tuned < 0.811
+    assert tracking.proved < 1.01 * tracking.tuned
+    assert effort.proved <= 1.0
+    assert made.soft == tracking.worst
+    assert "proved <= 0.81" in repr(made)
+    for reached in made.goals:
+        assert mbdlft.verify(reached.loop, reached.bounds[0]) == ""
+    # the loop anew, from the controller, at corners
+    corners = mbdlft.corners(PLANT.parameters)
+    whole = mbdlft.connect([PLANT, made.controllers[0]], LOOP, inputs=["r"], outputs=["e"])
+    with one_thread():
+        found = mbdlft.hinf_norm(WEIGHT * whole, corners).upper
+    assert np.max(found) <= tracking.proved
+    assert np.max(found) > 0.99 * tracking.worst
+    save_tuning(tmp_path / "made.h5", made)
+    save_tuning(tmp_path / "made.h5", made)
+    assert "tracking" in mbdlft.load(tmp_path / "made.h5", "pid").description
+    names = mbdlft.analysis_names(tmp_path / "made.h5")
+    loaded = [mbdlft.load_analysis(tmp_path / "made.h5", name) for name in names]
+    assert [mbdlft.verify(*each) for each in loaded] == ["", ""]
+
+
+def test_a_design_parameter_is_a_free_value() -> None:
+    """|1/(s^2 + d s + 1)|: the largest damping is the best."""
+    damping = mbdlft.Parameter("d", 1.0, low=0.5, high=1.5, role="design")
+    plant = mbdlft.realize(
+        [["0", "1", "0"], ["-1", "-d", "1"], ["1", "0", "0"]], [damping], states=2, inputs=["f"],
+        outputs=["y"], search=0.0,
+    )  # fmt: skip
+    made = tune([plant], [gain_goal("f", "y")], [], starts=1)
+    norm = 1.0 / (0.75 * 2.0 * np.sqrt(1.0 - 0.75**2)) if np.sqrt(0.5) > 0.75 else 1.0
+    target([made.soft], [norm], FITTED)
+    assert made.values["d"] > np.sqrt(2.0) - 1e-3
+
+
+@pytest.mark.long
+def test_poles_are_moved_into_their_region_and_proved() -> None:
+    pd = tunable_pid("pd", "e", "u", terms="PD", filter=200.0, scale=5.0)
+    goals = [gain_goal("r", "u", limit=100.0), pole_goal(decay=0.3, damping=0.5)]
+    made = tune([PLANT, pd], goals, LOOP, starts=1)
+    region = made.goals[1]
+    assert region.worst <= 1.001
+    assert region.proved <= 1.02
+    assert [mbdlft.verify(region.loop, bounds) for bounds in region.bounds] == ["", ""]
+
+
+@pytest.mark.long
+def test_hard_goals_that_conflict_are_told_from_reached_ones() -> None:
+    pid = tunable_pid("pid", "e", "u", filter=100.0, scale=20.0)
+    goals = [
+        gain_goal("r", "e", after=WEIGHT, limit=0.5, hard=True, name="tracking"),
+        gain_goal("r", "u", limit=200.0, hard=True, name="effort"),
+    ]
+    made = tune([PLANT, pid], goals, LOOP, starts=1, prove=False)
+    assert made.hard > 1.2
+    assert made.soft == 0.0
