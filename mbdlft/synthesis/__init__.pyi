@@ -2,6 +2,9 @@ from .box import Reached as Reached
 from .box import Tuning as Tuning
 from .box import save_tuning as save_tuning
 from .box import tune as tune
+from .description import TuningTask as TuningTask
+from .description import load_tuning as load_tuning
+from .description import tune_task as tune_task
 from .goals import Goal as Goal
 from .goals import gain_goal as gain_goal
 from .goals import margin_goal as margin_goal

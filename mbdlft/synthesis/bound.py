@@ -23,6 +23,7 @@ from mbdlft.synthesis.goals import Goal
 from mbdlft.synthesis.loop import Network, family, weighted
 
 _SURE = 0.99  # of the dual value, which a solver knows to some digits: it is computed, not proved
+_NOTHING = 1e-6  # a solver does not tell smaller values from zero, which is a bound, too
 _MOST_STATES = 30  # beyond it the program takes minutes
 
 
@@ -88,4 +89,4 @@ def _least(columns: Sequence[Sequence[Array]], first: Sequence[Array]) -> float:
     nothing = sparse.csc_matrix((len(cost), len(cost)))
     solution = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), b, cones, settings).solve()
     value = float(solution.obj_val_dual)
-    return value if np.isfinite(value) and value > 0.0 else 0.0
+    return value if np.isfinite(value) and value > _NOTHING else 0.0

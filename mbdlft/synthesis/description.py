@@ -1,0 +1,223 @@
+"""A task for the tuner as a TOML file: model, connections, controllers, weights and goals.
+
+The format is `mbdlft-tuning/1`. Each controller and each goal is a table with a `kind`; its other keys
+are the arguments of the function that makes it.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from inspect import signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbdlft.base.errors import MbdlftError, SceneError, check_known
+from mbdlft.base.parameter import is_finite
+from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
+from mbdlft.synthesis.box import Tuning, tune
+from mbdlft.synthesis.goals import Goal, gain_goal, margin_goal, pole_goal
+from mbdlft.synthesis.pieces import (
+    Names,
+    Ranges,
+    TunableSystem,
+    scheduled,
+    tunable_gain,
+    tunable_pid,
+    tunable_state_space,
+    tunable_transfer,
+)
+from mbdlft.system.model import System
+
+FORMAT = "mbdlft-tuning/1"
+_CONTROLLERS: dict[str, Callable[..., TunableSystem]] = {
+    "gain": tunable_gain,
+    "pid": tunable_pid,
+    "transfer": tunable_transfer,
+    "state_space": tunable_state_space,
+}
+_GOALS: dict[str, Callable[..., Goal]] = {"gain": gain_goal, "margin": margin_goal, "poles": pole_goal}
+_WEIGHTS = ("before", "after")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TuningTask:
+    """What a file asks for.
+
+    Attributes
+    ----------
+    model : str
+        File of the model, relative to that of the task: an archive, a scene or a matrix.
+    connections : list of lists of names, as for `connect`
+    inputs : tuple of names
+        Inputs of the whole that stand in no goal.
+    controllers : tuple of TunableSystem
+    schedules : mapping of names of controllers to names of parameters
+    goals : tuple of Goal
+    """
+
+    model: str
+    connections: list[list[str]]
+    inputs: tuple[str, ...]
+    controllers: tuple[TunableSystem, ...]
+    schedules: Mapping[str, Sequence[str]]
+    goals: tuple[Goal, ...]
+
+
+def load_tuning(path: str | Path) -> TuningTask:
+    """The task of a TOML file.
+
+    Parameters
+    ----------
+    path : file
+
+    Raises
+    ------
+    SceneError, StructureError
+        The file cannot be read or is no task; the message names the file, and the controller or goal.
+    """
+    return read_file(path, lambda text: read_table(text, _task))
+
+
+def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
+    """`tune` for a task and its model.
+
+    Parameters
+    ----------
+    task : TuningTask
+    model : System or LFTModel
+    options : those of `tune`: starts, seed, prove, gap, work, progress
+
+    Raises
+    ------
+    StructureError, AnalysisError
+        As `tune`; or a controller is scheduled in a parameter that the model does not have.
+    """
+    controllers = [
+        scheduled(c, [model.parameters[name] for name in names])
+        if (names := task.schedules.get(c.name))
+        else c
+        for c in task.controllers
+    ]
+    systems = [model, *controllers]
+    return tune(systems, task.goals, task.connections, inputs=task.inputs, **options)
+
+
+def _task(table: dict[str, Any]) -> TuningTask:
+    keys = ("format", "model", "connections", "inputs", "controller", "weights", "goals")
+    check_keys(table, FORMAT, keys)
+    if missing := [key for key in ("model", "connections", "goals") if key not in table]:
+        raise SceneError(f"{missing[0]!r} is missing.")
+    if not isinstance(table["model"], str):
+        raise SceneError(f"model: expected the name of a file, got {table['model']!r}.")
+    connections = table["connections"]
+    if not (isinstance(connections, list) and all(map(_are_names, connections))):
+        raise SceneError(
+            f"connections: expected lists of names, such as [['e', 'r', '-y']], got {connections!r}."
+        )
+    if not _are_names(table.get("inputs", [])):
+        raise SceneError(f"inputs: expected a list of names, got {table['inputs']!r}.")
+    weights = {name: _weight(name, entry) for name, entry in _tables(table, "weights").items()}
+    schedules, controllers, goals = {}, [], []
+    for name, entry in _tables(table, "controller").items():
+        if "scheduled" in entry:
+            if not _are_names(entry["scheduled"]):
+                raise SceneError(f"controller {name!r}: scheduled: expected names of parameters.")
+            schedules[name] = entry["scheduled"]
+        others = {key: value for key, value in entry.items() if key != "scheduled"}
+        controllers.append(_made("controller", name, others, _CONTROLLERS))
+    for name, entry in _tables(table, "goals").items():
+        for key in (key for key in _WEIGHTS if key in entry):
+            check_known("weight", [str(entry[key])], weights, f"goal {name!r}: {key}")
+        known = {k: weights[v] if k in _WEIGHTS else v for k, v in entry.items()}
+        goals.append(_made("goal", name, known, _GOALS))
+    inputs = tuple(table.get("inputs", ()))
+    return TuningTask(table["model"], connections, inputs, tuple(controllers), schedules, tuple(goals))
+
+
+def _tables(table: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
+    tables = table.get(key, {})
+    if not (isinstance(tables, dict) and all(isinstance(entry, dict) for entry in tables.values())):
+        raise SceneError(f"{key}: expected tables by name, such as [{key}.NAME], got {tables!r}.")
+    return tables
+
+
+def _are_names(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _made(noun: str, name: str, entry: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> Any:
+    """What the function of a kind makes of the other keys."""
+    where = f"{noun} {name!r}"
+    if "kind" not in entry:
+        raise SceneError(f"{where}: 'kind' is missing: expected {', '.join(kinds)}.")
+    check_known("kind", [str(entry["kind"])], kinds, where)
+    function = kinds[entry["kind"]]
+    parameters = {key: p for key, p in signature(function).parameters.items() if key != "name"}
+    given = {key: value for key, value in entry.items() if key != "kind"}
+    check_known("key", given, parameters, where)
+    for key, parameter in parameters.items():
+        if key in given:
+            _check_type(f"{where}: {key}", parameter.annotation, given[key])
+        elif parameter.default is parameter.empty:
+            raise SceneError(f"{where}: {key!r} is missing.")
+    try:
+        return function(**{**given, "name": name})
+    except MbdlftError as error:
+        raise type(error)(str(error) if where in str(error) else f"{where}: {error}") from None
+
+
+def _is_pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(is_finite, value))
+
+
+def _by_name(value: Any, is_entry: Callable[[Any], bool]) -> bool:
+    return isinstance(value, dict) and all(map(is_entry, value.values()))
+
+
+# of the annotation of an argument: whether a value of TOML is one that it takes, and what it takes
+_TYPES: dict[Any, tuple[Callable[[Any], bool], str]] = {
+    bool: (lambda value: isinstance(value, bool), "true or false"),
+    int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
+    float: (is_finite, "a finite number"),
+    str: (lambda value: isinstance(value, str), "a text"),
+    Names: (lambda value: isinstance(value, str) or _are_names(value), "a name or a list of names"),
+    float | tuple[float, float]: (
+        lambda value: is_finite(value) or _is_pair(value),
+        "a finite number, or a list of two",
+    ),
+    Mapping[str, float] | None: (lambda value: _by_name(value, is_finite), "numbers by name"),
+    Ranges | None: (lambda value: _by_name(value, _is_pair), "two numbers by name"),
+}
+
+
+def _check_type(where: str, annotation: Any, value: Any) -> None:
+    fits, expected = _TYPES.get(annotation, (lambda _: True, ""))  # weights, and structures
+    if not fits(value):
+        raise SceneError(f"{where}: expected {expected}, got {value!r}.")
+
+
+def _weight(name: str, entry: Mapping[str, Any]) -> System:
+    """A transfer function of its coefficients, the highest power first."""
+    where = f"weight {name!r}"
+    check_known("key", entry, ("numerator", "denominator"), where)
+    lists = []
+    for key in ("numerator", "denominator"):
+        values = entry.get(key)
+        if not (isinstance(values, list) and values and all(map(is_finite, values)) and values[0] != 0):
+            raise SceneError(
+                f"{where}: {key}: expected numbers, the highest power of s first and not zero, "
+                f"got {values!r}."
+            )
+        lists.append(np.array(values, dtype=float))
+    above, below = lists
+    n = len(below) - 1
+    if len(above) > n + 1:
+        raise SceneError(f"{where}: the numerator has a higher power of s than the denominator.")
+    b = np.concatenate([np.zeros(n + 1 - len(above)), above])[::-1] / below[0]
+    if not n:
+        return tunable_gain(name, "u", "y", initial={"D[1,1]": float(b[0])}).with_values({})
+    a = below[::-1] / below[0]
+    values = {f"{name}.a{k}": float(a[k]) for k in range(n)}
+    values |= {f"{name}.b{k}": float(b[k]) for k in range(n + 1)}
+    return tunable_transfer(name, "u", "y", n).with_values(values)
