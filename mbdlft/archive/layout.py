@@ -212,8 +212,8 @@ _FORM = """
     form/outputs?: text y
 """
 _LYAPUNOV = """
-    lyapunov@degree: int64
     lyapunov/log: int64 n
+    lyapunov/degrees: int64 ly lq
     lyapunov/states: float64 ly lx lx
 """
 # what a group needs, by type and version: all of "", and of the others what it has the beginning of

@@ -88,14 +88,14 @@ class LyapunovProof:
     ----------
     log : tuple of int
         Parts depth first, the lower half first: 0 for a proved one, 1 + the delta that is cut.
-    degree : int
-        Of the functions in each delta.
+    degrees : int array (proved parts, number of deltas)
+        Of the function of each part in each delta.
     states : array (proved parts, n, n)
         Modes of each part as columns, of which its function follows.
     """
 
     log: tuple[int, ...]
-    degree: int
+    degrees: NDArray[np.int64]
     states: Array
 
 

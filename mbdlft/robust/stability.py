@@ -33,7 +33,7 @@ from mbdlft.robust.ascent import (
     smallest_crossing,
 )
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.lyapunov import degree_of, searched
+from mbdlft.robust.bisect.lyapunov import is_small, searched
 from mbdlft.robust.bisect.search import (
     GAP,
     LARGEST,
@@ -68,7 +68,7 @@ _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _SAMPLES = 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
-_SOON = 0.1  # of the work for a size: more is left to Lyapunov functions
+_SOON = 0.1  # of the work for a size, or as much as its coefficients: more is left to Lyapunov functions
 _PATH = 40  # points of a search for a pole on the axis
 
 
@@ -195,33 +195,36 @@ def _attempted(
     """The state after attempts to prove the box of size k; and without a proof, where a search begins.
 
     The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
-    smaller box, Lyapunov functions are tried before it.
+    smaller box, Lyapunov functions are tried before it. If only work was missing, a smaller box is next.
     """
-    is_wrong, degree = partial(_is_unstable, model, ends), degree_of(model)
+    is_wrong = partial(_is_unstable, model, ends)
     state, polynomials = expanded(state, model, k, ends)
     if polynomials is None:
         return state, None
-    shares = [_SOON, 0.0, 1.0] if degree else [1.0]  # of the polynomial; 0: Lyapunov functions
-    if isinstance(state.proof, LyapunovProof):
-        shares = [0.0, 1.0]
+    work = state.share(asked)
+    tries = [work]  # of the polynomial; 0: Lyapunov functions
+    if is_small(model):
+        first = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
+        tries = [*first, 0.0, 0.5 * work]
     proof: BoxProof | LyapunovProof | None
     point = None
-    for share in shares:
-        work = (share or 1.0) * state.share(asked)
-        if share:
-            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=work)
+    for most in tries:
+        if most:
+            most = min(most, work)
+            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=most)
             proof = None if outcome.log is None else BoxProof(outcome.log)
             state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
-            wrong, center = outcome.counterexample, outcome.open_box.center
+            wrong, point, is_hopeless = outcome.counterexample, outcome.open_box.center, True
         else:
             with after(state.used):
-                proof, wrong, center, used = searched(model, ends, degree, work, is_wrong)
+                proof, wrong, point, used, is_hopeless = searched(model, ends, work, is_wrong)
             state = state._replace(used=state.used + used)
         if proof is not None:
             return state._replace(lower=k, proof=proof), None
         if wrong is not None:
             return state, wrong
-        point = center
+        if not is_hopeless:
+            break
     return state, point
 
 

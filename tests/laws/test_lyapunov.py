@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,8 +11,15 @@ import pytest
 import mbdlft
 from mbdlft import Parameter, System, realize, robust_stability, verify
 from mbdlft.base.array import Array
-from mbdlft.robust.bisect.characteristic import Realization, is_unstable_at, state_polynomials
-from mbdlft.robust.bisect.lyapunov import _is_positive, _Part, degree_of, replayed, searched
+from mbdlft.robust.bisect import boxes
+from mbdlft.robust.bisect.characteristic import (
+    Realization,
+    is_unstable_at,
+    polynomials,
+    state_polynomials,
+)
+from mbdlft.robust.bisect.lyapunov import _is_positive, _Part, replayed, searched
+from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
 from mbdlft.robust.stability import _is_unstable
@@ -39,7 +47,7 @@ def attempt(
     model = realization(system)
     ends = np.full(len(model.sizes), k)
     is_wrong = partial(_is_unstable, model, ends)
-    return model, ends, searched(model, ends, degree_of(model), work, is_wrong).proof
+    return model, ends, searched(model, ends, work, is_wrong).proof
 
 
 def test_modes_that_cross_are_proved_whatever_their_damping() -> None:
@@ -50,7 +58,7 @@ def test_modes_that_cross_are_proved_whatever_their_damping() -> None:
 
 def test_a_proof_is_stored_and_proved_again(tmp_path: Path) -> None:
     system, (_, _, proof) = crossing(), attempt(crossing(), 1.5)
-    bounds = replace(robust_stability(system, gap=0.5, work=0.5), lower=1.5, proof=proof)
+    bounds = replace(robust_stability(system, gap=0.5, work=0.05), lower=1.5, proof=proof)
     mbdlft.save_analysis(tmp_path / "a.h5", system, bounds)
     again, stored = mbdlft.load_analysis(tmp_path / "a.h5")
     assert isinstance(stored.proof, LyapunovProof)
@@ -70,6 +78,46 @@ def test_lyapunov_functions_prove_what_the_polynomial_does_not() -> None:
     assert isinstance(bounds.proof, LyapunovProof)
 
 
+def sizes_tried(upper: float, proved: float = 1.1) -> list[float]:
+    """Sizes at which a proof is tried, if those up to one are proved."""
+    sizes = list[float]()
+
+    def tried(state: State[None], k: float) -> State[None]:
+        sizes.append(k)
+        return state._replace(lower=k) if k <= proved else state
+
+    list(enlarged(Asked(crossing(), 0.1, 1.0), State(None, upper=upper), tried))
+    return sizes
+
+
+def test_the_declared_box_is_tried_soon() -> None:
+    assert sizes_tried(1.5)[:2] == [1.5 * 0.95, 1.0]
+    assert sizes_tried(np.inf).index(1.0) <= 5
+    assert max(size for size in sizes_tried(1.5) if size <= 1.1) > 1.08
+
+
+def test_boxes_that_wait_for_work_are_proved_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some use up their share, and go on: the proof is that of one go, and no more work is done."""
+    model, ends, unfinished = realization(crossing(0.1)), np.full(2, 1.5), 0
+    whole, is_wrong = polynomials(model, ends), partial(_is_unstable, model, ends)
+
+    def crew(function: Any, tasks: Any) -> Any:
+        nonlocal unfinished
+        found = by_itself(function, tasks)
+        unfinished += sum(rest is not None for _, rest in found)
+        return found
+
+    logs = []
+    for first, work in ((1.0, 1.0), (0.03, 0.16)):
+        monkeypatch.setattr(boxes, "_FIRST", first)
+        outcome = boxes.prove(model, ends, whole, work, is_wrong, 0.0, crew)
+        assert outcome.log is not None
+        assert outcome.work <= work
+        logs.append(outcome.log)
+    assert unfinished
+    assert logs[0] == logs[1]
+
+
 def test_no_other_proof_is_taken() -> None:
     """Parts that are missing, coordinates that are none, and a box on which it is not stable."""
     model, ends, proof = attempt(crossing(), 1.5)
@@ -83,8 +131,9 @@ def test_no_other_proof_is_taken() -> None:
         replace(proof, log=(*proof.log, 0)),
         replace(proof, states=states),
         replace(proof, states=proof.states * np.nan),
-        replace(proof, degree=0),
-        replace(proof, degree=1),
+        replace(proof, degrees=0 * proof.degrees),
+        replace(proof, degrees=proof.degrees + 9),
+        replace(proof, degrees=proof.degrees[:, :1]),
         replace(proof, log=(4, *proof.log[1:])),
     )
     assert not any(replayed(model, ends, other) for other in forged)
@@ -129,4 +178,4 @@ def test_poles_that_are_rounding_reach_no_margin() -> None:
     ]
     matrix = [["0", "0", "1", "0"], ["0", "0", "0", "1"], *rows]
     system = realize(matrix, [h], states=4, inputs=[], outputs=[])
-    assert verify(system, robust_stability(system, gap=0.3, work=1.0)) == ""
+    assert verify(system, robust_stability(system, gap=0.3, work=0.2)) == ""

@@ -46,7 +46,6 @@ _MOST_PIECES = 200  # open pieces of a box: with more, none is cut along t any m
 _CALL = 4000  # coefficients that a call costs
 _FIRST = 1.0  # units of work that are done before boxes are given to others
 _BATCH = 8  # boxes that are given to others at a time
-_SHARE = 0.5  # of the work that is left, for one of them
 Check = Callable[[Array], bool]
 Ends = float | Array  # of all deltas of a box, or of each
 Task = tuple[Any, ...]
@@ -260,23 +259,26 @@ def prove(
     first, unfinished = _explored(model, k, scale, whole, min(work, _FIRST), is_wrong, gain)
     if not unfinished or work <= _FIRST:
         return first
-    log, used, frequency = list(unfinished[0]), first.work, first.frequency
-    waiting = list(unfinished[1])
-    while waiting:
-        batch, waiting = waiting[: -_BATCH - 1 : -1], waiting[:-_BATCH]
-        share = _SHARE * max(work - used, 0.0)
-        tasks = [(model, k, scale, box, share, is_wrong, gain) for box in batch]
+    used, frequency = first.work, first.frequency
+    queue: list[Any] = [unfinished[0], *reversed(unfinished[1])]  # and what is proved
+    while places := [i for i, item in enumerate(queue) if isinstance(item, Box)][:_BATCH]:
+        share = (work - used) / len(places)
+        if share <= 0.0:
+            return first._replace(work=used, frequency=frequency)
         with after(used):
-            outcomes = [outcome for outcome, _ in crew(_explored, tasks)]
-        used += sum(outcome.work for outcome in outcomes)
-        for outcome in outcomes:
+            tasks = [(model, k, scale, queue[i], share, is_wrong, gain) for i in places]
+            found: list[tuple[Outcome, _Rest | None]] = crew(_explored, tasks)
+        used += sum(outcome.work for outcome, _ in found)
+        for i, (outcome, rest) in reversed([*zip(places, found, strict=True)]):
             if outcome.log is None:
-                failed: Outcome = outcome._replace(work=used)
-                return failed
-            log += outcome.log
+                first = outcome
+            if outcome.log is None and not rest:
+                return outcome._replace(work=used)
             if not np.isnan(outcome.frequency):
                 frequency = outcome.frequency
-    return Outcome(tuple(log), None, first.open_box, used, frequency)
+            queue[i : i + 1] = [rest[0], *reversed(rest[1])] if rest else [outcome.log]
+    log = tuple(step for part in queue for step in part)
+    return Outcome(log, None, first.open_box, used, frequency)
 
 
 _Rest = tuple[tuple[int, ...], tuple[Box, ...]]

@@ -15,10 +15,12 @@ P N and its transpose, they cancel in the coefficients. Parts are small only whe
 other within a range of deltas that is as small as their damping. (Polynomials P for boxes: Chesi,
 Garulli, Tesi, Vicino, IEEE TAC 50, 2005.)
 
+In each delta P has the least degree at which the tail of its Chebyshev series, along the line through the
+middle, leaves most of S. A part that needs too much is cut along the delta of the largest tail.
+
 S > 0 if all of its Bernstein coefficients are. The products are in doubles, with bounds of their
 rounding, and Cholesky's factor of what is left without these proves that it is positive (Rump, BIT 46,
-2006). A part on which this fails is cut along the delta in which P has the largest term of the highest
-degree. The proof is the list of cuts, and the coordinates of each part, from which P is computed again.
+2006). The proof is the list of cuts, and the degrees and coordinates of each part; P is computed again.
 """
 
 from collections.abc import Sequence
@@ -26,11 +28,10 @@ from functools import cache
 from itertools import product
 from math import comb, prod
 from typing import Any, NamedTuple
-from warnings import catch_warnings
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg.lapack import dgees, dtrsyl
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import tell
@@ -41,12 +42,14 @@ from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
 from mbdlft.robust.evidence import LyapunovProof
 
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
-_DEGREE = 4  # of P in each delta; less where there are many
+_DEGREE = 8  # of P in a delta, at most
+_TAIL = 0.08  # of S, which terms of P beyond its degrees may be, as far as the middle tells
 _DEAREST = 1.0  # units of work of a part
-_PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 1.5e-4, 2e-3  # units of work
+_PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
-_HOPELESS = 0.02  # of the box that has to be proved with half of the work
+_EARLY = 0.3  # of the work, with which at least this part of what it has to prove is proved
+_MIDDLE = np.array([0.5])
 
 
 class _Part(NamedTuple):
@@ -69,65 +72,76 @@ class Attempt(NamedTuple):
     counterexample: Array | None  # deltas of the unit box that are wrong
     center: Array  # of the last part, in the unit box: one that resisted, if there is neither
     work: float  # units that were used
+    is_hopeless: bool = False  # whether more work of this size would not be enough, either
 
 
-def degree_of(model: Realization) -> int:
-    """The degree of P in each delta; 0 if there are too many deltas or states for the work of a part."""
-    return next((e for e in range(_DEGREE, 0, -1) if _cost(model, e) <= _DEAREST), 0)
+def is_small(model: Realization) -> bool:
+    """Whether the work of a part is bearable, if P is affine in each delta."""
+    return _cost(model, np.ones(len(model.sizes))) <= _DEAREST
 
 
-def _cost(model: Realization, degree: int) -> float:
-    """Units of work of a part of the box."""
-    nodes, n = (degree + 1.0) ** len(model.sizes), len(model.A)
-    products = _PRODUCT * prod(size + 1 for size in model.sizes)
-    return _PART + nodes * (_NODE + (_SOLUTION + products) * n**3)
+def _cost(model: Realization, degrees: NDArray[Any] | None) -> float:
+    """Units of work of a part of the box with P of these degrees, or of a look at it."""
+    n = len(model.A)
+    nodes = 0.0 if degrees is None else float(np.prod(degrees + 1.0))
+    solutions = nodes + (_DEGREE + 1.0) * len(model.sizes)
+    products = _PRODUCT * nodes * model.coefficients * n**2
+    return _PART + solutions * (_NODE + _SOLUTION * n**3) + products
 
 
-def searched(model: Realization, ends: Ends, degree: int, work: float, is_wrong: Check) -> Attempt:
+def searched(model: Realization, ends: Ends, work: float, is_wrong: Check) -> Attempt:
     """Look for a proof that all models of the box |delta| <= ends are stable."""
-    waiting, log, states = [_whole(model, ends)], list[int](), list[Array]()
-    used, proved, cost = 0.0, 0.0, _cost(model, degree)
-    part = waiting[0]
+    waiting, log, states, degrees = [_whole(model, ends)], list[int](), list[Array](), list[Any]()
+    used, proved, part = 0.0, 0.0, waiting[0]
     while waiting:
-        if used + cost > work or (used > 0.5 * work and proved < _HOPELESS):
-            return Attempt(None, None, part.center, used)
-        used += cost
-        tell(used)
         part = waiting.pop()
         if is_wrong(part.center):
             return Attempt(None, part.center, part.center, used)
         modes = _modes(part, len(model.A))
-        P = None if modes is None else _interpolated(part, modes, degree)
-        if modes is not None and P is not None and _is_positive(part, modes, P, _SLACK):
+        tails = None if modes is None else _tails(part, modes)
+        wanted, axis = None, _largest_change(part)
+        if tails is not None:
+            least = 1 + np.sum(tails > _TAIL / len(tails), axis=1)
+            axis = int(np.argmax(least + tails[:, -1] / (1.0 + tails[:, -1])))
+            wanted = least if np.max(least) <= _DEGREE and _cost(model, least) <= _DEAREST else None
+        cost = _cost(model, wanted)
+        is_slow = used > _EARLY * work and proved * work < _EARLY * used
+        is_hopeless = is_slow or not part.half[axis] > _SMALLEST
+        if used + cost > work or is_hopeless:
+            return Attempt(None, None, part.center, used, is_hopeless)
+        used += cost
+        tell(used)
+        if modes is not None and wanted is not None and _proves(part, modes, wanted, _SLACK):
             log.append(0)
             states.append(modes)
+            degrees.append(wanted)
             proved += float(np.prod(part.half))
-            continue
-        axis = _axis(part, modes, P)
-        if not part.half[axis] > _SMALLEST:
-            return Attempt(None, None, part.center, used)
-        log.append(1 + axis)
-        waiting += reversed(_halves(part, axis))
-    proof = LyapunovProof(tuple(log), degree, np.array(states))
-    return Attempt(proof, None, part.center, used)
+        else:
+            log.append(1 + axis)
+            waiting += reversed(_halves(part, axis))
+    return Attempt(
+        LyapunovProof(tuple(log), np.array(degrees), np.array(states)), None, part.center, used
+    )
 
 
 def replayed(model: Realization, ends: Ends, proof: LyapunovProof) -> bool:
     """Whether a list of cuts, and coordinates of the parts, prove what `searched` says."""
-    n, states = len(model.A), list(proof.states)
-    if not 1 <= proof.degree <= _DEGREE or proof.states.shape != (proof.log.count(0), n, n):
+    n, q, count = len(model.A), len(model.sizes), proof.log.count(0)
+    if proof.degrees.shape != (count, q) or proof.states.shape != (count, n, n):
         return False
+    if not np.all((proof.degrees >= 0) & (proof.degrees <= _DEGREE)):
+        return False
+    leaves = zip(proof.states, proof.degrees, strict=True)
     waiting = [_whole(model, ends)]
     for step in proof.log:
-        if not waiting or not 0 <= step <= len(model.sizes):
+        if not waiting or not 0 <= step <= q:
             return False
         part = waiting.pop()
         if step:
             waiting += reversed(_halves(part, step - 1))
             continue
-        modes = states.pop(0)
-        P = _interpolated(part, modes, proof.degree) if np.all(np.isfinite(modes)) else None
-        if P is None or not _is_positive(part, modes, P):
+        modes, degrees = next(leaves)
+        if not np.all(np.isfinite(modes)) or not _proves(part, modes, degrees):
             return False
     return not waiting
 
@@ -154,7 +168,7 @@ def _halves(part: _Part, axis: int) -> list[_Part]:
 
 def _modes(part: _Part, n: int) -> Array | None:
     """Columns (n, n) of the modes in the middle, in which -(A + A') is I; None if they are dependent."""
-    N, d = _at_nodes(part, n, [np.array([0.5])] * len(part.center))
+    N, d = _at_nodes(part, n, [_MIDDLE] * len(part.center))
     if not d.item() > 0.0:
         return None
     A = N.reshape(n, n) / d.item()
@@ -185,29 +199,70 @@ def _basis(degree: int, nodes: tuple[float, ...]) -> Array:
     )
 
 
-def _interpolated(part: _Part, modes: Array, degree: int) -> Array | None:
-    """Bernstein coefficients (degree + 1, ..., n, n) of P in these coordinates; None if there is no P."""
-    n, q = len(modes), len(part.center)
-    nodes = 0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
-    N, d = _at_nodes(part, n, [nodes] * q)
+def _proves(part: _Part, modes: Array, degrees: NDArray[Any], slack: float = 0.0) -> bool:
+    """Whether P of these degrees, in these coordinates, proves a part."""
+    nodes = [_chebyshev(int(e)) for e in degrees]
+    P = _solutions(part, modes, nodes)
+    if P is None:
+        return False
+    for axis, t in enumerate(nodes):
+        inverse = np.linalg.inv(_basis(len(t) - 1, tuple(t.tolist())))
+        P = np.moveaxis(np.tensordot(inverse, P, (1, axis)), 0, axis)
+    P = 0.5 * (P + P.mT)
+    return bool(np.all(np.isfinite(P))) and _is_positive(part, modes, P, slack)
+
+
+def _tails(part: _Part, modes: Array) -> Array | None:
+    """What terms of P beyond degrees 1, 2, ... add to S along each delta (q, _DEGREE); None without P."""
+    n, q, t = len(modes), len(part.center), _chebyshev(_DEGREE)
+    terms = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * t - 1.0, _DEGREE))
+    A = _in_modes(part, modes, [_MIDDLE] * q)
+    if A is None:
+        return None
+    tails = []
+    for axis in range(q):
+        P = _solutions(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
+        if P is None:
+            return None
+        half = np.tensordot(terms, P.reshape(-1, n, n), 1) @ A.reshape(n, n)
+        sizes = np.linalg.norm(half + half.mT, axis=(1, 2))
+        tails.append(np.append(np.cumsum(sizes[::-1])[-3::-1], sizes[-1]))
+    return np.array(tails) if np.all(np.isfinite(tails)) else None
+
+
+def _chebyshev(degree: int) -> Array:
+    """Chebyshev nodes from 0 to 1."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)))
+
+
+def _in_modes(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
+    """A (..., n, n) at nodes in coordinates; None if there is none."""
+    N, d = _at_nodes(part, len(modes), nodes)
     if not np.all(d > 0.0):
         return None
     try:
-        matrices = np.linalg.solve(modes, N / d[..., None, None] @ modes)
-        P = np.array([_solution(A) for A in matrices.reshape(-1, n, n)]).reshape(matrices.shape)
+        return np.asarray(np.linalg.solve(modes, N / d[..., None, None] @ modes))
     except np.linalg.LinAlgError:
         return None
-    inverse = np.linalg.inv(_basis(degree, tuple(nodes.tolist())))
-    for axis in range(q):
-        P = np.moveaxis(np.tensordot(inverse, P, (1, axis)), 0, axis)
-    P = 0.5 * (P + P.mT)
-    return np.asarray(P) if np.all(np.isfinite(P)) else None
 
 
-def _solution(A: NDArray[Any]) -> Array:
-    """The solution P of A'P + P A = -I; of a matrix near to A, with a warning, where there is none."""
-    with catch_warnings(action="ignore"):
-        return np.asarray(solve_continuous_lyapunov(A.T, -np.eye(len(A))))
+def _solutions(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
+    """Solutions P (..., n, n) of A'P + P A = -I at nodes, in coordinates; None if there is no A."""
+    A = _in_modes(part, modes, nodes)
+    if A is None:
+        return None
+    return np.array([_solution(each) for each in A.reshape(-1, *modes.shape)]).reshape(A.shape)
+
+
+def _solution(A: Array) -> Array:
+    """The solution P of A'P + P A = -I; of a matrix near to A where there is none."""
+    R, _, _, _, U, _, _ = dgees(_unsorted, A.T)
+    Y, scale, _ = dtrsyl(R, R, -U.T @ U, tranb="T")
+    return np.asarray(U @ (Y / scale) @ U.T)
+
+
+def _unsorted(*_: float) -> None:
+    """Eigenvalues of Schur's form stay as they come."""
 
 
 def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> bool:
@@ -244,18 +299,28 @@ def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> boo
 
 
 def _product(P: Array, N: Array) -> Array:
-    """Bernstein coefficients of the product of polynomials of matrices (..., k, k)."""
+    """Bernstein coefficients of the product of polynomials of matrices (..., k, k).
+
+    The sum over the axis with most coefficients of P is one of products of matrices, too.
+    """
     q, k = P.ndim - 2, P.shape[-1]
+    first = int(np.argmax(P.shape[:q]))
+    P, N = np.moveaxis(P, first, 0), np.moveaxis(N, first, 0)
     shapes = P.shape[:q], N.shape[:q]
     both = tuple(a + b - 1 for a, b in zip(*shapes, strict=True))
+    count, *others = shapes[0]
     weighted = np.moveaxis(N * _binomials(shapes[1])[..., None, None], -2, 0)
-    columns, total = weighted.reshape(k, -1), np.zeros((k, *both, k))
-    for at in product(*map(range, shapes[0])):
-        place = slice(None), *(slice(i, i + size) for i, size in zip(at, shapes[1], strict=True))
-        total[place] += (prod(map(comb, (s - 1 for s in shapes[0]), at)) * P[at] @ columns).reshape(
-            weighted.shape
-        )
-    return np.asarray(np.moveaxis(total, 0, -2) / _binomials(both)[..., None, None])
+    shifted = np.zeros((count, k, both[0], *weighted.shape[2:]))
+    for i in range(count):
+        shifted[i, :, i : i + shapes[1][0]] = weighted
+    columns, total = shifted.reshape(count * k, -1), np.zeros((k, *both, k))
+    rows = np.moveaxis(P * _binomials(shapes[0])[..., None, None], 0, -2)
+    for at in product(*map(range, others)):
+        place = (slice(i, i + size) for i, size in zip(at, shapes[1][1:], strict=True))
+        left = rows[at].reshape(k, -1)
+        total[:, :, *place] += (left @ columns).reshape(k, *shifted.shape[2:])
+    result = np.moveaxis(total, 0, -2) / _binomials(both)[..., None, None]
+    return np.asarray(np.moveaxis(result, 0, first))
 
 
 @cache
@@ -268,15 +333,9 @@ def _binomials(shape: tuple[int, ...]) -> Array:
     return weights
 
 
-def _axis(part: _Part, modes: Array | None, P: Array | None) -> int:
-    """The delta to cut: that of the largest term of the highest degree in P; without P, in d and N."""
+def _largest_change(part: _Part) -> int:
+    """The delta along which d and N change most."""
     q = len(part.center)
-    if P is None or modes is None:
-        largest = np.max(part.sizes, axis=tuple(range(q)))
-        rows = part.values / np.where(largest > 0.0, largest, 1.0)
-        return int(np.argmax([np.max(np.abs(np.diff(rows, axis=k)), initial=0.0) for k in range(q)]))
-    N, d = _at_nodes(part, len(modes), [np.array([0.5])] * q)
-    A = np.linalg.solve(modes, N.reshape(modes.shape) / d.item() @ modes)
-    speed = np.add.outer(*[np.linalg.norm(A, axis=1)] * 2)
-    last = [np.diff(P, n=P.shape[k] - 1, axis=k) * speed for k in range(q)]
-    return int(np.argmax([np.max(np.abs(term)) for term in last]))
+    largest = np.max(part.sizes, axis=tuple(range(q)))
+    rows = part.values / np.where(largest > 0.0, largest, 1.0)
+    return int(np.argmax([np.max(np.abs(np.diff(rows, axis=k)), initial=0.0) for k in range(q)]))

@@ -14,7 +14,7 @@ import os
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
-from math import prod
+from math import prod, sqrt
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -36,8 +36,10 @@ UNSTABLE = (
 )
 INTERRUPTED = "it was interrupted"
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0  # defaults: 1 %, half a minute, a hundred times the box
-_SHARE = 0.5  # of the work that is left, for one target; of that again while no size is proved
+_SHARE, _AT_FIRST = 0.5, 0.35  # of the work that is left, for one target; while no size is proved
 _LOWER = 0.7  # a size that was not proved is approached from the proved one: this part of the way
+_FAR = 4.0  # times the proved size, or the box: above it, the geometric mean comes next
+_ABOUT_1 = 0.8  # sizes from this to one over it: the declared box is tried instead
 _WIDER = 4.0  # factor of the distance of a level that resisted from the value that is reached
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
 _DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
@@ -130,7 +132,7 @@ class State(NamedTuple, Generic[Worst]):
 
     def share(self, asked: Asked) -> float:
         """Units of work for one size: less of what is left while nothing is proved."""
-        return (_SHARE if self.lower else _SHARE * _SHARE) * self.left(asked)
+        return (_SHARE if self.lower else _AT_FIRST) * self.left(asked)
 
     def is_closed(self, asked: Asked) -> bool:
         """Whether the gap of a margin is not larger than what was asked for."""
@@ -177,7 +179,9 @@ def enlarged(
     while not state.is_closed(asked):
         k = min(state.upper, asked.largest) * (1.0 - 0.5 * asked.gap)
         if not k < resisted:
-            k = state.lower + _LOWER * (resisted - state.lower)
+            k, least = state.lower + _LOWER * (resisted - state.lower), max(state.lower, 1.0)
+            k = sqrt(least * resisted) if resisted > _FAR * least else k
+            k = 1.0 if state.lower < 1.0 < resisted and _ABOUT_1 < k < 1.0 / _ABOUT_1 else k
         if state.used + cost > asked.work or not k > state.lower * (1.0 + 0.1 * asked.gap):
             return state.spent(asked)
         before, state = state, tried(state, k)
