@@ -235,7 +235,9 @@ class _Parser:
             tree = self._sum()
             self._close()
             return tree
-        raise self._error("a number, a name or '('")
+        raise self._error(
+            f"a number before a unit, as in 1 {token}" if kind == "unit" else "a number, a name or '('"
+        )
 
     def _with_unit(self, token: str) -> Number:
         """A number that has been read, with the unit that may follow it."""

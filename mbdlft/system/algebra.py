@@ -77,6 +77,13 @@ def selected(a: System, key: Any) -> System:
             f"model {a.name!r}: expected model[outputs, inputs], with names, lists of names or slices, "
             f"got model[{key!r}]."
         )
+    inputs, outputs = ({signal.name for signal in signals} for signals in (a.inputs, a.outputs))
+    first, second = (name if isinstance(name, str) else "" for name in key)
+    if first in inputs - outputs and second in outputs - inputs:
+        raise StructureError(
+            f"model {a.name!r}: {first!r} is an input, {second!r} an output, and outputs come first: "
+            f"model[{second!r}, {first!r}]."
+        )
     rows, columns = (
         positions_of(asked, [signal.name for signal in signals], f"model {a.name!r}, {what}")
         for asked, signals, what in zip(key, (a.outputs, a.inputs), ("outputs", "inputs"), strict=True)

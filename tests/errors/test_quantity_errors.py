@@ -58,6 +58,8 @@ MASS, 'mass = "m11"'
 "0.0, -9.81]", '0.0, "-g"]' => scene 'two_link_arm', gravity.z = '-g': unknown name 'g'.
 > arm({}) => SceneError:
 MASS, 'mass = "L2"' => body 'link1', mass = 'L2': the unit does not fit: expected kg, got m.
+MASS, 'mass = "1/2.0 [m^4]"'
+    => A unit belongs to the number before it: behind a divisor it divides … such as 1.0 [kg]/2.0.
 MASS, 'mass = "m1*m3"' => the unit does not fit: expected kg, got kg^2.
 MASS, 'mass = "m1/m3"' => the unit does not fit: expected kg, got 1.
 MASS, 'mass = "L1"' => body 'link1', mass = 'L1': the unit does not fit: expected kg, got m.

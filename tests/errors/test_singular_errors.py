@@ -103,7 +103,7 @@ True
 "2 [lb]" => expression '2 [lb]', column 3: unit 'lb': unknown symbol 'lb'.
 "2 []" => expression '2 []', column 3: a unit is empty
 "m [kg]" => expression 'm [kg]', column 3: expected an operator, got '[kg]'.
-"[kg]" => expression '[kg]', column 1: expected a number, a name or '(', got '[kg]'.
+"[kg]" => expression '[kg]', column 1: expected a number before a unit, as in 1 [kg], got '[kg]'.
 "2 [kg"
     => expression '2 [kg', column 3: expected a number, a name, an operator or a parenthesis, got '['.
 "1e307 [km]" => expression '1e307 [km]', column 7: expected a finite number, got '[km]'.

@@ -41,6 +41,7 @@ System("s", delta("k"), (), (Signal("u", "1"),), (Signal("y", "1"),), ())
 STATIC.parameters["kk"] => unknown parameter 'kk'. Did you mean 'k'? Existing: k.
 STATIC["c"] => expected model[outputs, inputs], with names, lists of names or sl
 STATIC["d", "a"] => model 'gain_of_k', outputs: unknown signal 'd'. Existing: c.
+STATIC["a", "c"] => 'a' is an input, 'c' an output, and outputs come first: model['c', 'a'].
 STATIC["c", 2] => model 'gain_of_k', inputs: unknown signal '2'. Existing: a, b.
 STATIC["c", ["a", "a"]] => inputs: a stands more than once among a, a.
 STATIC + ONE => gain_of_k has 1 outputs and 2 inputs, one has 1 and 1; sums need

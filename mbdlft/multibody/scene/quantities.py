@@ -297,6 +297,14 @@ def _missing_unit(
             f"{'one of them' if bare[1:] else 'it'} with unit = {unit!r}, or give a number a unit, "
             f"such as 1 [{unit}]*{bare[0]}."
         )
+    divisors = [
+        node.right for node in walk(expression) if isinstance(node, Binary) and node.operator == "/"
+    ]
+    if any(isinstance(each, Number) and each.unit is not None for each in divisors):
+        return (
+            " A unit belongs to the number before it: behind a divisor it divides. Write the unit of the "
+            f"whole behind the first number, such as 1.0 [{expected.unit}]/2.0."
+        )
     if _has_factor(expression):
         return (
             " A number that multiplies a value with a unit is a plain factor. Where the factor has a "

@@ -129,6 +129,10 @@ def read_file(path: str | Path, read: Callable[[str], T]) -> T:
     """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
     file = Path(path)
     content = content_of(file, SceneError)
+    if content.startswith(b"\x89HDF"):
+        raise SceneError(
+            f"{file}: it is an archive (HDF5), not a text. mbdlft.load(path) reads its models."
+        )
     try:
         text = content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
