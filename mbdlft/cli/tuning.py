@@ -19,7 +19,7 @@ def tune(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Archive for controllers, loops and proofs.")
     ] = None,
-    starts: Annotated[int, typer.Option(min=1, help="Places from which the search begins.")] = 6,
+    starts: Annotated[int, typer.Option(min=1, help="Places from which the search begins.")] = 8,
     seed: Annotated[int, typer.Option(help="Which places these are.")] = 0,
     no_proof: Annotated[bool, typer.Option("--no-proof", help="Leave the proofs out.")] = False,
     gap: options.Gap = 0.01,

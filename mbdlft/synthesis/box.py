@@ -118,7 +118,7 @@ def tune(
     connections: Connections,
     *,
     inputs: Sequence[str] = (),
-    starts: int = 6,
+    starts: int = 8,
     seed: int = 0,
     prove: bool = True,
     gap: float = 0.01,

@@ -36,6 +36,8 @@ _PEAK = 1e-9  # of a norm: its tolerance
 _BEST = 2  # of the first descents are taken on
 Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
+# from the first start both, from the others one or the other
+_PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
 Told = Callable[[str], None]
 
 
@@ -218,9 +220,8 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
             if real >= 0.0:
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
                 continue
-            for engine in (sqp, bfgs):
-                plan = [(engine, 0.9), (sqp, 0.9), (sqp, 0.7)]
-                found.append(tuner.descended(x, plan, _FIRST_STEPS, is_first=True))
+            plans = _PLANS if not count else (_PLANS[count % 2],)
+            found += [tuner.descended(x, plan, _STEPS, is_first=True) for plan in plans]
             best = min(found, key=Tuned.rank)
             say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
             if best.rank() <= (0.0, enough):

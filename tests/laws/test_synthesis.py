@@ -22,7 +22,7 @@ from mbdlft.synthesis import (
     tunable_transfer,
     tune,
 )
-from mbdlft.synthesis.evaluation import Asked, look
+from mbdlft.synthesis.evaluation import Asked, _largest, look
 from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
 from mbdlft.system import state_space
 from tests.close import CLOSED_FORM, CROSS, FITTED, target
@@ -134,6 +134,13 @@ def test_slopes_are_those_of_differences(name: str) -> None:
             assert abs(difference - piece.slope[k]) * abs(size) < 1e-4 * scale, piece
 
 
+@pytest.mark.parametrize("shape", [(1, 3), (2, 3), (4, 2), (3, 4)])
+def test_largest_singular_values(shape: tuple[int, int]) -> None:
+    random = np.random.default_rng(0)
+    some = random.standard_normal((5, *shape)) + 1j * random.standard_normal((5, *shape))
+    target(_largest(some), np.linalg.norm(some, 2, axis=(1, 2)), CROSS)
+
+
 def test_values_are_norms_and_poles_of_the_loops() -> None:
     _, loops, asked, deltas = case(CONTROLLERS["pid"][0], *GOALS, points=1)
     x = np.array(CONTROLLERS["pid"][1])
@@ -200,6 +207,18 @@ def test_a_mass_on_a_spring_is_tuned_and_proved(tmp_path: Path) -> None:
     names = mbdlft.analysis_names(tmp_path / "made.h5")
     loaded = [mbdlft.load_analysis(tmp_path / "made.h5", name) for name in names]
     assert [mbdlft.verify(*each) for each in loaded] == ["", ""]
+
+
+def test_a_hard_goal_stops_the_others() -> None:
+    """Of u = -k y, y/w = 1/(s + 1 + k), and |u/w| = k/(1 + k) is at most a half: k = 1."""
+    names = {"inputs": ["w", "u"], "outputs": ["y"], "name": "P"}
+    plant = state_space([[-1.0]], [[1.0, 1.0]], [[1.0]], [[0.0, 0.0]], **names)
+    goals = [gain_goal("w", "y"), gain_goal("w", "v", limit=0.5, hard=True)]
+    made = tune([plant, tunable_gain("K", "e", "v")], goals, [["e", "y"], ["u", "-v"]], starts=1)
+    assert abs(made.values["K.D[1,1]"] - 1.0) < 1e-3
+    assert made.hard < 1.0 + 1e-4
+    assert abs(made.soft - 0.5) < 1e-3
+    assert made.goals[1].proved < 1.01
 
 
 def test_a_design_parameter_is_a_free_value() -> None:
