@@ -1,11 +1,12 @@
-"""One repetition less of one delta, by Newton's method on the values.
+"""Fewer repetitions of one delta, by Newton's method on the values.
 
 With M = [A B ; C D], Y = [C Delta (I - A Delta)^-1, I] and W = [Delta (I - A Delta)^-1 B ; I] a change dM
 changes the value to first order by Y dM W. The entries of M in the rows and columns of one delta are
-the unknowns, all others stay: a direction of that delta is left out, and the unknowns are fitted to the
-values until the difference is rounding (Levenberg 1944, Marquardt 1963). LFTs between the degree
-and what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/method.md), by the
-lines where its quotient lives.
+the unknowns, all others stay: some directions of that delta are left out, and the unknowns are fitted to
+the values until the difference is rounding (Levenberg 1944, Marquardt 1963). As many as the bound allows
+are left out first: fewer unknowns are quicker, and have fewer false ends. LFTs between the degree and
+what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/method.md), by the lines
+where its quotient lives.
 
 The products Y dM W of a row i and a column b have the scalar products
 
@@ -79,7 +80,7 @@ def refit(
             return close[k]
     for k, form in enumerate(close):
         of_form = work.part(1.0 / (len(close) - k))
-        less = partial(one_less, bound=bound, tries=_TURNS, seed=seed, work=of_form)
+        less = partial(fewer, bound=bound, least=least, tries=_TURNS, seed=seed, work=of_form)
         close[k] = _followed(form, less, least, keeps, of_form)
         if close[k].order <= least:
             return close[k]
@@ -124,41 +125,49 @@ def _lower(
             yield unscaled(fit.M, candidate.blocks, a, truth)
 
 
-def one_less(a: LFT, bound: Mapping[str, int], tries: int, seed: int, work: Work) -> Iterator[LFT]:
-    """LFTs with one repetition less, as far as they are found until the work is over.
+def fewer(
+    a: LFT, bound: Mapping[str, int], least: int, tries: int, seed: int, work: Work
+) -> Iterator[LFT]:
+    """LFTs with fewer repetitions of one delta, as far as they are found until the work is over.
 
-    A delta that meets its bound is left as it is; those far above it come first. For each repetition
-    above the bound so many directions are left out by chance. The LFTs are equal to `a` up to rounding
-    on circles around delta = 0: they are to be compared with it.
+    A delta that meets its bound is left as it is; those far above it come first. In turn all, half, a
+    quarter of the repetitions above the bound are left out, and then one, in directions of chance; none
+    below the order `least`. The LFTs are equal to `a` up to rounding on circles around delta = 0: they
+    are to be compared with it.
     """
     random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
     names = sorted(more, key=lambda name: bound[name] / sizes[name])
-    turns = [name for name in names for _ in range(more[name])]
-    for _, name, fit in itertools.product(range(tries), turns, (_near, _anew)):
+    turns = []
+    for name in names:
+        most = min(more[name], a.order - least)
+        counts = [-(-most >> halved) for halved in range(more[name])]  # rounded up
+        first = seed % len(counts)  # rounds of a search begin differently
+        turns += [(name, count) for count in counts[first:] + counts[:first]]
+    for _, (name, count), fit in itertools.product(range(tries), turns, (_near, _anew)):
         if work.is_over:
             return
         try:
-            fitted = fit(a, name, random, work)
+            fitted = fit(a, name, count, random, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
         if fitted is not None:
             yield fitted
 
 
-def _near(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
-    """From the LFT itself: without a direction of a delta, whose rows and columns are the unknowns."""
+def _near(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
+    """From the LFT itself: without directions of a delta, whose rows and columns are the unknowns."""
     block = a.slices()[name]
-    last = block.stop - 1
-    unknowns = _unknowns(a, last - block.start, a.order - 1)
+    gone = range(block.stop - count, block.stop)
+    unknowns = _unknowns(a, gone.start - block.start, a.order - count)
     if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * _of_step(unknowns) > max(_OF_TRY, work.most):
         return None
     truth = circle_values(a, unknowns, random, work)
     M = scaled(a, truth)
-    turn = np.linalg.qr(random.standard_normal((last + 1 - block.start,) * 2))[0]
+    turn = np.linalg.qr(random.standard_normal((block.stop - block.start,) * 2))[0]
     M[block] = turn.T @ M[block]
     M[:, block] = M[:, block] @ turn
-    M = np.delete(np.delete(M, last, axis=0), last, axis=1)
-    return _fitted(a, name, truth, M, slice(block.start, last), random, work)
+    M = np.delete(np.delete(M, gone, axis=0), gone, axis=1)
+    return _fitted(a, name, count, truth, M, slice(block.start, gone.start), random, work)
 
 
 def _unknowns(a: LFT, repetitions: int, order: int) -> int:
@@ -167,9 +176,9 @@ def _unknowns(a: LFT, repetitions: int, order: int) -> int:
     return repetitions * int(2 * order - repetitions + signals)
 
 
-def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | None:
+def _anew(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
     """From anywhere, with all of M but D as unknowns: for few of them."""
-    n = a.order - 1
+    n = a.order - count
     unknowns = n * (n + sum(a.shape))
     if unknowns > _MOST_ANEW:
         return None
@@ -177,15 +186,22 @@ def _anew(a: LFT, name: str, random: np.random.Generator, work: Work) -> LFT | N
     outputs, inputs = truth.values.shape[1:]
     M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
     M[n:, n:] = 0.0
-    return _fitted(a, name, truth, M, slice(0, n), random, work)
+    return _fitted(a, name, count, truth, M, slice(0, n), random, work)
 
 
 def _fitted(
-    a: LFT, name: str, truth: CircleValues, M: Array, part: slice, random: np.random.Generator, work: Work
+    a: LFT,
+    name: str,
+    count: int,
+    truth: CircleValues,
+    M: Array,
+    part: slice,
+    random: np.random.Generator,
+    work: Work,
 ) -> LFT | None:
-    """With one repetition of a delta less, from a start M; None if the values are not met."""
-    kept = tuple(Block(block.name, block.size - (block.name == name)) for block in a.blocks)
-    n = a.order - 1
+    """With so many repetitions of a delta less, from a start M; None if the values are not met."""
+    kept = tuple(Block(block.name, block.size - count * (block.name == name)) for block in a.blocks)
+    n = a.order - count
     unknown = np.zeros(M.shape, dtype=bool)
     unknown[part], unknown[:, part] = True, True
     unknown[n:, n:] = False

@@ -78,7 +78,7 @@ def test_slopes(angle: str) -> None:
 def test_with_newton(
     monkeypatch: pytest.MonkeyPatch, links: int, names: tuple[str, ...], before: int, after: int
 ) -> None:
-    monkeypatch.setattr(newton, "one_less", lambda *_, **__: iter(()))
+    monkeypatch.setattr(newton, "fewer", lambda *_, **__: iter(()))
     a = chain_in_space(links, *names)
     found = refit([a], lower_bound(a), after, lambda one: is_right(one, a), 0, Work(40.0))
     assert (a.order, found.order) == (before, after)
