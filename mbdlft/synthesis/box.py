@@ -8,6 +8,7 @@ exact slopes. It proves nothing: at the end each goal is bounded for all values 
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -160,6 +161,7 @@ def tune(
         A name is unknown, or nothing is free.
     AnalysisError
         No values were found with which the loops are stable: the message names the pole, and the point.
+        A goal is an H2 norm with a direct path.
     """
     if not (isinstance(starts, int) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
@@ -171,15 +173,8 @@ def tune(
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
         points = np.zeros((1, len(net.system.parameters)))
         best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
-        for count in range(_ROUNDS if points.shape[1] else 0):
-            new = _worst_points(net, sought, best, points, seed + count)
-            say(f"{len(points)} points, {_said(best.look)}, {len(new)} worse")
-            if not len(new):
-                break
-            if len(points) > _MOST_POINTS:
-                points = points[Tuner(net, sought, points).deciding(best.x, _DECIDES)]
-            points = np.vstack([points, new])
-            best = taken_on(Tuner(net, sought, points), best.x, starts, seed)
+        with suppress(KeyboardInterrupt):  # the best that is known is proved
+            best, points = _at_worst_points(net, sought, best, points, (starts, seed), say)
         reached = []
         for goal, bound in zip(goals, least, strict=True):
             if prove:
@@ -192,6 +187,23 @@ def tune(
     return Tuning(
         controllers, _values(net, best.x), tuple(reached), tuple(_physical(net, p) for p in points)
     )
+
+
+def _at_worst_points(
+    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, how: tuple[int, int], say: Progress
+) -> tuple[Tuned, Array]:
+    """Values tuned at more and more of the worst points of the box, and these points."""
+    starts, seed = how
+    for count in range(_ROUNDS if points.shape[1] else 0):
+        new = _worst_points(net, goals, best, points, seed + count)
+        say(f"{len(points)} points, {_said(best.look)}, {len(new)} worse")
+        if not len(new):
+            break
+        if len(points) > _MOST_POINTS:
+            points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
+        points = np.vstack([points, new])
+        best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+    return best, points
 
 
 def _said(look: Look) -> str:

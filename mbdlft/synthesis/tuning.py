@@ -24,6 +24,7 @@ from mbdlft.synthesis.goals import H2, POLES, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
 
 _DECAY, _STABLE, _NEAR = 1e-5, 1e-3, 0.05  # of the bandwidth: decay to be kept, aimed at, and of pieces
+_BESIDE = 0.3  # of a scale: how far the second search for stable values begins from the first
 _STABLE_STEPS, _FIRST_STEPS, _STEPS, _ROUNDS = 80, 80, 250, 8
 _KEEPS = (0.9, 0.7, 0.8, 0.6)  # parts of the largest from which on peaks are pieces, by round
 _TOLERANCE = 1e-7  # of the merit
@@ -92,6 +93,11 @@ class Tuner:
             at, self.low / self.scale, self.high / self.scale, lambda _: False, 1.0, self.bandwidth
         )
         found = sqp(problem, x / self.scale, _STABLE_STEPS, 1e-6, -_STABLE)
+        if found.merit >= 0.0:  # multiple poles, such as without any gain, have no slopes
+            beside = x / self.scale + _BESIDE * np.random.default_rng(0).standard_normal(len(x))
+            beside = np.clip(beside, problem.low, problem.high)
+            again = sqp(problem, beside, _STABLE_STEPS, 1e-6, -_STABLE)
+            found = min(found, again, key=lambda descended: descended.merit)
         return found.x * self.scale, found.merit * self.bandwidth
 
     def at(self, x: Array) -> Tuned:
@@ -232,7 +238,14 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
             raise
     if not found:
         raise AnalysisError(tuner.unstable(nearest[1]))
-    return min(found, key=Tuned.rank)
+    best = min(found, key=Tuned.rank)
+    for goal, (value, _) in zip(tuner.goals, tuner.worst(best.x), strict=True):
+        if value == np.inf:
+            raise AnalysisError(
+                f"tune: goal {goal.name!r}: the H2 norm is infinite, as there is a direct path from its "
+                "inputs to its outputs. Give a weight with more poles than zeros, before or after."
+            )
+    return best
 
 
 def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:

@@ -32,6 +32,7 @@ made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
 made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy'
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … stays on the right … move 0 of it
+made(goals=(gain_goal("e", "u", norm="H2"),)) => AnalysisError: goal 'e to u': the H2 norm is infinite
 gain_goal("f", "y", limit=0.0) => expected a positive limit, got 0.0
 gain_goal("f", "y", limit=float("nan")) => expected a positive limit, got nan
 gain_goal("f", "y", norm="inf") => expected the norm 'H-infinity' or 'H2', got 'inf'

@@ -5,7 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from mbdlft.synthesis import load_tuning
+from tests.close import CLOSED_FORM, target
 from tests.errors.table import MessageError, refused
+from tests.laws.test_synthesis import S, transfer
 from tests.scenarios.commands import Call
 from tests.scenarios.commands import run as run_here
 
@@ -65,6 +68,12 @@ def test_a_task_is_tuned_proved_and_checked(task: Path, call: Call) -> None:
     code, out, _ = call("verify", "made.h5")
     assert (code, out.count(": proved")) == (0, 2)
     assert "from r to weighted e is at most" in out
+
+
+def test_weights_are_the_transfer_functions_of_their_coefficients(task: Path) -> None:
+    weight = load_tuning(task).goals[0].after
+    assert weight is not None
+    target(transfer(weight), [[(0.5 * S + 1.0) / (S + 0.01)]], CLOSED_FORM)
 
 
 def test_hard_goals_that_are_missed_are_an_exit_code(task: Path, call: Call) -> None:
