@@ -137,7 +137,7 @@ class Description(BaseModel):
 
 
 _WORDS = (
-    ("gravity acceleration center_of_mass", "three numbers or expressions"),
+    ("gravity acceleration velocity center_of_mass", "three numbers or expressions"),
     ("axis axis1 axis2 direction", "three numbers"),
     ("ports", "a table of positions, three numbers or expressions each"),
     ("inertia", "a table of entries such as { xx = 1.0, yy = 2.0, zz = 2.5 }"),
@@ -148,6 +148,7 @@ _WORDS = (
     ("expressions", "numbers or expressions by name"),
     ("parent child about port joint frame name kind description unit", "a text"),
     ("unchecked", "true or false"),
+    ("contacts", "a list of contacts"),
     *(
         (name, f"a list of {name}")
         for name in ("parameters", "bodies", "joints", "loads", "sensors", "loops", "couplings")

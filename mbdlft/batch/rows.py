@@ -33,7 +33,7 @@ from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals, choose_states
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.linearization import linearized
-from mbdlft.problem.relations import Need
+from mbdlft.problem.needs import Need
 from mbdlft.problem.sx.tapes import MANY
 from mbdlft.problem.trim import balance, check_prestress
 from mbdlft.system.model import LFTModel

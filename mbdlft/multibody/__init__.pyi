@@ -10,6 +10,8 @@ from .body import PointMass as PointMass
 from .body import RigidBody as RigidBody
 from .body.beam import FrequencyErrors as FrequencyErrors
 from .body.beam import frequency_errors as frequency_errors
+from .contact import KnifeEdge as KnifeEdge
+from .contact import Rolling as Rolling
 from .coupling import Belt as Belt
 from .coupling import Cable as Cable
 from .coupling import Differential as Differential

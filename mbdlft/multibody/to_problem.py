@@ -17,18 +17,16 @@ from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.multibody.scene.quantities import unused_names, unused_ports
 from mbdlft.problem.equations import Equations, Moved, rows_of
+from mbdlft.problem.needs import Need, all_states, needed_states
 from mbdlft.problem.references import reference_of
 from mbdlft.problem.relations import (
     Form,
     LinearModel,
-    Need,
     Nouns,
     Problem,
     Stage,
     TrimRelations,
-    all_states,
     linearize,
-    needed_states,
     trim_relations,
 )
 from mbdlft.problem.sx.constants import modulo_prime

@@ -19,7 +19,8 @@ from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, eigenvalues_of
 from mbdlft.problem.digits import efforts_in_digits, equations_in_digits, relations_in_digits
 from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_function
-from mbdlft.problem.relations import Complex, LinearModel, Need, Reference
+from mbdlft.problem.needs import Need
+from mbdlft.problem.relations import Complex, LinearModel, Reference
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
 from mbdlft.problem.trim import PART

@@ -9,15 +9,6 @@ the perturbations, rational in the internal values:
 The loads that make the equilibrium are *lifted*: the derivative of a load term with respect to one
 displacement is linear in the load, so "load times displacement" is a signal, and every coefficient
 then meets its signal in the order of the matrix product it comes from.
-
-A transfer function needs only the states that its inputs drive and its outputs see (`needed_states`).
-A graph has a node for each signal of the relations. Each equation is matched with one unknown, which
-depends on the other signals of that equation; a state depends on its derivative. A state that the outputs
-do not depend on is *not seen*; one that does not depend on the inputs stays zero, it is *not driven*.
-Without either, the transfer function is the same for every value of the parameters.
-
-A position is *cyclic* if nothing but its own rate has it: the angle of a wheel, the place of a rover. A
-graph does not see what cancels, so that is decided on A and C modulo a prime.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,13 +19,10 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, vstack
-from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import BilinearMap, Parameter
 from mbdlft.base.unit import Signal
-from mbdlft.exact.matrices import multiplied, solved
 from mbdlft.problem.equations import (
     WITH_CONSTANTS,
     Equations,
@@ -46,10 +34,7 @@ from mbdlft.problem.equations import (
     rows_of,
     split,
 )
-from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 from mbdlft.problem.trim import trim_rows
-
-_SEED = 20261126  # of the residues that stand for parameters
 
 
 class Lifted(NamedTuple):
@@ -200,195 +185,21 @@ def constraint_relations(
 ) -> tuple[LinearModel, LinearModel] | None:
     """Relations 0 = G y - s of the coordinates that follow, and 0 = G G' y - s of all; None without rows.
 
-    `rows` are those of the residual that hold the displacements of closed loops, G q = 0.
+    `rows` are those of the residual that hold rates, G v = 0, `followers` positions in x of rates.
     """
     if not rows:
         return None
     e, n = equations, equations.degrees_of_freedom
     symbols, p, cosine, sine = exact_symbols(e.parameters)
-    held = ca.jacobian(rows_of(e.residual, rows), e.x[:n])
+    held = ca.jacobian(rows_of(e.residual, rows), e.x[n:])
     old, new = ca.vertcat(e.p, e.cosine, e.sine), ca.densify(ca.vertcat(p, cosine, sine))
     G = ca.sparsify(ca.substitute(held, old, new))
     y, s = ca.SX.sym("y", len(rows)), ca.SX.sym("s", len(rows))
     none = ca.SX(0, 1)
-    follow = ca.mtimes(G[:, list(followers)], y) - s
+    follow = ca.mtimes(G[:, [k - n for k in followers]], y) - s
     whole = ca.mtimes(G, ca.mtimes(G.T, y)) - s
     square, every = (LinearModel(r, none, y, s, symbols, e.parameters) for r in (follow, whole))
     return square, every
-
-
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Need:
-    """Relations of the states that are kept."""
-
-    relations: LinearModel  # its first unknowns are the derivatives of the kept states
-    states: tuple[int, ...]  # positions of the kept states among all of them
-    # seen, driven: (n_x,), of all states; those with both are kept
-    seen: Mask
-    driven: Mask
-
-    def of(self, matrices: Array) -> Array:
-        """[A B ; C D] (N, ., .) of the kept states, from those of all states."""
-        if self.keeps_all:
-            return matrices
-        rows, columns = self.kept(*matrices.shape[1:])
-        kept_entries: Array = matrices[:, rows[:, None], columns]
-        return kept_entries
-
-    def omitted(self, matrices: Array, scale: Array) -> float:
-        """Largest error of leaving out states, relative to `scale`; zero if they do not matter.
-
-        `matrices` (N, ., .) are [A B ; C D] of all states: no state that is not seen may act on one that
-        is, or on an output; none that is not driven may be acted on by one that is, or by an input.
-        """
-        count = len(self.seen)
-        size = np.max(np.abs(matrices), axis=0) / scale
-        rows, columns = (np.arange(n) for n in size.shape)
-        seen_rows = np.r_[np.flatnonzero(self.seen), rows[count:]]
-        driven_columns = np.r_[np.flatnonzero(self.driven), columns[count:]]
-        unseen = size[np.ix_(seen_rows, np.flatnonzero(~self.seen))]
-        undriven = size[np.ix_(np.flatnonzero(~self.driven), driven_columns)]
-        return float(max(np.max(unseen, initial=0.0), np.max(undriven, initial=0.0)))
-
-    @property
-    def keeps_all(self) -> bool:
-        """Whether no state is left out."""
-        return len(self.states) == len(self.seen)
-
-    def kept(self, rows: int, columns: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Rows and columns that are kept of [A B ; C D] with so many."""
-        kept, count = np.array(self.states, dtype=np.intp), len(self.seen)
-        return np.r_[kept, count:rows], np.r_[kept, count:columns]
-
-
-def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = ()) -> Need:
-    """The relations as they are, but for those states among `ignorable` that no other one and no output
-    depends on."""
-    m, every = relations, np.ones(states, dtype=bool)
-    if not ignorable:
-        return Need(m, tuple(range(states)), every, every)
-    n, known = m.unknown.numel(), m.known.numel()
-    seen = _seen_exactly(m, states, ignorable)
-    kept, dropped = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
-    both, lifted = _stilled(m, ca.vertcat(m.residual, m.output), rows_of(m.known, dropped))
-    residual, output = ca.vertsplit(both, [0, n, both.numel()])
-    smaller = replace(
-        m,
-        residual=residual,
-        output=output,
-        unknown=rows_of(m.unknown, [*kept, *range(states, n), *dropped]),
-        known=rows_of(m.known, [*kept, *range(states, known)]),
-        derivatives=len(kept),
-        lifted=lifted,
-    )
-    return Need(smaller, tuple(kept), seen, every)
-
-
-def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask:
-    """Which states (n_x,) are not ignorable, or have others or outputs that depend on them."""
-    n = m.unknown.numel()
-    both = _with_factors(m, ca.vertcat(m.residual, m.output))
-    slopes = modulo_prime(ca.jacobian(both, ca.vertcat(m.unknown, m.known[:states])), _SEED)
-    matrix, prime = slopes.residues.astype(np.int64), slopes.prime
-    seen = np.ones(states, dtype=bool)
-    try:
-        follow = solved(matrix[:n, :n], matrix[:n, n:], prime)
-    except ZeroDivisionError:
-        return seen  # singular; to be reported where they are solved
-    outputs = (matrix[n:, n:] - multiplied(matrix[n:, :n], follow, prime)) % prime
-    seen[list(ignorable)] = outputs[:, list(ignorable)].any(axis=0)
-    while np.any(more := follow[:states][seen].any(axis=0) & ~seen):
-        seen |= more
-    return seen
-
-
-def needed_states(relations: LinearModel, states: int) -> Need:
-    """The relations without states and signals that are not driven or not seen; states come first."""
-    m = relations
-    n, known, outputs = m.unknown.numel(), m.known.numel(), m.output.numel()
-    rows = _pattern(m)
-    matched = maximum_bipartite_matching(csr_array(rows[:n, :n]), perm_type="row")
-    if np.any(matched < 0):
-        return all_states(m, states)  # singular; to be reported where they are solved
-    derivative = csr_array(
-        (np.ones(states), (np.arange(states), np.arange(states))), shape=(known, n + known)
-    )
-    on = csr_array(vstack([rows[matched], derivative, rows[n:]]))
-    every = np.arange(n + known + outputs)
-    on.resize((len(every), len(every)))
-    seen = _reached(csr_array(on.T), every >= n + known)
-    driven = _reached(on, (every >= n + states) & (every < n + known))
-    of_states = slice(n, n + states)
-    kept = seen & driven
-    first = [k for k in range(states) if kept[n + k]]
-    others = [k for k in range(n) if kept[k] and not (k < states and kept[n + k])]
-    unknown = first + others
-    still = ca.vertcat(
-        rows_of(m.unknown, np.flatnonzero(~driven[:n]).tolist()),
-        rows_of(m.known, np.flatnonzero(~driven[of_states]).tolist()),
-    )
-    both = ca.vertcat(rows_of(m.residual, [int(matched[k]) for k in unknown]), m.output)
-    both, lifted = _stilled(m, both, still)
-    residual, output = ca.vertsplit(both, [0, len(unknown), both.numel()])
-    inputs = list(range(states, known))
-    return Need(
-        LinearModel(
-            residual=residual,
-            output=output,
-            unknown=rows_of(m.unknown, unknown),
-            known=rows_of(m.known, first + inputs),
-            p=m.p,
-            parameters=m.parameters,
-            derivatives=len(first),
-            lifted=lifted,
-        ),
-        tuple(first),
-        seen[of_states],
-        driven[of_states],
-    )
-
-
-def _stilled(m: LinearModel, both: ca.SX, still: ca.SX) -> tuple[ca.SX, Lifted | None]:
-    """Rows of the relations without signals that stay zero, and the loads that are left in them."""
-    lifted = m.lifted
-    if lifted:
-        displacements = enumerate(ca.vertsplit(lifted.displacements))
-        unmoved = [j for j, displacement in displacements if ca.depends_on(displacement, still)]
-        still = ca.vertcat(still, rows_of(lifted.loads, unmoved))
-    both = ca.substitute(both, still, ca.SX.zeros(still.numel()))
-    if lifted:
-        lifted = lifted.chosen(
-            [j for j in range(len(lifted.outputs)) if ca.depends_on(both, lifted.loads[j])]
-        )
-    return both, lifted
-
-
-def _with_factors(m: LinearModel, both: ca.SX) -> ca.SX:
-    """Rows with symbols times displacements in place of lifted loads, so that nothing cancels."""
-    if not m.lifted:
-        return both
-    factors = ca.SX.sym("load", m.lifted.loads.numel())
-    return ca.SX(ca.substitute(both, m.lifted.loads, factors * m.lifted.displacements))
-
-
-def _pattern(m: LinearModel) -> csr_array:
-    """Which of the rows [residual ; output] have which of the signals [unknown ; known]."""
-    both = _with_factors(m, in_doubles(ca.vertcat(m.residual, m.output)))
-    sparsity = ca.jacobian_sparsity(both, ca.vertcat(m.unknown, m.known))
-    rows, columns = sparsity.get_triplet()
-    return csr_array((np.ones(len(rows)), (rows, columns)), shape=sparsity.shape)
-
-
-def _reached(graph: csr_array, start: Mask) -> Mask:
-    """Nodes from which, or at which, a way along the edges row -> column ends in `start`."""
-    reached, front = start, start
-    while np.any(front):
-        front = (graph @ front.astype(float) > 0.0) & ~reached
-        reached = reached | front
-    return reached
 
 
 Complex = NDArray[np.complex128]

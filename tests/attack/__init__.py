@@ -38,6 +38,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "switches": range(8),
     "mechanisms": (0, 108),
     "couplings": (16,),
+    "contacts": (3,),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

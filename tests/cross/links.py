@@ -108,7 +108,7 @@ def hinges(joint: Any) -> list[Vector | None]:
     return []
 
 
-def _plane(axis: Sequence[float]) -> tuple[Vector, Vector]:
+def plane_of(axis: Sequence[float]) -> tuple[Vector, Vector]:
     """x and y of a plane: the axes that follow the normal, or the longest projection of an axis."""
     normal = unit(axis)
     if np.count_nonzero(axis) == 1:
@@ -131,7 +131,7 @@ def placed(joint: Any, tilt: Matrix, q: Values) -> tuple[Vector, Matrix]:
         case "universal":
             return NONE, tilt * rotation(joint.axis1, q[0]) * rotation(joint.axis2, q[1])
         case "planar":
-            x, y = _plane(joint.axis)
+            x, y = plane_of(joint.axis)
             return tilt * (x * q[0] + y * q[1]), tilt * rotation(joint.axis, q[2])
         case "free":
             return vector(q[:3]), tilt
@@ -150,7 +150,7 @@ def relation_of(
     axis = NONE if getattr(item, "axis", None) is None else unit(item.axis)
     one = cross(axis, AXES[int(np.argmin([abs(float(x)) for x in axis.entries()]))])
     across = (one, cross(axis, one))
-    x, y = _plane(item.axis) if kind == "planar" else (NONE, NONE)
+    x, y = plane_of(item.axis) if kind == "planar" else (NONE, NONE)
     first = second = NONE
     before = after = EYE
     if kind == "universal":

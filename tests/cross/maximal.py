@@ -24,7 +24,7 @@ import flint
 import mbdlft
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
-from tests.cross.links import FREE, Coupling, Law, Link, Rotor, hinges, placed, relation_of
+from tests.cross.links import FREE, Coupling, Law, Link, Rotor, hinges, placed, plane_of, relation_of
 from tests.cross.poses import (
     EYE,
     GROUND,
@@ -44,6 +44,7 @@ from tests.cross.poses import (
     unit,
     vector,
 )
+from tests.cross.touches import Touch
 
 _FUNCTIONS = {name: getattr(flint.arb, name) for name in ("sqrt", "sin", "cos", "atan")}
 
@@ -74,6 +75,7 @@ class Bodies:
         self.joints = self._joints()
         self.links = self.joints + [self._loop(loop) for loop in scene.loops]
         self.links += [self._spring(load) for load in scene.loads if load.kind in ("spring", "strut")]
+        self.touches = [self._touch(contact) for contact in scene.contacts]
         self.couplings = [self._coupling(coupling) for coupling in scene.couplings]
         self._turn_steadily()
 
@@ -196,6 +198,18 @@ class Bodies:
             tension,
         )
         return Link(load.name, parent, child, length, (law,))
+
+    def _touch(self, x: Any) -> Touch:
+        child, at = self.port(x.port)
+        fields: dict[str, Any] = {"velocity": self.vector(self.scene.velocity)}
+        for key in ("axis", "heading"):
+            if getattr(x, key, None) is not None:
+                fields[key] = unit(getattr(x, key))
+        if x.kind == "rolling":
+            fields |= {"radius": self.value(x.radius), "tire": self.value(x.tire)}
+            if x.axis is None:
+                fields["tire"] = fields["radius"]
+        return Touch(x.name, child, at, unit(x.normal), plane_of(x.normal), **fields)
 
     def _coupling(self, x: Any) -> Coupling:
         """A relation of coordinates, as textbooks have it for each kind."""

@@ -37,7 +37,8 @@ from tests.cross.poses import (
     vector,
     zeros,
 )
-from tests.cross.sizes import Sum, plain, sized
+from tests.cross.sizes import Sized, Sum, plain, sized
+from tests.cross.touches import Touch
 
 BALL = 1e-25  # of a value: what its 512 bits have lost
 MISSED = 1e-25  # of the loads, or m of a closure: an equilibrium is exact
@@ -83,7 +84,7 @@ class _Around:
         self.moving: dict[str, np.ndarray] = {}  # of the relation, its rates, its second derivatives
         self.jacobian: dict[str, np.ndarray] = {}  # (rows, n)
         self.bent: dict[str, np.ndarray] = {}  # slopes of the Jacobian, (rows, n, n)
-        for link in b.links:
+        for link in [*b.links, *b.touches]:
             here = b.motion(link.parent), b.motion(link.child)
             rows = rows_of([b.spread(link, row) for row in link.jacobian(*here)], b.n)
             self.jacobian[link.name] = rows
@@ -134,6 +135,12 @@ def _single(pair: Pair) -> Terms:
     return [(flint.arb(1), *pair)]
 
 
+def _rolls(terms: Terms) -> bool:
+    """Whether a constraint holds for rates only."""
+    (_, x, i), *_ = terms
+    return isinstance(x, Touch) and i >= x.held
+
+
 class _Solved:
     """The equilibrium and motions around it, by the states and inputs of a model."""
 
@@ -150,6 +157,9 @@ class _Solved:
         self.rigid = [c for c in bodies.couplings if c.stiffness is None]
         self.soft = [c for c in bodies.couplings if c.stiffness is not None]
         sums += [coupling.combination for coupling in self.rigid]
+        sums += [
+            [(flint.arb(1), x, i)] for x in bodies.touches for i in range(len(self.at.jacobian[x.name]))
+        ]
         G = rows_of([self.at.of_sum(self.at.jacobian, terms) for terms in sums], self.n)
         kept = independent(G)
         self.G, self.held = G[kept], [sums[k] for k in kept]
@@ -240,6 +250,9 @@ class _Solved:
                 forces[x.name, i] = before[0] + c * force, before[1] + abs(float(c)) * its_size
         multipliers = {id(terms): force for terms, force, _ in of_sums}
         known |= {rigid.force: multipliers[id(rigid.combination)] for rigid in self.rigid}
+        for terms, force, _ in of_sums:
+            if isinstance(terms[0][1], Touch):
+                known[terms[0][1].names[terms[0][2]]] = force
         most = max(1.0, np.max(np.abs(left.value.astype(float)), initial=0.0))
         worst = float(np.max(np.abs(missed), initial=0.0)) / most
         return _Equilibrium(known, size, forces, max(worst, self._gap()), columns.shape[1] - len(chosen))
@@ -334,11 +347,10 @@ class _Solved:
             if law.measures[1] in states or x.imposed == "motion"
         ]
         nz, none = len(self.place), zeros(len(self.held), len(self.place))
-        tops = [rows_of([self.unit(x.laws[i].measures[k]) for x, i in chosen], nz) for k in (0, 1)]
-        known = self.held + [_single(pair) for pair in chosen]
-        (by_x, _, _), turning = (self.at.rows(k, known) for k in (0, 1))
-        x = sized(by_x, plain(np.vstack([none, tops[0]])), [])
-        v = sized(turning[1], plain(np.vstack([none, tops[1]])), [(*plain(turning[0]), x)])
+        top = rows_of([self.unit(x.laws[i].measures[1]) for x, i in chosen], nz)
+        turning = self.at.rows(1, self.held + [_single(pair) for pair in chosen])
+        x = self._displaced(chosen, nz)
+        v = sized(turning[1], plain(np.vstack([none, top])), [(*plain(turning[0]), x)])
         K, D, M = np.split(self.slopes.value, 3, axis=1)
         K_size, D_size, _ = np.split(self.slopes.size, 3, axis=1)
         by_x, by_v, by_a = self.at.rows(2, self.held + [_single(pair) for pair in self.imposed])
@@ -356,6 +368,21 @@ class _Solved:
         a = sized(matrix, right, less)
         z = rows_of([self.unit(name) for name in self.place], nz)
         return np.vstack([x[0], v[0], a[0], z]), np.vstack([x[1], v[1], a[1], z.astype(float)])
+
+    def _displaced(self, chosen: list[Pair], nz: int) -> Sized:
+        """Displacements (n, nz). Where bodies roll more of them are free than rates: others stay zero."""
+        held = [terms for terms in self.held if not _rolls(terms)]
+        if self.b.touches:
+            every = [(x, i) for x in self.b.joints for i in range(len(x.laws))]
+            chosen = sorted(every, key=lambda pair: pair[0].laws[pair[1]].measures[0] not in self.place)
+        rows, kept = [_single(pair) for pair in chosen], list(held)
+        for terms in rows:
+            by_x = self.at.rows(0, [*kept, terms])[0]
+            if not self.b.touches or len(independent(by_x)) == len(by_x):
+                kept.append(terms)
+        names = [x.laws[i].measures[0] for ((_, x, i),) in kept[len(held) :]]
+        tops = rows_of([self.unit(name) for name in names], nz)
+        return sized(self.at.rows(0, kept)[0], plain(np.vstack([zeros(len(held), nz), tops])), [])
 
     def _efforts_imposed(self) -> set[str]:
         return {x.laws[i].effort for x, i in self.imposed}
@@ -393,7 +420,10 @@ class _Solved:
         trim = {name: float(size) for name, size in at.loads.items() if name in asked}
         doubles, values = np.abs(whole.astype(float)), times(whole, moves)
         assert all(x.rad() < BALL for x in values.ravel()), "too few bits"
-        return Truth(values.astype(float), doubles @ sizes, trim, at.missed)
+        matrix, terms = (
+            np.where(np.abs(x) > BALL, x, 0.0) for x in (values.astype(float), doubles @ sizes)
+        )
+        return Truth(matrix, terms, trim, at.missed)
 
     # rows of outputs by [x ; v ; a ; lambda ; e ; z] ---------------------------------------
 

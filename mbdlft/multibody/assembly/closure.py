@@ -10,10 +10,13 @@ from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, TrimError
 from mbdlft.multibody.assembly.coupled import multipliers_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
+from mbdlft.multibody.assembly.touching import contact_rows
 from mbdlft.multibody.assembly.tree import degrees
+from mbdlft.multibody.contact import Contact
+from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import Scene
@@ -38,15 +41,18 @@ class Closure:
     joints as the constraints feel.
     """
 
-    rows: tuple[int, ...]  # of the constraints that are kept
-    dependent: tuple[int, ...]  # positions of the coordinates that they determine
+    rows: tuple[int, ...]  # of the constraints that are kept, the holonomic ones first
+    dependent: tuple[int, ...]  # positions of the coordinates that these determine
+    holonomic: int = 0  # how many of the kept rows are
+    rates: tuple[int, ...] = ()  # positions of the rates that all of them determine
     yielding: tuple[int, ...] = ()  # positions of coordinates
 
 
 def constraint(scene: Scene, view: View, order: int) -> ca.SX:
     """G w for the small motions w of one order: displacement, velocity or acceleration.
 
-    First of the loops, then of the rigid couplings.
+    First of the loops, then of the rigid couplings, then of contacts: what they hold, and, for rates and
+    accelerations, how they roll.
     """
     rows = [ca.SX(0, 1)]
     for loop in scene.loops:
@@ -62,7 +68,8 @@ def constraint(scene: Scene, view: View, order: int) -> ca.SX:
         second = second_axis(loop, values, partial(view.across, source=other, target=body))
         rows.append(ca.mtimes(loop.turned_rows(second), loop.in_own_axes(turned, values)))
     small = ca.vertcat(*(coordinate[order] for coordinate in view.coordinates.values()))
-    return ca.vertcat(*rows, ca.mtimes(relations(scene, rigid(scene), view), small))
+    coupled = ca.mtimes(relations(scene, rigid(scene), view), small)
+    return ca.vertcat(*rows, coupled, *contact_rows(scene, view, order))
 
 
 def reactions(loops: Sequence[Loop], view: View, multipliers: ca.SX) -> list[BodyWrench]:
@@ -95,47 +102,77 @@ def second_axis(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) ->
     return loop.in_own_axes(across(unit_vector(loop.axis2)), values)
 
 
+def every_constraint(scene: Scene) -> Closure:
+    """All constraints of a scene without contacts, also redundant ones."""
+    if scene.contacts:
+        raise TrimError(
+            f"scene {scene.name!r}: positions are not searched for where bodies roll, as contact "
+            f"{scene.contacts[0].name!r} does. Declare positions at which they stand on the ground."
+        )
+    count = len(multipliers_of(scene)[0])
+    return Closure(tuple(range(count)), (), count)
+
+
 def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
     """Which constraints are independent, and which coordinates they determine, at nominal.
 
     `evaluate` gives the values of an expression at nominal and at other points of the range.
     """
-    count = len(multipliers_of(scene))
-    if not count:
+    first, others = multipliers_of(scene)
+    if not first and not others:
         return Closure((), ())
     q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
-    matrices = evaluate(ca.jacobian(constraint(scene, view, 0), q))
+    v = ca.vertcat(*(coordinate.v for coordinate in view.coordinates.values()))
+    matrices = evaluate(ca.jacobian(constraint(scene, view, 1), v))
     explained = _explained(scene, view, matrices)
     row = 0
     for loop in scene.loops:
         loop_rows = slice(row, row := row + len(loop.signals()))
         _check_that_it_closes(loop, view, evaluate, explained[:, loop_rows])
-    coupling = range(row, count)  # rows that are independent of each other, which all are kept
-    rank, rows = independent(matrices[0][:row].T) if row else (0, [])
-    rows, rank = [*rows, *coupling], rank + len(coupling)
-    listed = ", ".join([loop.name for loop in scene.loops] + [item.name for item in rigid(scene)])
+    rows = independent(matrices[0][:row].T)[1] if row else []
+    rows += range(row, row + len(rigid(scene)))  # they are independent of each other: all are kept
+    for k in range(row + len(rigid(scene)), len(matrices[0])):
+        if independent(matrices[0][[*rows, k]].T)[0] > len(rows):
+            rows.append(k)
+    rank, holonomic = len(rows), sum(k < len(first) for k in rows)
+    items: list[Loop | Coupling | Contact] = [*scene.loops, *rigid(scene), *scene.contacts]
+    listed = ", ".join(item.name for item in items)
     for matrix in matrices:
         if independent(matrix.T)[0] != rank or independent(matrix[rows].T)[0] != rank:
             raise SceneError(
-                f"scene {scene.name!r}: the {rank} independent constraints of the loops and "
-                f"couplings {listed} are not independent everywhere in the "
+                f"scene {scene.name!r}: the {rank} independent constraints of the loops, "
+                f"couplings and contacts {listed} are not independent everywhere in the "
                 "range of the parameters: the mechanism passes a singular position, or constraints "
                 "are redundant at nominal only. Move the nominal values or narrow the ranges."
             )
-    _check_that_it_moves_alike(scene, view, evaluate, q, rank)
+    if not scene.contacts:
+        _check_that_it_moves_alike(scene, view, evaluate, q, rank)
     # the states are those of joints that are held or driven, and near the ground, where that is well
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
     weights[[degree.kind == "motion" for degree in degrees(view.now.links)]] = 0.0
-    follow, last = independent((matrices[0][rows] * weights)[:, ::-1])
-    if follow < rank:
+    G = matrices[0][rows]
+    dependent = _determined(G[:holonomic], weights, ())
+    rates = _determined(G, weights, dependent)
+    if len(rates) < rank:
         raise SceneError(
             f"scene {scene.name!r}: the loops and couplings {listed} hold joints "
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
-    dependent = tuple(sorted(len(weights) - 1 - k for k in last))
-    return Closure(tuple(rows), dependent, _yielding(view, matrices[0][rows]))
+    return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G))
+
+
+def _determined(G: Array, weights: Array, known: tuple[int, ...]) -> tuple[int, ...]:
+    """Columns that rows G determine, with `known` ones, which the first rows determine."""
+    count = len(known)
+    others = [k for k in range(len(weights)) if k not in known][::-1]
+    left = G[count:, others]
+    if count:
+        left = left - G[count:, known] @ np.linalg.solve(G[:count, known], G[:count, others])
+    if not len(left):
+        return known
+    return tuple(sorted([*known, *(others[k] for k in independent(left * weights[others])[1])]))
 
 
 def _yielding(view: View, held: Array) -> tuple[int, ...]:

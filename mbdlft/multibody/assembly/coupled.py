@@ -32,10 +32,13 @@ def rigid(scene: Scene) -> list[Coupling]:
     return [coupling for coupling in scene.couplings if coupling.stiffness is None]
 
 
-def multipliers_of(scene: Scene) -> list[Signal]:
-    """The multipliers of all constraints: those of the loops, then those of rigid couplings."""
+def multipliers_of(scene: Scene) -> tuple[list[Signal], list[Signal]]:
+    """The multipliers of holonomic constraints, of loops, rigid couplings and contacts, and of others."""
     of_loops = [signal for loop in scene.loops for signal in loop.signals()]
-    return of_loops + [coupling.signal(scene.joints) for coupling in rigid(scene)]
+    of_loops += [coupling.signal(scene.joints) for coupling in rigid(scene)]
+    of_contacts = [contact.signals() for contact in scene.contacts]
+    held = [signal for normal, _ in of_contacts for signal in normal]
+    return of_loops + held, [signal for _, others in of_contacts for signal in others]
 
 
 def relations(scene: Scene, couplings: Sequence[Coupling], view: View) -> ca.SX:

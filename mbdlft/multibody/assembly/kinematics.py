@@ -19,6 +19,7 @@ from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import Link, PortJoint, find_port
 from mbdlft.multibody.body import GROUND, Body
+from mbdlft.multibody.contact import Contact
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Move
 from mbdlft.multibody.joint.move import Hinge
@@ -220,8 +221,8 @@ class View:
         """The tree at equilibrium; not every scene asks for it."""
         return self._with_accelerations(None)
 
-    def owned(self, item: Load | Loop) -> Values:
-        """Quantities of a load or loop; messages name it from now on."""
+    def owned(self, item: Load | Loop | Contact) -> Values:
+        """Quantities of a load, loop or contact; messages name it from now on."""
         self.owner = owner_name(item)
         return self.now.values.get(self.owner, {})
 

@@ -50,6 +50,7 @@ from mbdlft.multibody.assembly.resolved import (
     static_deflections,
     steady_angles,
 )
+from mbdlft.multibody.assembly.touching import check_contacts
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
@@ -90,7 +91,7 @@ class Assembly:
     def _has_weights(self) -> bool:
         """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
         scene = self.resolved.scene
-        return self.field.nnz() > 0 and not (scene.spin or scene.loops)
+        return self.field.nnz() > 0 and not (scene.spin or scene.loops or scene.contacts)
 
     @cached_property
     def _passed(self) -> Passed:
@@ -125,9 +126,10 @@ class Assembly:
 
     def constraints(self) -> tuple[LinearModel, LinearModel] | None:
         """What has to be regular for the constraints of closed loops to be independent; see `Problem`."""
-        first = 2 * self.exact.degrees_of_freedom  # their displacements stand behind the dynamics
-        rows = range(first, first + len(self.closure.rows))
-        return constraint_relations(self.exact, rows, self.closure.dependent)
+        n, closure = self.exact.degrees_of_freedom, self.closure
+        first = 2 * n + closure.holonomic  # their rates stand behind dynamics and displacements
+        rows = range(first, first + len(closure.rows))
+        return constraint_relations(self.exact, rows, [n + k for k in closure.rates])
 
     def is_regular(self) -> bool:
         """Whether accelerations are proved to be determined at every value; False: it was not proved."""
@@ -180,6 +182,7 @@ def assembly(scene: Scene) -> Assembly:
     r = in_plane(resolved)
     view = r.view()
     check_couplings(r.scene, view, r.symbols)
+    check_contacts(r.scene, view, r.symbols.evaluate)
     closure = close_loops(r.scene, view, r.symbols.evaluate)
     check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
@@ -230,9 +233,7 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     efforts, deflections = static_deflections(r, m.closure, m.u)
     dynamics = _dynamics(r, view, efforts, coupled.efforts) - channels.forces
     n = symbols.q.numel()
-    held = [rows_of(constraint(scene, view, order), m.closure.rows) for order in range(3)]
-    if m.closure.yielding:
-        held[0] = ca.substitute(held[0], symbols.q, symbols.q + deflections)
+    held = _constraints(m, deflections)
     moved = moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
@@ -243,9 +244,10 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     coordinate_signals = [degree.measure(order) for order in range(2) for degree in every]
     effort_signals = [effort.signal for effort in m.efforts]
     check_fit(scene, [*coordinate_signals[:n], *effort_signals])
-    followers = {*m.closure.dependent, *(c.coordinate for c in moved)}
-    followers |= {n + k for k in followers}
+    imposed = {c.coordinate for c in moved}
+    followers = {*m.closure.dependent, *imposed} | {n + k for k in (*m.closure.rates, *imposed)}
     states = tuple(k for k in range(2 * n) if k not in followers)
+    cyclic = range(n) if scene.contacts else steady_angles(links)
     trimmed = [0.0 if effort.value is None else effort.value for effort in m.efforts]
     return Equations(
         name=scene.name,
@@ -270,7 +272,7 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
         equilibrium_signals=tuple(degree.effort for degree in every),
         default_inputs=tuple(k for k, effort in enumerate(m.efforts) if effort.is_default),
         default_outputs=default,
-        ignorable=tuple(states.index(k) for k in steady_angles(links) if k in states),
+        ignorable=tuple(states.index(k) for k in cyclic if k in states),
         moved=moved,
         carried=carried,
         carried_by=carried_by,
@@ -278,6 +280,16 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
         x_bounds=_bounds(scene, coordinate_signals[:n]),
         u_bounds=_bounds(scene, effort_signals),
     )
+
+
+def _constraints(m: Assembly, deflections: ca.SX) -> list[ca.SX]:
+    """The kept constraints of displacements, of rates and of accelerations."""
+    scene, view, q, kept = m.resolved.scene, m.view, m.resolved.symbols.q, m.closure.rows
+    held = [rows_of(constraint(scene, view, 0), kept[: m.closure.holonomic])]
+    held += [rows_of(constraint(scene, view, order), kept) for order in (1, 2)]
+    if m.closure.yielding:
+        held[0] = ca.substitute(held[0], q, q + deflections)
+    return held
 
 
 def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:

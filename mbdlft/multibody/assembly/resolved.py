@@ -26,6 +26,7 @@ from mbdlft.multibody.assembly.closure import Closure, independent, reactions
 from mbdlft.multibody.assembly.coupled import Coupled, coupled, multipliers_of, rigid
 from mbdlft.multibody.assembly.gyrostat import steady_momenta
 from mbdlft.multibody.assembly.kinematics import View
+from mbdlft.multibody.assembly.touching import contact_reactions
 from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees, links_of
 from mbdlft.multibody.body import Body, ElasticBody, Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
@@ -128,7 +129,7 @@ def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
         quantities for quantities in values.values() if any(label in quantities for label in _ENTRIES)
     ]
     return (
-        not scene.loops
+        not (scene.loops or scene.contacts)
         and all(isinstance(body, RigidBody | PointMass | Ground) for body in scene.bodies)
         and all(isinstance(joint, Revolute | Prismatic | Fixed) for joint in scene.joints)
         and all(isinstance(load, DirectedLoad | Buoyancy | Spring) for load in scene.loads)
@@ -291,7 +292,8 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
             value = values[owner_name(coupling)].get("preload")
             signal = coupling.signal(scene.joints)
             efforts.append(Effort(signal, value, is_input=False, is_default=False))
-    multipliers = multipliers_of(scene)
+    held, others = multipliers_of(scene)
+    multipliers = held + others
     forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
     return efforts + deflections + forces
 
@@ -385,14 +387,15 @@ def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> lis
     wrenches: list[BodyWrench] = []
     for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
         wrenches += load.wrenches(view.owned(load), u[k], view)
-    return wrenches + reactions(
-        r.scene.loops, view, multipliers(r.scene, closure, u) + multipliers(r.scene, closure, z)
-    )
+    every = multipliers(r.scene, closure, u) + multipliers(r.scene, closure, z)
+    held, count = len(multipliers_of(r.scene)[0]), sum(len(loop.signals()) for loop in r.scene.loops)
+    touching = every[count + len(rigid(r.scene)) : held], every[held:]
+    return wrenches + reactions(r.scene.loops, view, every) + contact_reactions(r.scene, view, *touching)
 
 
 def multipliers(scene: Scene, closure: Closure, last: ca.SX) -> ca.SX:
     """All multipliers, of which the last entries of a column are those of the rows that are kept."""
-    every, first = ca.SX(len(multipliers_of(scene)), 1), last.numel() - len(closure.rows)
+    every, first = ca.SX(sum(map(len, multipliers_of(scene))), 1), last.numel() - len(closure.rows)
     for position, row in enumerate(closure.rows):
         every[row] = last[first + position]
     return every
@@ -405,7 +408,7 @@ def couplings(
     scene = r.scene
     soft = [c for c in scene.couplings if c.stiffness is not None]
     preloads = [u[names.index(c.signal(scene.joints).name)] for c in soft]
-    first = len(multipliers_of(scene)) - len(rigid(scene))
+    first = sum(len(loop.signals()) for loop in scene.loops)
     at_rest, change = (multipliers(scene, closure, entries)[first:] for entries in (u, z))
     return coupled(scene, view, at_rest + change, change, preloads)
 

@@ -31,8 +31,8 @@ from mbdlft.base.errors import NotRationalError, TrimError
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Freedom, Signal
-from mbdlft.multibody.assembly.closure import Closure, gap_of
-from mbdlft.multibody.assembly.coupled import multipliers_of, position_of, relations, rigid
+from mbdlft.multibody.assembly.closure import every_constraint, gap_of
+from mbdlft.multibody.assembly.coupled import position_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.newton_euler import in_motion, without_unseen
 from mbdlft.multibody.assembly.resolved import Resolved, couplings, resolve
@@ -102,7 +102,7 @@ def displace(scene: Scene) -> Displaced:
     view = _view_at_rest(r)
     springs = [load for load in scene.loads if isinstance(load, Spring | Strut)]
     laws = {load.name: spring_law(load, view) for load in springs}
-    every = Closure(tuple(range(len(multipliers_of(scene)))), ())
+    every = every_constraint(scene)
     m = in_motion(r, view, every, laws)
     needed, u, listed = m.passed_as_displaced().efforts, m.u, m.efforts
     kinds = [degree.kind for degree in degrees(links)]

@@ -34,6 +34,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.exact.taylor import BOXES, Sign, not_negative
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.contact import Contact
 from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -61,7 +62,8 @@ def check(scene: Scene) -> None:
         for owner, quantities in owners(scene)
     }
     _check_steady(scene, sampled[f"scene {scene.name!r}"])
-    items: list[Body | Joint | Coupling] = [*scene.bodies, *scene.joints, *scene.couplings]
+    items: list[Body | Joint | Coupling | Contact] = [*scene.bodies, *scene.joints]
+    items += [*scene.couplings, *scene.contacts]
     for item in items:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:

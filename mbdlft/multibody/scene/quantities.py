@@ -34,6 +34,7 @@ from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.exact.operators import FUNCTIONS_OF_DIMENSIONS as DIMENSIONS
 from mbdlft.exact.operators import Dimension, Operators
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.contact import Contact
 from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -108,9 +109,10 @@ def owners(scene: Scene) -> Iterator[tuple[str, Mapping[str, Expected]]]:
     x, y, z = (0.0 if entry == UNKNOWN else entry for entry in scene.acceleration)
     acceleration = vector_quantities("acceleration", (x, y, z), "m s^-2")
     spin = {"spin.rate": Expected(scene.spin.rate, "rad/s")} if scene.spin else {}
-    yield f"scene {scene.name!r}", gravity | acceleration | spin
-    items: list[Body | Joint | Load | Loop] = [*scene.bodies, *scene.joints, *scene.loads]
-    for item in [*items, *scene.loops]:
+    velocity = vector_quantities("velocity", scene.velocity, "m/s")
+    yield f"scene {scene.name!r}", gravity | acceleration | velocity | spin
+    items: list[Body | Joint | Load | Loop | Contact] = [*scene.bodies, *scene.joints, *scene.loads]
+    for item in [*items, *scene.loops, *scene.contacts]:
         yield owner_name(item), item.quantities()
     for coupling in scene.couplings:
         yield owner_name(coupling), coupling.quantities(scene.joints)
@@ -132,7 +134,7 @@ def unused_ports(scene: Scene) -> tuple[str, ...]:
     """Declared ports, ``body.port``, that no joint, load, sensor, loop or inertia names."""
     named = {
         port
-        for item in [*scene.joints, *scene.loads, *scene.sensors, *scene.loops]
+        for item in [*scene.joints, *scene.loads, *scene.sensors, *scene.loops, *scene.contacts]
         for key in ("parent", "child", "port")
         if (port := getattr(item, key, None))
     }
@@ -145,8 +147,8 @@ def unused_ports(scene: Scene) -> tuple[str, ...]:
     return tuple(port for port in declared if port not in named | abouts)
 
 
-def owner_name(item: Body | Joint | Load | Loop | Coupling) -> str:
-    """The words by which error messages name a body, a joint, a load, a loop or a coupling."""
+def owner_name(item: Body | Joint | Load | Loop | Coupling | Contact) -> str:
+    """The words by which error messages name a body, a joint, a load, and so on."""
     return f"{item.noun} {item.name!r}"
 
 

@@ -13,6 +13,7 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.contact import Contact
 from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import Load
 from mbdlft.multibody.joint import Joint
@@ -78,6 +79,8 @@ class Scene(Description):
     acceleration : three numbers or expressions (m/s^2)
         Uniform acceleration of the frame of the scene; it acts as minus gravity. A component that is
         ``unknown`` is solved for by the trim, as an effort is.
+    velocity : three numbers or expressions (m/s)
+        Steady velocity of the frame of the scene over the ground, on which `contacts` stand.
     spin : `Spin`, optional
         Steady rotation of the frame of the scene.
     constants : mapping of names to numbers, or to `Constant` with a unit
@@ -90,6 +93,8 @@ class Scene(Description):
         Closures of kinematic loops.
     couplings : sequence of `Coupling`
         Gears, belts, racks, screws, cables between coordinates of joints.
+    contacts : sequence of `Contact`
+        Wheels and balls that roll on the ground, and knife edges.
     fit : `Fit`, optional
         Written by `fit_positions`: the positions are those of the equilibrium within these bounds only.
     inputs, outputs : sequence of str
@@ -108,6 +113,7 @@ class Scene(Description):
     description: Prose = ""
     gravity: Vector = (0.0, 0.0, 0.0)
     acceleration: Vector = (0.0, 0.0, 0.0)
+    velocity: Vector = (0.0, 0.0, 0.0)
     spin: Spin | None = None
     constants: dict[Text, Number | InstanceOf[Constant]] = {}
     parameters: Many[InstanceOf[Parameter]] = ()
@@ -117,6 +123,7 @@ class Scene(Description):
     sensors: Many[InstanceOf[Sensor]] = ()
     loops: Many[InstanceOf[Loop]] = ()
     couplings: Many[InstanceOf[Coupling]] = ()
+    contacts: Many[InstanceOf[Contact]] = ()
     fit: Fit | None = None
     inputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     outputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
@@ -141,10 +148,15 @@ class Scene(Description):
             "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
         )
         check_unique("body", [body.name for body in self.bodies])
-        with_signals: list[Joint | Load | Sensor | Loop | Coupling] = [*self.joints, *self.loads]
-        with_signals += [*self.sensors, *self.loops, *self.couplings]
+        with_signals: list[Joint | Load | Sensor | Loop | Coupling | Contact] = [
+            *self.joints,
+            *self.loads,
+        ]
+        with_signals += [*self.sensors, *self.loops, *self.couplings, *self.contacts]
         check_unique("joint", [joint.name for joint in self.joints])
-        check_unique("joint, load, sensor, loop or coupling", [item.name for item in with_signals])
+        check_unique(
+            "joint, load, sensor, loop, coupling or contact", [item.name for item in with_signals]
+        )
         check_unique("input", self.inputs or ())
         check_unique("output", self.outputs or ())
         if UNKNOWN in self.acceleration and UNKNOWN in {
@@ -174,7 +186,7 @@ class Scene(Description):
         return text + table(("joint", "kind", "parent", "child"), joined)
 
     def _sizes(self) -> str:
-        kinds = ("bodies", "joints", "loads", "sensors", "loops", "couplings", "parameters")
+        kinds = ("bodies", "joints", "loads", "sensors", "loops", "couplings", "contacts", "parameters")
         counts = {kind: len(getattr(self, kind)) for kind in kinds}
         return ", ".join(f"{count} {kind}" for kind, count in counts.items() if count)
 

@@ -22,6 +22,7 @@ from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import KINDS as BODIES
 from mbdlft.multibody.body import Body
+from mbdlft.multibody.contact import KINDS as CONTACTS
 from mbdlft.multibody.coupling import KINDS as COUPLINGS
 from mbdlft.multibody.force import KINDS as LOADS
 from mbdlft.multibody.joint import KINDS as JOINTS
@@ -35,7 +36,7 @@ T = TypeVar("T")
 FORMAT = "mbdlft-scene/1"
 _LINEARIZE = ("inputs", "outputs", "states")
 _TOP = ("format", *(key for key in Scene.model_fields if key not in _LINEARIZE), "linearize")
-_PLAIN = ("name", "description", "gravity", "acceleration")
+_PLAIN = ("name", "description", "gravity", "acceleration", "velocity")
 _RECORDS: dict[str, type[Description]] = {"spin": Spin, "fit": Fit}
 _ITEMS: dict[str, tuple[str, Mapping[str, type[Description]]]] = {
     "bodies": ("body", BODIES),
@@ -44,6 +45,7 @@ _ITEMS: dict[str, tuple[str, Mapping[str, type[Description]]]] = {
     "sensors": ("sensor", SENSORS),
     "loops": ("loop", dict.fromkeys(LOOPS, Loop)),
     "couplings": ("coupling", COUPLINGS),
+    "contacts": ("contact", CONTACTS),
 }
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
 
@@ -87,6 +89,8 @@ def scene_to_toml(scene: Scene) -> str:
     table["gravity"] = list(scene.gravity)
     if any(scene.acceleration):
         table["acceleration"] = list(scene.acceleration)
+    if any(scene.velocity):
+        table["velocity"] = list(scene.velocity)
     if scene.spin:
         table["spin"] = scene.spin.model_dump(mode="json")
     table |= values_table(scene.constants, scene.parameters)
@@ -311,7 +315,9 @@ def _in_unit(radians: float, factor: float) -> float:
 
 def _line(text: str, message: str) -> int | None:
     """Line of the body, joint, ... that an error message names; None if it names none."""
-    match = re.search(r"(parameter|constant|body|joint|load|sensor|loop|coupling) '([^']+)'", message)
+    match = re.search(
+        r"(parameter|constant|body|joint|load|sensor|loop|coupling|contact) '([^']+)'", message
+    )
     if match is None:
         return None
     section = {"parameter": "parameters", "body": "bodies"}.get(match[1], match[1] + "s")

@@ -1,0 +1,60 @@
+"""Errors of contacts: what does not touch, slips, leans, or touches itself."""
+
+from typing import Any
+
+from mbdlft import Free, Inertia, Planar, Revolute, RigidBody, Scene, Spin, assemble, find_equilibrium
+from mbdlft.multibody.contact import KINDS
+from tests.errors.table import refused
+
+
+def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields: Any) -> Scene:
+    """A wheel of 0.5 m that rolls at 3 m/s along x below a frame."""
+    touch = (
+        {"port": "wheel", "axis": (0, 1, 0), "radius": 0.5} if kind == "rolling" else {"port": "frame"}
+    )
+    height = fields.pop("height", 0.5)
+    return Scene(
+        **{
+            "name": "cart",
+            "velocity": (3.0, 0.0, 0.0),
+            "bodies": [
+                RigidBody(name="frame", mass=2.0, inertia=Inertia(xx=0.1, yy=0.1, zz=0.1)),
+                RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1)),
+            ],
+            "joints": [
+                Free(name="base", parent="ground", child="frame", position=(0, 0, height)),
+                Revolute(
+                    name="axle",
+                    parent="frame",
+                    child="wheel",
+                    axis=(0, 1, 0),
+                    rate=fields.pop("rate", 6.0),
+                ),
+            ],
+            "contacts": [KINDS[kind](name="touch", **{**touch, **(contact or {})})],
+            **fields,
+        }
+    )
+
+
+test_messages = refused(
+    r"""
+> assemble(wheel({})) => SceneError: contact 'touch' …
+=> accepted
+"knife_edge", {"heading": (1, 0, 0)} => accepted
+height=0.6 => 'wheel' is 0.6 m above the plane at nominal, and the radius is 0.5 m … by 0.1 m
+rate=5.0 => the rate of body 'wheel' does not fit the velocity [3, 0, 0] … slip by 0.5 m/s
+contact={"port": "ground"} => is on the ground: it touches itself
+contact={"radius": -0.5} => the radius must be positive, and it is -0.5 m
+contact={"tire": 0.7} => the tire must have a radius from 0 to that of the wheel
+contact={"axis": (1, 0, 0)} => joint 'axle' turns body 'wheel' steadily, so it must be a wheel about
+contact={"axis": None, "tire": 0.1} => a ball has none, got 0.1
+contact={"plane": "frame"} => expected 'ground' or one of its ports, got 'frame'
+contact={"port": "frame", "axis": (0, 3, 4)} => is not across the normal of the plane, but 53.13 deg off
+"knife_edge", {"heading": (1, 1, 0)} => does not fit the velocity [3, 0, 0] … slip by 2.121 m/s
+contact={"port": "weel"} => unknown body 'weel'
+spin=Spin(axis=(0, 0, 1), rate=1.0) => stands on ground that the spin of the frame turns
+> {} => TrimError:
+find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
+"""
+)
