@@ -16,7 +16,7 @@ import mbdlft
 from benchmarks.needs import Transfer, instructions, requests, transfers
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.batch.rows import source_of
-from mbdlft.problem import relations as need
+from mbdlft.problem import needs as need
 from tests.close import roundoff
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
