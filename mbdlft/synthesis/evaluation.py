@@ -160,7 +160,7 @@ def look(family: Family, asked: Asked, x: Array, keep: float = 0.8) -> Look:
     if keep < 1.0:
         for p in values:
             hard = asked.goals[p.goal].hard
-            if p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
+            if not keep or p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
                 pieces += [p] if len(p.slope) else _with_slope(family, closed, asked.goals, p)
         pieces += _stable_pieces(found, moved, asked.decay)
     return Look(largest[False], largest[True], tuple(pieces), abscissa)
