@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -39,7 +40,8 @@ from mbdlft.multibody.scene.quantities import AngleSum
 
 T = TypeVar("T")
 _MOST_TURNS = 16
-_OPERATION, _MOST_OPERATIONS = re.compile(r"[-+*/^]+"), 50_000  # an entry, which takes some 10 s
+_OPERATION = re.compile(r"[-+*/^]+")
+_MOST_OPERATIONS, _MOST_IN_ALL = 50_000, 200_000  # of an entry and of a matrix: some 10 s and 40 s
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
 
@@ -109,6 +111,10 @@ def matrix_values(
     return rows
 
 
+def _operations(source: float | str) -> int:
+    return len(_OPERATION.findall(source)) if isinstance(source, str) else 0
+
+
 class _Resolver:
     """Walks the texts of one problem in order."""
 
@@ -125,6 +131,12 @@ class _Resolver:
         self.place = ""
 
     def run(self) -> Resolved:
+        texts = chain(self.problem.expressions.values(), *self.problem.matrix)
+        if (total := sum(map(_operations, texts))) > _MOST_IN_ALL:
+            raise SceneError(
+                f"matrix {self.problem.name!r} has {total} operations, and {_MOST_IN_ALL} is the most. "
+                "Write a part that stands in several entries once, under expressions."
+            )
         for name, source in self.problem.expressions.items():
             expression = self._read(f"matrix {self.problem.name!r}, expression {name!r}", source)
             self.shared[name] = expression
@@ -138,7 +150,7 @@ class _Resolver:
 
     def _read(self, place: str, source: float | str) -> Expression:
         self.place = f"{place} = {source!r}"
-        if isinstance(source, str) and (count := len(_OPERATION.findall(source))) > _MOST_OPERATIONS:
+        if (count := _operations(source)) > _MOST_OPERATIONS:
             raise SceneError(
                 f"{place} has {count} operations, and {_MOST_OPERATIONS} is the most. Collect equal "
                 "powers of the parameters, or declare a part as a parameter."

@@ -3,6 +3,7 @@
 import io
 import subprocess
 import sys
+import tracemalloc
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -103,6 +104,21 @@ def test_many_arrays_in_one_file(tmp_path: Path) -> None:
             archive.writestr(f"{k}.npy", b"")
     with says(StructureError, "has 101 arrays, expected at most 100"):
         load_matrices(file)
+
+
+@pytest.mark.usefixtures("read_here")
+def test_an_array_is_in_memory_once(tmp_path: Path) -> None:
+    """A file of 2 GB needed 4: it was read as bytes, and these were copied."""
+    size = 2**25
+    file = packed(tmp_path / "a.npz", "mass.npy", header((size // 8,)) + bytes(size))
+    tracemalloc.start()
+    try:
+        with says(StructureError, f"{file}: "):
+            load_matrices(file)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert size < peak < 1.5 * size
 
 
 def test_hdf5_that_hangs(tmp_path: Path) -> None:

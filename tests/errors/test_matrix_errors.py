@@ -27,7 +27,9 @@ realize(mbdlft.MatrixProblem(matrix=[['a']], parameters=[A]), [A], search=0.0)
 > realize({}, [A, B], search=0.0) => SceneError:
 [] => matrix 'matrix': the matrix is empty. Give it at least one row and one column.
 [["+".join(f"{k}*a^{k%5}" for k in range(200_000))]]
-    => entry (0, 0) has 599999 operations, and 50000 is the most. Collect equal powers
+    => matrix 'matrix' has 599999 operations, and 200000 is the most. Write a part
+[["+".join(f"{k}*a^{k%5}" for k in range(50_000))]]
+    => entry (0, 0) has 149999 operations, and 50000 is the most. Collect equal powers
 [[]] => the matrix is empty
 "a" => expected rows of numbers or expressions, got 'a'
 ["a", "b"] => expected rows of numbers or expressions
