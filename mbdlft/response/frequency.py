@@ -33,6 +33,7 @@ Complex = NDArray[np.complex128]
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
 _SAME = 1e-9  # of the largest entry of a row: rows that differ by less are one, but for rounding
 _CANCELED = 0.1  # of D: where less is left, a digit is lost
+_SIX_DIGITS = 1e-6
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
 POINTS = 200  # evenly spaced in the logarithm
@@ -232,6 +233,29 @@ def from_positions(
         is_small = np.abs(by_position) < _CANCELED * np.abs(D[:, None, i])
         response[:, :, i] = np.where(is_small, by_position, response[:, :, i])
     return response[:, :, : response.shape[2] - len(accelerations)]
+
+
+def carried_from(system: System) -> dict[str, float]:
+    """Frequencies (rad/s) from which D + C (s I - A)^-1 B has six digits of an acceleration, by output.
+
+    At nominal. Far below its modes a structure that is held has the acceleration -w^2 x, with the
+    displacement x = C_x (-A)^-1 B at rest; the terms of D + C (-A)^-1 B = 0 are rounded by 2.2e-16.
+    """
+    both, places = with_positions(samples_at(system))
+    A, B, C, D = (matrix[0] for matrix in both)
+    try:
+        at_rest = np.linalg.solve(A, B)
+    except np.linalg.LinAlgError:  # nothing holds it
+        return {}
+    late = {}
+    for i, k in places.items():
+        terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[k] @ at_rest)
+        some = x > 0.0
+        if np.any(some):
+            late[system.outputs[i].name] = float(
+                np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS)
+            )
+    return late
 
 
 def singular_values(response: NDArray[np.complex128]) -> Array:

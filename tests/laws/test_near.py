@@ -8,7 +8,7 @@ import pytest
 import mbdlft
 from mbdlft.exact.numbers import Constant
 from mbdlft.pipeline.forms import Signed, neighbors
-from tests.close import ELASTIC
+from tests.close import ELASTIC, exact
 
 INERTIA = mbdlft.Inertia(xx=1.0, yy=2.0, zz=2.5)
 
@@ -128,3 +128,31 @@ def test_what_nearly_vanishes_needs_more_bits_and_no_traceback() -> None:
         ],
     )
     assert certified(scene).max_relative_error < ELASTIC
+
+
+def test_an_angle_in_the_decimals_of_a_double_is_a_right_angle() -> None:
+    """1.5707963267948966 rad: a force along the link at 90 deg has no arm, and its torque is zero."""
+
+    def arm(angle: float | str) -> mbdlft.LFTModel:
+        none = mbdlft.Inertia(xx=0, yy=0, zz=0)
+        scene = mbdlft.Scene(
+            name="arm",
+            parameters=[mbdlft.Parameter("L", 0.5, percent=20, unit="m")],
+            bodies=[
+                mbdlft.RigidBody(name="link", mass=0.0, inertia=none, ports={"tip": ("L", 0, 0)}),
+                mbdlft.RigidBody(name="hand", mass=2.0, inertia=INERTIA, center_of_mass=(0.2, 0.1, 0)),
+            ],
+            joints=[
+                mbdlft.Revolute(name="a", parent="ground", child="link", axis=(0, 0, 1), position=angle),
+                mbdlft.Revolute(name="b", parent="link.tip", child="hand", axis=(0, -1, 0)),
+            ],
+            loads=[
+                mbdlft.Force(name="f", port="hand", direction=(0, 1, 0), frame="ground", magnitude=-5.7)
+            ],
+        )
+        return mbdlft.to_lft(scene, search=0.0, prove=0.0)
+
+    right, decimals = arm("90*deg"), arm(1.5707963267948966)
+    assert mbdlft.trim_at(decimals, {"L": 0.55}).tolist() == [0.0, 0.0]
+    exact(decimals.lft.M11, right.lft.M11)
+    exact(decimals.lft.M22, right.lft.M22)

@@ -25,6 +25,7 @@ from mbdlft.response.frequency import peaks
 from mbdlft.response.modes import samples_at
 from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
+from mbdlft.show.report import sentences
 from mbdlft.system.sampled import StateMatrices
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
@@ -101,7 +102,9 @@ def test_triangles_alone_are_as_good_and_are_used() -> None:
         roundoff(values, frequency_response(system, {}, omega), kappa=100.0)
 
 
-def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits() -> None:
+def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """-w^2 times the deflection l^3/(3 E I) of the tip: D + C (sI - A)^-1 B has three digits of it."""
     length, E, second = np.array([2.5, 3.3]), 210e9, 2e-6
     beam = mbdlft.Beam(
@@ -126,6 +129,15 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits()
         :, :, 0, 0
     ]
     assert np.max(np.abs(plain_sum / expected - 1.0)) > 1e-6, "what the sum in doubles carries"
+    (omega_6,) = frequency.carried_from(model).values()
+    omega = omega_6 * np.array([[1.0, 0.01]])
+    whole = frequency.resolvent(samples_at(model), 1j * omega).ravel()
+    errors = np.abs(whole / mbdlft.frequency_response(model, {}, omega).ravel() - 1.0)
+    assert errors[0] < 1e-6 < errors[1] < 1e-2
+    assert not any("accelerations" in text for text in sentences.checked_beside(model))
+    monkeypatch.setattr(sentences, "_EARLY", 0.0)
+    (said,) = (text for text in sentences.checked_beside(model) if "accelerations" in text)
+    assert f"six digits of beam.bending_y.3.acceleration from {omega_6:.2g} rad/s on" in said
 
 
 def test_peaks_are_higher_than_their_neighbors() -> None:

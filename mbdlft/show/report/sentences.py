@@ -4,10 +4,14 @@ import math
 import sys
 from collections.abc import Iterator
 
+import numpy as np
+
+from mbdlft.response.frequency import carried_from
 from mbdlft.system.model import Certificate, LFTModel, System
 
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
+_EARLY = 0.01  # of the slowest pole: from there on, an acceleration should have its digits
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 
@@ -73,6 +77,14 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
         yield (
             f"transfer functions: largest error {certificate.transfer_error:.1e}, relative to their row, "
             f"at {len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
+        )
+    slowest = np.min(np.abs(np.linalg.eigvals(model.A)), initial=np.inf)
+    late = {name: w for name, w in carried_from(model).items() if w > _EARLY * slowest}
+    if late:
+        name = max(late, key=lambda each: late[each])
+        yield (
+            f"accelerations: the sum D + C (s I - A)^-1 B has six digits of {name} from {late[name]:.2g} "
+            "rad/s on; below, frequency responses are -w^2 times the position"
         )
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
