@@ -97,6 +97,18 @@ def test_a_stiff_coupling_tends_to_a_rigid_one() -> None:
     assert errors[-1] < 1e-4
 
 
+def test_a_soft_coupling_oscillates() -> None:
+    """Two rotors J on a shaft behind a gear: w^2 = k (1 + n^2)/J, and what a unit twist pulls back."""
+    gear = KINDS["gear"](name="k", joints=("a", "b"), ratio="n", stiffness=50.0)
+    scene = machine(gear).model_copy(update={"outputs": ("k.torque", "a.angle")})
+    model = to_lft(scene, search=0.0)
+    at = mbdlft.matrices_at(model, {"n": 4.0})
+    fastest = np.max(np.linalg.eigvals(at.A).imag)
+    assert np.isclose(fastest, np.sqrt(50.0 * 17.0 / 0.02), rtol=close.CLOSED_FORM)
+    names = [state.name for state in model.states]
+    assert np.isclose(at.C[0, names.index("a.angle")], -50.0, rtol=close.CLOSED_FORM)
+
+
 def test_force_and_positions_follow_at_equilibrium() -> None:
     """A drum holds a weight by a cable of two strands: torque m g r/2, and so is the trim."""
     cable = KINDS["cable"](name="k", strands={"s": 2.0, "a": 0.1}, offset=0.7)
