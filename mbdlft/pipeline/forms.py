@@ -29,7 +29,7 @@ from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
 
-_MOST_EXACT = 1500  # channels after the reduction of words: exact numbers take gigabytes for more
+_MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
 _Made = TypeVar("_Made")

@@ -6,7 +6,7 @@ relations, once for each displacement. What it does not depend on leaves it: tha
 commute, as numbers do, where the reduction of the whole knows products in their order only. The loads of
 a frame of one material do not depend on its modulus, though each deflection does. For two and three
 elements in each of the three beams of a portal the order is 84 and 121 so. It was 110 and 1,193, as each
-displacement had all deflections of the frame, and 1,500 channels are the most for exact numbers.
+displacement had all deflections of the frame, and 1,500 channels were the most for exact numbers.
 """
 
 from collections.abc import Sequence
