@@ -52,6 +52,13 @@ def test_the_bicycle_has_the_published_matrices(bicycle: mbdlft.LFTModel) -> Non
         close.target(-mass @ at.A[np.ix_(r, q)], wanted, close.CROSS, 800.0)
 
 
+def test_positions_on_which_others_depend_are_states() -> None:
+    """The way aside depends on the heading, and all rates on lean and steer; nothing on the way ahead."""
+    model = to_lft(BICYCLE.model_copy(update={"outputs": ("lean.position.y",)}), search=0.0)
+    positions = ["lean.position.y", "lean.rotation.x", "lean.rotation.z", "steer.angle"]
+    assert [s.name for s in model.states] == [*positions, "lean.rate.x", "rear.rate", "steer.rate"]
+
+
 @pytest.mark.parametrize("v", EIGENVALUES)
 def test_the_bicycle_has_the_published_eigenvalues(bicycle: mbdlft.LFTModel, v: float) -> None:
     found = np.linalg.eigvals(mbdlft.matrices_at(bicycle, {"v": v}).A)
