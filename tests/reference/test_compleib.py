@@ -2,9 +2,10 @@
 
 The plants are those of the report F. Leibfritz, COMPleib: COnstrained Matrix-optimization Problem
 library, University of Trier, 2004. The numbers were written down from memory and not compared with the
-report again; what speaks for them is that the norms which several tools have found are reached. HE1 and HE2 are helicopters, REA2 a chemical reactor, NN1 an academic
-plant, AC3 a transport aircraft. Where the report has no performance channels, w drives each state, and u
-is added to the last entries of z = x. Norms are the best of these tools.
+report again; what speaks for them is that the norms which several tools have found are reached. HE1 and
+HE2 are helicopters, REA2 a chemical reactor, NN1 an academic plant, AC3 a transport aircraft. Where the
+report has no performance channels, w drives each state, and u is added to the last entries of z = x.
+Norms are the best of these tools.
 """
 
 from typing import Any
