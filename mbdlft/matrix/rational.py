@@ -34,7 +34,7 @@ from mbdlft.problem.sx.constants import literal
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128  # of a polynomial that is made from a text
 _SWEEPS = 10  # of balancing
-_WORK = 3.0  # units, for the recovery, for relations of rows, and for those of columns
+_WORK = 6.0  # units, for the recovery, for relations of rows, and for those of columns
 
 
 class NotFractionError(Exception):
