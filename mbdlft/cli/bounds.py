@@ -86,9 +86,8 @@ def wcgain(
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     options.check_paths(None, figure)
     system = _loop(archive, model, controller)
-    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
+    asked = _asked(gap, work, leave_out, workers, inputs, outputs)
     asked |= {"rates": options.numbers_by_name("--rate", rate, _RATE)}
-    asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     answer = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
         bounds, is_proved = answer
@@ -113,9 +112,8 @@ def worst(
 ) -> None:
     """The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds."""
     system = _loop(archive, model, controller)
-    asked: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
+    asked = _asked(gap, work, leave_out, workers, inputs, outputs)
     asked |= {"what": "H2 norm" if what == Property.H2_NORM else what.replace("-", " ")}
-    asked |= {"inputs": inputs or slice(None), "outputs": outputs or slice(None)}
     _answer(archive, system, analyze.worst_case, asked, store=not no_save, as_json=as_json)
 
 
@@ -147,6 +145,14 @@ def verify(archive: options.Archive, as_json: options.AsJson = False) -> None:
             say(f"{entry['name']}: {verdict}")
     if not all(entry["proved"] for entry in checked):
         raise typer.Exit(1)
+
+
+def _asked(
+    gap: float, work: float, leave_out: Any, workers: int, inputs: Any, outputs: Any
+) -> dict[str, Any]:
+    """What is asked of the transfer from inputs to outputs, or from all to all."""
+    asked = {"gap": gap, "work": work, "leave_out": leave_out or (), "workers": workers}
+    return {**asked, "inputs": inputs or slice(None), "outputs": outputs or slice(None)}
 
 
 def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
-from mbdlft.base.running import after, one_thread
+from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
 from mbdlft.robust.ascent import (
@@ -33,7 +33,6 @@ from mbdlft.robust.ascent import (
     smallest_crossing,
 )
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.lyapunov import is_small, searched
 from mbdlft.robust.bisect.search import (
     GAP,
     LARGEST,
@@ -42,18 +41,17 @@ from mbdlft.robust.bisect.search import (
     Progress,
     Search,
     State,
+    attempted,
     bounds_at,
     check_numbers,
     cost_of,
     crew_of,
-    cut,
     enlarged,
     expanded,
     is_dear,
     last_of,
-    resistance,
 )
-from mbdlft.robust.evidence import STABILITY, Bounds, BoxProof, LyapunovProof
+from mbdlft.robust.evidence import STABILITY, Bounds
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
 from mbdlft.robust.mu.mixed import by_multipliers, with_ball
@@ -68,7 +66,6 @@ _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _SAMPLES = 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
-_SOON = 0.1  # of the work for a size, or as much as its coefficients: more is left to Lyapunov functions
 _PATH = 40  # points of a search for a pole on the axis
 
 
@@ -192,40 +189,15 @@ def _margins(asked: Asked, model: Realization, fixed: NDArray[np.bool_]) -> Sear
 def _attempted(
     asked: Asked, model: Realization, state: State[Crossing], k: float, ends: Array
 ) -> tuple[State[Crossing], Array | None]:
-    """The state after attempts to prove the box of size k; and without a proof, where a search begins.
-
-    The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
-    smaller box, Lyapunov functions are tried before it. If only work was missing, a smaller box is next.
-    """
-    is_wrong = partial(_is_unstable, model, ends)
+    """The state after attempts to prove the box of size k; and without a proof, where a search begins."""
     state, polynomials = expanded(state, model, k, ends)
     if polynomials is None:
         return state, None
-    work = state.share(asked)
-    tries = [work]  # of the polynomial; 0: Lyapunov functions
-    if is_small(model):
-        first = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
-        tries = [*first, 0.0, 0.5 * work]
-    proof: BoxProof | LyapunovProof | None
-    point = None
-    for most in tries:
-        if most:
-            most = min(most, work)
-            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=most)
-            proof = None if outcome.log is None else BoxProof(outcome.log)
-            state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
-            wrong, point, is_hopeless = outcome.counterexample, outcome.open_box.center, True
-        else:
-            with after(state.used):
-                proof, wrong, point, used, is_hopeless = searched(model, ends, work, is_wrong)
-            state = state._replace(used=state.used + used)
-        if proof is not None:
-            return state._replace(lower=k, proof=proof), None
-        if wrong is not None:
-            return state, wrong
-        if not is_hopeless:
-            break
-    return state, point
+    is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
+    state, found = attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
+    if found.proof is not None:
+        return state._replace(lower=k, proof=found.proof), None
+    return state, found.center if found.counterexample is None else found.counterexample
 
 
 def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:

@@ -38,24 +38,24 @@ from mbdlft.robust.bisect.search import (
     Progress,
     Search,
     State,
+    attempted,
     bounds_at,
     check_numbers,
     cost_of,
     crew_of,
-    cut,
     expanded,
     last_of,
     lowered,
-    resistance,
     too_large,
 )
-from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, BoxProof, slope_of
+from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, slope_of
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import check_constant, left_out, physical, realization
 from mbdlft.system.algebra import feedback
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
+_SHARE = 0.7  # of the work that is left, for one edge
 _MODES, _CORNERS, _MOST = 8, 8, 60  # searches from the nominal point, from corners; points of each
 _NOTHING = 1e-6  # of the largest pole, or of a damping of 1: a gap need not be smaller
 _INSIDE = 1.0 - 1e-15  # one over a bound is not above what was proved, however it was rounded
@@ -158,14 +158,14 @@ def _behind(
     state, polynomials = expanded(state, region, 1.0)
     if polynomials is None:
         return state._replace(ended=True)
-    is_wrong = partial(_is_beyond, model, kind, goal)
-    state, outcome = cut(asked, state, region, (1.0, polynomials), is_wrong)
-    if outcome.log is not None:
-        return state._replace(proof=BoxProof(outcome.log), upper=goal)
-    if outcome.counterexample is not None:
-        state, pole = _looked(model, aim, state, outcome.counterexample)
-        return _pushed(model, aim, state, outcome.counterexample, pole)
-    return state._replace(reason=resistance(outcome, 1.0, region))
+    is_wrong, box = partial(_is_beyond, model, kind, goal), (1.0, np.ones(len(model.sizes)), polynomials)
+    state, found = attempted(asked, state, region, box, is_wrong, _SHARE * state.left(asked))
+    if found.proof is not None:
+        return state._replace(proof=found.proof, upper=goal)
+    if found.counterexample is not None:
+        state, pole = _looked(model, aim, state, found.counterexample)
+        return _pushed(model, aim, state, found.counterexample, pole)
+    return state
 
 
 def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:

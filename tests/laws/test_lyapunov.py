@@ -118,6 +118,20 @@ def test_boxes_that_wait_for_work_are_proved_in_their_order(monkeypatch: pytest.
     assert logs[0] == logs[1]
 
 
+def test_real_parts_of_modes_that_cross_are_bounded() -> None:
+    """All are -d/2, whatever a and b: what is proved on the line is a proof there, and not left of it."""
+    system = crossing(0.1)
+    bounds = mbdlft.worst_case(system, "real part", gap=0.1, work=1.0)
+    assert -0.05 <= bounds.upper < -0.044
+    model, ends = realization(system)._replace(shift=-0.045), np.ones(2)
+    proof = searched(model, ends, 1.0, partial(_is_unstable, model, ends)).proof
+    assert isinstance(proof, LyapunovProof)
+    other = replace(bounds, upper=-0.045, proof=proof)
+    assert verify(system, other) == ""
+    assert verify(system, replace(other, upper=-0.05))
+    assert verify(system, replace(other, kind="smallest damping", lower=0.02, upper=0.5))
+
+
 def test_no_other_proof_is_taken() -> None:
     """Parts that are missing, coordinates that are none, and a box on which it is not stable."""
     model, ends, proof = attempt(crossing(), 1.5)
@@ -126,8 +140,8 @@ def test_no_other_proof_is_taken() -> None:
     states = proof.states.copy()
     states[0, :, 0] = 0.0
     forged = (
-        replace(proof, log=proof.log[:-1], states=proof.states[:-1]),
-        replace(proof, log=(0,), states=proof.states[:1]),
+        replace(proof, log=proof.log[:-1], states=proof.states[:-1], degrees=proof.degrees[:-1]),
+        replace(proof, log=(0,), states=proof.states[:1], degrees=proof.degrees[:1]),
         replace(proof, log=(*proof.log, 0)),
         replace(proof, states=states),
         replace(proof, states=proof.states * np.nan),
@@ -157,6 +171,7 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
     for _ in range(100):
         B = random.integers(-9, 10, (n, n - 1)).astype(float)
         A, modes = -B @ B.T, random.standard_normal((n, n))
+        wide = modes * 10.0 ** np.linspace(0.0, 2.0, n) @ modes.T
         column = np.zeros((n, 1))
         still = np.zeros((1, 1))
         model = Realization(
@@ -165,6 +180,7 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
         part = _Part(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1))
         P = np.array([modes.T @ modes] * 2)
         assert not _is_positive(part, modes, P)
+        assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))
         shifted = state_polynomials(model._replace(A=A - np.eye(n)), 1.0)
         assert _is_positive(part._replace(values=shifted[0], sizes=shifted[1]), modes, P)
 

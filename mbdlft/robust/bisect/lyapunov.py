@@ -39,7 +39,7 @@ from mbdlft.exact.rounding import EPS, eigenvectors_of
 from mbdlft.response.modes import balancing
 from mbdlft.robust.bisect.boxes import Check, Ends, split
 from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
-from mbdlft.robust.evidence import LyapunovProof
+from mbdlft.robust.evidence import BoxProof, LyapunovProof
 
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 _DEGREE = 8  # of P in a delta, at most
@@ -48,7 +48,8 @@ _DEAREST = 1.0  # units of work of a part
 _PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
-_EARLY = 0.3  # of the work, with which at least this part of what it has to prove is proved
+_EARLY = 0.3  # of the work: from then on, parts that are proved are
+_ON_THE_WAY = 0.6  # of those that would be, if all took the same work
 _MIDDLE = np.array([0.5])
 
 
@@ -68,7 +69,7 @@ class _Part(NamedTuple):
 class Attempt(NamedTuple):
     """What came of a search."""
 
-    proof: LyapunovProof | None
+    proof: BoxProof | LyapunovProof | None
     counterexample: Array | None  # deltas of the unit box that are wrong
     center: Array  # of the last part, in the unit box: one that resisted, if there is neither
     work: float  # units that were used
@@ -105,7 +106,7 @@ def searched(model: Realization, ends: Ends, work: float, is_wrong: Check) -> At
             axis = int(np.argmax(least + tails[:, -1] / (1.0 + tails[:, -1])))
             wanted = least if np.max(least) <= _DEGREE and _cost(model, least) <= _DEAREST else None
         cost = _cost(model, wanted)
-        is_slow = used > _EARLY * work and proved * work < _EARLY * used
+        is_slow = used > _EARLY * work and proved * work < _ON_THE_WAY * used
         is_hopeless = is_slow or not part.half[axis] > _SMALLEST
         if used + cost > work or is_hopeless:
             return Attempt(None, None, part.center, used, is_hopeless)

@@ -25,8 +25,9 @@ from mbdlft.base.running import after, budget, one_thread
 from mbdlft.base.worker import Pool
 from mbdlft.robust.bisect.boxes import Check, Crew, Outcome, Task, prove
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, polynomials
+from mbdlft.robust.bisect.lyapunov import Attempt, is_small, searched
 from mbdlft.robust.evidence import Bounds as Bounds
-from mbdlft.robust.evidence import Proof
+from mbdlft.robust.evidence import BoxProof, LyapunovProof, Proof
 from mbdlft.robust.realization import physical, shares
 from mbdlft.system.model import System
 
@@ -37,6 +38,7 @@ UNSTABLE = (
 INTERRUPTED = "it was interrupted"
 GAP, WORK, LARGEST = 0.01, 30.0, 100.0  # defaults: 1 %, half a minute, a hundred times the box
 _SHARE, _AT_FIRST = 0.5, 0.35  # of the work that is left, for one target; while no size is proved
+_SOON = 0.1  # of the work for a size, or as much as its coefficients: more is left to Lyapunov functions
 _LOWER = 0.7  # a size that was not proved is approached from the proved one: this part of the way
 _FAR = 4.0  # times the proved size, or the box: above it, the geometric mean comes next
 _ABOUT_1 = 0.8  # sizes from this to one over it: the declared box is tried instead
@@ -248,6 +250,41 @@ def cut(
     with after(state.used):
         outcome = prove(model, *box, work, is_wrong, gain, asked.crew)
     return state._replace(used=state.used + outcome.work), outcome
+
+
+def attempted(
+    asked: Asked,
+    state: State[Worst],
+    model: Realization,
+    box: tuple[float, Array, Polynomials],
+    is_wrong: Check,
+    work: float,
+) -> tuple[State[Worst], Attempt]:
+    """What comes of attempts to prove that all poles are in the region, on a box of a size and ends.
+
+    The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
+    smaller box, Lyapunov functions are tried before it. If only work was missing, no more is tried.
+    """
+    k, ends, polynomials = box
+    tries = [work]  # of the polynomial; 0: Lyapunov functions
+    if not model.slope and is_small(model):
+        soon = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
+        tries = [*soon, 0.0, 0.5 * work]
+    for most in tries:
+        if most:
+            most = min(most, work)
+            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=most)
+            proof = None if outcome.log is None else BoxProof(outcome.log)
+            state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
+            center = outcome.open_box.center
+            found = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
+        else:
+            with after(state.used):
+                found = searched(model, ends, work, is_wrong)
+            state = state._replace(used=state.used + found.work)
+        if found.proof is not None or found.counterexample is not None or not found.is_hopeless:
+            break
+    return state, found
 
 
 def bounds_of(
