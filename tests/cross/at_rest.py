@@ -63,14 +63,10 @@ def _placed(joint: Any) -> tuple[Texts, list[Rotation]]:
 
 
 def _plane(axis: Sequence[float]) -> tuple[Texts, Texts]:
-    """x and y of a planar joint: axes that follow the normal, or the longest projection of an axis."""
-    normal = unit(axis)
-    if np.count_nonzero(axis) == 1:
-        x = [repr(float(entry)) for entry in np.roll(np.sign(np.abs(axis)), 1)]
-    else:
-        best = int(np.argmin(np.abs(axis)))
-        x = unit([f"({int(k == best)} - {n}*{normal[best]})" for k, n in enumerate(normal)])
-    return x, _cross(normal, x)
+    """x and y of a planar joint whose normal is a coordinate axis: the axes that follow it."""
+    assert np.count_nonzero(axis) == 1
+    x = [repr(float(entry)) for entry in np.roll(np.sign(np.abs(axis)), 1)]
+    return x, _cross(unit(axis), x)
 
 
 def turned(axis: Sequence[float], angle: float | str, v: Texts) -> Texts:

@@ -199,6 +199,9 @@ def closed_by(kind: str, seed: int) -> Scene:
         _with_preload(joint, random) if given[k] < len(passive) else joint
         for k, joint in enumerate(joints)
     ]
+    # with another normal 5120 bits are often not enough to see what vanishes: a known fault
+    level = {"axis": (0.0, -2.0, 0.0)}
+    joints = [joint.model_copy(update=level) if joint.kind == "planar" else joint for joint in joints]
     slides = kind in ("prismatic", "cylindrical")
     varies = not slides and kind != "universal"
     about, angle = _vector(random, 1.0), "psi" if varies else 0.4
