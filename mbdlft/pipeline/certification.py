@@ -17,7 +17,7 @@ from mbdlft.problem.relations import Nouns, Problem, Reference
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
 from mbdlft.system.regular import PROVED, SAMPLED, Regularity, check_no_zero, physical_boxes, regularity
-from mbdlft.system.sampled import at_values
+from mbdlft.system.sampled import at_values, in_twofold
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 
@@ -49,7 +49,8 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
 
     Where the values in doubles differ by more than `_CARRIED`, or by more than rounding explains, which
     may be what the reference has lost, a few of the points are computed in 50 digits, and the error is
-    that to those. An error that rounding does not explain is a contradiction of two derivations.
+    that to those. An error that rounding does not explain, also where the model is evaluated in twice the
+    digits, is a contradiction of two derivations.
     """
     values = values_at_points(lft, problem.parameters, problem.points, problem.nouns)
     errors, count = np.abs(values - at.values), len(values)
@@ -63,6 +64,9 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
         truth = at.in_digits(problem.points[some])
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         ratios, count = np.abs(values[some] - truth) / rounding, len(some)
+        if np.any(ratios > MOST_ROUNDINGS):  # evaluation has lost digits, and other kernels lose others
+            finer = in_twofold(lft, deltas_at(problem.parameters, problem.points[some]))
+            ratios = np.abs(finer - truth) / rounding
     nouns = problem.nouns
     _, i, j = np.unravel_index(np.argmax(ratios), ratios.shape) if ratios.size else (0, 0, 0)
     of_entries = float(np.max(ratios, initial=0.0))

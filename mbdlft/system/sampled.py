@@ -219,8 +219,11 @@ def with_digits(a: LFT, points: Array, values: Array) -> Array:
 
     `values` are those in doubles. What is lost is seen at the points that are farthest from zero.
     """
-    if not needs_digits(a, points, values):
-        return values
+    return in_twofold(a, points) if needs_digits(a, points, values) else values
+
+
+def in_twofold(a: LFT, points: Array) -> Array:
+    """Values (N, n_out, n_in) at points (N, number of blocks), by residuals of twice the precision."""
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)
     loops = (np.eye(a.order) - a.M11 * deltas for deltas in spread)  # each value is rounded once
     solved = (rounding.solve_twofold(loop, a.M12) for loop in loops)

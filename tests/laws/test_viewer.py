@@ -18,6 +18,7 @@ from mbdlft.multibody.scene import scene_from_toml
 from mbdlft.problem.trim import solve_trim
 from mbdlft.show.viewer import page as page_of_scene
 from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
+from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.poses import scene_poses
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.pinocchio_frames import configuration
@@ -285,3 +286,25 @@ def test_a_page_without_its_library(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError, match=r"not installed.*pip install 'mbdlft\[viewer\]'"):
         mbdlft.view(scene)
     page_of_scene._library.cache_clear()
+
+
+def test_rims_touch_the_ground_and_couplings_are_listed() -> None:
+    """Wheels of the bicycle are circles about their hubs that turn with them and touch the ground."""
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "bicycle.toml")
+    gear = mbdlft.multibody.Gear(name="gear", joints=("rear", "front"), ratio=1.5, stiffness=1.0)
+    scene = scene.model_copy(update={"couplings": (gear,)})
+    poses = scene_poses(scene)
+    drawing = draw(poses, np.array([p.nominal for p in scene.parameters]))
+    (coupling,) = [item for item in drawing.items if item["group"] == "couplings"]
+    assert coupling["lines"][0] == "couples rear and front"
+    rims = {item["name"]: item["shapes"] for item in drawing.items if item["group"] == "contacts"}
+    assert len(rims) == len(scene.contacts) == 2
+    for contact in scene.contacts:
+        (rim,) = rims[contact.name]
+        body, _, _ = contact.port.partition(".")
+        points = drawing.numbers(ca.horzcat(*(drawing.vectors[k] for k in rim["points"]))).reshape(-1, 3)
+        hub = drawing.numbers(poses.frames[body].r)
+        radius = drawing.numbers(ca.SX(poses.values[f"contact {contact.name!r}"]["radius"]))[0]
+        target(np.linalg.norm(points - hub, axis=1), np.full(len(points), radius), EVALUATION)
+        assert abs(min(points[:, 2])) < 0.02 * radius  # 24 points
+        assert np.ptp(points[:, 1]) < 1e-12

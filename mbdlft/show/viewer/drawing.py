@@ -18,8 +18,10 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.beam_elements import values_at
 from mbdlft.multibody.body.elastic import times
+from mbdlft.multibody.contact import Contact, KnifeEdge, Rolling
 from mbdlft.multibody.force import DirectedLoad, Load, Spring, Strut
 from mbdlft.multibody.joint import Joint
+from mbdlft.multibody.joint.kinds import plane
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.sensor import Sensor
@@ -30,8 +32,13 @@ from mbdlft.show.viewer.poses import Poses, load_wrenches
 T = TypeVar("T")
 Shape = dict[str, Any]
 Item = dict[str, Any]
+_UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _NOTHING = 1e-12  # of a wrench: a force or torque that no load of this kind has
-_LAYERS = {"world": "ground", "loops": "joints"}  # of shapes of these groups; others have a layer each
+_LAYERS = {
+    "world": "ground",
+    "loops": "joints",
+    "contacts": "bodies",
+}  # of shapes of these groups; others have a layer each
 _POINTS = 24  # of a beam, at least, for polynomials over the whole of it
 _ROW = {"axial": 0, "bending_y": 1, "bending_z": 2}  # of the displacement that each deformation makes
 
@@ -115,6 +122,12 @@ def draw(poses: Poses, nominal: Array) -> Drawing:
         _draw_sensor(drawing, sensor)
     for loop in scene.loops:
         _draw_loop(drawing, loop)
+    for contact in scene.contacts:
+        _draw_contact(drawing, contact)
+    for coupling in scene.couplings:
+        terms = " and ".join(term.coordinate for term in coupling.terms())
+        lines = [f"couples {terms}", *said(coupling.quantities(scene.joints))]
+        drawing.add("couplings", coupling.name, coupling.kind, lines, [])
     if not np.isfinite(drawing.numbers(ca.horzcat(*drawing.vectors))).all():
         raise SceneError(
             f"scene {scene.name!r}: a position is not finite at nominal, so there is nothing to draw. "
@@ -343,3 +356,24 @@ def _draw_loop(d: Drawing, loop: Loop) -> None:
             kind = "arrow" if loop.kind == "prismatic" else "turn"
             shapes.append({"type": kind, "at": points[0], "along": along})
     d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)
+
+
+def _draw_contact(d: Drawing, contact: Contact) -> None:
+    """The rim of a wheel, three circles of a ball; the line along which a knife edge moves."""
+    poses = d.poses
+    poses.view.owner = owner_name(contact)
+    values = poses.values[poses.view.owner]
+    body, _, _ = contact.port.partition(".")
+    center, R = poses.port(contact.port), poses.frames[body].R
+    if isinstance(contact, Rolling):
+        turns = np.linspace(0.0, 2.0 * math.pi, _POINTS + 1)
+        shapes: list[Shape] = []
+        for axis in [contact.axis] if contact.axis is not None else list(_UNITS):
+            x, y = (values["radius"] * ca.mtimes(R, side) for side in plane(axis))
+            rim = [d.vector(center + math.cos(t) * x + math.sin(t) * y) for t in turns]
+            shapes.append({"type": "curve", "points": rim})
+    elif isinstance(contact, KnifeEdge):
+        along = d.vector(ca.mtimes(R, unit_vector(contact.heading)))
+        shapes = [{"type": "slide", "at": d.vector(center), "along": along}]
+    lines = [f"{contact.port} on the ground", *said(contact.quantities())]
+    d.add("contacts", contact.name, contact.kind, lines, shapes)
