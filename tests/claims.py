@@ -150,7 +150,9 @@ def _array(array: Array, random: np.random.Generator) -> Array:
     other = array.copy()
     if len(array) and random.uniform() < 0.2:
         return other[:-1] if array.ndim > 1 else other * 2.0
-    if other.size:
+    if other.size and other.dtype.kind == "i":
+        other.flat[random.integers(0, other.size)] += random.choice([-3, -1, 1, 2])
+    elif other.size:
         with np.errstate(all="ignore"):
             other.flat[random.integers(0, other.size)] *= float(random.choice(_FACTORS))
     return other

@@ -26,7 +26,7 @@ ELASTIC = [
     "flexible_manipulator", "launcher_bending", "mast_observatory", "piezo_beam",
     "rotatory_spacecraft", "solar_arrays",
 ]  # fmt: skip
-OTHERS = ["control_moment_gyros", "half_car"]  # what pinocchio's trees do not have
+OTHERS = ["bicycle", "control_moment_gyros", "half_car"]  # what pinocchio's trees do not have
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture
 

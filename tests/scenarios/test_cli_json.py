@@ -14,6 +14,7 @@ import mbdlft
 from mbdlft.cli.commands import app
 from mbdlft.cli.output import time_left
 from tests.scenarios.commands import Call
+from tests.scenarios.test_cli_tuning import MODEL, TASK
 
 ROOT = Path(__file__).parents[2]
 ARM = "scenarios/two_link_arm.toml"
@@ -37,6 +38,7 @@ RUNS = {
     "wcgain": ["mass.h5", "--work", "1"],
     "worst": ["mass.h5", "--of", "damping", "--work", "1"],
     "verify": ["mass.h5"],
+    "tune": ["task.toml", "--starts", "1", "--no-proof"],
 }
 
 
@@ -46,6 +48,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("json")
     for name in ("scenarios", "bodies"):
         (folder / name).symlink_to(ROOT / name)
+    (folder / "model.toml").write_text(MODEL, encoding="utf-8")
+    (folder / "task.toml").write_text(TASK, encoding="utf-8")
     arm = mbdlft.to_lft(mbdlft.load_scene(ROOT / ARM), search=0.0)
     mbdlft.save(folder / "arm.h5", arm)
     mass = mbdlft.Scene(

@@ -15,8 +15,6 @@ from mbdlft.multibody.assembly.coupled import multipliers_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.touching import contact_rows
 from mbdlft.multibody.assembly.tree import degrees
-from mbdlft.multibody.contact import Contact
-from mbdlft.multibody.coupling import Coupling
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.scene import Scene
@@ -135,15 +133,19 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
         if independent(matrices[0][[*rows, k]].T)[0] > len(rows):
             rows.append(k)
     rank, holonomic = len(rows), sum(k < len(first) for k in rows)
-    items: list[Loop | Coupling | Contact] = [*scene.loops, *rigid(scene), *scene.contacts]
-    listed = ", ".join(item.name for item in items)
+    named = {
+        "loops": [loop.name for loop in scene.loops],
+        "couplings": [coupling.name for coupling in rigid(scene)],
+        "contacts": [contact.name for contact in scene.contacts],
+    }
+    listed = " and ".join(f"{kind} {', '.join(names)}" for kind, names in named.items() if names)
     for matrix in matrices:
         if independent(matrix.T)[0] != rank or independent(matrix[rows].T)[0] != rank:
             raise SceneError(
-                f"scene {scene.name!r}: the {rank} independent constraints of the loops, "
-                f"couplings and contacts {listed} are not independent everywhere in the "
-                "range of the parameters: the mechanism passes a singular position, or constraints "
-                "are redundant at nominal only. Move the nominal values or narrow the ranges."
+                f"scene {scene.name!r}: the {rank} independent constraints of the {listed} are not "
+                "independent everywhere in the range of the parameters: the mechanism passes a singular "
+                "position, or constraints are redundant at nominal only. Move the nominal values or "
+                "narrow the ranges."
             )
     if not scene.contacts:
         _check_that_it_moves_alike(scene, view, evaluate, q, rank)
@@ -156,7 +158,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     rates = _determined(G, weights, dependent)
     if len(rates) < rank:
         raise SceneError(
-            f"scene {scene.name!r}: the loops and couplings {listed} hold joints "
+            f"scene {scene.name!r}: the {listed} hold joints "
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
