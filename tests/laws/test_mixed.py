@@ -301,7 +301,8 @@ def test_slopes_of_a_small_delta_are_those_of_differences(seed: int) -> None:
 
     poles = np.linalg.eigvals(system.A)
     start = float(np.abs(poles[np.argmax(poles.real)])) or 1.0
-    free = delta_near(at, loop.blocks, loop.grows, start)
+    # the iteration that it begins with ends elsewhere in other arithmetic: several of them
+    free = delta_near(at, loop.blocks, loop.grows, start, starts=4)
     kept = delta_near(lambda w: (at(start)[0], 0.0 * at(start)[1]), loop.blocks, loop.grows, start)
     assert free.bound >= kept.bound * (1.0 - STABLE)
     sizes = np.linalg.svd(np.eye(len(free.delta.T)) - at(free.omega)[0] @ free.delta)[1]
