@@ -12,7 +12,7 @@ import numpy as np
 from mbdlft.base.errors import SceneError, unknown_name
 
 Exponents = tuple[int | Fraction, ...]  # of kg, m, s, A and K
-_NAMES, _NONE = ("kg", "m", "s", "A", "K"), (0, 0, 0, 0, 0)
+BASE, _NONE = ("kg", "m", "s", "A", "K"), (0, 0, 0, 0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +166,7 @@ def dimension_name(dimension: Exponents) -> str:
     """A dimension as a text in SI base units, such as ``kg m^2 s^-2``; ``1`` for a dimensionless one."""
     factors = [
         name if exponent == 1 else f"{name}^{exponent}"
-        for name, exponent in zip(_NAMES, dimension, strict=True)
+        for name, exponent in zip(BASE, dimension, strict=True)
         if exponent
     ]
     return " ".join(factors) or "1"

@@ -27,7 +27,7 @@ from xml.etree import ElementTree as ET
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 from mbdlft.base.errors import SceneError, StructureError
-from mbdlft.base.unit import parse_unit
+from mbdlft.base.unit import BASE, parse_unit
 from mbdlft.export.c import c_texts
 from mbdlft.export.names import filled, identifier, one_line
 from mbdlft.system.model import LFTModel, System
@@ -36,7 +36,6 @@ VERSIONS = (3, 2)
 _COMPILE = ("-std=c99", "-O1", "-fPIC", "-shared", "-fvisibility=hidden")
 _SYSTEM = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 _MACHINE = {"x86_64": "x86_64", "AMD64": "x86_64", "aarch64": "aarch64", "arm64": "aarch64"}
-_DIMENSION = ("kg", "m", "s", "A", "K")
 
 
 class _Variable(NamedTuple):
@@ -65,7 +64,7 @@ def fmu_image(model: System, stem: str, version: int) -> bytes:
     token = hashlib.sha256(f"{version}\n{text}\n{variables}".encode()).hexdigest()
     token = f"{{{token[:8]}-{token[8:12]}-{token[12:16]}-{token[16:20]}-{token[20:32]}}}"
     sizes = {"np": len(model.parameters), "nx": len(model.states), "nu": len(model.inputs)}
-    trimmed = sum(v.name.startswith("trim.") for v in variables)
+    trimmed = sum(v.causality == "calculatedParameter" for v in variables)
     entries = {**sizes, "ny": len(model.outputs), "nt": trimmed, "token": token, "fmi": version}
     unit = filled("fmu.c", {**entries, "name": name, "stem": source})
     sources = {f"{source}.c": text, f"{source}.h": header, "fmu.c": unit}
@@ -179,7 +178,7 @@ def _define(element: ET.Element, text: str) -> None:
         unit = parse_unit(text)
     except SceneError:
         return
-    powers = {base: str(power) for base, power in zip(_DIMENSION, unit.dimension, strict=True) if power}
+    powers = {base: str(power) for base, power in zip(BASE, unit.dimension, strict=True) if power}
     ET.SubElement(element, "BaseUnit", {**powers, "factor": repr(unit.factor)})
 
 

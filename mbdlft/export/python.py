@@ -16,7 +16,7 @@ from mbdlft.export.c import value_function
 from mbdlft.export.names import check_plain_model, identifier, identifiers
 from mbdlft.response.frequency import frequency_response
 from mbdlft.system.model import System
-from mbdlft.system.sampled import matrices_at
+from mbdlft.system.sampled import control_names, matrices_at
 
 if TYPE_CHECKING:
     from control import FrequencyResponseData
@@ -78,10 +78,7 @@ def frequency_data(
     import control  # here because it is slow to import
 
     responses = frequency_response(model, values, omega)
-    names = {
-        key: [signal.name.replace(".", "_") for signal in getattr(model, key)]
-        for key in ("inputs", "outputs")
-    }
+    names = control_names(model, "inputs", "outputs")
     return [
         control.frd(np.moveaxis(each, 0, -1), np.ravel(omega), name=identifier(model.name), **names)
         for each in responses

@@ -15,10 +15,10 @@ that of every controller with the same measurements, also of a fixed structure.
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from mbdlft.base.array import Array
-from mbdlft.robust.moving.variation import vectors
+from mbdlft.robust.moving.variation import conic_solution, vectors
 from mbdlft.synthesis.goals import Goal
 from mbdlft.synthesis.loop import Network, family, weighted
 
@@ -84,9 +84,5 @@ def _least(columns: Sequence[Sequence[Array]], first: Sequence[Array]) -> float:
     cones = [clarabel.PSDTriangleConeT(len(M)) for M in first if len(M)]
     cost = np.zeros(rows.shape[1])
     cost[-1] = 1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    nothing = sparse.csc_matrix((len(cost), len(cost)))
-    solution = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), b, cones, settings).solve()
-    value = float(solution.obj_val_dual)
+    value = float(conic_solution(cost, rows, b, cones).obj_val_dual)
     return value if np.isfinite(value) and value > _NOTHING else 0.0

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from mbdlft.base.array import Array
+from mbdlft.robust.moving.variation import conic_solution
 from mbdlft.synthesis.evaluation import STABLE, Look
 
 _PIECES = 120  # in one step; more are those that matter least
@@ -28,6 +28,7 @@ _RADIUS, _LARGEST = 0.5, 10.0  # of scaled values
 _ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
 _ALIKE = 0.7  # logarithm of the ratio of frequencies of one piece at two steps
 _ARMIJO, _WOLFE = 1e-4, 0.9
+_QP_ITERATIONS = 60
 _FIRST_SIZE = 1e-2  # of H before anything is known of it
 Evaluate = Callable[[Array], Look]
 
@@ -141,18 +142,9 @@ def _step(
     cost = np.concatenate([np.zeros(n), [1.0, problem.price]])
     P = np.zeros((n + 2, n + 2))
     P[:n, :n] = np.triu(H)
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads, settings.max_iter = False, 1, 60
     b = np.concatenate(sides)
-    solver = clarabel.DefaultSolver(
-        sparse.csc_matrix(P),
-        cost,
-        sparse.csc_matrix(np.vstack(rows)),
-        b,
-        [clarabel.NonnegativeConeT(len(b))],
-        settings,
-    )
-    solution = solver.solve()
+    cones = [clarabel.NonnegativeConeT(len(b))]
+    solution = conic_solution(cost, np.vstack(rows), b, cones, P, _QP_ITERATIONS)
     z = np.array(solution.x)
     if not np.all(np.isfinite(z)):
         return None

@@ -16,7 +16,7 @@ import numpy as np
 
 from mbdlft.base.errors import StructureError
 from mbdlft.response.modes import spectrum
-from mbdlft.synthesis.pieces import Names
+from mbdlft.synthesis.pieces import Names, listed
 from mbdlft.system.conversion import as_system, state_space
 from mbdlft.system.model import System
 
@@ -93,7 +93,7 @@ def gain_goal(
     StructureError
         The norm is unknown, the limit is not positive, a weight does not fit, or is not stable.
     """
-    u, y = (tuple([names] if isinstance(names, str) else names) for names in (inputs, outputs))
+    u, y = tuple(listed(inputs)), tuple(listed(outputs))
     name = name or f"{', '.join(u)} to {', '.join(y)}"
     if norm not in (HINF, H2):
         raise StructureError(f"goal {name!r}: expected the norm {HINF!r} or {H2!r}, got {norm!r}.")
@@ -123,7 +123,7 @@ def margin_goal(channels: Names, margin: float, *, hard: bool = False, name: str
     StructureError
         The margin is not between 0 and 2: no loop that does something has a larger one.
     """
-    u = tuple([channels] if isinstance(channels, str) else channels)
+    u = tuple(listed(channels))
     name = name or f"margin at {', '.join(u)}"
     if not 0.0 < margin < 2.0:
         raise StructureError(f"goal {name!r}: expected a disk margin between 0 and 2, got {margin!r}.")

@@ -133,7 +133,7 @@ def tunable_gain(
     StructureError
         A name of a value is unknown, a range is empty, or a number is not finite.
     """
-    u, y = _listed(inputs), _listed(outputs)
+    u, y = listed(inputs), listed(outputs)
     free = _entries("D", np.ones((len(y), len(u))) if structure is None else np.asarray(structure))
     frame = _frame(name, u, y, np.zeros((0, 0)), {"u": np.eye(len(u))}, np.eye(len(y)))
     return _made(name, frame, (len(y), len(u)), free, {}, (initial, ranges, scale))
@@ -178,7 +178,7 @@ def tunable_state_space(
         raise StructureError(
             f"{name}: expected an order of 1 or more, got {order!r}; of order 0 is tunable_gain."
         )
-    u, y = _listed(inputs), _listed(outputs)
+    u, y = listed(inputs), listed(outputs)
     n, nu, ny = order, len(u), len(y)
     free: Entries = {}
     for label, rows, columns in (
@@ -370,7 +370,8 @@ def scheduled(controller: TunableSystem, parameters: Sequence[Parameter]) -> Tun
 Entries = dict[str, dict[tuple[int, int], float]]  # by label: factors by place in S
 
 
-def _listed(names: Names) -> list[str]:
+def listed(names: Names) -> list[str]:
+    """One name, or several, as a list."""
     return [names] if isinstance(names, str) else list(names)
 
 

@@ -158,11 +158,13 @@ def in_control(model: System, matrices: Sequence[Array], name: str) -> "StateSpa
             f"model {model.name!r}: python-control has no system with one output and no inputs; use "
             "matrices_at(model, values)."
         )
-    names = {
-        key: [signal.name.replace(".", "_") for signal in getattr(model, key)]
-        for key in ("states", "inputs", "outputs")
-    }
+    names = control_names(model, "states", "inputs", "outputs")
     return control.ss(*matrices, name=name.replace(".", "_"), **names)
+
+
+def control_names(model: System, *kinds: str) -> dict[str, list[str]]:
+    """Names of the signals of some kinds, without the dots that python-control does not allow."""
+    return {kind: [signal.name.replace(".", "_") for signal in getattr(model, kind)] for kind in kinds}
 
 
 def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], what: str) -> None:

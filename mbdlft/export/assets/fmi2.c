@@ -66,34 +66,17 @@ API(SetReal)(component c, const reference r[], size_t n, const double v[]) { ret
 NONE(Integer, int)
 NONE(Boolean, int)
 NONE(String, text)
-API(GetFMUstate)(component c, void **state)
-{
-    free(*state);
-    return (*state = copied(c)) != NULL ? OK : ERROR;
-}
+API(GetFMUstate)(component c, void **state) { return save(c, state); }
 API(SetFMUstate)(component c, void *state) { return restore(c, state), OK; }
-API(FreeFMUstate)(component c, void **state)
-{
-    free(*state);
-    *state = NULL;
-    return OK;
-}
-API(SerializedFMUstateSize)(component c, void *state, size_t *size)
-{
-    *size = sizeof(instance);
-    return OK;
-}
+API(FreeFMUstate)(component c, void **state) { return forget(state); }
+API(SerializedFMUstateSize)(component c, void *state, size_t *size) { return *size = sizeof(instance), OK; }
 API(SerializeFMUstate)(component c, void *state, char bytes[], size_t size)
 {
-    return size < sizeof(instance) ? ERROR : (memcpy(bytes, state, sizeof(instance)), OK);
+    return write_state(state, bytes, size);
 }
 API(DeSerializeFMUstate)(component c, const char bytes[], size_t size, void **state)
 {
-    if (size < sizeof(instance) || (*state = copied(c)) == NULL) {
-        return ERROR;
-    }
-    memcpy(*state, bytes, sizeof(instance));
-    return OK;
+    return read_state(c, bytes, size, state);
 }
 API(GetDirectionalDerivative)(component c, const reference unknowns[], size_t rows, const reference knowns[],
     size_t columns, const double seed[], double result[])

@@ -105,34 +105,17 @@ API(GetVariableDependencies)(component c, reference r, size_t at[], reference by
 {
     return tell(c, "dependencies are those of the description"), ERROR;
 }
-API(GetFMUState)(component c, void **state)
-{
-    free(*state);
-    return (*state = copied(c)) != NULL ? OK : ERROR;
-}
+API(GetFMUState)(component c, void **state) { return save(c, state); }
 API(SetFMUState)(component c, void *state) { return restore(c, state), OK; }
-API(FreeFMUState)(component c, void **state)
-{
-    free(*state);
-    *state = NULL;
-    return OK;
-}
-API(SerializedFMUStateSize)(component c, void *state, size_t *size)
-{
-    *size = sizeof(instance);
-    return OK;
-}
+API(FreeFMUState)(component c, void **state) { return forget(state); }
+API(SerializedFMUStateSize)(component c, void *state, size_t *size) { return *size = sizeof(instance), OK; }
 API(SerializeFMUState)(component c, void *state, uint8_t bytes[], size_t size)
 {
-    return size < sizeof(instance) ? ERROR : (memcpy(bytes, state, sizeof(instance)), OK);
+    return write_state(state, bytes, size);
 }
 API(DeserializeFMUState)(component c, const uint8_t bytes[], size_t size, void **state)
 {
-    if (size < sizeof(instance) || (*state = copied(c)) == NULL) {
-        return ERROR;
-    }
-    memcpy(*state, bytes, sizeof(instance));
-    return OK;
+    return read_state(c, bytes, size, state);
 }
 API(GetDirectionalDerivative)(component c, const reference unknowns[], size_t rows, const reference knowns[],
     size_t columns, const double seed[], size_t seeds, double result[], size_t results)

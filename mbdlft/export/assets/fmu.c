@@ -258,6 +258,34 @@ static void restore(instance *m, const instance *state)
     m->log = log;
 }
 
+/* States of the unit, as an environment stores them. */
+static int save(const instance *m, void **state)
+{
+    free(*state);
+    return (*state = copied(m)) != NULL ? OK : ERROR;
+}
+
+static int forget(void **state)
+{
+    free(*state);
+    *state = NULL;
+    return OK;
+}
+
+static int write_state(const void *state, void *bytes, size_t size)
+{
+    return size < sizeof(instance) ? ERROR : (memcpy(bytes, state, sizeof(instance)), OK);
+}
+
+static int read_state(const instance *m, const void *bytes, size_t size, void **state)
+{
+    if (size < sizeof(instance) || (*state = copied(m)) == NULL) {
+        return ERROR;
+    }
+    memcpy(*state, bytes, sizeof(instance));
+    return OK;
+}
+
 static int get_all(instance *m, const reference which[], size_t count, double values[])
 {
     size_t k;

@@ -31,7 +31,7 @@ whether it proves anything. Goulart, Chen, Clarabel: an interior-point solver fo
 2405.12762 (2024).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import flint
@@ -283,13 +283,30 @@ def _solution(
     if total is not None:
         blocks.insert(0, sparse.csc_matrix(total[0][None]))
         b, cones = np.append(total[1], b), [clarabel.ZeroConeT(1), *cones]
-    rows = sparse.vstack(blocks)
+    values = np.array(conic_solution(cost, sparse.vstack(blocks), b, cones).x)
+    return values if np.all(np.isfinite(values)) else None
+
+
+def conic_solution(
+    cost: Array,
+    rows: Any,
+    b: Array,
+    cones: Sequence[Any],
+    quadratic: Array | None = None,
+    iterations: int | None = None,
+) -> Any:
+    """What Clarabel finds of least x'P x/2 + cost x with b - rows x in cones, in one thread.
+
+    `quadratic` is the upper triangle of P; nothing: P = 0.
+    """
+    import clarabel  # here because it is slow to import
+
     settings = clarabel.DefaultSettings()
     settings.verbose, settings.max_threads = False, 1
-    nothing = sparse.csc_matrix((len(cost), len(cost)))
-    solver = clarabel.DefaultSolver(nothing, cost, sparse.csc_matrix(rows), b, cones, settings)
-    values = np.array(solver.solve().x)
-    return values if np.all(np.isfinite(values)) else None
+    if iterations is not None:
+        settings.max_iter = iterations
+    P = sparse.csc_matrix((len(cost), len(cost)) if quadratic is None else quadratic)
+    return clarabel.DefaultSolver(P, cost, sparse.csc_matrix(rows), b, cones, settings).solve()
 
 
 def _traces(places: Places, states: int) -> Array:

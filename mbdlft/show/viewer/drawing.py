@@ -32,13 +32,9 @@ from mbdlft.show.viewer.poses import Poses, load_wrenches
 T = TypeVar("T")
 Shape = dict[str, Any]
 Item = dict[str, Any]
-_UNITS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _NOTHING = 1e-12  # of a wrench: a force or torque that no load of this kind has
-_LAYERS = {
-    "world": "ground",
-    "loops": "joints",
-    "contacts": "bodies",
-}  # of shapes of these groups; others have a layer each
+# of shapes of these groups; others have a layer each
+_LAYERS = {"world": "ground", "loops": "joints", "contacts": "bodies"}
 _POINTS = 24  # of a beam, at least, for polynomials over the whole of it
 _ROW = {"axial": 0, "bending_y": 1, "bending_z": 2}  # of the displacement that each deformation makes
 
@@ -368,7 +364,7 @@ def _draw_contact(d: Drawing, contact: Contact) -> None:
     if isinstance(contact, Rolling):
         turns = np.linspace(0.0, 2.0 * math.pi, _POINTS + 1)
         shapes: list[Shape] = []
-        for axis in [contact.axis] if contact.axis is not None else list(_UNITS):
+        for axis in [contact.axis] if contact.axis is not None else np.eye(3).tolist():
             x, y = (values["radius"] * ca.mtimes(R, side) for side in plane(axis))
             rim = [d.vector(center + math.cos(t) * x + math.sin(t) * y) for t in turns]
             shapes.append({"type": "curve", "points": rim})

@@ -14,7 +14,7 @@ import casadi as ca
 
 from mbdlft.base.description import Values
 from mbdlft.multibody.assembly.closure import gap_of
-from mbdlft.multibody.assembly.coupled import relations, rigid
+from mbdlft.multibody.assembly.coupled import quantity_value, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View, position
 from mbdlft.multibody.assembly.resolved import Resolved, resolve
 from mbdlft.multibody.assembly.tree import Owned, coordinate_owners
@@ -165,15 +165,12 @@ def equilibrium_positions(poses: Poses) -> list[ca.SX | None]:
     for owned in poses.owned:
         quantities = items[owned.owner].quantities() if owned.owner in items else {}
         for freedom in owned.freedoms:
-            label = coordinate_label("position", freedom)
-            expected = quantities.get(label)
-            if expected is None:
-                positions.append(None)
-            elif expected.unit == "rad":
-                symbols, scene = poses.resolved.symbols, poses.scene
-                positions.append(symbols.angle(scene, Place(owned.owner, label), expected))
-            else:
-                positions.append(ca.SX(poses.values[owned.owner][label]))
+            place = Place(owned.owner, coordinate_label("position", freedom))
+            expected, symbols = quantities.get(place.label), poses.resolved.symbols
+            scene, values = poses.scene, poses.values.get(owned.owner, {})
+            positions.append(
+                None if expected is None else quantity_value(scene, place, expected, symbols, values)
+            )
     return positions
 
 
