@@ -19,8 +19,8 @@ import numpy as np
 from mbdlft.archive.analysis import save_analysis
 from mbdlft.archive.archive import save
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError
-from mbdlft.base.parameter import to_physical
+from mbdlft.base.errors import StructureError, check_known
+from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
 from mbdlft.robust.evidence import Bounds
@@ -35,7 +35,13 @@ from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
 from mbdlft.synthesis.tuning import Tuned, Tuner, taken_on, tuned
 from mbdlft.system.model import System
 
-_ROUNDS, _MOST_POINTS = 15, 24  # of the worst-case loop; points beyond which the idle ones leave
+_ROUNDS, _GROWING_ROUNDS = 40, 6  # of the worst-case loop; of a part of the box
+_MOST_POINTS = 45  # beyond which the idle ones leave
+_FAR = 4.0  # times what is tuned: where the box has more, it grows
+_SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
+_SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
+_FIRST_CORNERS = 4  # of a part of the box
+_RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
 _CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.03  # of what no controller passes at nominal: no more searches begin below it
@@ -119,6 +125,7 @@ def tune(
     connections: Connections,
     *,
     inputs: Sequence[str] = (),
+    initial: Mapping[str, float] | None = None,
     starts: int = 8,
     seed: int = 0,
     prove: bool = True,
@@ -142,6 +149,9 @@ def tune(
         Inputs of systems that nothing drives are zero.
     inputs : sequence of str
         Inputs of the whole that stand in `connections`, and in no goal; those of goals are known.
+    initial : mapping of names of free values to numbers, optional
+        Where the first search begins, such as `Tuning.values` of an earlier one; design parameters in
+        their units. Values that are not named have the initial ones of their controllers.
     starts : int
         The first from the initial values, others from random ones.
     seed : int
@@ -166,7 +176,7 @@ def tune(
     if not (isinstance(starts, int) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
     say = progress or (lambda text: None)
-    net = network(systems, connections, goals, inputs)
+    net = _begun_at(network(systems, connections, goals, inputs), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
     with one_thread():
         least = _least(net, goals, (systems, connections, inputs))
@@ -189,21 +199,63 @@ def tune(
     )
 
 
+def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
+    """The network with other initial values."""
+    check_known("value", initial, [value.name for value in net.free], "tune: initial", StructureError)
+    numbers = {
+        name: float(to_delta(net.design[name].parameter, value)) if name in net.design else value
+        for name, value in initial.items()
+    }
+    free = tuple(
+        replace(v, initial=float(np.clip(numbers.get(v.name, v.initial), v.low, v.high)))
+        for v in net.free
+    )
+    return replace(net, free=free)
+
+
 def _at_worst_points(
     net: Network, goals: Sequence[Goal], best: Tuned, points: Array, how: tuple[int, int], say: Progress
 ) -> tuple[Tuned, Array]:
-    """Values tuned at more and more of the worst points of the box, and these points."""
+    """Values tuned at more and more of the worst points of the box, and these points.
+
+    Where the loop is far from what is tuned, the box grows from its middle, first along the parameters
+    that are scheduled. Each part of it begins at some of its corners.
+    """
     starts, seed = how
-    for count in range(_ROUNDS if points.shape[1] else 0):
-        new = _worst_points(net, goals, best, points, seed + count)
-        say(f"{len(points)} points, {_said(best.look)}, {len(new)} worse")
-        if not len(new):
-            break
-        if len(points) > _MOST_POINTS:
-            points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
-        points = np.vstack([points, new])
-        best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+    for ends in _growing(net, goals, best):
+        if not np.all(ends == 1.0):
+            points = np.vstack([points, _corners(net, ends, seed)])
+            best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+        safe = (np.inf, best)
+        for count in range(_ROUNDS if np.all(ends == 1.0) else _GROWING_ROUNDS):
+            new, worst = _worst_points(net, goals, best, points, (ends, seed + count))
+            safe = min(safe, (worst, best), key=lambda pair: pair[0])
+            say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
+            if not len(new):
+                break
+            if len(points) > _MOST_POINTS:
+                points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
+            points = np.vstack([points, new])
+            best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+        else:
+            best = safe[1]
     return best, points
+
+
+def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
+    """Ends of the boxes on which values are tuned, one after the other."""
+    names = net.system.parameters.names
+    whole = np.ones(len(names))
+    if not names:
+        return []
+    screened = max(value for value, _ in Tuner(net, goals, _screened(net, whole, 0)).worst(best.x))
+    if screened <= _FAR * max(1.0 if np.isfinite(best.look.hard) else 0.0, best.look.soft):
+        return [whole]
+    scheduled = {name for c in net.controllers for name in c.frame.parameters.names}
+    first = np.array([float(name in scheduled) for name in names])
+    if not 0.0 < np.sum(first) < len(names):
+        return [size * whole for size in _SIZES]
+    return [size * first for size in _SIZES] + [first + size * (1.0 - first) for size in _SLOW_SIZES]
 
 
 def _said(look: Look) -> str:
@@ -222,37 +274,81 @@ def _physical(net: Network, point: Array) -> dict[str, float]:
     return {p.name: float(to_physical(p, d)) for p, d in zip(net.system.parameters, point, strict=True)}
 
 
-def _screened(net: Network, seed: int) -> Array:
-    """Corners of the box, all or some, and random points."""
-    p, random = len(net.system.parameters), np.random.default_rng(seed)
+def _corners(net: Network, ends: Array, seed: int) -> Array:
+    """A few corners of a part of the box: those of the parameters that are scheduled, if they are few."""
+    random = np.random.default_rng(seed)
+    return np.unique(random.choice([-1.0, 1.0], (_FIRST_CORNERS, len(ends))) * ends, axis=0)
+
+
+def _screened(net: Network, ends: Array, seed: int) -> Array:
+    """Corners of a part of the box, all or some, random points, and some of its faces."""
+    p, random = len(ends), np.random.default_rng(seed)
     if 2**p <= _CORNERS:
         corners = np.array(list(product((-1.0, 1.0), repeat=p)))
     else:
         corners = random.choice([-1.0, 1.0], (_CORNERS, p))
-    return np.vstack([corners, random.uniform(-1.0, 1.0, (_RANDOM, p))])
+    inside = random.uniform(-1.0, 1.0, (_RANDOM, p))
+    return np.unique(
+        np.vstack([corners, inside, np.where(random.random(inside.shape) < 0.5, inside, np.sign(inside))])
+        * ends,
+        axis=0,
+    )
 
 
-def _worst_points(net: Network, goals: Sequence[Goal], best: Tuned, points: Array, seed: int) -> Array:
-    """Points that are worse than those known: the worst of each goal, or an unstable one."""
-    found: list[Array] = []
+def _worst_points(
+    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, where: tuple[Array, int]
+) -> tuple[Array, float]:
+    """Points of a part of the box that are worse than those known, and the worst value there.
+
+    They are the worst of each goal, or those at which the loop is least stable.
+    """
+    ends, seed = where
+    some = Tuner(net, goals, _screened(net, ends, seed))
+    if len(unstable := some.least_stable(best.x)):
+        return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
     loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
-    crossing = smallest_crossing(realization(loops[0], range(len(loops[0].inputs))), 1.0)
-    if np.isfinite(crossing.size):
-        return np.asarray(_in_order(net, loops[0], crossing.delta)[None])
-    for goal, loop, (value, delta) in zip(
-        goals, loops, Tuner(net, goals, _screened(net, seed)).worst(best.x), strict=True
-    ):
-        if goal.kind in (HINF, MARGIN):
+    is_whole = bool(np.all(ends == 1.0))
+    if is_whole:
+        crossing = smallest_crossing(realization(loops[0], range(len(loops[0].inputs))), 1.0)
+        if np.isfinite(crossing.size):
+            unstable = _in_order(net, loops[0], crossing.delta)
+            return _on_the_way(net, goals, best, unstable)[None], np.inf
+    found, worst = list[Array](), 0.0
+    random = np.random.default_rng(seed)
+    for goal, loop, (value, delta) in zip(goals, loops, some.worst(best.x), strict=True):
+        for radius in () if is_whole else _RADII:
+            moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
+            moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
+            beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]
+            value, delta = max((value, delta), beside, key=lambda pair: pair[0])
+        if is_whole and goal.kind in (HINF, MARGIN) and np.isfinite(value):
             model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
             of_model = [net.system.parameters.names.index(name) for name in model.names]
             peak = largest_peak(model, 1.0, (delta[of_model],))
             if peak.gain / goal.limit > value:
                 value, delta = peak.gain / goal.limit, _in_order(net, loop, peak.delta)
+        worst = max(worst, value)
         known = max(1.0, best.look.hard) if goal.hard else best.look.soft
         is_new = np.min(np.max(np.abs(points - delta), axis=1)) > 0.0
         if value > known * (1.0 + _WORSE) and is_new:
             found.append(delta)
-    return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0)
+    return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst
+
+
+def _on_the_way(net: Network, goals: Sequence[Goal], best: Tuned, unstable: Array) -> Array:
+    """A point on the way from the middle to one without stability: the last that is not far too bad.
+
+    From there values are tuned without a new search for stable ones, which would lose what they reach.
+    """
+    shares = np.linspace(0.0, 1.0, _SHARES + 1)[1:, None]
+    most = _FAR_TOO_BAD * max(best.look.soft, best.look.hard, 1.0)
+    chosen = unstable
+    for share in shares[::-1]:
+        values = [value for value, _ in Tuner(net, goals, share * unstable[None]).worst(best.x)]
+        chosen = share * unstable
+        if max(values) <= most:
+            break
+    return chosen
 
 
 def _in_order(net: Network, loop: System, delta: Array) -> Array:
@@ -268,7 +364,8 @@ def _reached(
     """A goal at values: at the points, in the box, and proved."""
     loop = closed_loop(net, None if goal.kind == POLES else goal, x, f"{net.system.name}: {goal.name}")
     (tuned_to, _), (screened, _) = (
-        Tuner(net, [goal], some).worst(x)[0] for some in (points, _screened(net, 0))
+        Tuner(net, [goal], some).worst(x)[0]
+        for some in (points, _screened(net, np.ones(points.shape[1]), 0))
     )
     worst, proved = max(tuned_to, screened), np.inf
     prove, gap, work = how

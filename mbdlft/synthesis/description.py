@@ -52,16 +52,18 @@ class TuningTask:
     inputs : tuple of names
         Inputs of the whole that stand in no goal.
     controllers : tuple of TunableSystem
-    schedules : mapping of names of controllers to names of parameters
+    schedules : mapping of names of controllers to names of parameters, and functions of them
     goals : tuple of Goal
+    initial : mapping of names of free values to numbers
     """
 
     model: str
     connections: list[list[str]]
     inputs: tuple[str, ...]
     controllers: tuple[TunableSystem, ...]
-    schedules: Mapping[str, Sequence[str]]
+    schedules: Mapping[str, tuple[Sequence[str], Sequence[str]]]
     goals: tuple[Goal, ...]
+    initial: Mapping[str, float]
 
 
 def load_tuning(path: str | Path) -> TuningTask:
@@ -94,17 +96,17 @@ def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
         As `tune`; or a controller is scheduled in a parameter that the model does not have.
     """
     controllers = [
-        scheduled(c, [model.parameters[name] for name in names])
-        if (names := task.schedules.get(c.name))
+        scheduled(c, [model.parameters[name] for name in schedule[0]], schedule[1])
+        if (schedule := task.schedules.get(c.name))
         else c
         for c in task.controllers
     ]
-    systems = [model, *controllers]
-    return tune(systems, task.goals, task.connections, inputs=task.inputs, **options)
+    how = {"inputs": task.inputs, "initial": task.initial, **options}
+    return tune([model, *controllers], task.goals, task.connections, **how)
 
 
 def _task(table: dict[str, Any]) -> TuningTask:
-    keys = ("format", "model", "connections", "inputs", "controller", "weights", "goals")
+    keys = ("format", "model", "connections", "inputs", "controller", "weights", "goals", "initial")
     check_keys(table, FORMAT, keys)
     if missing := [key for key in ("model", "connections", "goals") if key not in table]:
         raise SceneError(f"{missing[0]!r} is missing.")
@@ -121,10 +123,12 @@ def _task(table: dict[str, Any]) -> TuningTask:
     schedules, controllers, goals = {}, [], []
     for name, entry in _tables(table, "controller").items():
         if "scheduled" in entry:
-            if not _are_names(entry["scheduled"]):
-                raise SceneError(f"controller {name!r}: scheduled: expected names of parameters.")
-            schedules[name] = entry["scheduled"]
-        others = {key: value for key, value in entry.items() if key != "scheduled"}
+            for key, what in (("scheduled", "names of parameters"), ("functions", "expressions")):
+                if not _are_names(entry.get(key, [])):
+                    raise SceneError(f"controller {name!r}: {key}: expected {what}.")
+            schedules[name] = entry["scheduled"], entry.get("functions", [])
+        own = ("scheduled", "functions") if "scheduled" in entry else ()
+        others = {key: value for key, value in entry.items() if key not in own}
         controllers.append(_made("controller", name, others, _CONTROLLERS))
     for name, entry in _tables(table, "goals").items():
         for key in (key for key in _WEIGHTS if key in entry):
@@ -132,7 +136,11 @@ def _task(table: dict[str, Any]) -> TuningTask:
         known = {k: weights[v] if k in _WEIGHTS else v for k, v in entry.items()}
         goals.append(_made("goal", name, known, _GOALS))
     inputs = tuple(table.get("inputs", ()))
-    return TuningTask(table["model"], connections, inputs, tuple(controllers), schedules, tuple(goals))
+    if not _by_name(initial := table.get("initial", {}), is_finite):
+        raise SceneError(f"initial: expected numbers by name of values, got {initial!r}.")
+    return TuningTask(
+        table["model"], connections, inputs, tuple(controllers), schedules, tuple(goals), initial
+    )
 
 
 def _tables(table: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:

@@ -11,6 +11,7 @@ states and costates, d(h^2) = 2 tr(Q dA P + Q dB B' + P C' dC).
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -125,10 +126,11 @@ def abscissas(family: Family, x: Array, near: float) -> Look:
     return Look(top, 0.0, pieces, top)
 
 
-def look(family: Family, asked: Asked, x: Array, keep: float = 0.8) -> Look:
+def look(family: Family, asked: Asked, x: Array, keep: float | None = 0.8) -> Look:
     """Goals at values, with pieces that are at least a part `keep` of the largest, soft or hard.
 
-    Everything is infinite where a loop is not stable. A part of 1 or more leaves slopes out.
+    Everything is infinite where a loop is not stable. A part of 1 or more leaves pieces out; None has
+    all of them, without slopes of peaks.
     """
     closed = family.closed(x)
     if closed is None:
@@ -156,8 +158,8 @@ def look(family: Family, asked: Asked, x: Array, keep: float = 0.8) -> Look:
         hard: max((p.value for p in values if asked.goals[p.goal].hard == hard), default=-np.inf)
         for hard in (False, True)
     }
-    pieces = []
-    if keep < 1.0:
+    pieces = list(values) if keep is None else []
+    if keep is not None and keep < 1.0:
         for p in values:
             hard = asked.goals[p.goal].hard
             if not keep or p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
@@ -256,12 +258,13 @@ def _peaks(closed: Closed, found: _Poles, k: int, asked: Asked) -> list[Piece]:
         for i in range(m)
         if at_infinity[i] >= floor
     ]
-    seen: list[tuple[int, float]] = []
+    seen: list[list[float]] = [[] for _ in range(m)]  # logarithms of frequencies, by point
     for j in np.argsort(-best):
         i, where = int(points[j]), float(middle[j])
-        if any(i == a and abs(np.log((where + 1e-300) / (b + 1e-300))) < _SAME for a, b in seen):
+        size = log(where + 1e-300)
+        if any(abs(size - other) < _SAME for other in seen[i]):
             continue
-        seen.append((i, where))
+        seen[i].append(size)
         pieces.append(Piece(k, i, where, float(best[j]) / goal.limit, np.zeros(0)))
     return pieces
 

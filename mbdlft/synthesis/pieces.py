@@ -12,6 +12,7 @@ Control 40, 1995, have the same form for controllers that are LFTs).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,15 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
-from mbdlft.lft.block import Block
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.lft import LFT, delta, stack_diagonal, stack_rows, with_blocks
+from mbdlft.lft.sampling import evaluate_at
+from mbdlft.pipeline.models import realize
 from mbdlft.system.algebra import lft
 from mbdlft.system.conversion import as_system, state_space
 from mbdlft.system.model import Parameters, System
 
+_DEPENDENT = 1e6  # condition of modes: beyond it other coordinates are no better
+_IDLE = 1e-3  # of a scale: rows of B and columns of C that are no larger count as this
 Names = str | Sequence[str]
 Ranges = Mapping[str, tuple[float, float]]
 
@@ -62,6 +66,8 @@ class TunableSystem:
     base, moves : arrays (nq, nv), (number of values, nq, nv)
         q = (base + sum of values times moves) v.
     free : tuple of FreeValue
+    states : int
+        The first rows of q and columns of v, if these are states in any coordinates; else 0.
     """
 
     name: str
@@ -69,6 +75,7 @@ class TunableSystem:
     base: Array
     moves: Array
     free: tuple[FreeValue, ...]
+    states: int = 0
 
     @property
     def channels(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -163,7 +170,8 @@ def tunable_state_space(
     speed : float
         A typical frequency of the loop (rad/s), with which entries of A and B are of the size of 1.
     initial, ranges, scale
-        As for `tunable_gain`, of values ``A[1,1]``, ``B[1,1]``, ``C[1,1]``, ``D[1,1]`` and so on.
+        As for `tunable_gain`, of values ``A[1,1]``, ``B[1,1]``, ``C[1,1]``, ``D[1,1]`` and so on; the
+        scale is that of C and D.
 
     Returns
     -------
@@ -193,7 +201,10 @@ def tunable_state_space(
     first, last = np.eye(n + ny)[:n], np.eye(n + ny)[n:]
     v = {"x": np.eye(n + nu)[:, :n], "u": np.eye(n + nu)[:, n:]}
     frame = _frame(name, u, y, speed * first, v, last)
-    return _made(name, frame, (n + ny, n + nu), free, {}, (initial, ranges, scale))
+    made = _made(name, frame, (n + ny, n + nu), free, {}, (initial, ranges, scale))
+    inner = {f"{name}.{label}" for label in free if label[0] in "AB"}
+    values = tuple(replace(v, scale=abs(v.initial) or 1.0) if v.name in inner else v for v in made.free)
+    return replace(made, free=values, states=0 if ranges else n)
 
 
 def tunable_pid(
@@ -306,17 +317,22 @@ def tunable_transfer(
     return _made(name, named, (2, n + 1), free, {}, (initial, ranges, scale))
 
 
-def scheduled(controller: TunableSystem, parameters: Sequence[Parameter]) -> TunableSystem:
-    """A controller whose matrix is affine in parameters: S = S(x) + delta_1 S(x') + delta_2 S(x'') + ...
+def scheduled(
+    controller: TunableSystem, parameters: Sequence[Parameter], functions: Sequence[str] = ()
+) -> TunableSystem:
+    """A controller whose matrix is S = S(x) + f_1 S(x') + f_2 S(x'') + ..., with f_k of parameters.
 
     Parameters
     ----------
     controller : TunableSystem
         Without parameters. The values of S(x) keep their names; those of S(x') have ``*`` and the name
-        of the parameter behind, such as ``K.D[1,1]*angle``.
+        of the parameter, or the function, behind, such as ``K.D[1,1]*angle``.
     parameters : sequence of Parameter
-        Those of the plant, such as ``model.parameters["angle"]``, that the controller measures. Each
-        delta is 0 at nominal, and -1 and 1 at the ends of the range.
+        Those of the plant, such as ``model.parameters["angle"]``, that the controller measures.
+    functions : sequence of str, optional
+        Expressions of the parameters, in their units, such as ``"v^2"``: each is moved and divided, so
+        that it is 0 at nominal, and 1 or -1 at the corner of the ranges where it is largest. Without
+        them, each f is the delta of a parameter, which is -1 and 1 at the ends of its range.
 
     Returns
     -------
@@ -325,7 +341,9 @@ def scheduled(controller: TunableSystem, parameters: Sequence[Parameter]) -> Tun
     Raises
     ------
     StructureError
-        The controller is scheduled already, or no parameters are given.
+        The controller is scheduled already, no parameters are given, or a function is constant.
+    SceneError, NotRationalError
+        A function cannot be read, or is not rational.
     """
     if controller.frame.parameters or not parameters:
         raise StructureError(
@@ -333,20 +351,17 @@ def scheduled(controller: TunableSystem, parameters: Sequence[Parameter]) -> Tun
         )
     of_frame, nv = controller.frame, controller.base.shape[1]
     ordered = sorted(parameters, key=lambda p: p.name)
+    labels = list(functions) or [p.name for p in ordered]
+    factors = [_factor(f, ordered, controller.name) for f in functions]
+    factors = factors or [delta(p.name) for p in ordered]
     inner = of_frame.lft.M22  # [A B ; C D] with v as the last outputs
     copies = inner[len(inner) - nv :]
-    p = len(ordered)
-    lft_of = LFT(
-        np.zeros((p * nv, p * nv)),
-        np.vstack([copies] * p),
-        np.vstack([np.zeros((len(inner), p * nv)), np.eye(p * nv)]),
-        np.vstack([inner, np.zeros((p * nv, inner.shape[1]))]),
-        tuple(Block(parameter.name, nv) for parameter in ordered),
-    )
+    lft_of = stack_rows(inner, *(stack_diagonal(*[f] * nv) @ copies for f in factors))
+    p = len(factors)
     signals = tuple(Signal(f"v.{nv + k + 1}", "1") for k in range(p * nv))
     frame = System(
         of_frame.name,
-        lft_of,
+        with_blocks(lft_of, [q.name for q in ordered]),
         of_frame.states,
         of_frame.inputs,
         (*of_frame.outputs, *signals),
@@ -358,13 +373,54 @@ def scheduled(controller: TunableSystem, parameters: Sequence[Parameter]) -> Tun
         for k in range(p + 1)
     ]
     free = list(controller.free)
-    for parameter in ordered:
+    for label in labels:
         free += [
-            replace(v, name=f"{v.name}*{parameter.name}", initial=0.0, low=-np.inf, high=np.inf)
+            replace(v, name=f"{v.name}*{label}", initial=0.0, low=-np.inf, high=np.inf)
             for v in controller.free
         ]
     base = np.hstack([controller.base, np.zeros((len(controller.base), p * nv))])
-    return TunableSystem(controller.name, frame, base, np.concatenate(moves), tuple(free))
+    return replace(controller, frame=frame, base=base, moves=np.concatenate(moves), free=tuple(free))
+
+
+def _factor(function: str, parameters: Sequence[Parameter], name: str) -> LFT:
+    """A function of parameters, 0 at nominal and of the size of 1."""
+    made = realize([[function]], parameters, search=0.0, prove=0.0).lft
+    ends = np.array(list(product((-1.0, 1.0), repeat=len(made.blocks))))
+    middle = made.M22.item()
+    size = float(np.max(np.abs(evaluate_at(made, ends) - middle), initial=0.0))
+    if not size > 0.0:
+        raise StructureError(f"{name}: scheduled: {function!r} has the same value at all corners.")
+    return LFT(made.M11, made.M12, made.M21 / size, np.zeros((1, 1)), made.blocks)
+
+
+def in_modes(controller: TunableSystem, x: Array) -> Array:
+    """Values of the same controller in other states: the modes of its A, with B and C of like sizes.
+
+    Slow poles are then entries of their own, not differences of large ones. Values (number of values,)
+    are returned as they are if the structure fixes the states, or the modes are dependent.
+    """
+    n, (nq, nv) = controller.states, controller.base.shape
+    if not n:
+        return x
+    S = controller.base + np.tensordot(x, controller.moves, 1)
+    width = len(controller.frame.inputs) - nq + n  # of S of one function
+    vectors = np.linalg.eig(S[:n, :n])
+    columns: list[Array] = []
+    for pole, shape in zip(vectors.eigenvalues, vectors.eigenvectors.T, strict=True):
+        if pole.imag >= 0.0:
+            columns += [shape.real, shape.imag][: 1 + int(pole.imag > 0.0)]
+    T = np.array(columns).T
+    if not np.linalg.cond(T) < _DEPENDENT:
+        return x
+    scale = max((value.scale for value in controller.free), default=1.0)
+    into = np.linalg.norm(np.linalg.solve(T, S[:n, n:width]), axis=1)
+    out = np.linalg.norm(S[n:, :n] @ T, axis=0) / scale
+    T = T * np.sqrt((into + _IDLE) / (out + _IDLE))
+    left, right = np.eye(nq), np.eye(width)
+    left[:n, :n], right[:n, :n] = T, T
+    moved = np.linalg.solve(left, S) @ np.kron(np.eye(nv // width), right)
+    places = np.argmax(np.abs(controller.moves.reshape(len(x), -1)), axis=1)
+    return np.asarray(moved.ravel()[places])
 
 
 Entries = dict[str, dict[tuple[int, int], float]]  # by label: factors by place in S

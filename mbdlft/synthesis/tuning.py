@@ -22,16 +22,18 @@ from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
 from mbdlft.synthesis.goals import H2, POLES, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
+from mbdlft.synthesis.pieces import in_modes
 
 _DECAY, _STABLE, _NEAR = 1e-5, 1e-3, 0.05  # of the bandwidth: decay to be kept, aimed at, and of pieces
 _BESIDE = 0.3  # of a scale: how far the second search for stable values begins from the first
 _STABLE_STEPS, _FIRST_STEPS, _STEPS, _ROUNDS = 80, 80, 250, 8
 _KEEPS = (0.9, 0.7, 0.8, 0.6)  # parts of the largest from which on peaks are pieces, by round
-_TOLERANCE = 1e-7  # of the merit
+_TOLERANCE, _ROUGH = 1e-7, 1e-5  # of the merit; while points are added
 _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
 _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
+_UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
 _PEAK = 1e-9  # of a norm: its tolerance
 _BEST = 2  # of the first descents are taken on
@@ -39,6 +41,7 @@ Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
+_TAKEN_ON: Plan = [(sqp, 0.8), (sqp, 0.7)]  # of values that come from fewer points
 Told = Callable[[str], None]
 
 
@@ -66,6 +69,7 @@ class Tuner:
         seen = sizes[sizes > 1e-6 * np.max(sizes, initial=0.0)]
         self.bandwidth = float(np.median(seen)) if len(seen) else 1.0
         self.asked = Asked(self.goals, _DECAY * self.bandwidth)
+        self.has_states = any(controller.states for controller in net.controllers)
 
     def problem(self, keep: float, price: float, unit: float) -> Problem:
         """The goals, at scaled values."""
@@ -74,10 +78,10 @@ class Tuner:
             found = look(self.family, self.asked, scaled * self.scale, keep)
             return self._scaled(found)
 
-        def is_hard(goal: int) -> bool:
-            return goal == STABLE or self.goals[goal].hard
+        return Problem(at, self.low / self.scale, self.high / self.scale, self._is_hard, price, unit)
 
-        return Problem(at, self.low / self.scale, self.high / self.scale, is_hard, price, unit)
+    def _is_hard(self, goal: int) -> bool:
+        return goal == STABLE or self.goals[goal].hard
 
     def _scaled(self, found: Look) -> Look:
         return found._replace(pieces=tuple(p._replace(slope=p.slope * self.scale) for p in found.pieces))
@@ -104,24 +108,45 @@ class Tuner:
         """What values reach."""
         return Tuned(x, look(self.family, self.asked, x, 1.0))
 
-    def descended(self, x: Array, plan: Plan, steps: int, *, is_first: bool = False) -> Tuned:
+    def descended(
+        self, x: Array, plan: Plan, steps: int, *, is_first: bool = False, tolerance: float = _TOLERANCE
+    ) -> Tuned:
         """The goals made small from stable values: rounds of descents, with scales of the size of values.
 
-        The price of hard goals rises until they are reached.
+        The price of hard goals rises until they are reached. States of controllers are modes, and their
+        values are divided by their slopes.
         """
         best = self.at(x)
         for k, (engine, keep) in enumerate(plan):
-            self.scale = self.first_scale
-            if k or not is_first:
-                self.scale = np.maximum(np.abs(best.x), _SMALL * self.first_scale)
             unit = best.look.soft if 0.0 < best.look.soft < np.inf else 1.0
+            start = self._scaled_for(best, keep, unit, is_first=is_first and not k)
             for price in _PRICES:
                 problem = self.problem(keep, price, unit)
-                x = engine(problem, best.x / self.scale, steps, _TOLERANCE).x * self.scale
+                x = engine(problem, start / self.scale, steps, tolerance).x * self.scale
                 best = min(best, self.at(x), key=Tuned.rank)
+                start = best.x
                 if best.rank()[0] == 0.0:
                     break
         return best
+
+    def _scaled_for(self, best: Tuned, keep: float, unit: float, *, is_first: bool) -> Array:
+        """Values of the same loops, from which a descent is easy; the scale is theirs."""
+        self.scale = self.first_scale
+        if not self.has_states:
+            if not is_first:
+                self.scale = np.maximum(np.abs(best.x), _SMALL * self.first_scale)
+            return best.x
+        x, names = best.x.copy(), [value.name for value in self.net.free]
+        for controller in self.net.controllers:
+            own = [names.index(value.name) for value in controller.free]
+            x[own] = in_modes(controller, x[own])
+        seen = look(self.family, self.asked, x, keep)
+        if not seen.is_stable:
+            x, seen = best.x, look(self.family, self.asked, best.x, keep)
+        slopes = [np.abs(p.slope) / (1.0 if self._is_hard(p.goal) else unit) for p in seen.pieces]
+        largest = np.max(slopes, axis=0, initial=0.0) * self.first_scale
+        self.scale = self.first_scale / np.maximum(1.0, largest)
+        return x
 
     def polished(self, best: Tuned) -> Tuned:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
@@ -186,7 +211,7 @@ class Tuner:
 
     def worst(self, x: Array) -> list[tuple[float, Array]]:
         """The largest value of each goal at the points, and the point (number of parameters,)."""
-        found = look(self.family, self.asked, x, 0.0)
+        found = look(self.family, self.asked, x, None)
         if not found.is_stable:
             return [(np.inf, self.points[found.point])] * len(self.goals)
         worst = []
@@ -196,10 +221,20 @@ class Tuner:
             worst.append((value, self.points[point]))
         return worst
 
+    def least_stable(self, x: Array) -> Array:
+        """The points (k, number of parameters) at which loops are not stable: the worst few of them."""
+        closed = self.family.closed(x)
+        if closed is None:
+            return self.points[:1]
+        real = np.max(np.linalg.eigvals(closed.A).real, axis=1)
+        order = np.argsort(-real)[:_UNSTABLE]
+        return np.asarray(self.points[order[real[order] >= 0.0]])
+
     def deciding(self, x: Array, share: float) -> list[int]:
         """The nominal point, and those whose largest value is at least a share of the largest of all."""
-        found = look(self.family, self.asked, x, share)
-        return sorted({0, *(p.point for p in found.pieces)})
+        found = look(self.family, self.asked, x, None)
+        levels = [share * (max(1.0, found.hard) if g.hard else found.soft) for g in self.goals]
+        return sorted({0, *(p.point for p in found.pieces if p.value >= levels[p.goal])})
 
 
 def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
@@ -253,4 +288,4 @@ def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:
     stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
     if real >= 0.0:
         return tuned(tuner, starts, seed, lambda text: None)
-    return tuner.descended(stable, [(sqp, 0.9), (sqp, 0.7)], _FIRST_STEPS)
+    return tuner.descended(stable, _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)

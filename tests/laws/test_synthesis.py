@@ -22,8 +22,11 @@ from mbdlft.synthesis import (
     tunable_transfer,
     tune,
 )
+from mbdlft.synthesis.box import _begun_at, _on_the_way
 from mbdlft.synthesis.evaluation import Asked, _largest, look
 from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
+from mbdlft.synthesis.pieces import in_modes
+from mbdlft.synthesis.tuning import Tuner
 from mbdlft.system import state_space
 from tests.close import CLOSED_FORM, CROSS, FITTED, target
 
@@ -74,6 +77,26 @@ def test_a_schedule_is_affine_in_its_parameters() -> None:
     gain = scheduled(tunable_gain("K", "e", "u"), RANGES[:2])
     made = named(gain, **{"D[1,1]": 1.0, "D[1,1]*m": 0.5, "D[1,1]*c": 0.25})
     target(transfer(made, m=4.2, c=0.9), [[1.0 + 0.5 - 0.125]], CLOSED_FORM)
+
+
+def test_a_schedule_is_affine_in_functions() -> None:
+    """m^2 - 9 is -5.76 and 8.64 at the ends; a function of two parameters has its own corner."""
+    gain = scheduled(tunable_gain("K", "e", "u"), RANGES[:2], ["m^2", "m*c"])
+    made = named(gain, **{"D[1,1]": 1.0, "D[1,1]*m^2": 0.5, "D[1,1]*m*c": 0.25})
+    expected = 1.0 + 0.5 * (4.0**2 - 9.0) / (4.2**2 - 9.0) + 0.25 * (4.0 * 1.1 - 3.0) / (4.2 * 1.2 - 3.0)
+    target(transfer(made, m=4.0, c=1.1), [[expected]], CLOSED_FORM)
+
+
+def test_other_states_are_the_same_controller() -> None:
+    K = scheduled(tunable_state_space("K", ["e", "f"], ["u"], 3, speed=5.0), RANGES[:1])
+    x = np.random.default_rng(2).standard_normal(len(K.free))
+    names = [value.name for value in K.free]
+    one, other = (K.with_values(dict(zip(names, v, strict=True))) for v in (x, in_modes(K, x)))
+    target(transfer(one, m=3.5), transfer(other, m=3.5), CROSS)
+    poles = np.linalg.eigvals(one.A)
+    block = other.A[:2, :2] if abs(other.A[0, 1]) > abs(other.A[1, 2]) else other.A[1:, 1:]
+    assert np.min(np.abs(np.trace(block) - 2.0 * poles.real)) < 1e-9
+    assert np.count_nonzero(np.abs(other.A) > 1e-9) == 3 + 2 * bool(np.any(poles.imag))
 
 
 def case(controller: TunableSystem, *goals: Any, points: int = 3) -> tuple[Any, ...]:
@@ -232,6 +255,29 @@ def test_a_design_parameter_is_a_free_value() -> None:
     norm = 1.0 / (0.75 * 2.0 * np.sqrt(1.0 - 0.75**2)) if np.sqrt(0.5) > 0.75 else 1.0
     target([made.soft], [norm], FITTED)
     assert made.values["d"] > np.sqrt(2.0) - 1e-3
+
+
+def test_a_box_grows_where_the_loop_is_unstable() -> None:
+    """Of x' = a x - k (x + n), k x is k at high and k a/(k - a) at low frequencies: k = 2 a.
+
+    At nominal k = 100, with which the loop is unstable above a = 100.
+    """
+    a = mbdlft.Parameter("a", 50.0, low=40.0, high=150.0)
+    plant = mbdlft.realize(
+        [["a", "1"], ["1", "0"]], [a], states=1, inputs=["f"], outputs=["x"], name="P", search=0.0
+    )
+    K = scheduled(tunable_gain("K", "e", "v", initial={"D[1,1]": 70.0}), [a])
+    goals, wired = [gain_goal("n", "v")], {"f": "-v", "e": ["x", "n"]}
+    made = tune([plant, K], goals, wired, starts=1, gap=1e-3)
+    assert abs(made.soft - 300.0) < 0.3
+    assert made.goals[0].proved < 300.6
+    net = _begun_at(network([plant, K], wired, goals), {"K.D[1,1]": 100.0})
+    target([value.initial for value in net.free], [100.0, 0.0], CLOSED_FORM)
+    # on the way to a = 150, the last of 20 points with a/(1 - a/100) <= 4 100 is that before a = 80
+    here = Tuner(net, goals, np.zeros((1, 1))).at(np.array([100.0, 0.0]))
+    shares = np.linspace(0.05, 1.0, 20)
+    last = max(s for s in shares if float(to_physical(a, s)) <= 80.0)
+    target(_on_the_way(net, goals, here, np.ones(1)), [last], CLOSED_FORM)
 
 
 @pytest.mark.long
