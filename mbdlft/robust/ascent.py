@@ -44,7 +44,8 @@ _TINY = 1e-300  # in place of a size of 0 that is divided by
 _FOLLOWED_STEPS, _RANDOM = 12, 6  # steps of a pole to the axis; searches from random deltas
 _BISECTIONS = 60  # of a ray: more than a double has bits
 _NEAR = 1.0 + 1e-6  # times a crossing: a model there is proved unstable, or singular on the way
-_EXACT_BISECTIONS = 36  # of a ray, in balls
+_HALVINGS, _BITS = 6, 512  # of a ray in balls: of what is left of it, and of each ball
+_GAINED = 1e-3  # of a size: what is less is not looked for in balls
 _ENDS = 1e-7  # of a step: below this the search has arrived
 Look = Callable[[Array], tuple[float, Callable[[], Array]]]
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
@@ -272,6 +273,9 @@ def crossing_on_ray(
     def is_beyond(t: float) -> bool:
         return abscissa(model, at(t)) >= 0.0
 
+    def is_unstable(t: float) -> bool:
+        return is_unstable_at(model, at(t), _BITS)
+
     size = float(np.max(np.abs(delta), initial=0.0, where=~kept))
     if np.any(kept) and is_beyond(0.0):
         return Crossing(0.0, at(0.0), np.nan, np.zeros(len(delta)))
@@ -282,11 +286,11 @@ def crossing_on_ray(
     high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS)
     if not high * size < below:
         return NONE
-    if not is_unstable_at(model, at(high * _NEAR)):
-        most = min(1.0, below / size / _NEAR)
-        if not high < most or not is_unstable_at(model, at(most)):
+    if not is_unstable(high * _NEAR):
+        most = min(1.0, below * (1.0 - _GAINED) / size)
+        if not high < most or not is_unstable(most):
             return NONE
-        high = bisected(lambda t: is_unstable_at(model, at(t)), high, most, _EXACT_BISECTIONS)
+        high = bisected(is_unstable, high, most, _HALVINGS)
     end = at(high)
     slope, frequency = np.zeros(len(delta)), np.inf
     with suppress(np.linalg.LinAlgError, WellPosednessError):

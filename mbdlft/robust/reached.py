@@ -58,10 +58,14 @@ class _Matrices(NamedTuple):
         w = balls(delta) * loop.solve(right)
         return balls(self.other.astype(complex)) + balls(self.below.astype(complex)) * w, loop.det()
 
-    def polynomial(self, delta: Complex, shift: float = 0.0) -> list[Any]:
-        """Coefficients of det((s + shift) I - A), lowest first."""
-        whole, n = entries(self.closed(delta)[0]), self.states
-        A = joined([[whole[:n, :n]]]) - balls(shift * np.eye(n, dtype=complex))
+    def polynomial(self, delta: Complex, shift: float = 0.0) -> list[Any] | None:
+        """Coefficients of det((s + shift) I - A), lowest first; None: the determinant is not positive."""
+        (matrix, determinant), n = self.closed(delta), self.states
+        if determinant.real <= 0:
+            return None
+        if not determinant.real > 0:
+            raise ZeroDivisionError
+        A = joined([[entries(matrix)[:n, :n]]]) - balls(shift * np.eye(n, dtype=complex))
         return list(A.charpoly().coeffs())
 
 
@@ -88,7 +92,7 @@ def not_reached(system: System, bounds: Bounds) -> str:
         try:
             wrong = _evaluated(matrices, delta, bounds)
         except ZeroDivisionError:
-            wrong = bounds.kind != STABILITY
+            wrong = True
     return f"{bounds.reached:g} is not reached at its worst case" if wrong else ""
 
 
@@ -136,18 +140,15 @@ def _delta_of(system: System, bounds: Bounds) -> Complex:
 def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
     """Whether the model at the deltas does not reach what is said."""
     n, frequency, reached = matrices.states, bounds.frequency, bounds.reached
-    whole, _ = matrices.closed(delta)
-    poles = eigenvalues_of(middles(whole)[:n, :n]) if n else np.zeros(0)
-    nominal = eigenvalues_of(matrices.other[:n, :n]) if n else poles
-    size = float(np.max(np.abs([poles, nominal]), initial=0.0))  # the poles there may all be 0
     if bounds.kind == STABILITY:
-        if np.any(delta.imag):
-            return not _is_singular(matrices, delta, frequency)
-        if np.isfinite(frequency) and not is_root_near(
-            matrices.polynomial(delta), 1j * frequency, 1e-3 * frequency + _NEAR * size
-        ):
-            return True
-        return not any(_is_unstable(matrices, delta * (1.0 + more)) for more in _BEYOND)
+        return not (
+            _is_singular(matrices, delta, frequency)
+            if np.any(delta.imag)
+            else _is_at(matrices, delta, frequency)
+            and any(_is_left(matrices, delta * (1.0 + more), 0.0) is False for more in _BEYOND)
+        )
+    whole, _ = matrices.closed(delta)
+    size = _size(matrices, whole)
     if bounds.kind == REAL_PART:
         step = _NEAR * abs(reached) + _ROUNDING * size
         return _is_left(matrices, delta, reached - step) is not False or not _is_left(
@@ -163,28 +164,39 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
             or _is_left(matrices, delta, 0.0, slopes[1]) is not False
         )
     gain = {GAIN: reached}.get(bounds.kind, 1.0 / reached if reached else np.inf)
-    if bounds.kind == PERFORMANCE and _is_unstable(matrices, delta * (1.0 + _NEAR)):
+    if bounds.kind == PERFORMANCE and _is_left(matrices, delta * (1.0 + _NEAR), 0.0) is False:
         return False
     return not _has_gain(whole, n, frequency, gain, exactly=bounds.kind in (GAIN, DISK))
 
 
+def _size(matrices: _Matrices, whole: Any) -> float:
+    """The largest pole at the deltas, or at none: the poles there may all be 0."""
+    n = matrices.states
+    each = (middles(whole)[:n, :n], matrices.other[:n, :n]) if n else ()
+    return float(max((np.max(np.abs(eigenvalues_of(A))) for A in each), default=0.0))
+
+
+def _is_at(matrices: _Matrices, delta: Complex, frequency: float) -> bool:
+    """Whether a pole at real deltas is near to a frequency; none is where the loop is ill posed."""
+    if not np.isfinite(frequency):
+        return True
+    polynomial, near = matrices.polynomial(delta), 1e-3 * frequency
+    near += _NEAR * _size(matrices, matrices.closed(delta)[0])
+    return polynomial is None or is_root_near(polynomial, 1j * frequency, near)
+
+
 def _is_left(matrices: _Matrices, delta: Complex, shift: float, slope: float = 0.0) -> bool | None:
-    """Whether all poles are left of an edge; None if that is not decided."""
+    """Whether all poles at real deltas are left of an edge; None if that is not decided.
+
+    They are not where the loop is ill posed, or beyond that.
+    """
+    if np.any(delta.imag):
+        return None
     return verdict_of(lambda: straightened(_real(matrices.polynomial(delta, shift)), slope))
 
 
-def _is_unstable(matrices: _Matrices, delta: Complex) -> bool:
-    """Whether a pole at real deltas is proved to be on or right of the axis, or the loop ill posed."""
-    try:
-        if not matrices.closed(delta)[1].real > 0:
-            return True
-    except ZeroDivisionError:
-        return True
-    return _is_left(matrices, delta, 0.0) is False
-
-
-def _real(coefficients: list[Any]) -> list[Any]:
-    return [c.real for c in coefficients]
+def _real(coefficients: list[Any] | None) -> list[Any] | None:
+    return None if coefficients is None else [c.real for c in coefficients]
 
 
 def _is_singular(matrices: _Matrices, delta: Complex, frequency: float) -> bool:

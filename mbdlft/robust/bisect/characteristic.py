@@ -15,6 +15,7 @@ the error of each coefficient is known.
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import pairwise
 from math import comb, prod
@@ -150,9 +151,11 @@ def is_stable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
     return verdict_of(lambda: straightened(_at(model, delta), model.slope)) is True
 
 
-def is_unstable_at(model: Realization, delta: Sequence[float] | Array) -> bool:
-    """Whether a pole at these deltas is proved to lie outside, or det(I - D Delta) is not positive."""
-    return verdict_of(lambda: straightened(_at(model, delta), model.slope)) is False
+def is_unstable_at(
+    model: Realization, delta: Sequence[float] | Array, most_bits: int = _MOST_BITS
+) -> bool:
+    """Whether a pole at these deltas is proved to lie outside, or det(I - D Delta) not to be positive."""
+    return verdict_of(lambda: straightened(_at(model, delta), model.slope), most_bits) is False
 
 
 def is_hurwitz(A: Array) -> bool:
@@ -160,11 +163,16 @@ def is_hurwitz(A: Array) -> bool:
     return verdict_of(lambda: list(balls(A).charpoly().coeffs())) is True
 
 
-def verdict_of(coefficients: Callable[[], list[Any] | None]) -> bool | None:
-    """Whether a polynomial is Hurwitz, by Routh's scheme; None if too many bits would be needed."""
+def verdict_of(
+    coefficients: Callable[[], list[Any] | None], most_bits: int = _MOST_BITS
+) -> bool | None:
+    """Whether a polynomial is Hurwitz, by Routh's scheme; None if too many bits would be needed.
+
+    A model that has none, None in its place, is not stable. A ZeroDivisionError asks for more bits.
+    """
     bits, verdict = _BITS, None
-    while verdict is None and bits <= _MOST_BITS:
-        with flint.ctx.workprec(bits):
+    while verdict is None and bits <= most_bits:
+        with flint.ctx.workprec(bits), suppress(ZeroDivisionError):
             verdict = _routh(coefficients())
         bits *= 2
     return verdict
@@ -243,15 +251,21 @@ def _closed(whole: Balls, size: int, value: Any) -> tuple[Balls, Any]:
 
 
 def _at(model: Realization, delta: Sequence[float] | Array) -> list[Any] | None:
-    """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None unless that is positive."""
-    whole, n, factor = _whole(model), len(model.A), flint.arb(1)
-    for size, value in zip(model.sizes, delta, strict=True):
-        try:
-            whole, loop = _closed(whole, size, flint.arb(float(value)))
-        except ZeroDivisionError:
-            return None
-        factor *= loop
-    return list(balls(whole[:n, :n]).charpoly().coeffs()) if factor > 0 else None
+    """Coefficients of p(s, delta) over det(I - D Delta), lowest first; None: that is not positive.
+
+    A ZeroDivisionError says that balls of these bits do not tell whether it is.
+    """
+    of_channels = balls(np.diag(model.spread(np.asarray(delta, dtype=float))))
+    loop = balls(np.eye(len(model.D))) - balls(model.D) * of_channels
+    factor = loop.det()
+    if factor <= 0:
+        return None
+    if not factor > 0:
+        raise ZeroDivisionError
+    A = balls(model.A) + balls(model.B) * of_channels * loop.solve(balls(model.C))
+    if model.shift:
+        A = A - balls(model.shift * np.eye(len(model.A)))
+    return list(A.charpoly().coeffs())
 
 
 def _balls(
