@@ -164,6 +164,33 @@ def test_an_unstable_point_is_found_and_not_proved() -> None:
     assert not is_unstable_at(model, [0.49])
 
 
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_determinant_that_few_bits_do_not_tell_from_zero(sign: float) -> None:
+    """det(I - D) = 29 e, e = +- 2^-200, of a model whose pole is -1 whatever delta is."""
+    e, none = sign * 2.0**-200, np.zeros((0, 0))
+    D = np.eye(3) - np.array([[1.0, 7.0, 2.0], [-1.0, 3.0, 5.0], [e, 10.0, 7.0]])
+    A, B, C = -np.eye(1), np.zeros((1, 3)), np.zeros((3, 1))
+    model = Realization(("d",), (3,), A, B, C, D, none[:1], none[:3], none, none, none)
+    model = model._replace(E=np.zeros((1, 0)), F=np.zeros((3, 0)), G=np.zeros((0, 1)), H=np.zeros((0, 3)))
+    assert is_unstable_at(model, [1.0]) == (sign < 0.0)
+    assert not is_unstable_at(model, [1.0], most_bits=128)
+
+
+def test_the_declared_box_is_tried_when_a_larger_one_was_too_much() -> None:
+    """Nothing is proved of 4 times the box: its own size is next, and sizes in between after it."""
+    tried: list[float] = []
+
+    def prove(state: State[None], k: float) -> State[None]:
+        tried.append(k)
+        used = state.used + 1.0
+        return state._replace(lower=k, used=used) if k <= 1.0 else state._replace(used=used)
+
+    asked = Asked(crossing(0.1), 0.1, 3.5)
+    list(enlarged(asked, State(None, upper=4.4), prove, resisted=4.0))
+    assert tried[0] == 1.0
+    assert all(1.0 < k < 4.0 for k in tried[1:])
+
+
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> None:
     """-B B' with n - 1 columns of integers is singular: no P has S > 0, whatever is computed of it."""

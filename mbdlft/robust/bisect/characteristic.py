@@ -163,9 +163,7 @@ def is_hurwitz(A: Array) -> bool:
     return verdict_of(lambda: list(balls(A).charpoly().coeffs())) is True
 
 
-def verdict_of(
-    coefficients: Callable[[], list[Any] | None], most_bits: int = _MOST_BITS
-) -> bool | None:
+def verdict_of(coefficients: Callable[[], list[Any] | None], most_bits: int = _MOST_BITS) -> bool | None:
     """Whether a polynomial is Hurwitz, by Routh's scheme; None if too many bits would be needed.
 
     A model that has none, None in its place, is not stable. A ZeroDivisionError asks for more bits.

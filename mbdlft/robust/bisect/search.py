@@ -175,15 +175,19 @@ def enlarged(
     state: State[Worst],
     tried: Callable[[State[Worst], float], State[Worst]],
     cost: float = 0.0,
+    resisted: float = np.inf,
 ) -> Search[Worst]:
-    """Prove sizes of the box nearer and nearer to `upper`; each costs at least so much work."""
-    resisted = np.inf  # the smallest size that was not proved
+    """Prove sizes of the box nearer and nearer to `upper`; each costs at least so much work.
+
+    `resisted` is the smallest size that was not proved. While none is, the declared box is next.
+    """
     while not state.is_closed(asked):
         k = min(state.upper, asked.largest) * (1.0 - 0.5 * asked.gap)
         if not k < resisted:
             k, least = state.lower + _LOWER * (resisted - state.lower), max(state.lower, 1.0)
             k = sqrt(least * resisted) if resisted > _FAR * least else k
-            k = 1.0 if state.lower < 1.0 < resisted and _ABOUT_1 < k < 1.0 / _ABOUT_1 else k
+            is_next = not state.lower or _ABOUT_1 < k < 1.0 / _ABOUT_1
+            k = 1.0 if state.lower < 1.0 < resisted and is_next else k
         if state.used + cost > asked.work or not k > state.lower * (1.0 + 0.1 * asked.gap):
             return state.spent(asked)
         before, state = state, tried(state, k)

@@ -75,6 +75,7 @@ _INTO_GAP = 0.8  # part of the gap that is left between what is reached and what
 _BALL = 0.1  # of the size that the norm proves, which is not asked for: eigenvalues need room
 _SMALLER, _LEAST_BALL = 0.3, 1e-12  # factor from one such size to the next, and the least
 _REACH = 0.1  # units of work of a search for small deltas
+_LARGEST_SHARE = 0.5  # of the work, for the largest size: smaller ones need fewer frequencies
 
 
 class Attempt(NamedTuple):
@@ -318,7 +319,7 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
     yield state
     most = min(asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap))  # wide intervals need room
     with after(state.used):
-        cover = shrunk(loop, most, asked.gap, state.left(asked))
+        cover = shrunk(loop, most, asked.gap, _LARGEST_SHARE * state.left(asked))
     state = state._replace(used=state.used + cover.work)
     if not cover.todo:
         proof = proof_of(loop, [(cover, -1)])
@@ -327,7 +328,8 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
     if not _follows_poles(loop) and not state.is_closed(asked) and np.isfinite(cover.peak):
         state = _with_delta(asked, state, best_near(loop, state.worst.delta, cover.peak, starts=3))
         yield state
-    return (yield from enlarged(asked, state, partial(_tried, question, cover)))
+    resisted = cover.k if cover.todo and cover.k else np.inf
+    return (yield from enlarged(asked, state, partial(_tried, question, cover), resisted=resisted))
 
 
 def _follows_poles(loop: Loop) -> bool:
