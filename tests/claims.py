@@ -20,6 +20,7 @@ from mbdlft.robust.evidence import (
     MotionProof,
     Multipliers,
 )
+from mbdlft.robust.realization import physical
 
 UNCLAIMED = ("sensitivity", "work", "reason")  # what is said beside a claim, and nothing rests on
 _FACTORS = (0.0, -1.0, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 1e3, 1e-3, 1e300, np.nan, np.inf)
@@ -285,3 +286,48 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
         whole = replace(proof, log=(0,), states=proof.states[:1])
         yield "one function", replace(bounds, proof=whole)
         yield "no functions", replace(bounds, proof=replace(proof, states=0.0 * proof.states))
+
+
+def misstated(system: System, bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
+    """Analyses whose worst case is wrong in one respect only, by name; none may be accepted."""
+    is_margin = bounds.kind == "robust stability"
+    if bounds.motion is not None:
+        yield "half of the motion", _shrunk(system, bounds)
+        return
+    if not bounds.delta:
+        return
+    nothing = {"lower": 0.0} if bounds.is_from_above else {"upper": np.inf}
+    yield "values that reach nothing", replace(bounds, delta={}, **nothing)
+    yield "a delta of no block", replace(bounds, delta={**bounds.delta, "none": 0.0})
+    for name, value in bounds.worst.items():
+        yield "another value", replace(bounds, worst={**bounds.worst, name: 1.01 * value + 0.01})
+    if is_margin:
+        yield "a larger size", replace(bounds, upper=2.0 * bounds.upper)
+        yield "half of the size", _shrunk(system, bounds)
+        if not _is_complex(bounds.delta):
+            other = bounds.frequency * 1.2 + 1.0 if np.isfinite(bounds.frequency) else 1.0
+            yield "another frequency", replace(bounds, frequency=other)
+    if bounds.kind == "worst-case gain":
+        yield "less than is reached", replace(bounds, lower=0.5 * bounds.lower)
+        upper = max(bounds.upper, 1.1 * bounds.lower)
+        yield "more than is reached", replace(bounds, lower=1.05 * bounds.lower, upper=upper)
+
+
+def _shrunk(system: System, bounds: Bounds) -> Bounds:
+    """The same with half of its deltas, as if these reached the border of stability."""
+    delta = {name: 0.5 * value for name, value in bounds.delta.items()}
+    names = list(bounds.worst)
+    worst = physical(system, names, np.array([delta[name] for name in names])) if names else {}
+    motion = bounds.motion
+    if motion is not None:
+        motion = np.hstack([motion[:, :1], 0.5 * motion[:, 1:]])
+    upper = 0.5 * bounds.upper
+    frequency = bounds.frequency if motion is not None or _is_complex(delta) else np.inf
+    lower = min(bounds.lower, upper)
+    return replace(
+        bounds, delta=delta, worst=worst, motion=motion, upper=upper, lower=lower, frequency=frequency
+    )
+
+
+def _is_complex(delta: dict[str, Any]) -> bool:
+    return any(np.iscomplexobj(value) for value in delta.values())

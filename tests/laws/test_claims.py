@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbdlft import Bounds, MbdlftError, System, verify
-from tests.claims import KINDS, analysis, changed, forged, is_true
+from tests.claims import KINDS, analysis, changed, forged, is_true, misstated
 
 DRAWS = 40
 
@@ -14,7 +14,7 @@ def test_a_changed_analysis_is_refused_or_true(kind: str) -> None:
     """Any one field, numbers of proofs too; and no claim with the proof or worst case of another."""
     system, bounds = analysis(kind)
     assert verify(system, bounds) == ""
-    for what, other in forged(bounds):
+    for what, other in (*forged(bounds), *misstated(system, bounds)):
         assert not is_accepted(system, other), what
     random, refused = np.random.default_rng(KINDS.index(kind)), 0
     for _ in range(DRAWS):
