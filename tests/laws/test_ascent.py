@@ -1,0 +1,70 @@
+"""Steps of the searches for worst cases, each against its closed form or a difference."""
+
+import numpy as np
+import pytest
+
+from mbdlft import Parameter, System, realize
+from mbdlft.robust import ascent
+from mbdlft.robust.ascent import (
+    UNDAMPED,
+    Peak,
+    _path,
+    at_delta,
+    crossing_on_ray,
+    peak_at,
+    push_right,
+    slope_at,
+)
+from mbdlft.robust.realization import realization
+
+HALF = 1e-6  # step of a difference
+
+
+def first_order() -> System:
+    """One pole: -2 + a - b/2."""
+    ranges = [Parameter(name, 0.0, low=-1.0, high=1.0) for name in "ab"]
+    matrix = [["-2+a-b/2", "1"], ["1+a/4", "0"]]
+    return realize(matrix, ranges, states=1, inputs=["u"], outputs=["y"])
+
+
+def test_a_pole_is_pushed_to_the_corner_to_which_its_slopes_point() -> None:
+    delta, pole, _ = push_right(realization(first_order()), np.zeros(2), -2.0 + 0.0j, 40)
+    np.testing.assert_array_equal(delta, [1.0, -1.0])
+    np.testing.assert_allclose(pole, -0.5, rtol=1e-13)
+
+
+def test_a_pole_is_followed_to_the_smallest_box_in_which_it_reaches_the_axis() -> None:
+    """-2 + a - b/2 = 0 at a = -b = 4/3."""
+    first = next(_path(realization(first_order()), np.zeros(2), -2.0 + 0.0j, 10.0))
+    np.testing.assert_allclose(first, [4.0 / 3.0, -4.0 / 3.0], rtol=1e-13)
+
+
+def test_computed_poles_that_are_rounding_are_not_believed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Doubles see the pole beyond the axis from 0.5 on, balls from 4/3 on: 6 halvings of what is left."""
+    monkeypatch.setattr(ascent, "abscissa", lambda _, delta: float(np.max(delta)) - 0.5)
+    model, end = realization(first_order()), np.array([2.0, -2.0])
+    size = crossing_on_ray(model, end, 10.0).size
+    assert 4.0 / 3.0 <= size <= 4.0 / 3.0 + 1.5 / 2**6
+    assert crossing_on_ray(model, end, 10.0, below=1.0).size == np.inf
+
+
+def test_the_slope_of_a_damping_ratio_is_its_difference() -> None:
+    pole, gradient = -0.3 + 2.0j, np.array([0.7 - 0.4j, -0.2 + 1.1j])
+    ahead, behind = (UNDAMPED.value(pole + step * gradient) for step in (HALF, -HALF))
+    np.testing.assert_allclose(UNDAMPED.slope(pole, gradient), (ahead - behind) / (2.0 * HALF), rtol=1e-8)
+
+
+def test_the_slope_of_a_gain_is_its_difference() -> None:
+    """The peak of (1 + a/4)/(s + 2 - a + b/2) is at rest."""
+    model, at = realization(first_order(), [0], [0]), np.array([0.2, -0.3])
+    peak = peak_at(model, at)
+    np.testing.assert_allclose(peak.gain, 1.05 / (2.0 - 0.2 - 0.15), rtol=1e-9)
+    expected = []
+    for step in HALF * np.eye(2):
+        gains = [
+            abs(plant.D - plant.C @ np.linalg.solve(plant.A, plant.B)).item()
+            for plant in (at_delta(model, at + sign * step) for sign in (1.0, -1.0))
+            if plant is not None
+        ]
+        expected.append((gains[0] - gains[1]) / (2.0 * HALF))
+    np.testing.assert_allclose(slope_at(model, Peak(peak.gain, 0.0, at)), expected, rtol=1e-7)
