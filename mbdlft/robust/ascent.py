@@ -131,7 +131,6 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
 
 def moving_at(model: Realization, delta: Array) -> tuple[Moving, Complex, Complex]:
     """Poles and gradients at deltas; left and right vectors (nx, nx), as columns."""
-
     plant = at_delta(model, delta)
     if plant is None:
         raise WellPosednessError("it is singular at one of the points of the search.")
@@ -258,13 +257,11 @@ def crossing_on_ray(
     fixed: NDArray[np.bool_] | None = None,
     below: float = np.inf,
 ) -> Crossing:
-    """Where on the way from 0 to delta a pole first is on or beyond the axis; else `NONE`.
+    """Where from 0 to delta a pole first is on or beyond the axis, if below a size; else `NONE`.
 
-    It is `NONE`, too, where this is not below a size. Deltas that are fixed are the same on all of the
-    way. Where computed poles are nothing but rounding, as near to singular models, balls say where a
-    pole is.
+    Deltas that are fixed are the same on all of the way. Where computed poles are nothing but rounding,
+    as near to singular models, balls say where a pole is.
     """
-
     kept = np.zeros(len(delta), dtype=bool) if fixed is None else fixed
 
     def at(t: float) -> Array:
