@@ -44,8 +44,9 @@ The singular values of the linear model around the equilibrium.
 _GROUPS = {
     "Machines on the ground": [
         "pendulum", "double_pendulum_hanging", "double_pendulum_inverted", "two_link_arm", "sagging_arm",
-        "four_bar", "half_car", "crane", "gimbal", "bicycle", "ur5", "desk_arm", "flexible_manipulator",
-        "piezo_beam",
+        "four_bar", "half_car", "crane", "tower_crane", "belt_gantry", "differential_wrist", "gimbal",
+        "bicycle", "rolling_disk", "segway", "diff_drive", "ball_turntable", "ur5", "desk_arm",
+        "flexible_manipulator", "piezo_beam",
     ],
     "Aircraft, launchers, balloons": ["balloon_gondola", "launcher_slosh", "launcher_bending"],
     "Satellites": [

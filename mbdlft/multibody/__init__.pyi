@@ -16,6 +16,7 @@ from .coupling import Belt as Belt
 from .coupling import Cable as Cable
 from .coupling import Differential as Differential
 from .coupling import Gear as Gear
+from .coupling import Linear as Linear
 from .coupling import Mimic as Mimic
 from .coupling import Planetary as Planetary
 from .coupling import Rack as Rack

@@ -287,6 +287,22 @@ class Cable(Coupling):
 
 
 @final
+class Linear(Coupling):
+    """Any linear relation: `factors` multiply the coordinates, and their sum stays.
+
+    Such as a differential with a bevel output. The relation has the unit of its first coordinate: behind
+    an angle the factor of a distance has the unit 1/m, behind a distance that of an angle m.
+    """
+
+    kind: ClassVar[str] = "linear"
+
+    factors: dict[Text, Quantity] = Field(min_length=2)
+
+    def terms(self) -> tuple[Term, ...]:
+        return tuple(Term(name, 1.0, f"factors.{name}", x) for name, x in self.factors.items())
+
+
+@final
 class Mimic(Coupling):
     """A joint that follows another one, as in URDF: joint = multiplier leader + offset.
 
@@ -304,5 +320,5 @@ class Mimic(Coupling):
 
 
 KINDS: dict[str, type[Coupling]] = {
-    cls.kind: cls for cls in (Belt, Cable, Differential, Gear, Mimic, Planetary, Rack, Screw)
+    cls.kind: cls for cls in (Belt, Cable, Differential, Gear, Linear, Mimic, Planetary, Rack, Screw)
 }

@@ -53,7 +53,7 @@ contact={"plane": "frame"} => expected 'ground' or one of its ports, got 'frame'
 contact={"port": "frame", "axis": (0, 3, 4)} => is not across the normal of the plane, but 53.13 deg off
 "knife_edge", {"heading": (1, 1, 0)} => does not fit the velocity [3, 0, 0] … slip by 2.121 m/s
 contact={"port": "weel"} => unknown body 'weel'
-spin=Spin(axis=(0, 0, 1), rate=1.0) => stands on ground that the spin of the frame turns
+spin=Spin(axis=(0, 0, 1), rate=1.0) => turns with the spin of the frame … the velocity [3.0, 0.0, 0.0]
 > {} => TrimError:
 find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
 """
