@@ -26,7 +26,10 @@ ELASTIC = [
     "flexible_manipulator", "launcher_bending", "mast_observatory", "piezo_beam",
     "rotatory_spacecraft", "solar_arrays",
 ]  # fmt: skip
-OTHERS = ["bicycle", "control_moment_gyros", "half_car"]  # what pinocchio's trees do not have
+OTHERS = [  # what pinocchio's trees do not have
+    *("ball_turntable", "belt_gantry", "bicycle", "control_moment_gyros", "diff_drive"),
+    *("differential_wrist", "half_car", "rolling_disk", "segway", "tower_crane"),
+]
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture
 
