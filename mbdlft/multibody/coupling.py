@@ -270,24 +270,32 @@ class Screw(Coupling):
         return (slider, Term(self.joint, -1.0, "pitch", f"({self.pitch})/(2*pi)", turns=True))
 
 
+class _ByCoordinate(Coupling):
+    """Coefficients by coordinate, in a field that is a table."""
+
+    table: ClassVar[str]
+
+    def terms(self) -> tuple[Term, ...]:
+        factors: Mapping[str, Quantity] = getattr(self, self.table)
+        return tuple(Term(name, 1.0, f"{self.table}.{name}", x) for name, x in factors.items())
+
+
 @final
-class Cable(Coupling):
+class Cable(_ByCoordinate):
     """A cable over pulleys, whose length stays: `strands` are what each coordinate takes of it.
 
     The coefficient of a distance is a number of strands, that of an angle the radius of a drum (m).
     """
 
     kind: ClassVar[str] = "cable"
+    table: ClassVar[str] = "strands"
     unit: ClassVar[str] = "m"
 
     strands: dict[Text, Quantity] = Field(min_length=2)
 
-    def terms(self) -> tuple[Term, ...]:
-        return tuple(Term(name, 1.0, f"strands.{name}", x) for name, x in self.strands.items())
-
 
 @final
-class Linear(Coupling):
+class Linear(_ByCoordinate):
     """Any linear relation: `factors` multiply the coordinates, and their sum stays.
 
     Such as a differential with a bevel output. The relation has the unit of its first coordinate: behind
@@ -295,11 +303,9 @@ class Linear(Coupling):
     """
 
     kind: ClassVar[str] = "linear"
+    table: ClassVar[str] = "factors"
 
     factors: dict[Text, Quantity] = Field(min_length=2)
-
-    def terms(self) -> tuple[Term, ...]:
-        return tuple(Term(name, 1.0, f"factors.{name}", x) for name, x in self.factors.items())
 
 
 @final

@@ -110,7 +110,14 @@ def _chosen(
     default: tuple[int, ...],
 ) -> list[int]:
     """Positions of the chosen signals, or the default."""
+    forces = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
     for name in names or ():
+        if name in forces and name not in index and what == "outputs":
+            raise SceneError(
+                f"scene {scene.name!r}, outputs: {name!r} is not known, as contacts hold the same twice "
+                "there: the equations know the sum of their forces only. Put a load of the kind support "
+                "in place of one of them."
+            )
         if name not in index:
             raise SceneError(
                 f"scene {scene.name!r}, {what}: {unknown_name('signal', name, index)}"

@@ -2,15 +2,27 @@
 
 `tests/cross/rolling_mechanisms.py` draws frames on wheels, balls and knife edges, with forks that steer
 and a load that swings, at rest and at a speed. The truth knows where wheels touch for any pose, and takes
-derivatives by differences; multipliers are those of Lagrange and d'Alembert.
+derivatives by differences; multipliers are those of Lagrange and d'Alembert. All forces of contacts that
+these determine are outputs; the others are refused.
 """
 
 from pathlib import Path
 
-from tests.attack.mechanisms import answer
+import pytest
+
+from mbdlft import SceneError, assemble
+from mbdlft.multibody.to_problem import choose_signals
+from tests.attack.mechanisms import answer, points_of
+from tests.cross.maximal_model import contact_forces
 from tests.cross.rolling_mechanisms import rolling
 
 
 def attack(seed: int, folder: Path) -> str:
     """Build a model and compare it where the truth is known: at nominal, inside, and at a corner."""
-    return answer(rolling(seed), seed)
+    scene = rolling(seed)
+    known, shared = contact_forces(scene, points_of(scene, seed)[0])
+    for name in shared:
+        asked = scene.model_copy(update={"outputs": (name,)})
+        with pytest.raises(SceneError, match="contacts hold the same twice"):
+            choose_signals(asked, assemble(asked))
+    return answer(scene.model_copy(update={"outputs": (*scene.outputs, *known)}), seed)

@@ -81,6 +81,7 @@ def _drawn(name: str, kind: str, angles: list[str], distances: list[str], random
         "rack": {"radius": lever},
         "screw": {"pitch": lever},
         "cable": {"strands": {x: lever if x in angles else ratio for x in both[-3:]}},
+        "linear": {"factors": {both[0]: 0.8, both[1]: lever if both[1] in angles else ratio}},
         "mimic": {"joint": both[0], "leader": both[1]},
     }[kind]
     if kind in ("rack", "screw"):

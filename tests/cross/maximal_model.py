@@ -62,6 +62,15 @@ def linear_model(scene: mbdlft.Scene, point: dict[str, float], model: mbdlft.LFT
         flint.ctx.prec = before
 
 
+def contact_forces(scene: mbdlft.Scene, point: dict[str, float]) -> tuple[list[str], list[str]]:
+    """Names of the forces of contacts that the equations determine, and of those that they share."""
+    before, flint.ctx.prec = flint.ctx.prec, BITS
+    try:
+        return _Solved(Bodies(scene, point)).contact_forces()
+    finally:
+        flint.ctx.prec = before
+
+
 def fault(scene: mbdlft.Scene, point: dict[str, float]) -> str:
     """Why a scene has no linear model at a point: no equilibrium, several, or motions that contradict."""
     before, flint.ctx.prec = flint.ctx.prec, BITS
@@ -161,7 +170,7 @@ class _Solved:
             [(flint.arb(1), x, i)] for x in bodies.touches for i in range(len(self.at.jacobian[x.name]))
         ]
         G = rows_of([self.at.of_sum(self.at.jacobian, terms) for terms in sums], self.n)
-        kept = independent(G)
+        self.every, kept = (sums, G), independent(G)
         self.G, self.held = G[kept], [sums[k] for k in kept]
         self.imposed = [(x, i) for x in bodies.joints if x.imposed for i in range(len(x.laws))]
         self.rotors = [(x, rotor) for x in bodies.joints for rotor in x.rotors]
@@ -267,6 +276,15 @@ class _Solved:
             ]
         ]
         return max(gaps, default=0.0)
+
+    def contact_forces(self) -> tuple[list[str], list[str]]:
+        sums, G = self.every
+        names: tuple[list[str], list[str]] = [], []
+        for k, ((_, x, i), *_) in enumerate(sums):
+            if isinstance(x, Touch):
+                is_shared = len(independent(np.delete(G, k, axis=0))) == len(self.held)
+                names[is_shared].append(x.names[i])
+        return names
 
     def fault(self) -> str:
         at, driven = self.equilibrium, [pair for pair in self.imposed if pair[0].imposed == "motion"]
@@ -404,11 +422,13 @@ class _Solved:
             names = [signal.name for signal in sensor.signals()]
             if any(signal.name in names for signal in self.outputs):
                 sensed |= dict(zip(names, self._sensed(sensor), strict=True))
+        forces = {id(rigid.combination): rigid.force for rigid in self.rigid}
         for k, terms in enumerate(self.held):
-            for rigid in self.rigid:
-                if rigid.combination is terms:
-                    sensed[rigid.force] = self._row(1)[0]
-                    sensed[rigid.force][3 * self.n + k] = flint.arb(1)
+            (_, x, i), *_ = terms
+            name = x.names[i] if isinstance(x, Touch) else forces.get(id(terms))
+            if name is not None:
+                sensed[name] = self._row(1)[0]
+                sensed[name][3 * self.n + k] = flint.arb(1)
         for soft in self.soft:
             sensed[soft.force] = self._row(1)[0]
             sensed[soft.force][: 3 * self.n] = self.soft_force(soft)

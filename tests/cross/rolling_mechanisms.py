@@ -1,10 +1,11 @@
-"""Random vehicles: wheels, balls and knife edges under a frame with forks and a load that swings."""
+"""Random vehicles: wheels, balls and knife edges under a frame with forks, a load, a motor."""
 
 import numpy as np
 
 import mbdlft
 from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
 from mbdlft.multibody.contact import Contact, KnifeEdge, Rolling
+from mbdlft.multibody.coupling import Belt, Coupling, Gear
 from mbdlft.multibody.joint import Joint
 
 SPEED = Parameter("v", 3.0, low=1.0, high=6.0, unit="m/s")
@@ -44,12 +45,15 @@ def rolling(seed: int) -> Scene:
     # two contacts leave the lean to what holds it, and two hold the frame sideways: others, their forks
     forks = [joint.name for joint in joints if joint.name.endswith("_steer")]
     held: dict[str, float | None] = {"lean": None} if count == 2 else {}
+    if seed % 3 == 1:  # the motor drives against what holds the frame back
+        held["x"] = None
     sideways = sum(getattr(contact, "axis", contact) is not None for contact in contacts)
     held |= dict.fromkeys(forks[: sideways - 2], 0.0)
     joints = [
         joint.model_copy(update={"preload": held[joint.name]}) if joint.name in held else joint
         for joint in joints
     ]
+    couplings = [_drive(random, moves, bodies, joints)] if seed % 3 == 1 else []
     names = [f"{joint.name}.{f.measures[1].name}" for joint in joints for f in joint.freedoms]
     return Scene(
         name=f"rolling_{seed}",
@@ -59,11 +63,16 @@ def rolling(seed: int) -> Scene:
         bodies=bodies,
         joints=joints,
         contacts=contacts,
+        couplings=couplings,
         sensors=[
             mbdlft.multibody.Accelerometer(name="felt", port="frame.head"),
             mbdlft.multibody.Velocity(name="way", port="frame.head"),
         ],
-        outputs=[*names, "lean.angle", "felt.x", "felt.y", "felt.z", "way.x", "way.y", "way.z"],
+        outputs=[
+            *names,
+            *(coupling.signal(joints).name for coupling in couplings),
+            *("lean.angle", "felt.x", "felt.y", "felt.z", "way.x", "way.y", "way.z"),
+        ],
     )
 
 
@@ -156,3 +165,18 @@ def _swing(random, bodies, joints) -> None:
             stiffness=float(random.uniform(5.0, 40.0)), damping=0.3,
         )
     )  # fmt: skip
+
+
+def _drive(random, moves, bodies, joints) -> Coupling:
+    """A motor on the frame that turns the first wheel by a gear or a belt, rigid or soft."""
+    spin = float(random.uniform(0.01, 0.03))
+    bodies.append(RigidBody(name="rotor", mass=0.8, inertia=Inertia(xx=0.02, yy=spin, zz=0.02)))
+    ratio = float(random.choice([-3.0, 2.5]))
+    rate = {"rate": f"{ratio}*v/R"} if moves else {}
+    place = {"parent": "frame.head", "child": "rotor", "axis": (0, 1, 0)}
+    joints.append(Revolute(name="motor", **place, **rate, preload=0.4))
+    law = {"stiffness": 30.0, "damping": 0.2} if random.random() < 0.5 else {}
+    shafts = ("motor", "w0_axle")
+    if ratio < 0.0:
+        return Gear(name="drive", joints=shafts, ratio=ratio, **law)
+    return Belt(name="drive", joints=shafts, radii=(0.1, 0.1 * ratio), **law)

@@ -2,7 +2,18 @@
 
 from typing import Any
 
-from mbdlft import Free, Inertia, Planar, Revolute, RigidBody, Scene, Spin, assemble, find_equilibrium
+from mbdlft import (
+    Free,
+    Inertia,
+    Planar,
+    Revolute,
+    RigidBody,
+    Scene,
+    Spin,
+    assemble,
+    find_equilibrium,
+    to_lft,
+)
 from mbdlft.multibody.contact import KINDS
 from tests.errors.table import refused
 
@@ -37,6 +48,25 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
     )
 
 
+def trolley(outputs: list[str]) -> Scene:
+    """Two wheels on one axle, at rest: what holds them along it is the sum of two forces."""
+    wheels = {"left": 0.3, "right": -0.3}
+    round_ = Inertia(xx=0.1, yy=0.2, zz=0.1)
+    bodies = [
+        RigidBody(
+            name="frame", mass=2.0, inertia=round_, ports={name: (0, y, 0) for name, y in wheels.items()}
+        )
+    ]
+    bodies += [RigidBody(name=name, mass=1.0, inertia=round_) for name in wheels]
+    joints = [Free(name="base", parent="ground", child="frame", position=(0, 0, 0.5))]
+    joints += [
+        Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0))
+        for name in wheels
+    ]
+    contacts = [KINDS["rolling"](name=name, port=name, axis=(0, 1, 0), radius=0.5) for name in wheels]
+    return Scene(name="trolley", bodies=bodies, joints=joints, contacts=contacts, outputs=outputs)
+
+
 test_messages = refused(
     r"""
 > assemble(wheel({})) => SceneError: contact 'touch' …
@@ -54,6 +84,10 @@ contact={"port": "frame", "axis": (0, 3, 4)} => is not across the normal of the 
 "knife_edge", {"heading": (1, 1, 0)} => does not fit the velocity [3, 0, 0] … slip by 2.121 m/s
 contact={"port": "weel"} => unknown body 'weel'
 spin=Spin(axis=(0, 0, 1), rate=1.0) => turns with the spin of the frame … the velocity [3.0, 0.0, 0.0]
+> {} => SceneError:
+to_lft(wheel("knife_edge", {"heading": (1, 0, 0)}, outputs=["touch.force.1"])) => unknown signal
+to_lft(trolley(["left.force.2"])) => 'left.force.2' is not known, as contacts hold the same twice
+to_lft(trolley(["left.force.normal", "right.force.1"])) => accepted
 > {} => TrimError:
 find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
 """

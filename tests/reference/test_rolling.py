@@ -178,10 +178,15 @@ def test_a_ball_rolls_down_a_slope_with_five_sevenths() -> None:
         joints=[Free(name="base", parent="ground", child="ball", position=(0, 0, 0.3))],
         contacts=[Rolling(name="touch", port="ball", radius=0.3)],
         inputs=["base.force.x"],
-        outputs=["base.velocity.x"],
+        outputs=["base.velocity.x", "touch.force.1", "touch.force.normal"],
     )
-    at = mbdlft.matrices_at(to_lft(ball, search=0.0), {})
+    model = to_lft(ball, search=0.0)
+    at = mbdlft.matrices_at(model, {})
     assert np.isclose((at.C @ at.B)[0, 0], 5.0 / 7.0 / 2.0, rtol=close.CLOSED_FORM)
+    assert np.isclose(at.D[1, 0], -2.0 / 7.0, rtol=close.CLOSED_FORM)  # the friction that turns it
+    assert abs(at.D[2, 0]) < close.CROSS
+    trim = dict(zip((s.name for s in model.trim.signals), mbdlft.trim_at(model, {}), strict=True))
+    assert np.isclose(trim["touch.force.normal"], 2.0 * 9.81, rtol=close.CLOSED_FORM)
 
 
 @pytest.mark.long

@@ -44,6 +44,7 @@ class Closure:
     holonomic: int = 0  # how many of the kept rows are
     rates: tuple[int, ...] = ()  # positions of the rates that all of them determine
     yielding: tuple[int, ...] = ()  # positions of coordinates
+    shared: tuple[int, ...] = ()  # constraints that say the same: their forces are known as a sum only
 
 
 def constraint(scene: Scene, view: View, order: int) -> ca.SX:
@@ -162,7 +163,9 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
-    return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G))
+    every = matrices[0]
+    shared = [k for k in range(len(every)) if independent(np.delete(every, k, axis=0).T)[0] == rank]
+    return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G), tuple(shared))
 
 
 def _determined(G: Array, weights: Array, known: tuple[int, ...]) -> tuple[int, ...]:

@@ -39,6 +39,7 @@ from mbdlft.multibody.assembly.resolved import (
     acting,
     body_channels,
     check_springs,
+    contact_forces,
     couplings,
     force_density,
     ground_motion,
@@ -237,7 +238,8 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     moved = moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    measured, y_signals, default = measures(r, view, channels, coupled)
+    pressed = contact_forces(scene, m.closure, m.z)
+    measured, y_signals, default = measures(r, view, channels, coupled, pressed)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)

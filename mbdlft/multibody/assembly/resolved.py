@@ -1,7 +1,7 @@
 """A scene with its names looked up: tree, parameters, quantities as SX; its inputs and outputs.
 
 Inputs u are efforts of joints, magnitudes of loads, voltages, forces of couplings, and multipliers;
-outputs are what joints, sensors and bodies measure, and forces of couplings.
+outputs are what joints, sensors and bodies measure, and forces of couplings and contacts.
 
 A planar mechanism in a plane that is not a coordinate plane is described in other axes.
 
@@ -413,6 +413,15 @@ def couplings(
     return coupled(scene, view, at_rest + change, change, preloads)
 
 
+def contact_forces(scene: Scene, closure: Closure, z: ca.SX) -> tuple[ca.SX, tuple[Signal, ...]]:
+    """Deviations of the forces of contacts by the multipliers z, but for those that are shared."""
+    held, others = multipliers_of(scene)
+    signals, every = held + others, multipliers(scene, closure, z)
+    of_contacts = range(len(held) - sum(len(c.signals()[0]) for c in scene.contacts), len(signals))
+    known = [k for k in of_contacts if k not in closure.shared]
+    return rows_of(every, known), tuple(signals[k] for k in known)
+
+
 class BodyChannels(NamedTuple):
     """Generalized forces (n,) of all coordinates by the inputs of bodies; what bodies measure."""
 
@@ -448,9 +457,14 @@ def steady_angles(links: tuple[Link, ...]) -> list[int]:
 
 
 def measures(
-    r: Resolved, view: View, channels: BodyChannels, held: Coupled
+    r: Resolved,
+    view: View,
+    channels: BodyChannels,
+    held: Coupled,
+    pressed: tuple[ca.SX, tuple[Signal, ...]],
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs (n_y,) of joints, sensors that are asked for, bodies, couplings; signals; the default."""
+    """Outputs (n_y,) of joints, sensors that are asked for, bodies, couplings, contacts; signals; the
+    default."""
     scene, symbols = r.scene, r.symbols
     entries: list[ca.SX] = []
     signals: list[Signal] = []
@@ -470,5 +484,6 @@ def measures(
         entries.append(r.back(sensor.measure(view)))
         signals += named
     default += range(len(signals), len(signals) + len(channels.signals))
-    expressions = ca.vertcat(*entries, channels.outputs, held.forces)
-    return expressions, (*signals, *channels.signals, *held.signals), tuple(default)
+    forces, named = pressed
+    expressions = ca.vertcat(*entries, channels.outputs, held.forces, forces)
+    return expressions, (*signals, *channels.signals, *held.signals, *named), tuple(default)
