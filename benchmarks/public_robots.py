@@ -97,7 +97,7 @@ def outcome(file: Path) -> Outcome:
     unit = np.sqrt(np.diag(rest.M))
     if not np.linalg.cond(rest.M / unit[:, None] / unit) < _SINGULAR:
         return Outcome(file, kind, "loaded", states, reason="M is singular up to rounding")
-    error, where = difference(model, following(rest, scene))
+    error, where = difference(model, following(rest, scene, model))
     return Outcome(file, kind, "equal" if error <= PUBLIC else "differs", states, error, where)
 
 

@@ -3,7 +3,8 @@
 At rest      M qddot + D qdot + K q = effort,      K = d (inverse dynamics) / dq
 
 Nothing of mbdlft is used, but for the positions of the scene, for the names of its inputs, and for what
-the report of a file says to be left out: contacts, tendons, couplings of joints.
+the report of a file says to be left out: contacts, tendons along paths. Couplings of joints are relations
+of the displacements.
 """
 
 import xml.etree.ElementTree as ET
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks.cases.robots import by_pinocchio
+from mbdlft import LFTModel
 from mbdlft.multibody.scene.scene import Scene
 
 _STEP = 2e-3  # rad or m, of differences of the sixth order
@@ -48,18 +50,25 @@ def efforts_of(scene: Scene) -> dict[str, list[str]]:
     }
 
 
-def following(rest: Reference, scene: Scene) -> Reference:
-    """The model of the coordinates that are left where joints of couplings follow their leaders."""
-    place = {name: k for k, name in enumerate(rest.efforts)}
-    own, G = efforts_of(scene), np.eye(len(rest.efforts))
-    followers = []
-    for coupling in scene.couplings:
-        (row,), (leader,) = ([place[name] for name in own[x]] for x in (coupling.joint, coupling.leader))
-        G[row] = float(coupling.multiplier) * G[leader]
-        followers.append(row)
-    left = np.delete(np.arange(len(G)), followers)
-    G = G[:, left]
-    labels = tuple(rest.efforts[k] for k in left)
+def following(rest: Reference, scene: Scene, model: LFTModel) -> Reference:
+    """The model of the coordinates that are states, where others follow them by rigid couplings."""
+    states = {signal.name for signal in model.states}
+    rigid = [coupling for coupling in scene.couplings if coupling.stiffness is None]
+    own = {
+        f"{j.name}.{f.effort.name}": f"{j.name}.{f.measures[0].name}"
+        for j in scene.joints
+        for f in j.freedoms
+    }
+    relations = np.zeros((len(rigid), len(rest.efforts)))
+    for row, coupling in zip(relations, rigid, strict=True):
+        for term, (joint, freedom) in zip(coupling.terms(), coupling.freedoms(scene.joints), strict=True):
+            row[rest.efforts.index(f"{joint.name}.{freedom.effort.name}")] = term.sign * float(
+                term.source
+            )
+    kept = np.array([own[name] in states for name in rest.efforts])
+    G = np.eye(len(kept))[:, kept]
+    G[~kept] = -np.linalg.solve(relations[:, ~kept], relations[:, kept])
+    labels = tuple(name for name, stays in zip(rest.efforts, kept, strict=True) if stays)
     return Reference(labels, *(G.T @ matrix @ G for matrix in (rest.M, rest.K, rest.D)))
 
 
@@ -156,11 +165,10 @@ def _only_rigid(model: Any) -> None:
 
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     model.opt.viscosity = model.opt.density = 0.0
-    for array in (model.tendon_stiffness, model.tendon_damping, model.tendon_armature):
-        array[:] = 0.0
+    spatial = model.wrap_type[model.tendon_adr] != int(mujoco.mjtWrap.mjWRAP_JOINT)
+    model.tendon_stiffness[spatial] = model.tendon_damping[spatial] = model.tendon_armature[:] = 0.0
     model.dof_dampingpoly[:] = 0.0
     model.tendon_dampingpoly[:] = 0.0
-    model.tendon_stiffnesspoly[:] = 0.0
     model.actuator_dampingpoly[:] = 0.0
     on_joints = [int(kind) for kind in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
     kinds = [int(kind) for kind in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)]

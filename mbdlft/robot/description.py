@@ -119,6 +119,21 @@ class RobotLoop(NamedTuple):
     axis: Triple | None = None  # of a revolute one, in the axes of the parent
 
 
+class RobotCoupling(NamedTuple):
+    """A linear relation of joints that turn or slide, e = c1 q1 + c2 q2 + ... - `offset`.
+
+    Rigid where `stiffness` is None: then e is 0, and the joint `held` has no other effort. Else the force
+    along it is -stiffness e - damping e_dot.
+    """
+
+    name: str
+    factors: Mapping[str, float]  # by joint
+    stiffness: float | None = None
+    damping: float = 0.0
+    offset: float = 0.0
+    held: str = ""
+
+
 class Robot(NamedTuple):
     """A robot: its links and joints by name, the ground being the parent `WORLD`."""
 
@@ -128,6 +143,7 @@ class Robot(NamedTuple):
     loads: tuple[RobotLoad, ...] = ()
     sensors: tuple[RobotSensor, ...] = ()
     loops: tuple[RobotLoop, ...] = ()
+    couplings: tuple[RobotCoupling, ...] = ()
     gravity: Triple | None = None  # m/s^2; None if the file does not say
     inputs: tuple[str, ...] | None = None  # joints and loads with actuators; None if the file has none
     rates: tuple[str, ...] = ()  # joints whose rate is measured

@@ -19,12 +19,12 @@ from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import content_of
 from mbdlft.multibody.body import Body, RigidBody
-from mbdlft.multibody.coupling import Mimic
+from mbdlft.multibody.coupling import Linear, Mimic
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.robot.description import JointLimit, Robot, body_name, said, unused
+from mbdlft.robot.description import JointLimit, Robot, RobotCoupling, body_name, said, unused
 from mbdlft.robot.make import (
     AXIAL,
     Making,
@@ -264,7 +264,7 @@ def load_robot(
         loads=[*(load_of(making, load) for load in robot.loads), *held],
         sensors=sensors(making),
         loops=loops(making),
-        couplings=_couplings(making, [*making.names.values(), *(load.name for load in held)]),
+        couplings=_couplings(making, [*making.names.values(), *(load.name for load in held)], assumed),
         inputs=inputs if inputs is not None else _inputs(making, joints),
         outputs=outputs if outputs is not None else _outputs(making, joints),
     )
@@ -281,9 +281,9 @@ def load_robot(
     return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(limits(making)))
 
 
-def _couplings(making: Making, taken: Container[str]) -> list[Mimic]:
-    """Joints that follow others, by the multipliers of the file."""
-    return [
+def _couplings(making: Making, taken: Container[str], assumed: list[str]) -> list[Mimic | Linear]:
+    """Joints that follow others, by the multipliers of the file, and tendons over those that move."""
+    mimics = [
         Mimic(
             name=unused(f"{making.names[joint.name]}_mimic", taken),
             joint=making.names[joint.name],
@@ -293,6 +293,29 @@ def _couplings(making: Making, taken: Container[str]) -> list[Mimic]:
         for joint in making.robot.joints.values()
         if joint.mimic and making.leader(joint)
     ]
+    tendons = (each for each in making.robot.couplings if len(making.moves & {*each.factors}) > 1)
+    return [*mimics, *(_tendon(making, coupling, taken, assumed) for coupling in tendons)]
+
+
+def _tendon(making: Making, coupling: RobotCoupling, taken: Container[str], assumed: list[str]) -> Linear:
+    """The relation of the joints that move; the others keep their positions.
+
+    A force at rest, which is linear in angles, is no rational function of their parameters.
+    """
+    factors = {making.names[name]: c for name, c in coupling.factors.items() if name in making.moves}
+    places = {name: making.values[f"{name}.position"] for name in coupling.factors}
+    known = {name: x for name, x in places.items() if isinstance(x, float | int)}
+    terms = {name: coupling.factors[name] * x for name, x in known.items()}
+    is_known, laws = len(terms) == len(places), dict[str, Any]()
+    if coupling.stiffness is not None:
+        force = -coupling.stiffness * (sum(terms.values()) - coupling.offset) if is_known else 0.0
+        laws = {"stiffness": coupling.stiffness, "damping": coupling.damping, "preload": force}
+        if not is_known:
+            assumed.append(f"the efforts of its joints at rest have the force of {coupling.name} in them")
+    elif is_known:
+        locked = sum(term for name, term in terms.items() if name not in making.moves)
+        laws = {"offset": coupling.offset - locked}
+    return Linear(name=unused(coupling.name.replace(".", "_"), taken), factors=factors, **laws)
 
 
 def _chosen(
@@ -389,6 +412,8 @@ def ignored_of(making: Making) -> tuple[str, ...]:
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
     limited = f"limits of effort and velocity of {len(bounded)} joints; the report has them"
     alone = (j.name for j in joints if j.mimic and j.kind in AXIAL and not making.leader(j))
+    still = (j.name for j in robot.joints.values() if j.mimic and not j.mimic.multiplier)
+    slack = (c.name for c in robot.couplings if len(making.moves & {*c.factors}) < 2)
     planar = (joint.name for joint in joints if joint.kind == "planar" and joint.damping)
     return (
         *(f"<{tag}>: {count}" for tag, count in robot.others.items()),
@@ -400,6 +425,8 @@ def ignored_of(making: Making) -> tuple[str, ...]:
             "`moving` to lock them",
             alone,
         ),
+        *said("<mimic> of {}: the multiplier is 0, so they do not move", still),
+        *said("couplings {}: fewer than two of their joints move", slack),
         *said("damping of {}: give it in the scene", planar),
     )
 

@@ -279,11 +279,11 @@ class Making:
         return leader if {joint.name, leader} <= self.moves else ""
 
     def is_passive(self, joint: RobotJoint) -> bool:
-        """Whether nothing but its spring holds the joint: it follows one, or has no drive in a loop."""
-        robot, follows = self.robot, bool(self.leader(joint))
-        return follows or bool(
-            robot.loops and robot.inputs is not None and joint.name not in robot.inputs
-        )
+        """Whether only its spring holds the joint: it follows others, or has no drive in a loop."""
+        inputs, couplings = self.robot.inputs, self.robot.couplings
+        held = (each.held for each in couplings if len(self.moves & {*each.factors}) > 1)
+        is_free = bool(self.robot.loops) and inputs is not None and joint.name not in inputs
+        return is_free or bool(self.leader(joint)) or joint.name in held
 
     def preload(self, joint: RobotJoint) -> Quantity | None:
         """The effort of a joint with one coordinate at equilibrium; None if it is to be found."""
@@ -452,8 +452,9 @@ def _is_base(joint: RobotJoint) -> bool:
 
 
 def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
-    """Names of the joints that move."""
-    able = {name: joint for name, joint in robot.joints.items() if joint.kind != "fixed"}
+    """Names of the joints that move; a joint that mimics 0 times another one does not."""
+    items = ((name, j) for name, j in robot.joints.items() if j.kind != "fixed")
+    able = {name: j for name, j in items if not (j.mimic and j.mimic.multiplier == 0.0)}
     always = frozenset(name for name, joint in able.items() if _is_base(joint))
     can = frozenset(able) - always
     if moving is None:

@@ -46,9 +46,10 @@ from mbdlft.robot.mjcf_model import (
     sensors_of,
     sites_of,
 )
+from mbdlft.robot.mjcf_tendons import couplings_of
 from mbdlft.robot.urdf import Element
 
-_EQUALITIES = ("CONNECT", "WELD", "JOINT")
+_EQUALITIES = ("CONNECT", "WELD", "JOINT", "TENDON")
 
 
 def _problems(model: Compiled) -> Iterator[str]:
@@ -61,6 +62,10 @@ def _problems(model: Compiled) -> Iterator[str]:
         yield f"joint {model.joint(joint)!r} has a nonlinear spring."
     for joint in np.flatnonzero(model.arrays.jnt_springyield > 0.0).tolist():
         yield f"joint {model.joint(joint)!r} has a spring that yields."
+    for tendon in np.flatnonzero(np.any(model.arrays.tendon_stiffnesspoly != 0.0, axis=1)).tolist():
+        yield f"tendon {model.name_of('TENDON', tendon)!r} has a nonlinear spring."
+    for tendon in np.flatnonzero(model.arrays.tendon_springyield > 0.0).tolist():
+        yield f"tendon {model.name_of('TENDON', tendon)!r} has a spring that yields."
     for joint in range(model.arrays.njnt):
         armature = model.arrays.dof_armature[model.arrays.jnt_dofadr[joint]]
         if model.kind(joint) == "floating" and armature != 0.0:
@@ -80,11 +85,6 @@ def ignored(model: Compiled) -> tuple[str, ...]:
     for count, what in (("ngeom", "shapes"), ("npair", "pairs of contacts")):
         if getattr(model.arrays, count):
             says.append(f"{getattr(model.arrays, count)} {what}: there are no contacts")
-    if tendons := range(model.arrays.ntendon):
-        keys = ("stiffness", "damping", "armature", "frictionloss")
-        forces = [key for key in keys if np.any(getattr(model.arrays, f"tendon_{key}"))]
-        also = f", with their {', '.join(forces)}" if forces else ""
-        says.append(f"tendons {_names(model, 'TENDON', tendons)}{also}")
     off = [k for k in range(model.arrays.neq) if not model.arrays.eq_active0[k]]
     says += said("equalities that do not act at first: {}", [_names(model, "EQUALITY", off)])
     if model.arrays.opt.viscosity or (model.arrays.opt.density and np.any(model.arrays.opt.wind)):
@@ -181,6 +181,7 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     links, joints = _links(model), _joints(model, positions, drives)
     sites = sites_of(model)
     loops, sides = loops_of(model)
+    couplings, tendons = couplings_of(model, positions, drives)
     for link, joint in (*sites.values(), *sides):
         links[link.name], joints[joint.name] = link, joint
     sensors, rates, unused_sensors = sensors_of(model)
@@ -197,10 +198,11 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
         loads=loads,
         sensors=sensors,
         loops=loops,
+        couplings=couplings,
         gravity=model.gravity,
         inputs=inputs or None,
         rates=rates,
-        ignored=(*ignored(model), *left_out, *unused_sensors),
+        ignored=(*ignored(model), *tendons, *left_out, *unused_sensors),
         assumed=tuple(assumed),
     )
 

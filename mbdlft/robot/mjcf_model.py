@@ -115,6 +115,13 @@ class Compiled:
         """The kind of a joint: floating, spherical, prismatic or revolute."""
         return _KINDS[self.word("mjtJoint", self.arrays.jnt_type[joint])]
 
+    def active(self, word: str) -> list[int]:
+        """The equalities of a type that act from the beginning."""
+        if self.disabled("EQUALITY"):
+            return []
+        of_type = self.arrays.eq_type == self.code("mjtEq", word)
+        return [int(k) for k in np.flatnonzero(of_type & (self.arrays.eq_active0 != 0))]
+
     def between(self, body: int) -> list[str]:
         """Names of the links without mass after each joint of a body but the last."""
         return [
@@ -241,7 +248,7 @@ def loads_of(model: Compiled, sites: Sites) -> tuple[RobotLoad, ...]:
 def mimics_of(model: Compiled) -> dict[str, Mimic]:
     """The joints that an equality couples linearly with another one, by name."""
     mimics = {}
-    for k in _active(model, "JOINT"):
+    for k in model.active("JOINT"):
         first, second = int(model.arrays.eq_obj1id[k]), int(model.arrays.eq_obj2id[k])
         constant, slope, *higher = (float(entry) for entry in model.arrays.eq_data[k][:5])
         where = f"equality {model.name_of('EQUALITY', k)!r} of joint {model.joint(first)!r}"
@@ -259,7 +266,7 @@ def loops_of(model: Compiled) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
     loops: list[RobotLoop] = []
     sides: list[Side] = []
     for word, kind in (("CONNECT", "spherical"), ("WELD", "fixed")):
-        for k in _active(model, word):
+        for k in model.active(word):
             name = unused(model.name_of("EQUALITY", k), model.joint_names)
             (a, at_a), (b, at_b), R = _ends(model, k, word)
             parent, child = (model.body(number) if number else WORLD for number in (a, b))
@@ -285,11 +292,3 @@ def _ends(model: Compiled, k: int, word: str) -> tuple[tuple[int, Array], tuple[
         return (first, data[:3]), (second, data[3:6]), np.eye(3)
     R = of_quaternion(data[6:10])
     return (first, data[3:6] + R @ data[:3]), (second, data[:3]), R
-
-
-def _active(model: Compiled, word: str) -> list[int]:
-    """The equalities of a type that act from the beginning."""
-    if model.disabled("EQUALITY"):
-        return []
-    of_type = model.arrays.eq_type == model.code("mjtEq", word)
-    return [int(k) for k in np.flatnonzero(of_type & (model.arrays.eq_active0 != 0))]

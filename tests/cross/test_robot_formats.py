@@ -71,6 +71,7 @@ FRAME = (
     "{more}<worldbody>{bodies}</worldbody>{rest}</mujoco>"
 )
 BAR = '<geom type="capsule" fromto="0 0 0 .1 .2 .4" size=".03"/>'
+TENDONS = "fixed tendons: a spring, a damper beside a slack spring, and an equality"
 CASES = {
     "a joint that an equality couples with another one": FRAME.format(
         more="",
@@ -78,6 +79,18 @@ CASES = {
         f'name="k" axis="1 0 0" stiffness="2"/>{BAR}<body name="c" pos="0 0 .3"><joint name="l" '
         f'type="slide" axis="0 0 1" armature=".3"/>{BAR}</body></body></body>',
         rest='<equality><joint joint1="k" joint2="j" polycoef=".2 -1.5 0 0 0"/></equality>',
+    ),
+    TENDONS: FRAME.format(
+        more="",
+        bodies=f'<body name="a"><joint name="j" axis="0 1 0" stiffness="9"/>{BAR}<body name="b" '
+        f'pos=".1 .2 .4"><joint name="k" axis="1 0 0" ref=".2"/>{BAR}<body name="c" pos="0 0 .3"><joint '
+        f'name="l" type="slide" axis="0 0 1" armature=".3"/>{BAR}<body name="d" pos="0 0 .3"><joint '
+        f'name="m" axis="1 1 0"/>{BAR}</body></body></body></body>',
+        rest='<tendon><fixed name="t" stiffness="3" springlength=".1"><joint joint="j" coef="2"/><joint '
+        'joint="k" coef="-1"/><joint joint="l" coef=".5"/></fixed><fixed name="u" stiffness="70" damping='
+        '".4" springlength="-1 1"><joint joint="k" coef="2"/><joint joint="m" coef="1"/></fixed><fixed '
+        'name="v"><joint joint="l" coef="2"/><joint joint="m" coef=".3"/></fixed></tendon>'
+        '<equality><tendon tendon1="v" tendon2="t" polycoef="0 .4 0 0 0"/></equality>',
     ),
     "a hinge with a spring, a reference and a rotor": FRAME.format(
         more="",
@@ -125,7 +138,8 @@ def rest_of(file: Path) -> tuple[Scene, float, str]:
     scene = Scene(**{**dict(scene), "inputs": None, "outputs": None})
     reference = by_mujoco_of(file, scene)
     assert not isinstance(reference, str), reference
-    return scene, *difference(mbdlft.to_lft(scene, search=0.0), following(reference, scene))
+    model = mbdlft.to_lft(scene, search=0.0)
+    return scene, *difference(model, following(reference, scene, model))
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -134,6 +148,32 @@ def test_mjcf_equals_mujoco(tmp_path: Path, name: str) -> None:
     file.write_text(CASES[name], encoding="utf-8")
     _, error, where = rest_of(file)
     assert error <= PUBLIC, where
+
+
+def test_tendons_pull_as_in_mujoco(tmp_path: Path) -> None:
+    """The Jacobian of the equality, and the efforts at rest beside springs."""
+    import mujoco
+
+    file = tmp_path / "robot.xml"
+    text = CASES[TENDONS].replace("</mujoco>", '<actuator><motor joint="l"/></actuator></mujoco>')
+    file.write_text(text, encoding="utf-8")
+    scene, _ = mbdlft.load_robot(file)
+    robot = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(robot)
+    mujoco.mj_forward(robot, data)
+    row = data.efc_J.reshape(data.nefc, robot.nv)[0]
+    coupling = next(each for each in scene.couplings if each.stiffness is None)
+    names = [joint.name for joint in scene.joints]
+    factors = [coupling.factors.get(name, 0.0) for name in names]
+    target(np.array(factors), row, CLOSED_FORM)
+    load = data.qfrc_bias - data.qfrc_passive
+    held = names.index("m")  # l has a drive, and m is the next one
+    model = mbdlft.to_lft(Scene(**{**dict(scene), "inputs": None, "outputs": None}), search=0.0)
+    trim = dict(zip((s.name for s in model.trim.signals), mbdlft.trim_at(model, {}), strict=True))
+    pulled = load - load[held] / row[held] * row
+    for k, joint in enumerate(scene.joints):
+        if k != held:
+            target(trim[f"{joint.name}.{joint.freedoms[0].effort.name}"], pulled[k], CLOSED_FORM)
 
 
 SHORT = (20, 24, 36)  # with free bodies, balls, slides

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbdlft import SceneError, load_robot
+from mbdlft import SceneError, load_robot, to_lft
 from tests.errors.table import refused, says
 
 NEEDS_MUJOCO = pytest.mark.skipif(find_spec("mujoco") is None, reason="MJCF needs mujoco")
@@ -29,6 +29,12 @@ MJCF = """<mujoco model="one"><worldbody>
 </worldbody></mujoco>
 """
 FREE = '<body name="f"><joint name="free" type="free" armature="1"/><geom size=".1"/></body>'
+TENDONS = (
+    '<body name="b"><joint name="k"/><geom size=".1" pos="0 0 .3"/><site name="p"/><site name="q" '
+    'pos="1 0 0"/></body></worldbody><tendon><fixed name="t" {}><joint joint="j" coef="1"/><joint joint='
+    '"k" coef="{}"/></fixed><spatial name="s"><site site="p"/><site site="q"/></spatial></tendon>'
+    '<equality><tendon name="e" tendon1="{}" polycoef="{}"/></equality>'
+)
 
 
 @pytest.fixture
@@ -96,9 +102,22 @@ DEEP.format('<model name="m"><link name="l0"/>' + "".join(f'<link name="l{k}"><p
 test_messages_of_mjcf = NEEDS_MUJOCO(
     refused(
         r"""
+> to_lft(load_robot(changed(MJCF, {}))[0]) => SceneError:
+'</worldbody>', TENDONS.format("", 1, "t", "1 0 0 0 0")
+    => coupling 'e': the declared positions … make 0 rad … the offset is 1.
 > load_robot(changed(MJCF, {})) => SceneError:
 '</mujoco>', "<equality><joint joint1='j' polycoef='0 1 2 0 0'/></equality></mujoco>"
     => equality 'equality_0' of joint 'j': expected a linear coupling of two joints
+'</worldbody>', TENDONS.format("", 1, "t", "0 1 2 0 0")
+    => equality 'e' of tendon 't': expected a linear
+'</worldbody>', TENDONS.format("", 0, "t", "0 1 0 0 0")
+    => equality 'e' of tendon 't': expected two or more joints, got j.
+'</worldbody>', TENDONS.format("", 1, "s", "0 1 0 0 0")
+    => equality 'e' of tendon 's': expected fixed tendons, got one along a path
+'</worldbody>', TENDONS.format('stiffness="2" springlength="0 1"', 1, "t", "0 0 0 0 0")
+    => tendon 't': its length 0 is the end of its range of slack lengths [0, 1], where its stiffness jumps
+'</worldbody>', TENDONS.format('stiffness="2 1"', 1, "t", "0 0 0 0 0")
+    => tendon 't' has a nonlinear spring.
 '</worldbody>', FREE + '</worldbody>' => the free joint 'free' has an armature, 1:
 'axis="0 1 0"/>', 'axis="0 1 0" stiffness="1 2"/>' => joint 'j' has a nonlinear spring.
 'size=".1"', 'size="nan"' => mujoco cannot compile it

@@ -207,6 +207,10 @@ def test_mimic_joint_follows_a_parameter(tmp_path: Path) -> None:
     assert (follows.joint, follows.leader, follows.multiplier) == ("other", "finger", 0.5)
     _, report = load_robot(file, moving=["other", "slide", "swing"])
     assert "<mimic> of other: their leaders do not move" in str(report)
+    file.write_text(file.read_text(encoding="utf-8").replace('multiplier="0.5"', 'multiplier="0"'))
+    still, report = load_robot(file)
+    assert not still.couplings
+    assert "<mimic> of other: the multiplier is 0, so they do not move" in str(report)
     wide = Parameter("grip", 0.05, 0.01, 0.19, unit="m")
     with pytest.raises(SceneError, match=r"joint 'finger'.*leave the limits"):
         load_robot(file, parameters=[wide], values={"finger.position": "grip"})

@@ -66,6 +66,47 @@ def test_tank_has_the_frequency_of_the_liquid(
             target(np.array([felt]), np.array([wanted]), CLOSED_FORM)
 
 
+@pytest.mark.parametrize("mass", [100.0, "100 [kg]", "m", "0.5*m"])
+@pytest.mark.parametrize("acceleration", [12.0, "12 [m/s^2]", "a", None])
+def test_force_of_the_liquid_is_that_of_potential_theory(
+    mass: float | str, acceleration: float | str | None
+) -> None:
+    """F = -m s^2 x (1 - share s^2/(s^2 + w^2)): Abramson, NASA SP-106 (1966), chapter 6.
+
+    Masses and accelerations are given in all ways. The share
+
+        2 R/((x^2 - 1) x h) tanh(x h/R)
+
+    and w are those of the first mode, in both analogies.
+    """
+    R, h, stage = 0.5, 0.8, 500.0
+    tank = mbdlft.slosh_tank("slosh", "stage", radius=R, height=h, mass=mass, acceleration=acceleration)
+    scene = Scene(
+        name="tank",
+        acceleration=(0, 0, "a"),
+        parameters=[
+            Parameter("a", 12.0, percent=50, unit="m/s^2"),
+            Parameter("m", 100.0, percent=20, unit="kg"),
+        ],
+        bodies=[PointMass(name="stage", mass=stage), *tank.bodies],
+        joints=[Prismatic(name="track", parent="ground", child="stage", axis=(1, 0, 0)), *tank.joints],
+        inputs=["track.force"],
+        outputs=["track.position"],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    a, m, s = 12.0, 110.0, 1.0 + 3.0j
+    if acceleration in (None, "a"):
+        a = 15.0
+    liquid = {"m": m, "0.5*m": 0.5 * m}.get(str(mass), 100.0)
+    deep = np.tanh(ZERO * h / R)
+    squared = a * ZERO / R * deep
+    share = 2.0 * R * deep / ((ZERO**2 - 1.0) * ZERO * h)
+    wanted = 1.0 / (s**2 * (stage + liquid * (1.0 - share * s**2 / (s**2 + squared))))
+    A, B, C, D = mbdlft.matrices_at(model, {"a": a, "m": m})
+    got = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+    target(got[0, 0], wanted, CLOSED_FORM)
+
+
 def test_center_of_the_liquid_is_kept() -> None:
     tank = mbdlft.slosh_tank("slosh", "stage", radius=1.5, height=2.4, mass=1000.0)
     data, (rest, _) = mbdlft.slosh_data(1.5, 2.4), tank.bodies
