@@ -455,19 +455,19 @@ def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
     """Names of the joints that move; a joint that mimics 0 times another one does not."""
     items = ((name, j) for name, j in robot.joints.items() if j.kind != "fixed")
     able = {name: j for name, j in items if not (j.mimic and j.mimic.multiplier == 0.0)}
+    if moving is None:
+        return frozenset(able)
     always = frozenset(name for name, joint in able.items() if _is_base(joint))
     can = frozenset(able) - always
-    if moving is None:
-        return can | always
     if isinstance(moving, str):
         raise SceneError(f"moving: expected a list of names of joints, got the text {moving!r}.")
     chosen = frozenset(moving)
     check_known("joint that can move", sorted(chosen), can, "moving")
     for name in sorted(can - chosen):
         if robot.joints[name].kind not in (*AXIAL, "spherical"):
+            kind = robot.joints[name].kind
             raise SceneError(
-                f"moving: the {robot.joints[name].kind} joint {name!r} cannot be locked; name it too, or "
-                "make it a fixed joint in the file."
+                f"moving: the {kind} joint {name!r} cannot be locked; name it too, or fix it in the file."
             )
     return chosen | always
 
