@@ -224,7 +224,6 @@ def _follow(
     return f"{scaled} + {offset!r}" if offset else scaled
 
 
-_BUILT_IN_PORTS = ("origin", "center_of_mass")
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 _ABOUT = {"yaw": _AXES["z"], "pitch": _AXES["y"], "roll": _AXES["x"]}
 _INERTIAS = ("actuator_inertia", "reflected_inertia")
@@ -254,7 +253,7 @@ class Making:
     def port(self, joint: str) -> str:
         """The port that a joint has on its parent, and on its child if it needs one there."""
         name = self.names[joint]
-        return f"{name}_port" if name in _BUILT_IN_PORTS else name
+        return f"{name}_port" if name in ("origin", "center_of_mass") else name
 
     def on_child(self, joint: RobotJoint) -> Vector | None:
         """The port that a joint has on its child (m); None if it is the origin of the child.
@@ -465,9 +464,9 @@ def moves_of(robot: Robot, moving: Iterable[str] | None) -> frozenset[str]:
     check_known("joint that can move", sorted(chosen), can, "moving")
     for name in sorted(can - chosen):
         if robot.joints[name].kind not in (*AXIAL, "spherical"):
-            kind = robot.joints[name].kind
             raise SceneError(
-                f"moving: the {kind} joint {name!r} cannot be locked; name it too, or fix it in the file."
+                f"moving: the {robot.joints[name].kind} joint {name!r} cannot be locked; name it too, or "
+                "make it a fixed joint in the file."
             )
     return chosen | always
 
