@@ -48,6 +48,21 @@ def test_halves_of_a_polynomial_are_within_their_errors(axis: int, seed: int) ->
             assert off <= Fraction(float(piece.error[0, power]))
 
 
+@seeds
+def test_no_gain_is_excluded_that_is_reached(seed: int) -> None:
+    """A constant p beside a constant q with an error: |p| > g (|q| + e) in fractions, or it is not told."""
+    random, told = np.random.default_rng(seed), 0
+    for _ in range(200):
+        gain, q, e = random.uniform(0.5, 2.0), random.uniform(0.5, 2.0), random.uniform(0.0, 0.1)
+        p = gain * (q + e) * (1.0 + random.integers(-60, 200) * EPS)
+        values = np.array([p, q], dtype=complex).reshape(2, 1)
+        piece = boxes.Piece(values, np.array([[0.0], [e]]), 0.0, 1.0, outputs=1)
+        if boxes.excludes(piece, gain):
+            assert Fraction(float(p)) > Fraction(gain) * (Fraction(q) + Fraction(e))
+            told += 1
+    assert told > 50
+
+
 @pytest.mark.parametrize("slope", [0.1, 0.7])
 def test_products_with_powers_are_within_their_error(slope: float) -> None:
     powers, off = characteristic._powers(12, slope)

@@ -23,7 +23,8 @@ from mbdlft import (
     verify,
     worst_case_gain,
 )
-from mbdlft.robust.ascent import peak_at
+from mbdlft.robust import stability
+from mbdlft.robust.ascent import NONE, peak_at
 from mbdlft.robust.bisect.boxes import _is_left, largest_singular
 from mbdlft.robust.bisect.characteristic import polynomials
 from mbdlft.robust.bisect.search import Asked
@@ -98,6 +99,15 @@ def test_a_cart_whose_damping_grows_alone_is_stable_until_it_is_zero() -> None:
     assert verify(cart, found) == ""
     assert verify(cart, replace(found, lower=2.5, upper=2.5))
     roundoff(found.worst["c"], 0.0, scale=1.0)
+
+
+def test_fixed_parameters_have_their_whole_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
+    """xdot = (-1 + f/2 + g/4) x is stable for |f| <= 1 and |g| < 2; no search says where it is not."""
+    unit = [Parameter(name, 0.0, low=-1.0, high=1.0) for name in "fg"]
+    system = realize([["-1 + f/2 + g/4"]], unit, states=1, inputs=[], outputs=[])
+    monkeypatch.setattr(stability, "smallest_beside", lambda *_: NONE)
+    monkeypatch.setattr(stability, "crossing_on_ray", lambda *_: NONE)
+    assert 1.0 <= robust_stability(system, fixed=["f"], work=1.0, largest=10.0).lower <= 2.0
 
 
 @pytest.mark.long
