@@ -50,7 +50,7 @@ def test_halves_of_a_polynomial_are_within_their_errors(axis: int, seed: int) ->
 
 @seeds
 def test_no_gain_is_excluded_that_is_reached(seed: int) -> None:
-    """A constant p beside a constant q with an error: |p| > g (|q| + e) in fractions, or it is not told."""
+    """A constant p beside a constant q with an error: |p| > g (|q| + e) in fractions if it is told."""
     random, told = np.random.default_rng(seed), 0
     for _ in range(200):
         gain, q, e = random.uniform(0.5, 2.0), random.uniform(0.5, 2.0), random.uniform(0.0, 0.1)

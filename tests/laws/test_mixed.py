@@ -12,6 +12,7 @@ import pytest
 import mbdlft
 from mbdlft import (
     AnalysisError,
+    Block,
     Bounds,
     ComplexBlock,
     FullBlock,
@@ -33,6 +34,7 @@ from mbdlft.robust.mu import coverage as loops
 from mbdlft.robust.mu.coverage import loop_of
 from mbdlft.robust.mu.intervals import Channels, channels_matrix, interval_around, matrix_in_balls
 from mbdlft.robust.mu.mixed import by_multipliers
+from mbdlft.robust.mu.multipliers import structure_of
 from mbdlft.robust.mu.small_delta import delta_near
 from tests.close import BOUND, MU, STABLE, roundoff, target
 from tests.laws.random_loops import blocks_system, random_system
@@ -270,6 +272,16 @@ def test_a_matrix_beside_a_pole_is_in_its_balls(seed: int) -> None:
     assert max(float(x.rad()) for x in both[0].entries()) <= 1e-20 * float(
         np.max(np.abs(middles(both[1])))
     )
+
+
+def test_sizes_of_a_gain_and_pieces_of_a_large_block() -> None:
+    """|delta| < 2 where M = 1/2; a block of 40 has 1,600 multipliers, and its pieces at most 250."""
+    unit = of_matrices(*np.array([[[-1.0]], [[1.0]], [[0.0]], [[0.5]]]), Block("d", 1))
+    size, _ = loops.largest_size(loop_of(unit, [0]), np.array([[0.5 + 0j]]), 10.0, None, 1e-3)
+    assert 2.0 * (1.0 - 1e-2) <= size <= 2.0 * (1.0 + BOUND)
+    pieces = loops._pieces([Block("d", 40)])
+    assert sum(piece.size for piece in pieces) == 40
+    assert len(structure_of(pieces).rows) <= 250
 
 
 @pytest.mark.parametrize("end", [1.7, 2.0, 2.3])
