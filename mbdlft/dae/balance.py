@@ -22,7 +22,7 @@ from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.alias import rational
 from mbdlft.dae.index import blocks_of, independent, listed
-from mbdlft.dae.newton import Found, System, follow, solve, values_of
+from mbdlft.dae.newton import Found, System, follow_all, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.exact.numbers import decimal
@@ -179,14 +179,13 @@ def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) 
     """Numbers (points, unknowns) at nominal and at other values of the parameters."""
     start, sizes = start_of(problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
-    rows: list[Array] = []
-    points = parameter_points(s.dae, POINTS)
-    for p in points:
-        at = follow(system, rows[0], (points[0], p), sizes) if rows else solve(system, start, p, sizes)
-        if not at.is_solution:
-            raise no_equilibrium(s, problem.places, at, fixed)
-        rows.append(at.values)
-    return np.array(rows)
+    points = np.array(parameter_points(s.dae, POINTS))
+    found = [solve(system, start, points[0], sizes)]
+    if found[0].is_solution:
+        found += follow_all(system, found[0].values, points[0], points[1:], sizes)
+    if not found[-1].is_solution:
+        raise no_equilibrium(s, problem.places, found[-1], fixed)
+    return np.array([at.values for at in found])
 
 
 def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:

@@ -12,7 +12,7 @@ from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.kinks import without_switches
-from mbdlft.dae.newton import System, follow
+from mbdlft.dae.newton import System, follow_all
 from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
@@ -147,12 +147,10 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     system = System(s.residual, s.symbols[free], held_symbols, sizes[held])
     nominal = np.array([at.nominal[q.name] for q in s.quantities])
     first = np.concatenate([nominal[held], parameter_points(s.dae, 1)[0]])
-    for row, q in zip(values, p, strict=True):
-        ends = first, np.concatenate([row[held], q])
-        now = follow(system, nominal[free], ends, sizes[free])
-        if not now.is_solution:
-            raise TrimError(f"{s.owner}: no equilibrium was found at a point of the parameter range.")
-        row[free] = now.values
+    followed = follow_all(system, nominal[free], first, np.hstack([values[:, held], p]), sizes[free])
+    if not all(now.is_solution for now in followed):
+        raise TrimError(f"{s.owner}: no equilibrium was found at a point of the parameter range.")
+    values[:, free] = [now.values for now in followed]
     return values
 
 

@@ -125,6 +125,25 @@ def follow(
     return follow(system, half.values, (middle, last), sizes, halvings - 1) if half.is_solution else half
 
 
+def follow_all(system: System, start: Array, first: Array, points: Array, sizes: Array) -> list[Found]:
+    """Solutions at given values (N, k) on the branch of `start`, the solution at `first` (k,).
+
+    Each is followed from the nearest one before it, as short ways need few steps. The last of them is
+    none if there is one that is none.
+    """
+    ranges = np.ptp(np.vstack([first, points]), axis=0)
+    scaled = np.divide(points - first, ranges, out=np.zeros_like(points), where=ranges > 0.0)
+    found: list[Found] = []
+    for place, last in zip(scaled, points, strict=True):
+        distances = [np.linalg.norm(place), *np.linalg.norm(scaled[: len(found)] - place, axis=1)]
+        k = int(np.argmin(distances))
+        near, values = (points[k - 1], found[k - 1].values) if k else (first, start)
+        found.append(follow(system, values, (near, last), sizes))
+        if not found[-1].is_solution:
+            break
+    return found
+
+
 def _scaled_step(J: Array, r: Array, scale: Array, sizes: Array) -> Array:
     """Newton's step (n,) over the sizes of the unknowns; not finite where the equations are not."""
     if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):

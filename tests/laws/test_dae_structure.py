@@ -9,8 +9,9 @@ from mbdlft.base import Parameter
 from mbdlft.base.errors import SceneError
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, trim
 from mbdlft.dae.linear import linearized, trimmed_points
+from mbdlft.dae.newton import System, follow_all
 from mbdlft.pipeline import linearize_dae
-from tests.close import CROSS, finite_difference, target
+from tests.close import CLOSED_FORM, CROSS, finite_difference, target
 from tests.daes import Known, coupled_inertias, differences, example_2, pendulum, random_dae, servo
 from tests.seeds import some
 
@@ -19,6 +20,15 @@ FREQUENCIES = (0.37, 1.3, 9.0)
 
 def _transfer(A, B, C, D, w):  # type: ignore[no-untyped-def]
     return C @ np.linalg.solve(1j * w * np.eye(len(A)) - A, B) + D
+
+
+def test_solutions_stay_on_the_branch_of_the_first() -> None:
+    """sin z = q from q = -0.99: Newton's first step from there to 0.99 is 14 rad long."""
+    z, q = ca.SX.sym("z"), ca.SX.sym("q")
+    ends = np.array([[0.99], [-0.5], [0.999], [0.4]])
+    start, first = np.arcsin(np.array([-0.99])), np.array([-0.99])
+    found = follow_all(System(ca.sin(z) - q, z, q), start, first, ends, np.ones(1))
+    target(np.array([at.values for at in found]), np.arcsin(ends), CLOSED_FORM)
 
 
 def _as_known(known: Known, seed: int) -> None:
