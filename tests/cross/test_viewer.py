@@ -74,7 +74,7 @@ def set_all(loaded: Loaded, values: dict[str, float]) -> None:
 
 def slide(loaded: Loaded, where: str, name: str, value: float) -> None:
     """Move the slider of this name, as a hand would."""
-    row = loaded.page.locator(f"{where} .slider", has_text=name).locator("input")
+    row = loaded.page.locator(f"{where} .slider", has_text=name).locator("input[type=range]")
     row.evaluate("(input, x) => { input.value = x; input.dispatchEvent(new Event('input')); }", value)
 
 

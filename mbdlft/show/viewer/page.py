@@ -240,7 +240,10 @@ def _finished(sheet: _Sheet, drawing: Drawing) -> str:
 
 
 _FOLDER = Path(__file__).parent / "assets"
-_SCRIPTS = ("interpret.js", "shapes.js", "world.js", "main.js")
+_SCRIPTS = (
+    "interpret.js", "numbers.js", "controls.js", "labels.js", "shapes.js", "world.js", "tools.js",
+    "main.js",
+)  # fmt: skip
 _PACKAGE, _BUNDLE = "k3d", "k3d/static/standalone.js"
 _HEIGHT = 640  # of the page in a notebook
 

@@ -3,14 +3,11 @@
 
 (function start() {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const find = (id) => document.getElementById(id);
-  const make = (tag, text = "", kind = "") => Object.assign(document.createElement(tag), { textContent: text, className: kind });
   const p = Float64Array.from(data.parameters, (parameter) => parameter.value);
   const q = new Float64Array(data.coordinates.length);
   const follow = new Set(data.loops ? data.loops.follow : []);
   const factors = Float64Array.from(data.coordinates, (one) => one.turns ? 180 / Math.PI : 1);
   let world = null, shown = -1, mode = null, loads = null, positions = [], readers = [];
-  const short = (value) => (value === 0 ? "0" : Math.abs(value) >= 1e5 || Math.abs(value) < 1e-3 ? value.toExponential(3) : String(Number(value.toPrecision(5))));
 
   function note(text) {
     const line = make("p", text, "note");
@@ -60,19 +57,6 @@
 
   // sliders ----------------------------------------------------------------------------------
 
-  function slider(where, name, unit, [low, high], value, change, title = "") {
-    const row = make("label", "", "slider"), input = make("input"), reading = make("output");
-    Object.assign(input, { type: "range", min: low, max: high, step: "any", value });
-    row.title = title;
-    row.append(make("span", name), input, reading);
-    input.addEventListener("input", () => change(Number(input.value)));
-    find(where).append(row);
-    return (now, text) => {
-      input.value = now;
-      reading.textContent = `${text ?? short(now)} ${unit === "1" ? "" : unit}`;
-    };
-  }
-
   function setParameter(k, value) {
     p[k] = value;
     trim();
@@ -81,22 +65,31 @@
   }
 
   data.parameters.forEach((parameter, k) => {
-    const said = `${parameter.low} to ${parameter.high} ${parameter.unit}, nominal ${parameter.nominal}, ${parameter.role}`;
-    const show = slider("parameters", parameter.name, parameter.unit, [parameter.low, parameter.high], p[k], (value) => setParameter(k, value), said);
-    readers.push(() => show(p[k]));
+    const { name, unit, low, high, nominal, role } = parameter;
+    const title = `${spelled(low, unit)} to ${spelled(high, unit)}, nominal ${spelled(nominal, unit)}, ${role}`;
+    const show = sliderRow("parameters", name, unit, [low, high], (value) => setParameter(k, value), { title });
+    readers.push(() => show(p[k], p[k]));
   });
   if (!data.parameters.length) find("parameters").append(make("p", "none"));
 
   data.coordinates.forEach((one, k) => {
     if (follow.has(k)) return;
     const unit = one.turns && !one.elastic ? "deg" : one.unit, factor = one.elastic ? 1 : factors[k];
-    const reach = one.elastic ? 0.1 * data.size : one.reach;
-    const show = slider(one.elastic ? "deformations" : "positions", one.name, unit, [-reach, reach], 0, (value) => {
+    const reach = one.elastic ? 0.1 * data.size : one.reach, origin = () => (one.placed ? positions[k] : 0);
+    const title = `up to ${spelled(factor * reach, unit)} to either side of the equilibrium`;
+    const show = sliderRow(one.elastic ? "deformations" : "positions", one.name, unit, [-reach, reach], (value) => {
       stop();
       q[k] = value;
       update();
-    }, "displacement from the equilibrium");
-    readers.push(() => show(q[k], short(factor * (q[k] + (one.placed ? positions[k] : 0)))));
+    }, { title, toSlider: (value) => value / factor - origin() });
+    readers.push(() => show(q[k], factor * (q[k] + origin())));
+  });
+  const sliders = roving(find("sliders"), 'input[type="range"]', "ArrowUp", "ArrowDown");
+  find("skip").addEventListener("click", (event) => {
+    event.preventDefault();
+    find("parameters").closest("details").open = true;
+    sliders();
+    (find("sliders").querySelector('input[tabindex="0"]') ?? find("reset")).focus();
   });
   find("elastic").hidden = !data.coordinates.some((one) => one.elastic);
 
@@ -116,13 +109,14 @@
   function pick(number) {
     const item = data.items[number], info = find("info");
     buttons.forEach((button, k) => button.classList.toggle("picked", k === number));
-    buttons[number].scrollIntoView({ block: "nearest" });
+    if (buttons[number].checkVisibility()) buttons[number].scrollIntoView({ block: "nearest" });
+    find("panel").scrollTop = find("panel").contains(document.activeElement) ? find("panel").scrollTop : 0;
     if (world) world.highlight(number);
     info.replaceChildren(make("h2", `${item.name} (${item.kind})`));
     item.lines.filter((line) => line).forEach((line) => info.append(make("p", line)));
     if (loads) {
       const own = data.trim.efforts.flatMap((effort, k) => effort.name.startsWith(`${item.name}.`) ? [[effort, loads.u[k]]] : []);
-      own.forEach(([effort, value]) => info.append(make("p", `at equilibrium: ${effort.name} = ${short(value)} ${effort.unit}`)));
+      own.forEach(([effort, value]) => info.append(make("p", `at equilibrium: ${effort.name} = ${spelled(value, effort.unit)}`)));
     }
   }
   const groups = new Map();
@@ -135,11 +129,15 @@
       groups.set(item.group, folder);
     }
     const button = make("button", item.name);
+    button.type = "button";
     button.append(make("small", ` ${item.kind}`));
     button.addEventListener("click", () => pick(number));
     groups.get(item.group).append(button);
     buttons.push(button);
   });
+  roving(find("tree"), "button", "ArrowUp", "ArrowDown");
+
+  const modes = roving(find("rows"), "button", "ArrowUp", "ArrowDown");
 
   // modes ------------------------------------------------------------------------------------
 
@@ -154,7 +152,7 @@
       find("modes").hidden = true;
       return;
     }
-    const at = data.modes[best].point.map((value, k) => `${data.parameters[k].name} = ${short(value)} ${data.parameters[k].unit}`).join(", ");
+    const at = data.modes[best].point.map((value, k) => `${data.parameters[k].name} = ${spelled(value, data.parameters[k].unit)}`).join(", ");
     find("sample").textContent = least < 1e-12 ? "Exactly at these values of the parameters." : `Not at these values: at the nearest of ${data.modes.length} samples, ${at}.`;
     find("there").hidden = least < 1e-12;
     if (best !== shown) list(best);
@@ -166,12 +164,17 @@
     rows.replaceChildren();
     data.modes[best].modes.forEach((one, k) => {
       const size = Math.hypot(one.real, one.imag), row = make("tr"), swings = one.imag > 0;
-      row.append(make("td", String(k + 1)), make("td", short(size)), make("td", swings ? short(size / (2 * Math.PI)) : "-"), make("td", size > 0 ? short(-one.real / size) : "-"));
+      const cell = make("td"), button = Object.assign(make("button", String(k + 1)), { type: "button" });
+      button.setAttribute("aria-label", `mode ${k + 1}, ${short(size)} rad/s`);
+      button.setAttribute("aria-pressed", "false");
+      cell.append(button);
+      row.append(cell, make("td", short(size)), make("td", swings ? short(size / (2 * Math.PI)) : "-"), make("td", size > 0 ? short(-one.real / size) : "-"));
       if (one.real > 1e-9 * size) row.classList.add("unstable");
       row.addEventListener("click", () => mode === one ? (stop(), update()) : animate(one, row));
       rows.append(row);
     });
     if (mode) stop();
+    modes();
   }
 
   find("there").addEventListener("click", () => {
@@ -181,9 +184,14 @@
     update();
   });
 
+  function mark(row, on) {
+    row.classList.toggle("picked", on);
+    row.querySelector("button").setAttribute("aria-pressed", on);
+  }
+
   function stop() {
     mode = null;
-    find("rows").querySelectorAll("tr").forEach((row) => row.classList.remove("picked"));
+    find("rows").querySelectorAll("tr").forEach((row) => mark(row, false));
     find("moving").textContent = "";
   }
 
@@ -210,7 +218,7 @@
     stop();
     const amount = amplitude(one);
     mode = one;
-    row.classList.add("picked");
+    mark(row, true);
     const size = Math.hypot(one.real, one.imag);
     const grows = one.real > 1e-9 * size ? `, grows with ${short(one.real)} rad/s` : one.real < -1e-9 * size ? `, decays with ${short(-one.real)} rad/s` : ", no damping";
     find("moving").textContent = (one.imag > 0 ? `${short(size)} rad/s, damping ${short(-one.real / size)}` : "does not swing; its shape is shown") + `${grows}. Shown at 0.5 Hz, of a size that can be seen.`;
@@ -229,26 +237,23 @@
     world = makeWorld(window.viewerLibrary.ThreeJsProvider.THREE, data, find("picture"), pick);
   } catch (error) {
     note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
-    find("layers").hidden = find("views").hidden = true;
+    find("shown").hidden = find("tools").hidden = true;
   }
   const hidden = new Set(["frames"]);
-  ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "names"].forEach((layer) => {
+  ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "grid", "names"].forEach((layer) => {
     if (layer === "meshes" && !data.items.some((item) => item.shapes.some((shape) => shape.layer === layer))) return;
-    const row = make("label", "", "layer"), box = make("input");
+    const row = make("label", "", "layer"), box = make("input"), text = { equilibrium: "loads at equilibrium", ground: "ground and gravity" }[layer] ?? layer;
     Object.assign(box, { type: "checkbox", checked: !hidden.has(layer) });
     box.addEventListener("change", () => { world.layer(layer, box.checked); place(); });
-    row.append(box, make("span", { equilibrium: "loads at equilibrium", ground: "ground and gravity" }[layer] ?? layer));
+    row.append(box, make("span", text + (layer === "grid" && world ? ` of ${spelled(world.cell, "m")}` : "")));
     find("layers").append(row);
     if (world) world.layer(layer, box.checked);
   });
-  [["iso", 0.9, 0.35], ["x", 0, 0], ["y", Math.PI / 2, 0], ["top", -Math.PI / 2, 1.5]].forEach(([name, azimuth, height]) => {
-    const button = make("button", name);
-    button.addEventListener("click", () => { world.view.look(azimuth, height); world.fit(); });
-    find("views").append(button);
-  });
+  if (world) toolBar(world, data.name);
   trim();
   nearest();
   update();
+  sliders();
   if (world) world.fit();
 
   /* What scripts and tests may ask for. */

@@ -3,9 +3,15 @@
 
 const COLORS = {
   turn: 0x1f5fbf, slide: 0x1f5fbf, joint: 0x30343b, force: 0xd9622b, torque: 0xb0307a, sensor: 0x1a8f5a,
-  port: 0x555b66, mass: 0x222222, gravity: 0x7a4fc0, acceleration: 0x7a4fc0, spring: 0x8a8f98,
+  port: 0x555b66, mass: 0x222222, gravity: 0x7a4fc0, acceleration: 0x7a4fc0, spring: 0x444a55,
   bodies: [0x6f9bd1, 0xe0a458, 0x7fb77e, 0xc98bb9, 0x9aa5b1, 0xd98880, 0x73b3b0, 0xb7a16a],
 };
+
+/* What has the color of ink on paper, dark and in dark mode light; `paintInk` colors it again. */
+const INK = [];
+function paintInk(dark) {
+  INK.forEach(({ material, color }) => material.color.setHex(dark ? { [COLORS.mass]: 0x15181d }[color] ?? 0xaab1be : color));
+}
 
 /** Makes the objects of shapes for a scene of this size; `T` is the library three.js. */
 function shapeMaker(T, size) {
@@ -13,7 +19,11 @@ function shapeMaker(T, size) {
   const cylinder = new T.CylinderGeometry(1, 1, 1, 14), cone = new T.ConeGeometry(1, 1, 18);
   const sphere = new T.SphereGeometry(1, 18, 12), cube = new T.BoxGeometry(2, 2, 2);
   const ring = new T.TorusGeometry(1, 0.07, 8, 36, 1.6 * Math.PI);
-  const paint = (color, more = {}) => new T.MeshStandardMaterial({ color, roughness: 0.7, ...more });
+  const paint = (color, more = {}) => {
+    const material = new T.MeshStandardMaterial({ color, roughness: 0.7, ...more });
+    if ([COLORS.joint, COLORS.port, COLORS.spring, COLORS.mass].includes(color)) INK.push({ material, color });
+    return material;
+  };
   const mesh = (geometry, material) => new T.Mesh(geometry, material);
   const ball = (material, radius) => {
     const found = mesh(sphere, material);
@@ -211,7 +221,8 @@ function shapeMaker(T, size) {
       const geometry = new T.BufferGeometry(), turns = 12, count = 20 * turns;
       const places = new Float32Array(3 * (count + 1));
       geometry.setAttribute("position", new T.BufferAttribute(places, 3));
-      const found = new T.Line(geometry, new T.LineBasicMaterial({ color: 0x444a55 }));
+      const found = new T.Line(geometry, new T.LineBasicMaterial({ color: COLORS.spring }));
+      INK.push({ material: found.material, color: COLORS.spring });
       found.frustumCulled = false;
       found.update = (v) => {
         const [a, b] = shape.points.map(v), along = new T.Vector3().subVectors(b, a);

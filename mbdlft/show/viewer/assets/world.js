@@ -1,7 +1,7 @@
 "use strict";
 /* The picture: light, camera, the objects of all items, and what is picked with the mouse. */
 
-/** A camera that turns about a point: left button turns, right button or shift moves, the wheel zooms. */
+/** A camera that turns about a point: left button turns, right button or shift moves, wheel and two fingers zoom; arrow keys, + and -, too. */
 function orbit(T, camera, canvas, size, up, changed) {
   const target = new T.Vector3(), state = { azimuth: 0.9, height: 0.35, distance: 2.2 * size };
   const turn = new T.Quaternion().setFromUnitVectors(new T.Vector3(0, 0, 1), up);
@@ -17,32 +17,55 @@ function orbit(T, camera, canvas, size, up, changed) {
     camera.updateProjectionMatrix();
     changed();
   }
-  let last = null, way = 0;
+  const fingers = new Map();
+  let way = 0;
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("pointerdown", (event) => {
-    last = [event.clientX, event.clientY];
-    way = 0;
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    if (fingers.size === 1) way = 0;
     canvas.setPointerCapture(event.pointerId);
   });
-  canvas.addEventListener("pointerup", () => { last = null; });
-  canvas.addEventListener("pointermove", (event) => {
-    if (!last) return;
-    const dx = event.clientX - last[0], dy = event.clientY - last[1];
-    last = [event.clientX, event.clientY];
-    way += Math.abs(dx) + Math.abs(dy);
-    if (event.buttons & 2 || event.shiftKey) {
-      const scale = state.distance / canvas.clientHeight, right = new T.Vector3().setFromMatrixColumn(camera.matrix, 0);
-      target.addScaledVector(right, -dx * scale).addScaledVector(new T.Vector3().setFromMatrixColumn(camera.matrix, 1), dy * scale);
-    } else {
-      state.azimuth -= 0.008 * dx;
-      state.height = Math.max(-1.5, Math.min(1.5, state.height + 0.008 * dy));
-    }
+  ["pointerup", "pointercancel"].forEach((kind) => canvas.addEventListener(kind, (event) => fingers.delete(event.pointerId)));
+  const span = () => {
+    const [a, b] = [...fingers.values()];
+    return Math.hypot(a[0] - b[0], a[1] - b[1]) || 1;
+  };
+  function zoom(amount) {
+    state.distance *= Math.exp(amount);
     apply();
+  }
+  function shift(dx, dy) {
+    const scale = state.distance / canvas.clientHeight, [right, above] = [0, 1].map((k) => new T.Vector3().setFromMatrixColumn(camera.matrix, k));
+    target.addScaledVector(right, -dx * scale).addScaledVector(above, dy * scale);
+    apply();
+  }
+  function rotate(dx, dy) {
+    state.azimuth -= 0.008 * dx;
+    state.height = Math.max(-1.5, Math.min(1.5, state.height + 0.008 * dy));
+    apply();
+  }
+  canvas.addEventListener("pointermove", (event) => {
+    const last = fingers.get(event.pointerId);
+    if (!last) return;
+    const dx = event.clientX - last[0], dy = event.clientY - last[1], before = fingers.size === 2 && span();
+    fingers.set(event.pointerId, [event.clientX, event.clientY]);
+    way += Math.abs(dx) + Math.abs(dy);
+    if (before) {
+      shift(dx / 2, dy / 2);
+      zoom(Math.log(before / span()));
+    } else if (event.buttons & 2 || event.shiftKey) shift(dx, dy);
+    else rotate(dx, dy);
+  });
+  canvas.addEventListener("keydown", (event) => {
+    const way = { ArrowLeft: [20, 0], ArrowRight: [-20, 0], ArrowUp: [0, 20], ArrowDown: [0, -20] }[event.key];
+    if (way) (event.shiftKey ? shift : rotate)(...way);
+    else if (event.key === "+" || event.key === "-") zoom(event.key === "+" ? -0.1 : 0.1);
+    else return;
+    event.preventDefault();
   });
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
-    state.distance *= Math.exp(0.001 * Math.max(-200, Math.min(200, event.deltaY)));
-    apply();
+    zoom(0.001 * Math.max(-200, Math.min(200, event.deltaY)));
   }, { passive: false });
   return {
     moved: () => way > 4,
@@ -62,34 +85,85 @@ function orbit(T, camera, canvas, size, up, changed) {
   };
 }
 
+/** Lines on the ground through the origin, whose `cell` is a round number of meters. */
+function gridOf(T, size, up) {
+  const power = 10 ** Math.floor(Math.log10(size / 4)), cell = [5, 2, 1].find((one) => one * power <= size / 4) * power;
+  const count = 2 * Math.ceil(0.75 * size / cell) + 2, grid = new T.GridHelper(count * cell, count);
+  Object.assign(grid.material, { vertexColors: false, transparent: true, opacity: 0.5 });
+  grid.quaternion.setFromUnitVectors(new T.Vector3(0, 1, 0), up);
+  return Object.assign(grid, { cell });
+}
+
+/** A line between the two drawn points that were clicked last, and what is told of it. */
+function ruler(T, { points, pixel, canvas, at, tell, draw }) {
+  const chosen = [], geometry = new T.BufferGeometry(), line = new T.Line(geometry, new T.LineBasicMaterial({ color: 0xff8800, depthTest: false }));
+  line.frustumCulled = false;
+  function update() {
+    geometry.setFromPoints(chosen.map(at));
+    if (chosen.length < 2) return;
+    const between = at(chosen[1]).clone().sub(at(chosen[0]));
+    tell(`${spelled(between.length(), "m")}; along x, y, z: ${between.toArray().map((part) => spelled(Math.abs(part) < 1e-12 * between.length() ? 0 : part, "m")).join(", ")}`);
+  }
+  return {
+    line, update,
+    click(event) {
+      const box = canvas.getBoundingClientRect(), far = (k) => {
+        const place = pixel(at(k));
+        return place ? Math.hypot(place[0] - event.clientX + box.left, place[1] - event.clientY + box.top) : Infinity;
+      };
+      const nearest = points.reduce((best, k) => (far(k) < far(best) ? k : best), points[0]);
+      if (chosen.length === 2) chosen.length = 0;
+      chosen.push(nearest);
+      if (chosen.length === 1) tell("And the second point.");
+      update();
+      draw();
+    },
+  };
+}
+
 /** The drawn scene; `show(v, loads)` moves it. Throws an error where the browser has no WebGL. */
 function makeWorld(T, data, host, picked) {
   const renderer = new T.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
-  const scene = new T.Scene(), camera = new T.PerspectiveCamera(35, 1, 0.1, 100), labels = [];
+  const scene = new T.Scene(), camera = new T.PerspectiveCamera(35, 1, 0.1, 100);
   const make = shapeMaker(T, data.size), layers = new Map(), objects = [], frames = new Map();
-  const overlay = document.createElement("div");
-  overlay.className = "labels";
-  scene.background = new T.Color(0xffffff);
+  const canvas = renderer.domElement;
+  canvas.tabIndex = 0;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `${data.name} in space; arrow keys turn it, plus and minus zoom`);
   scene.add(new T.HemisphereLight(0xffffff, 0x9aa0aa, 1.5));
   const lamp = new T.DirectionalLight(0xffffff, 1.1);
   scene.add(lamp);
-  host.append(renderer.domElement, overlay);
+  host.append(canvas);
+  const names = labelLayer(host), project = new T.Vector3();
   let queued = false;
   function render() {
     queued = false;
     lamp.position.copy(camera.position);
     renderer.render(scene, camera);
-    for (const { element, at, layer } of labels) {
-      const place = at().clone().project(camera);
-      const seen = place.z < 1 && Math.abs(place.x) < 1 && Math.abs(place.y) < 1 && layers.get("names") && layers.get(layer);
-      element.style.display = seen ? "" : "none";
-      element.style.left = `${50 + 50 * place.x}%`;
-      element.style.top = `${50 - 50 * place.y}%`;
-    }
+    const [origin, ...boxes] = [host, ...document.querySelectorAll("#tools button, #said, .note")].map((one) => one.getBoundingClientRect());
+    const moved = boxes.map(({ left, top, right, bottom }) => ({ left: left - origin.left, top: top - origin.top, right: right - origin.left, bottom: bottom - origin.top }));
+    names.draw(host.clientWidth, host.clientHeight, moved);
+  }
+  /** Where a point is in the picture (pixels), or null outside of it. */
+  function pixel(point) {
+    const { x, y, z } = project.copy(point).project(camera);
+    return z < 1 && Math.abs(x) < 1 && Math.abs(y) < 1 ? [(0.5 + 0.5 * x) * host.clientWidth, (0.5 - 0.5 * y) * host.clientHeight] : null;
+  }
+  /** Draws picture and names on a canvas, which gets the size of the picture. */
+  function compose(sheet) {
+    render();
+    if (sheet.width !== canvas.width || sheet.height !== canvas.height) Object.assign(sheet, { width: canvas.width, height: canvas.height });
+    const context = sheet.getContext("2d");
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(canvas, 0, 0);
+    context.scale(window.devicePixelRatio, window.devicePixelRatio);
+    names.paint(context);
   }
   const draw = () => { if (!queued) { queued = true; requestAnimationFrame(render); } };
-  const up = new T.Vector3(...data.up), view = orbit(T, camera, renderer.domElement, data.size, up, draw);
-  const points = [], boxes = [];
+  const up = new T.Vector3(...data.up), view = orbit(T, camera, canvas, data.size, up, draw);
+  const points = [], boxes = [], dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const grid = gridOf(T, data.size, up);
+  scene.add(grid);
   let v = () => new T.Vector3();
   data.items.forEach((item, number) => {
     const color = COLORS.bodies[number % COLORS.bodies.length];
@@ -109,13 +183,17 @@ function makeWorld(T, data, host, picked) {
     item.shapes.filter((shape) => shape.label).forEach((shape) => label(shape.label, [shape.at], "ports", "port"));
   });
   function label(text, numbers, layer, kind) {
-    const element = document.createElement("span"), middle = kind === "bodies" && numbers.length > 1;
-    element.textContent = text;
-    element.className = kind;
-    overlay.append(element);
+    const middle = kind === "bodies" && numbers.length > 1;
     const at = () => middle ? v(numbers[0]).clone().add(v(numbers[numbers.length - 1])).multiplyScalar(0.5) : v(numbers[0]);
-    labels.push({ element, at, layer });
+    names.add(text, kind, () => (layers.get("names") && layers.get(layer) ? pixel(at()) : null));
   }
+  function theme() {
+    scene.background = new T.Color(getComputedStyle(document.documentElement).getPropertyValue("--paper"));
+    grid.material.color.setHex(dark.matches ? 0x4a5260 : 0xbcc3cd);
+    paintInk(dark.matches);
+    draw();
+  }
+  dark.addEventListener("change", theme);
   function cornersOf(shape) {
     const [r, ...axes] = shape.at.map(v), { extent } = shape.geometry;
     return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => axes.reduce((at, axis, i) => at.addScaledVector(axis, extent[(k >> i) & 1][i]), r.clone()));
@@ -126,9 +204,11 @@ function makeWorld(T, data, host, picked) {
     part.material.color.setHex(on ? 0xff8800 : part.userData.color);
   });
   const ray = new T.Raycaster();
-  renderer.domElement.addEventListener("click", (event) => {
+  let measuring = null;
+  canvas.addEventListener("click", (event) => {
     if (view.moved()) return;
-    const box = renderer.domElement.getBoundingClientRect();
+    if (measuring) { measuring.click(event); return; }
+    const box = canvas.getBoundingClientRect();
     const at = new T.Vector2(2 * (event.clientX - box.left) / box.width - 1, 1 - 2 * (event.clientY - box.top) / box.height);
     ray.setFromCamera(at, camera);
     let [hit] = ray.intersectObjects(objects.filter((object) => object.visible), true);
@@ -142,13 +222,22 @@ function makeWorld(T, data, host, picked) {
     renderer.setPixelRatio(window.devicePixelRatio);
     renderer.setSize(wide, high);
     camera.aspect = wide / high;
-    camera.updateProjectionMatrix();
+    view.fit([...points.map(v), ...boxes.flatMap(cornersOf)], 0.25 * data.size);
     render();
   }).observe(host);
+  theme();
   return {
-    points, layers, view, render,
+    points, layers, view, render, compose, cell: grid.cell,
+    /** Distances between points that are clicked, which `tell(text)` gets, or an end of that. */
+    measure(on, tell) {
+      if (measuring) scene.remove(measuring.line);
+      measuring = on ? ruler(T, { points, pixel, canvas, at: (k) => v(k), tell, draw }) : null;
+      if (measuring) scene.add(measuring.line);
+      draw();
+    },
     layer(name, visible) {
       layers.set(name, visible);
+      if (name === "grid") grid.visible = visible;
       objects.forEach((object) => { object.visible = layers.get(object.userData.layer) !== false; });
       draw();
     },
@@ -160,9 +249,11 @@ function makeWorld(T, data, host, picked) {
     show(vectors, loads) {
       v = (k) => new T.Vector3(vectors[3 * k], vectors[3 * k + 1], vectors[3 * k + 2]);
       objects.forEach((object) => object.update(v, loads));
+      if (measuring) measuring.update();
       draw();
     },
     fit() {
+      names.forget();
       view.fit([...points.map(v), ...boxes.flatMap(cornersOf)], 0.25 * data.size);
     },
     box(name) { /* of the shapes of a body: the least and the largest corner, in space */

@@ -1,0 +1,122 @@
+"""Pages of scenes on screens of two widths, light and dark: nothing is covered or cut, keys reach all."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import mbdlft
+from tests.browser import Loaded, browser
+from tests.close import PAGE, target
+from tests.cross.test_viewer import ELASTIC, OTHERS, RIGID, scene_called
+
+SIZES = {"wide": (1280, 800), "phone": (390, 844)}
+_TABS = 5  # from the top of the page to the sliders
+# names in the picture that are seen, what lies over the picture, and texts that are wider than their room
+COVERED = """() => {
+  const box = (one) => { const b = one.getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]; };
+  const seen = (all) => [...document.querySelectorAll(all)].filter((one) => one.checkVisibility());
+  const names = seen(".labels span").map((one) => [one.textContent, ...box(one)]);
+  const others = seen("#tools button, #said, .note").filter((one) => one.textContent).map((one) => [one.textContent, ...box(one)]);
+  const apart = ([, a, b, c, d], [, e, f, g, h]) => a >= g || e >= c || b >= h || f >= d;
+  const over = names.flatMap((one, k) => [...names.slice(k + 1), ...others].filter((other) => !apart(one, other)).map((other) => [one[0], other[0]]));
+  const cut = seen("#panel *, #tools button").filter((one) => one.scrollWidth > one.clientWidth + 1 && one.clientWidth && one.matches("input, span, td, th, p, button, summary, h1, div"));
+  const beyond = document.documentElement.scrollWidth > window.innerWidth;
+  return { count: names.length, over, cut: cut.map((one) => one.id || one.value || one.textContent), beyond };
+}"""  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def load() -> Iterator[Callable[..., Loaded]]:
+    with browser() as load:
+        yield load
+
+
+def tabbed(loaded: Loaded, count: int) -> list[str]:
+    """The roles of what has the focus after each of so many tabs."""
+    reached = []
+    for _ in range(count):
+        loaded.page.keyboard.press("Tab")
+        reached.append(loaded.run("() => document.activeElement.type ?? document.activeElement.tagName"))
+    return reached
+
+
+def check_keys(loaded: Loaded) -> None:
+    """Within five tabs there is a slider; arrows lead from it to all that are open; all have names."""
+    sliders: Any = loaded.page.get_by_role("slider")
+    if not sliders.count():
+        return
+    assert "range" in tabbed(loaded, _TABS)
+    loaded.run("() => document.activeElement.blur()")
+    loaded.page.locator("#skip").focus()
+    loaded.page.keyboard.press("Enter")
+    reached = set()
+    for _ in range(sliders.count()):
+        reached.add(loaded.run("() => document.activeElement.ariaLabel"))
+        loaded.page.keyboard.press("ArrowDown")
+    assert len(reached) == sliders.count()
+    for name in reached:
+        assert loaded.page.get_by_role("slider", name=name, exact=True).count() == 1
+        assert loaded.page.get_by_role("textbox", name=f"{name}, number", exact=True).count() == 1
+
+
+def check_layout(load: Callable[..., Loaded], file: Path, size: str, scheme: str) -> None:
+    loaded = load(file)
+    loaded.page.emulate_media(color_scheme=scheme)
+    loaded.page.set_viewport_size(dict(zip(("width", "height"), SIZES[size], strict=True)))
+    for look in ("mbdlft.look(0.9, 0.35)", "mbdlft.look(0, 0)", "mbdlft.look(-1.57, 1.5)"):
+        loaded.run(f"() => {{ {look}; mbdlft.drawn(); }}")
+        measured = loaded.run(COVERED)
+        assert measured["count"] > 0
+        assert measured["over"] == []
+        assert measured["cut"] == []
+        assert not measured["beyond"]
+    check_keys(loaded)
+    assert loaded.complaints == []
+    loaded.page.close()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", RIGID + ELASTIC + OTHERS)
+def test_layouts_of_all_scenarios(name: str, load: Callable[..., Loaded], tmp_path: Path) -> None:
+    file = mbdlft.view(scene_called(name)).save(tmp_path / "page.html")
+    for size in SIZES:
+        for scheme in ("light", "dark"):
+            check_layout(load, file, size, scheme)
+
+
+def test_a_page_on_a_phone(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    """Many names on little room; keys; a film; a number that is typed."""
+    file = mbdlft.view(scene_called("four_bar")).save(tmp_path / "page.html")
+    check_layout(load, file, "phone", "dark")
+    loaded = load(file)
+    field: Any = loaded.page.get_by_role("textbox", name="k, number")
+    for typed, expected in (("430", "430"), ("5000", "430"), ("0,41e3", "410")):
+        field.focus()
+        field.fill(typed)
+        loaded.page.keyboard.press("Enter")
+        if expected != "430" or typed == "430":
+            assert field.input_value() == expected
+        else:  # out of range: said, and the value stays
+            assert field.get_attribute("aria-invalid") == "true"
+            loaded.page.keyboard.press("Escape")
+            assert field.input_value() == "430"
+    loaded.page.close()
+
+
+def test_numbers_have_units_of_their_size(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    file = mbdlft.view(scene_called("pendulum")).save(tmp_path / "page.html")
+    loaded = load(file)
+    spelled = {
+        (2e7, "N/m"): "20 MN/m", (3e-4, "kg m^2"): "3·10⁻⁴ kg m²", (0.0, "N"): "0 N",
+        (-1.5e4, "N m/rad"): "-15 kN m/rad",
+        (999999.99999, "Pa"): "1 MPa", (5.0, "1"): "5",
+        (2.5e-5, "m^4"): "2.5·10⁻⁵ m⁴", (4e-5, "m"): "40 µm", (120.0, "deg"): "120 deg",
+    }  # fmt: skip
+    for (value, unit), text in spelled.items():
+        assert loaded.run("([value, unit]) => spelled(value, unit)", [value, unit]) == text
+    for text, value in (("3·10⁻⁴", 3e-4), ("2,5", 2.5), ("−7", -7.0), ("1e3", 1e3)):
+        target(loaded.run("(text) => numberOf(text)", text), value, PAGE)
+    assert loaded.run("() => Number.isNaN(numberOf('')) && Number.isNaN(numberOf('x'))")
+    assert loaded.complaints == []
