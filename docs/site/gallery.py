@@ -45,10 +45,11 @@ _GROUPS = {
     "Machines on the ground": [
         "pendulum", "double_pendulum_hanging", "double_pendulum_inverted", "two_link_arm", "sagging_arm",
         "four_bar", "half_car", "crane", "tower_crane", "belt_gantry", "differential_wrist", "gimbal",
-        "bicycle", "rolling_disk", "segway", "diff_drive", "ball_turntable", "ur5", "desk_arm",
+        "bicycle", "motorcycle", "wheelset", "rolling_disk", "segway", "diff_drive", "ball_turntable",
+        "ur5", "desk_arm",
         "flexible_manipulator", "piezo_beam",
     ],
-    "Aircraft, launchers, balloons": ["balloon_gondola", "launcher_slosh", "launcher_bending"],
+    "Aircraft, launchers, balloons": ["balloon_gondola", "launcher_slosh", "launcher_bending", "lander"],
     "Satellites": [
         "solar_arrays", "rotatory_spacecraft", "spinning_satellite", "control_moment_gyros",
         "mast_observatory",

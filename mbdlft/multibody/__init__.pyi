@@ -27,9 +27,12 @@ from .equilibrium import eigenvalues_at as eigenvalues_at
 from .equilibrium import find_equilibrium as find_equilibrium
 from .equilibrium import fit_positions as fit_positions
 from .force import Buoyancy as Buoyancy
+from .force import Creep as Creep
 from .force import Force as Force
 from .force import Spring as Spring
 from .force import Strut as Strut
+from .force import Support as Support
+from .force import Tire as Tire
 from .force import Torque as Torque
 from .joint import Cylindrical as Cylindrical
 from .joint import Fixed as Fixed

@@ -17,20 +17,20 @@ with the side s = n x h, 0 = s . c' - (V . h) n . th (Neimark, Fufaev, Dynamics 
 """
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self, final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import model_validator
+from pydantic import InstanceOf, model_validator
 
 from mbdlft.base.description import Axis, Description, Direction, Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.force import BodyWrench
+from mbdlft.multibody.force import BodyWrench, Load, Tire
 from mbdlft.multibody.joint.kinds import plane
-from mbdlft.multibody.spatial import Space, move_wrench
+from mbdlft.multibody.spatial import Space, in_scene, move_wrench
 from mbdlft.problem.sx.constants import unit_vector
 
 
@@ -138,21 +138,13 @@ class Rolling(Contact):
 
     def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
         normal = unit_vector(self.normal)
-        body, small = self._in_scene(space, order)
+        body, moved, turned = in_scene(space, self.port, order)
         if order == 0:
-            return ca.dot(normal, small[:, 0]), ca.SX(0, 1)
-        _, before = self._in_scene(space, order - 1)
-        steady = self._steady(values, space, body)
-        turning = small[:, 1] + ca.cross(before[:, 1], steady)
-        slip = small[:, 0] - values["radius"] * ca.cross(turning, normal)
-        return ca.dot(normal, small[:, 0]), ca.vertcat(*(ca.dot(t, slip) for t in self.tangents))
-
-    def _in_scene(self, space: Space, order: int) -> tuple[str, ca.SX]:
-        """The body, and displacement and rotation (3, 2) of one order in the axes of the scene."""
-        body, small = space.small(self.port, order)
-        return body, ca.horzcat(
-            *(space.across(v, body, "ground") for v in (small.displacement, small.rotation))
-        )
+            return ca.dot(normal, moved), ca.SX(0, 1)
+        before = in_scene(space, self.port, order - 1)[2]
+        turning = turned + ca.cross(before, self._steady(values, space, body))
+        slip = moved - values["radius"] * ca.cross(turning, normal)
+        return ca.dot(normal, moved), ca.vertcat(*(ca.dot(t, slip) for t in self.tangents))
 
     def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
         body, _ = space.port(self.port)
@@ -215,6 +207,50 @@ class KnifeEdge(Contact):
         body, at = space.port(self.port)
         side = ca.cross(space.outward(unit_vector(self.normal), body), unit_vector(self.heading))
         return BodyWrench(body, move_wrench(ca.horzcat(side * rolling, ca.SX(3, 1)), at))
+
+
+@final
+class Patch(Contact):
+    """The patch of a tire with a relaxation length; no kind of its own. See `mbdlft.multibody.force`.
+
+    It slides along the axis of the wheel, on the spring of the carcass, and its point at the road moves
+    on at the slope of the deflection over the relaxation length.
+    """
+
+    noun: ClassVar[str] = "load"
+    kind: ClassVar[str] = "patch"
+
+    tire: InstanceOf[Tire]
+
+    @property
+    def direction(self) -> Direction | None:
+        return self.tire.axis
+
+    def signals(self) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
+        return (), (Signal(f"{self.name}.side_force", "N"),)
+
+    def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
+        if order == 0:
+            return ca.SX(0, 1), ca.SX(0, 1)
+        tire, (axis, _, speed) = self.tire, self.tire.along(space)
+        patch, center = (in_scene(space, port, order - 1)[1] for port in (self.port, tire.child))
+        slope = ca.dot(axis, patch - center) / values["relaxation"]
+        slope += values["camber"] / values["cornering"] * tire.lean(space, order - 1)
+        return ca.SX(0, 1), tire.slip(self.port, values, space, order) + speed * slope
+
+    def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
+        return ca.dot(self.tire.along(space)[0], velocity)
+
+    def reaction(self, values: Values, space: Space, held: ca.SX, rolling: ca.SX) -> BodyWrench:
+        pair = ca.horzcat(unit_vector(self.tire.axis) * rolling, ca.SX(3, 1))
+        return BodyWrench(self.port, move_wrench(pair, self.tire.foot(values, space)))
+
+
+def touches(contacts: Sequence[Contact], loads: Sequence[Load]) -> tuple[Contact, ...]:
+    """Contacts, and the patches of tires."""
+    tires = (load for load in loads if isinstance(load, Tire) and load.patch)
+    patches = (Patch(name=t.name, port=t.patch, normal=t.normal, tire=t) for t in tires)
+    return (*contacts, *patches)
 
 
 KINDS: dict[str, type[Contact]] = {cls.kind: cls for cls in (KnifeEdge, Rolling)}

@@ -53,6 +53,7 @@ class Space(Protocol):
     """
 
     gravity: ca.SX  # (3,) of the scene, in its axes (m/s^2)
+    velocity: ca.SX  # (3,) of the scene over the ground (m/s)
     elastic: float  # 1; 0 where the magnitude of a spring follows its law: its elongation counts once
 
     def port(self, port: str) -> tuple[str, ca.SX]:
@@ -90,6 +91,13 @@ class Space(Protocol):
 
     def mass(self) -> ca.SX:
         """Total mass (kg)."""
+
+
+def in_scene(space: Space, port: str, order: int) -> tuple[str, ca.SX, ca.SX]:
+    """Body of a port, and its displacement and rotation (3,) of one order in the axes of the scene."""
+    body, small = space.small(port, order)
+    moved, turned = (space.across(v, body, "ground") for v in (small.displacement, small.rotation))
+    return body, moved, turned
 
 
 def column(entries: Iterable[ca.SX | float]) -> ca.SX:

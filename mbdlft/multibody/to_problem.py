@@ -110,7 +110,7 @@ def _chosen(
     default: tuple[int, ...],
 ) -> list[int]:
     """Positions of the chosen signals, or the default."""
-    forces = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
+    forces = {s.name for contact in scene.touches for group in contact.signals() for s in group}
     for name in names or ():
         if name in forces and name not in index and what == "outputs":
             raise SceneError(

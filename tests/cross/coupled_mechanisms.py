@@ -81,14 +81,16 @@ def _drawn(name: str, kind: str, angles: list[str], distances: list[str], random
         "rack": {"radius": lever},
         "screw": {"pitch": lever},
         "cable": {"strands": {x: lever if x in angles else ratio for x in both[-3:]}},
-        "linear": {"factors": {both[0]: 0.8, both[1]: lever if both[1] in angles else ratio}},
+        "linear": {"factors": {both[0]: 0.8}},
         "mimic": {"joint": both[0], "leader": both[1]},
     }[kind]
     if kind in ("rack", "screw"):
         fields |= {"joint": angles[0], "slider": distances[0]}
+    factor = ratio if (both[0] in angles) == (both[1] in angles) else float(random.uniform(0.3, 2.0))
     if kind == "mimic":
-        same = (both[0] in angles) == (both[1] in angles)
-        fields["multiplier"] = ratio if same else float(random.uniform(0.3, 2.0))
+        fields["multiplier"] = factor
+    if kind == "linear":
+        fields["factors"][both[1]] = factor
     return KINDS[kind](name=name, **fields)
 
 

@@ -230,8 +230,8 @@ class Bodies:
                 terms = {x.slider: 1, x.joint: -value(x.radius)}
             case "screw":
                 terms = {x.slider: 1, x.joint: -value(x.pitch) / (2 * flint.arb.pi())}
-            case "cable":
-                terms = {name: value(c) for name, c in x.strands.items()}
+            case "cable" | "linear":
+                terms = {name: value(c) for name, c in getattr(x, x.table).items()}
             case _:
                 terms = {x.joint: 1, x.leader: -value(x.multiplier)}
         combination = []

@@ -41,6 +41,7 @@ from tests.cross.sizes import Sized, Sum, plain, sized
 from tests.cross.touches import Touch
 
 BALL = 1e-25  # of a value: what its 512 bits have lost
+NOTHING = 1e-18  # of an entry: what differences leave of a zero
 MISSED = 1e-25  # of the loads, or m of a closure: an equilibrium is exact
 
 
@@ -441,7 +442,7 @@ class _Solved:
         doubles, values = np.abs(whole.astype(float)), times(whole, moves)
         assert all(x.rad() < BALL for x in values.ravel()), "too few bits"
         matrix, terms = (
-            np.where(np.abs(x) > BALL, x, 0.0) for x in (values.astype(float), doubles @ sizes)
+            np.where(np.abs(x) > NOTHING, x, 0.0) for x in (values.astype(float), doubles @ sizes)
         )
         return Truth(matrix, terms, trim, at.missed)
 

@@ -28,7 +28,8 @@ ELASTIC = [
 ]  # fmt: skip
 OTHERS = [  # what pinocchio's trees do not have
     *("ball_turntable", "belt_gantry", "bicycle", "control_moment_gyros", "diff_drive"),
-    *("differential_wrist", "half_car", "rolling_disk", "segway", "tower_crane"),
+    *("differential_wrist", "half_car", "lander", "motorcycle", "rolling_disk", "segway"),
+    *("tower_crane", "wheelset"),
 ]
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture

@@ -5,6 +5,7 @@ from typing import Any
 from mbdlft import (
     Free,
     Inertia,
+    Parameter,
     Planar,
     Revolute,
     RigidBody,
@@ -15,6 +16,7 @@ from mbdlft import (
     to_lft,
 )
 from mbdlft.multibody.contact import KINDS
+from mbdlft.multibody.force import KINDS as KINDS_OF_LOADS
 from tests.errors.table import refused
 
 
@@ -45,6 +47,19 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
             "contacts": [KINDS[kind](name="touch", **{**touch, **(contact or {})})],
             **fields,
         }
+    )
+
+
+def on_tire(speed: float | str = 3.0, **law: Any) -> Scene:
+    """A wheel of 0.5 m on a tire, without a joint that turns it."""
+    given = {"child": "wheel", "axis": (0, 1, 0), "radius": 0.5, "cornering": 1e4, **law}
+    return Scene(
+        name="cart",
+        velocity=(speed, 0.0, 0.0),
+        parameters=[Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s")],
+        bodies=[RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1))],
+        joints=[Free(name="base", parent="ground", child="wheel", position=(0, 0, 0.5))],
+        loads=[KINDS_OF_LOADS["tire"](name="tire", **given)],
     )
 
 
@@ -88,7 +103,21 @@ spin=Spin(axis=(0, 0, 1), rate=1.0) => turns with the spin of the frame … the 
 to_lft(wheel("knife_edge", {"heading": (1, 0, 0)}, outputs=["touch.force.1"])) => unknown signal
 to_lft(trolley(["left.force.2"])) => 'left.force.2' is not known, as contacts hold the same twice
 to_lft(trolley(["left.force.normal", "right.force.1"])) => accepted
+> assemble(on_tire({})) => SceneError: load 'tire' …
+=> accepted
+speed="v" => the speed along axis x normal goes down to 0 m/s … Turn the axis round
+speed="v", relaxation=0.2 => accepted
+speed=-2.0, relaxation=0.2 => goes down to -2 m/s
+axis=(1, 0, 0) => moves along the axis of the wheel with 3 m/s
+axis=(0, 3, 4) => is not across the normal of the plane, but 53.13 deg off
+radius=0.4 => 'wheel' is 0.5 m above the plane at nominal … misses the ground by 0.1 m
+radius=0.0 => the radius must be positive
+cornering=0.0 => the cornering must be positive, and it is 0 in the range
+relaxation=-1.0 => the relaxation must be positive
+crown=0.6 => the crown must have a radius from 0
+child="weel" => unknown body 'weel'
 > {} => TrimError:
+find_equilibrium(on_tire()) => positions are not searched for where bodies roll, as load 'tire' does
 find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
 """
 )

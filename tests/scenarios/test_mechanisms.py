@@ -19,9 +19,12 @@ ORDERS = {  # order without search, and proved bound
     "belt_gantry": (11, 9),
     "diff_drive": (10, 10),
     "differential_wrist": (15, 15),
+    "lander": (21, 19),  # 19 with the search
+    "motorcycle": (13, 13),
     "rolling_disk": (9, 4),
     "segway": (6, 6),
     "tower_crane": (7, 7),
+    "wheelset": (8, 8),
 }
 
 
@@ -111,8 +114,20 @@ def tower_crane(p: P, s: complex) -> Array:
     return np.array([[slew, *none], [0, *q[0]], [sway_1, *none], [0, *q[1]], [0, *q[2]]], dtype=complex)
 
 
+def lander(p: P, s: complex) -> Array:
+    """Side, heave and pitch of a body on three feet, at the height of the ground; the weight tips it."""
+    m, h, k, R, g = p["m"], p["h"], p["k"], 1.8, 3.71
+    feet, damped, aside = np.array([1.0, -0.5, -0.5]) * R, 900.0 * s + k, 500.0 * s + p["side"] * k
+    M = np.array([[m, m * h], [m * h, 0.9 * m + m * h**2]])
+    K = np.diag([3.0 * aside, damped * np.sum(feet**2) - m * g * h])
+    x, turn = np.linalg.solve(M * s**2 + K, [1.0, 3.0])  # a wind at 3 m
+    z = 1.0 / (m * s**2 + 3.0 * damped)
+    carried = [[damped * foot * turn, -damped * z] for foot in feet[:2]]
+    return np.array([[x, 0.0], [0.0, z], [turn, 0.0], *carried])
+
+
 BY_HAND: Mapping[str, Callable[[P, complex], Array]] = {
-    f.__name__: f for f in (segway, diff_drive, belt_gantry, differential_wrist, tower_crane)
+    f.__name__: f for f in (segway, diff_drive, belt_gantry, differential_wrist, tower_crane, lander)
 }
 
 

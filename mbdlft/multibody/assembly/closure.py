@@ -17,6 +17,7 @@ from mbdlft.multibody.assembly.touching import contact_rows
 from mbdlft.multibody.assembly.tree import degrees
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
+from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import move_wrench
 from mbdlft.problem.equations import CURVED
@@ -24,6 +25,7 @@ from mbdlft.problem.sx.constants import unit_vector
 
 _GAP = 1e-9  # of the lengths of the scene: ports farther apart do not meet
 _PASSIVE = 10.0  # weight of a coordinate that nothing holds among those that may follow
+_PATCH = 1e3  # and of the patch of a tire, which has no mass
 _RANK = 1e-9  # a constraint that is another one up to this part is redundant
 _STEP = 1e-2  # rad or m, to a position nearby that is compared with the equilibrium
 _NEARBY_RANK = 1e-5  # what is redundant at the equilibrium only is of the size of the step there
@@ -45,6 +47,14 @@ class Closure:
     rates: tuple[int, ...] = ()  # positions of the rates that all of them determine
     yielding: tuple[int, ...] = ()  # positions of coordinates
     shared: tuple[int, ...] = ()  # constraints that say the same: their forces are known as a sum only
+
+
+def multipliers(scene: Scene, closure: Closure, last: ca.SX) -> ca.SX:
+    """All multipliers, of which the last entries of a column are those of the rows that are kept."""
+    every, first = ca.SX(sum(map(len, multipliers_of(scene))), 1), last.numel() - len(closure.rows)
+    for position, row in enumerate(closure.rows):
+        every[row] = last[first + position]
+    return every
 
 
 def constraint(scene: Scene, view: View, order: int) -> ca.SX:
@@ -102,11 +112,12 @@ def second_axis(loop: Loop, values: Values, across: Callable[[ca.SX], ca.SX]) ->
 
 
 def every_constraint(scene: Scene) -> Closure:
-    """All constraints of a scene without contacts, also redundant ones."""
-    if scene.contacts:
+    """All constraints of a scene in which nothing rolls, also redundant ones."""
+    if scene.rolling:
+        first = owner_name(scene.rolling[0])
         raise TrimError(
-            f"scene {scene.name!r}: positions are not searched for where bodies roll, as contact "
-            f"{scene.contacts[0].name!r} does. Declare positions at which they stand on the ground."
+            f"scene {scene.name!r}: positions are not searched for where bodies roll, as {first} does. "
+            "Declare positions at which they stand on the ground."
         )
     count = len(multipliers_of(scene)[0])
     return Closure(tuple(range(count)), (), count)
@@ -137,7 +148,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     named = {
         "loops": [loop.name for loop in scene.loops],
         "couplings": [coupling.name for coupling in rigid(scene)],
-        "contacts": [contact.name for contact in scene.contacts],
+        "contacts": [contact.name for contact in scene.touches],
     }
     listed = " and ".join(f"{kind} {', '.join(names)}" for kind, names in named.items() if names)
     for matrix in matrices:
@@ -148,12 +159,13 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
                 "position, or constraints are redundant at nominal only. Move the nominal values or "
                 "narrow the ranges."
             )
-    if not scene.contacts:
+    if not scene.touches:
         _check_that_it_moves_alike(scene, view, evaluate, q, rank)
     # the states are those of joints that are held or driven, and near the ground, where that is well
     # conditioned: columns are compared with a weight, the last one first
     weights = np.array([_PASSIVE if is_passive else 1.0 for is_passive in _passive(view)])
-    weights[[degree.kind == "motion" for degree in degrees(view.now.links)]] = 0.0
+    kinds = np.array([degree.kind for degree in degrees(view.now.links)])
+    weights[kinds == "motion"], weights[kinds == "patch"] = 0.0, _PATCH
     G = matrices[0][rows]
     dependent = _determined(G[:holonomic], weights, ())
     rates = _determined(G, weights, dependent)

@@ -36,7 +36,7 @@ def multipliers_of(scene: Scene) -> tuple[list[Signal], list[Signal]]:
     """The multipliers of holonomic constraints, of loops, rigid couplings and contacts, and of others."""
     of_loops = [signal for loop in scene.loops for signal in loop.signals()]
     of_loops += [coupling.signal(scene.joints) for coupling in rigid(scene)]
-    of_contacts = [contact.signals() for contact in scene.contacts]
+    of_contacts = [contact.signals() for contact in scene.touches]
     held = [signal for normal, _ in of_contacts for signal in normal]
     return of_loops + held, [signal for _, others in of_contacts for signal in others]
 

@@ -27,7 +27,7 @@ from mbdlft.multibody.assembly.kinematics import (
     place,
     port_arm,
 )
-from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies
+from mbdlft.multibody.assembly.tree import Link, PatchJoint, Symbols, all_bodies
 from mbdlft.multibody.body import PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
 from mbdlft.multibody.joint import Cylindrical, Fixed, Prismatic, Revolute, coordinate_label
@@ -67,7 +67,7 @@ def steady_momenta(
     for link in links:
         if "rate" in values[link.owner]:
             find.turn(link)
-        elif link.parent.name in find.bodies:
+        elif link.parent.name in find.bodies and not isinstance(link.joint, PatchJoint):
             find.carry(link)
     for link in links:
         if link.child.name in find.bodies and link.joint.freedoms:

@@ -204,8 +204,10 @@ class View:
         values: Mapping[str, Values],
         coordinates: Mapping[str, Coordinate],
         gravity: ca.SX,
+        velocity: ca.SX,
     ) -> None:
         self.gravity = gravity
+        self.velocity = velocity
         self.elastic = 1.0
         self.now = place(links, bodies, values, coordinates)
         self.coordinates = coordinates

@@ -39,19 +39,19 @@ from mbdlft.multibody.assembly.resolved import (
     acting,
     body_channels,
     check_springs,
-    contact_forces,
     couplings,
     force_density,
     ground_motion,
     in_plane,
     list_efforts,
     measures,
+    more_forces,
     moved_coordinates,
     resolve,
     static_deflections,
     steady_angles,
 )
-from mbdlft.multibody.assembly.touching import check_contacts
+from mbdlft.multibody.assembly.touching import check_contacts, check_wheels
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
@@ -92,7 +92,7 @@ class Assembly:
     def _has_weights(self) -> bool:
         """Whether the equilibrium is one under a uniform load, in a tree that does not spin."""
         scene = self.resolved.scene
-        return self.field.nnz() > 0 and not (scene.spin or scene.loops or scene.contacts)
+        return self.field.nnz() > 0 and not (scene.spin or scene.loops or scene.touches)
 
     @cached_property
     def _passed(self) -> Passed:
@@ -184,6 +184,7 @@ def assembly(scene: Scene) -> Assembly:
     view = r.view()
     check_couplings(r.scene, view, r.symbols)
     check_contacts(r.scene, view, r.symbols.evaluate)
+    check_wheels(r.scene, view, partial(r.symbols.evaluate, ends=True))
     closure = close_loops(r.scene, view, r.symbols.evaluate)
     check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
@@ -238,8 +239,8 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     moved = moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
-    pressed = contact_forces(scene, m.closure, m.z)
-    measured, y_signals, default = measures(r, view, channels, coupled, pressed)
+    forces = (coupled.forces, coupled.signals), *more_forces(r, view, m.closure, m.u, m.z)
+    measured, y_signals, default = measures(r, view, channels, *forces)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)
@@ -249,7 +250,7 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
     imposed = {c.coordinate for c in moved}
     followers = {*m.closure.dependent, *imposed} | {n + k for k in (*m.closure.rates, *imposed)}
     states = tuple(k for k in range(2 * n) if k not in followers)
-    cyclic = range(n) if scene.contacts else steady_angles(links)
+    cyclic = range(n) if scene.rolling else steady_angles(links)
     trimmed = [0.0 if effort.value is None else effort.value for effort in m.efforts]
     return Equations(
         name=scene.name,
@@ -309,7 +310,7 @@ def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.S
             rows.append(r.symbols.a[row] - acting_efforts[row])
             continue
         effort, quantities = needed[row], r.values.get(degree.owner, {})
-        if degree.kind == "joint":
+        if degree.kind in ("joint", "patch"):
             effort += quantities.get(degree.label("stiffness"), 0.0) * r.symbols.q[row]
             rate = r.symbols.v[row] + quantities.get("rate", 0.0)
             effort += quantities.get(degree.label("damping"), 0.0) * rate

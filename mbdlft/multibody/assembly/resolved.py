@@ -22,7 +22,7 @@ from mbdlft.base.description import AXES, Direction, Values
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.assembly.closure import Closure, independent, reactions
+from mbdlft.multibody.assembly.closure import Closure, independent, multipliers, reactions
 from mbdlft.multibody.assembly.coupled import Coupled, coupled, multipliers_of, rigid
 from mbdlft.multibody.assembly.gyrostat import steady_momenta
 from mbdlft.multibody.assembly.kinematics import View
@@ -30,7 +30,7 @@ from mbdlft.multibody.assembly.touching import contact_reactions
 from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees, links_of
 from mbdlft.multibody.body import Body, ElasticBody, Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
-from mbdlft.multibody.force import BodyWrench, Buoyancy, DirectedLoad, Spring
+from mbdlft.multibody.force import BodyWrench, Buoyancy, DirectedLoad, Spring, Tire
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
 from mbdlft.multibody.joint.kinds import AxisJoint
 from mbdlft.multibody.scene.checks import check
@@ -60,9 +60,11 @@ class Resolved:
     def view(self, coordinates: Mapping[str, Coordinate] | None = None) -> View:
         """The tree at coordinates by owner, those of the symbols by default."""
         uniform = self.values[f"scene {self.scene.name!r}"]
-        gravity = column(uniform[f"gravity.{a}"] for a in AXES)
+        gravity, velocity = (
+            column(uniform[f"{key}.{a}"] for a in AXES) for key in ("gravity", "velocity")
+        )
         at = self.symbols.coordinates(self.links) if coordinates is None else coordinates
-        return View(self.links, all_bodies(self.scene), self.values, at, gravity)
+        return View(self.links, all_bodies(self.scene), self.values, at, gravity, velocity)
 
     def back(self, measured: ca.SX) -> ca.SX:
         """Vectors (3 n,) in the axes of the user."""
@@ -81,6 +83,9 @@ def resolve(scene: Scene) -> Resolved:
     values = symbols.quantities(scene)
     for owner, momenta in steady_momenta(scene, links, symbols, values).items():
         values[owner] = {**values[owner], **momenta}
+    for tire in (load for load in scene.loads if isinstance(load, Tire)):
+        named = owner_name(tire)
+        values[named] = {**values[named], **tire.carcass(values[named])}
     return Resolved(scene, links, parameters, symbols, values)
 
 
@@ -129,7 +134,7 @@ def _can_be_turned(scene: Scene, values: Mapping[str, Values]) -> bool:
         quantities for quantities in values.values() if any(label in quantities for label in _ENTRIES)
     ]
     return (
-        not (scene.loops or scene.contacts)
+        not (scene.loops or scene.touches)
         and all(isinstance(body, RigidBody | PointMass | Ground) for body in scene.bodies)
         and all(isinstance(joint, Revolute | Prismatic | Fixed) for joint in scene.joints)
         and all(isinstance(load, DirectedLoad | Buoyancy | Spring) for load in scene.loads)
@@ -262,7 +267,8 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
         moved = degree.kind == "motion"  # its three inputs are told apart by what they do
         imposed = degree.kind in ("imposed", "motion")
         value = 0.0 if imposed else values.get(degree.owner, {}).get(degree.label("preload"))
-        is_input = degree.kind != "elastic"  # the force that holds a static deflection is internal
+        # the force that holds a static deflection is internal
+        is_input = degree.kind not in ("elastic", "patch")
         named = degree.measure(2) if imposed else degree.effort
         if len(efforts) in closure.yielding:
             measure = degree.measure(0)
@@ -393,14 +399,6 @@ def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> lis
     return wrenches + reactions(r.scene.loops, view, every) + contact_reactions(r.scene, view, *touching)
 
 
-def multipliers(scene: Scene, closure: Closure, last: ca.SX) -> ca.SX:
-    """All multipliers, of which the last entries of a column are those of the rows that are kept."""
-    every, first = ca.SX(sum(map(len, multipliers_of(scene))), 1), last.numel() - len(closure.rows)
-    for position, row in enumerate(closure.rows):
-        every[row] = last[first + position]
-    return every
-
-
 def couplings(
     r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX, names: Sequence[str]
 ) -> Coupled:
@@ -413,13 +411,23 @@ def couplings(
     return coupled(scene, view, at_rest + change, change, preloads)
 
 
-def contact_forces(scene: Scene, closure: Closure, z: ca.SX) -> tuple[ca.SX, tuple[Signal, ...]]:
-    """Deviations of the forces of contacts by the multipliers z, but for those that are shared."""
-    held, others = multipliers_of(scene)
-    signals, every = held + others, multipliers(scene, closure, z)
-    of_contacts = range(len(held) - sum(len(c.signals()[0]) for c in scene.contacts), len(signals))
+Forces = tuple[ca.SX, tuple[Signal, ...]]
+
+
+def more_forces(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> tuple[Forces, Forces]:
+    """Deviations of the forces of contacts, but for those that are shared; forces of loads, if asked."""
+    held, others = multipliers_of(r.scene)
+    every, values = held + others, multipliers(r.scene, closure, z)
+    of_contacts = range(len(held) - sum(len(c.signals()[0]) for c in r.scene.touches), len(every))
     known = [k for k in of_contacts if k not in closure.shared]
-    return rows_of(every, known), tuple(signals[k] for k in known)
+    forces, signals, asked = [ca.SX(0, 1)], list[Signal](), set(r.scene.outputs or ())
+    for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
+        named = [signal.of(load.name) for signal in load.outputs()]
+        if {signal.name for signal in named} & asked:
+            forces.append(load.measure(view.owned(load), u[k], view))
+            signals += named
+    on_ground = rows_of(values, known), tuple(every[k] for k in known)
+    return on_ground, (ca.vertcat(*forces), tuple(signals))
 
 
 class BodyChannels(NamedTuple):
@@ -457,21 +465,16 @@ def steady_angles(links: tuple[Link, ...]) -> list[int]:
 
 
 def measures(
-    r: Resolved,
-    view: View,
-    channels: BodyChannels,
-    held: Coupled,
-    pressed: tuple[ca.SX, tuple[Signal, ...]],
+    r: Resolved, view: View, channels: BodyChannels, *forces: Forces
 ) -> tuple[ca.SX, tuple[Signal, ...], tuple[int, ...]]:
-    """Outputs (n_y,) of joints, sensors that are asked for, bodies, couplings, contacts; signals; the
-    default."""
+    """Outputs (n_y,) of joints, sensors that are asked for, bodies; `forces`; signals; the default."""
     scene, symbols = r.scene, r.symbols
     entries: list[ca.SX] = []
     signals: list[Signal] = []
     default: list[int] = []
     steady = steady_angles(r.links)
     for row, degree in enumerate(degrees(r.links)):
-        if degree.kind not in ("elastic", "motion"):
+        if degree.kind not in ("elastic", "motion", "patch"):
             default.append(len(entries) + (row in steady))
         entries += [symbols.q[row], symbols.v[row], symbols.a[row]]
         signals += [degree.measure(order) for order in range(3)]
@@ -484,6 +487,8 @@ def measures(
         entries.append(r.back(sensor.measure(view)))
         signals += named
     default += range(len(signals), len(signals) + len(channels.signals))
-    forces, named = pressed
-    expressions = ca.vertcat(*entries, channels.outputs, held.forces, forces)
-    return expressions, (*signals, *channels.signals, *held.signals, *named), tuple(default)
+    entries.append(channels.outputs)
+    signals += channels.signals
+    for entry, named in forces:
+        entries, signals = [*entries, entry], [*signals, *named]
+    return ca.vertcat(*entries), tuple(signals), tuple(default)

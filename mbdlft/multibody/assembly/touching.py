@@ -6,11 +6,11 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.description import AXES, Values
+from mbdlft.base.description import AXES, Direction, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly.kinematics import View, port_arm
-from mbdlft.multibody.contact import Contact, Rolling
-from mbdlft.multibody.force import BodyWrench
+from mbdlft.multibody.contact import Contact, Patch, Rolling
+from mbdlft.multibody.force import BodyWrench, Wheel
 from mbdlft.multibody.joint import Revolute
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -39,7 +39,7 @@ def velocity_of(scene: Scene, view: View) -> ca.SX:
 def contact_rows(scene: Scene, view: View, order: int) -> tuple[ca.SX, ca.SX]:
     """Constraints of one order: holonomic ones of all contacts, and those of rates."""
     velocity = velocity_of(scene, view)
-    rows = [c.rows(values_of(c, view), view, order, velocity) for c in scene.contacts]
+    rows = [c.rows(values_of(c, view), view, order, velocity) for c in scene.touches]
     held, rolling = zip(*rows, strict=True) if rows else ((), ())
     return ca.vertcat(ca.SX(0, 1), *held), ca.vertcat(ca.SX(0, 1), *rolling)
 
@@ -47,7 +47,7 @@ def contact_rows(scene: Scene, view: View, order: int) -> tuple[ca.SX, ca.SX]:
 def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> list[BodyWrench]:
     """Wrenches of contacts on bodies, by the multipliers of both kinds of constraints."""
     wrenches, i, j = [], 0, 0
-    for contact in scene.contacts:
+    for contact in scene.touches:
         first, second = contact.signals()
         ends = i + len(first), j + len(second)
         values = values_of(contact, view)
@@ -59,45 +59,92 @@ def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> 
 def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
     """Bodies touch their planes, stand upright and do not slip, at nominal and elsewhere in the range."""
     velocity = velocity_of(scene, view)
-    if scene.contacts and scene.spin and ca.sparsify(velocity).nnz():
+    if scene.rolling and scene.spin and ca.sparsify(velocity).nnz():
         raise SceneError(
-            f"scene {scene.name!r}: the ground of contact {scene.contacts[0].name!r} turns with the spin "
+            f"scene {scene.name!r}: the ground of {owner_name(scene.rolling[0])} turns with the spin "
             f"of the frame, as a turntable, and moves along with the velocity {list(scene.velocity)}: "
             "that is no steady motion. Leave out spin or velocity."
         )
     speed = max(float(np.max(np.abs(at))) for at in evaluate(velocity)) or 1.0
-    for contact in scene.contacts:
+    for contact in scene.touches:
         values = values_of(contact, view)
-        where, normal = owner_name(contact), unit_vector(contact.normal)
-        _check_body(contact, view)
-        axis = contact.direction
-        body = view.find(contact.port)[0]
-        if axis is not None:
-            lean = ca.dot(view.across(unit_vector(axis), body, "ground"), normal)
-            if (worst := _largest(evaluate(lean))) > _GAP:
-                raise SceneError(
-                    f"{where}: {list(axis)} of body {body!r} is not across the normal of the plane, but "
-                    f"{np.degrees(np.arcsin(min(worst, 1.0))):.4g} deg off at nominal or elsewhere in "
-                    "the range. A wheel stands upright at equilibrium."
-                )
+        if not isinstance(contact, Patch):
+            _check_body(contact, view)
+            _check_upright(contact, contact.port, contact.direction, view, evaluate)
         if isinstance(contact, Rolling):
-            _, reach = view.gaps(contact.plane, contact.port, evaluate)
-            height = ca.dot(view.between_at_rest(contact.plane, contact.port), normal)
-            if (worst := _largest(evaluate(height - values["radius"]))) > _GAP * reach:
-                at = evaluate(ca.vertcat(height, values["radius"]))[0][:, 0]
-                raise SceneError(
-                    f"{where}: {contact.port!r} is {at[0]:.6g} m above the plane at nominal, and the "
-                    f"radius is {at[1]:.6g} m: it misses the ground by {worst:.3g} m at nominal or "
-                    "elsewhere in the range. Correct height or radius; where a parameter changes one, "
-                    "the other must follow it."
-                )
+            _check_height(contact, contact.plane, contact.port, values, view, evaluate)
         if (worst := _largest(evaluate(contact.slip(values, view, velocity)))) > _GAP * speed:
             given = ", ".join(f"{x:.6g}" for x in evaluate(velocity)[0][:, 0])
+            body = view.find(contact.port)[0]
             raise SceneError(
-                f"{where}: the rate of body {body!r} does not fit the velocity [{given}] m/s of the "
-                f"scene: it would slip by {worst:.4g} m/s at nominal or elsewhere in the range. A wheel "
-                "rolls with rate = 'speed/radius' about its axis, along axis x normal."
+                f"{owner_name(contact)}: the rate of body {body!r} does not fit the "
+                f"velocity [{given}] m/s of the scene: it would slip by {worst:.4g} m/s at nominal or "
+                "elsewhere in the range. A wheel rolls with rate = 'speed/radius' about its axis, along "
+                "axis x normal."
             )
+
+
+def check_wheels(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
+    """Wheels that are loads stand upright on their road and roll ahead, everywhere in the range."""
+    for wheel in (load for load in scene.loads if isinstance(load, Wheel)):
+        values = view.owned(wheel)
+        _check_upright(wheel, wheel.child, wheel.axis, view, evaluate)
+        _check_height(wheel, wheel.parent, wheel.child, values, view, evaluate)
+        axis, _, speed = wheel.along(view)
+        speeds = np.array(evaluate(speed))
+        size = max(float(np.max(np.abs(speeds))), 1e-300)
+        if (worst := _largest(evaluate(ca.dot(axis, view.velocity)))) > _GAP * size:
+            raise SceneError(
+                f"{owner_name(wheel)}: the scene moves along the axis of the wheel with {worst:.4g} m/s "
+                "at nominal or elsewhere in the range. A wheel rolls along axis x normal."
+            )
+        if np.min(speeds) < 0.0 or (not wheel.stops and np.min(speeds) <= 0.0):
+            raise SceneError(
+                f"{owner_name(wheel)}: the speed along axis x normal goes down to {np.min(speeds):.4g} "
+                "m/s in the range. It must be positive, or zero where a tire has a relaxation length. "
+                "Turn the axis round where the wheel rolls the other way."
+            )
+
+
+def _check_upright(
+    item: Contact | Wheel,
+    port: str,
+    axis: Direction | None,
+    view: View,
+    evaluate: Callable[[ca.SX], Sequence[Array]],
+) -> None:
+    """The axis or heading of a body is across the normal."""
+    if axis is None:
+        return
+    body = view.find(port)[0]
+    lean = ca.dot(view.across(unit_vector(axis), body, "ground"), unit_vector(item.normal))
+    if (worst := _largest(evaluate(lean))) > _GAP:
+        raise SceneError(
+            f"{owner_name(item)}: {list(axis)} of body {body!r} is not across the normal of the plane, "
+            f"but {np.degrees(np.arcsin(min(worst, 1.0))):.4g} deg off at nominal or elsewhere in "
+            "the range. A wheel stands upright at equilibrium."
+        )
+
+
+def _check_height(
+    item: Contact | Wheel,
+    plane: str,
+    port: str,
+    values: Values,
+    view: View,
+    evaluate: Callable[[ca.SX], Sequence[Array]],
+) -> None:
+    """The center of a wheel is at its radius above the plane."""
+    _, reach = view.gaps(plane, port, evaluate)
+    height = ca.dot(view.between_at_rest(plane, port), unit_vector(item.normal))
+    if (worst := _largest(evaluate(height - values["radius"]))) > _GAP * reach:
+        at = evaluate(ca.vertcat(height, values["radius"]))[0][:, 0]
+        raise SceneError(
+            f"{owner_name(item)}: {port!r} is {at[0]:.6g} m above the plane at nominal, and the "
+            f"radius is {at[1]:.6g} m: it misses the ground by {worst:.3g} m at nominal or "
+            "elsewhere in the range. Correct height or radius; where a parameter changes one, "
+            "the other must follow it."
+        )
 
 
 def _check_body(contact: Contact, view: View) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import InstanceOf
 
 from mbdlft.base.array import Array
-from mbdlft.base.description import Expected, Text, Values
+from mbdlft.base.description import Axis, Expected, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.expression import evaluate
 from mbdlft.base.parameter import Parameter
@@ -23,13 +23,14 @@ from mbdlft.base.samples import random
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.body import GROUND, Body, ElasticBody, Ground
 from mbdlft.multibody.body.elastic import times, times_transposed
+from mbdlft.multibody.force import Tire
 from mbdlft.multibody.joint import Joint, Move, Turn, coordinate_label
-from mbdlft.multibody.joint.move import Deformed, shifted
+from mbdlft.multibody.joint.move import Deformed, Slide, shifted
 from mbdlft.multibody.scene.quantities import Place, angle_at, owner_name, owners, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times
+from mbdlft.problem.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times, unit_vector
 
 _POINTS = 16  # random points at which loops are checked, beside nominal
 _GROUND_PORTS = ' Declare it: [bodies.ground], kind = "ground", ports.{} = [x, y, z].'
@@ -63,6 +64,31 @@ class PortJoint(Joint):
         return (*shifted(place), deformed)
 
 
+@final
+class PatchJoint(Joint):
+    """From the center of a wheel to the patch of its tire, along the axis."""
+
+    noun: ClassVar[str] = "load"
+    kind: ClassVar[str] = "patch"
+    freedoms: ClassVar[tuple[Freedom, ...]] = (
+        Freedom(
+            "side",
+            Signal("carcass_force", "N"),
+            (
+                Signal("deflection", "m"),
+                Signal("deflection_rate", "m/s"),
+                Signal("deflection_acceleration", "m/s^2"),
+            ),
+            turns=False,
+        ),
+    )
+
+    axis: Axis
+
+    def own_moves(self, values: Values, at: Coordinate) -> tuple[Move, ...]:
+        return (Slide(unit_vector(self.axis), at),)
+
+
 @dataclass(frozen=True, slots=True)
 class Link:
     """One joint with the body it carries; ports by name."""
@@ -89,7 +115,7 @@ class Owned(NamedTuple):
     owner: str
     name: str
     freedoms: tuple[Freedom, ...]
-    kind: str  # "joint", "imposed", "motion" or "elastic"
+    kind: str  # "joint", "imposed", "motion", "elastic" or, of a tire, "patch"
 
 
 def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
@@ -100,6 +126,7 @@ def coordinate_owners(links: tuple[Link, ...]) -> list[Owned]:
         if not isinstance(joint, PortJoint):
             imposed = getattr(joint, "imposed", False)
             kind = "motion" if imposed == "motion" else "imposed" if imposed else "joint"
+            kind = "patch" if isinstance(joint, PatchJoint) else kind
             owners.append(Owned(link.owner, joint.name, joint.freedoms, kind))
         owners.append(Owned(link.child_owner, link.child.name, link.freedoms, "elastic"))
     return owners
@@ -165,22 +192,34 @@ def links_of(scene: Scene) -> tuple[Link, ...]:
                 frame = bodies[name := f"{body.name}.{port}"]
                 joint = PortJoint(name=name, parent=body.name, child=name, body=body, port=port)
                 links[name] = Link(joint, body, "origin", frame, "origin")
+    for name, tire in _patches(scene).items():
+        parent, port = find_port(bodies, f"load {tire.name!r}", "child", tire.child)
+        slide = PatchJoint(name=tire.name, parent=tire.child, child=name, axis=tire.axis)
+        links[name] = Link(slide, parent, port, bodies[name], "origin")
     return _from_the_root(scene, links)
 
 
+def _patches(scene: Scene) -> dict[str, Tire]:
+    """Tires with a patch that moves, by its name."""
+    return {load.patch: load for load in scene.loads if isinstance(load, Tire) and load.patch}
+
+
 def all_bodies(scene: Scene) -> dict[str, Body]:
-    """Bodies by name, with the ground and the frames of the ports of elastic bodies."""
+    """Bodies by name, with the ground and the frames of ports of elastic bodies and of tires."""
     frames = [
         PortFrame(name=f"{body.name}.{port}")
         for body in scene.bodies
         if isinstance(body, ElasticBody)
         for port in body.elastic_ports()
     ]
+    frames += [PortFrame(name=name) for name in _patches(scene)]
     return {GROUND: Ground()} | {body.name: body for body in (*scene.bodies, *frames)}
 
 
 def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tuple[Body, str]:
     """Body and port that ``body`` or ``body.port`` names; `owner` and `key` say where it stands."""
+    if isinstance(bodies.get(text), PortFrame):
+        return bodies[text], "origin"
     name, dot, port = text.partition(".")
     if name not in bodies:
         raise SceneError(f"{owner}, {key}: " + unknown_name("body", name, bodies))
@@ -189,8 +228,6 @@ def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tu
         declared = "" if name != GROUND else _GROUND_PORTS.format(port)
         unknown = unknown_name("port", port, body.port_names())
         raise SceneError(f"{owner}, {key}: body {name!r}: {unknown}{declared}")
-    if isinstance(body, ElasticBody) and port in body.elastic_ports():
-        return bodies[text], "origin"
     return body, port if dot else "origin"
 
 
@@ -296,14 +333,19 @@ class Symbols:
         ]
         return sum(turns, start=ca.SX(angle.constant))
 
-    def evaluate(self, expression: ca.SX) -> list[Array]:
-        """Values of an expression of the parameters, at nominal and at random points."""
+    def evaluate(self, expression: ca.SX, *, ends: bool = False) -> list[Array]:
+        """Values of an expression of the parameters, at nominal and at random points.
+
+        With `ends` also where all parameters are low, and where all are high.
+        """
         rounded = ca.densify(in_doubles(expression))
         function = ca.Function("values", [self.p, self.cosine, self.sine], [rounded])
         points = [np.array([parameter.nominal for parameter in self.parameters])]
         if self.parameters:
             inside = random(self.parameters, _POINTS, 0)
             points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
+        if ends:
+            points += [np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")]
         factors = np.array([parameter.factor for parameter in self.parameters])
         return [
             function(point, np.cos(factors * point), np.sin(factors * point)).full() for point in points

@@ -37,7 +37,7 @@ from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.newton_euler import in_motion, without_unseen
 from mbdlft.multibody.assembly.resolved import Resolved, couplings, resolve
 from mbdlft.multibody.assembly.tree import Link, coordinate_owners, degrees
-from mbdlft.multibody.force import Spring, Strut
+from mbdlft.multibody.force import Guided, Spring
 from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -100,7 +100,7 @@ def displace(scene: Scene) -> Displaced:
     r = resolve(scene)
     links, symbols, values = r.links, r.symbols, r.values
     view = _view_at_rest(r)
-    springs = [load for load in scene.loads if isinstance(load, Spring | Strut)]
+    springs = [load for load in scene.loads if isinstance(load, Spring | Guided)]
     laws = {load.name: spring_law(load, view) for load in springs}
     every = every_constraint(scene)
     m = in_motion(r, view, every, laws)
@@ -210,7 +210,7 @@ def quantity_of(values: Values, key: str, freedom: Freedom) -> Any:
     return values.get(coordinate_label(key, freedom), 0.0)
 
 
-def spring_law(spring: Spring | Strut, view: View) -> ca.SX | None:
+def spring_law(spring: Spring | Guided, view: View) -> ca.SX | None:
     """Force density, tension over length (N/m), of a displaced spring; force of a strut.
 
     It is k (1 - l0/l) with the rest length l0, or k - (k - h) l_declared/l with the force density h at
@@ -218,11 +218,11 @@ def spring_law(spring: Spring | Strut, view: View) -> ca.SX | None:
     f0 - k (s - s_declared) with the force f0 at the declared positions.
     """
     values = view.owned(spring)
-    if isinstance(spring, Strut):
+    if isinstance(spring, Guided):
         if spring.force is None:
             return None
         at_rest = view.between_at_rest(spring.parent, spring.child)
-        declared = ca.dot(unit_vector(spring.direction), at_rest)
+        declared = ca.dot(unit_vector(spring.line), at_rest)
         return ca.SX(values["force"] - values["stiffness"] * (_length(spring, view) - declared))
     if spring.rest_length is None and spring.force_density is None:
         return None
@@ -235,11 +235,11 @@ def spring_law(spring: Spring | Strut, view: View) -> ca.SX | None:
     )
 
 
-def _length(spring: Spring | Strut, view: View) -> ca.SX:
+def _length(spring: Spring | Guided, view: View) -> ca.SX:
     """Distance (m) of the ports of a spring when displaced; of a strut along its direction."""
     view.owned(spring)
     r = view.between(spring.parent, spring.child)
-    return ca.dot(unit_vector(spring.direction), r) if isinstance(spring, Strut) else ca.norm_2(r)
+    return ca.dot(unit_vector(spring.line), r) if isinstance(spring, Guided) else ca.norm_2(r)
 
 
 _RANK = 1e-9  # a pivot below this part of the largest is zero: other efforts do the same
@@ -354,7 +354,7 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
     index = {signal.name: k for k, signal in enumerate(after.u_signals)}
     ropes: list[_Rope] = []
     for load in s.scene.loads:
-        if not isinstance(load, Spring | Strut):
+        if not isinstance(load, Spring | Guided):
             continue
         row = index[f"{load.name}.{load.signal.name}"]
         (length,) = s.at(after, [after.lengths[load.name]])
@@ -363,7 +363,7 @@ def _ropes(s: "_Symbols", before: Displaced, after: Displaced, u: ca.SX) -> list
         (declared,) = s.at(before, [before.lengths[load.name]])
         k = s.value(load.stiffness)
         size = abs(s.at_nominal(k)) or 1.0
-        if isinstance(load, Strut):  # its force takes the place of a density
+        if isinstance(load, Guided):  # its force takes the place of a density
             force = s.value(load.force or 0.0) - k * (length - declared)
             unknown = ca.SX.sym("force")
             law, nominal = unknown - force / size, s.at_nominal(force / size)

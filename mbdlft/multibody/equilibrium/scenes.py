@@ -30,7 +30,7 @@ from mbdlft.multibody.equilibrium.conditions import (
 )
 from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
-from mbdlft.multibody.force import Spring, Strut
+from mbdlft.multibody.force import Guided, Spring
 from mbdlft.multibody.joint import Joint, Rotation
 from mbdlft.multibody.scene import Constant, Fit, Scene
 from mbdlft.multibody.scene.quantities import has_unit
@@ -124,7 +124,7 @@ def _declared(d: Displaced, scene: Scene, point: EquilibriumPoint) -> tuple[Arra
     springs = [
         load
         for load in scene.loads
-        if isinstance(load, Spring | Strut) and getattr(load, load.magnitude_key) is not None
+        if isinstance(load, Spring | Guided) and getattr(load, load.magnitude_key) is not None
     ]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
     symbols, expressions = in_physical(d, [d.declared, lengths])

@@ -62,8 +62,8 @@ def check(scene: Scene) -> None:
         for owner, quantities in owners(scene)
     }
     _check_steady(scene, sampled[f"scene {scene.name!r}"])
-    items: list[Body | Joint | Coupling | Contact] = [*scene.bodies, *scene.joints]
-    items += [*scene.couplings, *scene.contacts]
+    items: list[Body | Joint | Load | Coupling | Contact] = [*scene.bodies, *scene.joints]
+    items += [*scene.loads, *scene.couplings, *scene.contacts]
     for item in items:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:

@@ -13,9 +13,9 @@ from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
 from mbdlft.multibody.body import Body
-from mbdlft.multibody.contact import Contact
+from mbdlft.multibody.contact import Contact, touches
 from mbdlft.multibody.coupling import Coupling
-from mbdlft.multibody.force import Load
+from mbdlft.multibody.force import Load, Wheel
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.sensor import Sensor
@@ -174,6 +174,16 @@ class Scene(Description):
                     "from its port and a joint from its signals."
                 )
         return self
+
+    @property
+    def touches(self) -> tuple[Contact, ...]:
+        """The contacts, and the patches of tires."""
+        return touches(self.contacts, self.loads)
+
+    @property
+    def rolling(self) -> tuple[Contact | Load, ...]:
+        """What rolls, or slides on a knife edge: contacts, and wheels that are loads."""
+        return (*self.contacts, *(load for load in self.loads if isinstance(load, Wheel)))
 
     def __repr__(self) -> str:
         return f"<Scene {self.name!r}: {self._sizes()}>"

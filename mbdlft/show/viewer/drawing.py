@@ -5,7 +5,7 @@ a `type`, the numbers of its vectors and a `layer`, which a page can hide.
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -19,7 +19,7 @@ from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body.beam_elements import values_at
 from mbdlft.multibody.body.elastic import times
 from mbdlft.multibody.contact import Contact, KnifeEdge, Rolling
-from mbdlft.multibody.force import DirectedLoad, Load, Spring, Strut
+from mbdlft.multibody.force import DirectedLoad, Guided, Load, Spring, Strut, Wheel
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.joint.kinds import plane
 from mbdlft.multibody.loop import Loop
@@ -285,7 +285,10 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
     """
     wrenches = load_wrenches(d.poses, load)
     shapes: list[Shape] = []
-    if isinstance(load, Spring | Strut):
+    if isinstance(load, Wheel):
+        radius = d.poses.values[owner_name(load)]["radius"]
+        shapes.append(_rim(d, load.child, load.axis, radius))
+    elif isinstance(load, Spring | Strut):
         points = [d.vector(wrench.point) for wrench in wrenches]
         shapes.append({"type": "spring", "points": points})
     for wrench in wrenches:
@@ -297,8 +300,9 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
                 shapes.append({"type": kind, "at": at, "along": along, "effort": effort})
     port = ", ".join(f"{key} {port}" for key, port in load.ports().items())
     lines = [port, *said(load.quantities())]
-    if isinstance(load, DirectedLoad | Strut):
-        direction = ", ".join(f"{float(entry):g}" for entry in load.direction)
+    if isinstance(load, DirectedLoad | Guided):
+        entries = load.direction if isinstance(load, DirectedLoad) else load.line
+        direction = ", ".join(f"{float(entry):g}" for entry in entries)
         of = load.frame if isinstance(load, DirectedLoad) else load.parent
         lines.insert(1, f"direction = [{direction}] of {of}")
     d.add("loads", load.name, load.kind, lines, shapes)
@@ -354,22 +358,28 @@ def _draw_loop(d: Drawing, loop: Loop) -> None:
     d.add("loops", loop.name, loop.kind, [f"{loop.parent} to {loop.child}"], shapes)
 
 
+def _rim(d: Drawing, port: str, axis: Sequence[float], radius: Any) -> Shape:
+    """The rim of a wheel about an axis of its body."""
+    center, R = d.poses.port(port), d.poses.frames[port.partition(".")[0]].R
+    x, y = (radius * ca.mtimes(R, side) for side in plane(axis))
+    turns = np.linspace(0.0, 2.0 * math.pi, _POINTS + 1)
+    return {
+        "type": "curve",
+        "points": [d.vector(center + math.cos(t) * x + math.sin(t) * y) for t in turns],
+    }
+
+
 def _draw_contact(d: Drawing, contact: Contact) -> None:
     """The rim of a wheel, three circles of a ball; the line along which a knife edge moves."""
     poses = d.poses
     poses.view.owner = owner_name(contact)
     values = poses.values[poses.view.owner]
-    body, _, _ = contact.port.partition(".")
-    center, R = poses.port(contact.port), poses.frames[body].R
     if isinstance(contact, Rolling):
-        turns = np.linspace(0.0, 2.0 * math.pi, _POINTS + 1)
-        shapes: list[Shape] = []
-        for axis in [contact.axis] if contact.axis is not None else np.eye(3).tolist():
-            x, y = (values["radius"] * ca.mtimes(R, side) for side in plane(axis))
-            rim = [d.vector(center + math.cos(t) * x + math.sin(t) * y) for t in turns]
-            shapes.append({"type": "curve", "points": rim})
+        axes = [contact.axis] if contact.axis is not None else np.eye(3).tolist()
+        shapes = [_rim(d, contact.port, axis, values["radius"]) for axis in axes]
     elif isinstance(contact, KnifeEdge):
+        R = poses.frames[contact.port.partition(".")[0]].R
         along = d.vector(ca.mtimes(R, unit_vector(contact.heading)))
-        shapes = [{"type": "slide", "at": d.vector(center), "along": along}]
+        shapes = [{"type": "slide", "at": d.vector(poses.port(contact.port)), "along": along}]
     lines = [f"{contact.port} on the ground", *said(contact.quantities())]
     d.add("contacts", contact.name, contact.kind, lines, shapes)

@@ -1,7 +1,6 @@
-"""Loads: a force, a torque, buoyancy, springs with dampers between two ports, and struts.
+"""Loads: a force, a torque, buoyancy, springs with dampers between two ports.
 
-A load has a name, quantities, one magnitude, and wrenches on bodies. A new kind is one class and one line
-in `KINDS`.
+A load has a name, quantities, one magnitude, and wrenches on bodies.
 
 A thrust turns with its body, a constant pull does not. Buoyancy is the weight of the displaced fluid,
 against gravity, at the center of buoyancy. Of a spring,
@@ -12,22 +11,16 @@ f_a is the force on the port a, r the vector from a to the other port b, dr its 
 equilibrium; k is the stiffness, c the damping. The force density h is the tension over the length at
 equilibrium. With h, the geometric stiffness h and the elastic stiffness (k - h) r r'/(r'r) are rational
 in the parameters: the length, a square root, does not appear.
-
-A strut acts along a direction n that its parent keeps, whatever the child does across it:
-
-    f = f0 - k (s - s0) - c s_dot,        s = n . r
-
-f is the force on the child along n, r the vector from the port of the parent to that of the child, f0 and
-s0 are the values at equilibrium. The reaction acts on the parent at the port of the child, as that of a
-guide without mass: the potential is that of s alone. So a tire carries its wheel and does not push it
-aside, where a spring between two ports leans.
 """
 
 import abc
+from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, ClassVar, NamedTuple, Self, final
 
 import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import AfterValidator, field_validator, model_validator
 
 from mbdlft.base.description import (
@@ -53,7 +46,7 @@ class BodyWrench(NamedTuple):
     wrench: ca.SX
 
 
-def _pull(body: str, force: ca.SX, r: ca.SX) -> BodyWrench:
+def pull(body: str, force: ca.SX, r: ca.SX) -> BodyWrench:
     """A force (3,) at `r` (3,) from the inboard port of a body."""
     return BodyWrench(body, move_wrench(ca.horzcat(force, ca.SX(3, 1)), r))
 
@@ -84,12 +77,24 @@ class Load(Description, abc.ABC):
         """The ports at which the load acts, by the name of the field."""
         return {key: getattr(self, key) for key in ("port", "parent", "child") if hasattr(self, key)}
 
+    def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
+        """The condition that fails at one of the sampled values (samples,), or None."""
+        return None
+
     @abc.abstractmethod
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         """Wrenches on the bodies; they are linear in the magnitude.
 
         `values` has one SX or float per label.
         """
+
+    def outputs(self) -> tuple[Signal, ...]:
+        """Forces that can be outputs, without the name of the load."""
+        return ()
+
+    def measure(self, values: Values, magnitude: ca.SX, space: Space) -> ca.SX:
+        """The values (n,) of the outputs."""
+        return ca.SX(0, 1)
 
 
 class DirectedLoad(Load, abc.ABC):
@@ -134,7 +139,7 @@ class Force(DirectedLoad):
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         body, r = space.port(self.port)
         force = self.unit(body, space) * magnitude
-        return [_pull(body, force, r)]
+        return [pull(body, force, r)]
 
 
 @final
@@ -170,7 +175,7 @@ class Buoyancy(Load):
     def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
         body, r = space.port(self.port)
         force = -space.outward(space.gravity, body) * magnitude
-        return [_pull(body, force, r)]
+        return [pull(body, force, r)]
 
 
 class SpringLoad(Load, abc.ABC):
@@ -223,37 +228,5 @@ class Spring(SpringLoad):
             along = (values["stiffness"] - magnitude) * ca.dot(r, space.departure(a, b, 0))
             along = space.elastic * along + values["damping"] * ca.dot(r, space.departure(a, b, 1))
             force = space.between(a, b) * magnitude + r * (along / ca.dot(r, r))
-            wrenches.append(_pull(body, force, at))
+            wrenches.append(pull(body, force, at))
         return wrenches
-
-
-@final
-class Strut(SpringLoad):
-    """A spring with `stiffness` (N/m) and a damper with `damping` (N s/m) along `direction`.
-
-    `direction` is in the axes of the body of `parent`, and turns with it. `force` (N) is what acts on the
-    child along it at equilibrium; without it the trim solves for it. Motions across it make no force.
-    """
-
-    kind: ClassVar[str] = "strut"
-    signal: ClassVar[Signal] = Signal("force", "N")
-    magnitude_key: ClassVar[str] = "force"
-
-    direction: Annotated[Direction, AfterValidator(partial(with_length, what="direction"))]
-    force: Quantity | None = None
-
-    def wrenches(self, values: Values, magnitude: ca.SX, space: Space) -> list[BodyWrench]:
-        along = unit_vector(self.direction)
-        stretch, rate = (
-            ca.dot(along, space.departure(self.parent, self.child, order)) for order in (0, 1)
-        )
-        size = magnitude - space.elastic * values["stiffness"] * stretch - values["damping"] * rate
-        body, at = space.port(self.parent)
-        other, there = space.port(self.child)
-        force = along * size
-        at = at + space.between(self.parent, self.child)
-        on_child = space.across_now(force, body, other)
-        return [_pull(body, -force, at), _pull(other, on_child, there)]
-
-
-KINDS: dict[str, type[Load]] = {cls.kind: cls for cls in (Buoyancy, Force, Spring, Strut, Torque)}

@@ -1,0 +1,234 @@
+"""Tires, wheels on rails, and feet: against equations by hand, and against wheels that roll."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft import (
+    Free,
+    Ground,
+    Inertia,
+    Parameter,
+    PointMass,
+    Prismatic,
+    Revolute,
+    RigidBody,
+    Scene,
+    robust_stability,
+    to_lft,
+)
+from mbdlft.multibody import Planar, Rolling, Support, Tire
+from tests import close
+
+FOLDER = Path(__file__).parents[2] / "scenarios"
+SPEED = Parameter("v", 20.0, low=5.0, high=40.0, unit="m/s")
+STIFF = Parameter("C", 60e3, percent=20, unit="N/rad")
+
+
+def car(**law: Any) -> Scene:
+    """A body in its plane on two tires: the bicycle model of a car."""
+    tires = [
+        Tire(name=n, child=f"body.{n}", axis=(0, 1, 0), radius=0.3, cornering="C", force=0.0, **law)
+        for n in ("front", "rear")
+    ]
+    ports = {"front": (1.1, 0, 0), "rear": (-1.4, 0, 0)}
+    return Scene(
+        name="car",
+        velocity=("v", 0, 0),
+        parameters=[SPEED, STIFF],
+        bodies=[
+            RigidBody(name="body", mass=1200.0, inertia=Inertia(zz=1800.0), ports=ports),
+            Ground(name="ground", ports={"up": (0, 0, 0.3)}),
+        ],
+        joints=[Planar(name="p", parent="ground.up", child="body", axis=(0, 0, 1), preload=(0, 0, 0))],
+        loads=tires,
+        inputs=["p.force.y"],
+        outputs=["p.velocity.y", "p.rate", "front.side_force", "rear.side_force"],
+    )
+
+
+def side_of_a_car(v: float, C: float, s: complex, length: float) -> np.ndarray:
+    """Side velocity, yaw rate and side forces for a side force: Newton, Euler, and lagging slip."""
+    m, J, a, b = 1200.0, 1800.0, 1.1, -1.4
+    lag = 1.0 / (1.0 + length / v * s)
+    # the velocity across the heading: v_y + x r - v psi, with psi = r/s; v_y in the axes of the scene
+    slips = np.array([[1.0, a - v / s], [1.0, b - v / s]])
+    forces = -C / v * lag * slips
+    whole = np.diag([m * s, J * s]) - np.array([[1.0, 1.0], [a, b]]) @ forces
+    motion = np.linalg.solve(whole, [1.0, 0.0])
+    return np.concatenate([motion, forces @ motion])
+
+
+@pytest.mark.parametrize("length", [0.0, 0.5])
+def test_a_car_on_tires_is_that_of_textbooks(length: float) -> None:
+    model = to_lft(car(**({"relaxation": length} if length else {})), search=0.0)
+    names = [state.name for state in model.states]
+    assert [name for name in names if "deflection" in name] == ["front.deflection", "rear.deflection"] * (
+        length > 0.0
+    )
+    assert model.order == sum(model.certificate.lower_bound) == 4
+    for v, C, s in ((7.0, 50e3, 3j), (38.0, 70e3, 0.5 + 9j)):
+        at = mbdlft.matrices_at(model, {"v": v, "C": C})
+        found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+        close.target(found[:, 0], side_of_a_car(v, C, s, length), close.MECHANISM)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.4])
+def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
+    """m y'' = F, J l'' = R F + (R - r) N l, F + F' length/v = -C (y' + R l')/v - C_g l."""
+    R, r, m, J, C, camber, v, N = 0.3, 0.1, 20.0, 0.9, 9e3, 1e3, 12.0, 20.0 * 9.81
+    law = {"relaxation": length} if length else {}
+    wheel = Tire(
+        name="tire", child="wheel", axis=(0, 1, 0), radius=R, crown=r, cornering=C, camber=camber, **law
+    )
+    scene = Scene(
+        name="unicycle",
+        gravity=(0, 0, -9.81),
+        velocity=(v, 0, 0),
+        bodies=[
+            PointMass(name="slider", mass=0.0),
+            PointMass(name="lift", mass=0.0),
+            RigidBody(name="wheel", mass=m, inertia=Inertia(xx=J)),
+            Ground(name="ground", ports={"up": (0, 0, R)}),
+        ],
+        joints=[
+            Prismatic(name="y", parent="ground.up", child="slider", axis=(0, 1, 0), preload=0.0),
+            Prismatic(name="z", parent="slider", child="lift", axis=(0, 0, 1), preload=0.0),
+            Revolute(name="lean", parent="lift", child="wheel", axis=(1, 0, 0), preload=0.0),
+        ],
+        loads=[wheel],
+        inputs=["lean.torque"],
+        outputs=["lean.angle", "tire.side_force", "tire.force"],
+    )
+    model, s = to_lft(scene, search=0.0), 1.0 + 4j
+    at = mbdlft.matrices_at(model, {})
+    found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+    lag = 1.0 + length / v * s
+    by_y, by_lean = -C * s / v / lag, (-C * R * s / v - camber) / lag
+    whole = np.array([[m * s**2 - by_y, -by_lean], [-R * by_y, J * s**2 - R * by_lean - (R - r) * N]])
+    y, lean = np.linalg.solve(whole, [0.0, 1.0])
+    wanted = np.array([lean, by_y * y + by_lean * lean, 0.0])
+    close.target(found[:, 0], wanted, close.MECHANISM)
+    (force,) = (
+        x
+        for signal, x in zip(model.trim.signals, np.ravel(mbdlft.trim_at(model, {})), strict=True)
+        if signal.name == "tire.force"
+    )
+    assert np.isclose(force, N, rtol=close.CLOSED_FORM)
+
+
+def test_stiff_tires_roll_as_the_benchmark_bicycle() -> None:
+    """The poles differ by what is given over the stiffness; a round tire is the same in both."""
+    bicycle = mbdlft.load_scene(FOLDER / "bicycle.toml")
+    rolling = [x.model_copy(update={"tire": 0.05}) for x in bicycle.contacts]
+
+    def poles(scene: Scene) -> np.ndarray:
+        return np.linalg.eigvals(mbdlft.matrices_at(to_lft(scene, search=0.0), {"v": 6.0}).A)
+
+    wanted = poles(bicycle.model_copy(update={"contacts": tuple(rolling)}))
+    wanted, errors = wanted[np.abs(wanted) > 1e-6], []
+    for k in (1e7, 1e8):
+        tires = [
+            Tire(name=f"on_{x.name}", child=x.port, axis=x.axis, radius=x.radius, crown=x.tire,
+                 stiffness=k, damping=1e4, cornering=k, relaxation=0.1)
+            for x in rolling if isinstance(x, Rolling)
+        ]  # fmt: skip
+        loads = (*bicycle.loads, *tires)
+        found = poles(bicycle.model_copy(update={"contacts": (), "loads": loads}))
+        errors.append(max(np.min(np.abs(found - pole)) for pole in wanted))
+    assert 8.0 < errors[0] / errors[1] < 12.0
+    assert errors[1] < 1e-3
+
+
+# the wheelset: m y'' + 2 f_y (y'/v - a) + k_y y = 0, J a'' + 2 f_x b (b a'/v + c y/r) + k_a a = 0
+MASS, YAW, B, R, K_YAW = 1250.0, 700.0, 0.75, 0.46, 1.5e6
+
+
+def critical_speed(c: float, f_x: float, f_y: float, k: float) -> float:
+    """Where Routh's determinant of the four equations of first order vanishes, in closed form."""
+    side, turn = 2.0 * f_y, 2.0 * f_x * B**2
+    c3, c2, c1 = MASS * turn + YAW * side, MASS * K_YAW + YAW * k, side * K_YAW + turn * k
+    c4, c0 = MASS * YAW, k * K_YAW + 4.0 * f_x * f_y * c * B / R
+    return float(np.sqrt(side * turn * c1 * c3 / (c4 * c1**2 + c0 * c3**2 - c1 * c2 * c3)))
+
+
+@pytest.fixture(scope="module")
+def wheelset() -> mbdlft.LFTModel:
+    return to_lft(mbdlft.load_scene(FOLDER / "wheelset.toml"), search=0.0)
+
+
+def test_a_wheelset_hunts_above_its_critical_speed(wheelset: mbdlft.LFTModel) -> None:
+    names = ["aside.position", "yaw.angle", "aside.velocity", "yaw.rate"]
+    for c, f_x, f_y, k in ((0.1, 7.0, 6.0, 0.4), (0.2, 5.0, 4.0, 0.3), (0.15, 8.0, 7.0, 0.5)):
+        v = critical_speed(c, f_x * 1e6, f_y * 1e6, k * 1e6)
+        for factor, is_stable in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+            point = {"conicity": c, "f_x": f_x, "f_y": f_y, "k_y": k, "v": factor * v}
+            poles = np.linalg.eigvals(mbdlft.matrices_at(wheelset, point).A)
+            assert (np.max(poles.real) < 0.0) == is_stable
+        matrix = np.array([
+            [0, 0, 1, 0], [0, 0, 0, 1],
+            [-k * 1e6 / MASS, 2e6 * f_y / MASS, -2e6 * f_y / (v * MASS), 0],
+            [-2e6 * f_x * c * B / R / YAW, -K_YAW / YAW, 0, -2e6 * f_x * B**2 / (v * YAW)],
+        ])  # fmt: skip
+        at = mbdlft.matrices_at(wheelset, {**point, "v": v})
+        rows = [[state.name for state in wheelset.states].index(name) for name in names]
+        close.target(at.A[np.ix_(rows, rows)], matrix, close.CLOSED_FORM)
+
+
+def test_a_slow_wheelset_follows_klingels_sine() -> None:
+    """Free of springs and slow, it runs at the wavelength 2 pi sqrt(r b/c) (Klingel 1883)."""
+    scene = mbdlft.load_scene(FOLDER / "wheelset.toml")
+    joints = tuple(
+        joint if joint.name == "spin" else joint.model_copy(update={"stiffness": 0.0})
+        for joint in scene.joints
+    )
+    parameters = tuple(p for p in scene.parameters if p.name != "k_y")
+    model = to_lft(scene.model_copy(update={"joints": joints, "parameters": parameters}), search=0.0)
+    for c in (0.05, 0.2):
+        poles = np.linalg.eigvals(mbdlft.matrices_at(model, {"v": 1.0, "conicity": c}).A)
+        (rate,) = poles.imag[poles.imag > 0.0]
+        assert np.isclose(2.0 * np.pi / rate, 2.0 * np.pi * np.sqrt(R * B / c), rtol=close.SIMULATED)
+
+
+def test_the_critical_speed_is_proved(wheelset: mbdlft.LFTModel) -> None:
+    """From 1 m/s to just below it a wheelset is stable, and up to just above it not."""
+    scene = mbdlft.load_scene(FOLDER / "wheelset.toml")
+    v = critical_speed(0.1, 7e6, 6e6, 0.4e6)
+    constants = {p.name: mbdlft.Constant(value=p.nominal, unit=p.unit) for p in scene.parameters[1:]}
+
+    def up_to(high: float) -> mbdlft.Bounds:
+        speed = Parameter("v", 30.0, low=1.0, high=high, unit="m/s")
+        update = {"constants": {**scene.constants, **constants}, "parameters": (speed,)}
+        return robust_stability(to_lft(scene.model_copy(update=update), search=0.0), gap=1e-4)
+
+    assert up_to(v - 0.01).lower > 1.0
+    assert up_to(v + 0.01).upper < 1.0
+
+
+def test_a_foot_on_a_point_holds_aside_and_one_on_a_plane_slides() -> None:
+    """Of a body on one foot below its center: N = m g on the foot, which moves aside with the body."""
+    m, J, h, k = 4.0, 0.3, 0.7, 900.0
+    for side in (0.0, 400.0):
+        law = {"stiffness": k, "damping": 2.0, "side_stiffness": side, "side_damping": 3.0}
+        inertia = Inertia(xx=J, yy=J, zz=J)
+        body = RigidBody(name="body", mass=m, inertia=inertia, ports={"foot": (0, 0, -h)})
+        scene = Scene(
+            name="leg",
+            gravity=(0, 0, -10.0),
+            bodies=[body],
+            joints=[Free(name="base", parent="ground", child="body", position=(0, 0, h))],
+            loads=[Support(name="foot", child="body.foot", **law)],
+            inputs=["base.force.x", "base.force.z"],
+            outputs=["base.position.x", "base.rotation.y", "base.position.z", "foot.force"],
+        )
+        at, s = mbdlft.matrices_at(to_lft(scene, search=0.0), {}), 2.0 + 5j
+        found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+        foot = np.array([1.0, -h])  # its way aside, by x and the rotation about y
+        law_aside = (side + 3.0 * s) * np.outer(foot, foot) - np.diag([0.0, m * 10.0 * h])
+        x, turn = np.linalg.solve(np.diag([m, J]) * s**2 + law_aside, [1.0, 0.0])
+        z = 1.0 / (m * s**2 + 2.0 * s + k)
+        wanted = np.array([[x, 0], [turn, 0], [0, z], [0, -(k + 2.0 * s) * z]])
+        close.target(found, wanted, close.MECHANISM)
