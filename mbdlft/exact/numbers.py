@@ -305,19 +305,19 @@ def _coprime_base(radicands: Iterable[Fraction]) -> list[int]:
 
 @lru_cache(maxsize=256)
 def _rational_unit(direction: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
-    """A rational vector of length one along a direction but for 2^-240: a stereographic projection."""
+    """A rational vector of length one along a direction but for 2^-240: a stereographic projection.
+
+    Directions that quarter turns and reflections make of each other have the same numbers.
+    """
+    order = sorted(range(3), key=lambda k: abs(direction[k]))
     with precision(2 * BITS):
-        components = [flint.arb(flint.fmpq(x.numerator, x.denominator)) for x in direction]
-        length = sum((x * x for x in components), flint.arb(0)).sqrt()
-        pole = length if direction[2] <= 0 else -length  # the farther one
-        s, t = (
-            Fraction(int((x / (pole - components[2]) * 2**240).mid().floor().fmpz()), 2**240)
-            for x in components[:2]
-        )
+        sizes = (abs(direction[k]) for k in order)
+        x, y, z = (flint.arb(flint.fmpq(d.numerator, d.denominator)) for d in sizes)
+        height = (x * x + y * y + z * z).sqrt() + z  # above the pole
+        s, t = (Fraction(int((a / height * 2**240).mid().floor().fmpz()), 2**240) for a in (x, y))
     square = s * s + t * t
-    z = (square - 1) / (square + 1) * (1 if direction[2] <= 0 else -1)
-    sign = 1 if direction[2] <= 0 else -1
-    return (sign * 2 * s / (square + 1), sign * 2 * t / (square + 1), z)
+    components = {k: c / (1 + square) for k, c in zip(order, (2 * s, 2 * t, 1 - square), strict=True)}
+    return tuple(components[k] if direction[k] >= 0 else -components[k] for k in range(3))
 
 
 @lru_cache(maxsize=64)

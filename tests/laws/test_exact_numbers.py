@@ -343,6 +343,19 @@ def test_many_directions_need_no_prime_of_their_own() -> None:
     assert found * found == field.rational(Fraction(1, 14))
 
 
+@given(st.permutations(range(3)), st.tuples(*[st.sampled_from([-1, 1])] * 3))
+def test_quarter_turns_and_reflections_are_those_of_rational_directions(
+    order: list[int], signs: tuple[int, ...]
+) -> None:
+    """Where roots are too many, a loop that closes by a quarter turn closes exactly."""
+    direction = tuple(decimal(x) for x in (0.55280671, -0.35278514, -0.39412288))
+    turned = tuple(sign * direction[k] for k, sign in zip(order, signs, strict=True))
+    unit = module._rational_unit(direction)
+    expected = tuple(sign * unit[k] for k, sign in zip(order, signs, strict=True))
+    assert module._rational_unit(turned) == expected
+    assert sum(x * x for x in unit) == 1
+
+
 def test_pi_is_transcendental() -> None:
     pi, deg = (FIELD.of(Constant("pi", Fraction(x))) for x in ("1", "1/180"))
     assert pi == FIELD.rational(180) * deg
