@@ -29,7 +29,7 @@ ELASTIC = [
 OTHERS = [  # what pinocchio's trees do not have
     *("ball_turntable", "belt_gantry", "bicycle", "control_moment_gyros", "diff_drive"),
     *("differential_wrist", "half_car", "lander", "motorcycle", "rolling_disk", "segway"),
-    *("tower_crane", "wheelset"),
+    *("tower_crane", "wheelset", "whipple_bicycle"),
 ]
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture

@@ -16,7 +16,7 @@ from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
 from mbdlft.show.report import page
 from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
-from mbdlft.show.viewer.page import scene_picture
+from mbdlft.show.viewer.page import scene_film, scene_picture
 from mbdlft.system.model import LFTModel
 from tests.close import PAGE, target
 
@@ -203,6 +203,21 @@ def test_pictures_are_drawings(name: str) -> None:
     said = {text.text for text in root.iter("{http://www.w3.org/2000/svg}text")}
     names = {joint.name for joint in drawn.joints if joint.kind != "fixed"}
     assert names <= said
+
+
+def test_a_film_shows_one_frame_at_a_time() -> None:
+    """The first frame has the bodies of the picture; the others are those of displaced coordinates."""
+    svg = "{http://www.w3.org/2000/svg}"
+    pendulum, moves = scene("pendulum"), [np.zeros(1), np.array([0.4]), np.array([-0.4])]
+    film = ET.fromstring(scene_film(pendulum, moves, 3.0, 0.5, 0.2))
+    frames = film.findall(f"{svg}g")
+    assert [frame.attrib["visibility"] for frame in frames] == ["visible", "hidden", "hidden"]
+    begins = [float(frame.find(f"{svg}animate").attrib["begin"][:-1]) for frame in frames]
+    assert begins == [-3.0, -2.0, -1.0]  # each begins to be seen as the one before it ends
+    rods = [{line.attrib["points"] for line in frame.iter(f"{svg}polyline")} for frame in frames]
+    still = ET.fromstring(scene_picture(pendulum, 0.5, 0.2))
+    assert rods[0] <= {line.attrib["points"] for line in still.iter(f"{svg}polyline")}
+    assert rods[0] != rods[1] != rods[2] != rods[0]
 
 
 def test_an_axis_toward_the_eye_differs_from_one_away() -> None:

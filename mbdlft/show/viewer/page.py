@@ -141,6 +141,41 @@ def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
     return pictures
 
 
+def scene_film(
+    scene: Scene, displacements: Sequence[Array], seconds: float, azimuth: float, height: float
+) -> str:
+    """The moving picture of a scene at nominal, as an SVG element that begins again at its end.
+
+    It has bodies and what rolls, at `displacements` (n,) of all coordinates from the equilibrium, one for
+    each frame; `seconds` is the length of the film. Where nothing moves, the first frame is seen.
+    """
+    placed = scene_poses(scene)
+    nominal = np.array([p.nominal for p in placed.resolved.parameters])
+    drawing = draw(placed, nominal)
+    function, frames, ends = drawing.function(), list[str](), list[tuple[float, float]]()
+    size, up = reach(drawing), np.array(up_direction(drawing))
+    for k, moved in enumerate(displacements):
+        vectors = np.asarray(function(nominal, moved)).reshape(-1, 3)
+        sheet = _sheet(up, azimuth, height, _SIZE / size)
+        for number, item in enumerate(drawing.items):
+            for shape in item["shapes"]:
+                if item["group"] in ("bodies", "contacts") and shape["type"] in (
+                    "stick",
+                    "curve",
+                    "mass",
+                ):
+                    _draw_shape(sheet, shape, vectors, _COLORS[number % len(_COLORS)], size)
+        shown = "visible" if k == 0 else "hidden"
+        begin = (k / len(displacements) - 1.0) * seconds
+        frames.append(
+            f'<g visibility="{shown}"><animate attributeName="visibility" values="visible;hidden" '
+            f'keyTimes="0;{1.0 / len(displacements):.5f}" calcMode="discrete" dur="{seconds:g}s" '
+            f'begin="{begin:.4f}s" repeatCount="indefinite"/>{_strokes(sheet)}</g>'
+        )
+        ends += sheet.ends
+    return _element(ends, scene.name, "\n".join(frames))
+
+
 def _sheet(up: Array, azimuth: float, height: float, scale: float) -> _Sheet:
     """The plane across the line of sight."""
     first = np.eye(3)[int(np.argmin(np.abs(up)))]
@@ -227,11 +262,18 @@ def _name(sheet: _Sheet, item: dict[str, object], v: Array, color: str) -> None:
 
 def _finished(sheet: _Sheet, drawing: Drawing) -> str:
     """The element, what is behind drawn first."""
-    ends = np.array(sheet.ends)
+    return _element(sheet.ends, drawing.poses.scene.name, _strokes(sheet))
+
+
+def _strokes(sheet: _Sheet) -> str:
+    return "\n".join(text for _, text in sorted(sheet.strokes, key=lambda stroke: stroke[0]))
+
+
+def _element(points: Sequence[tuple[float, float]], name: str, body: str) -> str:
+    """An element that holds the points."""
+    ends, title = np.array(points), html.escape(name)
     low, high = ends.min(axis=0) - _MARGIN, ends.max(axis=0) + _MARGIN
     wide, tall = high - low
-    title = html.escape(drawing.poses.scene.name)
-    body = "\n".join(text for _, text in sorted(sheet.strokes, key=lambda stroke: stroke[0]))
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="{low[0]:.1f} {low[1]:.1f} {wide:.1f} '
         f'{tall:.1f}" width="{wide:.0f}" height="{tall:.0f}" font-family="sans-serif" '
