@@ -209,15 +209,47 @@ def view(
         Path | None,
         typer.Option(help="Robot (URDF, SDF, MJCF) of which the scene was made: its shapes are shown."),
     ] = None,
+    over: Annotated[
+        Path | None, typer.Option(help="Scene or archive whose poles stay beside those of the sliders.")
+    ] = None,
+    response: Annotated[
+        str | None, typer.Option(help="What the page plays when it is opened: step.")
+    ] = None,
     as_json: options.AsJson = False,
 ) -> None:
-    """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes."""
+    """Write a web page that shows a scene, with sliders, loads at equilibrium and moving modes.
+
+    Poles are those of the sliders, and steps can be played. Worst cases that are stored beside the
+    model of an archive are buttons.
+    """
     file = _page(output or Path(f"{source.stem}.html"))
     scene = _scene(source, model)
     looks = source if robot is None and options.is_robot(source) else robot
     shown = model if looks is not None and source == looks else None
-    page = show.view(scene, options.values_of(assignments), robot=looks, model=shown)
+    other = None if over is None else _scene(over, None)
+    page = show.view(
+        scene,
+        options.values_of(assignments),
+        robot=looks,
+        model=shown,
+        over=other,
+        places=_worst_cases(source, scene),
+        response=response,
+    )
     print_files(("page", page.save(file)), as_json=as_json)
+
+
+def _worst_cases(source: Path, scene: "Scene") -> dict[str, dict[str, float]]:
+    """Values of the parameters of a scene in the worst cases that an archive has, by title."""
+    if not options.is_archive(source):
+        return {}
+    names = {parameter.name for parameter in scene.parameters}
+    found = {}
+    for name in archives.analysis_names(source):
+        _, bounds = archives.load_analysis(source, name)
+        if bounds.worst and set(bounds.worst) <= names:
+            found[f"worst case of {name}"] = dict(bounds.worst)
+    return found
 
 
 def _scene(source: Path, model: str | None) -> "Scene":

@@ -4,7 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import mbdlft
 from tests.browser import Loaded, browser
@@ -120,3 +122,34 @@ def test_numbers_have_units_of_their_size(load: Callable[..., Loaded], tmp_path:
         target(loaded.run("(text) => numberOf(text)", text), value, PAGE)
     assert loaded.run("() => Number.isNaN(numberOf('')) && Number.isNaN(numberOf('x'))")
     assert loaded.complaints == []
+
+
+@pytest.mark.parametrize("name", ["two_link_arm", "half_car", "flexible_manipulator"])
+def test_poles_and_steps_are_those_of_the_model(
+    name: str, load: Callable[..., Loaded], tmp_path: Path
+) -> None:
+    """At values of the sliders; against the linear model of the package and its step response."""
+    scene = scene_called(name)
+    model = mbdlft.to_lft(scene, search=0.0, prove=0.0)
+    point = {key: float(value[0]) for key, value in mbdlft.random(scene.parameters, 1, seed=7).items()}
+    page = mbdlft.view(scene, over=model, places={"there": point}, response="step")
+    loaded = load(page.save(tmp_path / "page.html"))
+    loaded.page.get_by_role("button", name="there", exact=True).click()
+    found = np.array(loaded.run("() => mbdlft.poles()")) @ np.array([1.0, 1j])
+    A, B, C, D = (matrix[0] for matrix in mbdlft.matrices_at(model, {k: [v] for k, v in point.items()}))
+    expected = list(np.linalg.eigvals(A))
+    swinging = [pole for pole in expected if abs(pole) > 1e-3 * max(np.abs(expected))]
+    for pole in swinging:
+        target(found[np.argmin(abs(found - pole))], pole, PAGE, abs(pole))
+    dt, count = 0.3 / max(np.abs(expected)), 20
+    drawn = loaded.run("([dt, count]) => mbdlft.step(0, dt, count)", [dt, count])
+    n = len(A)
+    E = expm(np.block([[A, B[:, :1]], [np.zeros((1, n + 1))]]) * dt)
+    state = np.eye(n + 1)[n]
+    for row in drawn:
+        target(row, C @ state[:n] + D[:, 0], PAGE, np.max(np.abs(drawn)))
+        state = E @ state
+    assert "as large" in loaded.run("() => document.getElementById('played').textContent")
+    assert loaded.page.locator("#plane .other").count() > 0
+    assert loaded.complaints == []
+    loaded.page.close()

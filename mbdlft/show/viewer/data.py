@@ -13,16 +13,17 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError
+from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners, physical_points, random
 from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.assembly.resolved import resolve
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals
-from mbdlft.problem.equations import Equations, physical_symbols
-from mbdlft.problem.linearization import linearized
+from mbdlft.problem.equations import Equations, physical_symbols, split
+from mbdlft.problem.linearization import linearized, slope_function
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import steps
 from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
@@ -30,6 +31,7 @@ from mbdlft.response.modes import balancing, spectrum
 from mbdlft.show.viewer.drawing import Drawing, draw
 from mbdlft.show.viewer.looks import robot_looks
 from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, scene_poses
+from mbdlft.system.model import System
 
 # the operations that `interpret` of assets/interpret.js knows, by their place in this list
 OPERATIONS = (
@@ -115,6 +117,26 @@ def mode_data(scene: Scene, equations: Equations, chosen: Array) -> list[dict[st
         {"point": point.tolist(), "modes": _modes(scene.name, matrix, moving)}
         for point, matrix in zip(points, A, strict=True)
     ]
+
+
+def linear_data(scene: Scene, equations: Equations) -> dict[str, Any]:
+    """Slopes of [residual ; outputs] at equilibrium by unknown and known signals: a tape of p and u.
+
+    Its result has `rows`, by columns: of the `unknown` signals, whose first `states` are the derivatives,
+    of the states, and of the `inputs`; `linearAt` of assets/linear.js solves them for A, B, C, D.
+    """
+    e = equations
+    inputs, outputs = choose_signals(scene, e)
+    unknown, _ = split(e, inputs)
+    function = slope_function(e, tuple(inputs), tuple(outputs))
+    return {
+        "tape": tape_of(function),
+        "rows": int(function.size1_out(0)),
+        "unknown": unknown.numel(),
+        "states": len(e.states),
+        "inputs": [{"name": e.u_signals[k].name, "unit": e.u_signals[k].unit} for k in inputs],
+        "outputs": [{"name": e.y_signals[k].name, "unit": e.y_signals[k].unit} for k in outputs],
+    }
 
 
 def _samples(parameters: tuple[Parameter, ...], chosen: Array) -> Array:
@@ -224,6 +246,38 @@ def view_data(
     return data
 
 
+def other_poles(other: Scene | System) -> dict[str, Any]:
+    """The poles at nominal of what a scene is compared with, as pages draw them."""
+    if isinstance(other, Scene):
+        e = assemble(other)
+        points = np.array([[p.nominal for p in e.parameters]])
+        efforts, _ = trim_efforts(e, points)
+        n = len(e.states)
+        A = linearized(e, *choose_signals(other, e), points, efforts)[0, :n, :n]
+    else:
+        A = other.A
+    found = spectrum(A).cleaned
+    return {
+        "kind": "other",
+        "title": f"poles of {other.name} at nominal",
+        "poles": [[float(pole.real), float(pole.imag)] for pole in found],
+    }
+
+
+def placed_at(scene: Scene, title: str, values: Mapping[str, float]) -> dict[str, Any]:
+    """Values of all parameters of a scene, in its order; those that are not named are nominal.
+
+    They may be outside of the ranges, as the worst cases of margins are.
+    """
+    parameters = resolve(scene).parameters
+    for name in values:
+        if name not in [p.name for p in parameters]:
+            raise TrimError(
+                f"view, {title}: " + unknown_name("parameter", name, [p.name for p in parameters])
+            )
+    return {"title": title, "point": [float(values.get(p.name, p.nominal)) for p in parameters]}
+
+
 def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[str]:
     """Add the meshes and primitives of a robot to its bodies; sentences on what is missing."""
     looks = robot_looks(robot, model)
@@ -316,7 +370,7 @@ def _add_loops(data: dict[str, Any], placed: Poses) -> None:
 
 def _add_dynamics(data: dict[str, Any], scene: Scene, chosen: Array) -> None:
     """Loads at equilibrium and modes, or a note that says why there are none."""
-    data |= {"trim": None, "modes": [], "states": []}
+    data |= {"trim": None, "linear": None, "modes": [], "states": []}
     try:
         equations = assemble(scene)
         n = equations.degrees_of_freedom
@@ -325,6 +379,7 @@ def _add_dynamics(data: dict[str, Any], scene: Scene, chosen: Array) -> None:
             free = set(data["states"])
             data["loops"]["follow"] = [k for k in range(n) if k not in free]
         data["trim"] = trim_data(equations)
+        data["linear"] = linear_data(scene, equations)
         data["modes"] = mode_data(scene, equations, chosen)
     except MbdlftError as error:
         data["notes"].append(str(error))

@@ -21,10 +21,10 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError, MbdlftError, SceneError
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.scene.toml import scene_from_toml
-from mbdlft.show.viewer.data import reach, up_direction, view_data
+from mbdlft.show.viewer.data import other_poles, placed_at, reach, up_direction, view_data
 from mbdlft.show.viewer.drawing import Drawing, Shape, draw
 from mbdlft.show.viewer.poses import scene_poses
-from mbdlft.system.model import LFTModel
+from mbdlft.system.model import LFTModel, System
 
 _COLORS = ("#4477aa", "#aa7711", "#228833", "#aa3377", "#777777", "#cc6677", "#2a9d8f", "#8a7a2a")
 _AXIS, _FORCE, _TORQUE, _SENSOR, _GROUND = "#1f4f9f", "#c0501a", "#9a2a6a", "#107040", "#6a40b0"
@@ -284,7 +284,7 @@ def _element(points: Sequence[tuple[float, float]], name: str, body: str) -> str
 _FOLDER = Path(__file__).parent / "assets"
 _SCRIPTS = (
     "interpret.js", "numbers.js", "controls.js", "labels.js", "shapes.js", "world.js", "tools.js",
-    "main.js",
+    "linear.js", "plots.js", "main.js",
 )  # fmt: skip
 _PACKAGE, _BUNDLE = "k3d", "k3d/static/standalone.js"
 _HEIGHT = 640  # of the page in a notebook
@@ -328,6 +328,9 @@ def view(
     *,
     robot: str | Path | None = None,
     model: str | None = None,
+    over: Scene | System | None = None,
+    places: Mapping[str, Mapping[str, float]] | None = None,
+    response: str | None = None,
 ) -> Page:
     """The page that shows a scene: bodies, joints, loads, sensors; with sliders, and modes that move.
 
@@ -341,6 +344,12 @@ def view(
         The URDF, SDF or MJCF file that the scene is of: shapes and meshes of its links are shown, too.
     model : str, optional
         Which model of an SDF file that has several.
+    over : Scene or System, optional
+        What this one is compared with: its poles at nominal stay beside those of the sliders.
+    places : mapping of titles to values by name, optional
+        Buttons that lead the sliders to these values, also beyond the ranges: worst cases of margins.
+    response : "step", optional
+        What the page plays when it is opened.
 
     Returns
     -------
@@ -351,17 +360,22 @@ def view(
     ------
     SceneError
         Names, units or the tree of the scene are wrong, the package k3d is missing, or the file of
-        the robot cannot be read. Meshes that are not there are notes on the page.
+        the robot cannot be read; `response` is another word. Meshes that are not there are notes.
     TrimError
-        A name of `values` is unknown, or a value is outside its range.
+        A name of `values` or `places` is unknown, or a value of `values` is outside its range.
     """
     if not isinstance(scene, Scene):
         raise SceneError(
             f"view: expected a Scene, got {type(scene).__name__}. load_scene, load_robot and "
             "scene_from_toml make one; scene_of(model) is that of a model."
         )
+    if response not in (None, "step"):
+        raise SceneError(f"view, response: expected 'step', got {response!r}.")
     library, version = _library()
-    return Page(scene.name, _filled(view_data(scene, values, robot, model), library, version))
+    data = view_data(scene, values, robot, model)
+    data |= {"response": response, "others": [] if over is None else [other_poles(over)]}
+    data["places"] = [placed_at(scene, title, each) for title, each in (places or {}).items()]
+    return Page(scene.name, _filled(data, library, version))
 
 
 def _filled(data: Mapping[str, Any], library: str, version: str) -> str:

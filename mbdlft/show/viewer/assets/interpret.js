@@ -31,21 +31,27 @@ function interpret(tape, ...given) {
   return results;
 }
 
-/** x of A x = b for a square A (an array of rows), by elimination with pivots; null if A is singular. */
-function solve(A, b) {
-  const n = b.length, rows = A.map((row, i) => [...row, b[i]]);
+/** X of A X = B for a square A and B, arrays of rows, by elimination with pivots; null if A is singular. */
+function solveAll(A, B) {
+  const n = A.length, rows = A.map((row, i) => Float64Array.from([...row, ...B[i]]));
   for (let j = 0; j < n; j++) {
     let pivot = j;
     for (let i = j + 1; i < n; i++) if (Math.abs(rows[i][j]) > Math.abs(rows[pivot][j])) pivot = i;
     if (!(Math.abs(rows[pivot][j]) > 0)) return null;
     [rows[j], rows[pivot]] = [rows[pivot], rows[j]];
     for (let i = 0; i < n; i++) {
-      if (i === j) continue;
+      if (i === j || rows[i][j] === 0) continue;
       const factor = rows[i][j] / rows[j][j];
-      for (let k = j; k <= n; k++) rows[i][k] -= factor * rows[j][k];
+      for (let k = j; k < rows[i].length; k++) rows[i][k] -= factor * rows[j][k];
     }
   }
-  return rows.map((row, j) => row[n] / row[j]);
+  return rows.map((row, j) => Array.from(row.subarray(n), (entry) => entry / row[j]));
+}
+
+/** x of A x = b; null if A is singular. */
+function solve(A, b) {
+  const found = solveAll(A, Array.from(b, (entry) => [entry]));
+  return found && found.map((row) => row[0]);
 }
 
 /** Efforts and loads at equilibrium for the parameters p; null where there is no single solution. */

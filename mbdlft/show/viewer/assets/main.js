@@ -7,7 +7,7 @@
   const q = new Float64Array(data.coordinates.length);
   const follow = new Set(data.loops ? data.loops.follow : []);
   const factors = Float64Array.from(data.coordinates, (one) => one.turns ? 180 / Math.PI : 1);
-  let world = null, shown = -1, mode = null, loads = null, positions = [], readers = [];
+  let world = null, shown = -1, mode = null, step = null, loads = null, positions = [], readers = [];
 
   function note(text) {
     const line = make("p", text, "note");
@@ -23,6 +23,7 @@
     const u = data.trim ? trimmed(data.trim, p) : null;
     loads = u && { u, visible: true, sizes: [0, 0], largest: (turns) => loads.sizes[turns ? 1 : 0] };
     positions = interpret(data.positions, p, q);
+    if (plane) poles();
   }
 
   /** The largest force and the largest torque at equilibrium, to which arrows are scaled. */
@@ -55,12 +56,70 @@
     readers.forEach((read) => read());
   }
 
+  // poles and step responses -----------------------------------------------------------------
+
+  const samples = data.modes.map((sample) => sample.modes.map((one) => [one.real, one.imag]));
+  const plane = data.linear && data.linear.states ? polePlane(find("plane"), [{ kind: "sample", poles: samples.flat(), title: "poles at samples of the parameters" }, ...data.others]) : null;
+  let linear = null, found = [];
+  find("poles").hidden = !plane;
+  find("response").hidden = !plane || !data.linear.inputs.length || !data.linear.outputs.length;
+
+  /** The poles at the values of the sliders. */
+  function poles() {
+    linear = linearAt(data.linear, p, loads && loads.u);
+    found = (linear && eigenvalues(linear.A)) || [];
+    plane.show(found);
+    if (!found.length) { find("stable").textContent = "There is no linear model at these values."; return; }
+    const swinging = found.filter(([x, y]) => y > 0 && Math.hypot(x, y) > plane.least), damping = ([x, y]) => -x / Math.hypot(x, y);
+    const least = swinging.reduce((best, one) => (best && damping(best) <= damping(one) ? best : one), null);
+    find("stable").textContent = `Largest real part ${short(Math.max(...found.map(([x]) => x)))} rad/s` + (least ? `; least damping ${short(damping(least))} at ${short(Math.hypot(...least))} rad/s.` : ".");
+  }
+
+  /** How long a step is looked at (s): three periods of the slowest pole, or less where it grows. */
+  function horizon() {
+    const sizes = found.map(([x, y]) => Math.hypot(x, y)).filter((size) => size > plane.least), grows = Math.max(0, ...found.map(([x]) => x));
+    return Math.min(6 * Math.PI / (sizes.length ? Math.min(...sizes) : 1), grows > plane.least ? 8 / grows : Infinity);
+  }
+
+  function play(begin = performance.now()) {
+    stop();
+    if (!linear) return;
+    const input = Number(find("input").value), output = Number(find("output").value), last = horizon(), count = 400, seconds = 8;
+    const { times, x, y } = stepResponse(linear, input, last / (count - 1), count), read = data.linear.outputs[output], given = data.linear.inputs[input];
+    const move = curveOf(find("curve"), times, y.map((row) => row[output]), read.unit);
+    const shapes = x.filter((_, k) => k % 10 === 9).map((row) => row.slice(0, data.states.length));
+    const amount = amplitude(shapes), speed = seconds / last;
+    find("played").textContent = `A step of 1 ${given.unit}; the motion is drawn ${short(amount)} times as large and ${speed >= 1 ? `${short(speed)} times slower` : `${short(1 / speed)} times faster`}.`;
+    const one = step = { begin };
+    find("play").textContent = "stop";
+    (function frame(now) {
+      if (step !== one) return;
+      const k = Math.min(count - 1, Math.floor((count - 1) * (Math.max(0, now - begin) / 1000 % (seconds + 1)) / seconds));
+      data.states.forEach((number, i) => { q[number] = amount * x[k][i]; });
+      place();
+      move(k);
+      requestAnimationFrame(frame);
+    })(begin);
+  }
+
+  /** What is played goes on with other values or signals. */
+  function replay() {
+    if (step) play(step.begin);
+  }
+
+  [["input", data.linear && data.linear.inputs], ["output", data.linear && data.linear.outputs]].forEach(([id, signals]) => {
+    (signals || []).forEach((signal, k) => find(id).append(new Option(signal.name, k)));
+    find(id).addEventListener("change", replay);
+  });
+  find("play").addEventListener("click", () => (step ? (stop(), q.fill(0), update()) : play()));
+
   // sliders ----------------------------------------------------------------------------------
 
   function setParameter(k, value) {
     p[k] = value;
     trim();
     nearest();
+    replay();
     update();
   }
 
@@ -99,6 +158,7 @@
     data.parameters.forEach((parameter, k) => { p[k] = parameter.nominal; });
     trim();
     nearest();
+    replay();
     update();
   }
   find("reset").addEventListener("click", reset);
@@ -177,11 +237,19 @@
     modes();
   }
 
-  find("there").addEventListener("click", () => {
-    data.modes[shown].point.forEach((value, k) => { p[k] = value; });
+  /** Leads the sliders to values of all parameters. */
+  function lead(point) {
+    point.forEach((value, k) => { p[k] = value; });
     trim();
     nearest();
+    replay();
     update();
+  }
+  find("there").addEventListener("click", () => lead(data.modes[shown].point));
+  data.places.forEach(({ title, point }) => {
+    const button = Object.assign(make("button", title), { type: "button" });
+    button.addEventListener("click", () => lead(point));
+    find("places").append(button);
   });
 
   function mark(row, on) {
@@ -190,7 +258,8 @@
   }
 
   function stop() {
-    mode = null;
+    mode = step = null;
+    find("play").textContent = "play";
     find("rows").querySelectorAll("tr").forEach((row) => mark(row, false));
     find("moving").textContent = "";
   }
@@ -201,22 +270,23 @@
     data.states.forEach((k, i) => { q[k] = amount * (one.shape[0][i] * Math.cos(phase) - one.shape[1][i] * Math.sin(phase)); });
   }
 
-  function amplitude(one) {
+  /** By what displacements (arrays by state) are multiplied so that they can be seen, and are not too large. */
+  function amplitude(shapes) {
     q.fill(0);
-    const rest = place(), step = 1e-4;
+    const rest = place(), largest = Math.max(...shapes.flat().flat().map(Math.abs), 1e-300), tiny = 1e-4 / largest;
     let way = 0, turn = 0;
-    for (const phase of [0, Math.PI / 2]) {
-      swing(one, step, phase);
+    for (const shape of shapes) {
+      data.states.forEach((k, i) => { q[k] = tiny * shape[i]; });
       const moved = place();
       (world ? world.points : []).forEach((k) => { way = Math.max(way, Math.hypot(...[0, 1, 2].map((i) => moved[3 * k + i] - rest[3 * k + i]))); });
       data.coordinates.forEach((c, k) => { if (c.turns) turn = Math.max(turn, Math.abs(q[k])); });
     }
-    return step * Math.min(way > 0 ? 0.12 * data.size / way : Infinity, turn > 0 ? 0.5 / turn : Infinity, 1e6);
+    return tiny * Math.min(way > 0 ? 0.12 * data.size / way : Infinity, turn > 0 ? 0.5 / turn : Infinity, 1e10);
   }
 
   function animate(one, row) {
     stop();
-    const amount = amplitude(one);
+    const amount = amplitude(one.shape);
     mode = one;
     mark(row, true);
     const size = Math.hypot(one.real, one.imag);
@@ -255,6 +325,10 @@
   update();
   sliders();
   if (world) world.fit();
+  if (data.response) {
+    find("response").open = true;
+    play();
+  }
 
   /* What scripts and tests may ask for. */
   window.mbdlft = {
@@ -270,6 +344,8 @@
     drawn: () => { world.render(); return world.drawn(); },
     pick: (name) => pick(data.items.findIndex((item) => item.name === name)),
     look: (azimuth, height) => { world.view.look(azimuth, height); world.fit(); },
+    poles: () => found,
+    step: (input, dt, count) => stepResponse(linear, input, dt, count).y,
     reset,
   };
 })();
