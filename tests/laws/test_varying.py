@@ -128,6 +128,11 @@ def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
     grown = monodromy(loop, np.full(len(many), step / fine), many)
     assert abs(grown - 1.0) <= 50.0 * STABLE
     assert found.worst == {}
+    motion = np.column_stack([times, 0.9 * deltas])  # a tenth smaller, it comes to rest
+    smaller = {name: 0.9 * delta for name, delta in found.delta.items()}
+    other = replace(found, motion=motion, upper=0.9 * found.upper, delta=smaller)
+    assert verify(loop, found) == ""
+    assert "comes to rest" in verify(loop, other)
 
 
 def test_no_signal_is_amplified_by_more_than_the_gain() -> None:
