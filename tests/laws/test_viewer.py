@@ -296,6 +296,7 @@ def test_rims_touch_the_ground_and_couplings_are_listed() -> None:
     poses = scene_poses(scene)
     drawing = draw(poses, np.array([p.nominal for p in scene.parameters]))
     (coupling,) = [item for item in drawing.items if item["group"] == "couplings"]
+    assert [(shape["type"], len(shape["points"])) for shape in coupling["shapes"]] == [("line", 2)]
     assert coupling["lines"][0] == "couples rear and front"
     rims = {item["name"]: item["shapes"] for item in drawing.items if item["group"] == "contacts"}
     assert len(rims) == len(scene.contacts) == 2

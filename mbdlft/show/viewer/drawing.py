@@ -34,7 +34,7 @@ Shape = dict[str, Any]
 Item = dict[str, Any]
 _NOTHING = 1e-12  # of a wrench: a force or torque that no load of this kind has
 # of shapes of these groups; others have a layer each
-_LAYERS = {"world": "ground", "loops": "joints", "contacts": "bodies"}
+_LAYERS = {"world": "ground", "loops": "joints", "contacts": "bodies", "couplings": "joints"}
 _POINTS = 24  # of a beam, at least, for polynomials over the whole of it
 _ROW = {"axial": 0, "bending_y": 1, "bending_z": 2}  # of the displacement that each deformation makes
 
@@ -123,7 +123,11 @@ def draw(poses: Poses, nominal: Array) -> Drawing:
     for coupling in scene.couplings:
         terms = " and ".join(term.coordinate for term in coupling.terms())
         lines = [f"couples {terms}", *said(coupling.quantities(scene.joints))]
-        drawing.add("couplings", coupling.name, coupling.kind, lines, [])
+        coupled = [joint for joint, _ in coupling.freedoms(scene.joints)]
+        points = [drawing.vector(poses.joints[joint.name].child) for joint in coupled]
+        drawing.add(
+            "couplings", coupling.name, coupling.kind, lines, [{"type": "line", "points": points}]
+        )
     if not np.isfinite(drawing.numbers(ca.horzcat(*drawing.vectors))).all():
         raise SceneError(
             f"scene {scene.name!r}: a position is not finite at nominal, so there is nothing to draw. "
