@@ -70,7 +70,7 @@ def test_meshes_stand_where_pinocchio_has_them(file: str) -> None:
     pin.updateGeometryPlacements(model, reached, visual, geometry, q)
     drawn: dict[str, list[dict[str, Any]]] = {}
     for item in data["items"]:
-        own = [shape for shape in item["shapes"] if shape["type"] == "mesh"]
+        own = [shape for shape in item["shapes"] if shape["layer"] == "meshes"]
         if own:
             drawn[item["name"]] = own
     assert len(drawn) >= 7

@@ -37,7 +37,7 @@ def standing(file: Path) -> list[tuple[str, dict[str, Any], np.ndarray]]:
     found = []
     for item in data["items"]:
         for shape in item["shapes"]:
-            if shape["type"] == "mesh":
+            if shape["layer"] == "meshes":
                 frame = np.eye(4)
                 frame[:3, 3], frame[:3, :3] = vectors[shape["at"][0]], vectors[shape["at"][1:]].T
                 place = np.array(shape["geometry"]["place"]).reshape(4, 4)

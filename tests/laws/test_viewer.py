@@ -20,6 +20,7 @@ from mbdlft.show.viewer import page as page_of_scene
 from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.poses import scene_poses
+from mbdlft.show.viewer.solids import solid_of
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import plant
@@ -309,3 +310,40 @@ def test_rims_touch_the_ground_and_couplings_are_listed() -> None:
         target(np.linalg.norm(points - hub, axis=1), np.full(len(points), radius), EVALUATION)
         assert abs(min(points[:, 2])) < 0.02 * radius  # 24 points
         assert np.ptp(points[:, 1]) < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_solids_have_the_inertia_of_their_bodies(seed: int) -> None:
+    """Boxes, cylinders and a plate, turned and about a port, have the sizes from which they were made."""
+    rng = np.random.default_rng(seed)
+    (a, b, c, r, h), mass = rng.uniform(0.2, 2.0, 5), float(rng.uniform(1.0, 9.0))
+    R, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    side = mass * (3.0 * r * r + h * h) / 12.0
+    made = {
+        "box": (np.array([b * b + c * c, a * a + c * c, a * a + b * b]) * mass / 12.0, [a, b, c]),
+        "plate": (np.array([b * b, a * a, a * a + b * b]) * mass / 12.0, [a, b, 0.0]),
+        "cylinder": (np.array([side, mass * r * r / 2.0, side]), [r, h]),
+    }
+    for name, (moments, sizes) in made.items():
+        d, at = rng.standard_normal((2, 3))
+        J = R @ np.diag(moments) @ R.T + mass * ((d @ d) * np.eye(3) - np.outer(d, d))
+        entries = {"xyz"[i] + "xyz"[j]: float(J[i, j]) for i in range(3) for j in range(i, 3)}
+        body = mbdlft.RigidBody(name="b", mass=mass, center_of_mass=tuple((at + d).tolist()),
+                                ports={"p": tuple(at.tolist())},
+                                inertia=mbdlft.Inertia(**entries, about="p"))  # fmt: skip
+        free = mbdlft.Free(name="f", parent="ground", child="b")
+        data = view_data(mbdlft.Scene(name="one", bodies=[body], joints=[free]))
+        (shape,) = [s for item in data["items"] for s in item["shapes"] if s["layer"] == "solids"]
+        kind = "cylinder" if name == "cylinder" else "box"
+        found = shape["geometry"][kind] if kind == "cylinder" else sorted(shape["geometry"][kind])
+        target(found, sizes if kind == "cylinder" else sorted(sizes), FINITE_ELEMENTS, 1.0)
+        place = np.array(shape["geometry"]["place"]).reshape(4, 4)
+        target(place[:3, 3], at + d, EVALUATION, 1.0)
+        if kind == "cylinder":
+            target(abs(place[:3, 2] @ R[:, 1]), 1.0, FINITE_ELEMENTS)
+
+
+def test_an_inertia_that_no_solid_has_is_not_drawn() -> None:
+    assert solid_of(1.0, np.diag([1.0, 1.0, 3.0])) is None
+    assert solid_of(1.0, np.zeros((3, 3))) is None
+    assert solid_of(0.0, np.eye(3)) is None

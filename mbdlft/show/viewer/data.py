@@ -31,6 +31,7 @@ from mbdlft.response.modes import balancing, spectrum
 from mbdlft.show.viewer.drawing import Drawing, draw
 from mbdlft.show.viewer.looks import robot_looks
 from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, scene_poses
+from mbdlft.show.viewer.solids import add_solids
 from mbdlft.system.model import System
 
 # the operations that `interpret` of assets/interpret.js knows, by their place in this list
@@ -223,6 +224,7 @@ def view_data(
     (chosen,) = physical_points(parameters, values or {}, "view", TrimError)
     drawing = draw(placed, np.array([p.nominal for p in parameters]))
     notes = _add_looks(drawing, robot, model) if robot is not None else []
+    add_solids(drawing)
     positions = equilibrium_positions(placed)
     data: dict[str, Any] = {
         "name": scene.name,

@@ -282,10 +282,19 @@ def _drawn(looks: Sequence[Look]) -> dict[str, list[dict[str, Any]]]:
             shape["triangles"] = text
         name = body_name(look.link) if look.link else GROUND
         if len(corners) and look.link:
-            points = corners @ look.place[:3, :3].T + look.place[:3, 3]
-            shape["extent"] = [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
+            shape["extent"] = _extent(corners, look.place)
         shapes.setdefault(name, []).append(shape)
     return shapes
+
+
+def extent_of(sizes: dict[str, Any], place: Array) -> list[list[float]]:
+    """The least and the largest corner (m) of a primitive at a place (4, 4), in the axes of its body."""
+    return _extent(_corners(sizes), place)
+
+
+def _extent(corners: Array, place: Array) -> list[list[float]]:
+    points = corners @ place[:3, :3].T + place[:3, 3]
+    return [points.min(axis=0).tolist(), points.max(axis=0).tolist()]
 
 
 def _corners(sizes: dict[str, Any]) -> Array:

@@ -309,10 +309,11 @@
     note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
     find("shown").hidden = find("tools").hidden = true;
   }
-  const hidden = new Set(["frames"]);
-  ["bodies", "meshes", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "grid", "names"].forEach((layer) => {
-    if (layer === "meshes" && !data.items.some((item) => item.shapes.some((shape) => shape.layer === layer))) return;
-    const row = make("label", "", "layer"), box = make("input"), text = { equilibrium: "loads at equilibrium", ground: "ground and gravity" }[layer] ?? layer;
+  const drawn = new Set(data.items.flatMap((item) => item.shapes.map((shape) => shape.layer)));
+  const hidden = new Set(["frames", drawn.has("meshes") ? "solids" : ""]);
+  ["bodies", "meshes", "solids", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "grid", "names"].forEach((layer) => {
+    if (["meshes", "solids"].includes(layer) && !drawn.has(layer)) return;
+    const row = make("label", "", "layer"), box = make("input"), text = { equilibrium: "loads at equilibrium", ground: "ground and gravity", solids: "solids of this mass and inertia" }[layer] ?? layer;
     Object.assign(box, { type: "checkbox", checked: !hidden.has(layer) });
     box.addEventListener("change", () => { world.layer(layer, box.checked); place(); });
     row.append(box, make("span", text + (layer === "grid" && world ? ` of ${spelled(world.cell, "m")}` : "")));

@@ -112,7 +112,7 @@ function shapeMaker(T, size) {
       return found;
     },
     mesh(shape, color) {
-      const given = shape.geometry, material = paint(0xb8bec8, { side: T.DoubleSide, flatShading: given.triangles !== undefined, transparent: true, opacity: 0.55, depthWrite: false });
+      const given = shape.geometry, material = paint(shape.layer === "solids" ? color : 0xb8bec8, { side: T.DoubleSide, flatShading: given.triangles !== undefined, transparent: true, opacity: shape.layer === "solids" ? 0.35 : 0.55, depthWrite: false });
       const up = (upright) => upright.rotateX(Math.PI / 2); // three.js has its axis along y
       let geometry;
       if (given.triangles !== undefined) {
