@@ -196,6 +196,49 @@ def test_a_scene_is_as_large_as_its_shapes(tmp_path: Path) -> None:
     target(view_data(scene, robot=file)["size"], 3.0, CROSS)
 
 
+def test_fields_of_heights_are_those_that_mujoco_sees(tmp_path: Path) -> None:
+    """A ray from above meets the surface where MuJoCo says, or its other diagonal within a cell."""
+    file = tmp_path / "field.xml"
+    file.write_text(
+        '<mujoco><asset><hfield name="h" nrow="3" ncol="4" size="2 1 0.5 0.1" '
+        'elevation="0 1 2 3 1 2 3 4 2 3 4 5"/></asset><worldbody><geom type="hfield" hfield="h" '
+        'pos="0.3 0 1"/><body><joint/><geom size=".1"/></body></worldbody></mujoco>'
+    )
+    looks = robot_looks(file)
+    assert looks.notes == []
+    (shape,) = (shape for shape in looks.shapes["ground"] if "triangles" in shape)
+    triangles = corners(shape).reshape(-1, 3, 3)
+    assert len(triangles) == 2 * 2 * 3
+    model = mujoco.MjModel.from_xml_path(str(file))
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    for a, b, c in triangles:  # the heights are a plane, so that both diagonals are the same
+        inside = 0.2 * a + 0.5 * b + 0.3 * c
+        down, met = np.array([0.0, 0.0, -1.0]), np.zeros(1, dtype=np.int32)
+        way = mujoco.mj_ray(model, data, [*inside[:2], 9.0], down, None, 1, -1, met)
+        target(9.0 - way, inside[2], PAGE)
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_polyline_is_a_prism(tmp_path: Path, way: int) -> None:
+    """Its ends have the area of the polygon (which is not convex), its walls that of the outline."""
+    outline = [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)][::way]
+    points = "".join(f"<point>{x} {y}</point>" for x, y in outline)
+    file = tmp_path / "one.sdf"
+    file.write_text(
+        '<sdf version="1.9"><model name="m"><link name="a"><visual name="v"><geometry><polyline>'
+        f"{points}<height>0.5</height></polyline></geometry></visual></link></model></sdf>"
+    )
+    (shape,) = robot_looks(file).shapes["a"]
+    triangles = corners(shape).reshape(-1, 3, 3)
+    sides = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    level = np.ptp(triangles[:, :, 2], axis=1) == 0.0
+    target(0.5 * np.sum(np.abs(sides[level, 2])), 2 * 3.0, CROSS)
+    target(0.5 * np.sum(np.linalg.norm(sides[~level], axis=1)), 8.0 * 0.5, CROSS)
+    for a, b, c in triangles[level]:  # no triangle lies across the corner
+        assert not np.all((a + b + c)[:2] / 3.0 > 1.0)
+
+
 def test_what_is_not_shown_is_said(tmp_path: Path) -> None:
     file = tmp_path / "one.sdf"
     shape = "<box><size>1 2 3</size></box>"

@@ -21,7 +21,15 @@ from mbdlft.robot.load import top_of
 from mbdlft.robot.mjcf_model import Compiled, compiled
 from mbdlft.robot.sdf import chosen_model, version_of
 from mbdlft.robot.sdf_frames import frames_of, scopes
-from mbdlft.robot.urdf import Element, Reader, attribute_numbers, child_numbers, name_of, origin_of
+from mbdlft.robot.urdf import (
+    Element,
+    Reader,
+    attribute_numbers,
+    child_numbers,
+    content_numbers,
+    name_of,
+    origin_of,
+)
 
 _FINEST, _FINER = 256, 0.8  # cells along a mesh at most, and by what they get fewer
 _MOST = 36_000  # triangles of a page: some 2 MB
@@ -163,9 +171,67 @@ def _sizes(model: Compiled, geom: int) -> dict[str, Any]:
     return dict(known.get(kind, {}))
 
 
+def _field(model: Compiled, field: int) -> Array:
+    """Corners (n, 3, 3) of the surface of a field of heights: two triangles for each of its cells."""
+    rows, columns = int(model.arrays.hfield_nrow[field]), int(model.arrays.hfield_ncol[field])
+    first = int(model.arrays.hfield_adr[field])
+    wide, long, high, _ = model.arrays.hfield_size[field]
+    heights = model.arrays.hfield_data[first : first + rows * columns].reshape(rows, columns)
+    x, y = np.meshgrid(np.linspace(-wide, wide, columns), np.linspace(-long, long, rows))
+    points = np.stack([x, y, high * heights], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[:-1, 1:], points[1:, :-1], points[1:, 1:]
+    cells = np.stack([np.stack([a, b, c], axis=2), np.stack([b, d, c], axis=2)])
+    return np.asarray(cells.reshape(-1, 3, 3), dtype=float)
+
+
+def extruded(outline: Array, height: float) -> Array:
+    """Corners (n, 3, 3) of a prism from z = 0 to a height, on a simple polygon (m, 2), either way round.
+
+    The ends are cut into triangles ear by ear (Meisters, Polygons have ears, 1975).
+    """
+    low, high = (np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, height))
+    after = np.roll(np.arange(len(outline)), -1)
+    walls = [[low, low[after], high[after]], [low, high[after], high]]
+    ends = _ears(outline)
+    parts = [np.stack(wall, axis=1) for wall in walls] + [low[ends], high[ends]]
+    return np.concatenate(parts)
+
+
+def _ears(outline: Array) -> Array:
+    """Indices (m - 2, 3) of triangles that cover a simple polygon (m, 2)."""
+
+    def twice(a: int, b: int, c: int) -> float:
+        (p, q), (r, s) = outline[b] - outline[a], outline[c] - outline[a]
+        return float(p * s - q * r)
+
+    left, ears = list(range(len(outline))), list[tuple[int, int, int]]()
+    x, y = outline.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:
+        left.reverse()
+    while len(left) > 2:
+        corners = [(left[k - 1], left[k], left[(k + 1) % len(left)]) for k in range(len(left))]
+        ear = next(
+            (
+                (a, b, c)
+                for a, b, c in corners
+                if twice(a, b, c) > 0.0
+                and not any(
+                    min(twice(a, b, p), twice(b, c, p), twice(c, a, p)) >= 0.0
+                    for p in {*left} - {a, b, c}
+                )
+            ),
+            corners[0],  # of a line, or of a polygon that crosses itself
+        )
+        ears.append(ear)
+        left.remove(ear[1])
+    return np.array(ears, dtype=int).reshape(-1, 3)
+
+
 def _triangles(model: Compiled, geom: int) -> Array | None:
-    """Corners (n, 3, 3) of the mesh of a geom, in its axes; None if it has no mesh."""
+    """Corners (n, 3, 3) of the mesh or heights of a geom, in its axes; None if it has neither."""
     mesh, kind = int(model.arrays.geom_dataid[geom]), int(model.arrays.geom_type[geom])
+    if mesh >= 0 and kind == model.code("mjtGeom", "HFIELD"):
+        return _field(model, mesh)
     if mesh < 0 or kind not in (model.code("mjtGeom", "MESH"), model.code("mjtGeom", "SDF")):
         return None
     point, face = (int(getattr(model.arrays, f"mesh_{key}adr")[mesh]) for key in ("vert", "face"))
@@ -223,6 +289,10 @@ def _looks_of(
                 continue
             numbers = [number for size in sizes.values() for number in size or ()]
             yield Look(link, place, {shape.tag: numbers if len(numbers) > 1 else numbers[0]})
+        elif shape.tag == "polyline" and shape.named("point"):
+            points = np.array([content_numbers(point, where, 2) for point in shape.named("point")])
+            (height,) = read(shape, "height", where) or (1.0,)
+            yield Look(link, place, {}, extruded(points, height))
         elif shape.tag != "empty":
             notes.append(f"Shapes <{shape.tag}> are not shown.")
 
