@@ -19,7 +19,7 @@ from scipy.linalg import expm
 import mbdlft
 from mbdlft.base.parameter import Parameter
 from mbdlft.modelica import ModelicaTable, load_modelica, load_modelica_table, operating_point
-from mbdlft.show.viewer.page import scene_film, scene_picture
+from mbdlft.show.viewer.stills import scene_film, scene_picture
 from scenarios import sagging_arm
 
 ROOT = Path(__file__).parents[2]

@@ -207,5 +207,11 @@ def test_reports_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp
     assert loaded.run("() => document.documentElement.scrollWidth <= window.innerWidth")
     printed = loaded.page.pdf(prefer_css_page_size=True)
     assert 4 <= len(re.findall(rb"/Type\s*/Page\b", printed)) <= 16
+    loaded.page.emulate_media(media="print")
+    loaded.page.set_viewport_size({"width": 680, "height": 1000})  # A4 between its margins
+    assert not loaded.page.locator("pre").is_visible()
+    assert loaded.run("() => document.documentElement.scrollWidth <= window.innerWidth")
+    first = loaded.page.locator(".verdict").bounding_box()
+    assert first["y"] + first["height"] < 1000
     assert loaded.complaints == []
     loaded.page.close()

@@ -10,8 +10,9 @@ from mbdlft.base.errors import ArchiveError, SceneError, TrimError, WellPosednes
 from mbdlft.cli.files import _scene
 from mbdlft.show.viewer.data import _modes, view_data
 from mbdlft.show.viewer.drawing import draw
-from mbdlft.show.viewer.page import _filled, scene_picture
+from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.poses import scene_poses
+from mbdlft.show.viewer.stills import scene_picture
 from tests.errors.table import MessageError, refused
 
 ROOT = Path(__file__).parents[2]

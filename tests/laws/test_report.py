@@ -15,8 +15,16 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
 from mbdlft.show.report import page
-from mbdlft.show.report.content import trim_rows, verdict_sentence, worst_cases
-from mbdlft.show.viewer.page import scene_film, scene_picture
+from mbdlft.show.report.content import (
+    Worst,
+    next_step,
+    stability_sentences,
+    summary,
+    trim_rows,
+    verdict_sentence,
+    worst_cases,
+)
+from mbdlft.show.viewer.stills import scene_film, scene_picture
 from mbdlft.system.model import LFTModel
 from tests.close import PAGE, target
 
@@ -109,6 +117,39 @@ def test_the_first_sentence_follows_the_certificate() -> None:
     assert "equals the matrix at every value" in verdict_sentence(matrix)
     plain = mbdlft.as_system(mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name="lag"))
     assert "without evidence" in verdict_sentence(plain)
+
+
+def test_what_is_to_be_done_next_follows_what_is_known() -> None:
+    hanging, balancing = model_of("double_pendulum_hanging"), model_of("double_pendulum_inverted")
+    proved = replace(hanging.certificate, well_posed="proved")
+    hanging = replace(hanging, certificate=proved)
+    said = stability_sentences(hanging)
+    (what, _), (_, sure), (_, seen), (_, then) = summary(hanging, said, (), None)
+    assert what == "What it is"
+    assert sure == verdict_sentence(hanging)
+    assert seen.startswith("Stable at nominal")
+    assert "mbdlft margin double_pendulum_hanging.h5" in then
+    open_ = replace(hanging, certificate=replace(proved, well_posed="sampled"))
+    assert "--prove" in next_step(open_, said, (), None)
+    assert "close a loop" in next_step(
+        replace(balancing, certificate=proved), stability_sentences(balancing), (), "a.h5"
+    )
+    case = Worst("m: margin", proved=True, sentences=("Stable: proved.",), rows=())
+    assert "mbdlft view a.h5" in next_step(hanging, said, (case,), "a.h5")
+    assert summary(hanging, said, (case,), None)[1][1].endswith("m: margin: Stable: proved.")
+    assert "--work" in next_step(hanging, said, (case._replace(proved=False),), "a.h5")
+
+
+@pytest.mark.parametrize("name", ["ur5", "solar_arrays", "half_car"])
+def test_names_in_still_pictures_cover_none(name: str) -> None:
+    """Their boxes, with the width that a letter has at most, have no common point."""
+    picture = ET.fromstring(scene_picture(scene(name)))
+    found = [one for one in picture.iter() if one.tag.endswith("text")]
+    boxes = [(float(one.attrib["x"]), float(one.attrib["y"]), 6.0 * len(one.text or "")) for one in found]
+    assert len(boxes) > 8
+    for k, (x, y, wide) in enumerate(boxes):
+        for a, b, other in boxes[k + 1 :]:
+            assert x + wide <= a or a + other <= x or abs(y - b) >= 11.0
 
 
 @pytest.fixture

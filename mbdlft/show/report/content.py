@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.stability import check_stability
+from mbdlft.show.report.sentences import largest_error
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import trim_at
 
@@ -105,6 +107,46 @@ def verdict_sentence(model: System) -> str:
             f"has at least {c.order_bound}."
         )
     return f"{exact} {size}"
+
+
+def summary(
+    model: System, stability: Sequence[str], worst: Sequence[Worst], archive: str | Path | None
+) -> tuple[tuple[str, str], ...]:
+    """Four lines: what the model is, what is proved, what was looked at, and what is to be done next."""
+    counts = (
+        f"States: {len(model.states)}, inputs: {len(model.inputs)}, outputs: {len(model.outputs)}, "
+        f"parameters: {', '.join(p.name for p in model.parameters) or 'none'}."
+    )
+    checked = [f"{stability[0][0].upper()}{stability[0][1:]}."] if stability else []
+    if isinstance(model, LFTModel):
+        error = largest_error(model)
+        checked.append(f"{error[0].upper()}{error[1:]}.")
+    proved = [verdict_sentence(model)]
+    proved += [f"{case.title}: {case.sentences[0]}" for case in worst if case.proved]
+    return (
+        ("What it is", f"A linear model that holds for all values of its parameters. {counts}"),
+        ("How sure", " ".join(proved)),
+        ("What was seen", " ".join(checked) or "Nothing: the model has no states and no evidence."),
+        ("What next", next_step(model, stability, worst, archive)),
+    )
+
+
+def next_step(
+    model: System, stability: Sequence[str], worst: Sequence[Worst], archive: str | Path | None
+) -> str:
+    """The one thing that is most worth doing, with its command."""
+    file = Path(archive).name if archive is not None else f"{model.name}.h5"
+    if isinstance(model, LFTModel) and model.certificate.well_posed != "proved":
+        return "Prove that it is regular at all values: mbdlft linearize with a larger --prove."
+    if any("unstable at nominal" in sentence for sentence in stability):
+        return f"It is unstable at nominal: close a loop (mbdlft tune {file}), then ask for its margin."
+    if any(not case.proved for case in worst):
+        return f"A stored analysis is not proved: mbdlft margin {file} with a larger --work."
+    if worst:
+        return f"Look at the worst cases below, and in the picture: mbdlft view {file}."
+    if model.parameters and stability:
+        return f"Nothing is known of its margins yet: mbdlft margin {file} proves one for all values."
+    return f"Look at it: mbdlft view {file}, or mbdlft response {file}."
 
 
 def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:

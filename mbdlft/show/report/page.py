@@ -12,7 +12,8 @@ from mbdlft.robust.evidence import Bounds
 from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
 from mbdlft.show.report import content, sentences
-from mbdlft.show.viewer.page import Page, View, rendered, scene_of, scene_pictures
+from mbdlft.show.viewer.page import Page, rendered, scene_of
+from mbdlft.show.viewer.stills import View, scene_pictures
 from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
@@ -52,21 +53,23 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
             "one of a scene."
         )
     trim, points = content.trim_rows(model)
+    stability = content.stability_sentences(model)
+    worst = content.worst_cases(_analyses(model, archive))
     html = rendered(
         _FOLDER / "report.html",
         _FOLDER / "report.css",
         model=model,
         pictures=_pictures(model),
-        verdict=content.verdict_sentence(model),
+        summary=content.summary(model, stability, worst, archive),
         parameters=content.parameter_rows(model),
         sentences=sentences.certificate_sentences(model),
         trim=trim,
         trim_points=points,
         poles=content.pole_rows(model),
-        stability=content.stability_sentences(model),
+        stability=stability,
         pole_figure=pole_figure(model),
         responses=response_figures(model),
-        worst=content.worst_cases(_analyses(model, archive)),
+        worst=worst,
         archive=None if archive is None else Path(archive).name,
         provenance=model.provenance if isinstance(model, LFTModel) else None,
     )

@@ -9,7 +9,7 @@ const apart = (a, b) => a.left >= b.right || b.left >= a.right || a.top >= b.bot
 
 /** The box of a label of this size on a ring about its point. */
 function boxAt({ x, y, wide, high }, radius, angle) {
-  const [i, j] = [Math.cos(angle), Math.sin(angle)];
+  const [i, j] = [Math.cos(angle), Math.sin(angle)].map((part) => Math.max(-1, Math.min(1, 1.5 * part)));
   const left = x + i * (radius + wide / 2) - wide / 2, top = y + j * (radius + high / 2) - high / 2;
   return { left, top, right: left + wide, bottom: top + high, radius, angle };
 }
