@@ -268,6 +268,28 @@ def test_a_ball_rolls_down_a_slope_with_five_sevenths() -> None:
     assert np.isclose(trim["touch.force.normal"], 2.0 * 9.81, rtol=close.CLOSED_FORM)
 
 
+def test_a_ball_is_held_on_an_inclined_plane() -> None:
+    """On a slope of 3 in 4: the load is m g 3/5 along the slope, the ground carries m g 4/5."""
+    ball = Scene(
+        name="ball",
+        gravity=(0.0, 0.0, -10.0),
+        bodies=[RigidBody(name="ball", mass=2.0, inertia=Inertia(xx=0.072, yy=0.072, zz=0.072))],
+        joints=[
+            Free(name="base", parent="ground", child="ball", position=(-0.18, 0, 0.24), preload=(0,) * 6)
+        ],
+        loads=[mbdlft.Force(name="hold", port="ball", direction=(4, 0, 3), frame="ground")],
+        contacts=[Rolling(name="touch", port="ball", radius=0.3, normal=(-3, 0, 4))],
+        inputs=["hold.force"],
+        outputs=["base.velocity.x", "base.velocity.z", "touch.force.normal"],
+    )
+    model = to_lft(ball, search=0.0)
+    trim = dict(zip((s.name for s in model.trim.signals), mbdlft.trim_at(model, {}), strict=True))
+    assert np.isclose(trim["hold.force"], 12.0, rtol=close.CLOSED_FORM)
+    assert np.isclose(trim["touch.force.normal"], 16.0, rtol=close.CLOSED_FORM)
+    at = mbdlft.matrices_at(model, {})
+    close.target((at.C @ at.B)[:, 0], 5.0 / 14.0 * np.array([0.8, 0.6, 0.0]), close.CLOSED_FORM)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("seed", range(30))
 def test_random_vehicles_equal_maximal_coordinates(seed: int, tmp_path: Path) -> None:

@@ -143,6 +143,48 @@ def test_stiff_tires_roll_as_the_benchmark_bicycle() -> None:
     assert errors[1] < 1e-3
 
 
+def test_a_tire_on_a_moving_road_is_felt_as_a_strut() -> None:
+    """The half car is the same on tires: nothing in its plane sees that they push sideways."""
+    scene = mbdlft.load_scene(FOLDER / "half_car.toml")
+    tires = [
+        Tire(name=load.name, parent=load.parent, child=load.child, axis=(0, 1, 0), radius=0.3, crown=0.1,
+             stiffness=load.stiffness, damping=load.damping, cornering=9e4)
+        if load.name.endswith("tire") else load
+        for load in scene.loads
+    ]  # fmt: skip
+    on_tires = scene.model_copy(update={"loads": tuple(tires), "velocity": (20.0, 0.0, 0.0)})
+    wanted, found = (mbdlft.matrices_at(to_lft(x, search=0.0), {"m": 700.0}) for x in (scene, on_tires))
+    for name in "ABCD":
+        close.target(getattr(found, name), getattr(wanted, name), close.CLOSED_FORM)
+
+
+def test_feet_sink_until_they_carry() -> None:
+    """Positions as unknowns: a mass on two feet that carry nothing where it is declared sinks m g/k."""
+    feet = [
+        Support(name=name, child=f"plate.{name}", stiffness=k, side_stiffness=50.0, force=0.0)
+        for name, k in (("left", 2000.0), ("right", 3000.0))
+    ]
+    scene = Scene(
+        name="plate",
+        gravity=(0, 0, -10.0),
+        bodies=[
+            RigidBody(
+                name="plate",
+                mass=10.0,
+                inertia=Inertia(xx=1, yy=1, zz=1),
+                ports={"left": (0, 0.3, 0), "right": (0, -0.3, 0)},
+            )
+        ],
+        joints=[Prismatic(name="lift", parent="ground", child="plate", axis=(0, 0, 1), preload=0.0)],
+        loads=feet,
+    )
+    point = mbdlft.find_equilibrium(scene)
+    assert np.isclose(point.positions["lift.position"], -100.0 / 5000.0, rtol=close.CLOSED_FORM)
+    carried = {load.name: load.force for load in mbdlft.at_equilibrium(scene, point).loads}
+    assert np.isclose(carried["left"], 40.0, rtol=close.CLOSED_FORM)
+    assert np.isclose(carried["right"], 60.0, rtol=close.CLOSED_FORM)
+
+
 # the wheelset: m y'' + 2 f_y (y'/v - a) + k_y y = 0, J a'' + 2 f_x b (b a'/v + c y/r) + k_a a = 0
 MASS, YAW, B, R, K_YAW = 1250.0, 700.0, 0.75, 0.46, 1.5e6
 
