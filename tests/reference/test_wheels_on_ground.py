@@ -220,6 +220,29 @@ def test_a_wheelset_hunts_above_its_critical_speed(wheelset: mbdlft.LFTModel) ->
         close.target(at.A[np.ix_(rows, rows)], matrix, close.CLOSED_FORM)
 
 
+def test_spin_creep_couples_yaw_with_the_side() -> None:
+    """F_y = -f_y y - f_ys s and M = f_ys y - f_s s of both wheels, with y = y'/v - a and s = a'/v."""
+    scene, v, both, alone = mbdlft.load_scene(FOLDER / "wheelset.toml"), 15.0, 2e4, 60.0
+    spun = [x.model_copy(update={"lateral_spin": both, "spin": alone}) for x in scene.loads]
+    outputs = (*(scene.outputs or ()), "left.side_force", "right.force_ahead")
+    more = scene.model_copy(update={"loads": tuple(spun), "outputs": outputs})
+    names = ["aside.position", "yaw.angle", "aside.velocity", "yaw.rate"]
+    plain, found = (
+        mbdlft.matrices_at(model, {"v": v}) for model in (to_lft(x, search=0.0) for x in (scene, more))
+    )
+    added = np.array([
+        [0, 0, 0, -2 * both / v / MASS], [0, -2 * both / YAW, 2 * both / v / YAW, -2 * alone / v / YAW]
+    ])  # fmt: skip
+    states = [state.name for state in to_lft(scene, search=0.0).states]
+    rows = [states.index(name) for name in names]
+    difference = (found.A - plain.A)[np.ix_(rows[2:], rows)]
+    close.target(difference, added, close.CLOSED_FORM, 1e3)
+    side = [0.0, 6e6, -6e6 / v, -both / v]
+    ahead = [7e6 * -0.1 / R, 0.0, 0.0, -7e6 * B / v]  # of the right wheel, which runs ahead as it yaws
+    close.target(found.C[2, rows], np.array(side), close.CLOSED_FORM, 1e7)
+    close.target(found.C[3, rows], np.array(ahead), close.CLOSED_FORM, 1e7)
+
+
 def test_a_slow_wheelset_follows_klingels_sine() -> None:
     """Free of springs and slow, it runs at the wavelength 2 pi sqrt(r b/c) (Klingel 1883)."""
     scene = mbdlft.load_scene(FOLDER / "wheelset.toml")
