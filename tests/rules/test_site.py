@@ -1,5 +1,6 @@
 """The site of the documentation: links lead somewhere, every page and public name is in it, it builds."""
 
+import inspect
 import re
 import subprocess
 import sys
@@ -97,6 +98,58 @@ def test_every_page_is_in_the_table_of_contents() -> None:
     pages = [path.relative_to(DOCS).with_suffix("").as_posix() for path in DOCS.glob("*.md")]
     notebooks = [f"notebooks/{path.stem}" for path in (DOCS / "notebooks").glob("*.ipynb")]
     assert sorted(listed) == sorted([*{*pages} - {"index"}, *notebooks, "api/index"])
+
+
+def test_every_public_function_has_an_example() -> None:
+    """It stands in a block of Python of a page, or in a notebook; these are run by test_docs."""
+    from docs.site.api import namespaces
+
+    blocks = [
+        block
+        for page in PAGES
+        for block in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+    ]
+    blocks += [path.read_text("utf-8") for path in (DOCS / "notebooks").glob("*.ipynb")]
+    shown = set(re.findall(r"\w+", "\n".join(blocks)))
+    functions = {
+        item.__name__  # a former name leads to the function of another one
+        for module, names in namespaces().items()
+        for item in (getattr(import_module(module), name) for name in names)
+        if inspect.isfunction(item)
+    }
+    assert len(functions) > 100
+    assert functions <= shown, sorted(functions - shown)
+
+
+WORDS = {  # what people search for, and the page whose title has it
+    "uncertain": "uncertain.md",
+    "robust": "robust.md",
+    "gain scheduling": "gain-scheduling.md",
+    "flexible spacecraft": "flexible-spacecraft.md",
+    "launcher": "launchers.md",
+    "Simscape": "from-simscape-sdtlib.md",
+    "SDTlib": "from-simscape-sdtlib.md",
+}
+
+
+def test_words_of_users_lead_to_a_page() -> None:
+    """A title with the word comes first in a search; the page has an example."""
+    for word, name in WORDS.items():
+        text = (DOCS / name).read_text(encoding="utf-8")
+        title = text.partition("\n")[0]
+        assert word.lower() in title.lower(), name
+        assert "```python" in text or "```sh" in text
+
+
+def test_numbers_of_the_page_for_one_minute_are_those_of_their_pages() -> None:
+    text = (DOCS / "one-minute.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (.*?) \| (.*?) \| .*?\((.+?)\) \|$", text, re.MULTILINE)
+    assert len(rows) >= 8
+    for _, said, name in rows:
+        page = (DOCS / name).read_text(encoding="utf-8")
+        for number in re.findall(r"\d+\.\d+(?:e-?\d+)?|\d{2,}(?! [0-9])", said):
+            assert number in page, (name, number)
+    assert len(text.split()) < 250  # a minute
 
 
 def test_pages_of_the_api_have_every_public_name() -> None:
