@@ -44,7 +44,7 @@ from tests.cross.poses import (
     unit,
     vector,
 )
-from tests.cross.touches import Touch
+from tests.cross.touches import Touch, Wheel
 
 _FUNCTIONS = {name: getattr(flint.arb, name) for name in ("sqrt", "sin", "cos", "atan")}
 
@@ -75,6 +75,7 @@ class Bodies:
         self.joints = self._joints()
         self.links = self.joints + [self._loop(loop) for loop in scene.loops]
         self.links += [self._spring(load) for load in scene.loads if load.kind in ("spring", "strut")]
+        self.wheels = {x.name: self._wheel(x) for x in scene.loads if x.kind in ("tire", "creep")}
         self.touches = [self._touch(contact) for contact in scene.contacts]
         self.couplings = [self._coupling(coupling) for coupling in scene.couplings]
         self._turn_steadily()
@@ -199,6 +200,11 @@ class Bodies:
         )
         return Link(load.name, parent, child, length, (law,))
 
+    def _wheel(self, x: Any) -> Wheel:
+        quantities = {key: self.value(expected.source) for key, expected in x.quantities().items()}
+        place = unit(x.normal), self.vector(self.scene.velocity), unit(x.axis)
+        return Wheel(x.kind, self.port(x.child)[1], *place, quantities)
+
     def _touch(self, x: Any) -> Touch:
         child, at = self.port(x.port)
         fields: dict[str, Any] = {"velocity": self.vector(self.scene.velocity)}
@@ -297,6 +303,8 @@ class Bodies:
 
     def pushed(self, load: Any, m: Motion) -> Values:
         """Force and torque about its origin (6,) that a load of size one exerts on a body."""
+        if load.name in self.wheels:
+            return self.wheels[load.name].pushed(m, 1, [0, 0, 0])
         if load.kind == "buoyancy":
             along = self.gravity * -1
         else:

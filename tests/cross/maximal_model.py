@@ -196,7 +196,7 @@ class _Solved:
         for soft in self.soft:
             acting[soft.force] = self.at.of_sum(self.at.jacobian, soft.combination)
         for load in self.loads.values():
-            k, push = b.port(load.port)[0], zeros(self.n)
+            k, push = b.port(getattr(load, "port", None) or load.child)[0], zeros(self.n)
             if k >= 0:
                 push[6 * k : 6 * k + 6] = b.pushed(load, b.motions[k])
             acting[f"{load.name}.{load.signal.name}"] = push
@@ -333,12 +333,28 @@ class _Solved:
             bent = np.hstack([self.at.bent[name][i], zeros(self.n, 2 * self.n)])
             slopes.add(slice(None), -bent * force, np.abs(bent.astype(float)) * size)
         for load in self.loads.values():
-            k, name = b.port(load.port)[0], f"{load.name}.{load.signal.name}"
+            k, name = (
+                b.port(getattr(load, "port", None) or load.child)[0],
+                f"{load.name}.{load.signal.name}",
+            )
             if k >= 0:
                 by = self.at.of_body(lambda m, x=load: b.pushed(x, m), k)
                 size = np.abs(by.astype(float)) * at.sizes[name]
                 slopes.add(slice(6 * k, 6 * k + 6), -by * at.loads[name], size)
+            if load.name in b.wheels:
+                slopes.add(slice(6 * k, 6 * k + 6), -self._of_wheel(load, 0))
         return slopes
+
+    def _of_wheel(self, load: Any, what: int) -> np.ndarray:
+        """Slopes of what a wheel pushes with (0), or of its vertical force and its creep (1)."""
+        b, k = self.b, self.b.port(load.child)[0]
+        wheel, held = b.wheels[load.name], b.motions[k]
+
+        def law(m: Motion) -> Values:
+            force, creep = wheel.carried(m, held), wheel.creep(m, held)
+            return [force, *creep[:2]] if what else wheel.pushed(m, force, creep)
+
+        return self.at.of_body(law, k)
 
     def soft_force(self, soft: Coupling) -> np.ndarray:
         """Slopes (3 n,) of the force of a coupling that gives way."""
@@ -430,6 +446,12 @@ class _Solved:
             if name is not None:
                 sensed[name] = self._row(1)[0]
                 sensed[name][3 * self.n + k] = flint.arb(1)
+        for load in (x for x in self.loads.values() if x.name in self.b.wheels):
+            rows_of_wheel = self._of_wheel(load, 1)
+            for name, slopes in zip(("force", "force_ahead", "side_force"), rows_of_wheel, strict=True):
+                sensed[f"{load.name}.{name}"] = self._row(1)[0]
+                sensed[f"{load.name}.{name}"][: 3 * self.n] = slopes
+            sensed[f"{load.name}.force"][-len(self.place) :] = self.unit(f"{load.name}.force")
         for soft in self.soft:
             sensed[soft.force] = self._row(1)[0]
             sensed[soft.force][: 3 * self.n] = self.soft_force(soft)

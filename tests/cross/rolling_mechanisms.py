@@ -1,4 +1,7 @@
-"""Random vehicles: wheels, balls and knife edges under a frame with forks, a load, a motor."""
+"""Random vehicles: wheels, balls and knife edges under a frame with forks, a load, a motor.
+
+In two of seven the wheels have tires without relaxation, or are on rails.
+"""
 
 import numpy as np
 
@@ -6,6 +9,7 @@ import mbdlft
 from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
 from mbdlft.multibody.contact import Contact, KnifeEdge, Rolling
 from mbdlft.multibody.coupling import Belt, Coupling, Gear
+from mbdlft.multibody.force import Creep, Load, Tire
 from mbdlft.multibody.joint import Joint
 
 SPEED = Parameter("v", 3.0, low=1.0, high=6.0, unit="m/s")
@@ -33,6 +37,7 @@ def rolling(seed: int) -> Scene:
         _under(f"w{k}", kind, radius, place, moves, random, ports, bodies, joints, contacts)
     if seed % 5 == 4:
         contacts.append(KnifeEdge(name="keel", port="frame.keel", heading=(1, 0, 0)))
+    wheels = _as_loads(seed, random, contacts) if moves and seed % 7 in (2, 5) else []
     frame = RigidBody(
         name="frame",
         mass=float(random.uniform(3.0, 9.0)),
@@ -53,7 +58,9 @@ def rolling(seed: int) -> Scene:
         joint.model_copy(update={"preload": held[joint.name]}) if joint.name in held else joint
         for joint in joints
     ]
-    couplings = [_drive(random, moves, bodies, joints)] if seed % 3 == 1 else []
+    # what slips ahead holds nothing, so the motor turns freely then
+    torque = None if wheels else 0.4
+    couplings = [_drive(random, moves, torque, bodies, joints)] if seed % 3 == 1 else []
     names = [f"{joint.name}.{f.measures[1].name}" for joint in joints for f in joint.freedoms]
     return Scene(
         name=f"rolling_{seed}",
@@ -63,6 +70,7 @@ def rolling(seed: int) -> Scene:
         bodies=bodies,
         joints=joints,
         contacts=contacts,
+        loads=wheels,
         couplings=couplings,
         sensors=[
             mbdlft.multibody.Accelerometer(name="felt", port="frame.head"),
@@ -71,6 +79,7 @@ def rolling(seed: int) -> Scene:
         outputs=[
             *names,
             *(coupling.signal(joints).name for coupling in couplings),
+            *(f"{wheel.name}.{signal.name}" for wheel in wheels for signal in wheel.outputs()),
             *("lean.angle", "felt.x", "felt.y", "felt.z", "way.x", "way.y", "way.z"),
         ],
     )
@@ -167,16 +176,43 @@ def _swing(random, bodies, joints) -> None:
     )  # fmt: skip
 
 
-def _drive(random, moves, bodies, joints) -> Coupling:
+def _drive(random, moves, torque, bodies, joints) -> Coupling:
     """A motor on the frame that turns the first wheel by a gear or a belt, rigid or soft."""
     spin = float(random.uniform(0.01, 0.03))
     bodies.append(RigidBody(name="rotor", mass=0.8, inertia=Inertia(xx=0.02, yy=spin, zz=0.02)))
     ratio = float(random.choice([-3.0, 2.5]))
     rate = {"rate": f"{ratio}*v/R"} if moves else {}
     place = {"parent": "frame.head", "child": "rotor", "axis": (0, 1, 0)}
-    joints.append(Revolute(name="motor", **place, **rate, preload=0.4))
+    joints.append(Revolute(name="motor", **place, **rate, preload=torque))
     law = {"stiffness": 30.0, "damping": 0.2} if random.random() < 0.5 else {}
     shafts = ("motor", "w0_axle")
     if ratio < 0.0:
         return Gear(name="drive", joints=shafts, ratio=ratio, **law)
     return Belt(name="drive", joints=shafts, radii=(0.1, 0.1 * ratio), **law)
+
+
+def _as_loads(seed, random, contacts) -> list[Load]:
+    """Loads in place of the contacts of wheels: tires, or wheels on rails."""
+    loads = list[Load]()
+    for contact in [x for x in contacts if getattr(x, "axis", None) is not None]:
+        contacts.remove(contact)
+        law = {"stiffness": float(random.uniform(2e3, 9e3)), "damping": float(random.uniform(5.0, 50.0))}
+        place = {
+            "name": contact.name,
+            "child": contact.port,
+            "axis": contact.axis,
+            "radius": contact.radius,
+        }
+        sizes = [float(x) for x in random.uniform(50.0, 900.0, 2)]
+        if seed % 7 == 2:
+            sides = {"cornering": sizes[0], "camber": 0.1 * sizes[1], "crown": contact.tire}
+            loads.append(Tire(**place, **law, **sides))
+            continue
+        spin = {"lateral_spin": float(random.uniform(1.0, 9.0)), "spin": 0.5}
+        ahead = {
+            "longitudinal": sizes[0],
+            "lateral": sizes[1],
+            "conicity": float(random.uniform(-0.2, 0.2)),
+        }
+        loads.append(Creep(**place, **law, **spin, **ahead))
+    return loads

@@ -11,6 +11,63 @@ import flint
 from tests.cross.poses import TIME, Motion, Values, Vector, cross, dot, unit
 
 
+class Wheel(NamedTuple):
+    """A wheel that is a load, on the ground: what it pushes with, for any motion of its body.
+
+    Its side is the level part of its axis; it slips by the velocity along the side of the point that
+    touches, spin and all. It leans as its axis does, and it is lower by what its center has sunk.
+    """
+
+    kind: str
+    at: Vector
+    normal: Vector
+    velocity: Vector
+    axis: Vector
+    values: dict[str, Any]  # radius, stiffness, ...
+
+    def _place(self, C: Motion) -> tuple[Vector, Vector, Vector]:
+        """From the body to the point that touches; the side, and the heading."""
+        along, radius = C.turn * self.axis, self.values["radius"]
+        up = self.normal - along * dot(self.normal, along)
+        crown = self.values.get("crown", radius)
+        down = up * (-(radius - crown) / dot(up, up).sqrt()) - self.normal * crown
+        side = unit((along - self.normal * dot(along, self.normal)).entries())
+        return C.turn * self.at + down, side, cross(side, self.normal)
+
+    def carried(self, C: Motion, held: "Motion") -> Any:
+        """The vertical force beyond that at the motion `held`."""
+        sunk = dot(self.normal, C.point(self.at) - held.point(self.at))
+        arm = C.turn * self.at
+        return -self.values["stiffness"] * sunk - self.values["damping"] * dot(
+            self.normal, C.velocity + cross(C.omega, arm)
+        )
+
+    def creep(self, C: Motion, held: "Motion") -> list[Any]:
+        """Force ahead, force to the side, and torque about the normal."""
+        x, (arm, side, heading) = self.values, self._place(C)
+        speed = dot(self._place(held)[2], self.velocity)
+        at_ground = self.velocity + C.velocity + cross(C.omega, arm)
+        if self.kind == "tire":
+            lean = dot(self.normal, C.turn * self.axis)
+            return [0, -x["cornering"] * dot(side, at_ground) / speed - x["camber"] * lean, 0]
+        moved = dot(self._place(held)[1], C.point(self.at) - held.point(self.at))
+        rate = dot(heading, cross(C.omega, arm)) / x["radius"]  # of its spin: its larger rim runs faster
+        ahead = (dot(heading, at_ground) + rate * x["conicity"] * moved) / speed
+        aside, spin = dot(side, at_ground) / speed, dot(self.normal, C.omega) / speed
+        both = x["lateral_spin"]
+        return [
+            -x["longitudinal"] * ahead,
+            -x["lateral"] * aside - both * spin,
+            both * aside - x["spin"] * spin,
+        ]
+
+    def pushed(self, C: Motion, force: Any, creep: Values) -> Values:
+        """Force and torque about the origin of the body (6,)."""
+        arm, side, heading = self._place(C)
+        whole = self.normal * force + heading * creep[0] + side * creep[1]
+        return [*whole.entries(), *(cross(arm, whole) + self.normal * creep[2]).entries()]
+
+
 class Touch(NamedTuple):
     """A wheel (with an axis), a ball, or a knife edge (with a heading) of a body on the ground (-1)."""
 

@@ -20,7 +20,8 @@ from mbdlft import (
     robust_stability,
     to_lft,
 )
-from mbdlft.multibody import Planar, Rolling, Support, Tire
+from mbdlft.multibody import Creep, Planar, Rolling, Support, Tire
+from mbdlft.multibody.force import Load
 from tests import close
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
@@ -76,15 +77,9 @@ def test_a_car_on_tires_is_that_of_textbooks(length: float) -> None:
         close.target(found[:, 0], side_of_a_car(v, C, s, length), close.MECHANISM)
 
 
-@pytest.mark.parametrize("length", [0.0, 0.4])
-def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
-    """m y'' = F, J l'' = R F + (R - r) N l, F + F' length/v = -C (y' + R l')/v - C_g l."""
-    R, r, m, J, C, camber, v, N = 0.3, 0.1, 20.0, 0.9, 9e3, 1e3, 12.0, 20.0 * 9.81
-    law = {"relaxation": length} if length else {}
-    wheel = Tire(
-        name="tire", child="wheel", axis=(0, 1, 0), radius=R, crown=r, cornering=C, camber=camber, **law
-    )
-    scene = Scene(
+def unicycle(wheel: Load, m: float, J: float, R: float, v: float) -> Scene:
+    """A wheel that moves aside and up, and leans."""
+    return Scene(
         name="unicycle",
         gravity=(0, 0, -9.81),
         velocity=(v, 0, 0),
@@ -103,6 +98,17 @@ def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
         inputs=["lean.torque"],
         outputs=["lean.angle", "tire.side_force", "tire.force"],
     )
+
+
+@pytest.mark.parametrize("length", [0.0, 0.4])
+def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
+    """m y'' = F, J l'' = R F + (R - r) N l, F + F' length/v = -C (y' + R l')/v - C_g l."""
+    R, r, m, J, C, camber, v, N = 0.3, 0.1, 20.0, 0.9, 9e3, 1e3, 12.0, 20.0 * 9.81
+    law = {"relaxation": length} if length else {}
+    wheel = Tire(
+        name="tire", child="wheel", axis=(0, 1, 0), radius=R, crown=r, cornering=C, camber=camber, **law
+    )
+    scene = unicycle(wheel, m, J, R, v)
     model, s = to_lft(scene, search=0.0), 1.0 + 4j
     at = mbdlft.matrices_at(model, {})
     found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
@@ -118,6 +124,18 @@ def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
         if signal.name == "tire.force"
     )
     assert np.isclose(force, N, rtol=close.CLOSED_FORM)
+
+
+def test_a_wheel_on_a_rail_spins_as_it_leans() -> None:
+    """Its axis tilts by l, about which it turns at v/R: a spin creep of l/R, beside that of yaw."""
+    law = {"longitudinal": 1e4, "lateral": 3e3, "lateral_spin": 40.0, "force": None}
+    wheel = Creep(name="rail", child="wheel", axis=(0, 1, 0), radius=0.3, **law)
+    scene = unicycle(wheel, 20.0, 0.9, 0.3, 12.0)
+    model = to_lft(scene.model_copy(update={"outputs": ("rail.side_force",)}), search=0.0)
+    at, names = mbdlft.matrices_at(model, {}), [state.name for state in model.states]
+    found = {name: at.C[0, k] for k, name in enumerate(names)}
+    close.target(found["lean.angle"], -40.0 / 0.3, close.CLOSED_FORM)
+    close.target(found["lean.rate"], -3e3 * 0.3 / 12.0, close.CLOSED_FORM)
 
 
 def test_stiff_tires_roll_as_the_benchmark_bicycle() -> None:

@@ -22,7 +22,7 @@ q = l F/C as its state, whose patch rolls on at the slope q/l (Pacejka, Tire and
 A wheel on a rail creeps: it slips a little in the area that touches, by x ahead, y along its axis, and it
 spins about the normal by s, each over the speed. Its radius grows by the conicity c per meter along e:
 
-    x = (h . P' - v c e . C/R)/v,     y as the slip a of a tire,     s = n . th'/v
+    x = (h . P' - v c e . C/R)/v,     y as the slip a of a tire,     s = n . th'/v + g/R
     F_h = -f_x x,     F_e = -f_y y - f_ys s,     M_n = f_ys y - f_s s
 
 with the coefficients of Kalker's linear theory (Wickens, Fundamentals of Rail Vehicle Dynamics, 2003).
@@ -191,6 +191,10 @@ class Wheel(Guided, abc.ABC):
             ca.dot(axis, self.at_ground(port, values, space, order)) - speed * ca.dot(normal, turned)
         )
 
+    def lean(self, space: Space, order: int) -> ca.SX:
+        """The camber, or a derivative."""
+        return ca.dot(self.along(space)[1], in_scene(space, self.child, order)[2])
+
     def foot(self, values: Values, space: Space) -> ca.SX:
         body, _ = space.port(self.child)
         axis, up = unit_vector(self.axis), space.outward(unit_vector(self.normal), body)
@@ -251,10 +255,6 @@ class Tire(Wheel):
             return "the crown must have a radius from 0 to that of the wheel in the whole range."
         return super().physical_problem(values)
 
-    def lean(self, space: Space, order: int) -> ca.SX:
-        """The camber, or a derivative."""
-        return ca.dot(self.along(space)[1], in_scene(space, self.child, order)[2])
-
     def side(self, values: Values, space: Space) -> ca.SX:
         """The side force along the axis of a tire without relaxation."""
         slip = self.slip(self.child, values, space, 1) / self.along(space)[2]
@@ -306,9 +306,10 @@ class Creep(Wheel):
         axis, heading, speed = self.along(space)
         touching = self.at_ground(self.child, values, space, 1)
         grown = values["conicity"] * ca.dot(axis, in_scene(space, self.child, 0)[1]) / values["radius"]
-        turning = ca.dot(unit_vector(self.normal), in_scene(space, self.child, 1)[2])
+        turning = ca.dot(unit_vector(self.normal), in_scene(space, self.child, 1)[2]) / speed
+        turning += self.lean(space, 0) / values["radius"]  # its axis tilts, about which it turns on
         ahead = ca.dot(heading, touching) / speed - grown
-        return ahead, self.slip(self.child, values, space, 1) / speed, turning / speed
+        return ahead, self.slip(self.child, values, space, 1) / speed, turning
 
     def creep(self, values: Values, space: Space) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Force ahead, force along the axis, and torque about the normal."""
