@@ -137,6 +137,7 @@ class Description(BaseModel):
 
 
 _WORDS = (
+    ("shape", "a table such as { box = [1.0, 0.5, 0.2] }"),
     ("gravity acceleration velocity center_of_mass", "three numbers or expressions"),
     ("axis axis1 axis2 direction", "three numbers"),
     ("ports", "a table of positions, three numbers or expressions each"),

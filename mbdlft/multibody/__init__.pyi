@@ -8,6 +8,7 @@ from .body import PiezoBeam as PiezoBeam
 from .body import PiezoPatch as PiezoPatch
 from .body import PointMass as PointMass
 from .body import RigidBody as RigidBody
+from .body import Shape as Shape
 from .body.beam import FrequencyErrors as FrequencyErrors
 from .body.beam import frequency_errors as frequency_errors
 from .contact import KnifeEdge as KnifeEdge

@@ -347,3 +347,37 @@ def test_an_inertia_that_no_solid_has_is_not_drawn() -> None:
     assert solid_of(1.0, np.diag([1.0, 1.0, 3.0])) is None
     assert solid_of(1.0, np.zeros((3, 3))) is None
     assert solid_of(0.0, np.eye(3)) is None
+
+
+def test_shapes_of_a_scene_are_drawn_instead() -> None:
+    """Of all bodies; the least and largest corner are those of the turned shape."""
+    table, rod = (
+        mbdlft.Shape(box=(4.0, 3.0, 0.1), at=(0.0, 0.0, -0.05)),
+        mbdlft.Shape(cylinder=(0.1, 2.0), at=(0.5, 0.0, 0.0), axis=(1.0, 0.0, 0.0)),
+    )
+    nose = mbdlft.Shape(box=(0.2, 0.2, 1.0), at=(0.0, 0.0, 0.3), axis=(0.0, 0.0, -2.0))
+    body = mbdlft.RigidBody(name="rod", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=2, zz=2), shape=rod)
+    scene = mbdlft.Scene(
+        name="shapes",
+        bodies=[mbdlft.Ground(shape=table), body, mbdlft.PointMass(name="nose", mass=1.0, shape=nose)],
+        joints=[
+            mbdlft.Revolute(name="a", parent="ground", child="rod", axis=(0, 0, 1)),
+            mbdlft.Fixed(name="b", parent="rod", child="nose"),
+        ],
+    )
+    data = view_data(scene)
+    drawn = {
+        item["name"]: shape["geometry"]
+        for item in data["items"]
+        for shape in item["shapes"]
+        if shape["layer"] == "solids"
+    }
+    assert drawn["rod"]["cylinder"] == [0.1, 2.0]
+    target(drawn["ground"]["extent"], [[-2.0, -1.5, -0.1], [2.0, 1.5, 0.0]], EVALUATION, 1.0)
+    target(drawn["rod"]["extent"], [[-0.5, -0.1, -0.1], [1.5, 0.1, 0.1]], EVALUATION, 1.0)
+    target(drawn["nose"]["extent"], [[-0.1, -0.1, -0.2], [0.1, 0.1, 0.8]], EVALUATION, 1.0)
+    place = np.array(drawn["nose"]["place"]).reshape(4, 4)
+    target(place[:3, 2], [0.0, 0.0, -1.0], EVALUATION)
+    for wrong in ({}, {"sphere": -1.0}, {"sphere": 1.0, "box": (1.0, 1.0, 1.0)}):
+        with pytest.raises(SceneError, match=r"expected (one of box|sizes above zero)"):
+            mbdlft.Shape(**wrong)

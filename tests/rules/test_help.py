@@ -15,7 +15,7 @@ from mbdlft.base.display import readable
 NAMESPACES = (*mbdlft._NAMESPACES, *mbdlft._ELSEWHERE)
 # what checks values, addresses, what numpy and pydantic make of a type
 _MACHINERY = re.compile(r"0x|<function|lambda|Annotated|Strict|InstanceOf|FieldInfo|_array_like|SX\(")
-_LONGEST = 800
+_LONGEST = 820
 
 
 def public() -> dict[str, Any]:

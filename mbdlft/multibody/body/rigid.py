@@ -31,6 +31,7 @@ from mbdlft.base.description import (
 )
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.unit import Freedom, Signal
+from mbdlft.multibody.body.shape import Shape
 from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench, traced
 
 GROUND = "ground"
@@ -39,7 +40,8 @@ GROUND = "ground"
 class Body(Description, abc.ABC):
     """A body; every concrete kind is final.
 
-    `ports` are the positions of named points from the origin of the body, in its axes (m). The equations
+    `ports` are the positions of named points from the origin of the body, in its axes (m); `shape` is
+    what pictures show of it. The equations
     of a body are about one of its ports, the inboard port, where the joint that leads to the body ends.
     """
 
@@ -48,6 +50,7 @@ class Body(Description, abc.ABC):
     kind: ClassVar[str]
     name: Name
     ports: dict[Name, Vector] = {}
+    shape: Shape | None = None
 
     @model_validator(mode="after")
     def _names_are_free(self) -> Self:

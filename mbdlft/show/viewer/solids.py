@@ -1,4 +1,4 @@
-"""Solids of uniform density that have the mass and the inertia of rigid bodies at nominal.
+"""Shapes of bodies: those of the scene, or solids with mass and inertia of rigid bodies at nominal.
 
 A box of the sides a, b, c has J_x = m (b^2 + c^2) / 12, so a^2 = 6 (J_y + J_z - J_x) / m; a cylinder of
 the radius r and the length h along z has J_z = m r^2 / 2 and J_x = J_y = m (3 r^2 + h^2) / 12.
@@ -10,27 +10,44 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.multibody.body import RigidBody
+from mbdlft.multibody.body import RigidBody, Shape
 from mbdlft.multibody.body.rigid import DIAGONAL
 from mbdlft.multibody.scene.quantities import owner_name
+from mbdlft.robot.description import between
 from mbdlft.show.viewer.drawing import Drawing
 from mbdlft.show.viewer.looks import extent_of, placed
 
+_UP = np.array([0.0, 0.0, 1.0])
 _SAME = 1e-9  # of the largest moment: two that are equal as far as numbers of a file say
 _FLAT = 1e-9  # of the largest side, squared: a plate has no thickness, up to rounding
 _ENTRY = (("xx", "xy", "xz"), ("xy", "yy", "yz"), ("xz", "yz", "zz"))
 
 
 def add_solids(drawing: Drawing) -> None:
-    """Add the solid of each rigid body whose mass and moments are given and can be those of a solid."""
-    items = {item["name"]: item for item in drawing.items if item["group"] == "bodies"}
+    """Add the shape of each body: its own, or the solid of its mass and inertia if there is one."""
+    items = {item["name"]: item for item in drawing.items if item["group"] in ("bodies", "world")}
     for body in drawing.poses.scene.bodies:
-        if isinstance(body, RigidBody) and set(DIAGONAL) <= set(body.inertia.given()):
+        geometry = None
+        if body.shape is not None:
+            geometry = _given(body.shape)
+        elif isinstance(body, RigidBody) and set(DIAGONAL) <= set(body.inertia.given()):
             geometry = _solid(drawing, body)
-            if geometry is not None:
-                at = drawing.frame(body.name)
-                shape = {"type": "mesh", "at": at, "geometry": geometry, "layer": "solids"}
-                items[body.name]["shapes"].append(shape)
+        if geometry is not None:
+            at = drawing.frame(body.name)
+            shape = {"type": "mesh", "at": at, "geometry": geometry, "layer": "solids"}
+            items[body.name]["shapes"].append(shape)
+
+
+def _given(shape: Shape) -> dict[str, Any]:
+    """The geometry of a shape of the scene, as pages draw it."""
+    found = {kind: getattr(shape, kind) for kind in ("box", "cylinder", "sphere")}
+    sizes = {
+        kind: list(size) if isinstance(size, tuple) else size
+        for kind, size in found.items()
+        if size is not None
+    }
+    place = placed(between(_UP, np.array(shape.axis, dtype=float)), np.array(shape.at, dtype=float))
+    return {**sizes, "place": place.ravel().tolist(), "extent": extent_of(sizes, place)}
 
 
 def solid_of(mass: float, inertia: Array) -> tuple[dict[str, Any], Array] | None:

@@ -313,7 +313,7 @@
   const hidden = new Set(["frames", drawn.has("meshes") ? "solids" : ""]);
   ["bodies", "meshes", "solids", "joints", "loads", "equilibrium", "sensors", "centers of mass", "ports", "frames", "ground", "grid", "names"].forEach((layer) => {
     if (["meshes", "solids"].includes(layer) && !drawn.has(layer)) return;
-    const row = make("label", "", "layer"), box = make("input"), text = { equilibrium: "loads at equilibrium", ground: "ground and gravity", solids: "solids of this mass and inertia" }[layer] ?? layer;
+    const row = make("label", "", "layer"), box = make("input"), text = { equilibrium: "loads at equilibrium", ground: "ground and gravity", solids: "shapes, or solids of this mass and inertia" }[layer] ?? layer;
     Object.assign(box, { type: "checkbox", checked: !hidden.has(layer) });
     box.addEventListener("change", () => { world.layer(layer, box.checked); place(); });
     row.append(box, make("span", text + (layer === "grid" && world ? ` of ${spelled(world.cell, "m")}` : "")));
