@@ -203,6 +203,18 @@ def test_feet_sink_until_they_carry() -> None:
     assert np.isclose(carried["right"], 60.0, rtol=close.CLOSED_FORM)
 
 
+def test_a_short_relaxation_tends_to_none() -> None:
+    """The motorcycle leans, steers and turns as without the lag, but for what its length gives."""
+    scene, s, answers = mbdlft.load_scene(FOLDER / "motorcycle.toml"), 2.0 + 9j, list[np.ndarray]()
+    for length in (None, 1e-4, 1e-3):
+        loads = tuple(x.model_copy(update={"relaxation": length}) for x in scene.loads)
+        at = mbdlft.matrices_at(to_lft(scene.model_copy(update={"loads": loads}), search=0.0), {"c": 3.0})
+        answers.append(at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D)
+    small, large = (np.max(np.abs(x - answers[0]) / np.abs(answers[0])) for x in answers[1:])
+    assert 9.0 < large / small < 11.0
+    assert large < 0.01
+
+
 # the wheelset: m y'' + 2 f_y (y'/v - a) + k_y y = 0, J a'' + 2 f_x b (b a'/v + c y/r) + k_a a = 0
 MASS, YAW, B, R, K_YAW = 1250.0, 700.0, 0.75, 0.46, 1.5e6
 
