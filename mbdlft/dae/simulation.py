@@ -16,10 +16,22 @@ from mbdlft.dae.newton import System, solve
 from mbdlft.dae.structure import Structure, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
+from mbdlft.multibody.motion import equations_of_motion, moved_reference
+from mbdlft.multibody.scene import Scene
+from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles
+from mbdlft.system.conversion import as_system
 from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
+_DAE_ENDS = (
+    "The equations may be singular on the way, or the chosen states no states any more (choose others)."
+)
+_SCENE_ENDS = (
+    "A ball may have made half a turn against a spring or between two times, where rotation vectors end "
+    "(give more times), or a loop have come to a dead point."
+)
+_SINGULAR = 1e15  # condition of equations whose solution has no digit
 TOLERANCE = 1e-11  # of the integrators, relative and absolute
 
 
@@ -43,19 +55,23 @@ class Simulation:
 
 
 def simulate(
-    model: Dae | Structure | DeltaThetaModel,
+    model: Scene | Dae | Structure | DeltaThetaModel,
     times: ArrayLike,
     *,
     inputs: Mapping[str, ArrayLike] | None = None,
     parameters: Mapping[str, float] | None = None,
     initial: Mapping[str, float] | None = None,
+    controller: Any = None,
     tolerance: float = TOLERANCE,
 ) -> Simulation:
     """Integrate the equations over times.
 
+    Those of a scene hold for motions of any size. Its states, inputs and outputs are deviations from the
+    equilibrium, as in its linear model; the names of its states are those of all coordinates.
+
     Parameters
     ----------
-    model : Dae, Structure or DeltaThetaModel
+    model : Scene, Dae, Structure or DeltaThetaModel
     times : array (N,), s
         Increasing; the first is the initial time.
     inputs : mapping of names to numbers or arrays (N,)
@@ -64,6 +80,9 @@ def simulate(
         The others are nominal.
     initial : mapping of names of states to numbers
         The others have consistent values near their start values.
+    controller : System, or state space of python-control, optional
+        From outputs of a scene to its inputs, by their names; what it commands is added to `inputs`. It
+        has no parameters.
     tolerance : float
         Of the integrator, relative, and absolute in the units of the variables: signals that are far
         below 1 there need a smaller one.
@@ -81,14 +100,20 @@ def simulate(
     if isinstance(model, Dae):
         model = reduce_index(model)
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
-    m = _structure(model, asked) if isinstance(model, Structure) else _theta_form(model, asked)
-    states, z = _integrated(m, grid, tolerance)
-    read = ca.Function("y", [m.x, m.z, m.u, m.p], [ca.densify(m.y), ca.densify(m.omega)])
-    p = np.tile(m.p0[:, None], len(grid))
-    values, arguments = read.map(len(grid))(states.T, z.T, m.inputs.T, p)
+    if isinstance(model, Scene):
+        m = _scene(model, asked, controller)
+    elif controller is not None:
+        raise SceneError("simulate: expected a scene beside a controller. Write it into the equations.")
+    else:
+        m = _structure(model, asked) if isinstance(model, Structure) else _theta_form(model, asked)
+    states, z, p = _integrated(m, grid, tolerance)
+    shown = m.x if m.shown is None else m.shown
+    read = ca.Function("y", [m.x, m.z, m.u, m.p], [*map(ca.densify, (m.y, m.omega, shown))])
+    values, arguments, states_shown = read.map(len(grid))(states.T, z.T, m.inputs.T, p.T)
     if isinstance(model, DeltaThetaModel):
         theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
-    return Simulation(grid, states, np.asarray(values.full().T), m.state_names, m.output_names)
+    y, x = (np.asarray(each.full().T) for each in (values, states_shown))
+    return Simulation(grid, x, y, m.state_names, m.output_names)
 
 
 class _Asked(NamedTuple):
@@ -121,6 +146,9 @@ class _Model(NamedTuple):
     x0: Array
     z0: Array
     p0: Array
+    is_linear: bool = False  # whether the residual is, in z: then it is solved at each step
+    balls: tuple[int, ...] = ()  # positions in x of rotation vectors, whose references are p
+    shown: ca.SX | None = None  # of x, as states of a result
 
 
 def _structure(s: Structure, asked: _Asked) -> _Model:
@@ -146,6 +174,75 @@ def _structure(s: Structure, asked: _Asked) -> _Model:
     symbols = (s.x, s.unknown, s.u, s.dae.p, rates, residual, y, ca.SX(0, 1))
     output_names = tuple(y.name for y in s.dae.outputs)
     return _Model(s.owner, states, output_names, *symbols, inputs, x0, start.values, p)
+
+
+def _scene(scene: Scene, asked: _Asked, controller: Any) -> _Model:
+    """The equations of motion of a scene, from values of its states; its other coordinates follow."""
+    m, owner = equations_of_motion(scene, asked.parameters), f"scene {scene.name!r}"
+    names = [signal.name for signal in m.coordinates]
+    chosen, inputs = list(m.states), _held(owner, m.inputs, asked)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))  # references: no rotation
+    followers, x0 = [k for k in range(len(names)) if k not in chosen], np.zeros(len(names))
+    x0[chosen] = _initial(owner, [names[k] for k in chosen], x0[chosen], asked.states)
+    if followers:
+        known = ca.vertcat(rows_of(m.x, chosen), m.references)
+        system = System(m.constraints, rows_of(m.x, followers), known)
+        given = np.concatenate([x0[chosen], still])
+        closed = solve(system, x0[followers], given, np.ones(len(followers)))
+        if not closed.is_solution:
+            raise AnalysisError(f"{owner}: its loops do not close at these initial states. Give others.")
+        x0[followers] = closed.values
+    system = System(m.residual, m.z, ca.vertcat(m.x, m.u, m.references))
+    at = np.concatenate([x0, inputs[0], still])
+    z0 = np.zeros(m.z.numel())
+    if not np.linalg.cond(system.jacobian(z0, at)) < _SINGULAR:
+        raise AnalysisError(
+            f"{owner}: masses and constraints do not determine the accelerations at the initial states; "
+            "the matrix of these is singular to rounding. Give bodies inertias, or other initial states."
+        )
+    start = solve(system, z0, at, np.ones(len(z0)))
+    outputs = tuple(signal.name for signal in m.outputs)
+    symbols = (m.x, m.z, m.u, m.references, m.rates, m.residual, m.y, ca.SX(0, 1))
+    values = (inputs, x0, start.values, still)
+    more: dict[str, Any] = {"is_linear": True, "balls": m.balls, "shown": m.shown}
+    alone = _Model(owner, tuple(names), outputs, *symbols, *values, **more)
+    if controller is None:
+        return alone
+    return _closed_by(alone, [signal.name for signal in m.inputs], as_system(controller))
+
+
+def _closed_by(m: _Model, inputs: Sequence[str], controller: Any) -> _Model:
+    """The model with what a controller commands added to its inputs, and the states of the controller."""
+    where, names = (
+        f"{m.owner}, controller",
+        [[s.name for s in t] for t in (controller.inputs, controller.outputs)],
+    )
+    if len(controller.parameters):
+        raise SceneError(
+            f"{where}: expected no parameters, got {', '.join(controller.parameters.names)}."
+        )
+    check_known("output", names[0], m.output_names, where)
+    check_known("input", names[1], inputs, where)
+    read = rows_of(m.y, [m.output_names.index(name) for name in names[0]])
+    if ca.depends_on(read, ca.vertcat(m.z, m.u)):
+        raise SceneError(
+            f"{where}: it reads accelerations, which depend on its command at once. Filter them first."
+        )
+    A, B, C, D = (ca.sparsify(ca.DM(matrix)) for matrix in matrices_at(controller, {}))
+    own = ca.SX.sym("controller", A.shape[0])
+    u = ca.SX(m.u)
+    for k, command in zip(names[1], ca.vertsplit(ca.mtimes(C, own) + ca.mtimes(D, read)), strict=True):
+        u[inputs.index(k)] += command
+    rates, residual, y = ca.substitute([m.rates, m.residual, m.y], [m.u], [u])
+    return m._replace(
+        state_names=(*m.state_names, *(s.name for s in controller.states)),
+        x=ca.vertcat(m.x, own),
+        rates=ca.vertcat(rates, ca.mtimes(A, own) + ca.mtimes(B, read)),
+        residual=residual,
+        y=y,
+        shown=ca.vertcat(m.x if m.shown is None else m.shown, own),
+        x0=np.concatenate([m.x0, np.zeros(A.shape[0])]),
+    )
 
 
 def _theta_form(model: DeltaThetaModel, asked: _Asked) -> _Model:
@@ -226,8 +323,10 @@ def _closed(
     return rates, read[:count], column_of([omega[name] for name in model.omega]), column_of(values)
 
 
-def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array]:
-    """States (N, n_x) and algebraic variables (N, n_z) at the times."""
+def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array, Array]:
+    """States (N, n_x), algebraic variables (N, n_z) and p (N, n_p) at the times."""
+    if m.is_linear:
+        return _with_solved(m, grid, tolerance)
     (rates, residual, of_z), kept = _explicit(m)
     z, held = column_of(m.z[k] for k in kept), ca.vertcat(m.u, m.p)
     dae = {"x": m.x, "p": held, "ode": ca.densify(rates)}
@@ -254,7 +353,35 @@ def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array]
             zs[end] = point.values
     function = ca.Function("z", [m.x, z, held], [ca.densify(of_z)])
     values = function.map(len(grid))(states.T, zs.T, q.T).full().T
-    return states, values.reshape(len(grid), m.z.numel())
+    return states, values.reshape(len(grid), m.z.numel()), q[:, m.u.numel() :]
+
+
+def _with_solved(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array, Array]:
+    """The same where z solves linear equations: an ordinary differential equation for CVODES.
+
+    References of rotation vectors follow at the times: nothing comes to half a turn between them.
+    """
+    held, z = ca.vertcat(m.u, m.p), m.z
+    x, at = ca.MX.sym("x", m.x.numel()), ca.MX.sym("held", held.numel())
+    right = -ca.substitute(m.residual, z, ca.SX.zeros(z.numel()))
+    linear = ca.Function("linear", [m.x, held], [ca.jacobian(m.residual, z), right])
+    matrix, side = linear(x, at)
+    solved = ca.solve(matrix, side, "csparse")
+    rates = ca.Function("rates", [m.x, z, held], [ca.densify(m.rates)])
+    run = _Integrator(m.owner, {"x": x, "p": at, "ode": rates(x, solved, at)}, tolerance)
+    q = np.hstack([m.inputs, np.tile(m.p0, (len(grid), 1))])
+    states, start, none = np.zeros((len(grid), len(m.x0))), 0, np.zeros((len(grid), 0))
+    states[0] = m.x0
+    jumps = np.any(np.diff(m.inputs, axis=0), axis=1) | bool(m.balls)
+    for end in [*(np.flatnonzero(jumps[:-1]) + 1), len(grid) - 1]:
+        run(grid[start : end + 1], states[start : end + 1], none[start : end + 1], q[start])
+        for k, ball in enumerate(m.balls):
+            place = slice(m.u.numel() + 4 * k, m.u.numel() + 4 * k + 4)
+            q[end:, place] = moved_reference(q[start, place], states[end, ball : ball + 3])
+            states[end, ball : ball + 3] = 0.0
+        start = end
+    zs = ca.Function("z", [x, at], [solved]).map(len(grid))(states.T, q.T).full().T
+    return states, zs.reshape(len(grid), z.numel()), q[:, m.u.numel() :]
 
 
 def _explicit(m: _Model) -> tuple[list[ca.SX], list[int]]:
@@ -286,6 +413,7 @@ class _Integrator:
 
     def __init__(self, owner: str, dae: Mapping[str, Any], tolerance: float) -> None:
         self.owner, self.dae = owner, dae
+        self.hint = _SCENE_ENDS if owner.startswith("scene") else _DAE_ENDS
         self.options = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 1_000_000}
         self.algebraic = "z" in dae
         if self.algebraic:
@@ -303,8 +431,7 @@ class _Integrator:
             result = self._runs[steps](**arguments)
         except RuntimeError as error:
             raise AnalysisError(
-                f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} The equations may "
-                "be singular on the way, or the chosen states no states any more (choose others)."
+                f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} {self.hint}"
             ) from None
         states[1:] = result["xf"].full().T
         if self.algebraic:

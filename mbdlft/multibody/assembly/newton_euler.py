@@ -233,12 +233,12 @@ def _equations(m: Assembly, passed: Passed) -> Equations:
         couplings(r, view, m.closure, m.u, m.z, names),
     )
     efforts, deflections = static_deflections(r, m.closure, m.u)
-    dynamics = _dynamics(r, view, efforts, coupled.efforts) - channels.forces
+    unbalanced = dynamics(r, view, efforts, coupled.efforts) - channels.forces
     n = symbols.q.numel()
     held = _constraints(m, deflections)
     moved = moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
-    residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], dynamics, *held)
+    residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], unbalanced, *held)
     forces = (coupled.forces, coupled.signals), *more_forces(r, view, m.closure, m.u, m.z)
     measured, y_signals, default = measures(r, view, channels, *forces)
     both = without_unseen(scene, ca.vertcat(residual, measured))
@@ -301,7 +301,7 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
-def _dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
+def dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
     """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
     needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(r.links)))
     rows: list[ca.SX] = []

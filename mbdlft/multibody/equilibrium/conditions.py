@@ -120,7 +120,7 @@ def displace(scene: Scene) -> Displaced:
                 held = quantities["rate"] * quantity_of(quantities, "damping", c.freedom)
             unbalanced.append(effort + held - u[k] - coupled[k])
             row_signals.append(c.effort)
-    gaps, alignment, gap_signals = _gaps(scene, view, symbols.q)
+    gaps, alignment, gap_signals = gaps_of(scene, view, symbols.q)
     known = [ca.SX(m.base.nz[:]), ca.SX.zeros(m.z.numel())]
     (rows,) = ca.substitute([ca.vertcat(*unbalanced, gaps)], [ca.SX(m.load.nz[:]), m.z], known)
     return Displaced(
@@ -147,7 +147,7 @@ def displace(scene: Scene) -> Displaced:
     )
 
 
-def _gaps(scene: Scene, view: View, q: ca.SX) -> tuple[ca.SX, ca.SX, list[Signal]]:
+def gaps_of(scene: Scene, view: View, q: ca.SX) -> tuple[ca.SX, ca.SX, list[Signal]]:
     """Gaps of loops and rigid couplings, cosines that are 1 where loops are closed, names of the gaps."""
     gaps, alignment, signals = [ca.SX(0, 1)], [ca.SX(0, 1)], list[Signal]()
     for loop in scene.loops:

@@ -213,21 +213,27 @@ class Ball(Move):
         effort  = tau_c + J vdot                     J (3,) in the axes of the child
 
     [q] is the matrix of the cross product with q. v is the angular velocity relative to the parent, in
-    the axes of the child; at q = 0, qdot = v, and a linearization about q = 0 needs no more.
+    the axes of the child; at q = 0, qdot = v, and a linearization about q = 0 needs no more. With a
+    `before` (3, 3), a rotation that is made first, R_pc is that times the rotation by q.
     """
 
     at: Coordinate
     inertia: ca.SX
+    before: ca.SX | None = None
     degrees_of_freedom = 3
 
     def in_parent_axes(self, vectors: ca.SX) -> ca.SX:
-        return _cayley(self.at.q, vectors)
+        turned = _cayley(self.at.q, vectors)
+        return turned if self.before is None else ca.mtimes(self.before, turned)
 
     def in_child_axes(self, vectors: ca.SX) -> ca.SX:
-        return _cayley(-self.at.q, vectors)
+        return _cayley(-self.at.q, self._after(vectors))
+
+    def _after(self, vectors: ca.SX) -> ca.SX:
+        return vectors if self.before is None else ca.mtimes(self.before.T, vectors)
 
     def motion(self, motion: ca.SX) -> ca.SX:
-        return _ball_motion(motion, *self.at)
+        return _ball_motion(self._after(motion), *self.at)
 
     def wrench(self, wrench: ca.SX) -> ca.SX:
         return self.in_parent_axes(wrench)

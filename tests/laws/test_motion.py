@@ -1,0 +1,220 @@
+"""Motions of any size: what stays constant does, small ones are those of the linear model."""
+
+from pathlib import Path
+
+import casadi as ca
+import control
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import mbdlft
+from mbdlft import (
+    AnalysisError,
+    Free,
+    Inertia,
+    PointMass,
+    Revolute,
+    RigidBody,
+    Scene,
+    SceneError,
+    Spherical,
+    load_scene,
+)
+from mbdlft.dae import Simulation, simulate
+from mbdlft.multibody import Gear, Ground, Loop, Spring
+from mbdlft.multibody.motion import equations_of_motion
+from tests.close import KEPT, PINOCCHIO, target
+from tests.robot_files import as_urdf, chain
+
+TIMES = np.linspace(0.0, 10.0, 101)
+DOWN = (0.0, 0.0, -9.81)
+J = np.array([2.0, 3.0, 4.5])
+
+
+def column(run: Simulation, name: str) -> np.ndarray:
+    return run.states[:, run.state_names.index(name)]
+
+
+def vectors(run: Simulation, name: str) -> np.ndarray:
+    return np.column_stack([column(run, f"{name}.{axis}") for axis in "xyz"])
+
+
+def turned(q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """v (3,) of the body in the axes of the scene, for the rotation vector q = 2 tan(angle/2) axis."""
+    return v + (np.cross(q, v) + 0.5 * np.cross(q, np.cross(q, v))) / (1.0 + q @ q / 4.0)
+
+
+def kept(values: np.ndarray, size: float) -> None:
+    """A quantity (N, ...) stays what it is at first."""
+    assert np.max(np.abs(values - values[0])) <= KEPT * size
+
+
+def test_a_free_body_keeps_its_momentum_and_energy() -> None:
+    body = RigidBody(name="b", mass=2.0, inertia=Inertia(xx=J[0], yy=J[1], zz=J[2]))
+    scene = Scene(name="free", bodies=[body], joints=[Free(name="f", parent="ground", child="b")])
+    start = {"f.rate.x": 0.1, "f.rate.y": 0.2, "f.rate.z": 0.05, "f.velocity.x": 0.3}
+    run = simulate(scene, TIMES, initial=start)
+    rates = vectors(run, "f.rate")
+    momenta = [turned(q, J * w) for q, w in zip(vectors(run, "f.rotation"), rates, strict=True)]
+    kept(np.array(momenta), 0.7)
+    kept(rates**2 @ J, 0.15)
+    target(column(run, "f.position.x"), 0.3 * TIMES, 1e-8)
+
+
+def test_a_spherical_pendulum_keeps_its_energy_and_its_spin() -> None:
+    """It turns by more than half a turn; gravity has no moment about the vertical."""
+    arm, mass = np.array([0.1, 0.05, -0.8]), 2.0
+    inertia = np.array([0.1, 0.2, 0.15])
+    bob = RigidBody(
+        name="b", mass=mass, inertia=Inertia(xx=0.1, yy=0.2, zz=0.15), ports={"top": tuple(-arm)}
+    )
+    ball = Spherical(name="s", parent="ground", child="b.top")
+    scene = Scene(name="pendulum", gravity=DOWN, bodies=[bob], joints=[ball])
+    model = mbdlft.to_lft(scene, search=0.0)
+    held = np.ravel(mbdlft.trim_at(model, {}))  # where it is declared
+    push = {signal.name: -x for signal, x in zip(model.trim.signals, held, strict=True)}
+    start = {"s.rotation.x": 1.0, "s.rate.y": 1.0, "s.rate.z": 0.3}
+    run = simulate(scene, TIMES, initial=start, inputs=push)
+    energies, spins = [], []
+    for q, w in zip(vectors(run, "s.rotation"), vectors(run, "s.rate"), strict=True):
+        r, rate = turned(q, arm), turned(q, np.cross(w, arm))
+        energies.append(0.5 * (mass * rate @ rate + inertia @ w**2) + mass * 9.81 * r[2])
+        spins.append((mass * np.cross(r, rate) + turned(q, inertia * w))[2])
+    kept(np.array(energies), 16.0)
+    kept(np.array(spins), 1.0)
+
+
+def test_springs_have_their_length_in_their_law() -> None:
+    """Two hinges and a spring that becomes twice as long, beside gravity."""
+    bar = RigidBody(
+        name="a", mass=1.5, inertia=Inertia(xx=0.1, yy=0.1, zz=0.1), ports={"end": (0, 0, -0.7)}
+    )
+    bob = PointMass(name="b", mass=0.8, ports={"top": (0, 0, 0.5)})
+    scene = Scene(
+        name="double",
+        gravity=DOWN,
+        bodies=[Ground(ports={"wall": (0.0, 0.9, -0.4)}), bar, bob],
+        joints=[
+            Revolute(name="j", parent="ground", child="a", axis=(1, 0, 0)),
+            Revolute(name="k", parent="a.end", child="b.top", axis=(1, 0, 0)),
+        ],
+        loads=[Spring(name="s", parent="b", child="ground.wall", stiffness=20.0, rest_length=0.5)],
+    )
+    hold = mbdlft.trim_at(mbdlft.to_lft(scene, search=0.0), {})
+    push = dict(zip(("j.torque", "k.torque"), -np.ravel(hold), strict=True))
+    run = simulate(scene, TIMES, initial={"j.angle": 1.0, "k.rate": 0.5}, inputs=push)
+    t1, t2 = column(run, "j.angle"), column(run, "j.angle") + column(run, "k.angle")
+    w1, w2 = column(run, "j.rate"), column(run, "j.rate") + column(run, "k.rate")
+    y = 0.7 * np.sin(t1) + 0.5 * np.sin(t2)
+    z = -0.7 * np.cos(t1) - 0.5 * np.cos(t2)
+    dy, dz = 0.7 * w1 * np.cos(t1) + 0.5 * w2 * np.cos(t2), 0.7 * w1 * np.sin(t1) + 0.5 * w2 * np.sin(t2)
+    stretched = np.hypot(y - 0.9, z + 0.4) - 0.5
+    energy = 0.05 * w1**2 + 0.4 * (dy**2 + dz**2) + 0.8 * 9.81 * z + 10.0 * stretched**2
+    kept(energy, 20.0)
+
+
+def test_a_loop_and_a_gear_stay_closed() -> None:
+    """A parallelogram is a pendulum; a flywheel behind a gear adds its inertia by the square."""
+    crank = {"mass": 1.0, "inertia": Inertia(xx=0.03, yy=0.03, zz=0.03), "ports": {"end": (0, 0, -0.6)}}
+    scene = Scene(
+        name="parallelogram",
+        gravity=DOWN,
+        bodies=[
+            Ground(ports={"other": (0.0, 0.9, 0.0)}),
+            RigidBody(name="a", center_of_mass=(0, 0, -0.3), **crank),
+            RigidBody(name="b", center_of_mass=(0, 0, -0.3), **crank),
+            RigidBody(name="c", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=1), ports={"far": (0, 0.9, 0)}),
+            RigidBody(name="w", mass=1.0, inertia=Inertia(xx=0.02, yy=0.02, zz=0.02)),
+        ],
+        joints=[
+            Revolute(name="j", parent="ground", child="a", axis=(1, 0, 0), preload=0.0),
+            Revolute(name="k", parent="ground.other", child="b", axis=(1, 0, 0), preload=0.0),
+            Revolute(name="m", parent="a.end", child="c", axis=(1, 0, 0), preload=0.0),
+            Revolute(name="n", parent="ground", child="w", axis=(1, 0, 0), preload=0.0),
+        ],
+        loops=[Loop(name="l", kind="revolute", parent="c.far", child="b.end", axis=(1, 0, 0))],
+        couplings=[Gear(name="g", joints=("n", "j"), ratio=-5.0)],
+    )
+    states = mbdlft.to_lft(scene, search=0.0).states
+    start = {states[0].name: {"n": 6.0}.get(states[0].name[0], -1.2)}
+    run = simulate(scene, TIMES, initial=start)
+    t, w = column(run, "j.angle"), column(run, "j.rate")
+    assert np.max(np.abs(t)) > 1.0
+    kept(t - column(run, "k.angle"), 1.0)
+    kept(column(run, "n.angle") + 5.0 * t, 1.0)
+    inertia = 2.0 * (0.03 + 0.09) + 2.0 * 0.36 + 25.0 * 0.02
+    kept(0.5 * inertia * w**2 - 9.81 * (0.6 + 1.2) * np.cos(t), 18.0)
+
+
+@pytest.mark.parametrize("name", ["two_link_arm", "gimbal", "tower_crane"])
+def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) -> None:
+    scene = load_scene(Path("scenarios") / f"{name}.toml")
+    model, random = mbdlft.to_lft(scene, search=0.0, prove=0.0), np.random.default_rng(0)
+    values = {p.name: 0.7 * p.nominal + 0.3 * p.high for p in scene.parameters}
+    names = [state.name for state in model.states]
+    direction = random.standard_normal(len(names))
+    expected = expm(0.3 * mbdlft.matrices_at(model, values)[0]) @ direction
+    errors = []
+    for size in (1e-3, 1e-4):
+        start = dict(zip(names, size * direction, strict=True))
+        run = simulate(scene, [0.0, 0.3], initial=start, parameters=values)
+        reached = np.array([column(run, name)[-1] for name in names])
+        errors.append(np.max(np.abs(reached / size - expected)))
+    assert 8.0 <= errors[0] / errors[1] <= 12.0
+
+
+def test_accelerations_of_a_robot_are_those_of_pinocchio(tmp_path: Path) -> None:
+    """Anywhere, at any rates and efforts."""
+    pin = pytest.importorskip("pinocchio", reason="robots are compared with pinocchio: '.[robots]'")
+    text, file = as_urdf(chain(1)), tmp_path / "chain.urdf"
+    file.write_text(text, encoding="utf-8")
+    scene, _ = mbdlft.load_robot(file, right_angle=0.0)
+    m, model = equations_of_motion(scene, {}), pin.buildModelFromXML(text)
+    n, random = m.z.numel(), np.random.default_rng(0)
+    solve = ca.Function("a", [m.x, m.u, m.z], [m.residual])
+    own = [signal.name.partition(".")[0] for signal in m.coordinates[:n]]
+    order = [model.joints[model.getJointId(name)].idx_v for name in own]
+    damping = np.array([getattr(joint, "damping", 0.0) for joint in scene.joints if joint.name in own])
+    neutral = pin.neutral(model)
+    still = pin.rnea(model, model.createData(), neutral, np.zeros(n), np.zeros(n))
+    for _ in range(3):
+        q, v, tau = random.uniform(-2.0, 2.0, (3, n))
+        zero = solve(np.concatenate([q, v]), tau, 0.0).full()[:, 0]
+        M = np.column_stack(
+            [solve(np.concatenate([q, v]), tau, e).full()[:, 0] - zero for e in np.eye(n)]
+        )
+        full = [np.zeros(n) for _ in range(3)]
+        for vector, values in zip(full, (q, v, tau - damping * v), strict=True):
+            vector[order] = values
+        at = pin.integrate(model, neutral, full[0])
+        a = pin.aba(model, model.createData(), at, full[1], full[2] + still)
+        target(np.linalg.solve(M, -zero), a[order], PINOCCHIO)
+
+
+def test_a_controller_closes_the_loop() -> None:
+    """An inverted pendulum falls, and stands with a filtered derivative."""
+    bob = PointMass(name="b", mass=1.0, ports={"foot": (0, 0, -1.0)})
+    joint = Revolute(name="j", parent="ground", child="b.foot", axis=(1, 0, 0))
+    scene = Scene(name="stand", gravity=DOWN, bodies=[bob], joints=[joint])
+    filtered = control.ss([[-50.0]], [[1.0]], [[2500.0]], [[-80.0]])
+    law = mbdlft.as_system(filtered, inputs=["j.angle"], outputs=["j.torque"])
+    start = {"j.angle": 0.5}
+    assert abs(column(simulate(scene, [0.0, 1.0], initial=start), "j.angle")[-1]) > 1.0
+    run = simulate(scene, TIMES, initial=start, controller=law)
+    assert abs(column(run, "j.angle")[-1]) < 1e-2
+    with pytest.raises(SceneError, match=r"controller: unknown output 'j.angel'. Did you mean 'j.angle'"):
+        simulate(scene, TIMES, controller=mbdlft.as_system(law, inputs=["j.angel"]))
+
+
+def test_what_cannot_be_simulated_is_named() -> None:
+    with pytest.raises(SceneError, match=r"elastic body 'mast1'.* known for small motions only"):
+        simulate(load_scene("scenarios/mast_observatory.toml"), TIMES)
+    with pytest.raises(SceneError, match=r"contact 'touch'"):
+        simulate(load_scene("scenarios/rolling_disk.toml"), TIMES)
+    ball = Spherical(name="s", parent="ground", child="b.top")
+    scene = Scene(
+        name="thread", bodies=[PointMass(name="b", mass=1.0, ports={"top": (0, 0, 1)})], joints=[ball]
+    )
+    with pytest.raises(AnalysisError, match="do not determine the accelerations"):
+        simulate(scene, TIMES)
