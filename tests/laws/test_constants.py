@@ -230,3 +230,10 @@ def test_a_form_does_not_depend_on_constants_that_were_made_before() -> None:
     before = arguments()
     constant.cache_clear()
     assert arguments() == before == ["omega.x", "omega.v"]
+
+
+def test_large_terms_that_cancel_are_zero() -> None:
+    """In doubles 0.1 + 0.2 - 0.3 is 5.6e-17, which a large factor makes 5.6e-4."""
+    tenths, large = literal(0.1) + literal(0.2) - literal(0.3), ca.SX(literal(1e13))
+    assert is_zero(large * tenths)
+    assert not is_zero(large * (tenths + literal(1e-17)))

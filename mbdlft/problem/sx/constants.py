@@ -23,12 +23,12 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.exact.numbers import Constant, Field, constant_of, cosine_of, decimal, sine_of
-from mbdlft.problem.sx.tapes import Rules, fold, rules
+from mbdlft.problem.sx.tapes import Rules, fold, rules, term_sizes
 
 _PREFIX = "constant "
 _KINDS = ("rational", "root", "cosine", "sine", "pi", "unit")  # of `Constant`
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
-_CERTAIN = 1e-6  # a value of order one that is larger is no rounding: no need to look
+_CERTAIN = 1e-6  # of the terms of a value: a larger one is no rounding, no need to look
 _SHARED = 4096  # constants that have one symbol each, the last ones asked for; a scene has some hundred
 
 
@@ -147,11 +147,14 @@ def double(value: Constant) -> float:
 
 def without_zeros(column: ca.SX) -> ca.SX:
     """A column of constants (n,), with structural zeros for entries that are zero exactly."""
-    values = numbers_of(column)[:, 0]
+    symbols, numbers = constants_in(column)
+    function = ca.Function("column", [symbols], [ca.densify(column)])
+    point = np.array([[double(number) for number in numbers]])
+    values, sizes = numbers_of(column)[:, 0], term_sizes(function, point)[0]
     kept = ca.SX(*column.shape)
-    for k, value in enumerate(values):
+    for k, (value, size) in enumerate(zip(values, sizes, strict=True)):
         entry = ca.SX(column[k])
-        if abs(value) > _CERTAIN or not (entry.is_zero() or _vanishes(entry)):
+        if abs(value) > _CERTAIN * size or not (entry.is_zero() or _vanishes(entry)):
             kept[k] = entry
     return kept
 
