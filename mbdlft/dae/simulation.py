@@ -21,6 +21,7 @@ from mbdlft.multibody.scene import Scene
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.conversion import as_system
+from mbdlft.system.model import LFTModel
 from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
@@ -55,7 +56,7 @@ class Simulation:
 
 
 def simulate(
-    model: Scene | Dae | Structure | DeltaThetaModel,
+    model: Scene | LFTModel | Dae | Structure | DeltaThetaModel,
     times: ArrayLike,
     *,
     inputs: Mapping[str, ArrayLike] | None = None,
@@ -71,7 +72,7 @@ def simulate(
 
     Parameters
     ----------
-    model : Scene, Dae, Structure or DeltaThetaModel
+    model : Scene, LFTModel, Dae, Structure or DeltaThetaModel
     times : array (N,), s
         Increasing; the first is the initial time.
     inputs : mapping of names to numbers or arrays (N,)
@@ -102,8 +103,12 @@ def simulate(
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
     if isinstance(model, Scene):
         m = _scene(model, asked, controller)
+    elif isinstance(model, LFTModel):
+        m = _linear(model, asked, controller)
     elif controller is not None:
-        raise SceneError("simulate: expected a scene beside a controller. Write it into the equations.")
+        raise SceneError(
+            "simulate: a controller closes a scene or its model. Write it into the equations."
+        )
     else:
         m = _structure(model, asked) if isinstance(model, Structure) else _theta_form(model, asked)
     states, z, p = _integrated(m, grid, tolerance)
@@ -209,6 +214,22 @@ def _scene(scene: Scene, asked: _Asked, controller: Any) -> _Model:
     if controller is None:
         return alone
     return _closed_by(alone, [signal.name for signal in m.inputs], as_system(controller))
+
+
+def _linear(model: LFTModel, asked: _Asked, controller: Any) -> _Model:
+    """A linear model, which begins at zero."""
+    owner, none = f"model {model.name!r}", ca.SX(0, 1)
+    A, B, C, D = (ca.sparsify(ca.DM(matrix)) for matrix in matrices_at(model, asked.parameters))
+    states, outputs = (tuple(s.name for s in signals) for signals in (model.states, model.outputs))
+    x, u = ca.SX.sym("x", len(states)), ca.SX.sym("u", len(model.inputs))
+    rates, y = ca.mtimes(A, x) + ca.mtimes(B, u), ca.mtimes(C, x) + ca.mtimes(D, u)
+    inputs = _held(owner, model.inputs, asked)
+    x0 = _initial(owner, states, np.zeros(len(states)), asked.states)
+    values = (inputs, x0, np.zeros(0), np.zeros(0))
+    alone = _Model(owner, states, outputs, x, none, u, none, rates, none, y, none, *values)
+    if controller is None:
+        return alone
+    return _closed_by(alone, [signal.name for signal in model.inputs], as_system(controller))
 
 
 def _closed_by(m: _Model, inputs: Sequence[str], controller: Any) -> _Model:

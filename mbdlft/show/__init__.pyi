@@ -4,6 +4,7 @@ from .figures.properties import save_orders as save_orders
 from .figures.properties import save_pole_map as save_pole_map
 from .figures.properties import save_trims as save_trims
 from .figures.responses import save_bode as save_bode
+from .figures.responses import save_motions as save_motions
 from .figures.responses import save_singular_values as save_singular_values
 from .figures.responses import save_step as save_step
 from .report.page import model_report as model_report

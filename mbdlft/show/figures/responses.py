@@ -4,16 +4,18 @@ A Bode diagram and a step response have a panel for each channel; singular value
 worst case beside the cloud of the samples.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
+from mbdlft.base.unit import Signal
 from mbdlft.response.frequency import (
     frequency_response,
     gain_unit,
@@ -271,3 +273,47 @@ def save_step(
             axes.autoscale_view(scalex=False)
     channels.finish(model, count, "time (s)")
     write_figure(channels.figure, path)
+
+
+def save_motions(
+    path: str | Path, name: str, times: Array, outputs: Sequence[Signal], runs: Mapping[str, Array]
+) -> None:
+    """Draw outputs over time, one panel for each, with the curves of some runs.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    name : of what moves
+    times : array (N,), s
+    outputs : sequence of n Signal
+    runs : mapping of labels to arrays (N, n)
+        The second, fourth, ... is drawn with dashes, in the color of the one before it.
+
+    Raises
+    ------
+    AnalysisError
+        The file cannot be written, its ending is not that of a figure, or there are no outputs, or more
+        than 25.
+    """
+    check_figure(path)
+    if not 0 < len(outputs) <= _MOST_STEPS:
+        raise AnalysisError(f"{name}: {len(outputs)} outputs; expected 1 to {_MOST_STEPS} to draw.")
+    columns = 1 if len(outputs) < 4 else 2
+    rows = -(-len(outputs) // columns)
+    figure = Figure(figsize=(5.0 * columns + 1.0, 1.0 + 2.0 * rows), layout="constrained")
+    panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
+    for k, signal in enumerate(outputs):
+        axes = panels[k // columns, k % columns]
+        for number, (label, values) in enumerate(runs.items()):
+            color, style = COLORS[number // 2 % len(COLORS)], "--" if number % 2 else "-"
+            axes.plot(times, values[:, k], style, color=color, linewidth=1.2, label=label)
+        axes.set_ylabel(f"{signal.name} ({signal.unit})", fontsize="small")
+        draw_grid(axes)
+    for axes in panels.ravel()[len(outputs) :]:
+        axes.set_visible(False)
+    for axes in panels[-1]:
+        axes.set_xlabel("time (s)")
+    handles, labels = panels[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower right", ncols=3, fontsize="small")
+    figure.suptitle(name)
+    write_figure(figure, path)
