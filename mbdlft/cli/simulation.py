@@ -1,7 +1,7 @@
 """The command `simulate`: motions of a scene of any size, beside those of its linear model."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -14,6 +14,8 @@ from mbdlft.cli.output import print_files, print_json, print_table, write_text
 if TYPE_CHECKING:
     from mbdlft.base.array import Array
     from mbdlft.dae import Simulation
+    from mbdlft.multibody import Scene
+    from mbdlft.system import LFTModel
 
 _INPUT = (
     "NAME=number, held from the beginning; NAME=step:SIZE@TIME; or NAME=sine:SIZE:RATE with the rate in "
@@ -59,12 +61,7 @@ def simulate(
     curves: dict[str, Array] = {}
     for factor in factors:
         moved, begun = ({name: factor * x for name, x in each.items()} for each in (of_time, start))
-        run, linear = (
-            dae.simulate(each, times, inputs=moved, parameters=values, initial=begun)
-            for each in (scene, model)
-        )
-        # forces of constraints are of the model only
-        beside = linear.outputs[:, [linear.output_names.index(name) for name in run.output_names]]
+        run, beside = _both(scene, model, times, inputs=moved, parameters=values, initial=begun)
         size, off = (float(np.max(np.abs(x), initial=0.0)) for x in (run.outputs, run.outputs - beside))
         rows.append({"amplitude": factor, "largest": size, "linear_error": off / size if size else 0.0})
         label = f" at {factor:g}" if len(factors) > 1 else ""
@@ -85,6 +82,14 @@ def simulate(
     title = f"{scene.name}: outputs until {until:g} s"
     print_table(title, "amplitude > | largest > | linear model off by >", table)
     print_files(*files, as_json=False)
+
+
+def _both(
+    scene: "Scene", model: "LFTModel", times: "Array", **asked: Any
+) -> tuple["Simulation", "Array"]:
+    """The motion, and its outputs by the model; forces of constraints are of the model only."""
+    run, linear = (dae.simulate(each, times, **asked) for each in (scene, model))
+    return run, linear.outputs[:, [linear.output_names.index(name) for name in run.output_names]]
 
 
 def _table(run: "Simulation") -> str:
