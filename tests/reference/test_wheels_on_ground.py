@@ -273,6 +273,29 @@ def test_spin_creep_couples_yaw_with_the_side() -> None:
     close.target(found.C[3, rows], np.array(ahead), close.CLOSED_FORM, 1e7)
 
 
+def test_rails_that_are_not_straight_steer_a_wheelset() -> None:
+    """The wheelset runs over rails that are w aside: it creeps by its motion over them."""
+    scene, v, c, s = mbdlft.load_scene(FOLDER / "wheelset.toml"), 30.0, 0.1, 1.0 + 8j
+    bed = RigidBody(name="bed", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0))
+    alignment = Prismatic(name="line", parent="ground", child="bed", axis=(0, 1, 0), imposed="motion")
+    over = scene.model_copy(
+        update={
+            "bodies": (*scene.bodies, bed),
+            "joints": (alignment, *scene.joints),
+            "loads": tuple(x.model_copy(update={"parent": "bed"}) for x in scene.loads),
+            "inputs": ("line.position", "line.velocity"),
+            "outputs": ("aside.position", "yaw.angle"),
+        }
+    )
+    at = mbdlft.matrices_at(to_lft(over, search=0.0), {"v": v, "conicity": c})
+    found = (at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D) @ [1.0, s]
+    side, turn, steer = 2 * 6e6 / v, 2 * 7e6 * B**2 / v, 2 * 7e6 * B * c / R
+    matrix = np.array([
+        [MASS * s**2 + side * s + 0.4e6, -side * v], [steer, YAW * s**2 + turn * s + K_YAW]
+    ])  # fmt: skip
+    close.target(found, np.linalg.solve(matrix, [side * s, steer]), close.MECHANISM)
+
+
 def test_a_slow_wheelset_follows_klingels_sine() -> None:
     """Free of springs and slow, it runs at the wavelength 2 pi sqrt(r b/c) (Klingel 1883)."""
     scene = mbdlft.load_scene(FOLDER / "wheelset.toml")

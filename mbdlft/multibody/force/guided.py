@@ -179,9 +179,15 @@ class Wheel(Guided, abc.ABC):
         return axis, heading, ca.dot(heading, space.velocity)
 
     def at_ground(self, port: str, values: Values, space: Space, order: int) -> ca.SX:
-        """Velocity (3,) of the point below a port that touches (order 1), or its acceleration (2)."""
-        _, moved, turned = in_scene(space, port, order)
+        """Velocity (3,) over the road of the point below a port (order 1), or acceleration (2)."""
+        turned = in_scene(space, port, order)[2]
+        moved = self.over_road(port, space, order)
         return ca.SX(moved - values["radius"] * ca.cross(turned, unit_vector(self.normal)))
+
+    def over_road(self, port: str, space: Space, order: int) -> ca.SX:
+        """Displacement (3,) of a port over that of the road, or a derivative."""
+        moved, of_road = (in_scene(space, each, order)[1] for each in (port, self.parent))
+        return moved - of_road
 
     def slip(self, port: str, values: Values, space: Space, order: int) -> ca.SX:
         """Velocity (order 1) or acceleration (2) across the heading of the point that touches."""
@@ -305,7 +311,7 @@ class Creep(Wheel):
         """Slip ahead, slip along the axis (1), and spin (1/m)."""
         axis, heading, speed = self.along(space)
         touching = self.at_ground(self.child, values, space, 1)
-        grown = values["conicity"] * ca.dot(axis, in_scene(space, self.child, 0)[1]) / values["radius"]
+        grown = values["conicity"] * ca.dot(axis, self.over_road(self.child, space, 0)) / values["radius"]
         turning = ca.dot(unit_vector(self.normal), in_scene(space, self.child, 1)[2]) / speed
         turning += self.lean(space, 0) / values["radius"]  # its axis tilts, about which it turns on
         ahead = ca.dot(heading, touching) / speed - grown
