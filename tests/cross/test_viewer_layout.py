@@ -9,6 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 import mbdlft
+from mbdlft.show.viewer.data import view_data
 from tests.browser import Loaded, browser
 from tests.close import PAGE, target
 from tests.cross.test_viewer import ELASTIC, OTHERS, RIGID, scene_called
@@ -153,3 +154,29 @@ def test_poles_and_steps_are_those_of_the_model(
     assert loaded.page.locator("#plane .other").count() > 0
     assert loaded.complaints == []
     loaded.page.close()
+
+
+def test_pictures_films_and_distances(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    """The link of the pendulum is 0.8 m long; files begin as those of their kinds do."""
+    scene = scene_called("pendulum")
+    data = view_data(scene)
+    (link,) = [item for item in data["items"] if item["name"] == "link"]
+    (stick,) = [shape for shape in link["shapes"] if shape["type"] == "stick"]
+    loaded = load(mbdlft.view(scene).save(tmp_path / "page.html"))
+    page: Any = loaded.page
+    for name, begin in (("png", b"\x89PNG"), ("film", b"\x1a\x45\xdf\xa3")):
+        button = page.locator("#tools button", has_text=name)
+        if name == "film":
+            button.click()
+            page.wait_for_timeout(300)
+        with page.expect_download() as offered:
+            button.click()
+        assert Path(offered.value.path()).read_bytes().startswith(begin)
+    page.locator("#tools button", has_text="measure").click()
+    for number in reversed(stick["points"]):
+        x, y = loaded.run("(k) => mbdlft.pixel(k)", number)
+        page.mouse.click(x, y)
+    assert page.locator("#said").inner_text().startswith("0.8 m; along x, y, z: ")
+    loaded.run("() => mbdlft.set('L', 0.7)")
+    assert page.locator("#said").inner_text().startswith("0.7 m;")
+    assert loaded.complaints == []

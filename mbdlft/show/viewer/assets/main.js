@@ -150,6 +150,7 @@
     sliders();
     (find("sliders").querySelector('input[tabindex="0"]') ?? find("reset")).focus();
   });
+  find("positions").parentElement.hidden = !find("positions").childElementCount;
   find("elastic").hidden = !data.coordinates.some((one) => one.elastic);
 
   function reset() {
@@ -343,6 +344,7 @@
     loads: () => loads && Object.fromEntries(data.trim.efforts.map((effort, k) => [effort.name, loads.u[k]])),
     coordinates: () => Object.fromEntries(data.coordinates.map((one, k) => [one.name, q[k]])),
     drawn: () => { world.render(); return world.drawn(); },
+    pixel: (k) => world.pixelOf(k),
     pick: (name) => pick(data.items.findIndex((item) => item.name === name)),
     look: (azimuth, height) => { world.view.look(azimuth, height); world.fit(); },
     poles: () => found,

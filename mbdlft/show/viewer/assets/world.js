@@ -97,9 +97,13 @@ function gridOf(T, size, up) {
 /** A line between the two drawn points that were clicked last, and what is told of it. */
 function ruler(T, { points, pixel, canvas, at, tell, draw }) {
   const chosen = [], geometry = new T.BufferGeometry(), line = new T.Line(geometry, new T.LineBasicMaterial({ color: 0xff8800, depthTest: false }));
+  const places = new T.BufferAttribute(new Float32Array(6), 3);
+  geometry.setAttribute("position", places);
   line.frustumCulled = false;
   function update() {
-    geometry.setFromPoints(chosen.map(at));
+    chosen.forEach((k, place) => places.setXYZ(place, ...at(k).toArray()));
+    places.needsUpdate = true;
+    geometry.setDrawRange(0, chosen.length);
     if (chosen.length < 2) return;
     const between = at(chosen[1]).clone().sub(at(chosen[0]));
     tell(`${spelled(between.length(), "m")}; along x, y, z: ${between.toArray().map((part) => spelled(Math.abs(part) < 1e-12 * between.length() ? 0 : part, "m")).join(", ")}`);
@@ -227,7 +231,7 @@ function makeWorld(T, data, host, picked) {
   }).observe(host);
   theme();
   return {
-    points, layers, view, render, compose, cell: grid.cell,
+    points, layers, view, render, compose, cell: grid.cell, pixelOf: (k) => pixel(v(k)),
     /** Distances between points that are clicked, which `tell(text)` gets, or an end of that. */
     measure(on, tell) {
       if (measuring) scene.remove(measuring.line);
