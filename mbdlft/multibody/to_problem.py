@@ -11,6 +11,7 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly import assemble, assembly
+from mbdlft.multibody.assembly.coupled import multipliers_of
 from mbdlft.multibody.body import Beam
 from mbdlft.multibody.body.beam import error_sentence
 from mbdlft.multibody.force import Spring
@@ -208,9 +209,10 @@ def _singular_mass_matrix(number: float, names: Sequence[str]) -> str:
 def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[str, ...]:
     """Say what is easily overlooked in a scene that can be used.
 
-    That are efforts that hold the equilibrium and are no input, springs that are pushed together, names,
-    ports and sensors that are not used, a scene without gravity, and errors of the shapes of beams.
-    What is probably wrong, such as a negative damping, is a `MbdlftWarning` of `to_lft` instead.
+    That are efforts that hold the equilibrium and are no input, springs that are pushed together, forces
+    of contacts that share what they hold, names, ports and sensors that are not used, a scene without
+    gravity, and errors of the shapes of beams. What is probably wrong, such as a negative damping, is a
+    `MbdlftWarning` of `to_lft` instead.
 
     Parameters
     ----------
@@ -236,7 +238,24 @@ def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[
     sentences += _unseen(scene)
     if not any(scene.gravity) and not any(scene.acceleration):
         sentences.append("there is no gravity and no acceleration; both are zero by default.")
-    return (*sentences, *_pushed(scene, trimmed), *_holding(scene, trimmed))
+    return (*sentences, *_shared(scene), *_pushed(scene, trimmed), *_holding(scene, trimmed))
+
+
+def _shared(scene: Scene) -> list[str]:
+    """Forces of contacts that the equations know as a sum only."""
+    if not scene.contacts:
+        return []
+    held, others = multipliers_of(scene)
+    on_ground = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
+    every, shared = [signal.name for signal in held + others], assembly(scene).closure.shared
+    names = [every[k] for k in shared if every[k] in on_ground]
+    if not names:
+        return []
+    return [
+        f"known as sums only: the forces {', '.join(names)}, as contacts hold the same twice there. The "
+        "trim gives all of a sum to some of them. Tires and supports, which give way, say what carries "
+        "how much."
+    ]
 
 
 def _unseen(scene: Scene) -> list[str]:

@@ -13,6 +13,7 @@ from mbdlft import (
     Spin,
     assemble,
     find_equilibrium,
+    notes,
     to_lft,
 )
 from mbdlft.multibody.contact import KINDS
@@ -121,3 +122,9 @@ find_equilibrium(on_tire()) => positions are not searched for where bodies roll,
 find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
 """
 )
+
+
+def test_a_note_says_which_forces_are_known_as_a_sum() -> None:
+    (note,) = [x for x in notes(trolley(["left.force.1"])) if "known as sums only" in x]
+    assert "the forces left.force.2, right.force.2, as contacts" in note
+    assert not [x for x in notes(wheel()) if "known as sums only" in x]
