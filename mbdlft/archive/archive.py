@@ -50,6 +50,8 @@ def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = N
         The file exists and is not an archive of this major version, or something in it cannot be read
         and so would be lost, or it cannot be written. The old file is then unchanged.
     """
+    if isinstance(path, System | DeltaThetaModel):
+        raise ArchiveError(f"save: expected a file first, and then the model: save(path, {path.name}).")
     file = Path(path)
     if not isinstance(model, System | DeltaThetaModel):
         raise ArchiveError(
