@@ -148,7 +148,8 @@ tmp_path / "arm.h5", "scene" => arm.h5: expected an LFTModel or a System, got st
 tmp_path / "none" / "arm.h5", models.arm()
     => arm.h5: cannot be written: No such file or directory. The old file, if there was one, is unchanged.
 tmp_path, models.arm() => : cannot be read: Is a directory.
-models.arm(), tmp_path / "arm.h5" => save: expected a file first, and then the model: save(path, two_link_arm).
+models.arm(), tmp_path / "arm.h5"
+    => save: expected a file first, and then the model: save(path, two_link_arm).
 """
 )
 
