@@ -142,6 +142,13 @@ def test_poles_and_steps_are_those_of_the_model(
     swinging = [pole for pole in expected if abs(pole) > 1e-3 * max(np.abs(expected))]
     for pole in swinging:
         target(found[np.argmin(abs(found - pole))], pole, PAGE, abs(pole))
+    values, vectors = np.linalg.eig(A)
+    moving = len(loaded.run("() => mbdlft.shape([1, 1])")[0])
+    for k in np.flatnonzero((values.imag > 0) & np.isin(values, swinging)):
+        shape = vectors[:moving, k] / vectors[np.argmax(abs(vectors[:moving, k])), k]
+        drawn = loaded.run("(pole) => mbdlft.shape(pole)", [values[k].real, values[k].imag])
+        shown = np.array(drawn[0]) + 1j * np.array(drawn[1])
+        target(shown / shown[np.argmax(abs(shape))], shape, PAGE, 1.0)
     dt, count = 0.3 / max(np.abs(expected)), 20
     drawn = loaded.run("([dt, count]) => mbdlft.step(0, dt, count)", [dt, count])
     n = len(A)

@@ -381,8 +381,8 @@ def _add_dynamics(data: dict[str, Any], scene: Scene, chosen: Array) -> None:
             free = set(data["states"])
             data["loops"]["follow"] = [k for k in range(n) if k not in free]
         data["trim"] = trim_data(equations)
-        data["linear"] = linear_data(scene, equations)
         data["modes"] = mode_data(scene, equations, chosen)
+        data["linear"] = linear_data(scene, equations)
     except MbdlftError as error:
         data["notes"].append(str(error))
     if data["loops"] and not data["loops"]["follow"]:

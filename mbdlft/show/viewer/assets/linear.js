@@ -20,9 +20,9 @@ function linearAt(linear, p, u) {
   return { A, B, C, D };
 }
 
-/** A with rows and columns scaled by powers of two until they are of like size. */
-function balancedMatrix(A) {
-  const n = A.length, M = A.map((row) => Float64Array.from(row));
+/** M = S^-1 A S with a diagonal `scale` of powers of two, so that rows and columns are of like size. */
+function balanced(A) {
+  const n = A.length, M = A.map((row) => Float64Array.from(row)), scale = new Float64Array(n).fill(1);
   for (let round = 0, changed = true; changed && round < 30; round++) {
     changed = false;
     for (let k = 0; k < n; k++) {
@@ -32,10 +32,11 @@ function balancedMatrix(A) {
       const factor = 2 ** Math.round(0.5 * Math.log2(row / column));
       if (factor === 1) continue;
       changed = true;
+      scale[k] *= factor;
       for (let i = 0; i < n; i++) { M[k][i] /= factor; M[i][k] *= factor; }
     }
   }
-  return M;
+  return { M, scale };
 }
 
 /** Puts zeros below the first subdiagonal by similar transformations (elimination with pivots). */
@@ -71,7 +72,7 @@ function rootOf(x, y) {
  * Source: Golub and Van Loan, Matrix Computations (2013), sections 7.4 and 7.5.
  */
 function eigenvalues(A) {
-  const R = toHessenberg(balancedMatrix(A)), n = R.length, I = R.map(() => new Float64Array(n)), found = [];
+  const R = toHessenberg(balanced(A).M), n = R.length, I = R.map(() => new Float64Array(n)), found = [];
   const size = (i, j) => Math.abs(R[i][j]) + Math.abs(I[i][j]);
   let last = n - 1, first = 0;
   for (let round = 0; last >= 0; round++) {
@@ -130,6 +131,30 @@ function stepQR(R, I, first, last, [x, y]) {
     }
   });
   for (let k = first; k <= last; k++) { R[k][k] += x; I[k][k] += y; }
+}
+
+/**
+ * The first `count` entries of the eigenvector of a pole: real and imaginary parts, the largest entry 1.
+ * Two steps of inverse iteration from a vector without symmetry, in real arithmetic.
+ */
+function shapeOf(A, [x, y], count) {
+  const n = A.length, { M, scale } = balanced(A), size = Math.max(...M.map((row) => Math.hypot(...row)));
+  const shift = x + 1e-12 * size, rows = []; // beside the pole, where the matrix is regular
+  for (let i = 0; i < 2 * n; i++) rows.push(Array.from({ length: 2 * n }, (_, j) => {
+    const [r, c] = [i % n, j % n];
+    if ((i < n) === (j < n)) return M[r][c] - (r === c ? shift : 0);
+    return r === c ? (i < n ? y : -y) : 0;
+  }));
+  let v = Array.from({ length: 2 * n }, (_, k) => Math.cos(1 + k * k));
+  for (let round = 0; round < 2; round++) {
+    v = solve(rows, v);
+    if (!v) return [new Array(count).fill(0), new Array(count).fill(0)];
+    const long = Math.hypot(...v);
+    v = v.map((entry) => entry / long);
+  }
+  const parts = Array.from({ length: count }, (_, k) => [v[k] * scale[k], v[n + k] * scale[k]]);
+  const [a, b] = parts.reduce((best, one) => (Math.hypot(...one) > Math.hypot(...best) ? one : best), [0, 0]), square = a * a + b * b || 1;
+  return [parts.map(([c, d]) => (c * a + d * b) / square), parts.map(([c, d]) => (d * a - c * b) / square)];
 }
 
 /** exp(M) by its series after halving; for M with at most some ten rows more than there are states. */

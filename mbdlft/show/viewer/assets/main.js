@@ -7,7 +7,7 @@
   const q = new Float64Array(data.coordinates.length);
   const follow = new Set(data.loops ? data.loops.follow : []);
   const factors = Float64Array.from(data.coordinates, (one) => one.turns ? 180 / Math.PI : 1);
-  let world = null, shown = -1, mode = null, step = null, loads = null, positions = [], readers = [];
+  let world = null, mode = null, step = null, loads = null, positions = [], readers = [];
 
   function note(text) {
     const line = make("p", text, "note");
@@ -61,7 +61,7 @@
   const samples = data.modes.map((sample) => sample.modes.map((one) => [one.real, one.imag]));
   const plane = data.linear && data.linear.states ? polePlane(find("plane"), [{ kind: "sample", poles: samples.flat(), title: "poles at samples of the parameters" }, ...data.others]) : null;
   let linear = null, found = [];
-  find("poles").hidden = !plane;
+  find("poles").hidden = find("modes").hidden = !plane;
   find("response").hidden = !plane || !data.linear.inputs.length || !data.linear.outputs.length;
 
   /** The poles at the values of the sliders. */
@@ -118,7 +118,7 @@
   function setParameter(k, value) {
     p[k] = value;
     trim();
-    nearest();
+    list();
     replay();
     update();
   }
@@ -158,7 +158,7 @@
     q.fill(0);
     data.parameters.forEach((parameter, k) => { p[k] = parameter.nominal; });
     trim();
-    nearest();
+    list();
     replay();
     update();
   }
@@ -202,39 +202,31 @@
 
   // modes ------------------------------------------------------------------------------------
 
-  /** The sample whose values are nearest, in parts of the ranges; modes are known at samples only. */
+  /** The sample whose values are nearest, in parts of the ranges. */
   function nearest() {
     const far = (sample) => Math.hypot(...sample.point.map((value, k) => (value - p[k]) / (data.parameters[k].high - data.parameters[k].low)));
-    let best = -1, least = Infinity;
-    data.modes.forEach((sample, k) => {
-      if (far(sample) < least) [best, least] = [k, far(sample)];
-    });
-    if (best < 0) {
-      find("modes").hidden = true;
-      return;
-    }
-    const at = data.modes[best].point.map((value, k) => `${data.parameters[k].name} = ${spelled(value, data.parameters[k].unit)}`).join(", ");
-    find("sample").textContent = least < 1e-12 ? "Exactly at these values of the parameters." : `Not at these values: at the nearest of ${data.modes.length} samples, ${at}.`;
-    find("there").hidden = least < 1e-12;
-    if (best !== shown) list(best);
+    return data.modes.reduce((best, sample) => (far(sample) < far(best) ? sample : best));
   }
 
-  function list(best) {
-    shown = best;
-    const rows = find("rows");
+  /** The modes at the values of the sliders. Those at zero, which have no shapes of their own, are those of the nearest sample. */
+  function list() {
+    if (!plane) return;
+    const rows = find("rows"), played = mode && mode.row, size = (one) => Math.hypot(one.real, one.imag);
+    const still = nearest().modes.filter((one) => size(one) === 0);
+    const moving = found.filter(([real, imag]) => imag >= 0 && Math.hypot(real, imag) > plane.least).map(([real, imag]) => ({ real, imag })).sort((a, b) => size(a) - size(b));
     rows.replaceChildren();
-    data.modes[best].modes.forEach((one, k) => {
-      const size = Math.hypot(one.real, one.imag), row = make("tr"), swings = one.imag > 0;
-      const cell = make("td"), button = Object.assign(make("button", String(k + 1)), { type: "button" });
-      button.setAttribute("aria-label", `mode ${k + 1}, ${short(size)} rad/s`);
+    [...still, ...moving].slice(0, 40).forEach((one, k) => {
+      const row = make("tr"), swings = one.imag > 0, cell = make("td"), button = Object.assign(make("button", String(k + 1)), { type: "button" });
+      button.setAttribute("aria-label", `mode ${k + 1}, ${short(size(one))} rad/s`);
       button.setAttribute("aria-pressed", "false");
       cell.append(button);
-      row.append(cell, make("td", short(size)), make("td", swings ? short(size / (2 * Math.PI)) : "-"), make("td", size > 0 ? short(-one.real / size) : "-"));
-      if (one.real > 1e-9 * size) row.classList.add("unstable");
+      row.append(cell, make("td", short(size(one))), make("td", swings ? short(size(one) / (2 * Math.PI)) : "-"), make("td", size(one) > 0 ? short(-one.real / size(one)) : "-"));
+      if (one.real > 1e-9 * size(one)) row.classList.add("unstable");
+      one.row = k;
       row.addEventListener("click", () => mode === one ? (stop(), update()) : animate(one, row));
       rows.append(row);
+      if (played === k) animate(one, row, mode.begin);
     });
-    if (mode) stop();
     modes();
   }
 
@@ -242,11 +234,10 @@
   function lead(point) {
     point.forEach((value, k) => { p[k] = value; });
     trim();
-    nearest();
+    list();
     replay();
     update();
   }
-  find("there").addEventListener("click", () => lead(data.modes[shown].point));
   data.places.forEach(({ title, point }) => {
     const button = Object.assign(make("button", title), { type: "button" });
     button.addEventListener("click", () => lead(point));
@@ -285,15 +276,15 @@
     return tiny * Math.min(way > 0 ? 0.12 * data.size / way : Infinity, turn > 0 ? 0.5 / turn : Infinity, 1e10);
   }
 
-  function animate(one, row) {
+  function animate(one, row, begin = performance.now()) {
     stop();
+    one.shape ??= shapeOf(linear.A, [one.real, one.imag], data.states.length);
     const amount = amplitude(one.shape);
-    mode = one;
+    mode = Object.assign(one, { begin });
     mark(row, true);
     const size = Math.hypot(one.real, one.imag);
     const grows = one.real > 1e-9 * size ? `, grows with ${short(one.real)} rad/s` : one.real < -1e-9 * size ? `, decays with ${short(-one.real)} rad/s` : ", no damping";
     find("moving").textContent = (one.imag > 0 ? `${short(size)} rad/s, damping ${short(-one.real / size)}` : "does not swing; its shape is shown") + `${grows}. Shown at 0.5 Hz, of a size that can be seen.`;
-    const begin = performance.now();
     (function frame(now) {
       if (mode !== one) return;
       swing(one, amount, Math.PI * (now - begin) / 1000);
@@ -323,7 +314,7 @@
   });
   if (world) toolBar(world, data.name);
   trim();
-  nearest();
+  list();
   update();
   sliders();
   if (world) world.fit();
@@ -348,6 +339,7 @@
     pick: (name) => pick(data.items.findIndex((item) => item.name === name)),
     look: (azimuth, height) => { world.view.look(azimuth, height); world.fit(); },
     poles: () => found,
+    shape: (pole) => shapeOf(linear.A, pole, data.states.length),
     step: (input, dt, count) => stepResponse(linear, input, dt, count).y,
     reset,
   };
