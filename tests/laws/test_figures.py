@@ -122,3 +122,17 @@ def test_powers_of_ten_are_plain_text(tmp_path: Path) -> None:
     figure.savefig(tmp_path / "short.png")
     shown = [text.get_text() for text in axes.get_xticklabels(which="minor")]
     assert sum(bool(text) for text in shown) > 3
+
+
+@pytest.mark.parametrize("kind", ["singular_values", "bode", "step", "orders", "pole_map"])
+def test_no_legend_is_over_a_panel(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So none covers a curve: boxes of legends and panels, as they are drawn."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    getattr(mbdlft.show, f"save_{kind}")(tmp_path / "f.png", held_arm())
+    (figure,) = drawn
+    boxes = [axes.get_window_extent() for axes in figure.axes if axes.get_visible()]
+    legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in figure.axes))]
+    assert legends
+    for legend in legends:
+        assert not any(legend.get_window_extent().overlaps(box) for box in boxes)

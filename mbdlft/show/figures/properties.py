@@ -190,7 +190,7 @@ def save_growth(
     if len(values) and np.min(values) > 0.0 and np.max(values) > _DECADE * np.min(values):
         axes.set_yscale("log")
         draw_grid(axes)
-    axes.legend(fontsize="small")
+    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
     write_figure(figure, path)
 
 
@@ -262,7 +262,7 @@ def save_mu(
         axes.plot([at], [1.0 / margin.upper], "o", color=WORST, markersize=5.0, label=label)
     over_frequency(axes, low, high)
     axes.set_ylim(bottom=0.0)
-    axes.legend(fontsize="small")
+    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
     write_figure(figure, path)
 
 
@@ -310,9 +310,9 @@ def orders_figure(model: LFTModel) -> Figure:
     axes.barh(rows, c.order, _NARROW, color=COLORS[0], label="of the model")
     low, high = rows - 0.5 * _WIDE, rows + 0.5 * _WIDE
     axes.vlines(c.lower_bound, low, high, color=WORST, linewidth=2.0, label="proved lower bound")
-    for row, order, bound, raw in zip(rows, c.order, c.lower_bound, c.raw_order, strict=True):
+    for row, order, bound in zip(rows, c.order, c.lower_bound, strict=True):
         text = f" {order}" if order == bound else f" {order}, at least {bound}"
-        axes.text(max(order, raw), float(row), text, va="center", fontsize="small")
+        axes.text(max(order, bound), float(row), text, va="center", fontsize="small")
     axes.set_yticks(rows, [p.name for p in model.parameters])
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.15 * max(1, *c.raw_order, *c.order))

@@ -47,7 +47,7 @@ from mbdlft.system.model import System
 
 Complex = NDArray[np.complex128]
 _MOST_BODE, _MOST_STEPS = 16, 25  # channels that one figure has room for
-_MOST_INSIDE = 4  # singular values whose legend has room inside the axes
+_MOST_BELOW = 4  # singular values whose legend has room below the axes
 _RIGHT_ANGLE = 90.0  # deg
 
 
@@ -178,7 +178,7 @@ def save_singular_values(
         )
     r = _responses(model, seed, most_samples)
     samples, nominal = (decibels(singular_values(values)) for values in (r.samples, r.nominal))
-    inside = nominal.shape[2] <= _MOST_INSIDE
+    inside = nominal.shape[2] <= _MOST_BELOW
     unit = f"singular values (dB of {gain_unit(model)})"
     size = (8.0 if inside else 10.0, 5.0)
     figure, axes = panel(facts(model), "frequency (rad/s)", unit, size, "both")
@@ -206,7 +206,7 @@ def save_singular_values(
     mark_unbounded(axes, model)
     set_heights(axes, np.concatenate(heights))
     if inside:
-        axes.legend(loc="lower left", fontsize="small")
+        figure.legend(loc="outside lower center", ncols=2, fontsize="small")
     else:
         figure.legend(loc="outside right upper", fontsize="small")
     write_figure(figure, path)
