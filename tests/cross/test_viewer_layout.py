@@ -159,6 +159,10 @@ def test_poles_and_steps_are_those_of_the_model(
         state = E @ state
     assert "as large" in loaded.run("() => document.getElementById('played').textContent")
     assert loaded.page.locator("#plane .other").count() > 0
+    loaded.run("() => mbdlft.reset()")  # where this model and the other are the same
+    same, own = (loaded.page.locator(f"#curve polyline:nth-of-type({k})") for k in (1, 2))
+    assert same.get_attribute("class") == "drawn beside"
+    assert same.get_attribute("points") == own.get_attribute("points")
     assert loaded.complaints == []
     loaded.page.close()
 

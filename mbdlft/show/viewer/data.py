@@ -249,20 +249,27 @@ def view_data(
 
 
 def other_poles(other: Scene | System) -> dict[str, Any]:
-    """The poles at nominal of what a scene is compared with, as pages draw them."""
+    """What a scene is compared with at nominal: its poles, as pages draw them, and A, B, C, D."""
     if isinstance(other, Scene):
         e = assemble(other)
         points = np.array([[p.nominal for p in e.parameters]])
         efforts, _ = trim_efforts(e, points)
         n = len(e.states)
-        A = linearized(e, *choose_signals(other, e), points, efforts)[0, :n, :n]
+        inputs, outputs = choose_signals(other, e)
+        whole = linearized(e, inputs, outputs, points, efforts)[0]
+        A, B, C, D = whole[:n, :n], whole[:n, n:], whole[n:, :n], whole[n:, n:]
+        names = [e.u_signals[k].name for k in inputs], [e.y_signals[k].name for k in outputs]
     else:
-        A = other.A
+        A, B, C, D = other.A, other.B_u, other.C_y, other.D_yu
+        names = [s.name for s in other.inputs], [s.name for s in other.outputs]
     found = spectrum(A).cleaned
     return {
         "kind": "other",
         "title": f"poles of {other.name} at nominal",
         "poles": [[float(pole.real), float(pole.imag)] for pole in found],
+        **{key: matrix.tolist() for key, matrix in (("A", A), ("B", B), ("C", C), ("D", D))},
+        "inputs": names[0],
+        "outputs": names[1],
     }
 
 

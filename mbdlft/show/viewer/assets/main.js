@@ -86,7 +86,11 @@
     if (!linear) return;
     const input = Number(find("input").value), output = Number(find("output").value), last = horizon(), count = 400, seconds = 8;
     const { times, x, y } = stepResponse(linear, input, last / (count - 1), count), read = data.linear.outputs[output], given = data.linear.inputs[input];
-    const move = curveOf(find("curve"), times, y.map((row) => row[output]), read.unit);
+    const beside = data.others.flatMap((other) => {
+      const [i, j] = [other.inputs.indexOf(given.name), other.outputs.indexOf(read.name)];
+      return i < 0 || j < 0 ? [] : [stepResponse(other, i, last / (count - 1), count).y.map((row) => row[j])];
+    });
+    const move = curveOf(find("curve"), times, y.map((row) => row[output]), read.unit, beside);
     const shapes = x.filter((_, k) => k % 10 === 9).map((row) => row.slice(0, data.states.length));
     const amount = amplitude(shapes), speed = seconds / last;
     find("played").textContent = `A step of 1 ${given.unit}; the motion is drawn ${short(amount)} times as large and ${speed >= 1 ? `${short(speed)} times slower` : `${short(1 / speed)} times faster`}.`;
@@ -154,7 +158,7 @@
   find("elastic").hidden = !data.coordinates.some((one) => one.elastic);
 
   function reset() {
-    stop();
+    if (!step) stop();
     q.fill(0);
     data.parameters.forEach((parameter, k) => { p[k] = parameter.nominal; });
     trim();

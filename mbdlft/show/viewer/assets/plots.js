@@ -49,12 +49,12 @@ function polePlane(svg, others) {
   };
 }
 
-/** A curve over time in `svg`; the function that is returned moves the dot to the k-th point. */
-function curveOf(svg, times, values, unit) {
-  const low = Math.min(0, ...values), high = Math.max(0, ...values), tall = high - low || 1, last = times[times.length - 1];
+/** A curve over time in `svg`, with others `beside` it; the function that is returned moves the dot to the k-th point. */
+function curveOf(svg, times, values, unit, beside = []) {
+  const low = Math.min(0, ...values, ...beside.flat()), high = Math.max(0, ...values, ...beside.flat()), tall = high - low || 1, last = times[times.length - 1];
   const x = (k) => 6 + 212 * times[k] / last, y = (value) => 66 - 56 * (value - low) / tall;
-  const points = times.map((_, k) => `${x(k).toFixed(1)},${y(values[k]).toFixed(1)}`).join(" ");
-  svg.innerHTML = `<line class="guide axis" x1="6" x2="218" y1="${y(0)}" y2="${y(0)}"/><polyline class="drawn" points="${points}"/><circle class="now" r="2.2"/>
+  const line = (all, kind) => `<polyline class="${kind}" points="${times.map((_, k) => `${x(k).toFixed(1)},${y(all[k]).toFixed(1)}`).join(" ")}"/>`;
+  svg.innerHTML = `<line class="guide axis" x1="6" x2="218" y1="${y(0)}" y2="${y(0)}"/>${beside.map((all) => line(all, "drawn beside")).join("")}${line(values, "drawn")}<circle class="now" r="2.2"/>
 <text x="6" y="7">${spelled(high, unit)}</text><text x="6" y="79">${spelled(low, unit)}</text><text x="218" y="79" text-anchor="end">${spelled(last, "s")}</text>`;
   const dot = svg.querySelector(".now");
   return (k) => {
