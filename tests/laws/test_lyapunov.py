@@ -11,14 +11,14 @@ import pytest
 import mbdlft
 from mbdlft import Parameter, System, realize, robust_stability, verify
 from mbdlft.base.array import Array
-from mbdlft.robust.bisect import boxes
+from mbdlft.robust.bisect import boxes, lyapunov
 from mbdlft.robust.bisect.characteristic import (
     Realization,
     is_unstable_at,
     polynomials,
     state_polynomials,
 )
-from mbdlft.robust.bisect.lyapunov import _is_positive, _Part, replayed, searched
+from mbdlft.robust.bisect.lyapunov import _at_nodes, _is_positive, _Part, _product, replayed, searched
 from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
@@ -152,6 +152,24 @@ def test_no_other_proof_is_taken() -> None:
     )
     assert not any(replayed(model, ends, other) for other in forged)
     assert not replayed(model, 2.0 * ends, proof)
+
+
+@pytest.mark.parametrize("cached", [1, 200, 2**20])
+@pytest.mark.parametrize("shapes", [((3,), (2,)), ((1, 4), (3, 2)), ((2, 3, 3), (4, 1, 2))])
+def test_products_have_the_values_of_their_factors(
+    shapes: tuple[tuple[int, ...], tuple[int, ...]], cached: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """P N at a point is P there times N there, in however many pieces it is computed."""
+    monkeypatch.setattr(lyapunov, "_CACHED", cached)
+    random, q, n = np.random.default_rng(3), len(shapes[0]), 3
+    P, N = (random.standard_normal((*shape, n, n)) for shape in shapes)
+    point = [np.array([t]) for t in random.uniform(0.0, 1.0, q)]
+
+    def value(terms: Array) -> Array:
+        values = np.concatenate([terms.reshape(*terms.shape[:q], -1), np.ones((*terms.shape[:q], 1))], -1)
+        return _at_nodes(_Part(values, values, 0, np.zeros(q), np.ones(q)), n, point)[0].reshape(n, n)
+
+    np.testing.assert_allclose(value(_product(P, N)), value(P) @ value(N), atol=1e-13)
 
 
 def test_an_unstable_point_is_found_and_not_proved() -> None:

@@ -25,7 +25,6 @@ rounding, and Cholesky's factor of what is left without these proves that it is 
 
 from collections.abc import Sequence
 from functools import cache
-from itertools import product
 from math import comb, prod
 from typing import Any, NamedTuple
 
@@ -47,6 +46,7 @@ _TAIL = 0.08  # of S, which terms of P beyond its degrees may be, as far as the 
 _DEAREST = 1.0  # units of work of a part
 _PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
+_CACHED = 2**20  # doubles of a product of matrices
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
 _EARLY = 0.3  # of the work: from then on, parts that are proved are
 _ON_THE_WAY = 0.6  # of those that would be, if all took the same work
@@ -302,25 +302,30 @@ def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> boo
 def _product(P: Array, N: Array) -> Array:
     """Bernstein coefficients of the product of polynomials of matrices (..., k, k).
 
-    The sum over the axis with most coefficients of P is one of products of matrices, too.
+    The sum over the axis with most coefficients of P is one of products of matrices, too; coefficients of
+    P along the other axes are rows of one factor, as long as its products stay in the cache.
     """
     q, k = P.ndim - 2, P.shape[-1]
     first = int(np.argmax(P.shape[:q]))
     P, N = np.moveaxis(P, first, 0), np.moveaxis(N, first, 0)
     shapes = P.shape[:q], N.shape[:q]
     both = tuple(a + b - 1 for a, b in zip(*shapes, strict=True))
-    count, *others = shapes[0]
-    weighted = np.moveaxis(N * _binomials(shapes[1])[..., None, None], -2, 0)
-    shifted = np.zeros((count, k, both[0], *weighted.shape[2:]))
-    for i in range(count):
-        shifted[i, :, i : i + shapes[1][0]] = weighted
-    columns, total = shifted.reshape(count * k, -1), np.zeros((k, *both, k))
-    rows = np.moveaxis(P * _binomials(shapes[0])[..., None, None], 0, -2)
-    for at in product(*map(range, others)):
-        place = (slice(i, i + size) for i, size in zip(at, shapes[1][1:], strict=True))
-        left = rows[at].reshape(k, -1)
-        total[:, :, *place] += (left @ columns).reshape(k, *shifted.shape[2:])
-    result = np.moveaxis(total, 0, -2) / _binomials(both)[..., None, None]
+    (count, *others), (length, *inner) = shapes
+    places = [tuple(map(slice, at, np.add(at, inner))) for at in np.ndindex(*others)]
+    rows = np.moveaxis(P * _binomials(shapes[0])[..., None, None], 0, -2).reshape(-1, k, count, k)
+    N = np.moveaxis(N * _binomials(shapes[1])[..., None, None], -2, 1)
+    backwards = N[::-1].reshape(length, k, -1)
+    step = max(1, _CACHED // backwards[0].size)
+    total = np.zeros((both[0], k, *both[1:], k))
+    for at, sums in enumerate(total):
+        low, high = max(0, at - length + 1), min(count, at + 1)
+        columns = backwards[length - 1 - at + low : length - 1 - at + high].reshape((high - low) * k, -1)
+        for start in range(0, len(places), step):
+            left = rows[start : start + step, :, low:high].reshape(-1, len(columns))
+            products = (left @ columns).reshape(-1, k, *inner, k)
+            for place, term in zip(places[start : start + step], products, strict=False):
+                sums[:, *place] += term
+    result = np.moveaxis(total, 1, -2) / _binomials(both)[..., None, None]
     return np.asarray(np.moveaxis(result, 0, first))
 
 
