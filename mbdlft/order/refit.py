@@ -261,11 +261,15 @@ def _of_step(unknowns: int) -> float:
 
 
 def _normal_equations(fit: Fit, block: slice, work: Work) -> tuple[Array, Array]:
-    """J^T J and J^T r for the rows `block` of M, all columns, then its columns, all other rows."""
+    """J^T J and J^T r for the rows `block` of M, all columns, then its columns, all other rows.
+
+    A triangular factor reads the upper part of J^T J only: the block below the diagonal stays zero.
+    """
     Y, W = fit.Y, fit.W
     others = np.delete(np.arange(Y.shape[2]), block)
     rows, columns = (Y[:, :, block], W), (Y[:, :, others], W[:, block])
-    blocks = [[_products(factors, two) for two in (rows, columns)] for factors in (rows, columns)]
+    upper, last = _products(rows, columns), _products(columns, columns)
+    blocks = [[_products(rows, rows), upper], [np.zeros(upper.T.shape), last]]
     slopes = [
         np.sum(_adjoint(y) @ fit.difference @ _adjoint(w), axis=0).real.ravel()
         for y, w in (rows, columns)
