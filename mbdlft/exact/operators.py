@@ -84,8 +84,7 @@ class Dimension(Operators):
         exponents = tuple(a + sign * b for a, b in zip(first or _NONE, second or _NONE, strict=True))
         # a number still carries any unit if nothing beside it has one
         open_ = (first is None or second is None) and not any(exponents)
-        has_units = any(first or _NONE) or any(second or _NONE)
-        return Dimension(None if open_ and not has_units else exponents)
+        return Dimension(None if open_ else exponents)
 
     def __mul__(self, other: "Dimension | float") -> "Dimension":
         return self._times(other, 1)

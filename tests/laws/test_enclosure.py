@@ -239,3 +239,9 @@ def test_rounding_of_control_points_is_counted() -> None:
     # the negative control: what doubles make of the sums alone is below the truth
     points = taylor.up(np.abs(a.space.bernstein @ a.c).max(axis=0)).tolist()
     assert any(value > Fraction(bound) for value, bound in zip(exact, points, strict=True))
+
+
+def test_a_number_minus_an_interval() -> None:
+    difference = 3.0 - Interval(1.0, 2.0)
+    assert difference.low <= 1.0 <= 2.0 <= difference.high
+    assert difference.high < 2.1

@@ -145,3 +145,14 @@ def test_an_input_may_be_given_as_a_parameter() -> None:
     draft.output("y", x * x)
     linear = mbdlft.linearize_dae(trim(reduce_index(draft.dae()), at={"u": "p"}))
     target(mbdlft.matrices_at(linear, {"p": 1.9})[2], np.array([[3.8]]), CLOSED_FORM)
+
+
+def test_a_root_of_a_square_of_a_negative_parameter_is_its_size() -> None:
+    draft = DaeDraft("negative")
+    p = draft.parameter(mbdlft.Parameter("p", -1.5, low=-2.0, high=-1.0))
+    x, u = draft.variable("x", start=1.0), draft.input("u", start=1.5)
+    draft.equation(draft.der(x), equals=u - ca.sqrt(p * (p * ca.SX(0.3) / 7)) * x)
+    draft.output("x")
+    linear = mbdlft.linearize_dae(draft.dae())
+    expected = np.array([[-1.9 * np.sqrt(0.3 / 7)]])
+    target(mbdlft.matrices_at(linear, {"p": -1.9})[0], expected, CLOSED_FORM)

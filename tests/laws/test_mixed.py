@@ -274,6 +274,17 @@ def test_a_matrix_beside_a_pole_is_in_its_balls(seed: int) -> None:
     )
 
 
+def test_bands_hold_between_their_frequencies() -> None:
+    """1/(s^2 + 0.1 s + 1) and a complex delta: mu is the gain, whose peak is narrow."""
+    A, B, C = np.array([[0.0, 1.0], [-1.0, -0.1]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
+    bands = mbdlft.mu_bands(of_matrices(A, B, C, np.zeros((1, 1)), ComplexBlock("d", 1)), 0.1, 10.0)
+    omega = np.geomspace(0.1, 10.0, 3000)
+    gain = 1.0 / np.abs(1.0 - omega**2 + 0.1j * omega)
+    k = np.clip(np.searchsorted(bands.edges, omega) - 1, 0, len(bands.upper) - 1)
+    assert np.all(gain <= bands.upper[k] * (1.0 + BOUND))
+    assert np.all(bands.upper <= 10.7)
+
+
 def test_sizes_of_a_gain_and_pieces_of_a_large_block() -> None:
     """|delta| < 2 where M = 1/2; a block of 40 has 1,600 multipliers, and its pieces at most 250."""
     unit = of_matrices(*np.array([[[-1.0]], [[1.0]], [[0.0]], [[0.5]]]), Block("d", 1))

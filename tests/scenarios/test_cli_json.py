@@ -33,6 +33,7 @@ RUNS = {
     "import": ["scenarios/desk_arm.urdf", "-o", "desk_arm.toml"],
     "body": ["bodies/solar_panel.toml"],
     "schema": [],
+    "simulate": [ARM, "--input", "shoulder.torque=step:1", "--until", "0.1"],
     "sweep": ["arm.h5", "--random", "3", "-o", "arm.h5"],
     "margin": ["mass.h5", "--work", "1", "--no-save"],
     "wcgain": ["mass.h5", "--work", "1"],

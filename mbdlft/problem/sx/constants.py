@@ -154,7 +154,8 @@ def without_zeros(column: ca.SX) -> ca.SX:
     kept = ca.SX(*column.shape)
     for k, (value, size) in enumerate(zip(values, sizes, strict=True)):
         entry = ca.SX(column[k])
-        if abs(value) > _CERTAIN * size or not (entry.is_zero() or _vanishes(entry)):
+        is_far = not math.isfinite(value) or abs(value) > _CERTAIN * size
+        if is_far or not (entry.is_zero() or _vanishes(entry)):
             kept[k] = entry
     return kept
 
