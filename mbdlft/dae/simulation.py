@@ -1,7 +1,8 @@
 """Simulation of DAEs and of their Delta-Theta form, with IDAS and CVODES of SUNDIALS through CasADi."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -22,6 +23,7 @@ from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.conversion import as_system
 from mbdlft.system.model import LFTModel
+from mbdlft.system.model import System as LinearSystem
 from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
@@ -101,10 +103,9 @@ def simulate(
     if isinstance(model, Dae):
         model = reduce_index(model)
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
-    if isinstance(model, Scene):
-        m = _scene(model, asked, controller)
-    elif isinstance(model, LFTModel):
-        m = _linear(model, asked, controller)
+    if isinstance(model, Scene | LFTModel):
+        m = _scene(model, asked) if isinstance(model, Scene) else _linear(model, asked)
+        m = m if controller is None else _closed_by(m, as_system(controller))
     elif controller is not None:
         raise SceneError(
             "simulate: a controller closes a scene or its model. Write it into the equations."
@@ -151,6 +152,7 @@ class _Model(NamedTuple):
     x0: Array
     z0: Array
     p0: Array
+    input_names: tuple[str, ...] = ()  # of what a controller can close
     is_linear: bool = False  # whether the residual is, in z: then it is solved at each step
     balls: tuple[int, ...] = ()  # positions in x of rotation vectors, whose references are p
     shown: ca.SX | None = None  # of x, as states of a result
@@ -181,7 +183,7 @@ def _structure(s: Structure, asked: _Asked) -> _Model:
     return _Model(s.owner, states, output_names, *symbols, inputs, x0, start.values, p)
 
 
-def _scene(scene: Scene, asked: _Asked, controller: Any) -> _Model:
+def _scene(scene: Scene, asked: _Asked) -> _Model:
     """The equations of motion of a scene, from values of its states; its other coordinates follow."""
     m, owner = equations_of_motion(scene, asked.parameters), f"scene {scene.name!r}"
     names = [signal.name for signal in m.coordinates]
@@ -206,45 +208,39 @@ def _scene(scene: Scene, asked: _Asked, controller: Any) -> _Model:
             "the matrix of these is singular to rounding. Give bodies inertias, or other initial states."
         )
     start = solve(system, z0, at, np.ones(len(z0)))
-    outputs = tuple(signal.name for signal in m.outputs)
+    outputs, commands = (tuple(signal.name for signal in each) for each in (m.outputs, m.inputs))
     symbols = (m.x, m.z, m.u, m.references, m.rates, m.residual, m.y, ca.SX(0, 1))
     values = (inputs, x0, start.values, still)
     more: dict[str, Any] = {"is_linear": True, "balls": m.balls, "shown": m.shown}
-    alone = _Model(owner, tuple(names), outputs, *symbols, *values, **more)
-    if controller is None:
-        return alone
-    return _closed_by(alone, [signal.name for signal in m.inputs], as_system(controller))
+    return _Model(owner, tuple(names), outputs, *symbols, *values, commands, **more)
 
 
-def _linear(model: LFTModel, asked: _Asked, controller: Any) -> _Model:
+def _linear(model: LFTModel, asked: _Asked) -> _Model:
     """A linear model, which begins at zero."""
     owner, none = f"model {model.name!r}", ca.SX(0, 1)
     A, B, C, D = (ca.sparsify(ca.DM(matrix)) for matrix in matrices_at(model, asked.parameters))
-    states, outputs = (tuple(s.name for s in signals) for signals in (model.states, model.outputs))
+    states, outputs, commands = (
+        tuple(s.name for s in each) for each in (model.states, model.outputs, model.inputs)
+    )
     x, u = ca.SX.sym("x", len(states)), ca.SX.sym("u", len(model.inputs))
     rates, y = ca.mtimes(A, x) + ca.mtimes(B, u), ca.mtimes(C, x) + ca.mtimes(D, u)
     inputs = _held(owner, model.inputs, asked)
     x0 = _initial(owner, states, np.zeros(len(states)), asked.states)
-    values = (inputs, x0, np.zeros(0), np.zeros(0))
-    alone = _Model(owner, states, outputs, x, none, u, none, rates, none, y, none, *values)
-    if controller is None:
-        return alone
-    return _closed_by(alone, [signal.name for signal in model.inputs], as_system(controller))
+    values = (inputs, x0, np.zeros(0), np.zeros(0), commands)
+    return _Model(owner, states, outputs, x, none, u, none, rates, none, y, none, *values)
 
 
-def _closed_by(m: _Model, inputs: Sequence[str], controller: Any) -> _Model:
+def _closed_by(m: _Model, controller: LinearSystem) -> _Model:
     """The model with what a controller commands added to its inputs, and the states of the controller."""
-    where, names = (
-        f"{m.owner}, controller",
-        [[s.name for s in t] for t in (controller.inputs, controller.outputs)],
-    )
+    where = f"{m.owner}, controller"
+    reads, commands = ([s.name for s in each] for each in (controller.inputs, controller.outputs))
     if len(controller.parameters):
         raise SceneError(
             f"{where}: expected no parameters, got {', '.join(controller.parameters.names)}."
         )
-    check_known("output", names[0], m.output_names, where)
-    check_known("input", names[1], inputs, where)
-    read = rows_of(m.y, [m.output_names.index(name) for name in names[0]])
+    check_known("output", reads, m.output_names, where)
+    check_known("input", commands, m.input_names, where)
+    read = rows_of(m.y, [m.output_names.index(name) for name in reads])
     if ca.depends_on(read, ca.vertcat(m.z, m.u)):
         raise SceneError(
             f"{where}: it reads accelerations, which depend on its command at once. Filter them first."
@@ -252,8 +248,8 @@ def _closed_by(m: _Model, inputs: Sequence[str], controller: Any) -> _Model:
     A, B, C, D = (ca.sparsify(ca.DM(matrix)) for matrix in matrices_at(controller, {}))
     own = ca.SX.sym("controller", A.shape[0])
     u = ca.SX(m.u)
-    for k, command in zip(names[1], ca.vertsplit(ca.mtimes(C, own) + ca.mtimes(D, read)), strict=True):
-        u[inputs.index(k)] += command
+    for name, size in zip(commands, ca.vertsplit(ca.mtimes(C, own) + ca.mtimes(D, read)), strict=True):
+        u[m.input_names.index(name)] += size
     rates, residual, y = ca.substitute([m.rates, m.residual, m.y], [m.u], [u])
     return m._replace(
         state_names=(*m.state_names, *(s.name for s in controller.states)),
@@ -356,15 +352,10 @@ def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array,
     system, run = System(residual, z, ca.vertcat(m.x, held)), _Integrator(m.owner, dae, tolerance)
     q = np.hstack([m.inputs, np.tile(m.p0, (len(grid), 1))])
     states, zs = np.zeros((len(grid), len(m.x0))), np.zeros((len(grid), len(kept)))
-    states[0], zs[0], start = m.x0, m.z0[kept], 0
-    while start < len(grid) - 1:
-        # inputs jump where they change: there the algebraic variables do, too
-        end = start + 1
-        while end < len(grid) - 1 and np.array_equal(m.inputs[end], m.inputs[start]):
-            end += 1
+    states[0], zs[0] = m.x0, m.z0[kept]
+    for start, end in _spans(m.inputs):
         run(grid[start : end + 1], states[start : end + 1], zs[start : end + 1], q[start])
-        start = end
-        if kept:
+        if kept:  # where inputs jump, the algebraic variables do, too
             knowns = np.concatenate([states[end], q[end]])
             point = solve(system, zs[end], knowns, np.maximum(np.abs(zs[end]), 1.0))
             if not point.is_solution:
@@ -389,20 +380,25 @@ def _with_solved(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array
     matrix, side = linear(x, at)
     solved = ca.solve(matrix, side, "csparse")
     rates = ca.Function("rates", [m.x, z, held], [ca.densify(m.rates)])
-    run = _Integrator(m.owner, {"x": x, "p": at, "ode": rates(x, solved, at)}, tolerance)
+    run = _Integrator(m.owner, {"x": x, "p": at, "ode": rates(x, solved, at)}, tolerance, _SCENE_ENDS)
     q = np.hstack([m.inputs, np.tile(m.p0, (len(grid), 1))])
-    states, start, none = np.zeros((len(grid), len(m.x0))), 0, np.zeros((len(grid), 0))
+    states, none = np.zeros((len(grid), len(m.x0))), np.zeros((len(grid), 0))
     states[0] = m.x0
-    jumps = np.any(np.diff(m.inputs, axis=0), axis=1) | bool(m.balls)
-    for end in [*(np.flatnonzero(jumps[:-1]) + 1), len(grid) - 1]:
+    for start, end in _spans(m.inputs, every=bool(m.balls)):
         run(grid[start : end + 1], states[start : end + 1], none[start : end + 1], q[start])
         for k, ball in enumerate(m.balls):
             place = slice(m.u.numel() + 4 * k, m.u.numel() + 4 * k + 4)
             q[end:, place] = moved_reference(q[start, place], states[end, ball : ball + 3])
             states[end, ball : ball + 3] = 0.0
-        start = end
     zs = ca.Function("z", [x, at], [solved]).map(len(grid))(states.T, q.T).full().T
     return states, zs.reshape(len(grid), z.numel()), q[:, m.u.numel() :]
+
+
+def _spans(inputs: Array, *, every: bool = False) -> Iterator[tuple[int, int]]:
+    """The first and the last of the times between which inputs (N, n_u) are held, or of each step."""
+    jumps = np.any(np.diff(inputs[:-1], axis=0), axis=1) | every
+    ends = [*(np.flatnonzero(jumps) + 1).tolist(), len(inputs) - 1]
+    return pairwise([0, *ends])
 
 
 def _explicit(m: _Model) -> tuple[list[ca.SX], list[int]]:
@@ -432,9 +428,10 @@ def _explicit(m: _Model) -> tuple[list[ca.SX], list[int]]:
 class _Integrator:
     """Integrates from one time to others with inputs that are held."""
 
-    def __init__(self, owner: str, dae: Mapping[str, Any], tolerance: float) -> None:
-        self.owner, self.dae = owner, dae
-        self.hint = _SCENE_ENDS if owner.startswith("scene") else _DAE_ENDS
+    def __init__(
+        self, owner: str, dae: Mapping[str, Any], tolerance: float, hint: str = _DAE_ENDS
+    ) -> None:
+        self.owner, self.dae, self.hint = owner, dae, hint
         self.options = {"abstol": tolerance, "reltol": tolerance, "max_num_steps": 1_000_000}
         self.algebraic = "z" in dae
         if self.algebraic:

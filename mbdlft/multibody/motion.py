@@ -21,7 +21,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.description import AXES, Values
+from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError, TrimError
 from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
@@ -107,7 +107,7 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     for k, reference in zip(balls, ca.vertsplit(references, 4) if balls else (), strict=True):
         shown[k : k + 3] = _whole(reference, q[k : k + 3])
     # sensors measure small motions; coordinates are shown as they are
-    place = {f"{signal.name}": k for k, signal in enumerate(coordinates)}
+    place = {signal.name: k for k, signal in enumerate(coordinates)}
     y = [shown[place[x.name]] if (x := signals[k]).name in place else measured[k] for k in chosen]
     made = [shown, ca.vertcat(qdot, a), residual, ca.vertcat(ca.SX(0, 1), *y), ca.vertcat(phi, drift)]
     known = [total, ca.SX.zeros(m.z.numel()), ca.SX(m.base.nz[:])]
@@ -154,17 +154,20 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, list[int], ca.SX]:
     view = r.view()
     view.elastic = 0.0
     balls, references, moves = list[int](), [ca.SX(0, 1)], dict(view.now.moves)
-    first = {degree.owner: k for k, degree in reversed([*enumerate(degrees(r.links))]) if _turns(degree)}
-    for link in r.links:
-        held = [r.values[link.owner].get(f"stiffness.rotation.{axis}", 0.0) for axis in AXES]
-        held += [r.values[link.owner].get(f"stiffness.{axis}", 0.0) for axis in AXES]
-        if link.owner not in first or not all(ca.SX(k).is_zero() for k in held):
+    every, carried = degrees(r.links), {link.owner: link.child.name for link in r.links}
+    for k, degree in enumerate(every):
+        if not _turns(degree):
             continue
-        balls.append(first[link.owner])
-        references.append(ca.SX.sym(f"reference of {link.joint.name}", 4))
-        moves[link.child.name] = tuple(
+        values = r.values[degree.owner]
+        stiffnesses = (values.get(each.label("stiffness"), 0.0) for each in every[k : k + 3])
+        if not all(ca.SX(stiffness).is_zero() for stiffness in stiffnesses):
+            continue
+        balls.append(k)
+        references.append(ca.SX.sym(f"reference of {degree.name}", 4))
+        child = carried[degree.owner]
+        moves[child] = tuple(
             replace(move, before=_rotation(references[-1])) if isinstance(move, Ball) else move
-            for move in moves[link.child.name]
+            for move in moves[child]
         )
     view.now = replace(view.now, moves=moves)
     m = in_motion(r, view, small.closure, {})
@@ -183,16 +186,21 @@ def _rotation(quaternion: ca.SX) -> ca.SX:
     return ca.SX.eye(3) + 2.0 * w * ca.skew(v) + 2.0 * ca.mtimes(ca.skew(v), ca.skew(v))
 
 
+def _moved(reference: ca.SX, q: ca.SX) -> ca.SX:
+    """A quaternion (4,) of any length of the rotation by q (3,) behind a reference (4,)."""
+    w, v = reference[0], reference[1:]
+    return ca.vertcat(w - 0.5 * ca.dot(v, q), 0.5 * w * q + v + 0.5 * ca.cross(v, q))
+
+
 def _whole(reference: ca.SX, q: ca.SX) -> ca.SX:
     """The rotation vector 2 tan(angle/2) axis of the rotation by q behind its reference."""
-    w, v = reference[0], reference[1:]
-    return 2.0 * (0.5 * w * q + v + 0.5 * ca.cross(v, q)) / (w - 0.5 * ca.dot(v, q))
+    moved = _moved(reference, q)
+    return 2.0 * moved[1:] / moved[0]
 
 
 def moved_reference(reference: Array, q: Array) -> Array:
-    """The quaternion (4,) of the rotation by a rotation vector q (3,) behind a reference (4,)."""
-    w, v = reference[0], reference[1:]
-    moved = np.array([w - 0.5 * v @ q, *(0.5 * w * q + v + 0.5 * np.cross(v, q))])
+    """The unit quaternion (4,) of the rotation by a rotation vector q (3,) behind a reference (4,)."""
+    moved = ca.evalf(_moved(ca.SX(reference), ca.SX(q))).full()[:, 0]
     return np.asarray(moved / np.linalg.norm(moved))
 
 

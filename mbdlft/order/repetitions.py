@@ -11,10 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-_SMALL_SUM, _MOST_TRIED = (
-    8,
-    3000,
-)  # sums that are tried, and numbers of one sum: some hundredths of a second
+_SMALL_SUM = 8  # sums below it are tried
+_MOST_TRIED = 3000  # combinations of one sum, which take some hundredths of a second
 
 
 class Pair(NamedTuple):
@@ -53,29 +51,31 @@ def least_more(
     second_more e_first + e_second >= second_more; and a triple says e_first + 2 e_second + 2 e_third >= 2
     where e_first = 0 is excluded by pairs. Of three that cannot be `singles`, one is repeated.
     """
+    if not (pairs or singles):
+        return dict.fromkeys(names, 0)
     conditions: list[tuple[dict[str, int], int]] = []
     for first, second, first_more, second_more, _ in pairs:
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
     conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
     conditions += [(dict.fromkeys(three, 1), 1) for three in singles]
-    return {name: 0 for name in names} | _least_sum(conditions)
+    return dict.fromkeys(names, 0) | _least_sum(conditions)
 
 
 def _least_sum(conditions: Sequence[tuple[Mapping[str, int], int]]) -> dict[str, int]:
-    """Whole numbers >= 0 with the least sum for which sum factor e >= least in all conditions.
+    """Whole numbers >= 0 with the least sum for which sum factor e >= least > 0 in all conditions.
 
     Small sums are tried one after the other, as the integer program is slow to import.
     """
     names = sorted({name for factors, _ in conditions for name in factors})
     rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
     least = np.array([least for _, least in conditions])
-    for total in range(_SMALL_SUM):
+    for total in range(1, _SMALL_SUM):
         if comb(len(names) + total, total) > _MOST_TRIED:
             break
         for more in combinations_with_replacement(range(len(names)), total):
-            e = np.bincount(more, minlength=len(names)) if more else np.zeros(len(names), dtype=int)
-            if not conditions or np.all(rows @ e >= least):
+            e = np.bincount(more, minlength=len(names))
+            if np.all(rows @ e >= least):
                 return dict(zip(names, e.tolist(), strict=True))
     from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
 

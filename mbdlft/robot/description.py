@@ -26,6 +26,7 @@ Triple = tuple[float, float, float]
 WORLD = ""  # the parent of joints on the ground; no link has this name
 ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 ZERO: Triple = (0.0, 0.0, 0.0)
+_MOST_NAMES = 8  # in a sentence of the report
 _STEEP = 1e-9  # cosine of a pitch near 90 deg, where yaw and roll turn about the same axis
 
 
@@ -133,6 +134,10 @@ class RobotCoupling(NamedTuple):
     offset: float = 0.0
     held: str = ""
 
+    def couples(self, moving: frozenset[str]) -> bool:
+        """Whether two or more of its joints move."""
+        return len(moving & self.factors.keys()) > 1
+
 
 class Robot(NamedTuple):
     """A robot: its links and joints by name, the ground being the parent `WORLD`."""
@@ -172,6 +177,12 @@ def said(sentence: str, names: Iterable[str]) -> list[str]:
     """A sentence of the report with these names at its braces; none without names."""
     listed = ", ".join(names)
     return [sentence.format(listed)] if listed else []
+
+
+def first_of(names: Sequence[str]) -> str:
+    """The names, or the first of many."""
+    more = f" and {len(names) - _MOST_NAMES} others" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
 
 
 def unused(name: str, taken: Container[str]) -> str:

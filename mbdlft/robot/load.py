@@ -293,7 +293,7 @@ def _couplings(making: Making, taken: Container[str], assumed: list[str]) -> lis
         for joint in making.robot.joints.values()
         if joint.mimic and making.leader(joint)
     ]
-    tendons = (each for each in making.robot.couplings if len(making.moves & {*each.factors}) > 1)
+    tendons = (each for each in making.robot.couplings if each.couples(making.moves))
     return [*mimics, *(_tendon(making, coupling, taken, assumed) for coupling in tendons)]
 
 
@@ -413,7 +413,7 @@ def ignored_of(making: Making) -> tuple[str, ...]:
     limited = f"limits of effort and velocity of {len(bounded)} joints; the report has them"
     alone = (j.name for j in joints if j.mimic and j.kind in AXIAL and not making.leader(j))
     still = (j.name for j in robot.joints.values() if j.mimic and not j.mimic.multiplier)
-    slack = (c.name for c in robot.couplings if len(making.moves & {*c.factors}) < 2)
+    slack = (c.name for c in robot.couplings if not c.couples(making.moves))
     planar = (joint.name for joint in joints if joint.kind == "planar" and joint.damping)
     return (
         *(f"<{tag}>: {count}" for tag, count in robot.others.items()),

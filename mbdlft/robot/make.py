@@ -280,7 +280,7 @@ class Making:
     def is_passive(self, joint: RobotJoint) -> bool:
         """Whether only its spring holds the joint: it follows others, or has no drive in a loop."""
         inputs, couplings = self.robot.inputs, self.robot.couplings
-        held = (each.held for each in couplings if len(self.moves & {*each.factors}) > 1)
+        held = (each.held for each in couplings if each.couples(self.moves))
         is_free = bool(self.robot.loops) and inputs is not None and joint.name not in inputs
         return is_free or bool(self.leader(joint)) or joint.name in held
 

@@ -32,6 +32,7 @@ from mbdlft.robot.description import (
     RobotJoint,
     RobotLink,
     angles_of,
+    first_of,
     of_quaternion,
     said,
     three,
@@ -98,9 +99,7 @@ def ignored(model: Compiled) -> tuple[str, ...]:
 
 def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
     """Names of objects, the first of many."""
-    names = [model.name_of(kind, number) for number in numbers]
-    more = f" and {len(names) - 8} others" if len(names) > 8 else ""
-    return ", ".join(names[:8]) + more
+    return first_of([model.name_of(kind, number) for number in numbers])
 
 
 class Drive(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
-from mbdlft.robot.description import RobotCoupling, unused
+from mbdlft.robot.description import RobotCoupling, first_of, unused
 from mbdlft.robot.mjcf_model import Compiled
 
 _FORCES = ("stiffness", "damping", "armature", "frictionloss")
@@ -42,8 +42,7 @@ def couplings_of(
     for coupling in made:
         names.append(unused(coupling.name, (*model.joint_names, *names)))
     named = tuple(c._replace(name=name) for c, name in zip(made, names, strict=True))
-    listed = ", ".join(left_out[:8]) + (f" and {len(left_out) - 8} others" if len(left_out) > 8 else "")
-    return named, (f"tendons {listed}",) if left_out else ()
+    return named, (f"tendons {first_of(left_out)}",) if left_out else ()
 
 
 def _factors(model: Compiled, tendon: int) -> dict[str, float] | None:

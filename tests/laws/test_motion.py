@@ -62,6 +62,23 @@ def test_a_free_body_keeps_its_momentum_and_energy() -> None:
     target(column(run, "f.position.x"), 0.3 * TIMES, 1e-8)
 
 
+@pytest.mark.parametrize("kind", ["free", "spherical"])
+def test_a_spring_of_a_ball_keeps_its_place(kind: str) -> None:
+    """About one axis its torque is 2 k tan(angle/2), whose energy is -4 k log cos(angle/2)."""
+    body = RigidBody(name="b", mass=1.0, inertia=Inertia(xx=J[0], yy=J[1], zz=J[2]))
+    springs = (5.0, 0.0, 0.0)
+    joint = (
+        Free(name="f", parent="ground", child="b", stiffness=(0.0, 0.0, 0.0, *springs))
+        if kind == "free"
+        else Spherical(name="f", parent="ground", child="b", stiffness=springs)
+    )
+    scene = Scene(name="sprung", bodies=[body], joints=[joint])
+    run = simulate(scene, TIMES, initial={"f.rotation.x": 0.8})
+    q, w = column(run, "f.rotation.x"), column(run, "f.rate.x")
+    assert np.min(q) < -0.79
+    kept(0.5 * J[0] * w**2 - 4.0 * 5.0 * np.log(np.cos(np.arctan(0.5 * q))), 2.0)
+
+
 def test_a_spherical_pendulum_keeps_its_energy_and_its_spin() -> None:
     """It turns by more than half a turn; gravity has no moment about the vertical."""
     arm, mass = np.array([0.1, 0.05, -0.8]), 2.0

@@ -175,8 +175,10 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
             "with imposed = 'motion', which move as their inputs say: nothing else is left that could "
             "follow. Let another joint give way, or impose an acceleration (imposed = true)."
         )
-    every = matrices[0]
-    shared = [k for k in range(len(every)) if independent(np.delete(every, k, axis=0).T)[0] == rank]
+    shared = list[int]()
+    if scene.touches:  # of others nobody asks
+        every = matrices[0]
+        shared = [k for k in range(len(every)) if independent(np.delete(every, k, axis=0).T)[0] == rank]
     return Closure(tuple(rows), dependent, holonomic, rates, _yielding(view, G), tuple(shared))
 
 

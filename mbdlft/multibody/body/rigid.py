@@ -41,8 +41,8 @@ class Body(Description, abc.ABC):
     """A body; every concrete kind is final.
 
     `ports` are the positions of named points from the origin of the body, in its axes (m); `shape` is
-    what pictures show of it. The equations
-    of a body are about one of its ports, the inboard port, where the joint that leads to the body ends.
+    what pictures show of it. The equations of a body are about one of its ports, the inboard port, where
+    the joint that leads to the body ends.
     """
 
     noun: ClassVar[str] = "body"

@@ -13,12 +13,11 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError, unknown_name
+from mbdlft.base.errors import MbdlftError, TrimError, WellPosednessError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import corners, physical_points, random
 from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.assembly.resolved import resolve
 from mbdlft.multibody.body import GROUND
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.to_problem import choose_signals
@@ -278,13 +277,9 @@ def placed_at(scene: Scene, title: str, values: Mapping[str, float]) -> dict[str
 
     They may be outside of the ranges, as the worst cases of margins are.
     """
-    parameters = resolve(scene).parameters
-    for name in values:
-        if name not in [p.name for p in parameters]:
-            raise TrimError(
-                f"view, {title}: " + unknown_name("parameter", name, [p.name for p in parameters])
-            )
-    return {"title": title, "point": [float(values.get(p.name, p.nominal)) for p in parameters]}
+    nominal = {p.name: p.nominal for p in sorted(scene.parameters, key=lambda p: p.name)}
+    check_known("parameter", values, nominal, f"view, {title}", TrimError)
+    return {"title": title, "point": [float(x) for x in (nominal | dict(values)).values()]}
 
 
 def _add_looks(drawing: Drawing, robot: str | Path, model: str | None) -> list[str]:

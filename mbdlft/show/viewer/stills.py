@@ -151,10 +151,8 @@ def scene_picture(scene: Scene, azimuth: float = 0.9, height: float = 0.35, *, n
 
 def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
     """As `scene_picture`, from several sides."""
-    placed = scene_poses(scene)
-    nominal = np.array([p.nominal for p in placed.resolved.parameters])
-    drawing = draw(placed, nominal)
-    count = sum(len(owned.freedoms) for owned in placed.owned)
+    drawing, nominal = _at_nominal(scene)
+    count = sum(len(owned.freedoms) for owned in drawing.poses.owned)
     vectors = np.asarray(drawing.function()(nominal, np.zeros(count))).reshape(-1, 3)
     size, up = reach(drawing), np.array(up_direction(drawing))
     pictures = []
@@ -178,9 +176,7 @@ def scene_film(
     It has bodies and what rolls, at `displacements` (n,) of all coordinates from the equilibrium, one for
     each frame; `seconds` is the length of the film. Where nothing moves, the first frame is seen.
     """
-    placed = scene_poses(scene)
-    nominal = np.array([p.nominal for p in placed.resolved.parameters])
-    drawing = draw(placed, nominal)
+    drawing, nominal = _at_nominal(scene)
     function, frames, ends = drawing.function(), list[str](), list[tuple[float, float]]()
     size, up = reach(drawing), np.array(up_direction(drawing))
     for k, moved in enumerate(displacements):
@@ -203,6 +199,13 @@ def scene_film(
         )
         ends += sheet.ends
     return _element(ends, scene.name, "\n".join(frames))
+
+
+def _at_nominal(scene: Scene) -> tuple[Drawing, Array]:
+    """What is drawn of a scene, and the nominal values (n_p,) of its parameters."""
+    placed = scene_poses(scene)
+    nominal = np.array([p.nominal for p in placed.resolved.parameters])
+    return draw(placed, nominal), nominal
 
 
 def _sheet(up: Array, azimuth: float, height: float, scale: float) -> _Sheet:
