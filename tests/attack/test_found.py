@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import mbdlft
+from mbdlft import WellPosednessError, to_lft
 from mbdlft.archive import program as stored
 from mbdlft.base import expression, unit
 from mbdlft.dae import kinks
@@ -16,7 +18,17 @@ from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import stability as margin
 from mbdlft.robust.bisect import boxes
-from tests.attack import analyses, cores, equations, expressions, matrices, programs, scenes, switches
+from tests.attack import (
+    analyses,
+    cores,
+    equations,
+    expressions,
+    matrices,
+    mechanisms,
+    programs,
+    scenes,
+    switches,
+)
 from tests.extracted import exactly
 
 Patch = pytest.MonkeyPatch
@@ -125,3 +137,31 @@ def test_kernels_that_differ_are_told(what: str, monkeypatch: Patch, tmp_path: P
     monkeypatch.setattr(cores, "_answer", lambda kind: wrong)
     with pytest.raises(AssertionError):
         cores.attack(0, tmp_path)
+
+
+def test_a_refusal_as_singular_is_asked_where_it_says() -> None:
+    """A push across a rail that carries a weight has no bound where the rail is upright."""
+    scene = mbdlft.Scene(
+        name="hoist",
+        gravity=(0.0, 0.0, -9.81),
+        parameters=(
+            mbdlft.Parameter("m", 3.0, low=2.0, high=4.0, unit="kg"),
+            mbdlft.Angle("th", 20.0, low=-10.0, high=100.0),
+        ),
+        bodies=(mbdlft.RigidBody(name="cage", mass="m", inertia=mbdlft.Inertia(xx=1.0, yy=1.0, zz=1.0)),),
+        joints=(
+            mbdlft.Prismatic(
+                name="rail",
+                parent="ground",
+                child="cage",
+                axis=(0, 0, 1),
+                orientation=(mbdlft.Rotation(axis=(0, 1, 0), angle="th"),),
+                preload=0.0,
+            ),
+        ),
+        loads=(mbdlft.Force(name="push", port="cage", direction=(1, 0, 0), frame="ground"),),
+    )
+    with pytest.raises(WellPosednessError) as refused:
+        to_lft(scene)
+    assert mechanisms.is_singular(scene, str(refused.value))
+    assert not mechanisms.is_singular(scene, "m = 2 kg, th = 10 deg")

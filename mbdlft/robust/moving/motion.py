@@ -11,23 +11,30 @@ is moved along its ray to where it neither grows nor falls. Floquet, Annales de 
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import expm
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.robust.ascent import bisected, by_damping, moving_at, state_matrices
 from mbdlft.robust.bisect.characteristic import Realization
 
 _POINTS, _FINE = 32, 8  # steps of a period; of a step, for a motion that is not in steps
-_CLIMBS, _HALVES = 25, 4  # steps of a climb, and how often one is halved
-_ROUNDS, _BISECTIONS = 3, 40  # climbs from a start; halvings of a ray, to 1e-12 of it
+_CLIMBS = 25  # steps of a climb
+_SHRINKS, _SHRINK = 6, 0.25  # how often the reach of a step shrinks, by which factor
+_ROUGH, _BISECTIONS = 12, 40  # halvings of a ray: in the search, and of what it ends with, to 1e-12
+_LARGER = (1.0, 1.01, 1.05, 1.2)  # times what grows in coarse steps: boxes that are tried in fine ones
 _MODES = 4  # the least damped, whose periods are tried
-_UNIT = 3.0e-5  # units of work of a round, for each state cubed
+_UNIT = 1.0e-4  # units of work of a round, for each state cubed
 _TUNED = (0.1, 0.03, 0.01)  # changes of the period of what was found
-_TURNS = (1.0, 0.93, 1.07, 2.0)  # of half a turn of a mode: periods that are tried
+_TURNS = (1.0, 2.0)  # of half a turn of a mode: periods that are tried
+_FITS = 2  # of the middle of a motion to the end of a box
+_NEAR = 2e-3  # of a size: a smaller one is not looked for by halving
+_LADDER = (1.0, 0.8, 0.6, 0.4, 0.2, 0.1)  # of the largest: the first sizes
 
 
 class Motion(NamedTuple):
@@ -51,34 +58,62 @@ def unstable_motion(
     `rates_in` gives rates of deltas (1/s) (number of deltas,) that are allowed everywhere in the box
     |delta| <= k; 0 for constants, inf for any motion.
     """
-    best, rounds = NONE, iter(range(int(work / (_UNIT * (len(model.A) + 6.0) ** 3))))
+    is_in_steps = not np.any(np.isfinite(rates_in(most)) & (rates_in(most) > 0.0))
+    fine = 1 if is_in_steps else _FINE
+    rounds = iter(range(int(work / (_UNIT * (len(model.A) + 6.0) ** 3))))
 
-    def climbed(size: float, period: float, deltas: Array) -> Motion:
+    def climbed(size: float, period: float, deltas: Array, *, is_rough: bool = True) -> Motion:
         """The part that just does not fall of a motion that is near, and grows more."""
         rates = rates_in(size)
-        return _on_ray(
-            model, rates, period, _climbed(model, period, deltas, (size, rates * period / _POINTS))
-        )
+        near = _climbed(model, period, deltas, (size, rates * period / _POINTS))
+        more = partial(growth, model, rates, period, fine=1 if is_rough else fine)
+        return _on_ray(more, period, near, _ROUGH if is_rough else _BISECTIONS)
 
-    for period, deltas in _starts(model, most):
-        size = most
-        for _ in range(_ROUNDS):
-            if next(rounds, None) is None:
-                return best
-            motion = climbed(size, period, deltas)
-            if not motion.size < size * (1.0 - 1e-3):
-                break
-            best = motion if motion.size < best.size else best
-            size, deltas = motion.size, motion.deltas
+    def started(place: int, size: float, *, is_rough: bool = True) -> Motion:
+        for start in _starts(model, rates_in(size), size)[place : place + 1]:
+            return climbed(size, *start, is_rough=is_rough)
+        return NONE
+
+    def smallest(size: float, but: int = -1) -> tuple[Motion, int]:
+        """A motion in a box and the start that has it, in nearly the smallest box where it has one."""
+        for place in range(len(_starts(model, rates_in(size), size))):
+            if place == but or next(rounds, None) is None:
+                continue
+            best, low = started(place, size), 0.0
+            if np.isinf(best.size):
+                continue
+            while low < best.size * (1.0 - _NEAR) and next(rounds, None) is not None:
+                middle = 0.5 * (low + best.size)
+                motion = started(place, middle)
+                best, low = (motion, low) if motion.size <= middle else (best, middle)
+            return best, place
+        return NONE, -1
+
+    first = (smallest(share * most) for share in _LADDER)
+    best, place = next((found for found in first if found[1] >= 0), (NONE, -1))
+    while place >= 0:
+        motion, other = smallest(best.size, place)
+        if not motion.size < best.size * (1.0 - _NEAR):
+            break
+        best, place = motion, other
     for step in _TUNED:  # another period, as long as a smaller motion grows
         for share in (1.0 + step, 1.0 / (1.0 + step)):
-            while np.isfinite(best.size) and next(rounds, None) is not None:
-                more = 1.0 + step
-                motion = climbed(best.size * more, best.period * share, best.deltas * more)
+            while place >= 0 and next(rounds, None) is not None:
+                size = min(most, best.size * (1.0 + step))
+                motion = climbed(size, best.period * share, best.deltas)
                 if not motion.size < best.size * (1.0 - 1e-4):
                     break
                 best = motion
-    return best
+    for factor in _LARGER if place >= 0 else ():
+        size = min(most, factor * best.size)
+        exact = (
+            climbed(size, best.period, best.deltas, is_rough=False),
+            started(place, size, is_rough=False),
+        )
+        for motion in exact:
+            if motion.size <= most:
+                return motion
+    return NONE
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
@@ -86,15 +121,17 @@ def growth(model: Realization, rates: Array, period: float, deltas: Array, fine:
     A = state_matrices(model, _points(deltas, rates, fine))
     if A is None:
         return np.inf
-    Phi, total = np.eye(len(model.A)), 0.0
     with np.errstate(all="ignore"):
-        for step in expm(A * (period / len(A))):
-            Phi = step @ Phi
-            size = float(np.max(np.abs(Phi)))
-            if not 0.0 < size < np.inf:
+        steps, total = expm(A * (period / len(A))), 0.0
+        while True:
+            sizes = np.max(np.abs(steps), axis=(1, 2))
+            if not np.all((sizes > 0.0) & (sizes < np.inf)):
                 return -np.inf
-            Phi, total = Phi / size, total + float(np.log(size))
-        return total + float(np.log(np.max(np.abs(eigenvalues_of(Phi)))))
+            steps, total = steps / sizes[:, None, None], total + float(np.sum(np.log(sizes)))
+            if len(steps) == 1:
+                return total + float(np.log(np.max(np.abs(eigenvalues_of(steps[0])))))
+            pairs = steps[1::2] @ steps[: len(steps) // 2 * 2 : 2]
+            steps = np.concatenate([pairs, steps[len(steps) // 2 * 2 :]])
 
 
 def growth_of(model: Realization, rates: Array, period: float, deltas: Array) -> float:
@@ -115,20 +152,40 @@ def _points(deltas: Array, rates: Array, fine: int) -> Array:
     return np.where(np.isinf(rates), np.repeat(deltas, fine, axis=0), lines)
 
 
-def _starts(model: Realization, most: float) -> list[tuple[float, Array]]:
-    """Periods and motions that push at half the turn of a mode."""
-    here, _, _ = moving_at(model, np.zeros(len(model.sizes)))
+def _starts(model: Realization, rates: Array, size: float) -> list[tuple[float, Array]]:
+    """Periods and motions that push at half the turn of a mode: around 0, and at the ends of a box."""
+    wave = np.sin(2.0 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS)[:, None]
+    here = _modes(model, np.zeros(len(rates)))
+    around = [(np.zeros(len(rates)), here)]
+    for turn, side in here[:1] if np.any(np.isfinite(rates) & (rates > 0.0)) else []:
+        for end in (side, -side):
+            center, modes = np.zeros(len(rates)), [(turn, side)]
+            for _ in range(_FITS):  # a mode has another turn there, so it needs another room
+                center = np.maximum(size - 0.25 * (modes[0][0] if modes else turn) * rates, 0.0) * end
+                modes = _modes(model, center)
+            around.append((center, modes))
+    return [
+        (share * turn, center + 0.3 * size * wave * side)
+        for share in _TURNS
+        for place in range(_MODES)
+        for center, modes in around
+        for turn, side in modes[place : place + 1]
+    ]
+
+
+def _modes(model: Realization, center: Array) -> list[tuple[float, Array]]:
+    """Half the turn (s) of each of the least damped modes, and the signs of its slopes by the deltas."""
+    try:
+        here, _, _ = moving_at(model, center)
+    except WellPosednessError:
+        return []
     kept = np.flatnonzero(here.poles.imag >= 0.0)
-    turn = 2.0 * np.pi * (np.arange(_POINTS) + 0.5) / _POINTS
-    starts = []
+    modes = []
     for k in kept[by_damping(here.poles[kept])][:_MODES]:
         pole, slope = here.poles[k], here.gradients[k]
         side = np.sign(slope.imag if pole.imag else slope.real)
-        for share in _TURNS:
-            for wave in (np.sin(turn), np.cos(turn)):
-                start = 0.3 * most * wave[:, None] * side
-                starts.append((share * np.pi / float(pole.imag or abs(pole)), start))
-    return starts
+        modes.append((np.pi / float(pole.imag or abs(pole)), side))
+    return modes
 
 
 def _climbed(model: Realization, period: float, deltas: Array, limits: tuple[float, Array]) -> Array:
@@ -137,17 +194,19 @@ def _climbed(model: Realization, period: float, deltas: Array, limits: tuple[flo
     any_rate = np.full(len(steps), np.inf)
     deltas = np.stack([_fitted(row, size, step) for row, step in zip(deltas.T, steps, strict=True)], 1)
     value = growth(model, any_rate, period, deltas, 1)
+    reach = size
     for _ in range(_CLIMBS):
         slope = _slope(model, period, deltas) if np.isfinite(value) else None
         if slope is None:
             return deltas
-        pairs = zip(slope.T, steps, strict=True)
-        target = np.stack([_best(row, size, step) for row, step in pairs], axis=1)
-        for half in range(_HALVES):
-            new = deltas + 0.5**half * (target - deltas)
+        for _ in range(_SHRINKS):
+            triples = zip(slope.T, deltas.T, steps, strict=True)
+            rows = [_best(row, near, min(size, reach), size, step) for row, near, step in triples]
+            new = np.stack(rows, axis=1)
             there = growth(model, any_rate, period, new, 1)
             if there > value * (1.0 + np.sign(value) * 1e-6):
                 break
+            reach *= _SHRINK
         else:
             return deltas
         deltas, value = new, there
@@ -182,37 +241,39 @@ def _slope(model: Realization, period: float, deltas: Array) -> Array | None:
 
 
 def _fitted(row: Array, size: float, step: float) -> Array:
-    """A motion in proportion to a row, within the limits."""
+    """A motion in proportion to a row, around the same mean, within the limits."""
+    mean = float(np.clip(np.mean(row), -size, size))
     if step == 0.0:
-        return np.full_like(row, np.clip(np.mean(row), -size, size))
+        return np.full_like(row, mean)
     change = float(np.max(np.abs(np.diff(np.append(row, row[0])))))
     share = min(1.0, step / change if change > 0.0 else 1.0)
-    return np.clip(share * row, -size, size)
+    return np.clip(mean + share * (row - mean), -size, size)
 
 
-def _best(slope: Array, size: float, step: float) -> Array:
-    """The periodic row within the limits that increases a linear function most."""
+def _best(slope: Array, near: Array, reach: float, size: float, step: float) -> Array:
+    """The periodic row within the limits, near another one, that increases a linear function most."""
     from scipy.optimize import linprog  # here because it is slow to import
 
     n = len(slope)
+    low, high = np.maximum(near - reach, -size), np.minimum(near + reach, size)
     if np.isinf(step) or step >= 2.0 * size:
-        return np.asarray(size * np.sign(slope))
+        return np.where(slope > 0.0, high, low)
     if step == 0.0:
-        return np.full(n, size * np.sign(np.sum(slope)))
+        return high if np.sum(slope) > 0.0 else low
     change = np.roll(np.eye(n), 1, axis=1) - np.eye(n)
     solution = linprog(
         -slope / max(float(np.max(np.abs(slope))), 1e-300),
         A_ub=np.vstack([change, -change]),
         b_ub=np.full(2 * n, step),
-        bounds=[(-size, size)] * n,
+        bounds=np.stack([low, high], axis=1),
         method="highs",
     )
-    return np.asarray(solution.x, dtype=float) if solution.status == 0 else np.zeros(n)
+    return np.asarray(solution.x, dtype=float) if solution.status == 0 else near
 
 
-def _on_ray(model: Realization, rates: Array, period: float, deltas: Array) -> Motion:
-    """The part of a motion that just does not fall; `NONE` if the whole falls."""
-    if not growth_of(model, rates, period, deltas) >= 0.0:
+def _on_ray(more: Callable[[Array], float], period: float, deltas: Array, count: int) -> Motion:
+    """The part of a motion that just does not fall, after so many halvings; `NONE` if the whole falls."""
+    if not more(deltas) >= 0.0:
         return NONE
-    high = bisected(lambda t: growth_of(model, rates, period, t * deltas) >= 0.0, 0.0, 1.0, _BISECTIONS)
+    high = bisected(lambda t: more(t * deltas) >= 0.0, 0.0, 1.0, count)
     return Motion(high * float(np.max(np.abs(deltas))), period, high * deltas)
