@@ -461,12 +461,19 @@ def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
     if d in (0, n):
         return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
     first = np.array(space.pivots)
-    basis = _over_rows(krylov, first)
-    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[first], first)
+    rough = rough_values(krylov)
+    with np.errstate(all="ignore"):  # doubles choose rows before anything is solved in balls
+        guess = rough @ np.linalg.pinv(rough[first])
+    near = _best_rows(scale[:, None] * guess / scale[first], first)
     try:
-        other = basis if np.array_equal(rows, first) else _over_rows(basis, rows)
+        basis = _over_rows(krylov, near)
     except ZeroDivisionError:  # doubles chose rows that depend on each other
-        rows, other = first, basis
+        near, basis = first, _over_rows(krylov, first)
+    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[near], near)
+    try:
+        other = basis if np.array_equal(rows, near) else _over_rows(basis, rows)
+    except ZeroDivisionError:
+        rows, other = near, basis
     order = np.argsort(rows)
     return _Graph(rows[order], other[:, order])
 

@@ -18,7 +18,7 @@ from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.matrices import ExactMatrix, stacked, zeros
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly
+from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 from mbdlft.pipeline.extract.graph import Extraction, extract_graph
 from mbdlft.problem.relations import LinearModel
 
@@ -48,7 +48,9 @@ def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Ex
     trim = ExactLFT(both.lft.M[[*z, *held, *loads]][:, [*w, *efforts, *one]], both.lft.blocks)
     signals = ca.vertcat(m.unknown, m.known)
     places = ca.jacobian_sparsity(lifted.displacements, signals).T.row()  # one for each load
-    lft = _with_loads(reduce_exactly(part), _loads(trim, len(held)), places, lifted.outputs)
+    # what outputs do not see goes first: it is more than what inputs do not reach
+    part = transposed(reduce_exactly(transposed(part)))
+    lft = _with_loads(part, _loads(trim, len(held)), places, lifted.outputs)
     return Extraction(lft, both.channels)
 
 
