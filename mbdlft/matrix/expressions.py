@@ -203,7 +203,7 @@ class _Resolver:
                 "'deg' or 'rad'). Declare the whole value as a parameter instead."
             )
         values = self.constants | {name: AngleSum(0.0, {name: 1}) for name in self.angles}
-        angle = evaluate(argument, values)
+        angle = evaluate(argument, values).whole()
         if sum(abs(count) for count in angle.multiples.values()) > _MOST_TURNS:
             raise NotRationalError(
                 f"{write(argument)}: each angle is one more rotation, and {_MOST_TURNS} is the most. "

@@ -44,8 +44,9 @@ class Coupling(Description, abc.ABC):
     """A linear relation between coordinates of joints; every concrete kind is final.
 
     A coordinate is the name of a joint that has one, or such as ``slider.position`` or ``base.x``. The
-    relation holds for motions from the equilibrium. With an `offset` (rad or m) the declared positions
-    are checked: their sum with the coefficients is the offset. Without `stiffness` the coupling is rigid.
+    relation holds for motions from the equilibrium. With an `offset` (rad or m), the sum of the positions
+    with the coefficients, a position that is not declared follows from the others, and positions that
+    are all declared are checked. Without `stiffness` the coupling is rigid.
     With one (N m/rad or N/m, and `damping`) it gives way, and `preload` (N m or N) is its force at
     equilibrium; where that is left out, the trim solves for it.
     """

@@ -461,7 +461,7 @@ def position_range(scene: Scene, joint: str, expected: Expected) -> tuple[float,
             return float(evaluate(expression, values))
         turned = sum(count * values[name] for name, count in angle.multiples.items())
         halves = angle.arctangents.items()
-        return angle.constant + turned + sum(n * atan(evaluate(r, values)) for r, n in halves)
+        return float(angle.constant + turned + sum(n * atan(evaluate(r, values)) for r, n in halves))
 
     used = [p for p in scene.parameters if p.name in names(expression)]
     ends = [[(p.name, end * p.factor) for end in (p.low, p.high)] for p in used]

@@ -15,8 +15,11 @@ def gears(*ratios: float | str, **fields: float) -> Scene:
     return machine(*made)
 
 
-def of(kind: str, *, rates: tuple[float, float] | None = None, imposed: bool = False, **fields):
-    joints = {} if rates is None else {name: {"rate": x} for name, x in zip("ab", rates, strict=True)}
+def of(kind: str, *, rates=(), places=(), imposed: bool = False, **fields):
+    given = {"rate": rates, "position": places}
+    joints = {
+        n: {key: x[k] for key, x in given.items() if x and x[k] is not None} for k, n in enumerate("ab")
+    }
     if imposed:
         joints = {name: {"imposed": True, "preload": None} for name in "ab"}
     return machine(KINDS[kind](name="k", **fields), inputs=None, **joints)
@@ -36,9 +39,12 @@ test_messages = refused(
 "rack", joint="a", slider="s", radius="n*2 [kg]" => the unit does not fit: expected m, got kg
 "gear", joints=("a", "b"), ratio=2.0, backlash=0.1 => backlash: got 0.1
 "gear", joints=("a", "b"), ratio=2.0, damping=0.1 => damping: a rigid coupling has none, got 0.1
-"gear", joints=("a", "b"), ratio=2.0, offset=0.3
+"gear", joints=("a", "b"), ratio=2.0, offset=0.3, places=(0.0, 0.0)
     => (a = 0, b = 0 at nominal) make 0 rad … offset is 0.3
 "gear", joints=("a", "b"), ratio=2.0, rates=(10.0, 4.0) => rates do not fit: a at 10.0, b at 4.0
+> assemble(of({})) => SceneError: joint 'a', position = …
+"gear", joints=("a", "b"), ratio="n", offset=0.3, places=(None, 0.5)
+    => 'n' is not an angle … follows from the offset of coupling 'k'
 > assemble({}) => SceneError: scene 'machine': the rigid couplings …
 gears(2.0, 3.0, 0.25) => g0, g1, g2 lock a.angle, b.angle, c.angle
 gears(2.0, 3.0, '1/6') => g0, g1, g2 say 3 things, of which 2 are independent

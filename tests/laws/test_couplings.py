@@ -9,6 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Scene, to_lft
+from mbdlft.multibody.assembly.coupled import with_positions
 from mbdlft.multibody.coupling import KINDS, Coupling
 from tests import close
 from tests.attack.couplings import attack
@@ -122,6 +123,62 @@ def test_force_and_positions_follow_at_equilibrium() -> None:
     assert np.isclose(trim["a.torque"], -1.5)
     point = mbdlft.find_equilibrium(scene, positions=["s"])
     assert point.positions == {"s.position": 0.3}
+
+
+FOLLOW = [
+    ("gear", {"joints": ("a", "b"), "ratio": 2.0, "offset": 0.3}, "th", "0.3 + 2*th", 2.0),
+    ("gear", {"joints": ("b", "a"), "ratio": 2.0, "offset": 0.3}, "2*th", "th - 0.15", 0.5),
+    (
+        "mimic",
+        {"joint": "a", "leader": "b", "multiplier": -1.0, "offset": "17*deg"},
+        "th",
+        "17*pi/180 - th",
+        1.0,
+    ),
+    ("belt", {"joints": ("b", "a"), "radii": (0.2, 0.1), "offset": 0.05}, "th", "2*th - 0.5", 2.0),
+    ("gear", {"joints": ("a", "b"), "ratio": 100.0, "offset": 0.2}, "0.5", "50.2", 100.0),
+]
+
+
+@pytest.mark.parametrize(("kind", "fields", "b_of", "a_of", "ratio"), FOLLOW, ids=str)
+def test_a_position_follows(
+    kind: str, fields: dict[str, Any], b_of: str, a_of: str, ratio: float
+) -> None:
+    """Of two levers on a coupling, a = r b + offset: m g c (sin b + r^2 sin a) pulls them back."""
+    levers = [
+        RigidBody(name=f"lever_{name}", mass=1.5, center_of_mass=(0.2, 0, 0), inertia=Inertia(yy=0.1))
+        for name in "ab"
+    ]
+    hinges = [
+        Revolute(name=name, parent="ground", child=f"lever_{name}", axis=(0, 1, 0), **given)
+        for name, given in (("a", {"preload": 0.0}), ("b", {"position": b_of}))
+    ]
+    scene = Scene(
+        name="levers",
+        gravity=(0.0, 0.0, -10.0),
+        parameters=[mbdlft.Angle("th", 20.0, low=0.0, high=40.0)],
+        bodies=levers,
+        joints=hinges,
+        couplings=[KINDS[kind](name="k", **fields)],
+    )
+    model = to_lft(scene, search=0.0)
+    for th in (0.0, 20.0, 33.0):
+        a, b = (eval(text, {"th": np.radians(th), "pi": np.pi}) for text in (a_of, b_of))
+        stiffness, inertia = 3.0 * (np.sin(b) + ratio**2 * np.sin(a)), 0.16 * (1.0 + ratio**2)
+        at = mbdlft.matrices_at(model, {"th": th})
+        assert np.isclose(np.linalg.det(at.A), stiffness / inertia, rtol=close.CLOSED_FORM)
+
+
+def test_positions_follow_along_couplings() -> None:
+    """b is given, a follows a gear from it, and the slide a rack from that; or all from zero."""
+    gear = KINDS["gear"](name="k", joints=("a", "b"), ratio=2.0, offset=0.3)
+    rack = KINDS["rack"](name="r", joint="a", slider="s", radius="0.1 [m]*n", offset=0.2)
+    for couplings in ((gear, rack), (rack, gear)):
+        scene, follows = with_positions(machine(*couplings, b={"position": 0.1}))
+        assert follows == {"a": "k", "s": "r"}
+        mbdlft.assemble(scene)  # which checks the offsets
+    _, follows = with_positions(machine(rack, gear))
+    assert follows == {"s": "r", "b": "k"}
 
 
 def test_coupled_steady_rates_leave_both_angles_out() -> None:

@@ -4,7 +4,8 @@ Whether relations are independent is decided modulo a prime, for generic values 
 they are at every value is proved with the constraints of loops (`constraint_relations`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -12,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.description import Expected, Values
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.exact.matrices import null_space, rank
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import Symbols, degrees
 from mbdlft.multibody.coupling import Coupling
-from mbdlft.multibody.joint import Joint, coordinate_label
+from mbdlft.multibody.joint import Joint, coordinate_label, with_entry
 from mbdlft.multibody.scene.quantities import Place, owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.problem.sx.constants import modulo_prime
@@ -51,6 +52,73 @@ def relations(scene: Scene, couplings: Sequence[Coupling], view: View) -> ca.SX:
         for (joint, freedom), c in zip(places, coupling.coefficients(values), strict=True):
             matrix[row, index[freedom.measures[0].of(joint.name).name]] = c
     return matrix
+
+
+def with_positions(scene: Scene) -> tuple[Scene, dict[str, str]]:
+    """The scene with the positions that follow from couplings with an offset; the coupling by joint.
+
+    Coordinates without a declared position follow. Where a coupling leaves several of them open, its
+    first one follows and the others are at zero, if they follow no other coupling.
+    """
+    every = [(c, c.freedoms(scene.joints)) for c in scene.couplings if c.offset is not None]
+    joints, follows = {joint.name: joint for joint in scene.joints}, dict[str, str]()
+    free = {
+        (joint.name, freedom)
+        for _, places in every
+        for joint, freedom in places
+        if coordinate_label("position", freedom) in joint.quantities()
+        and "position" not in joint.model_fields_set
+        and getattr(joint, "rate", None) is None
+    }
+    while True:
+        counted = [
+            (c, places, [k for k, (joint, freedom) in enumerate(places) if (joint.name, freedom) in free])
+            for c, places in every
+        ]
+        pending = [entry for entry in counted if entry[2]]
+        if not pending:
+            return scene.model_copy(update={"joints": tuple(joints.values())}), follows
+        coupling, places, (first, *more) = min(pending, key=lambda entry: len(entry[2]) > 1)
+        joint, freedom = places[more[-1] if more else first]
+        free.remove((joint.name, freedom))
+        if not more:
+            position = _position(coupling, scene, joints, first)
+            joints[joint.name] = with_entry(joints[joint.name], "position", freedom, position)
+            follows[joint.name] = coupling.name
+
+
+@contextmanager
+def following(scene: Scene) -> Iterator[Scene]:
+    """The scene with positions that follow; an error on one of them says from where it is."""
+    placed, follows = with_positions(scene)
+    try:
+        yield placed
+    except MbdlftError as error:
+        for joint, coupling in follows.items():
+            if f"joint {joint!r}, position" in str(error):
+                raise type(error)(
+                    f"{error} This position follows from the offset of coupling {coupling!r}: give the "
+                    "joint one of its own, or leave the offset out."
+                ) from None
+        raise
+
+
+def _position(coupling: Coupling, scene: Scene, joints: Mapping[str, Joint], follower: int) -> str:
+    """(offset - the other terms)/coefficient as a text, of the coordinate of one term."""
+    quantities, terms = coupling.quantities(scene.joints), coupling.terms()
+    factors = [_text(quantities[term.label]) if term.label else "1" for term in terms]
+    total, own = _text(quantities["offset"]), f"{terms[follower].sign:g}*{factors[follower]}"
+    for k, (joint, freedom) in enumerate(coupling.freedoms(scene.joints)):
+        place = joints[joint.name].quantities().get(coordinate_label("position", freedom))
+        if k != follower and place is not None and place.source != 0.0:
+            total += f" - ({terms[k].sign:g})*{factors[k]}*{_text(place)}"
+    return total if own == "1*1" else f"({total})/({own})"
+
+
+def _text(quantity: Expected) -> str:
+    """A quantity in an expression, with its unit."""
+    is_bare = isinstance(quantity.source, str) or quantity.unit == "1"
+    return f"({quantity.source})" if is_bare else f"({quantity.source!r} [{quantity.unit}])"
 
 
 class Coupled(NamedTuple):

@@ -23,7 +23,7 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly.closure import Closure, independent, multipliers, reactions
-from mbdlft.multibody.assembly.coupled import Coupled, coupled, multipliers_of, rigid
+from mbdlft.multibody.assembly.coupled import Coupled, coupled, following, multipliers_of, rigid
 from mbdlft.multibody.assembly.gyrostat import steady_momenta
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.touching import contact_reactions
@@ -76,6 +76,11 @@ class Resolved:
 
 def resolve(scene: Scene) -> Resolved:
     """Look up names, units and the tree of a scene, check it, and evaluate its quantities once."""
+    with following(scene) as placed:
+        return _resolved(placed)
+
+
+def _resolved(scene: Scene) -> Resolved:
     links = links_of(scene)
     check(scene)
     parameters = tuple(sorted(scene.parameters, key=lambda parameter: parameter.name))

@@ -16,7 +16,7 @@ from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError, unknown_name
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.unit import Freedom, dimension_name, parse_unit
+from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.multibody.assembly import assemble
@@ -31,7 +31,7 @@ from mbdlft.multibody.equilibrium.conditions import (
 from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.multibody.force import Guided, Spring
-from mbdlft.multibody.joint import Joint, Rotation
+from mbdlft.multibody.joint import Joint, Rotation, with_entry
 from mbdlft.multibody.scene import Constant, Fit, Scene
 from mbdlft.multibody.scene.quantities import has_unit
 from mbdlft.problem.linearization import relinearize
@@ -191,15 +191,6 @@ def _moved(
     x, y, z = (float(entry) for entry in vector / angle)
     orientation = (*joint.orientation, Rotation(axis=(x, y, z), angle=angle))
     return joint.model_copy(update={"orientation": orientation})
-
-
-def with_entry(joint: Joint, key: str, freedom: Freedom, value: Quantity) -> Joint:
-    """The joint with a new value of one quantity of one coordinate."""
-    if len(joint.freedoms) == 1:
-        return joint.model_copy(update={key: value})
-    entries = list(getattr(joint, key))
-    entries[joint.freedoms.index(freedom)] = value
-    return joint.model_copy(update={key: tuple(entries)})
 
 
 def within_a_turn(angle: float) -> float:

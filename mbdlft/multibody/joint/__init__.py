@@ -12,6 +12,7 @@ from mbdlft.multibody.joint.kinds import Rotation as Rotation
 from mbdlft.multibody.joint.kinds import Spherical as Spherical
 from mbdlft.multibody.joint.kinds import Universal as Universal
 from mbdlft.multibody.joint.kinds import coordinate_label as coordinate_label
+from mbdlft.multibody.joint.kinds import with_entry as with_entry
 from mbdlft.multibody.joint.move import Move as Move
 from mbdlft.multibody.joint.move import Turn as Turn
 

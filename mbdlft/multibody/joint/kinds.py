@@ -192,6 +192,15 @@ def coordinate_label(key: str, freedom: Freedom) -> str:
     return f"{key}.{freedom.label}" if freedom.label else key
 
 
+def with_entry(joint: Joint, key: str, freedom: Freedom, value: Quantity) -> Joint:
+    """The joint with a new value of one quantity of one coordinate."""
+    if len(joint.freedoms) == 1:
+        return joint.model_copy(update={key: value})
+    entries = list(getattr(joint, key))
+    entries[joint.freedoms.index(freedom)] = value
+    return joint.model_copy(update={key: tuple(entries)})
+
+
 def _hinge(axis: ca.SX, at: Coordinate, values: Values, label: str = "") -> tuple[Move, ...]:
     """The moves of a coordinate that turns about `axis` (3,): its position, then the displacement."""
     return (

@@ -9,6 +9,7 @@ last are rational:
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeVar
 
@@ -63,11 +64,25 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AngleSum(Operators):
-    """An angle (rad): a constant, and integer multiples of parameters and of arctangents."""
+    """An angle (rad): a constant, and multiples of parameters and of arctangents.
+
+    The multiples are integers in the end; on the way, as in 0.2*th/0.1, they are fractions.
+    """
 
     constant: float = 0.0
-    multiples: Mapping[str, int] = field(default_factory=dict)  # by name of the parameter
-    arctangents: Mapping[Expression, int] = field(default_factory=dict)  # by the expression r of atan(r)
+    multiples: Mapping[str, Any] = field(default_factory=dict)  # by name of the parameter
+    arctangents: Mapping[Expression, Any] = field(default_factory=dict)  # by the expression r of atan(r)
+
+    def whole(self) -> "AngleSum":
+        """The sum with integer multiples; a NotRationalError if one is a fraction."""
+        counts = [*self.multiples.values(), *self.arctangents.values()]
+        if any(Fraction(count).denominator != 1 for count in counts):
+            raise NotRationalError(_INTEGER)
+        return AngleSum(
+            self.constant,
+            {name: int(count) for name, count in self.multiples.items()},
+            {tangent: int(count) for tangent, count in self.arctangents.items()},
+        )
 
     def __add__(self, other: "AngleSum | float") -> "AngleSum":
         if isinstance(other, float):
@@ -79,24 +94,30 @@ class AngleSum(Operators):
         )
 
     def __mul__(self, other: "AngleSum | float") -> "AngleSum":
-        if not isinstance(other, float) or not other.is_integer():
+        if not isinstance(other, float):
             raise NotRationalError(_INTEGER)
-        return AngleSum(
-            self.constant * other,
-            {name: count * int(other) for name, count in self.multiples.items()},
-            {tangent: count * int(other) for tangent, count in self.arctangents.items()},
-        )
+        return self._times(other, Fraction(repr(other)))
 
     def __neg__(self) -> "AngleSum":
         return self * -1.0
 
-    def __truediv__(self, other: object) -> "AngleSum":
+    def __truediv__(self, other: "AngleSum | float") -> "AngleSum":
+        if not isinstance(other, float) or other == 0.0:
+            raise NotRationalError(_INTEGER)
+        return self._times(1.0 / other, 1 / Fraction(repr(other)))
+
+    def __rtruediv__(self, other: object) -> "AngleSum":
         raise NotRationalError(_INTEGER)
 
-    __rtruediv__ = __truediv__
+    def _times(self, factor: float, exact: Fraction) -> "AngleSum":
+        return AngleSum(
+            self.constant * factor,
+            {name: count * exact for name, count in self.multiples.items()},
+            {tangent: count * exact for tangent, count in self.arctangents.items()},
+        )
 
 
-def _summed(first: Mapping[T, int], second: Mapping[T, int]) -> dict[T, int]:
+def _summed(first: Mapping[T, Any], second: Mapping[T, Any]) -> dict[T, Any]:
     merged = dict(first)
     for key, count in second.items():
         merged[key] = merged.get(key, 0) + count
@@ -200,13 +221,14 @@ def angle_at(scene: Scene, place: Place, expected: Expected) -> AngleSum:
     values |= {name: AngleSum(0.0, {}, {r: 1}) for name, r in arctangents.items()}
     try:
         value = evaluate(expression, values)
+        angle = value.whole() if isinstance(value, AngleSum) else AngleSum(float(value))
     except MbdlftError as error:
         raise type(error)(f"{place} = {expected.source!r}: {error}") from None
-    angle = value if isinstance(value, AngleSum) else AngleSum(float(value))
-    if abs(angle.constant) > 2.0 * np.pi * (1.0 + 1e-12):
+    if abs(angle.constant) > 2.0 * np.pi * (1.0 + 1e-12) and "[" not in str(expected.source):
         raise SceneError(
             f"{place} = {expected.source!r}: {angle.constant:g} rad is more than a full turn. Numbers "
-            f"are in rad; write degrees as {angle.constant:g}*deg."
+            f"are in rad; write degrees as {angle.constant:g}*deg, or the unit: "
+            f"{angle.constant:g} [rad]."
         )
     for name, count in angle.multiples.items():
         if abs(count) > _MOST_TURNS:
