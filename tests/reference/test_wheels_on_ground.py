@@ -203,6 +203,33 @@ def test_feet_sink_until_they_carry() -> None:
     assert np.isclose(carried["right"], 60.0, rtol=close.CLOSED_FORM)
 
 
+# R. S. Sharp, J. Mech. Eng. Sci. 13(5), 1971, Tables 1 to 3, model 1: speed in ft/s; capsize; weave and
+# wobble in 1/s and rad/s
+SHARP = """
+ 10  -3.56   2.01  1.63  -5.20 55.7
+ 20  -2.83  -0.18  2.09  -5.91 55.8
+ 30  -0.13  -3.36  4.56  -6.42 55.5
+ 50   0.08  -6.59 11.4   -6.52 54.6
+ 70   0.08  -3.97 16.8   -5.70 54.0
+100   0.07  -1.82 19.2   -3.94 54.3
+130   0.05  -1.13 20.4   -2.24 55.6
+160   0.04  -0.96 21.2   -0.82 57.5
+"""
+
+
+def test_the_motorcycle_has_the_roots_of_sharp() -> None:
+    """To two units of the last printed digit: his load of the front wheel is 0.7 % off his statics."""
+    model = to_lft(mbdlft.load_scene(FOLDER / "motorcycle.toml"), search=0.0)
+    for line in SHARP.split("\n")[1:-1]:
+        speed, capsize, *pairs = line.split()
+        roots = np.linalg.eigvals(mbdlft.matrices_at(model, {"v": 0.3048 * float(speed)}).A)
+        for printed in ([capsize, "0.00"], pairs[:2], pairs[2:]):
+            real, imag = map(float, printed)
+            nearest = roots[np.argmin(np.abs(roots - complex(real, imag)))]
+            for text, value in zip(printed, (nearest.real, nearest.imag), strict=True):
+                assert abs(value - float(text)) <= 2.0 * 0.1 ** len(text.partition(".")[2])
+
+
 def test_a_short_relaxation_tends_to_none() -> None:
     """The motorcycle leans, steers and turns as without the lag, but for what its length gives."""
     scene, s, answers = mbdlft.load_scene(FOLDER / "motorcycle.toml"), 2.0 + 9j, list[np.ndarray]()
