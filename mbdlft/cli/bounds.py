@@ -16,7 +16,7 @@ from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_json, print_table, progress_of, say
-from mbdlft.cli.responses import chosen_channels
+from mbdlft.cli.responses import WITH_WORST, chosen_channels, draw
 
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
@@ -53,6 +53,7 @@ def margin(
     leave_out: options.LeaveOut = None,
     workers: options.Workers = 1,
     figure: options.Plot = None,
+    width: options.FigureWidth = None,
     no_save: options.NoSave = False,
     as_json: options.AsJson = False,
 ) -> None:
@@ -65,7 +66,8 @@ def margin(
         archive, system, analyze.robust_stability, asked, store=not no_save, as_json=as_json
     )
     if figure is not None:
-        show.save_mu(figure, system, bounds, leave_out=ignored)
+        with options.on_paper(width):
+            show.save_mu(figure, system, bounds, leave_out=ignored)
 
 
 def wcgain(
@@ -80,20 +82,28 @@ def wcgain(
     leave_out: options.LeaveOut = None,
     workers: options.Workers = 1,
     figure: options.Plot = None,
+    kind: Annotated[
+        str,
+        typer.Option(help="Of the figure with the worst case: sigma, bode, nyquist, nichols or step."),
+    ] = "sigma",
+    width: options.FigureWidth = None,
     no_save: options.NoSave = False,
     as_json: options.AsJson = False,
 ) -> None:
     """Bounds of the largest gain over the declared ranges, proved for all frequencies and values."""
     options.check_paths(None, figure)
+    if kind not in WITH_WORST:
+        raise AnalysisError(f"--kind {kind}: expected one of {', '.join(WITH_WORST)}.")
     system = _loop(archive, model, controller)
     asked = _asked(gap, work, leave_out, workers, inputs, outputs)
     asked |= {"rates": options.numbers_by_name("--rate", rate, _RATE)}
     answer = _answer(archive, system, analyze.worst_case_gain, asked, store=not no_save, as_json=as_json)
     if figure is not None:
         bounds, is_proved = answer
-        bound = bounds.upper if is_proved else None
-        shown = chosen_channels(system, outputs, inputs)
-        show.save_singular_values(figure, shown, worst=bounds.worst or None, bound=bound)
+        more: dict[str, Any] = {"bound": bounds.upper} if kind == "sigma" and is_proved else {}
+        with options.on_paper(width):
+            shown = chosen_channels(system, outputs, inputs)
+            draw(kind, figure, shown, worst=bounds.worst or None, **more)
 
 
 def worst(

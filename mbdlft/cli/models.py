@@ -254,8 +254,9 @@ def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as
 Plots = Annotated[
     options.Texts,
     typer.Option(
-        help="Figure to draw, such as fig.png, of singular values; or bode=FILE, step=FILE, "
-        "order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be repeated."
+        help="Figure to draw, such as fig.png, of singular values; or bode=FILE, nyquist=FILE, "
+        "nichols=FILE, step=FILE, order=FILE, poles=FILE, trim=FILE, poles:PARAMETER=FILE; may be "
+        "repeated."
     ),
 ]
 StoreProgram = Annotated[
@@ -275,6 +276,7 @@ def linearize(
         typer.Option(help="Relative error that a smaller model may have on the whole range."),
     ] = None,
     plot: Plots = None,
+    width: options.FigureWidth = None,
     program: StoreProgram = False,
     table_file: TableFile = None,
     model_name: ModelName = None,
@@ -310,7 +312,8 @@ def linearize(
     files = {"archive": output}
     try:
         start = time.perf_counter()
-        files |= _drawn(figures, model)
+        with options.on_paper(width):
+            files |= _drawn(figures, model)
         seconds |= {"plot": time.perf_counter() - start} if figures else {}
     finally:  # a figure that fails takes neither the archive nor the table away
         report_model(model, seconds, files, notes, as_json=as_json)

@@ -4,6 +4,7 @@ import itertools
 import time
 import tomllib
 from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -12,7 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from mbdlft import archive as archives
-from mbdlft import matrix, modelica, multibody, robot, system
+from mbdlft import matrix, modelica, multibody, robot, show, system
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
 from mbdlft.cli import rooms
 
@@ -44,6 +45,10 @@ Outputs = Annotated[Texts, typer.Option("--output", help="Output; all by default
 Samples = Annotated[int, typer.Option("--samples", min=0, help="Number of random samples.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the samples.")]
 Figure = Annotated[Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")]
+FigureWidth = Annotated[
+    float | None,
+    typer.Option("--figure-width", help="Of figures for print, cm: 8.5 for one column, 17 for two."),
+]
 # of commands that make models
 Search = Annotated[
     float,
@@ -95,6 +100,11 @@ Plot = Annotated[
 ]
 Workers = Annotated[int, typer.Option("--workers", help="Processes; the result does not change.")]
 NoSave = Annotated[bool, typer.Option("--no-save", help="Do not store the result.")]
+
+
+def on_paper(width: float | None) -> AbstractContextManager[None]:
+    """Where figures have a width for print, if one is given."""
+    return nullcontext() if width is None else show.for_paper(width)
 
 
 def check_paths(archive: Path | None, *figures: Path | None) -> None:

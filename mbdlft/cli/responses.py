@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from mbdlft.base.array import Array, ArrayLike
     from mbdlft.system import System
 
-KINDS = ("sigma", "bode", "step", "poles", "order", "trim")  # of figures
+KINDS = ("sigma", "bode", "nyquist", "nichols", "step", "poles", "order", "trim")  # of figures
+WITH_WORST = KINDS[:5]  # kinds that show a worst case
 OVER = ("poles", "trim")  # kinds that may be over one parameter
 _SHORT = 8  # rows of the table of poles that comes with a model
 
@@ -38,8 +39,10 @@ def response(
     seed: options.Seed = 0,
     figure: options.Figure = None,
     kind: Annotated[
-        str, typer.Option(help="Of the figure: sigma, bode, step, poles, order or trim.")
+        str,
+        typer.Option(help="Of the figure: sigma, bode, nyquist, nichols, step, poles, order or trim."),
     ] = "sigma",
+    width: options.FigureWidth = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Print norms, the worst of random samples, and values at frequencies."""
@@ -59,24 +62,24 @@ def response(
             _print(system, points, values)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
-            draw(kind, figure, system, seed)
+            with options.on_paper(width):
+                draw(kind, figure, system, seed)
     if figure is not None and not as_json:
         say(f"figure: {figure}")
 
 
-def draw(kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None) -> None:
-    """Draw a figure of one of the `KINDS`, if need be over a parameter."""
+def draw(
+    kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None, **more: Any
+) -> None:
+    """Draw a figure of one of the `KINDS`, if need be over a parameter, or with a worst case."""
     if kind in OVER:
         {"poles": show.save_pole_map, "trim": show.save_trims}[kind](figure, system, over, seed)
     elif kind == "order":
         show.save_orders(figure, system)
     else:
-        kinds: dict[str, Any] = {
-            "bode": show.save_bode,
-            "step": show.save_step,
-            "sigma": show.save_singular_values,
-        }
-        kinds[kind](figure, system, seed)
+        getattr(show, f"save_{'singular_values' if kind == 'sigma' else kind}")(
+            figure, system, seed, **more
+        )
 
 
 def _known(system: "System") -> str:
@@ -216,6 +219,7 @@ def poles(
     over: Annotated[
         str | None, typer.Option(help="Parameter over which the figure shows the poles.")
     ] = None,
+    width: options.FigureWidth = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
@@ -236,7 +240,8 @@ def poles(
             _print_poles(system, point, modes, at_zero, verdict)
     finally:  # a figure that fails takes nothing away
         if figure is not None:
-            show.save_pole_map(figure, system, over, seed)
+            with options.on_paper(width):
+                show.save_pole_map(figure, system, over, seed)
     if figure is not None and not as_json:
         say(f"figure: {figure}")
 

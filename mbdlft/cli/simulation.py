@@ -40,6 +40,7 @@ def simulate(
         typer.Option("--amplitude", help="Factor of inputs and initial states; may be repeated."),
     ] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="Figure of the outputs over time.")] = None,
+    width: options.FigureWidth = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -69,7 +70,8 @@ def simulate(
     files: list[tuple[str, Path]] = []
     if plot is not None:
         signals = [next(s for s in model.outputs if s.name == name) for name in run.output_names]
-        show.save_motions(plot, scene.name, times, signals, curves)
+        with options.on_paper(width):
+            show.save_motions(plot, scene.name, times, signals, curves)
         files.append(("figure", plot))
     if output is not None:
         write_text(output, _table(run))

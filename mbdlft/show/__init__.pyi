@@ -1,3 +1,4 @@
+from .figures.figures import for_paper as for_paper
 from .figures.properties import save_growth as save_growth
 from .figures.properties import save_mu as save_mu
 from .figures.properties import save_orders as save_orders
@@ -5,6 +6,8 @@ from .figures.properties import save_pole_map as save_pole_map
 from .figures.properties import save_trims as save_trims
 from .figures.responses import save_bode as save_bode
 from .figures.responses import save_motions as save_motions
+from .figures.responses import save_nichols as save_nichols
+from .figures.responses import save_nyquist as save_nyquist
 from .figures.responses import save_singular_values as save_singular_values
 from .figures.responses import save_step as save_step
 from .report.page import model_report as model_report

@@ -1,6 +1,7 @@
 """What figures show is what the model says: bars of the orders, trimmed loads over a parameter."""
 
 import math
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -124,15 +125,75 @@ def test_powers_of_ten_are_plain_text(tmp_path: Path) -> None:
     assert sum(bool(text) for text in shown) > 3
 
 
-@pytest.mark.parametrize("kind", ["singular_values", "bode", "step", "orders", "pole_map"])
-def test_no_legend_is_over_a_panel(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """So none covers a curve: boxes of legends and panels, as they are drawn."""
-    drawn: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
-    getattr(mbdlft.show, f"save_{kind}")(tmp_path / "f.png", held_arm())
+KINDS = ("singular_values", "bode", "nyquist", "nichols", "step", "orders", "pole_map", "trims")
+
+
+@pytest.fixture
+def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
+    """Figures as they are written, laid out."""
+    figures: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    return figures
+
+
+@pytest.mark.parametrize("width", [None, 8.5, 17.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_legends_and_labels_have_room(
+    kind: str, width: float | None, tmp_path: Path, drawn: list[Figure]
+) -> None:
+    """No legend covers a panel, so none a curve, and no text is cut: boxes, as they are drawn."""
+    with nullcontext() if width is None else mbdlft.show.for_paper(width):
+        getattr(mbdlft.show, f"save_{kind}")(tmp_path / "f.png", held_arm())
     (figure,) = drawn
-    boxes = [axes.get_window_extent() for axes in figure.axes if axes.get_visible()]
-    legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in figure.axes))]
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    boxes = [axes.get_window_extent() for axes in panels]
+    legends = [*figure.legends, *filter(None, (axes.get_legend() for axes in panels))]
     assert legends
     for legend in legends:
         assert not any(legend.get_window_extent().overlaps(box) for box in boxes)
+    texts = [text for axes in panels for text in (axes.title, axes.xaxis.label, axes.yaxis.label)]
+    for item in (*legends, *(text for text in texts if text.get_text())):
+        box = item.get_window_extent()
+        assert box.x0 >= 0.0
+        assert box.y0 >= 0.0
+        assert box.x1 <= figure.bbox.x1
+        assert box.y1 <= figure.bbox.y1
+    if width is not None:
+        assert figure.get_size_inches()[0] == width / 2.54
+
+
+def test_loops_are_drawn_as_they_are(tmp_path: Path, drawn: list[Figure]) -> None:
+    """k/(s + 1)^3: values and phases by the size of each point; peaks of closed loops by definition."""
+    matrix = [["-1", "0", "0", "k"], ["1", "-1", "0", "0"], ["0", "1", "-1", "0"], ["0", "0", "1", "0"]]
+    parameter = Parameter("k", 4.0, low=2.0, high=8.0)
+    model = mbdlft.realize(matrix, [parameter], states=3, inputs=["u"], outputs=["y"])
+    for save in (mbdlft.show.save_nyquist, mbdlft.show.save_nichols):
+        save(tmp_path / "f.png", model, worst={"k": 8.0})
+    curves = [{line.get_label(): line.get_xydata() for line in figure.axes[0].lines} for figure in drawn]
+    at = {"worst case": 8.0, "nominal": 4.0}
+    for label, k in at.items():
+        x, y = curves[0][label].T
+        omega = np.sqrt(np.cbrt((k / np.hypot(x, y)) ** 2) - 1.0)
+        some = np.isfinite(omega) & (np.hypot(x, y) > 1e-3)
+        values = k / (1.0 + 1j * omega[some]) ** 3
+        target(x[some], values.real, CLOSED_FORM, 1.0)
+        half = np.where(np.arange(len(x)) < len(x) // 2, 1.0, -1.0)  # then those of negative frequencies
+        target(y[some], half[some] * values.imag, CLOSED_FORM, 1.0)
+        phase, size = curves[1][label].T
+        turned = -3.0 * np.degrees(np.arctan(np.sqrt(np.cbrt((k / 10 ** (size / 20.0)) ** 2) - 1.0)))
+        seen = size > -40.0
+        target(phase[seen], turned[seen], CLOSED_FORM, 100.0)
+    phase, size = curves[1]["closed loop: 3 and 6 dB"].T
+    loop = 10.0 ** (size / 20.0) * np.exp(1j * np.radians(phase))
+    target(20.0 * np.log10(np.abs(loop / (1.0 + loop))), np.full(len(loop), 3.0), CLOSED_FORM)
+    assert curves[1]["critical point"].tolist() == [[-180.0, 0.0]]
+
+
+def test_a_width_for_print_is_checked_and_ends(tmp_path: Path, drawn: list[Figure]) -> None:
+    with pytest.raises(mbdlft.AnalysisError, match="a width of 2 cm: expected 5 to 60"):
+        mbdlft.show.for_paper(2.0).__enter__()
+    with mbdlft.show.for_paper(8.5, fonts="latex"):
+        mbdlft.show.save_orders(tmp_path / "f.png", held_arm())
+    mbdlft.show.save_orders(tmp_path / "f.png", held_arm())
+    assert [figure.get_size_inches()[0] for figure in drawn] == [8.5 / 2.54, 8.0]
+    assert [figure.axes[0].title.get_fontfamily()[0] for figure in drawn] == ["cmr10", "sans-serif"]

@@ -1,10 +1,14 @@
 """What all figures share: the file, panels and their labels, colors, decibels, samples that are drawn."""
 
-from collections.abc import Mapping, Sequence
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -31,6 +35,48 @@ _SUPERSCRIPTS = str.maketrans(
 _DOTS = 150  # in an inch
 _FLOOR = 160.0  # dB below the highest value: what is lower, such as a zero, is cut
 _ROOM = 0.04  # of the height of the axes, above and below the curves
+_WIDTH: ContextVar[float | None] = ContextVar("width", default=None)  # cm, of figures for a paper
+_INCH, _WIDTHS = 2.54, (5.0, 60.0)  # cm
+_ONE_COLUMN = 12.0  # cm: a narrower figure has one column of panels, and of its legend
+_HEIGHT = 0.8  # power of the share of the width, as letters do not become smaller
+_PAPER: dict[Any, Any] = {
+    "font.size": 8.0,
+    "axes.titlesize": "medium",
+    "figure.titlesize": "medium",
+    "pdf.fonttype": 42,
+}
+# the glyphs that a font does not have are those of the next one
+_LATEX: dict[Any, Any] = {
+    "font.family": ["cmr10", "STIXGeneral", "DejaVu Sans"], "mathtext.fontset": "cm",
+    "axes.formatter.use_mathtext": True, "axes.unicode_minus": False,
+}  # fmt: skip
+
+
+@contextmanager
+def for_paper(width: float = 8.5, *, fonts: Literal["sans", "latex"] = "sans") -> Iterator[None]:
+    """Figures that are drawn inside have a width for print, and letters of 8 points.
+
+    Parameters
+    ----------
+    width : float, cm
+        Such as 8.5 for one column and 17 for two; the height follows.
+    fonts : {"sans", "latex"}
+        Computer Modern for "latex". A file .pgf has the fonts of the document, where LaTeX is installed.
+
+    Raises
+    ------
+    AnalysisError
+        The width is not from 5 to 60 cm.
+    """
+    if not _WIDTHS[0] <= width <= _WIDTHS[1]:
+        raise AnalysisError(f"a width of {width:g} cm: expected {_WIDTHS[0]:g} to {_WIDTHS[1]:g} cm.")
+    before = _WIDTH.set(width)
+    logging.getLogger("fontTools").setLevel(logging.ERROR)  # fonts of matplotlib have odd dates
+    try:
+        with rc_context({**_PAPER, **(_LATEX if fonts == "latex" else {})}):
+            yield
+    finally:
+        _WIDTH.reset(before)
 
 
 def check_figure(path: str | Path) -> None:
@@ -57,6 +103,10 @@ def check_parameter(model: System, parameter: str | None) -> None:
 def write_figure(figure: Figure, path: str | Path) -> None:
     """Write a figure into a file; names of a user are shown as they are."""
     figure.set_dpi(_DOTS)
+    if (width := _WIDTH.get()) is not None:
+        before, height = figure.get_size_inches()
+        share = (width / _INCH / before) ** _HEIGHT
+        figure.set_size_inches(width / _INCH, height * share + _legend_height(figure))
     _show_dollars(figure)
     engine = figure.get_layout_engine()
     try:
@@ -66,6 +116,27 @@ def write_figure(figure: Figure, path: str | Path) -> None:
         figure.savefig(path, dpi=_DOTS)
     except (OSError, ValueError) as error:
         raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
+
+
+def add_legend(axes: Axes, *, columns: int = 2, where: str = "lower center") -> None:
+    """A legend beside the panels; one of a narrow figure is below them, in one column."""
+    width, figure = _WIDTH.get(), axes.get_figure(root=True)
+    if width is not None and width < _ONE_COLUMN:
+        columns, where = 1, "lower center"
+    place: Any = f"outside {where}"
+    assert figure is not None
+    figure.legend(*axes.get_legend_handles_labels(), loc=place, ncols=columns, fontsize="small")
+
+
+def panel_columns(most: int) -> int:
+    """Columns of panels that a figure has room for."""
+    width = _WIDTH.get()
+    return 1 if width is not None and width < _ONE_COLUMN else most
+
+
+def _legend_height(figure: Figure) -> float:
+    """Inches of the legends below the panels: the panels of a narrow figure keep their shape."""
+    return sum(legend.get_window_extent().height / figure.dpi for legend in figure.legends)
 
 
 def _show_dollars(figure: Figure) -> None:
@@ -112,8 +183,7 @@ class Channels(NamedTuple):
         """Label the horizontal axes and the whole figure, which shows `count` samples."""
         for axes in self.axes[-1, -1]:
             axes.set_xlabel(x)
-        handles, labels = self.axes[0, 0, 0].get_legend_handles_labels()
-        self.figure.legend(handles, labels, loc="outside lower right", ncols=3, fontsize="small")
+        add_legend(self.axes[0, 0, 0], columns=3, where="lower right")
         self.figure.suptitle(f"{model.name}: nominal" + (f" and {count} samples" if count else ""))
 
 

@@ -30,6 +30,7 @@ from mbdlft.show.figures.figures import (
     COLORS,
     SAMPLES,
     WORST,
+    add_legend,
     check_figure,
     check_parameter,
     draw_grid,
@@ -37,6 +38,7 @@ from mbdlft.show.figures.figures import (
     facts,
     over_frequency,
     panel,
+    panel_columns,
     write_figure,
 )
 from mbdlft.system.model import LFTModel, System
@@ -101,7 +103,7 @@ def save_pole_map(
         axes.set_title(f"{model.name}: poles of samples")
     axes.plot(nominal.real, nominal.imag, "x", color="black", markersize=7.0, label="nominal")
     _frame(axes, np.concatenate([drawn.ravel(), nominal]))
-    figure.legend(loc="outside lower right", ncols=2, fontsize="small")
+    add_legend(axes, where="lower right")
     write_figure(figure, path)
 
 
@@ -190,7 +192,7 @@ def save_growth(
     if len(values) and np.min(values) > 0.0 and np.max(values) > _DECADE * np.min(values):
         axes.set_yscale("log")
         draw_grid(axes)
-    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
+    add_legend(axes)
     write_figure(figure, path)
 
 
@@ -262,7 +264,7 @@ def save_mu(
         axes.plot([at], [1.0 / margin.upper], "o", color=WORST, markersize=5.0, label=label)
     over_frequency(axes, low, high)
     axes.set_ylim(bottom=0.0)
-    figure.legend(loc="outside lower center", ncols=2, fontsize="small")
+    add_legend(axes)
     write_figure(figure, path)
 
 
@@ -323,7 +325,7 @@ def orders_figure(model: LFTModel) -> Figure:
         proved = "not exact; the bounds are those of exact models"
     axes.set(title=f"{model.name}: order {model.order}, {proved}", xlabel="repetitions")
     axes.grid(visible=True, axis="x", linewidth=0.3, alpha=0.5)
-    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    add_legend(axes, columns=3)
     return figure
 
 
@@ -365,7 +367,7 @@ def save_trims(path: str | Path, model: System, parameter: str | None = None, se
     largest = _sizes(trimmed, np.concatenate([curves.low, curves.high]))
     change = (np.max(curves.high, axis=0) - np.min(curves.low, axis=0)) / largest
     shown = sorted(sorted(range(len(signals)), key=lambda k: -change[k])[:_MOST])
-    wide = min(3, len(shown))
+    wide = panel_columns(min(3, len(shown)))
     tall = math.ceil(len(shown) / wide)
     figure = Figure(figsize=(2.0 + 3.4 * wide, 1.2 + 2.5 * tall), layout="constrained")
     unit = trimmed.parameters[name].unit
@@ -384,8 +386,7 @@ def save_trims(path: str | Path, model: System, parameter: str | None = None, se
         draw_grid(axes)
     more = f", {_MOST} of {len(signals)} signals" if len(signals) > _MOST else ""
     figure.suptitle(f"{model.name}: what holds the equilibrium, over {name}{more}")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2,
-                  fontsize="small")  # fmt: skip
+    add_legend(axes)
     write_figure(figure, path)
 
 

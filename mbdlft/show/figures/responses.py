@@ -4,13 +4,14 @@ A Bode diagram and a step response have a panel for each channel; singular value
 worst case beside the cloud of the samples.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
@@ -29,6 +30,7 @@ from mbdlft.show.figures.figures import (
     COLORS,
     SAMPLES,
     WORST,
+    add_legend,
     channel_panels,
     check_figure,
     decibels,
@@ -40,6 +42,7 @@ from mbdlft.show.figures.figures import (
     mark_unbounded,
     over_frequency,
     panel,
+    panel_columns,
     set_heights,
     write_figure,
 )
@@ -49,6 +52,8 @@ Complex = NDArray[np.complex128]
 _MOST_BODE, _MOST_STEPS = 16, 25  # channels that one figure has room for
 _MOST_BELOW = 4  # singular values whose legend has room below the axes
 _RIGHT_ANGLE = 90.0  # deg
+_NYQUIST = 5.0  # the largest size that is seen, where the critical point is at 1
+_PEAKS = (3.0, 6.0)  # dB, of the closed loop
 
 
 class _Responses(NamedTuple):
@@ -60,6 +65,8 @@ class _Responses(NamedTuple):
     samples: Complex
     at_nominal: Array
     nominal: Complex
+    at_worst: Array
+    worst: Complex | None  # without one, no frequencies
 
     @property
     def ends(self) -> tuple[float, float]:
@@ -67,15 +74,22 @@ class _Responses(NamedTuple):
         return float(self.omega[0, 0]), float(self.omega[0, -1])
 
 
-def _responses(model: System, seed: int, most_samples: int) -> _Responses:
-    """Responses of the nominal model and of random samples, each over its own frequencies."""
+def _responses(
+    model: System, seed: int, most_samples: int, worst: Mapping[str, float] | None
+) -> _Responses:
+    """Responses of the nominal model, of random samples and a worst case, each over own frequencies."""
     values, count = drawn_samples(model, seed, most_samples)
     omega = drawn_frequencies(model, values)
-    at_nominal = drawn_frequencies(model, {}, (float(omega[0, 0]), float(omega[0, -1])))
+    ends = float(omega[0, 0]), float(omega[0, -1])
+    at_nominal = drawn_frequencies(model, {}, ends)
     samples, nominal = (
         frequency_response(model, at, over) for at, over in ((values, omega), ({}, at_nominal))
     )
-    return _Responses(values, count, omega, samples, at_nominal, nominal)
+    if worst is None:
+        return _Responses(values, count, omega, samples, at_nominal, nominal, omega[:0], None)
+    at_worst = drawn_frequencies(model, worst, ends)
+    of_worst = frequency_response(model, worst, at_worst)
+    return _Responses(values, count, omega, samples, at_nominal, nominal, at_worst, of_worst)
 
 
 def save_bode(
@@ -86,6 +100,7 @@ def save_bode(
     most_samples: int = SAMPLES,
     outputs: Names = None,
     inputs: Names = None,
+    worst: Mapping[str, float] | None = None,
 ) -> None:
     """Draw size and phase of each channel, the nominal model over random samples.
 
@@ -96,6 +111,8 @@ def save_bode(
     seed, most_samples : int
         Seed of the random samples, and how many there are at most.
     outputs, inputs : names of channels; all by default
+    worst : mapping of names to physical values, optional
+        A worst case to draw, such as `Bounds.worst`.
 
     Raises
     ------
@@ -105,7 +122,7 @@ def save_bode(
     """
     check_figure(path)
     channels = channel_panels(model, outputs, inputs, _MOST_BODE, 3.6, (2, 1))
-    r = _responses(model, seed, most_samples)
+    r = _responses(model, seed, most_samples, worst)
     for i, row in enumerate(channels.rows):
         for k, column in enumerate(channels.columns):
             size, phase = channels.axes[i, :, k]
@@ -114,6 +131,9 @@ def save_bode(
                 if r.drawn:
                     draw_cloud(axes, r.omega, curves, COLORS[0], 0.2, "samples")
                 axes.plot(r.at_nominal[0], middle[0], color="black", linewidth=1.2, label="nominal")
+                if r.worst is not None:
+                    worst_curve = kind(r.worst[:, :, row, column])[0]
+                    axes.plot(r.at_worst[0], worst_curve, color=WORST, linewidth=1.0, label="worst case")
                 over_frequency(axes, *r.ends)
                 draw_grid(axes, "both")
                 if axes is size:
@@ -138,6 +158,146 @@ def _phase(values: Complex) -> Array:
     phases = np.degrees(np.angle(values))
     jumps = np.abs(np.diff(phases, axis=1, prepend=phases[:, :1])) > 2.0 * _RIGHT_ANGLE
     return np.where(jumps, np.nan, phases)
+
+
+def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any) -> None:
+    """Draw each channel as a curve of its complex values, the nominal model over random samples.
+
+    The critical point is that of u = -y.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    model : System or LFTModel
+    seed : int
+        Seed of the random samples.
+    **options
+        Keywords of `save_bode`: most_samples, outputs, inputs, worst.
+
+    Raises
+    ------
+    AnalysisError
+        As by `save_bode`.
+    """
+    _save_loops(path, model, seed, _nyquist, "real part", **options)
+
+
+def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any) -> None:
+    """Draw size over phase of each channel, the nominal model over random samples.
+
+    Dotted lines are where the loop of u = -y has |L/(1 + L)| of 3 and 6 dB.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    model : System or LFTModel
+    seed : int
+        Seed of the random samples.
+    **options
+        Keywords of `save_bode`: most_samples, outputs, inputs, worst.
+
+    Raises
+    ------
+    AnalysisError
+        As by `save_bode`.
+    """
+    _save_loops(path, model, seed, _nichols, "phase (deg)", **options)
+
+
+_Draw = Callable[[Axes, Complex, Complex, Complex | None, Signal, Signal], None]
+
+
+def _save_loops(
+    path: str | Path,
+    model: System,
+    seed: int,
+    draw: _Draw,
+    x: str,
+    *,
+    most_samples: int = SAMPLES,
+    outputs: Names = None,
+    inputs: Names = None,
+    worst: Mapping[str, float] | None = None,
+) -> None:
+    check_figure(path)
+    channels = channel_panels(model, outputs, inputs, _MOST_BODE, 4.0)
+    r = _responses(model, seed, most_samples, worst)
+    for i, row in enumerate(channels.rows):
+        for k, column in enumerate(channels.columns):
+            axes, at = channels.axes[i, 0, k], (slice(None), slice(None), row, column)
+            output, source = model.outputs[row], model.inputs[column]
+            draw(
+                axes,
+                r.samples[at],
+                r.nominal[at],
+                None if r.worst is None else r.worst[at],
+                output,
+                source,
+            )
+            axes.set_title(f"{source.name} to {output.name}", fontsize="medium")
+            draw_grid(axes)
+    channels.finish(model, r.drawn, x)
+    write_figure(channels.figure, path)
+
+
+def _draw_curves(
+    axes: Axes, kind: Callable[[Complex], tuple[Array, Array]], curves: Sequence[Any]
+) -> None:
+    """Curves of samples, of the nominal model, and of a worst case."""
+    samples, nominal, worst = curves
+    draw_cloud(axes, *kind(samples), COLORS[0], 0.15, "samples")
+    for values, color, label in ((nominal, "black", "nominal"), (worst, WORST, "worst case")):
+        if values is not None:
+            x, y = kind(values)
+            axes.plot(x[0], y[0], color=color, linewidth=1.2, label=label)
+
+
+def _nyquist(axes: Axes, *curves: Any) -> None:
+    *values, output, source = curves
+
+    def both_halves(response: Complex) -> tuple[Array, Array]:
+        gap = np.full((len(response), 1), np.nan)
+        real, imaginary = response.real, response.imag
+        return np.hstack([real, gap, real]), np.hstack([imaginary, gap, -imaginary])
+
+    _draw_curves(axes, both_halves, values)
+    sizes = np.abs(np.concatenate([value.ravel() for value in values if value is not None]))
+    reach = float(np.clip(1.1 * np.max(sizes[np.isfinite(sizes)], initial=0.0), 1.5, _NYQUIST))
+    turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 181))
+    axes.plot(turn.real, turn.imag, ":", color="black", linewidth=0.7)
+    axes.plot([-1.0], [0.0], "+", color=WORST, markersize=8.0, label="critical point")
+    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
+    axes.set_ylabel(f"imaginary part ({output.unit} / ({source.unit}))", fontsize="small")
+
+
+def _nichols(axes: Axes, *curves: Any) -> None:
+    *values, output, source = curves
+
+    def size_over_phase(response: Complex) -> tuple[Array, Array]:
+        return np.stack([_unwrapped(curve) for curve in response]), _size(response)
+
+    _draw_curves(axes, size_over_phase, values)
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)[1:-1]
+    for peak in _PEAKS:
+        closed = 10.0 ** (peak / 20.0) * np.exp(1j * angle)
+        loop = closed / (1.0 - closed)
+        label = "" if peak > _PEAKS[0] else "closed loop: 3 and 6 dB"
+        axes.plot(
+            _unwrapped(loop), decibels(np.abs(loop)), ":", color="black", linewidth=0.8, label=label
+        )
+    axes.plot([-180.0], [0.0], "+", color=WORST, markersize=8.0, label="critical point")
+    set_heights(axes, np.concatenate([_size(value).ravel() for value in values if value is not None]))
+    axes.xaxis.set_major_locator(MultipleLocator(_RIGHT_ANGLE))
+    axes.set_ylabel(f"size (dB of {output.unit} / ({source.unit}))", fontsize="small")
+
+
+def _unwrapped(curve: Complex) -> Array:
+    """Phases (deg) without jumps, the first in (-360, 0]; nan where the curve is infinite."""
+    phases, some = np.full(len(curve), np.nan), np.isfinite(curve) & (curve != 0.0)
+    if np.any(some):
+        turned = np.degrees(np.unwrap(np.angle(curve[some])))
+        phases[some] = turned - 4.0 * _RIGHT_ANGLE * np.ceil(turned[0] / (4.0 * _RIGHT_ANGLE))
+    return phases
 
 
 def save_singular_values(
@@ -176,7 +336,7 @@ def save_singular_values(
             f"model {model.name!r}: without inputs or outputs there are no singular values to draw. "
             "Choose some in [linearize]."
         )
-    r = _responses(model, seed, most_samples)
+    r = _responses(model, seed, most_samples, worst)
     samples, nominal = (decibels(singular_values(values)) for values in (r.samples, r.nominal))
     inside = nominal.shape[2] <= _MOST_BELOW
     unit = f"singular values (dB of {gain_unit(model)})"
@@ -189,10 +349,9 @@ def save_singular_values(
     for k in range(nominal.shape[2]):  # singular values are sorted, so these curves do not cross
         label = "" if k else "nominal"
         axes.plot(r.at_nominal[0], nominal[0, :, k], color="black", linewidth=1.2, label=label)
-    if worst is not None:
-        at_worst = drawn_frequencies(model, worst, r.ends)
-        highest = decibels(singular_values(frequency_response(model, worst, at_worst)))
-        _draw_worst(axes, at_worst[0], highest[0, :, 0], "worst case", model, worst)
+    if worst is not None and r.worst is not None:
+        highest = decibels(singular_values(r.worst))
+        _draw_worst(axes, r.at_worst[0], highest[0, :, 0], "worst case", model, worst)
     elif r.drawn:
         k = int(np.argmax(np.max(peaks(samples[:, :, 0]), axis=1)))
         sample = {name: float(column[k]) for name, column in r.values.items()}
@@ -205,10 +364,7 @@ def save_singular_values(
         axes.axhline(heights[-1][0], color=WORST, linestyle="--", label=label)
     mark_unbounded(axes, model)
     set_heights(axes, np.concatenate(heights))
-    if inside:
-        figure.legend(loc="outside lower center", ncols=2, fontsize="small")
-    else:
-        figure.legend(loc="outside right upper", fontsize="small")
+    add_legend(axes, columns=2 if inside else 1, where="lower center" if inside else "right upper")
     write_figure(figure, path)
 
 
@@ -227,7 +383,13 @@ def _draw_worst(
 
 
 def save_step(
-    path: str | Path, model: System, seed: int = 0, *, outputs: Names = None, inputs: Names = None
+    path: str | Path,
+    model: System,
+    seed: int = 0,
+    *,
+    outputs: Names = None,
+    inputs: Names = None,
+    worst: Mapping[str, float] | None = None,
 ) -> None:
     """Draw step responses of each channel, the nominal model over random samples.
 
@@ -238,6 +400,8 @@ def save_step(
     seed : int
         Seed of the samples.
     outputs, inputs : names of channels; all by default
+    worst : mapping of names to physical values, optional
+        A worst case to draw, such as `Bounds.worst`.
 
     Raises
     ------
@@ -255,6 +419,7 @@ def save_step(
     times = response_times(model, values)
     nominal = step_response(model, {}, times, **names).values[0]
     samples = step_response(model, values, times, **names).values if count else nominal[None]
+    at_worst = None if worst is None else step_response(model, worst, times, **names).values[0]
     for i, row in enumerate(channels.rows):
         for k, column in enumerate(channels.columns):
             axes = channels.axes[i, 0, k]
@@ -265,6 +430,8 @@ def save_step(
                     label="from the lowest to the highest sample",
                 )  # fmt: skip
             axes.plot(times, nominal[:, i, k], color="black", linewidth=1.2, label="nominal")
+            if at_worst is not None:
+                axes.plot(times, at_worst[:, i, k], color=WORST, linewidth=1.0, label="worst case")
             output, step = model.outputs[row], model.inputs[column]
             axes.set_title(f"step of {step.name} to {output.name}", fontsize="medium")
             axes.set_ylabel(f"{output.unit} / ({step.unit})", fontsize="small")
@@ -298,7 +465,7 @@ def save_motions(
     check_figure(path)
     if not 0 < len(outputs) <= _MOST_STEPS:
         raise AnalysisError(f"{name}: {len(outputs)} outputs; expected 1 to {_MOST_STEPS} to draw.")
-    columns = 1 if len(outputs) < 4 else 2
+    columns = panel_columns(1 if len(outputs) < 4 else 2)
     rows = -(-len(outputs) // columns)
     figure = Figure(figsize=(5.0 * columns + 1.0, 1.0 + 2.0 * rows), layout="constrained")
     panels = figure.subplots(rows, columns, sharex=True, squeeze=False)
@@ -313,7 +480,6 @@ def save_motions(
         axes.set_visible(False)
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    handles, labels = panels[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower right", ncols=3, fontsize="small")
+    add_legend(panels[0, 0], columns=3, where="lower right")
     figure.suptitle(name)
     write_figure(figure, path)
