@@ -60,8 +60,7 @@ class InDigits(NamedTuple):
 
 def equations_in_digits(exact: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> InDigits:
     """The exact equations of a scene, trimmed and linearized."""
-    with precision(BITS):
-        trim, tape = _tapes(exact, tuple(inputs), tuple(outputs))
+    trim, tape = _tapes(exact, tuple(inputs), tuple(outputs))
 
     def slopes(point: Array) -> Balls:
         physical = [flint.arb(float(x)) for x in point]
@@ -73,8 +72,7 @@ def equations_in_digits(exact: Equations, inputs: Sequence[int], outputs: Sequen
 
 def relations_in_digits(m: LinearModel, slopes: ca.SX) -> InDigits:
     """Linear relations, whose slopes by unknown and known signals are given."""
-    with precision(BITS):
-        tape = _tape(m.p, slopes)
+    tape = _tape(m.p, slopes)
 
     def at(point: Array) -> Balls:
         return tape.at([_internal(*pair) for pair in zip(m.parameters, point, strict=True)])[0]
@@ -175,7 +173,8 @@ def _tape(argument: ca.SX, expressions: ca.SX | Sequence[ca.SX]) -> _Tape:
     constants, numbers = constants_in(ca.veccat(*sparse))
     field = Field(numbers)
     function = ca.Function("digits", [argument, constants], sparse)
-    return _Tape(function, [field.of(number).ball for number in numbers])
+    with precision(BITS):
+        return _Tape(function, [field.of(number).ball for number in numbers])
 
 
 def physical_in_digits(exact: Equations) -> ParameterSymbols:

@@ -1,5 +1,7 @@
 """Linearizations, trims and responses in doubles are within a hundred roundings of many digits."""
 
+from fractions import Fraction
+
 import mpmath
 import numpy as np
 import pytest
@@ -40,3 +42,33 @@ def test_responses_over_time(seed: int) -> None:
             error = np.max(np.abs(values - np.array(expected, dtype=float)))
 
             assert ROOM * error <= MOST_ROUNDINGS * EPS * np.max(np.abs(found))
+
+
+def test_the_trim_in_digits_has_them_whoever_asks_first() -> None:
+    """Two weights on a beam at 45 deg that nearly balance: seven of 16 digits cancel."""
+    turned = mbdlft.Rotation(axis=(0, 1, 0), angle=0.7853981633974483)
+    inertia = mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1)
+    arms = {"left": 0.7, "right": -0.7000001}
+    scene = mbdlft.Scene(
+        name="scales",
+        gravity=(0.0, 0.0, -9.81),
+        bodies=[
+            mbdlft.RigidBody(name="beam", mass=0.2, inertia=inertia),
+            *(
+                mbdlft.RigidBody(name=name, mass=1.3, center_of_mass=(x, 0, 0), inertia=inertia)
+                for name, x in arms.items()
+            ),
+        ],
+        joints=[
+            mbdlft.Revolute(name="pin", parent="ground", child="beam", axis=(0, 1, 0)),
+            *(
+                mbdlft.Fixed(name=f"{name} weld", parent="beam", child=name, orientation=[turned])
+                for name in arms
+            ),
+        ],
+    )
+    in_digits = problem_of_scene(scene).reference().trim_in_digits
+    assert in_digits is not None
+    truth, _ = in_digits()
+    torque = float(-Fraction("1.3") * Fraction("9.81") * Fraction("-0.0000001")) * np.sqrt(0.5)
+    assert abs(abs(truth[0, 0]) - torque) <= 2.0 * EPS * torque
