@@ -89,8 +89,30 @@ def residues_alone(a: ExactLFT) -> ExactLFT:
     return ExactLFT(ExactMatrix(M.residues, np.empty((0, 0), object), M.prime), a.blocks)
 
 
+def _in_touch(a: ExactLFT) -> ExactLFT:
+    """The channels that an input reaches and that reach an output along entries that are not zero.
+
+    It is much faster than a reduction, which would leave the others out, too.
+    """
+    n, some = a.order, a.M.residues != 0
+    kept = np.ones(n, dtype=bool)
+    for entries in (some, some.T):
+        fresh = reached = entries[:n, n:].any(axis=1)
+        while fresh.any():
+            fresh = entries[:n, :n][:, fresh].any(axis=1) & ~reached
+            reached = reached | fresh
+        kept &= reached
+    if kept.all():
+        return a
+    rows, columns = (np.append(kept, np.ones(count - n, dtype=bool)) for count in a.M.shape)
+    sizes = [int(np.sum(kept[part])) for part in a.parts]
+    blocks = (Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True))
+    return ExactLFT(a.M[rows][:, columns], tuple(blocks))
+
+
 def reduce_exactly(a: ExactLFT) -> ExactLFT:
     """The LFT of equal value whose order is minimal for deltas that do not commute."""
+    a = _in_touch(a)
     M, sizes = reduced(a.M, [block.size for block in a.blocks])
     return ExactLFT(
         M, tuple(Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True))

@@ -59,6 +59,11 @@ def root(value: float | Fraction) -> float | ca.SX:
 
 def unit_vector(direction: Sequence[float | Fraction]) -> ca.SX:
     """A direction (3,) with unit length; a zero component is a structural zero."""
+    return ca.SX(_unit_vector(tuple(direction)))  # a copy
+
+
+@lru_cache(maxsize=_SHARED)
+def _unit_vector(direction: tuple[float | Fraction, ...]) -> ca.SX:
     exact = [x if isinstance(x, Fraction) else decimal(x) for x in direction]
     largest = max(exact, key=abs)
     # parallel directions have the same numbers
