@@ -1,9 +1,9 @@
+from .loading import load_modelica as load_modelica
 from .table import ModelicaTable as ModelicaTable
 from .table import load_modelica_table as load_modelica_table
 from .table import modelica_table_from_toml as modelica_table_from_toml
 from .text import flat_model as flat_model
 from .translation import ModelicaReport as ModelicaReport
-from .translation import load_modelica as load_modelica
 from .translation import operating_point as operating_point
 from .translation import structure_of as structure_of
 from .translation import translate as translate

@@ -5,27 +5,31 @@ followed on the syntax tree, where every parameter still has its unit: a written
 unit or one that is not known here, may carry any unit.
 """
 
+import math
 import operator
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from fractions import Fraction
 from functools import partial, reduce
+from types import MappingProxyType
 from typing import Any
+
+import casadi as ca
 
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.dae import OPEN, SECOND, Measure, compared, measure_of, plain
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
+from mbdlft.modelica.functions import Run
+from mbdlft.modelica.initial import RESULTS
 from mbdlft.modelica.tree import Expression, shorter, write
 from mbdlft.modelica.values import Value
 
-_EVENTS = (
-    *("pre", "edge", "change", "sample", "reinit", "initial", "terminal", "delay"),
-    *("spatialDistribution", "div", "mod", "rem"),
-)
+_EVENTS = ("sample", "reinit", "delay", "spatialDistribution")
 # their value here is their first argument
-_SAME = ("noEvent", "homotopy", "scalar", "vector", "pure")
+_SAME = ("noEvent", "homotopy", "pure")
+_NEVER = ("initial", "terminal", "edge", "change")  # in an equilibrium
 _LIBRARY = "Modelica.Math."  # whose functions have the names of those of the language
 _MOST_ENTRIES = 10_000
 _LONG, _MOST_FACTORS = 50, 1000
@@ -35,9 +39,12 @@ class Evaluator:
     """Evaluates expressions: `lookup` is the value of a name, or None; `derivative` is der of a value."""
 
     def __init__(
-        self, lookup: Callable[[str], Value | None], derivative: Callable[[Value], Value]
+        self,
+        lookup: Callable[[str], Value | None],
+        derivative: Callable[[Value], Value],
+        functions: Mapping[str, tree.Function] = MappingProxyType({}),
     ) -> None:
-        self.lookup, self.derivative = lookup, derivative
+        self.lookup, self.derivative, self.functions = lookup, derivative, functions
         self.indices: dict[str, Value] = {}
 
     def value(self, expression: Expression) -> Value:
@@ -64,6 +71,13 @@ class Evaluator:
                 return self.range_of(expression)
             case tree.Comprehension(entry, index, values):
                 return tuple(self.with_index(index, values, lambda: self.value(entry)))
+            case tree.Entry(base, subscripts):
+                return self._indexed(write(base), self.value(base), subscripts)
+            case tree.Member(base, field):
+                record = self.value(base)
+                if not isinstance(record, dict) or field not in record:
+                    raise SceneError(f"{write(base)} has no field {field!r}.")
+                return record[field]
 
     def _chain(self, first: Expression, operations: list[tuple[str, Expression]]) -> Value:
         """first (operator) right ...; a long sum is added in pairs: CasADi does not take deep graphs."""
@@ -149,12 +163,18 @@ class Evaluator:
         first, others = subscripts[0], subscripts[1:]
         if not isinstance(value, tuple):
             raise SceneError(f"{name!r} has more subscripts than dimensions.")
-        size = tree.Number(str(len(value)))
-        (positions,) = self.with_index("end", tree.Array((size,)), lambda: self._positions(first, size))
-        chosen = tuple(self._entry(name, value, k) for k in positions)
+        chosen = tuple(self._entry(name, value, k) for k in self.positions(first, len(value)))
         if others:
             chosen = tuple(self._indexed(name, entry, others) for entry in chosen)
         return chosen if isinstance(first, tree.Range) else chosen[0]
+
+    def positions(self, subscript: Expression, count: int) -> list[int]:
+        """The positions that a subscript means, counted from 1, in an array of so many entries."""
+        size = tree.Number(str(count))
+        (positions,) = self.with_index(
+            "end", tree.Array((size,)), lambda: self._positions(subscript, size)
+        )
+        return list(positions)
 
     def _positions(self, subscript: Expression, size: tree.Number) -> list[int]:
         if not isinstance(subscript, tree.Range):
@@ -181,13 +201,40 @@ class Evaluator:
             value = v.chosen(condition_value, self.value(then), value)
         return value
 
+    def _before(self, argument: Expression) -> Value:
+        """pre of what is discrete: in an equilibrium, its value."""
+        value = self.value(argument)
+        if isinstance(value, ca.SX) and not v.number_of(value):
+            raise SceneError(f"pre() makes or sees events; it is not supported of {write(argument)}.")
+        return value
+
+    def results(self, call: Expression) -> tuple[Value, ...]:
+        """All results of a call of a function of the model."""
+        if not isinstance(call, tree.Call) or call.function not in self.functions:
+            raise SceneError(f"{write(call)} has one result.")
+        arguments = [self.value(argument) for argument in call.arguments]
+        run = Run(self.functions[call.function], partial(Evaluator, functions=self.functions))
+        return run.results(arguments)
+
     def _call(self, name: str, arguments: tuple[Expression, ...]) -> Value:
         function = name.removeprefix(_LIBRARY)
         if function in _SAME and arguments:
             return self.value(arguments[0])
+        if function == RESULTS and len(arguments) == 1:
+            return self.results(arguments[0])
+        if function == "pre" and len(arguments) == 1:
+            return self._before(arguments[0])
+        if function in _NEVER:
+            return False
+        if name in self.functions and (function == name or (function, len(arguments)) not in _FUNCTIONS):
+            return self.results(tree.Call(name, arguments))[0]
         values = [self.value(argument) for argument in arguments]
+        if not name:
+            return tuple(values)
         if function == "der" and len(values) == 1:
             return v.each(self.derivative, values[0])
+        if function == "cat" and len(values) > 1:
+            return _cat(*values)
         if (function, len(values)) in _FUNCTIONS:
             try:
                 return _FUNCTIONS[function, len(values)](*values)
@@ -204,6 +251,16 @@ class Evaluator:
             f"the function {name} of {len(values)} arguments is not supported. Supported are the "
             "functions of the language itself; write its formula into the equation."
         )
+
+
+def _divided(a: Value, b: Value, *, function: str) -> Value:
+    """div, mod or rem of two numbers."""
+    x, y = (v.number_of(value) for value in (a, b))
+    if x is None or not y:
+        raise SceneError(f"{function} of what is no number makes events; they are not supported.")
+    if function == "div":
+        return Fraction(int(x / y))
+    return x - y * (math.floor(x / y) if function == "mod" else int(x / y))
 
 
 def _filled(function: str, values: list[Value]) -> Value:
@@ -243,6 +300,31 @@ def _size(array: Value, dimension: Value = Fraction(1)) -> Value:
     return Fraction(len(array))
 
 
+def _matrix(a: Value) -> Value:
+    rows = a if isinstance(a, tuple) else (a,)
+    return tuple(row if isinstance(row, tuple) else (row,) for row in rows)
+
+
+def _cat(dimension: Value, *arrays: Value) -> Value:
+    """Arrays one behind the other in a dimension."""
+    if dimension == 1:
+        return tuple(entry for array in arrays for entry in array)
+    if len({len(array) for array in arrays}) > 1:
+        raise SceneError(f"blocks of {', '.join(str(len(a)) for a in arrays)} rows in one row.")
+    return tuple(_cat(dimension - 1, *rows) for rows in zip(*arrays, strict=True))
+
+
+def _flat(values: Value) -> Iterator[Value]:
+    for entry in values:
+        yield from _flat(entry) if isinstance(entry, tuple) else (entry,)
+
+
+def _sizes(array: Value) -> Iterator[Fraction]:
+    while isinstance(array, tuple):
+        yield Fraction(len(array))
+        array = array[0] if array else None
+
+
 _larger, _smaller = (partial(v.extreme, largest=largest) for largest in (True, False))
 _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and number of arguments
     **{(name, 1): partial(v.each, partial(v.applied, name)) for name in v.UNARY},
@@ -250,8 +332,9 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and nu
     ("smooth", 2): lambda order, value: value,
     ("max", 2): _larger,
     ("min", 2): _smaller,
-    ("max", 1): lambda values: reduce(_larger, values),
-    ("min", 1): lambda values: reduce(_smaller, values),
+    ("max", 1): lambda values: reduce(_larger, _flat(values)),
+    ("min", 1): lambda values: reduce(_smaller, _flat(values)),
+    ("outerProduct", 2): lambda a, b: tuple(tuple(v.binary("*", x, y) for y in b) for x in a),
     ("atan2", 2): v.arctangent,
     ("sum", 1): v.total,
     ("semiLinear", 3): _semi_linear,
@@ -261,6 +344,12 @@ _FUNCTIONS: Mapping[tuple[str, int], Callable[..., Value]] = {  # by name and nu
     ("identity", 1): lambda size: _diagonal((Fraction(1),) * int(size)),
     ("diagonal", 1): _diagonal,
     ("size", 2): _size,
+    ("size", 1): lambda a: tuple(_sizes(a)),
+    **{(name, 2): partial(_divided, function=name) for name in ("div", "mod", "rem")},
+    ("matrix", 1): _matrix,
+    ("vector", 1): lambda a: tuple(_flat(a if isinstance(a, tuple) else (a,))),
+    ("scalar", 1): lambda a: next(_flat(a if isinstance(a, tuple) else (a,))),
+    ("String", 0): lambda: "",
 }
 
 

@@ -6,7 +6,7 @@ its spans, numbers as they are written, and annotations.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -115,14 +115,10 @@ class _Reader:
             raise self._unknown(f"the table {strange[0]!r}")
         if self.tables["is_partial"]:
             raise SceneError(f"{self.sources.name}: model {self.name!r} is partial.")
-        for key in ("structured_equations", "initial_structured_equations"):
-            for family in self.tables[key]:
-                if not family["interiors_materialized"]:
-                    raise self._unknown("a loop that is not written out")
+        chains = self.tables["when_chains"]
         refused = [
             *(self._algorithm(a, "the algorithm") for a in self.tables["algorithms"]),
-            *(self._algorithm(a, "the initial algorithm") for a in self.tables["initial_algorithms"]),
-            *(self._when(chain) for chain in self.tables["when_chains"]),
+            *(self._refused_event(chain) for chain in chains if not self._held(chain)),
         ]
         checks = (*self.tables["assert_equations"], *self.tables["initial_assert_equations"])
         return tree.FlatModel(
@@ -130,13 +126,19 @@ class _Reader:
             self.sources.name,
             tuple(self._declaration(item) for item in self.tables["variables"].values()),
             (
-                *(self._equation(item) for item in self.tables["equations"]),
+                *self._equations("equations", "structured_equations"),
                 *(self._check(item) for item in checks),
             ),
-            tuple(self._equation(item) for item in self.tables["initial_equations"]),
+            (
+                *self._equations("initial_equations", "initial_structured_equations"),
+                *(self._statement(s) for a in self.tables["initial_algorithms"] for s in a["statements"]),
+            ),
             tuple(refused),
             self.tables["model_description"] or "",
             tuple(self._selections()),
+            {name: self._function(item) for name, item in self.tables["functions"].items()},
+            dict(self._records()),
+            tuple(self._event(chain) for chain in chains if self._held(chain)),
         )
 
     def _unknown(self, what: str, span: Any = None) -> SceneError:
@@ -192,11 +194,53 @@ class _Reader:
 
     # equations -------------------------------------------------------------------------------
 
-    def _equation(self, item: Mapping[str, Any]) -> tree.Equation:
-        residual, line = self._expression(item["residual"]), self.sources.line(item["span"])
+    def _equation(self, item: Mapping[str, Any]) -> tree.Statement:
+        return self._zero(self._expression(item["residual"]), self.sources.line(item["span"]))
+
+    def _zero(self, residual: Expression, line: int) -> tree.Statement:
+        """The equation residual = 0; a choice of equations, of which the compiler makes one residual."""
+        match residual:
+            case tree.Binary("-", tree.If(), tree.Number("0" | "0.0")):
+                residual = residual.left
+        if isinstance(residual, tree.If):
+            branches = tuple((when, (self._zero(then, line),)) for when, then in residual.branches)
+            return tree.Choice(branches, (self._zero(residual.otherwise, line),), line)
         if isinstance(residual, tree.Binary) and residual.operator == "-":
             return tree.Equation(residual.left, residual.right, line)
         return tree.Equation(residual, tree.Number("0"), line)
+
+    def _equations(self, key: str, loops: str) -> Iterator[tree.Statement]:
+        """Equations, with a loop where the compiler has not written all runs of it."""
+        items, place = self.tables[key], 0
+        for family in sorted(self.tables[loops], key=lambda f: int(f["first_equation_index"])):
+            if family["interiors_materialized"]:
+                continue
+            first, indices = family["first_equation_index"], family["domain"]["binders"]
+            runs = [range(i["lower"], i["upper"] + 1, i["step"]) for i in indices]
+            body = family["template"]["body"]
+            span = family["span"]
+            if len(body) != family["equations_per_point"] or first < place:
+                raise self._unknown("a loop that is written out in part", span)
+            yield from (self._equation(item) for item in items[place:first])
+            place = first + math.prod(map(len, runs)) * len(body)
+            yield from self._loop(indices, [self._equation({"residual": e, "span": span}) for e in body])
+        yield from (self._equation(item) for item in items[place:])
+
+    def _loop(
+        self, indices: Sequence[Mapping[str, Any]], body: Sequence[tree.Statement]
+    ) -> Sequence[tree.Statement]:
+        for i in reversed(indices):
+            bounds = (tree.Number(str(i[key])) for key in ("lower", "step", "upper"))
+            body = (tree.Loop(i["display_name"], tree.Range(*bounds), tuple(body), 0),)
+        return body
+
+    def _records(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Records by name, with the names of their fields."""
+        kinds = self.tables.get("record_types", {})
+        for name, item in self.tables.get("record_instances", {}).items():
+            kind = kinds.get(str(item["type_def_id"]))
+            if kind is not None and not item["dims"]:
+                yield name, tuple(entry["name"] for entry in kind["fields"])
 
     def _check(self, item: Mapping[str, Any]) -> tree.Check:
         message = self._expression(item["message"])
@@ -210,9 +254,93 @@ class _Reader:
         names = tuple(output["name"] for output in item["outputs"])
         return tree.Refused(what, names, self.sources.line(item["span"]))
 
-    def _when(self, chain: Mapping[str, Any]) -> tree.Refused:
-        names = dict.fromkeys(_set_by(chain))
-        return tree.Refused("the event 'when'", tuple(names), self.sources.line(_first_span(chain)))
+    # functions -------------------------------------------------------------------------------
+
+    def _function(self, item: Mapping[str, Any]) -> tree.Function:
+        line = self.sources.line(item["span"])
+        body = tuple(self._statement(statement) for statement in item["body"])
+        if item["external"]:
+            body = (tree.Refused("the external code", (item["name"],), line),)
+        inputs, outputs, local = (
+            tuple(map(self._argument, item[key])) for key in ("inputs", "outputs", "locals")
+        )
+        return tree.Function(item["name"], inputs, outputs, local, body, item["is_constructor"])
+
+    def _argument(self, item: Mapping[str, Any]) -> tree.Declaration:
+        sizes = self._subscripts({"subscripts": item["shape_expr"]})
+        if not sizes:
+            dims = (item["effective_type"] or {}).get("dimensions", ())
+            sizes = tuple(tree.Number(str(size)) if size else tree.Range() for size in dims)
+        default = None if item["default"] is None else self._expression(item["default"])
+        line = self.sources.line(item["span"])
+        return tree.Declaration(item["name"], item["type_name"], line, sizes, binding=default)
+
+    def _statement(self, item: Any) -> tree.Statement:
+        ((kind, body),) = item.items() if isinstance(item, dict) else ((str(item), {}),)
+        line = self.sources.line(body.get("span") or _first_span(body))
+        match kind:
+            case "Assignment":
+                return tree.Assign((self._assigned(body["comp"]),), self._expression(body["value"]), line)
+            case "FunctionCall" if body["outputs"]:
+                call = tree.Call(body["comp"]["name"], self._all(body["args"]))
+                return tree.Assign(tuple(map(self._assigned, body["outputs"])), call, line)
+            case "If":
+                branches = tuple(
+                    (self._expression(branch["cond"]), tuple(map(self._statement, branch["stmts"])))
+                    for branch in body["cond_blocks"]
+                )
+                return tree.Choice(branches, tuple(map(self._statement, body["else_block"] or ())), line)
+            case "For":
+                inner = tuple(map(self._statement, body["equations"]))
+                for index in reversed(body["indices"]):
+                    inner = (tree.Loop(index["ident"], self._expression(index["range"]), inner, line),)
+                return inner[0]
+            case "Assert":
+                return self._check(body)
+            case _:
+                return tree.Refused(f"the statement {kind!r}", (), line)
+
+    def _assigned(self, item: Mapping[str, Any] | None) -> tree.Reference | None:
+        """What an algorithm sets: a name, with subscripts at its end only."""
+        if item is None:
+            return None
+        *path, last = item["parts"]
+        if any(part["subs"] for part in path):
+            raise self._unknown("an assignment to a part of an entry", item.get("span"))
+        name = ".".join(part["ident"] for part in item["parts"])
+        return tree.Reference(name, self._subscripts({"subscripts": last["subs"]}))
+
+    def _held(self, chain: Mapping[str, Any]) -> bool:
+        """Whether what an event sets keeps its value in an equilibrium.
+
+        It does not where a clock sets what signals give, and `reinit` sets what changes otherwise, too.
+        """
+        tables = list(_tables_in(chain))
+        is_clock = any(table.get("function") == "Sample" for table in tables)
+        resets = any("Reinit" in table for table in tables)
+        return not resets and (not is_clock or self._is_of_time(chain, {"time", *_set_by(chain)}))
+
+    def _refused_event(self, chain: Mapping[str, Any]) -> tree.Refused:
+        line = self.sources.line(_first_span(chain))
+        return tree.Refused("the event 'when'", tuple(dict.fromkeys(_set_by(chain))), line)
+
+    def _event(self, chain: Mapping[str, Any]) -> tree.Event:
+        conditions = (chain["first"], *chain["else_when"])
+        return tree.Event(
+            tuple(dict.fromkeys(_set_by(chain))),
+            self.sources.line(_first_span(chain)),
+            tuple(self._expression(when["condition"]) for when in conditions),
+        )
+
+    def _is_of_time(self, chain: Mapping[str, Any], names: set[str]) -> bool:
+        """Whether an event sets what depends on time, parameters and its own values alone."""
+        for table in _tables_in(chain):
+            name = table["VarRef"]["name"]["name"] if "VarRef" in table else "time"
+            item = self.tables["variables"].get(name, {})
+            constant = isinstance(item.get("variability"), dict) and "Discrete" not in item["variability"]
+            if name not in names and not constant:
+                return False
+        return True
 
     def _selections(self) -> Iterable[tuple[str, int]]:
         """Parameters whose values the compiler has used to choose among equations, with lines."""
@@ -245,6 +373,21 @@ class _Reader:
                 branches = [self._all(branch) for branch in body["branches"]]
                 pairs = tuple((when, then) for when, then in branches)
                 return tree.If(pairs, self._expression(body["else_branch"]))
+            case "ArrayComprehension" if body["filter"] is None:
+                made = self._expression(body["expr"])
+                for index in reversed(body["indices"]):
+                    made = tree.Comprehension(made, index["name"], self._expression(index["range"]))
+                return made
+            case "FieldAccess":
+                return tree.Member(self._expression(body["base"]), body["field"])
+            case "Index":
+                return tree.Entry(self._expression(body["base"]), self._subscripts(body))
+            case "Tuple":
+                return tree.Call("", self._all(body["elements"]))
+            case "StringConversion":
+                return tree.Call("String", ())
+            case "Array" if body.get("kind", "Array") != "Array":
+                return _joined(body["kind"], self._all(body["elements"]))
             case "Array":
                 return tree.Array(self._all(body["elements"]))
             case "Range":
@@ -280,6 +423,9 @@ class _Reader:
         name = body["name"]["name"]
         if name in self.entries and name not in self.tables["variables"]:
             return tree.Text(name.rpartition(".")[2].strip("'"))
+        return tree.Reference(name, self._subscripts(body))
+
+    def _subscripts(self, body: Mapping[str, Any]) -> tuple[Expression, ...]:
         subscripts: list[Expression] = []
         for item in body["subscripts"]:
             ((kind, inner),) = item.items() if isinstance(item, dict) else ((item, {}),)
@@ -292,7 +438,20 @@ class _Reader:
                     subscripts.append(tree.Range())
                 case _:
                     raise self._unknown(f"the subscript {kind!r}", body.get("span"))
-        return tree.Reference(name, tuple(subscripts))
+        return tuple(subscripts)
+
+
+def _joined(kind: str, entries: tuple[Expression, ...]) -> Expression:
+    """``[a, b]`` or ``[a; b]``, whose entries may be blocks; a row of numbers is an array in an array."""
+    if kind == "Horizontal" and all(
+        isinstance(x.operand if isinstance(x, tree.Unary) else x, tree.Number) for x in entries
+    ):
+        return tree.Array((tree.Array(entries),))
+    rows = [x.entries[0] for x in entries if isinstance(x, tree.Array) and len(x.entries) == 1]
+    if kind == "Vertical" and len(rows) == len(entries):
+        return tree.Array(tuple(rows))
+    blocks = (tree.Call("matrix", (entry,)) for entry in entries)
+    return tree.Call("cat", (tree.Number("1" if kind == "Vertical" else "2"), *blocks))
 
 
 def _is_default(item: Mapping[str, Any], key: str) -> bool:

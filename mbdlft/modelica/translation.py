@@ -1,10 +1,8 @@
 """From a Modelica file, by the syntax tree of its flat model, to its DAE and its operating point."""
 
-import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from pathlib import Path
 from typing import TypeVar
 
 import casadi as ca
@@ -17,17 +15,25 @@ from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.evaluation import check_units
-from mbdlft.modelica.rumoca import Sources, model_of_tables
+from mbdlft.modelica.initial import initialized
+from mbdlft.modelica.modes import (
+    Discrete,
+    Point,
+    check_surfaces,
+    found_at,
+    propagated,
+    start_all,
+    without_discrete,
+)
 from mbdlft.modelica.table import ModelicaTable
-from mbdlft.modelica.text import flat_model
-from mbdlft.modelica.tree import Expression, FlatModel, flat_text, shorter, write
+from mbdlft.modelica.tree import Expression, flat_text, shorter, write
 from mbdlft.modelica.values import Value
 from mbdlft.modelica.variables import Variables, names_in, read_values
-from mbdlft.multibody.scene.toml import read_file
 
 T = TypeVar("T")
 
 _PREFERRED = (tree.Reference("StateSelect.prefer"), tree.Reference("StateSelect.always"))
+_MOST_MODES = 50  # that are tried
 _LISTED = 12  # of what is refused
 _TIME = (
     "A variable that a formula of time and parameters alone gives, u = f(time), becomes an input; time "
@@ -82,22 +88,41 @@ def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tupl
         Something in the model has no place in a linear model (the message lists all of it, with lines), a
         name is unknown, a value is missing, a time is not that of a source.
     """
-    _refuse(model)
-    return _Translation(model, table or ModelicaTable()).result()
+    table = table or ModelicaTable()
+    continuous, discrete = without_discrete(initialized(model))
+    _refuse(model, discrete)
+    modes: dict[str, Value] = {}
+    for _ in range(_MOST_MODES):
+        translation = _Translation(continuous, table, discrete, modes)
+        dae, report = translation.result()
+        if not translation.open and not any(event.conditions for event in model.held):
+            return dae, report
+        at = operating_point(dae, report, table)
+        point = Point(at, {p.name: p.nominal for p in dae.parameters})
+        evaluator, place = translation.variables.evaluator, translation.place
+        new = found_at(discrete, translation.open, point)
+        if all(new[name] == translation.variables.values[name] for name in new):
+            check_surfaces(discrete, new, point, evaluator, place)
+            noted = (
+                f"{name} is {v.described(value)} at the operating point" for name, value in new.items()
+            )
+            return dae, replace(report, notes=(*report.notes, *noted))
+        modes = {**modes, **new}
+    raise SceneError(
+        f"{model.source}: model {model.name!r}: the modes {', '.join(sorted(modes))} have no values that "
+        "the equilibrium confirms."
+    )
 
 
-def _refuse(model: tree.FlatModel) -> None:
+def _refuse(model: tree.FlatModel, discrete: Discrete) -> None:
     """Raise a SceneError if something has no place in a linear model."""
-    refused = list(model.refused)
-    for d in model.declarations:
-        if d.variability in ("parameter", "constant"):
-            continue
-        if d.variability == "discrete" or d.type != "Real":
-            kind = f"{d.variability} {d.type}".strip()
-            refused.append(tree.Refused(f"the {kind} variable", (d.name,), d.line))
+    loose = (
+        tree.Refused(f"the {f'{d.variability} {d.type}'.strip()} variable", (d.name,), d.line)
+        for d in discrete.undefined
+    )
+    refused = sorted((*model.refused, *loose), key=lambda item: item.line)
     if not refused:
         return
-    refused.sort(key=lambda item: item.line)
     lines = [
         item.what
         + (f" in line {item.line}" if item.line else "")
@@ -114,8 +139,11 @@ def _refuse(model: tree.FlatModel) -> None:
 class _Translation:
     """One model on its way."""
 
-    def __init__(self, model: tree.FlatModel, table: ModelicaTable) -> None:
-        self.model, self.table = model, table
+    def __init__(
+        self, model: tree.FlatModel, table: ModelicaTable, discrete: Discrete, modes: dict[str, Value]
+    ) -> None:
+        self.model, self.table, self.discrete, self.modes = model, table, discrete, modes
+        self.open: dict[str, Value] = {}  # modes that the equilibrium decides, as expressions
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
         for name, line in model.fixed:
@@ -123,15 +151,17 @@ class _Translation:
             if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
                 text = f"equations are chosen by the value of {name!r}, which cannot stay then: keep it"
                 remedy = f"a number ({name} = false in the table), or choose by a signal."
-                raise SceneError(self._place(line, f"{text} {remedy}"))
-        self.variables = Variables(self.parameters, self._of_declaration)
+                raise SceneError(self.place(line, f"{text} {remedy}"))
+        self.variables = Variables(self.parameters, self._of_declaration, model.functions)
         self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 
     def result(self) -> tuple[Dae, ModelicaReport]:
         if self.table.check_units:
-            check_units(self.model, self._place)
+            check_units(self.model, self.place)
         for d in self.declared:
             self.variables.declare(d)
+        self.variables.declare_records(self.model.records)
+        self._hold()
         bound = [
             tree.Equation(tree.Reference(d.name), d.binding, d.line)
             for d in self.declared
@@ -159,15 +189,30 @@ class _Translation:
         preferred = self._names(lambda d: d.attributes.get("stateSelect") in _PREFERRED)
         return dae, ModelicaReport(tuple(sources), tuple(preferred), tuple(self.parameters.notes))
 
+    def _hold(self) -> None:
+        """Give values to what is discrete."""
+        names, evaluator = self.variables.values, self.variables.evaluator
+        if not self.discrete.declared:
+            return
+        start_all(self.discrete, names, evaluator)
+        names |= self.modes
+        self.open = propagated(self.discrete, names, evaluator, self.variables.at_time_zero)
+        for event in self.model.held:
+            self.parameters.notes.append(
+                f"the event 'when' in line {event.line} does not happen in an equilibrium: "
+                f"{', '.join(event.names)} keeps its value"
+            )
+
     def _names(self, chosen: Callable[[tree.Declaration], bool]) -> list[str]:
         """Names of the variables, and of entries of arrays, whose declarations are chosen."""
         values = [self.variables.values[d.name] for d in self.declared if chosen(d)]
         return [name for value in values for name in names_in(value)]
 
     def _of_declaration(self, d: tree.Declaration) -> str:
-        return self._place(d.line, f"{d.variability or 'variable'} {d.name!r}")
+        return self.place(d.line, f"{d.variability or 'variable'} {d.name!r}")
 
-    def _place(self, line: int | None, what: str) -> str:
+    def place(self, line: int | None, what: str) -> str:
+        """Where something is, and what it is, for messages."""
         return f"{self.model.source}{f', line {line}' if line else ''}: {what}"
 
     # equations -------------------------------------------------------------------------------
@@ -198,9 +243,9 @@ class _Translation:
         except SceneError as error:
             if str(error).startswith(self.model.source):
                 raise
-            raise SceneError(self._place(line, f"{what}: {error}")) from None
+            raise SceneError(self.place(line, f"{what}: {error}")) from None
         except RecursionError:
-            raise SceneError(self._place(line, f"{what[:60]}: is nested too deep.")) from None
+            raise SceneError(self.place(line, f"{what[:60]}: is nested too deep.")) from None
 
     def _value(self, line: int, what: str, expression: Expression) -> Value:
         return self._at(line, what, lambda: self.variables.evaluator.value(expression))
@@ -222,7 +267,7 @@ class _Translation:
         text = f"assert({shorter(write(check.condition))})"
         value = self._value(check.line, text, check.condition)
         if value is False:
-            raise SceneError(self._place(check.line, f"{text} does not hold. {check.message}".strip()))
+            raise SceneError(self.place(check.line, f"{text} does not hold. {check.message}".strip()))
         if value is not True:
             self.parameters.notes.append(f"{text} in line {check.line} is not checked")
 
@@ -241,7 +286,7 @@ class _Translation:
         for value, equations in reversed(made):
             if len(equations) != len(chosen):
                 counts = f"{len(equations)} and {len(chosen)} equations, expected equally many."
-                raise SceneError(self._place(choice.line, f"the branches of 'if' have {counts}"))
+                raise SceneError(self.place(choice.line, f"the branches of 'if' have {counts}"))
             for k, (a, b) in enumerate(zip(equations, chosen, strict=True)):
                 residual = v.chosen(value, a.residual, b.residual)
                 chosen[k] = replace(a, name=f"{a.name}, or {b.name}", residual=residual)
@@ -257,23 +302,50 @@ class _Translation:
         """
         others: list[Equation] = []
         sources: list[str] = []
-        rates = column_of(self.variables.rates.values())
+        known = self._of_time(equations)
         for e in equations:
             if not ca.depends_on(e.residual, self.variables.time):
                 others.append(e)
                 continue
-            variables = self.variables.of(e.residual)
-            slope = ca.jacobian(e.residual, variables[0].symbol) if len(variables) == 1 else ca.SX(0)
-            plain = slope.is_constant() and abs(float(slope)) == 1.0
-            if not plain or ca.depends_on(e.residual, rates):
-                raise SceneError(self._place(e.line, f"{e.name!r} depends on time. {_TIME}"))
-            x = variables[0]
-            at_zero = ca.substitute(e.residual, x.symbol, 0) / -slope
+            name = known.get(id(e))
+            if name is None:
+                raise SceneError(self.place(e.line, f"{e.name!r} depends on time. {_TIME}"))
+            x = self.variables.by_name[name]
+            at_zero = self.of_time[name]
             start = self.variables.at_nominal(at_zero)
             of = self.variables.start_of(at_zero)
             self.variables.by_name[x.name] = replace(x, start=start, start_of=of)
             sources.append(x.name)
         return others, sources
+
+    def _of_time(self, equations: list[Equation]) -> dict[int, str]:
+        """Equations that give a variable as a formula of time and parameters, and its name.
+
+        The formula may use variables that such formulas give; `of_time` has their values.
+        """
+        self.of_time: dict[str, ca.SX] = {}
+        known: dict[int, str] = {}
+        rates = column_of(self.variables.rates.values())
+        used = [(e, {x.name for x in self.variables.of(e.residual)}) for e in equations]
+        used = [(e, names) for e, names in used if not ca.depends_on(e.residual, rates)]
+        if not any(ca.depends_on(e.residual, self.variables.time) for e in equations):
+            return known
+        more = True
+        while more:
+            more = False
+            for e, names in used:
+                unknown = names - self.of_time.keys()
+                if id(e) in known or len(unknown) != 1:
+                    continue
+                x = self.variables.by_name[unknown.pop()]
+                slope = ca.jacobian(e.residual, x.symbol)
+                if slope.is_constant() and abs(float(slope)) == 1.0:
+                    others = [self.variables.by_name[name] for name in names - {x.name}]
+                    symbols = column_of([x.symbol, *(other.symbol for other in others)])
+                    values = column_of([ca.SX(0), *(self.of_time[other.name] for other in others)])
+                    formula = ca.substitute(e.residual, symbols, values) / -slope
+                    self.of_time[x.name], known[id(e)], more = ca.SX(formula), x.name, True
+        return known
 
     def _inputs(self, sources: list[str]) -> list[str]:
         """Names of inputs: what the model itself declares as one, and sources of time."""
@@ -305,7 +377,11 @@ def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
         for a, b in zip(left, right, strict=True):
             yield from _pairs(a, b)
         return
-    if isinstance(left, tuple) or isinstance(right, tuple):
+    if isinstance(left, dict) and isinstance(right, dict) and left.keys() == right.keys():
+        for field, value in left.items():
+            yield from _pairs(value, right[field])
+        return
+    if isinstance(left, tuple | dict) or isinstance(right, tuple | dict):
         raise SceneError(f"{v.described(left)} is to be equal to {v.described(right)}.")
     yield v.to_sx(left) - v.to_sx(right)
 
@@ -349,90 +425,3 @@ def structure_of(
         except StructureError:  # a preference is no condition
             pass
     return reduce_index(dae)
-
-
-FLAT, MODEL = ".mof", ".mo"
-ROOTS = "MODELICAPATH"
-
-
-def load_modelica(
-    path: str | Path,
-    table: ModelicaTable | None = None,
-    *,
-    model: str | None = None,
-    roots: Sequence[str | Path] | None = None,
-) -> tuple[Dae, ModelicaReport]:
-    """The description of the model of a Modelica file.
-
-    Parameters
-    ----------
-    path : file
-        ``.mof``: flat Modelica text. ``.mo``: any model; it is flattened by the compiler rumoca, which
-        the extra `modelica` installs.
-    table : ModelicaTable, optional
-        Which parameters stay, and what else is said beside the model.
-    model : str, optional
-        Which model of a file with several, such as ``Drives.Servo``; by default that of the table, or the
-        only one.
-    roots : folders of libraries, optional
-        By default those of the environment variable MODELICAPATH.
-
-    Returns
-    -------
-    dae : Dae
-    report : ModelicaReport
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or compiled, or `translate` raises an error.
-    """
-    table = table or ModelicaTable()
-    file = Path(path)
-    name = model or table.model
-    text = read_file(file, str)
-    if file.suffix.lower() == FLAT:
-        flat = flat_model(text, file.name)
-        if name is not None and name != flat.name:
-            raise SceneError(f"{file.name}: the model is {flat.name!r}, and not {name!r}.")
-    elif file.suffix.lower() == MODEL:
-        flat = compiled_model(file, name, roots)
-    else:
-        raise SceneError(
-            f"{file.name}: expected a Modelica file: {MODEL}, or {FLAT} for flat text as compilers "
-            "write it."
-        )
-    return translate(flat, table)
-
-
-def compiled_model(
-    file: Path, model: str | None = None, roots: Sequence[str | Path] | None = None
-) -> FlatModel:
-    """The flat model of a Modelica file by the compiler rumoca, with the arguments of `load_modelica`."""
-    try:
-        import rumoca
-    except ImportError:
-        raise SceneError(
-            f"{file.name}: a {MODEL} file needs the compiler rumoca: pip install 'mbdlft[modelica]'. "
-            f"Flat text, as OpenModelica or Dymola write it, needs nothing more: a file NAME{FLAT}."
-        ) from None
-    named = os.environ.get(ROOTS, "").split(os.pathsep) if roots is None else map(str, roots)
-    folders = [folder for folder in named if folder]
-    try:
-        loaded = rumoca.Session(roots=folders).load(str(file), model=model)
-        tables = loaded.to_dict("flat")
-    except (KeyboardInterrupt, SystemExit):
-        raise
-    except BaseException as error:  # those of its language, too, which are no Exception
-        several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
-        raise SceneError(f"{file.name}: the compiler rumoca does not take it: {error}{several}") from None
-    sources = Sources(_files(file, folders), tables["variables"])
-    return model_of_tables(tables, loaded.name, sources)
-
-
-def _files(file: Path, folders: Iterable[str]) -> Iterator[Path]:
-    """The file, its neighbors and all files of libraries."""
-    yield file
-    yield from sorted(other for other in file.parent.glob(f"*{MODEL}") if other != file)
-    for folder in folders:
-        yield from sorted(Path(folder).rglob(f"*{MODEL}"))

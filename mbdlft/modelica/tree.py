@@ -5,7 +5,7 @@ tree has no place for (events, algorithms, functions) is a `Refused`, so that no
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -110,8 +110,36 @@ class Comprehension:
     values: "Expression"
 
 
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """``base[subscripts]``, where the base is no variable of its own."""
+
+    base: "Expression"
+    subscripts: "tuple[Expression, ...]"
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """``base.field``, where the base is a record that a function gives."""
+
+    base: "Expression"
+    field: str
+
+
 Expression = (
-    Number | Text | Truth | Reference | Binary | Unary | Call | If | Array | Range | Comprehension
+    Number
+    | Text
+    | Truth
+    | Reference
+    | Binary
+    | Unary
+    | Call
+    | If
+    | Array
+    | Range
+    | Comprehension
+    | Entry
+    | Member
 )
 
 
@@ -175,6 +203,15 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
+class Assign:
+    """``(targets) := value`` of an algorithm; a target is None where a result is not taken."""
+
+    targets: tuple[Reference | None, ...]
+    value: Expression
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
 class Refused:
     """What is read and cannot be translated: what it is, the names it sets, its line."""
 
@@ -183,7 +220,28 @@ class Refused:
     line: int
 
 
-Statement = Equation | Choice | Loop | Check | Refused
+@dataclass(frozen=True, slots=True)
+class Event:
+    """``when``: what it sets, its line, and the conditions at which it happens."""
+
+    names: tuple[str, ...]
+    line: int
+    conditions: tuple[Expression, ...]
+
+
+Statement = Equation | Choice | Loop | Check | Assign | Refused
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function of the model: its algorithm, or the fields of the record that it makes."""
+
+    name: str
+    inputs: tuple[Declaration, ...]
+    outputs: tuple[Declaration, ...]
+    local: tuple[Declaration, ...]
+    body: "tuple[Statement, ...]"
+    makes_record: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +257,9 @@ class FlatModel:
     comment: str = ""
     # names and lines of parameters that cannot stay: a compiler chose equations by their values
     fixed: tuple[tuple[str, int], ...] = ()
+    functions: Mapping[str, Function] = field(default_factory=dict)
+    records: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # fields of records by name
+    held: tuple["Event", ...] = ()
 
 
 def parts(expression: Expression) -> "tuple[Expression, ...]":
@@ -216,6 +277,19 @@ def walk(expression: Expression) -> Iterator[Expression]:
         node = pending.pop()
         yield node
         pending += reversed(parts(node))
+
+
+def replaced(expression: Any, of: Callable[[Expression], Expression | None]) -> Any:
+    """An expression in which nodes stand that `of` gives in the place of others; None keeps a node."""
+    if isinstance(expression, tuple):
+        return tuple(replaced(entry, of) for entry in expression)
+    if not isinstance(expression, Expression):
+        return expression
+    new = of(expression)
+    if new is not None:
+        return new
+    fields = [replaced(getattr(expression, name), of) for name in expression.__slots__]
+    return type(expression)(*fields)
 
 
 def references(expression: Expression) -> Iterator[Reference]:
@@ -242,7 +316,10 @@ _SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
 
 
 def flat_text(model: FlatModel) -> str:
-    """The text of a flat model that nothing in it is refused of; `flat_model` reads it again."""
+    """The text of a flat model that nothing in it is refused of; `flat_model` reads it again.
+
+    Functions of the model are called in it, and not written.
+    """
     comment = f" {_text(model.comment)}" if model.comment else ""
     name = _part(model.name)
     lines = [f"model {name}{comment}"]
@@ -356,6 +433,10 @@ def _written(expression: Expression) -> str:
             return ":".join(write(bound) for bound in parts(expression)) or ":"
         case Comprehension(value, index, values):
             return f"{{{write(value)} for {index} in {write(values)}}}"
+        case Entry(base, subscripts):
+            return f"{_written(base)}[{_listed(subscripts)}]"
+        case Member(base, field):
+            return f"{_written(base)}.{field}"
         case If(branches, otherwise):
             texts = [f"if {write(when)} then {write(then)}" for when, then in branches]
             return f"({' else'.join(texts)} else {write(otherwise)})"

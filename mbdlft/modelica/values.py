@@ -59,6 +59,8 @@ def described(value: Value) -> str:
     """What a value is, for messages."""
     if isinstance(value, tuple):
         return f"an array of {len(value)}"
+    if isinstance(value, dict):
+        return f"a record of {', '.join(value)}"
     if isinstance(value, str):
         return f"the text {value!r}"
     return str(value).lower() if isinstance(value, bool) else str(value)
@@ -77,6 +79,11 @@ def number_of(value: Value) -> Fraction | None:
 
 def each(function: Callable[..., Value], *values: Value) -> Value:
     """A function of scalars, of the entries of arrays of one size; scalars are those of every entry."""
+    records = [value for value in values if isinstance(value, dict)]
+    if records:
+        if any(not isinstance(x, dict) or x.keys() != records[0].keys() for x in values):
+            raise SceneError("a record and what is no record, or another one.")
+        return {field: each(function, *(value[field] for value in values)) for field in records[0]}
     sizes = {len(value) for value in values if isinstance(value, tuple)}
     if not sizes:
         return function(*values)

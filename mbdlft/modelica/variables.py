@@ -7,7 +7,7 @@ components. Values of others are numbers, or expressions of those that stay.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
@@ -60,8 +60,16 @@ def read_values(
     def no_derivative(value: Value) -> Value:
         raise SceneError(f"der of the parameter {described(value)}.")
 
-    evaluator = Evaluator(parameters.values.get, no_derivative)
-    for name in _ordered(declared, place):
+    sized = {d.name: d.sizes for d in model.declarations if d.name not in declared and d.sizes}
+    records = {name: fields for name, fields in model.records.items() if _has_all(name, fields, declared)}
+    evaluator = Evaluator(
+        lambda name: (
+            _unset(sized[name]) if name in sized else _value_of(name, parameters.values, records)
+        ),
+        no_derivative,
+        model.functions,
+    )
+    for name in _ordered(declared, records, place):
         d = declared[name]
         try:
             parameters.values[name] = _value(d, table, evaluator)
@@ -74,11 +82,38 @@ def read_values(
     return parameters
 
 
+def _has_all(name: str, fields: tuple[str, ...], declared: Container[str]) -> bool:
+    return bool(fields) and all(f"{name}.{field}" in declared for field in fields)
+
+
+def _unset(sizes: tuple[Expression, ...]) -> Value:
+    """An array whose sizes alone are known; values of parameters may be made of these."""
+    array: Value = "the value of a variable"
+    for size in reversed(sizes):
+        array = (array,) * (int(size.text) if isinstance(size, tree.Number) else 0)
+    return array
+
+
+def _value_of(
+    name: str, values: Mapping[str, Value], records: Mapping[str, tuple[str, ...]]
+) -> Value | None:
+    """The value of a name: of a record, those of its fields."""
+    if name in values or name not in records:
+        return values.get(name)
+    return {field: values[f"{name}.{field}"] for field in records[name]}
+
+
 def _ordered(
-    declared: Mapping[str, tree.Declaration], place: Callable[[tree.Declaration], str]
+    declared: Mapping[str, tree.Declaration],
+    records: Mapping[str, tuple[str, ...]],
+    place: Callable[[tree.Declaration], str],
 ) -> list[str]:
     """Names such that each comes behind those that it depends on."""
-    graph = {name: _needed(d) & declared.keys() for name, d in declared.items()}
+    graph = {}
+    for name, d in declared.items():
+        needed = _needed(d)
+        fields = {f"{record}.{field}" for record in needed & records.keys() for field in records[record]}
+        graph[name] = (needed | fields) & declared.keys()
     try:
         return list(TopologicalSorter(graph).static_order())
     except CycleError as error:
@@ -107,6 +142,8 @@ def _value(d: tree.Declaration, table: ModelicaTable, evaluator: Evaluator) -> V
         if d.sizes or d.type != "Real":
             raise SceneError("the table gives a value to it; that is for numbers of type Real.")
         return decimal(table.values[d.name])
+    if d.sizes and tree.Number("0") in d.sizes:
+        return ()
     if d.attributes.get("fixed") == tree.Truth(value=False):
         raise SceneError("fixed = false: initial equations give its value. Give it a number.")
     binding = _binding(d)
@@ -211,13 +248,18 @@ def _declared_unit(d: tree.Declaration, notes: list[str]) -> str:
 class Variables:
     """Variables by name, and the values of all names of a model; `place` says where one is declared."""
 
-    def __init__(self, parameters: Parameters, place: Callable[[tree.Declaration], str]) -> None:
+    def __init__(
+        self,
+        parameters: Parameters,
+        place: Callable[[tree.Declaration], str],
+        functions: Mapping[str, tree.Function],
+    ) -> None:
         self.parameters, self.place = parameters, place
         self.time = ca.SX.sym("time")
         self.values: dict[str, Value] = {**parameters.values, "time": self.time}
         self.by_name: dict[str, Variable] = {}  # one for each entry of an array
         self.rates: dict[str, ca.SX] = {}  # symbols of derivatives that occur
-        self.evaluator = Evaluator(self.values.get, self.derivative)
+        self.evaluator = Evaluator(self.values.get, self.derivative, functions)
 
     def declare(self, d: tree.Declaration) -> None:
         """Symbols and variables of a declaration, of each entry of an array."""
@@ -229,6 +271,12 @@ class Variables:
             self.values[d.name] = self._symbols(d, unit, sizes, ())
         except SceneError as error:
             raise SceneError(f"{self.place(d)}: {error}") from None
+
+    def declare_records(self, records: Mapping[str, tuple[str, ...]]) -> None:
+        """The values of records whose fields are declared."""
+        for name, fields in records.items():
+            if name not in self.values and _has_all(name, fields, self.values):
+                self.values[name] = {field: self.values[f"{name}.{field}"] for field in fields}
 
     def all(self) -> tuple[Variable, ...]:
         """All variables, with the derivatives that occur."""
@@ -251,6 +299,13 @@ class Variables:
             slope = ca.jacobian(expression, x.symbol)
             derivative = v.binary("+", derivative, rate if slope.is_one() else slope * rate)
         return derivative
+
+    def at_time_zero(self, expression: ca.SX) -> ca.SX:
+        """An expression at time zero, if it depends on time and parameters alone."""
+        if self.of(expression) or not ca.depends_on(expression, self.time):
+            return expression
+        at_zero = ca.substitute(expression, self.time, 0)
+        return ca.SX(at_zero if ca.symvar(at_zero) else ca.DM(ca.evalf(at_zero)))
 
     def at_nominal(self, value: Value) -> float:
         """The number that a value has at nominal values of the parameters, and at time 0."""

@@ -8,7 +8,7 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import MbdlftError
 from mbdlft.modelica import flat_text, load_modelica
-from mbdlft.modelica.translation import ROOTS, compiled_model
+from mbdlft.modelica.loading import ROOTS, compiled_model
 from tests.modelica import FLAT, LIBRARY, MODELS, SCENARIOS, table_of
 
 pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")

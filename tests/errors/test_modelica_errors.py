@@ -92,9 +92,8 @@ test_messages = refused(
 model_of_tables(TABLES | {'new_table': [1]}, 'M', Sources([], {}))
     => the table 'new_table' of the compiler is not known here; give flat text
 model_of_tables(TABLES | {'is_partial': True}, 'M', Sources([], {})) => model 'M' is partial
-model_of_tables(TABLES | {'structured_equations': [{'interiors_materialized': False}]}, 'M', Sources([],
-    {}))
-    => a loop that is not written
+model_of_tables(TABLES | {'structured_equations': [HALF]}, 'M', Sources([], {}))
+    => a loop that is written out in part
 model_of_tables(TABLES | {'equations': [{'residual': {'Strange': {}}, 'span': None}]}, 'M', Sources([],
     {}))
     => the expression 'Strange'
@@ -259,6 +258,11 @@ TABLES = {
     **{key: [] for key in ("initial_algorithms", "when_chains", "structured_equations")},
     **{key: [] for key in ("initial_structured_equations", "initial_assert_equations")},
     "model_description": None,
+    "functions": {},
+}
+HALF = {
+    **{"interiors_materialized": False, "first_equation_index": 0, "equations_per_point": 2},
+    **{"domain": {"binders": []}, "template": {"body": []}, "span": None},
 }
 NUMBER = {"Literal": {"value": {"Integer": 1}}}
 

@@ -1,0 +1,279 @@
+"""Modes: the values of Boolean, Integer and discrete variables at an equilibrium.
+
+Each has a definition, or an event sets it, and then its start holds. They are constants in the
+equations; at the equilibrium their definitions have to give them again, and no relation that decides
+one of them may stand on its switching surface.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+
+from mbdlft.base.errors import SceneError
+from mbdlft.dae.equilibria import DaeTrim
+from mbdlft.dae.text import column_of
+from mbdlft.modelica import tree
+from mbdlft.modelica import values as v
+from mbdlft.modelica.functions import in_order
+from mbdlft.modelica.initial import is_discrete
+from mbdlft.modelica.tree import Expression, write
+from mbdlft.modelica.values import Value
+from mbdlft.problem.sx.constants import in_doubles
+
+_NEAR = 1e-9  # of the sizes of its variables: a relation nearer than this is on its surface
+_STARTS: Mapping[str, Value] = {
+    "Boolean": False,
+    "Integer": Fraction(0),
+    "Real": Fraction(0),
+    "String": "",
+}
+
+
+class Discrete(NamedTuple):
+    """What is discrete in a model: declarations, definitions by name with lines, events."""
+
+    declared: Mapping[str, tree.Declaration]
+    definitions: Mapping[str, tuple[Expression, int]]
+
+    events: tuple[tree.Event, ...]
+
+    @property
+    def undefined(self) -> tuple[tree.Declaration, ...]:
+        """Those that no equation and no event gives."""
+        held = {name for event in self.events for name in event.names}
+        return tuple(
+            d for name, d in self.declared.items() if name not in held and not self._is_defined(name)
+        )
+
+    def _is_defined(self, name: str) -> bool:
+        return any(key == name or key.startswith(f"{name}[") for key in self.definitions)
+
+
+def without_discrete(model: tree.FlatModel) -> tuple[tree.FlatModel, Discrete]:
+    """A model without its discrete variables and their equations, and these.
+
+    Raises
+    ------
+    SceneError
+        An equation between discrete variables defines none of them.
+    """
+    declared = {d.name: d for d in model.declarations if is_discrete(d)}
+    definitions = {name: (d.binding, d.line) for name, d in declared.items() if d.binding is not None}
+    held = {name for event in model.held for name in event.names}
+    others: list[tree.Statement] = []
+    pending: list[tree.Equation] = []
+    for e in model.equations:
+        is_of = isinstance(e, tree.Equation) and any(_of(side, declared) for side in (e.left, e.right))
+        (pending if is_of else others).append(e)  # type: ignore[arg-type]
+    pending.sort(key=lambda e: all(_of(side, declared) for side in (e.left, e.right)))
+    while pending:
+        later = []
+        for e in pending:
+            known = [_of(side, declared) for side in (e.left, e.right)]
+            free = [k for k, name in enumerate(known) if name and name not in {*definitions, *held}]
+            if not free and not all(known):  # it gives a value to what is not discrete
+                others.append(e)
+            elif len(free) == 1:
+                side = (e.right, e.left)[free[0]]
+                definitions[str(known[free[0]])] = (side, e.line)
+            else:
+                later.append(e)
+        if len(later) == len(pending):
+            e = later[0]
+            text = f"{write(e.left)} = {write(e.right)}"
+            raise SceneError(
+                f"{model.source}, line {e.line}: {text!r} defines no discrete variable of its own."
+            )
+        pending = later
+    kept = tuple(d for d in model.declarations if d.name not in declared)
+    return replace(model, declarations=kept, equations=tuple(others)), Discrete(
+        declared, definitions, model.held
+    )
+
+
+def _of(side: Expression, declared: Mapping[str, Any]) -> str:
+    """The discrete variable, or its entry, that a side of an equation is."""
+    return write(side) if isinstance(side, tree.Reference) and side.name in declared else ""
+
+
+def start_all(discrete: Discrete, names: dict[str, Value], evaluator: Any) -> None:
+    """Give each one its value at the start, among all values of the model."""
+
+    def start(d: tree.Declaration) -> None:
+        given = d.attributes.get("start")
+        value: Value = _STARTS.get(d.type, "") if given is None else evaluator.value(given)
+        for size in reversed(d.sizes):
+            value = value if isinstance(value, tuple) else (value,) * evaluator.size(size)
+        names[d.name] = value
+
+    in_order(list(discrete.declared.values()), start)
+
+
+def propagated(
+    discrete: Discrete, names: dict[str, Value], evaluator: Any, at_start: Callable[[ca.SX], ca.SX]
+) -> dict[str, Value]:
+    """Give each mode the value of its definition where that is a constant; the other ones remain.
+
+    `names` are all values of the model, and `at_start` takes an expression at time zero.
+    """
+    open_: dict[str, Value] = {}
+    for _ in range(len(discrete.definitions) + 1):
+        changed = False
+        for name, (definition, _) in discrete.definitions.items():
+            value = v.each(
+                lambda x: at_start(x) if isinstance(x, ca.SX) else x, evaluator.value(definition)
+            )
+            value = _plain(value, discrete, name)
+            if _is_open(value):
+                open_[name] = value
+                continue
+            open_.pop(name, None)
+            changed |= _set(names, name, value)
+        if not changed:
+            return open_
+    raise SceneError(f"the modes {', '.join(discrete.definitions)} have no values that stay.")
+
+
+def _plain(value: Value, discrete: Discrete, name: str) -> Value:
+    """A truth or a number where an expression is one."""
+    kind = discrete.declared[name.partition("[")[0]].type
+
+    def of(x: Value) -> Value:
+        number = v.number_of(x) if isinstance(x, ca.SX) else None
+        return x if number is None else bool(number) if kind == "Boolean" else number
+
+    return v.each(of, value)
+
+
+def _is_open(value: Value) -> bool:
+    if isinstance(value, tuple):
+        return any(map(_is_open, value))
+    return isinstance(value, ca.SX)
+
+
+def _set(names: dict[str, Value], name: str, value: Value) -> bool:
+    """Give a mode its value; whether that is another one."""
+    before = names.get(name)
+    names[name] = value
+    whole, bracket, inside = name.partition("[")
+    if bracket:
+        names[whole] = _with(names[whole], [int(k) for k in inside[:-1].split(",")], value)
+    return bool(before != value)
+
+
+def _with(old: tuple[Value, ...], entry: list[int], value: Value) -> Value:
+    first, *others = entry
+    inner = _with(old[first - 1], others, value) if others else value
+    return (*old[: first - 1], inner, *old[first:])
+
+
+class Point:
+    """Numbers of expressions at an equilibrium."""
+
+    def __init__(self, at: DaeTrim, nominal: Mapping[str, float]) -> None:
+        rates = {
+            f"der({a.name})": float(a.factor) * at.nominal.get(f"der({a.of})", 0.0)
+            for a in at.structure.aliases
+        }
+        self.numbers = {**rates, **at.nominal, **nominal, "time": 0.0}
+        self.sizes = {x.name: x.nominal for x in at.structure.source.variables}
+
+    def number(self, expression: Value) -> float:
+        """The number of an expression."""
+        return float(
+            self._at(v.to_sx(expression) if not isinstance(expression, ca.SX) else expression)[0]
+        )
+
+    def _at(self, expression: ca.SX) -> Any:
+        symbols = ca.symvar(expression)
+        function = ca.Function("point", [column_of(symbols)], [in_doubles(expression)])
+        numbers = [self.numbers.get(s.name(), 0.0) for s in symbols]
+        return np.atleast_1d(function(numbers).full()[:, 0])
+
+    def reach(self, expression: ca.SX) -> float:
+        """How far an expression moves when its variables move by their sizes."""
+        symbols = ca.symvar(expression)
+        slopes = np.abs(self._at(ca.densify(ca.jacobian(expression, column_of(symbols))).T))
+        sizes = [
+            max(abs(self.numbers.get(s.name(), 0.0)), self.sizes.get(s.name(), 1.0)) for s in symbols
+        ]
+        return float(slopes @ np.array(sizes)) if symbols else 0.0
+
+
+def check_surfaces(
+    discrete: Discrete,
+    decided: Mapping[str, Value],
+    point: Point,
+    evaluator: Any,
+    place: Callable[[int, str], str],
+) -> None:
+    """Raise a SceneError if a relation that decides a mode or an event is on its switching surface."""
+    for name in decided:
+        definition, line = discrete.definitions[name]
+        for node, sides in _on_surface(definition, point, evaluator):
+            modes = [
+                _mode(evaluator.value(tree.replaced(definition, _swapped(node, truth))), point)
+                for truth in ("true", "false")
+            ]
+            if modes[0] != modes[1]:
+                what = " and on the other ".join(v.described(mode) for mode in modes)
+                raise SceneError(
+                    place(line, f"{_surface(node, sides)} On one side {name} is {what}.{_OTHER}")
+                )
+    for event in discrete.events:
+        for condition in event.conditions:
+            for node, sides in _on_surface(condition, point, evaluator):
+                raise SceneError(place(event.line, f"{_surface(node, sides)} There is an event.{_OTHER}"))
+
+
+_OTHER = " Choose another operating point."
+
+
+def _surface(node: Expression, sides: Sequence[float]) -> str:
+    left, right = sides
+    where = f"the equilibrium is on the switching surface {write(node)}"
+    return f"{where}: its sides are {left:g} and {right:g}."
+
+
+def _on_surface(
+    expression: Expression, point: Point, evaluator: Any
+) -> Iterator[tuple[Expression, tuple[float, float]]]:
+    """Relations of signals in an expression whose sides are equal, and both sides."""
+    for node in tree.walk(expression):
+        if not isinstance(node, tree.Binary) or node.operator not in tree.RELATIONS:
+            continue
+        left, right = (evaluator.value(side) for side in (node.left, node.right))
+        if not isinstance(left, ca.SX) and not isinstance(right, ca.SX):
+            continue
+        gap = v.to_sx(left) - v.to_sx(right)
+        of_time = all(s.name() == "time" for s in ca.symvar(gap))
+        if not of_time and abs(point.number(gap)) <= _NEAR * point.reach(gap):
+            yield node, (point.number(left), point.number(right))
+
+
+def _swapped(node: Expression, truth: str) -> Callable[[Expression], Expression | None]:
+    return lambda other: tree.Truth(truth == "true") if other is node else None
+
+
+def _mode(value: Value, point: Point) -> Value:
+    return bool(point.number(value)) if isinstance(value, ca.SX) else value
+
+
+def found_at(discrete: Discrete, open_: Mapping[str, Value], point: Point) -> dict[str, Value]:
+    """What the definitions give at an equilibrium."""
+    made = {}
+    for name, value in open_.items():
+        whole = discrete.declared[name.partition("[")[0]]
+
+        def of(x: Value, kind: str = whole.type) -> Value:
+            if not isinstance(x, ca.SX):
+                return x
+            number = point.number(x)
+            return bool(number) if kind == "Boolean" else Fraction(number)
+
+        made[name] = v.each(of, value)
+    return made

@@ -1,0 +1,142 @@
+"""What a compiler leaves in flat models: loops, functions, records, modes, initial values."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import mbdlft
+from mbdlft.base.errors import SceneError
+from mbdlft.modelica import load_modelica, operating_point
+from mbdlft.pipeline.dae_models import linearize_dae
+from tests.close import roundoff
+
+pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
+
+
+def matrices(tmp_path: Path, text: str) -> list[Any]:
+    """A, B, C and D of the linear model of a model M."""
+    file = tmp_path / "m.mo"
+    file.write_text(text)
+    dae, report = load_modelica(file, model="M", roots=[])
+    model = linearize_dae(operating_point(dae, report), search=0.0, prove=0.0)
+    return [np.asarray(part) for part in mbdlft.matrices_at(model, {})]
+
+
+def gain(tmp_path: Path, declared: str, equations: str, around: str = "") -> float:
+    """The gain from u to y of a model without states."""
+    signals = "input Real u(start=2); output Real y;"
+    text = f"{around}\nmodel M {signals}\n{declared}\nequation\n{equations}\nend M;"
+    return float(matrices(tmp_path, text)[3].reshape(()))
+
+
+def test_loops_that_are_not_written_out(tmp_path: Path) -> None:
+    text = """model M
+      parameter Integer n = 6; Real T[n](each start=0); input Real u;
+    equation
+      der(T[1]) = u - 2*T[1] + T[2];
+      for i in 2:n-1 loop der(T[i]) = T[i-1] - 2*T[i] + T[i+1]; end for;
+      der(T[n]) = T[n-1] - 2*T[n];
+    end M;"""
+    A = matrices(tmp_path, text)[0].reshape(6, 6)
+    expected = 2.0 * np.cos(np.pi * np.arange(1, 7) / 7.0) - 2.0  # of a chain of six
+    roundoff(np.sort(np.linalg.eigvals(A).real), np.sort(expected))
+
+
+FUNCTIONS = """
+package P
+  record R Real T[2,2]; Real w; end R;
+  function power input Real x; input Integer n; output Real y;
+  algorithm
+    y := 1;
+    for i in 1:n loop y := y*x; end for;
+  end power;
+  function branches input Real x; output Real y; protected Real z[2];
+  algorithm
+    z[1] := x; z[2] := 0;
+    if x > 1 then z[2] := 3*x; else z[1] := 5*x; end if;
+    y := z[1] + z[2];
+  end branches;
+  function turned input Real a; output R r;
+  algorithm
+    r := R([cos(a), sin(a); -sin(a), cos(a)], 2*a);
+  end turned;
+  function several input Real x; output Real a; output Real b[2];
+  algorithm
+    a := 2*x; b := {x, 7*x};
+  end several;
+end P;
+"""
+
+
+@pytest.mark.parametrize(
+    ("declared", "equations", "expected"),
+    [
+        ("", "y = P.power(u, 3);", 12.0),
+        ("", "y = P.branches(u);", 4.0),
+        ("", "y = P.branches(u - 1.5);", 5.0),
+        ("P.R r;", "r = P.turned(u - 2); y = r.T[1,2] + r.w;", 3.0),
+        ("Real b[2] = {k*u for k in 3:4};", "y = sum(b);", 7.0),
+        (
+            "parameter Real a(fixed=false); parameter Real b[2](each fixed=false);\ninitial equation\n"
+            "(a, b) = P.several(1.5);",
+            "y = (a + b[2])*u;",
+            13.5,
+        ),
+        (
+            "parameter Real k(fixed=false);\ninitial equation\nk = 4;",
+            "y = if initial() then 0 else k*u;",
+            4.0,
+        ),
+        ("parameter Real k(fixed=false);\ninitial algorithm\nk := 6;", "y = k*u;", 6.0),
+        ("Boolean b; Real x;", "b = u > 1; x = if b then 2*u else 3*u; y = x;", 2.0),
+        ("Boolean b; Real x;", "b = u > 3; x = if b then 2*u else 3*u; y = x;", 3.0),
+        ("Boolean a; Boolean b;", "b = not a; a = u > 1; y = if b then 2*u else 9*u;", 9.0),
+        ("Boolean b;", "b = time > 1; y = if b then 2*u else 8*u;", 8.0),
+        ("Integer k(start=3, fixed=true);", "when u > 5 then k = pre(k) + 1; end when; y = k*u;", 3.0),
+        ("", "y = mod(7, 4)*u;", 3.0),
+    ],
+)
+def test_gains(tmp_path: Path, declared: str, equations: str, expected: float) -> None:
+    roundoff(gain(tmp_path, declared, equations, FUNCTIONS), expected)
+
+
+def test_a_mode_is_that_of_the_equilibrium_and_not_of_the_start(tmp_path: Path) -> None:
+    text = """model M
+      input Real u(start=4); output Real y; Real x(start=0); Boolean open(start=false);
+    equation
+      der(x) = u - (if open then 2 else 1)*x;
+      open = x > 1;
+      y = x;
+    end M;"""
+    roundoff(matrices(tmp_path, text)[0].reshape(()), -2.0)
+
+
+@pytest.mark.parametrize(
+    ("declared", "equations", "match"),
+    [
+        ("Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;", r"switching surface u > 2: .* 2 and 2"),
+        (
+            "Integer k(start=3);",
+            "when u > 2 then k = 4; end when; y = k*u;",
+            r"surface u > 2: .*an event",
+        ),
+        (
+            "discrete Real d;",
+            "when sample(0, 0.1) then d = u; end when; y = d;",
+            r"the event 'when' .*\(d\)",
+        ),
+        (
+            "Boolean b; Real x;",
+            "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;",
+            r"the modes b have no",
+        ),
+        ("", "y = delay(u, 0.5);", r"delay\(\) makes or sees events"),
+    ],
+)
+def test_what_has_no_one_linear_model_is_refused(
+    tmp_path: Path, declared: str, equations: str, match: str
+) -> None:
+    with pytest.raises(SceneError, match=match):
+        gain(tmp_path, declared, equations)
