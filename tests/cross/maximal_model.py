@@ -40,7 +40,8 @@ from tests.cross.poses import (
 from tests.cross.sizes import Sized, Sum, plain, sized
 from tests.cross.touches import Touch
 
-BALL = 1e-25  # of a value: what its 512 bits have lost
+BALL = 1e-25  # of a value: what its bits have lost
+LOST = 1e-30  # of a slope, that rounding of differences may change
 NOTHING = 1e-18  # of an entry: what differences leave of a zero
 MISSED = 1e-25  # of the loads, or m of a closure: an equilibrium is exact
 
@@ -56,29 +57,35 @@ class Truth(NamedTuple):
 
 def linear_model(scene: mbdlft.Scene, point: dict[str, float], model: mbdlft.LFTModel) -> Truth:
     """The truth with the signals of a model, at physical values by name."""
-    before, flint.ctx.prec = flint.ctx.prec, BITS
-    try:
-        return _Solved(Bodies(scene, point), model).truth()
-    finally:
-        flint.ctx.prec = before
+    return _in_bits(lambda: _Solved(Bodies(scene, point), model).truth())
 
 
 def contact_forces(scene: mbdlft.Scene, point: dict[str, float]) -> tuple[list[str], list[str]]:
     """Names of the forces of contacts that the equations determine, and of those that they share."""
-    before, flint.ctx.prec = flint.ctx.prec, BITS
-    try:
-        return _Solved(Bodies(scene, point)).contact_forces()
-    finally:
-        flint.ctx.prec = before
+    return _in_bits(lambda: _Solved(Bodies(scene, point)).contact_forces())
 
 
 def fault(scene: mbdlft.Scene, point: dict[str, float]) -> str:
     """Why a scene has no linear model at a point: no equilibrium, several, or motions that contradict."""
-    before, flint.ctx.prec = flint.ctx.prec, BITS
-    try:
-        return _Solved(Bodies(scene, point)).fault()
-    finally:
-        flint.ctx.prec = before
+    return _in_bits(lambda: _Solved(Bodies(scene, point)).fault())
+
+
+def _in_bits(made: Callable[[], Any]) -> Any:
+    """What is made in 512 bits; in twice as many where differences have lost too many of them."""
+    before = flint.ctx.prec
+    for bits in (BITS, 2 * BITS, 4 * BITS):
+        flint.ctx.prec = bits
+        try:
+            return made()
+        except _TooFewBitsError:
+            continue
+        finally:
+            flint.ctx.prec = before
+    raise AssertionError("too few bits")
+
+
+class _TooFewBitsError(ArithmeticError):
+    """A difference has no digits left."""
 
 
 Pair = tuple[Link, int]  # a link and a row of its relation
@@ -138,7 +145,10 @@ class _Around:
 
 def _quotients(before: Values, after: Values) -> Values:
     # balls would grow in what is solved with them: numbers go on, whose errors are those of the step
-    return [flint.arb(((y - x) / STEP).mid()) for x, y in zip(before, after, strict=True)]
+    quotients = [(y - x) / STEP for x, y in zip(before, after, strict=True)]
+    if any(float(x.rad()) > LOST * (1.0 + abs(float(x.mid()))) for x in quotients):
+        raise _TooFewBitsError
+    return [flint.arb(x.mid()) for x in quotients]
 
 
 def _single(pair: Pair) -> Terms:
