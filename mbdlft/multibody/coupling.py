@@ -17,7 +17,7 @@ from typing import Any, ClassVar, NamedTuple, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from mbdlft.base.description import Description, Expected, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, unknown_name
@@ -43,12 +43,12 @@ class Term(NamedTuple):
 class Coupling(Description, abc.ABC):
     """A linear relation between coordinates of joints; every concrete kind is final.
 
-    A coordinate is the name of a joint that has one, or such as ``slider.position`` or ``base.x``. The
-    relation holds for motions from the equilibrium. With an `offset` (rad or m), the sum of the positions
-    with the coefficients, a position that is not declared follows from the others, and positions that
-    are all declared are checked. Without `stiffness` the coupling is rigid.
-    With one (N m/rad or N/m, and `damping`) it gives way, and `preload` (N m or N) is its force at
-    equilibrium; where that is left out, the trim solves for it.
+    A coordinate is the name of a joint that has one, or such as ``slider.position``, ``base.position.x``.
+    The relation holds for motions from the equilibrium. With an `offset` (rad or m), the sum of the
+    positions with the coefficients, a position that is not declared follows from the others, and
+    positions that are all declared are checked. Without `stiffness` the coupling is rigid. With one (N
+    m/rad or N/m, and `damping`) it gives way, and `preload` (N m or N) is its force at equilibrium; where
+    that is left out, the trim solves for it.
     """
 
     noun: ClassVar[str] = "coupling"
@@ -86,7 +86,8 @@ class Coupling(Description, abc.ABC):
             )
         names = [term.coordinate for term in self.terms()]
         if len(names) < 2 or len(set(names)) < len(names):
-            raise SceneError(f"expected two or more different coordinates, got {', '.join(names)}.")
+            listed = ", ".join(names) or "none"
+            raise SceneError(f"expected two or more different coordinates, got {listed}.")
         return self
 
     def freedoms(self, joints: Sequence[Joint]) -> list[tuple[Joint, Freedom]]:
@@ -118,6 +119,12 @@ class Coupling(Description, abc.ABC):
                     f"coupling {self.name!r}: {term.coordinate!r} is {is_turn} (joint {name!r} is "
                     f"{joint.kind}), and a {self.kind} has {wanted} there. Between an angle and a "
                     "distance stand rack (radius) and screw (pitch)."
+                )
+            if (same := (joint, freedom)) in found:
+                first = self.terms()[found.index(same)].coordinate
+                raise SceneError(
+                    f"coupling {self.name!r}: {first!r} and {term.coordinate!r} are the same coordinate, "
+                    "which cannot be coupled to itself."
                 )
             found.append((joint, freedom))
         return found
@@ -292,7 +299,7 @@ class Cable(_ByCoordinate):
     table: ClassVar[str] = "strands"
     unit: ClassVar[str] = "m"
 
-    strands: dict[Text, Quantity] = Field(min_length=2)
+    strands: dict[Text, Quantity]
 
 
 @final
@@ -306,7 +313,7 @@ class Linear(_ByCoordinate):
     kind: ClassVar[str] = "linear"
     table: ClassVar[str] = "factors"
 
-    factors: dict[Text, Quantity] = Field(min_length=2)
+    factors: dict[Text, Quantity]
 
 
 @final

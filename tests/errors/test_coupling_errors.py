@@ -31,6 +31,8 @@ test_messages = refused(
 "gear", joints=("a", "d"), ratio=2.0 => unknown joint 'd'
 "gear", joints=("a", "a.rate"), ratio=2.0 => 'a.rate' is no coordinate … a.angle
 "gear", joints=("a", "a"), ratio=2.0 => two or more different coordinates, got a, a
+"planetary", sun="a", ring="a.angle", carrier="c", ratio=2.0 => 'a' and 'a.angle' are the same coordinate
+"linear", factors={"a": 1.0} => two or more different coordinates, got a
 "gear", joints=("a", "s"), ratio=2.0 => 's' is a distance … rack (radius)
 "rack", joint="s", slider="a", radius=0.1 => 'a' is an angle … has a distance there
 "gear", joints=("a", "b"), ratio=0.0 => ratio = 0.0 is 0
