@@ -92,7 +92,7 @@ class Coupling(Description, abc.ABC):
 
     def freedoms(self, joints: Sequence[Joint]) -> list[tuple[Joint, Freedom]]:
         """The coordinate of each term; a SceneError if there is no such one."""
-        by_name, found = {joint.name: joint for joint in joints}, []
+        by_name, found = {joint.name: joint for joint in joints}, list[tuple[Joint, Freedom]]()
         for term in self.terms():
             name, _, measure = term.coordinate.partition(".")
             if name not in by_name:

@@ -6,11 +6,13 @@ from functools import partial
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.assembly import assemble, assembly
+from mbdlft.exact.matrices import solved
+from mbdlft.multibody.assembly import Assembly, assemble, assembly
 from mbdlft.multibody.assembly.coupled import multipliers_of
 from mbdlft.multibody.body import Beam
 from mbdlft.multibody.body.beam import error_sentence
@@ -44,6 +46,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         equations, exact = both.equations, both.exact
         inputs, outputs = choose_signals(scene, equations)
     with stage("trim"):
+        _check_shares(scene, both)
         trim = _trim(equations, exact)
     with stage("linearize"):
         need = choose_states(scene, exact, inputs, outputs)
@@ -247,8 +250,10 @@ def _shared(scene: Scene) -> list[str]:
         return []
     held, others = multipliers_of(scene)
     on_ground = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
-    every, shared = [signal.name for signal in held + others], assembly(scene).closure.shared
-    names = [every[k] for k in shared if every[k] in on_ground]
+    both = assembly(scene)
+    _check_shares(scene, both)
+    every = [signal.name for signal in held + others]
+    names = [every[k] for k in both.closure.shared if every[k] in on_ground]
     if not names:
         return []
     return [
@@ -256,6 +261,37 @@ def _shared(scene: Scene) -> list[str]:
         "trim gives all of a sum to some of them. Tires and supports, which give way, say what carries "
         "how much."
     ]
+
+
+def _check_shares(scene: Scene, both: Assembly) -> None:
+    """No output is a force of a contact along its plane where such a one holds the equilibrium as a sum.
+
+    As the body turns, a part of that enters it. Whether it is zero is decided modulo a prime.
+    """
+    held, others = (tuple(signal.name for signal in part) for part in multipliers_of(scene))
+    every = held + others
+    shared = [every[k] for k in both.closure.shared]
+    owners = {name.partition(".")[0] for name in shared}
+    asked = [x for x in scene.outputs or () if x in others and x.partition(".")[0] in owners]
+    if not asked:
+        return
+    trim, names = trim_relations(both.exact), [both.exact.u_signals[k].name for k in both.exact.unknown]
+    slopes = (ca.jacobian(trim.residual, x) for x in (trim.unknown, trim.known))
+    rows = modulo_prime(ca.horzcat(*slopes), _SEED)
+    residues: NDArray[np.int64] = rows.residues.astype(np.int64)
+    values = solved(residues[:, :-1], residues[:, -1:], rows.prime)[:, 0]
+    loaded = [
+        name
+        for name, value in zip(names, values, strict=True)
+        if value and name in shared and name in others
+    ]
+    if loaded:
+        raise SceneError(
+            f"scene {scene.name!r}, outputs: {asked[0]!r} is not known: as the body turns, it has a part "
+            f"of {', '.join(loaded)}, which the equilibrium has as a sum with "
+            f"{', '.join(name for name in shared if name not in names)} only. Put a load of the kind "
+            "support or tire in place of one of the contacts."
+        )
 
 
 def _unseen(scene: Scene) -> list[str]:

@@ -20,6 +20,7 @@ from mbdlft.robust import stability as margin
 from mbdlft.robust.bisect import boxes
 from tests.attack import (
     analyses,
+    contacts,
     cores,
     equations,
     expressions,
@@ -165,3 +166,8 @@ def test_a_refusal_as_singular_is_asked_where_it_says() -> None:
         to_lft(scene)
     assert mechanisms.is_singular(scene, str(refused.value))
     assert not mechanisms.is_singular(scene, "m = 2 kg, th = 10 deg")
+
+
+def test_forces_that_share_a_load_of_the_equilibrium_are_no_outputs(tmp_path: Path) -> None:
+    """Wheels and a keel that hold a side force together: who has it decides what each feels in a turn."""
+    assert contacts.attack(469, tmp_path) == "right"

@@ -64,7 +64,7 @@ def on_tire(speed: float | str = 3.0, **law: Any) -> Scene:
     )
 
 
-def trolley(outputs: list[str]) -> Scene:
+def trolley(outputs: list[str], aside: float = 0.0) -> Scene:
     """Two wheels on one axle, at rest: what holds them along it is the sum of two forces."""
     wheels = {"left": 0.3, "right": -0.3}
     round_ = Inertia(xx=0.1, yy=0.2, zz=0.1)
@@ -80,7 +80,14 @@ def trolley(outputs: list[str]) -> Scene:
         for name in wheels
     ]
     contacts = [KINDS["rolling"](name=name, port=name, axis=(0, 1, 0), radius=0.5) for name in wheels]
-    return Scene(name="trolley", bodies=bodies, joints=joints, contacts=contacts, outputs=outputs)
+    return Scene(
+        name="trolley",
+        bodies=bodies,
+        joints=joints,
+        contacts=contacts,
+        outputs=outputs,
+        gravity=(0.0, aside, -9.0),
+    )
 
 
 test_messages = refused(
@@ -104,6 +111,10 @@ spin=Spin(axis=(0, 0, 1), rate=1.0) => turns with the spin of the frame … the 
 to_lft(wheel("knife_edge", {"heading": (1, 0, 0)}, outputs=["touch.force.1"])) => unknown signal
 to_lft(trolley(["left.force.2"])) => 'left.force.2' is not known, as contacts hold the same twice
 to_lft(trolley(["left.force.normal", "right.force.1"])) => accepted
+to_lft(trolley(["left.force.normal"], aside=-3.0)) => accepted
+to_lft(trolley(["right.force.1"], aside=-3.0))
+    => 'right.force.1' is not known: … has a part of left.force.2 … sum with right.force.2 only
+notes(trolley(["right.force.1"], aside=-3.0)) => 'right.force.1' is not known: as the body turns
 > assemble(on_tire({})) => SceneError: load 'tire' …
 => accepted
 speed="v" => the speed along axis x normal goes down to 0 m/s … Turn the axis round
