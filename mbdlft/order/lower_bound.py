@@ -269,19 +269,24 @@ def is_constant(
 
 
 def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
+    M, parts = _reduced(a, tuple(names))
+    return _Function(M.T if is_transposed else M, parts, a.M.prime, work)
+
+
+@lru_cache(maxsize=1)  # H and its transpose are asked for one after the other
+def _reduced(a: ExactLFT, names: tuple[str, ...]) -> tuple[Residues, Mapping[str, slice]]:
+    """[A B ; C 0] of H in a few deltas, reduced, and its blocks; the transpose has its transpose."""
     kept = [(b, part) for b, part in zip(a.blocks, a.parts, strict=True) if b.name in names]
     channels = np.concatenate([np.arange(part.start, part.stop) for _, part in kept])
-    prime = a.M.prime
-    M = at_random(a).T if is_transposed else at_random(a)
-    M, counts = reduced_residues(_restricted(M, channels, a.order), [b.size for b, _ in kept], prime)
+    M, prime = _restricted(at_random(a), channels, a.order), a.M.prime
+    M, counts = reduced_residues(M, [b.size for b, _ in kept], prime)
     n = sum(counts)
     # inputs and outputs that are combinations of others do not matter
     columns, rows = pivot_columns(M[:n, n:], prime), pivot_columns(M[n:, :n].T, prime)
     M = M[np.ix_([*range(n), *(n + k for k in rows)], [*range(n), *(n + k for k in columns)])]
     M[n:, n:] = 0  # the constant part
     ends = np.cumsum([0, *counts]).tolist()
-    parts = {b.name: slice(s, e) for (b, _), s, e in zip(kept, ends[:-1], ends[1:], strict=True)}
-    return _Function(M, parts, prime, work)
+    return M, {b.name: slice(s, e) for (b, _), s, e in zip(kept, ends[:-1], ends[1:], strict=True)}
 
 
 def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> int:
