@@ -13,7 +13,7 @@ from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal
 from mbdlft.exact.matrices import solved
 from mbdlft.multibody.assembly import Assembly, assemble, assembly
-from mbdlft.multibody.assembly.coupled import multipliers_of
+from mbdlft.multibody.assembly.coupled import multipliers_of, rigid
 from mbdlft.multibody.body import Beam
 from mbdlft.multibody.body.beam import error_sentence
 from mbdlft.multibody.force import Spring
@@ -115,6 +115,7 @@ def _chosen(
 ) -> list[int]:
     """Positions of the chosen signals, or the default."""
     forces = {s.name for contact in scene.touches for group in contact.signals() for s in group}
+    forces |= {coupling.signal(scene.joints).name for coupling in rigid(scene)}
     for name in names or ():
         if name in forces and name not in index and what == "outputs":
             raise SceneError(
@@ -249,11 +250,12 @@ def _shared(scene: Scene) -> list[str]:
     if not scene.contacts:
         return []
     held, others = multipliers_of(scene)
-    on_ground = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
+    named = {s.name for contact in scene.contacts for group in contact.signals() for s in group}
+    named |= {coupling.signal(scene.joints).name for coupling in rigid(scene)}
     both = assembly(scene)
     _check_shares(scene, both)
     every = [signal.name for signal in held + others]
-    names = [every[k] for k in both.closure.shared if every[k] in on_ground]
+    names = [every[k] for k in both.closure.shared if every[k] in named]
     if not names:
         return []
     return [

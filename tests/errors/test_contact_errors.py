@@ -17,6 +17,7 @@ from mbdlft import (
     to_lft,
 )
 from mbdlft.multibody.contact import KINDS
+from mbdlft.multibody.coupling import Gear
 from mbdlft.multibody.force import KINDS as KINDS_OF_LOADS
 from tests.errors.table import refused
 
@@ -64,19 +65,19 @@ def on_tire(speed: float | str = 3.0, **law: Any) -> Scene:
     )
 
 
-def trolley(outputs: list[str], aside: float = 0.0) -> Scene:
-    """Two wheels on one axle, at rest: what holds them along it is the sum of two forces."""
-    wheels = {"left": 0.3, "right": -0.3}
+def trolley(outputs: list[str], aside: float = 0.0, gears: tuple[Gear, ...] = ()) -> Scene:
+    """Two wheels on one axle, at rest: what holds them along it is the sum of two forces; or in a row,
+    where gears between them, and the ground, hold the same."""
+    wheels = {"left": (0, 0.3, 0), "right": (0, -0.3, 0)}
+    if gears:
+        wheels = {"left": (0.3, 0, 0), "right": (-0.3, 0, 0)}
     round_ = Inertia(xx=0.1, yy=0.2, zz=0.1)
-    bodies = [
-        RigidBody(
-            name="frame", mass=2.0, inertia=round_, ports={name: (0, y, 0) for name, y in wheels.items()}
-        )
-    ]
+    bodies = [RigidBody(name="frame", mass=2.0, inertia=round_, ports=wheels)]
     bodies += [RigidBody(name=name, mass=1.0, inertia=round_) for name in wheels]
     joints = [Free(name="base", parent="ground", child="frame", position=(0, 0, 0.5))]
+    held = {"preload": 0.0} if gears else {}
     joints += [
-        Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0))
+        Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0), **held)
         for name in wheels
     ]
     contacts = [KINDS["rolling"](name=name, port=name, axis=(0, 1, 0), radius=0.5) for name in wheels]
@@ -86,9 +87,12 @@ def trolley(outputs: list[str], aside: float = 0.0) -> Scene:
         joints=joints,
         contacts=contacts,
         outputs=outputs,
+        couplings=gears,
         gravity=(0.0, aside, -9.0),
     )
 
+
+SHAFT = (Gear(name="shaft", joints=("axle_left", "axle_right"), ratio=1.0),)
 
 test_messages = refused(
     r"""
@@ -115,6 +119,9 @@ to_lft(trolley(["left.force.normal"], aside=-3.0)) => accepted
 to_lft(trolley(["right.force.1"], aside=-3.0))
     => 'right.force.1' is not known: … has a part of left.force.2 … sum with right.force.2 only
 notes(trolley(["right.force.1"], aside=-3.0)) => 'right.force.1' is not known: as the body turns
+to_lft(trolley(["shaft.torque"], gears=SHAFT))
+    => 'shaft.torque' is not known, as contacts hold the same twice
+to_lft(trolley(["left.force.normal"], gears=SHAFT)) => accepted
 > assemble(on_tire({})) => SceneError: load 'tire' …
 => accepted
 speed="v" => the speed along axis x normal goes down to 0 m/s … Turn the axis round

@@ -4,7 +4,7 @@ Whether relations are independent is decided modulo a prime, for generic values 
 they are at every value is proved with the constraints of loops (`constraint_relations`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
@@ -129,14 +129,23 @@ class Coupled(NamedTuple):
     signals: tuple[Signal, ...]
 
 
-def coupled(scene: Scene, view: View, total: ca.SX, change: ca.SX, preloads: Sequence[ca.SX]) -> Coupled:
+def coupled(
+    scene: Scene,
+    view: View,
+    total: ca.SX,
+    change: ca.SX,
+    preloads: Sequence[ca.SX],
+    shared: Collection[int],
+) -> Coupled:
     """The couplings of a tree at its coordinates.
 
     `total` and `change` (m,) are multipliers of the rigid ones, with and without their values at
-    equilibrium, `preloads` the forces of the others at equilibrium.
+    equilibrium, `preloads` the forces of the others at equilibrium. Forces of rigid ones that are
+    `shared` are left out: contacts hold the same, so they are known as a sum only.
     """
     q, v = (ca.vertcat(*(at[order] for at in view.coordinates.values())) for order in (0, 1))
     efforts, forces, k, taken = ca.SX(q.numel(), 1), [ca.SX(0, 1)], 0, iter(preloads)
+    signals = list[Signal]()
     for coupling in scene.couplings:
         row, values = relations(scene, [coupling], view), view.now.values[owner_name(coupling)]
         if coupling.stiffness is None:
@@ -145,9 +154,10 @@ def coupled(scene: Scene, view: View, total: ca.SX, change: ca.SX, preloads: Seq
             force = -values["stiffness"] * ca.mtimes(row, q) - values["damping"] * ca.mtimes(row, v)
             whole = next(taken) + force
         efforts += row.T * whole
-        forces.append(force)
-    signals = tuple(coupling.signal(scene.joints) for coupling in scene.couplings)
-    return Coupled(efforts, ca.vertcat(*forces), signals)
+        if coupling.stiffness is not None or k - 1 not in shared:
+            forces.append(force)
+            signals.append(coupling.signal(scene.joints))
+    return Coupled(efforts, ca.vertcat(*forces), tuple(signals))
 
 
 def check_couplings(scene: Scene, view: View, symbols: Symbols) -> None:

@@ -408,12 +408,12 @@ def couplings(
     r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX, names: Sequence[str]
 ) -> Coupled:
     """What couplings do; `names` are those of the entries of u."""
-    scene = r.scene
-    soft = [c for c in scene.couplings if c.stiffness is not None]
+    scene, soft = r.scene, [c for c in r.scene.couplings if c.stiffness is not None]
     preloads = [u[names.index(c.signal(scene.joints).name)] for c in soft]
     first = sum(len(loop.signals()) for loop in scene.loops)
     at_rest, change = (multipliers(scene, closure, entries)[first:] for entries in (u, z))
-    return coupled(scene, view, at_rest + change, change, preloads)
+    shared = [k - first for k in closure.shared]
+    return coupled(scene, view, at_rest + change, change, preloads, shared)
 
 
 Forces = tuple[ca.SX, tuple[Signal, ...]]
