@@ -31,6 +31,7 @@ from mbdlft.system.model import LFTModel
 
 FREQUENCIES = 1j * np.logspace(-1.5, 2.0, 8) + 0.37
 OUTPUTS = 12  # about so many variables, beside the states
+DELAY = 2  # order of the Pade approximations of delays
 LIMIT = 120  # seconds for an example
 
 
@@ -69,12 +70,12 @@ def _checked(folder: Path, name: str) -> tuple[int, int, float]:
     file = folder / "one_example.mo"
     file.write_text(f"model OneExample\n  extends {name};\nend OneExample;\n")
     flat = compiled_model(file, "OneExample", [folder])
-    dae, report = translate(flat)
+    dae, report = translate(flat, ModelicaTable(delay=DELAY))
     states = [q.name for q in operating_point(dae, report).structure.states]
     others = [x.name for x in dae.variables if x.name not in states]
     every = max(1, len(others) // OUTPUTS)
     names = [x for x in states if any(x == v.name for v in dae.variables)] + others[::every]
-    table = ModelicaTable(outputs=tuple(names))
+    table = ModelicaTable(outputs=tuple(names), delay=DELAY)
     dae, report = translate(flat, table)
     at = operating_point(dae, report, table)
     model = mbdlft.linearize_dae(at)

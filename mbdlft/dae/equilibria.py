@@ -208,9 +208,12 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
     states = {q.name for q in s.states}
-    columns = independent(J, np.array([int(q.name in states) for q in unknown], dtype=int))
-    held = [q for k, q in enumerate(unknown) if k not in columns]
+    classes = np.array([int(q.name in states) for q in unknown], dtype=int)
+    columns = independent(J, classes)
     kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
+    if len(kept) < len(columns):  # two ranks, where errors of the solution are as large as a pivot
+        columns = independent(J[kept], classes)
+    held = [q for k, q in enumerate(unknown) if k not in columns]
     new = column_of(_given_value(s, q, fixed) for q in held)
     residual = ca.substitute(residual, column_of(q.symbol for q in held), new)
     chosen = tuple(q for k, q in enumerate(unknown) if k in columns)

@@ -26,7 +26,7 @@ from mbdlft.modelica.initial import RESULTS
 from mbdlft.modelica.tree import Expression, shorter, write
 from mbdlft.modelica.values import Value
 
-_EVENTS = ("sample", "reinit", "delay", "spatialDistribution")
+_EVENTS = ("sample", "reinit", "delay", "spatialDistribution")  # delay: of parameters
 # their value here is their first argument
 _SAME = ("noEvent", "homotopy", "pure")
 _NEVER = ("initial", "terminal", "edge", "change")  # in an equilibrium
@@ -43,7 +43,9 @@ class Evaluator:
         lookup: Callable[[str], Value | None],
         derivative: Callable[[Value], Value],
         functions: Mapping[str, tree.Function] = MappingProxyType({}),
+        delay: Callable[[Value, Value], Value] | None = None,
     ) -> None:
+        self.delay = delay
         self.lookup, self.derivative, self.functions = lookup, derivative, functions
         self.indices: dict[str, Value] = {}
 
@@ -233,6 +235,8 @@ class Evaluator:
             return tuple(values)
         if function == "der" and len(values) == 1:
             return v.each(self.derivative, values[0])
+        if function == "delay" and len(values) in (2, 3) and self.delay is not None:
+            return self.delay(values[0], values[1])
         if function == "cat" and len(values) > 1:
             return _cat(*values)
         if (function, len(values)) in _FUNCTIONS:
@@ -483,6 +487,7 @@ _MEASURES: dict[str, Callable[..., Measure]] = {
     **dict.fromkeys(_OF_SAME, _common),
     **{name: partial(plain, function=name) for name in _PLAIN},
     "smooth": lambda order, value: value,
+    "delay": lambda value, *times: value,
     "atan2": lambda y, x: plain(y / (y + x), "atan2"),
     "der": lambda a: a / SECOND,
     "sqrt": Measure.root,

@@ -21,10 +21,26 @@ def initialized(model: tree.FlatModel) -> tree.FlatModel:
     declared = {d.name: d for d in model.declarations}
     given: dict[str, Expression] = {}
     others: list[tree.Statement] = []
-    for statement in model.initial:
-        pairs = dict(_given(statement, declared))
-        if pairs and not pairs.keys() & given.keys():
-            given |= pairs
+    pairs = [(statement, dict(_given(statement, declared))) for statement in model.initial]
+    while True:
+        implicit = {
+            name
+            for name, d in declared.items()
+            if d.variability == "parameter" and not d.sizes and d.binding is None
+            if d.attributes.get("fixed") == tree.Truth(value=False)
+        } - {name.partition("[")[0] for _, values in pairs for name in values}
+        later = [
+            (statement, values)
+            for statement, values in pairs
+            if not any(r.name in implicit for x in values.values() for r in tree.references(x))
+        ]
+        if len(later) == len(pairs):
+            break
+        others += [statement for statement, values in pairs if (statement, values) not in later]
+        pairs = later
+    for statement, values in pairs:
+        if values and not values.keys() & given.keys():
+            given |= values
         else:
             others.append(statement)
     given = _whole(given)

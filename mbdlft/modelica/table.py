@@ -16,6 +16,7 @@
     [linearize]
     outputs = ["load.phi", "load.w"]
     states = ["load.phi", "load.w", "motor.i"]
+    delay = 3
 
     [trim]
     at = { "load.phi" = 0.3 }
@@ -34,6 +35,7 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
 
 FORMAT = "mbdlft-modelica/1"
+_MOST_ORDER = 10  # of a Pade approximation
 _TOP = ("format", "model", "check_units", "parameters", "values", "linearize", "trim")
 _LISTS = {"linearize": ("outputs", "states"), "trim": ("free", "moving")}
 
@@ -54,6 +56,8 @@ class ModelicaTable:
         Outputs of the linear model, in this order; None: those that the model declares.
     states : tuple of str
         Variables that are to be states, where there is a choice.
+    delay : int or None
+        The order of the Pade approximations that stand for delays; None: delays are refused.
     at, free, moving
         As in `mbdlft.dae.equilibria`: what the equilibrium is at, inputs that it gives, what may grow.
     fit : float or None
@@ -69,6 +73,7 @@ class ModelicaTable:
     values: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     outputs: tuple[str, ...] | None = None
     states: tuple[str, ...] = ()
+    delay: int | None = None
     at: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
     free: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
@@ -127,6 +132,7 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
         **_lists(sections),
         at=_at(sections["trim"].get("at", {})),
         fit=_fit(sections["trim"].get("fit")),
+        delay=_delay(sections["linearize"].get("delay")),
         check_units=table.get("check_units", True),
     )
 
@@ -134,16 +140,23 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
 def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
     lists = {}
     for section, keys in _LISTS.items():
-        known = (*keys, "at", "fit") if section == "trim" else keys
+        known = (*keys, "at", "fit") if section == "trim" else (*keys, "delay")
         for key, names in sections[section].items():
             if key not in known:
                 raise SceneError(f"{section}: " + unknown_name("key", key, known))
-            if key in ("at", "fit"):
+            if key in ("at", "fit", "delay"):
                 continue
             if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
                 raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
             lists[key] = tuple(names)
     return lists
+
+
+def _delay(entry: Any) -> int | None:
+    is_order = isinstance(entry, int) and not isinstance(entry, bool) and 1 <= entry <= _MOST_ORDER
+    if entry is not None and not is_order:
+        raise SceneError(f"linearize: delay: expected an order from 1 to {_MOST_ORDER}, got {entry!r}.")
+    return None if entry is None else int(entry)
 
 
 def _fit(entry: Any) -> float | None:

@@ -152,7 +152,7 @@ class _Translation:
                 text = f"equations are chosen by the value of {name!r}, which cannot stay then: keep it"
                 remedy = f"a number ({name} = false in the table), or choose by a signal."
                 raise SceneError(self.place(line, f"{text} {remedy}"))
-        self.variables = Variables(self.parameters, self._of_declaration, model.functions)
+        self.variables = Variables(self.parameters, self._of_declaration, model.functions, table.delay)
         self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 
     def result(self) -> tuple[Dae, ModelicaReport]:
@@ -168,6 +168,9 @@ class _Translation:
             if d.binding is not None
         ]
         equations = self._equations([*bound, *self.model.equations])
+        equations += [Equation(name, residual, None) for name, residual in self.variables.delayed]
+        if self.variables.delayed:
+            self.parameters.notes.append(f"delays are Pade approximations of order {self.table.delay}")
         initial = self._equations(self.model.initial)
         equations, sources = self._sources(equations)
         inputs = self._inputs(sources)
@@ -303,15 +306,19 @@ class _Translation:
         others: list[Equation] = []
         sources: list[str] = []
         known = self._of_time(equations)
+        for name, value in self.of_time.items():  # guesses for what they are made of
+            x = self.variables.by_name[name]
+            if not x.fixed and x.start is None:
+                self.variables.by_name[name] = replace(x, start=self.variables.at_nominal(value))
         for e in equations:
             if not ca.depends_on(e.residual, self.variables.time):
                 others.append(e)
                 continue
-            name = known.get(id(e))
-            if name is None:
+            source = known.get(id(e))
+            if source is None:
                 raise SceneError(self.place(e.line, f"{e.name!r} depends on time. {_TIME}"))
-            x = self.variables.by_name[name]
-            at_zero = self.of_time[name]
+            x = self.variables.by_name[source]
+            at_zero = self.of_time[source]
             start = self.variables.at_nominal(at_zero)
             of = self.variables.start_of(at_zero)
             self.variables.by_name[x.name] = replace(x, start=start, start_of=of)

@@ -14,6 +14,8 @@ from graphlib import CycleError, TopologicalSorter
 from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
+from scipy.optimize import root
 
 from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.parameter import Parameter
@@ -30,6 +32,7 @@ from mbdlft.modelica.values import Value, described, number_of
 from mbdlft.multibody.scene.toml import read_parameters
 from mbdlft.problem.sx.constants import in_doubles
 
+_SOLVED = 1e-7  # of the last step of Newton's method, behind which there is one more
 _NO_LIMIT = Fraction(10) ** 30  # libraries write 1e60 for what has no limit
 _NOT_OF_NAMES = re.compile(r"\W+")
 _RANGE = frozenset(("percent", "plus", "minus", "low", "high"))
@@ -69,9 +72,18 @@ def read_values(
         no_derivative,
         model.functions,
     )
-    for name in _ordered(declared, records, place):
+    open_, equations = _initialized(model, declared)
+    starts = [d.attributes["start"] for d in open_.values() if "start" in d.attributes]
+    sides = [side for e in equations for side in (e.left, e.right)]
+    needed = {reference.name for x in (*starts, *sides) for reference in tree.references(x)}
+    solved: dict[str, Fraction] = {}
+    for name in _ordered(declared, records, place, dict.fromkeys(open_, needed - open_.keys())):
         d = declared[name]
         try:
+            if name in open_:
+                solved = solved or _solution(open_, equations, parameters.values, evaluator)
+                parameters.values[name] = solved[name]
+                continue
             parameters.values[name] = _value(d, table, evaluator)
             if d.type == "Real":
                 _keep(d, table.parameters.get(name), evaluator, parameters)
@@ -80,6 +92,52 @@ def read_values(
         except SceneError as error:
             raise SceneError(f"{place(d)}: {error}") from None
     return parameters
+
+
+def _initialized(
+    model: tree.FlatModel, declared: Mapping[str, tree.Declaration]
+) -> tuple[dict[str, tree.Declaration], list[tree.Equation]]:
+    """Parameters that initial equations of parameters alone give, and these, as many; or none."""
+    open_ = {
+        name: d
+        for name, d in declared.items()
+        if d.attributes.get("fixed") == tree.Truth(value=False) and d.binding is None and not d.sizes
+    }
+    equations = []
+    for e in model.initial:
+        if isinstance(e, tree.Equation):
+            names = {r.name for side in (e.left, e.right) for r in tree.references(side)}
+            if names <= declared.keys() and names & open_.keys():
+                equations.append(e)
+    return (open_, equations) if open_ and len(equations) == len(open_) else ({}, [])
+
+
+def _solution(
+    open_: Mapping[str, tree.Declaration],
+    equations: Sequence[tree.Equation],
+    values: dict[str, Value],
+    evaluator: Evaluator,
+) -> dict[str, Fraction]:
+    """The values of unknown parameters by their equations, from their starts; in doubles."""
+    starts = [evaluator.value(d.attributes.get("start", tree.Number("0"))) for d in open_.values()]
+    values |= {name: ca.SX.sym(name) for name in open_}
+    z = column_of(values[name] for name in open_)
+    sides = [(evaluator.value(e.left), evaluator.value(e.right)) for e in equations]
+    residual = in_doubles(column_of(v.to_sx(a) - v.to_sx(b) for a, b in sides))
+    if len(ca.symvar(residual)) > len(open_):
+        raise SceneError(
+            "initial equations give its value from parameters that stay. Keep these numbers."
+        )
+    system = ca.Function("initial", [z], [residual, ca.jacobian(residual, z)])
+    at = root(
+        lambda x: system(x)[0].full()[:, 0],
+        np.array(starts, dtype=float),
+        jac=lambda x: system(x)[1].full(),
+    ).x
+    step = np.linalg.lstsq(system(at)[1].full(), system(at)[0].full()[:, 0])[0]
+    if not np.all(np.abs(step) <= _SOLVED * np.abs(at)):
+        raise SceneError("its initial equations have no solution near its start value. Give it a number.")
+    return dict(zip(open_, map(decimal, at - step), strict=True))
 
 
 def _has_all(name: str, fields: tuple[str, ...], declared: Container[str]) -> bool:
@@ -107,11 +165,12 @@ def _ordered(
     declared: Mapping[str, tree.Declaration],
     records: Mapping[str, tuple[str, ...]],
     place: Callable[[tree.Declaration], str],
+    solved: Mapping[str, set[str]],
 ) -> list[str]:
-    """Names such that each comes behind those that it depends on."""
-    graph = {}
+    """Names such that each comes behind those that it depends on; `solved` says so of unknowns."""
+    graph: dict[str, set[str]] = {}
     for name, d in declared.items():
-        needed = _needed(d)
+        needed = solved.get(name) or _needed(d)
         fields = {f"{record}.{field}" for record in needed & records.keys() for field in records[record]}
         graph[name] = (needed | fields) & declared.keys()
     try:
@@ -253,13 +312,16 @@ class Variables:
         parameters: Parameters,
         place: Callable[[tree.Declaration], str],
         functions: Mapping[str, tree.Function],
+        delay: int | None = None,
     ) -> None:
         self.parameters, self.place = parameters, place
         self.time = ca.SX.sym("time")
         self.values: dict[str, Value] = {**parameters.values, "time": self.time}
         self.by_name: dict[str, Variable] = {}  # one for each entry of an array
         self.rates: dict[str, ca.SX] = {}  # symbols of derivatives that occur
-        self.evaluator = Evaluator(self.values.get, self.derivative, functions)
+        self.order = delay
+        self.delayed: list[tuple[str, ca.SX]] = []  # equations of delays, and what they are called
+        self.evaluator = Evaluator(self.values.get, self.derivative, functions, self.delay)
 
     def declare(self, d: tree.Declaration) -> None:
         """Symbols and variables of a declaration, of each entry of an array."""
@@ -299,6 +361,33 @@ class Variables:
             slope = ca.jacobian(expression, x.symbol)
             derivative = v.binary("+", derivative, rate if slope.is_one() else slope * rate)
         return derivative
+
+    def delay(self, value: Value, time: Value) -> Value:
+        """A value a time ago: its Pade approximation, whose states are new variables.
+
+        T^k x^(k) are its states x[k]; sum of c[k] T^k x^(k) = value, sum of c[k] (-T)^k x^(k) the result.
+        """
+        n = self.order
+        if n is None:
+            raise SceneError(
+                "delay() has no linear model of finite order; delay = 3 under [linearize] of the table "
+                "puts a Pade approximation in its place."
+            )
+        count = len(self.delayed) // n + 1
+        states = []
+        for k in range(n):
+            name = f"delay{count}.x[{k + 1}]"
+            states.append(ca.SX.sym(name))
+            self.by_name[name] = Variable(name, states[-1], "1")
+        c = [Fraction(math.comb(n, k), math.perm(2 * n, k)) for k in range(n + 1)]
+        known: Value = v.total(tuple(v.binary("*", c[k], x) for k, x in enumerate(states)))
+        highest = v.binary("/", v.binary("-", value, known), c[n])
+        for k, following in enumerate((*states[1:], v.to_sx(highest))):
+            rate = v.binary("*", time, self.derivative(states[k]))
+            self.delayed.append((f"delay {count} [{k + 1}]", v.to_sx(rate) - following))
+        signs = [(-1) ** k * c[k] for k in range(n + 1)]
+        terms = zip(signs, (*states, highest), strict=True)
+        return v.total(tuple(v.binary("*", sign, x) for sign, x in terms))
 
     def at_time_zero(self, expression: ca.SX) -> ca.SX:
         """An expression at time zero, if it depends on time and parameters alone."""

@@ -8,18 +8,18 @@ import pytest
 
 import mbdlft
 from mbdlft.base.errors import SceneError
-from mbdlft.modelica import load_modelica, operating_point
+from mbdlft.modelica import ModelicaTable, load_modelica, operating_point
 from mbdlft.pipeline.dae_models import linearize_dae
 from tests.close import roundoff
 
 pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
 
 
-def matrices(tmp_path: Path, text: str) -> list[Any]:
+def matrices(tmp_path: Path, text: str, table: ModelicaTable | None = None) -> list[Any]:
     """A, B, C and D of the linear model of a model M."""
     file = tmp_path / "m.mo"
     file.write_text(text)
-    dae, report = load_modelica(file, model="M", roots=[])
+    dae, report = load_modelica(file, table, model="M", roots=[])
     model = linearize_dae(operating_point(dae, report), search=0.0, prove=0.0)
     return [np.asarray(part) for part in mbdlft.matrices_at(model, {})]
 
@@ -91,6 +91,7 @@ end P;
         ),
         ("parameter Real k(fixed=false);\ninitial algorithm\nk := 6;", "y = k*u;", 6.0),
         ("Boolean b; Real x;", "b = u > 1; x = if b then 2*u else 3*u; y = x;", 2.0),
+        ("Boolean b;", "b = u > 1 or u > 2; y = if b then 2*u else 3*u;", 2.0),
         ("Boolean b; Real x;", "b = u > 3; x = if b then 2*u else 3*u; y = x;", 3.0),
         ("Boolean a; Boolean b;", "b = not a; a = u > 1; y = if b then 2*u else 9*u;", 9.0),
         ("Boolean b;", "b = time > 1; y = if b then 2*u else 8*u;", 8.0),
@@ -113,6 +114,23 @@ def test_a_mode_is_that_of_the_equilibrium_and_not_of_the_start(tmp_path: Path) 
     roundoff(matrices(tmp_path, text)[0].reshape(()), -2.0)
 
 
+def test_a_delay_is_a_pade_approximation_of_the_order_that_is_asked_for(tmp_path: Path) -> None:
+    text = "model M input Real u; output Real y; equation y = 3*delay(u, 0.5); end M;"
+    A, B, C, D = matrices(tmp_path, text, ModelicaTable(delay=2))
+    for s in (0.3j, 1.0 + 2.0j):
+        got = C @ np.linalg.solve(s * np.eye(2) - A.reshape(2, 2), B.reshape(2, 1)) + D
+        x = 0.5 * s  # the table of Pade: (12 - 6 x + x^2)/(12 + 6 x + x^2)
+        roundoff(got.reshape(()), 3.0 * (12.0 - 6.0 * x + x**2) / (12.0 + 6.0 * x + x**2))
+
+
+def test_unknown_parameters_of_several_initial_equations(tmp_path: Path) -> None:
+    declared = """parameter Real q = 6;
+      parameter Real a(fixed=false, start=1); parameter Real b(fixed=false, start=3);
+    initial equation
+      a*b = q; a + b = 5;"""
+    roundoff(gain(tmp_path, declared, "y = (10*a + b)*u;"), 23.0)
+
+
 @pytest.mark.parametrize(
     ("declared", "equations", "match"),
     [
@@ -132,7 +150,7 @@ def test_a_mode_is_that_of_the_equilibrium_and_not_of_the_start(tmp_path: Path) 
             "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;",
             r"the modes b have no",
         ),
-        ("", "y = delay(u, 0.5);", r"delay\(\) makes or sees events"),
+        ("", "y = delay(u, 0.5);", r"delay\(\) has no linear model"),
     ],
 )
 def test_what_has_no_one_linear_model_is_refused(
