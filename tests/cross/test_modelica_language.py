@@ -58,6 +58,10 @@ package P
     if x > 1 then z[2] := 3*x; else z[1] := 5*x; end if;
     y := z[1] + z[2];
   end branches;
+  function again input Real x; input Integer n; output Real y;
+  algorithm
+    if n > 0 then y := x*again(x, n - 1); else y := 1; end if;
+  end again;
   function turned input Real a; output R r;
   algorithm
     r := R([cos(a), sin(a); -sin(a), cos(a)], 2*a);
@@ -74,6 +78,7 @@ end P;
     ("declared", "equations", "expected"),
     [
         ("", "y = P.power(u, 3);", 12.0),
+        ("", "y = P.again(u, 3);", 12.0),
         ("", "y = P.branches(u);", 4.0),
         ("", "y = P.branches(u - 1.5);", 5.0),
         ("P.R r;", "r = P.turned(u - 2); y = r.T[1,2] + r.w;", 3.0),
@@ -127,7 +132,7 @@ def test_unknown_parameters_of_several_initial_equations(tmp_path: Path) -> None
     declared = """parameter Real q = 6;
       parameter Real a(fixed=false, start=1); parameter Real b(fixed=false, start=3);
     initial equation
-      a*b = q; a + b = 5;"""
+      a*b = q; a = 5 - b;"""
     roundoff(gain(tmp_path, declared, "y = (10*a + b)*u;"), 23.0)
 
 
