@@ -200,11 +200,10 @@ class _Function(NamedTuple):
         sizes = [part.stop - part.start for part in self.parts.values()]
         deltas = np.repeat(np.array([points[name] for name in self.parts]), sizes, axis=0).T
         right = entrywise(multiplied(directions, self.M[n:, :n], prime), deltas, prime)
-        transposed, identity = self.M[:n, :n].T, np.eye(n, dtype=np.int64)
-        states = [
-            solved((identity - entrywise(delta[:, None], transposed, prime)) % prime, row[:, None], prime)
-            for delta, row in zip(deltas, right, strict=True)
-        ]
+        loops = (
+            np.eye(n, dtype=np.int64) - entrywise(deltas[:, :, None], self.M[:n, :n].T, prime)
+        ) % prime
+        states = [solved(*pair, prime) for pair in zip(loops, right[:, :, None], strict=True)]
         return multiplied(np.array(states).reshape(count, n), self.M[:n, n:], prime)
 
     def alone(self, name: str, at: Mapping[str, Residues]) -> Residues:
