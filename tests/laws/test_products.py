@@ -32,10 +32,11 @@ def products_only() -> Iterator[None]:
     order = import_module("mbdlft.multibody.assembly.weights")
 
     def second_only(scene: mbdlft.Scene) -> SimpleNamespace:
-        exact = assembly(scene).second_order()
+        both = assembly(scene)
+        exact = both.second_order()
         assert exact is not None
         none = {"second_order": lambda: None, "is_regular": lambda: False, "constraints": lambda: None}
-        return SimpleNamespace(equations=rounded(exact), exact=exact, **none)
+        return SimpleNamespace(equations=rounded(exact), exact=exact, closure=both.closure, **none)
 
     with (
         patch.object(module, "assembly", second_only),
