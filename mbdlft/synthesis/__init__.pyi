@@ -6,9 +6,12 @@ from .description import TuningTask as TuningTask
 from .description import load_tuning as load_tuning
 from .description import tune_task as tune_task
 from .goals import Goal as Goal
+from .goals import acceleration_goal as acceleration_goal
 from .goals import gain_goal as gain_goal
 from .goals import margin_goal as margin_goal
 from .goals import pole_goal as pole_goal
+from .goals import rolloff_goal as rolloff_goal
+from .goals import tracking_goal as tracking_goal
 from .pieces import FreeValue as FreeValue
 from .pieces import TunableSystem as TunableSystem
 from .pieces import scheduled as scheduled

@@ -16,7 +16,16 @@ from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
 from mbdlft.synthesis.box import Tuning, tune
-from mbdlft.synthesis.goals import Goal, gain_goal, margin_goal, pole_goal
+from mbdlft.synthesis.goals import (
+    Goal,
+    acceleration_goal,
+    gain_goal,
+    margin_goal,
+    pole_goal,
+    rational,
+    rolloff_goal,
+    tracking_goal,
+)
 from mbdlft.synthesis.pieces import (
     Names,
     Ranges,
@@ -36,7 +45,14 @@ _CONTROLLERS: dict[str, Callable[..., TunableSystem]] = {
     "transfer": tunable_transfer,
     "state_space": tunable_state_space,
 }
-_GOALS: dict[str, Callable[..., Goal]] = {"gain": gain_goal, "margin": margin_goal, "poles": pole_goal}
+_GOALS: dict[str, Callable[..., Goal]] = {
+    "acceleration": acceleration_goal,
+    "gain": gain_goal,
+    "margin": margin_goal,
+    "poles": pole_goal,
+    "roll-off": rolloff_goal,
+    "tracking": tracking_goal,
+}
 _WEIGHTS = ("before", "after")
 
 
@@ -218,14 +234,6 @@ def _weight(name: str, entry: Mapping[str, Any]) -> System:
                 f"got {values!r}."
             )
         lists.append(np.array(values, dtype=float))
-    above, below = lists
-    n = len(below) - 1
-    if len(above) > n + 1:
+    if len(lists[0]) > len(lists[1]):
         raise SceneError(f"{where}: the numerator has a higher power of s than the denominator.")
-    b = np.concatenate([np.zeros(n + 1 - len(above)), above])[::-1] / below[0]
-    if not n:
-        return tunable_gain(name, "u", "y", initial={"D[1,1]": float(b[0])}).with_values({})
-    a = below[::-1] / below[0]
-    values = {f"{name}.a{k}": float(a[k]) for k in range(n)}
-    values |= {f"{name}.b{k}": float(b[k]) for k in range(n + 1)}
-    return tunable_transfer(name, "u", "y", n).with_values(values)
+    return rational(name, *lists)

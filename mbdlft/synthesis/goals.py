@@ -4,8 +4,16 @@
     margin        alpha |S - 1/2|, S the sensitivity where the loop is opened: a disk margin of alpha
     poles         decay / -Re(lambda),   damping |lambda| / -Re(lambda),   |lambda| / speed
 
-A template of a response over frequency is the inverse of a weight, which is a system. The disk margin is
-that of Seiler, Packard, Gahinet (IEEE Control Systems Magazine 40, 2020) without skew.
+A template of a response over frequency is the inverse of a weight, which is a system. Three
+templates have goals of their own, w_c = 2/(time of the response), k = 100 and e = w_0/1000:
+
+    tracking      W = (s + w_c)/(peak s + w_c dc)                  of reference to error
+    roll-off      W = ((s/w_0)/(s/(k w_0) + 1))^n                  of what has to fall beyond w_0
+    acceleration  W = (s^2 + 2 xi w_0 s + w_0^2)/(s + e)^2         of disturbing to true acceleration
+
+The last one is the second-order template on the acceleration sensitivity (SOTAS) of Perez, thesis, 2016,
+chapter 8, with its double integrator moved to the left by e. The disk margin is that of Seiler, Packard,
+Gahinet (IEEE Control Systems Magazine 40, 2020) without skew.
 """
 
 from collections.abc import Sequence
@@ -14,13 +22,17 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.response.modes import spectrum
-from mbdlft.synthesis.pieces import Names, listed
+from mbdlft.synthesis.pieces import Names, listed, tunable_gain, tunable_transfer
+from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, state_space
 from mbdlft.system.model import System
 
 HINF, H2, MARGIN, POLES = "H-infinity", "H2", "disk margin", "poles"
+_PROPER = 100.0  # times the frequency of a roll-off, where its weight ends
+_LEAK = 1e-3  # of the frequency of a mode: what its double integrator is moved by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,7 +114,149 @@ def gain_goal(
     return Goal(norm, name, u, y, limit=limit, hard=hard, before=first, after=last)
 
 
-def margin_goal(channels: Names, margin: float, *, hard: bool = False, name: str = "") -> Goal:
+def tracking_goal(
+    references: Names,
+    errors: Names,
+    *,
+    time: float,
+    dc: float = 1e-3,
+    peak: float = 1.3,
+    hard: bool = False,
+    name: str = "",
+) -> Goal:
+    """Errors that follow a reference: small up to 2/time, and never above a peak.
+
+    Parameters
+    ----------
+    references, errors : name, or sequence of as many names
+        Channels as for `gain_goal`.
+    time : float, in s
+        Of the response.
+    dc : float
+        Part of the reference that may be left at low frequency.
+    peak : float, above 1
+        Of the error at any frequency.
+    hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        A number is not positive, or the peak is not above `dc`.
+    """
+    name = name or f"tracking of {', '.join(listed(references))}"
+    _check_positive(name, time=time, dc=dc, peak=peak)
+    if not dc < peak:
+        raise StructureError(f"goal {name!r}: expected a peak above dc = {dc!r}, got {peak!r}.")
+    w = 2.0 / time
+    weight = rational("tracking", np.array([1.0, w]), np.array([peak, w * dc]))
+    return gain_goal(references, errors, after=weight, hard=hard, name=name)
+
+
+def rolloff_goal(
+    inputs: Names,
+    outputs: Names,
+    *,
+    frequency: float,
+    slope: int = 1,
+    limit: float = 1.0,
+    hard: bool = False,
+    name: str = "",
+) -> Goal:
+    """A gain that falls beyond a frequency, by 20 dB a decade and slope.
+
+    Parameters
+    ----------
+    inputs, outputs : name, or sequence of names
+        Channels as for `gain_goal`.
+    frequency : float, in rad/s
+        At which the asymptote is the limit.
+    slope : int
+        1 for 20 dB a decade, 2 for 40; up to 100 times the frequency.
+    limit, hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        A number is not positive, or the slope is no whole number.
+    """
+    name = name or f"roll-off to {', '.join(listed(outputs))}"
+    _check_positive(name, frequency=frequency, slope=slope)
+    if not isinstance(slope, int):
+        raise StructureError(f"goal {name!r}: expected a whole slope, such as 2, got {slope!r}.")
+    end = _PROPER * frequency
+    lag = rational("lag", np.array([_PROPER, 0.0]), np.array([1.0, end]))
+    weight = chain([lag] * slope) if slope > 1 else lag
+    return gain_goal(inputs, outputs, after=weight, limit=limit, hard=hard, name=name)
+
+
+def acceleration_goal(
+    disturbances: Names,
+    accelerations: Names,
+    *,
+    frequency: float,
+    damping: float,
+    hard: bool = False,
+    name: str = "",
+) -> Goal:
+    """Accelerations by disturbing ones as of a mode with this frequency and damping, or smaller.
+
+    Parameters
+    ----------
+    disturbances, accelerations : name, or sequence of as many names
+        What is added to an acceleration, or a force over its mass, and the acceleration.
+    frequency : float, in rad/s
+    damping : float
+    hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        A number is not positive.
+    """
+    name = name or f"acceleration of {', '.join(listed(accelerations))}"
+    _check_positive(name, frequency=frequency, damping=damping)
+    leak = frequency * _LEAK
+    mode = np.array([1.0, 2.0 * damping * frequency, frequency**2])
+    weight = rational("mode", mode, np.array([1.0, 2.0 * leak, leak**2]))
+    return gain_goal(disturbances, accelerations, after=weight, hard=hard, name=name)
+
+
+def rational(name: str, numerator: Array, denominator: Array) -> System:
+    """A transfer function of its coefficients, the highest power first."""
+    n = len(denominator) - 1
+    above = np.concatenate([np.zeros(n + 1 - len(numerator)), numerator])
+    b, a = above[::-1] / denominator[0], denominator[::-1] / denominator[0]
+    if not n:
+        return tunable_gain(name, "u", "y", initial={"D[1,1]": float(b[0])}).with_values({})
+    values = {f"{name}.a{k}": float(a[k]) for k in range(n)}
+    values |= {f"{name}.b{k}": float(b[k]) for k in range(n + 1)}
+    return tunable_transfer(name, "u", "y", n).with_values(values)
+
+
+def margin_goal(
+    channels: Names,
+    margin: float = 0.0,
+    *,
+    gain: float = 0.0,
+    phase: float = 0.0,
+    hard: bool = False,
+    name: str = "",
+) -> Goal:
     """A disk margin of the loop that is opened at inputs of systems, all at once.
 
     Parameters
@@ -111,6 +265,8 @@ def margin_goal(channels: Names, margin: float, *, hard: bool = False, name: str
     margin : float, between 0 and 2
         A margin of alpha is one of gain from (2 - alpha)/(2 + alpha) to its inverse, and one of phase of
         2 arctan(alpha/2).
+    gain, phase : float, in dB and deg
+        Margins that the disk has to have, besides or in place of `margin`.
     hard, name
         As for `gain_goal`.
 
@@ -125,9 +281,17 @@ def margin_goal(channels: Names, margin: float, *, hard: bool = False, name: str
     """
     u = tuple(listed(channels))
     name = name or f"margin at {', '.join(u)}"
-    if not 0.0 < margin < 2.0:
-        raise StructureError(f"goal {name!r}: expected a disk margin between 0 and 2, got {margin!r}.")
-    return Goal(MARGIN, name, u, u, limit=1.0 / margin, hard=hard)
+    if not (0.0 <= gain < np.inf and 0.0 <= phase < 90.0):
+        raise StructureError(
+            f"goal {name!r}: expected a gain margin (dB) from 0 up and a phase margin from 0 to 90 deg, "
+            f"got {gain!r} and {phase!r}."
+        )
+    factor = 10.0 ** (gain / 20.0)
+    of_gain, of_phase = 2.0 * (factor - 1.0) / (factor + 1.0), 2.0 * np.tan(np.radians(phase) / 2.0)
+    largest = max(margin, of_gain, float(of_phase)) if margin >= 0.0 else margin
+    if not 0.0 < largest < 2.0:
+        raise StructureError(f"goal {name!r}: expected a disk margin between 0 and 2, got {largest!r}.")
+    return Goal(MARGIN, name, u, u, limit=1.0 / largest, hard=hard)
 
 
 def pole_goal(

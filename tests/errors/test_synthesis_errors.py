@@ -3,7 +3,17 @@
 import numpy as np
 
 import mbdlft
-from mbdlft.synthesis import gain_goal, margin_goal, pole_goal, tunable_gain, tunable_pid, tune
+from mbdlft.synthesis import (
+    acceleration_goal,
+    gain_goal,
+    margin_goal,
+    pole_goal,
+    rolloff_goal,
+    tracking_goal,
+    tunable_gain,
+    tunable_pid,
+    tune,
+)
 from mbdlft.system import state_space
 from tests.errors.table import refused
 
@@ -39,6 +49,12 @@ gain_goal("f", "y", norm="inf") => expected the norm 'H-infinity' or 'H2', got '
 gain_goal("f", "y", after=state_space([[0.0]], [[1]], [[1]], [[0]])) => the pole 0 … from 1/s to
 gain_goal(["a", "b"], "y", before=np.eye(3)) => a weight has 3 inputs and 3 outputs, expected 1 or 2
 margin_goal("f", 2.0) => expected a disk margin between 0 and 2, got 2.0
+margin_goal("f") => expected a disk margin between 0 and 2, got 0.0
+margin_goal("f", phase=90.0) => a phase margin from 0 to 90 deg, got 0.0 and 90.0
+tracking_goal("r", "e", time=0.0) => expected a positive time, got 0.0
+tracking_goal("r", "e", time=1.0, dc=2.0) => expected a peak above dc = 2.0, got 1.3
+rolloff_goal("r", "u", frequency=1.0, slope=1.5) => expected a whole slope, such as 2, got 1.5
+acceleration_goal("d", "a", frequency=1.0, damping=-0.1) => expected a positive damping, got -0.1
 pole_goal() => one of them at least
 pole_goal(damping=1.0) => a damping from 0 to 1
 tunable_pid("K", "e", "u", filter=0.0) => expected a positive filter

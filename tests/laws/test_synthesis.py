@@ -11,11 +11,14 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.synthesis import (
     TunableSystem,
+    acceleration_goal,
     gain_goal,
     margin_goal,
     pole_goal,
+    rolloff_goal,
     save_tuning,
     scheduled,
+    tracking_goal,
     tunable_gain,
     tunable_pid,
     tunable_state_space,
@@ -230,6 +233,36 @@ def test_a_mass_on_a_spring_is_tuned_and_proved(tmp_path: Path) -> None:
     names = mbdlft.analysis_names(tmp_path / "made.h5")
     loaded = [mbdlft.load_analysis(tmp_path / "made.h5", name) for name in names]
     assert [mbdlft.verify(*each) for each in loaded] == ["", ""]
+
+
+@pytest.mark.parametrize(
+    ("goal", "weight"),
+    [
+        (tracking_goal("r", "e", time=2.0, dc=0.01, peak=1.5), lambda s: (s + 1.0) / (1.5 * s + 0.01)),
+        (rolloff_goal("r", "u", frequency=10.0), lambda s: (s / 10.0) / (s / 1e3 + 1.0)),
+        (rolloff_goal("r", "u", frequency=10.0, slope=2), lambda s: (s / 10.0 / (s / 1e3 + 1.0)) ** 2),
+        (
+            acceleration_goal("d", "a", frequency=2.0, damping=0.7),
+            lambda s: (s**2 + 2.8 * s + 4.0) / (s + 2e-3) ** 2,
+        ),
+    ],
+    ids=["tracking", "roll-off", "roll-off 40 dB", "acceleration"],
+)
+def test_templates_have_the_weights_that_they_say(goal: Any, weight: Any) -> None:
+    largest = max(abs(weight(s)) for s in (0.01j, 1e9))
+    for s in (0.01j, S, 300j):
+        target(transfer(goal.after, s), [[weight(s)]], CLOSED_FORM, largest)
+
+
+def test_margins_in_decibels_and_degrees() -> None:
+    """A disk with a gain margin g has alpha = 2 (g - 1)/(g + 1), with a phase margin 2 tan(phase/2)."""
+    for given, alpha in (
+        ({"gain": 20.0 * np.log10(3.0)}, 1.0),
+        ({"phase": np.degrees(2.0 * np.arctan(0.4))}, 0.8),
+        ({"margin": 0.5, "gain": 20.0 * np.log10(3.0), "phase": 10.0}, 1.0),
+        ({"margin": 1.5, "gain": 6.0}, 1.5),
+    ):
+        target([margin_goal("plant.f", **given).limit], [1.0 / alpha], CLOSED_FORM)
 
 
 def test_a_hard_goal_stops_the_others() -> None:
