@@ -12,6 +12,10 @@ from .goals import margin_goal as margin_goal
 from .goals import pole_goal as pole_goal
 from .goals import rolloff_goal as rolloff_goal
 from .goals import tracking_goal as tracking_goal
+from .laws import acceleration_feedback as acceleration_feedback
+from .laws import inertia_pd as inertia_pd
+from .laws import integral_force_feedback as integral_force_feedback
+from .laws import positive_position_feedback as positive_position_feedback
 from .pieces import FreeValue as FreeValue
 from .pieces import TunableSystem as TunableSystem
 from .pieces import scheduled as scheduled

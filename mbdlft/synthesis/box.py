@@ -190,13 +190,9 @@ def tune(
             if prove:
                 say(f"proof of {goal.name}")
             reached.append(_reached(net, goal, best.x, points, bound, (prove, gap, work)))
-    controllers = tuple(
-        c.with_values({v.name: float(x) for v, x in zip(net.free, best.x, strict=True) if v in c.free})
-        for c in net.controllers
-    )
-    return Tuning(
-        controllers, _values(net, best.x), tuple(reached), tuple(_physical(net, p) for p in points)
-    )
+    values = _values(net, best.x)
+    controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
+    return Tuning(controllers, values, tuple(reached), tuple(_physical(net, p) for p in points))
 
 
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:

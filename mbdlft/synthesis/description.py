@@ -26,6 +26,12 @@ from mbdlft.synthesis.goals import (
     rolloff_goal,
     tracking_goal,
 )
+from mbdlft.synthesis.laws import (
+    acceleration_feedback,
+    inertia_pd,
+    integral_force_feedback,
+    positive_position_feedback,
+)
 from mbdlft.synthesis.pieces import (
     Names,
     Ranges,
@@ -44,6 +50,10 @@ _CONTROLLERS: dict[str, Callable[..., TunableSystem]] = {
     "pid": tunable_pid,
     "transfer": tunable_transfer,
     "state_space": tunable_state_space,
+    "pd from inertia": inertia_pd,
+    "acceleration feedback": acceleration_feedback,
+    "positive position feedback": positive_position_feedback,
+    "integral force feedback": integral_force_feedback,
 }
 _GOALS: dict[str, Callable[..., Goal]] = {
     "acceleration": acceleration_goal,
@@ -204,6 +214,7 @@ _TYPES: dict[Any, tuple[Callable[[Any], bool], str]] = {
     bool: (lambda value: isinstance(value, bool), "true or false"),
     int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
     float: (is_finite, "a finite number"),
+    float | None: (is_finite, "a finite number"),
     str: (lambda value: isinstance(value, str), "a text"),
     Names: (lambda value: isinstance(value, str) or _are_names(value), "a name or a list of names"),
     float | tuple[float, float]: (

@@ -25,7 +25,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.response.modes import spectrum
-from mbdlft.synthesis.pieces import Names, listed, tunable_gain, tunable_transfer
+from mbdlft.synthesis.pieces import Names, check_positive, listed, tunable_gain, tunable_transfer
 from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, state_space
 from mbdlft.system.model import System
@@ -109,7 +109,7 @@ def gain_goal(
     name = name or f"{', '.join(u)} to {', '.join(y)}"
     if norm not in (HINF, H2):
         raise StructureError(f"goal {name!r}: expected the norm {HINF!r} or {H2!r}, got {norm!r}.")
-    _check_positive(name, limit=limit)
+    check_positive(f"goal {name!r}", limit=limit)
     first, last = _weight(before, len(u), name), _weight(after, len(y), name)
     return Goal(norm, name, u, y, limit=limit, hard=hard, before=first, after=last)
 
@@ -149,7 +149,7 @@ def tracking_goal(
         A number is not positive, or the peak is not above `dc`.
     """
     name = name or f"tracking of {', '.join(listed(references))}"
-    _check_positive(name, time=time, dc=dc, peak=peak)
+    check_positive(f"goal {name!r}", time=time, dc=dc, peak=peak)
     if not dc < peak:
         raise StructureError(f"goal {name!r}: expected a peak above dc = {dc!r}, got {peak!r}.")
     w = 2.0 / time
@@ -190,7 +190,7 @@ def rolloff_goal(
         A number is not positive, or the slope is no whole number.
     """
     name = name or f"roll-off to {', '.join(listed(outputs))}"
-    _check_positive(name, frequency=frequency, slope=slope)
+    check_positive(f"goal {name!r}", frequency=frequency, slope=slope)
     if not isinstance(slope, int):
         raise StructureError(f"goal {name!r}: expected a whole slope, such as 2, got {slope!r}.")
     end = _PROPER * frequency
@@ -229,7 +229,7 @@ def acceleration_goal(
         A number is not positive.
     """
     name = name or f"acceleration of {', '.join(listed(accelerations))}"
-    _check_positive(name, frequency=frequency, damping=damping)
+    check_positive(f"goal {name!r}", frequency=frequency, damping=damping)
     leak = frequency * _LEAK
     mode = np.array([1.0, 2.0 * damping * frequency, frequency**2])
     weight = rational("mode", mode, np.array([1.0, 2.0 * leak, leak**2]))
@@ -332,12 +332,6 @@ def pole_goal(
             f"of them at least, got {decay!r}, {damping!r}, {speed!r}."
         )
     return Goal(POLES, name, hard=hard, decay=decay, damping=damping, speed=speed)
-
-
-def _check_positive(name: str, **numbers: float) -> None:
-    for label, number in numbers.items():
-        if not (isinstance(number, int | float) and 0.0 < number < np.inf):
-            raise StructureError(f"goal {name!r}: expected a positive {label}, got {number!r}.")
 
 
 def _weight(weight: Any, channels: int, name: str) -> System | None:

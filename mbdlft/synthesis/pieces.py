@@ -431,6 +431,13 @@ def listed(names: Names) -> list[str]:
     return [names] if isinstance(names, str) else list(names)
 
 
+def check_positive(where: str, **numbers: float) -> None:
+    """Raise a StructureError unless all numbers are positive and finite."""
+    for label, number in numbers.items():
+        if not (isinstance(number, int | float) and 0.0 < number < np.inf):
+            raise StructureError(f"{where}: expected a positive {label}, got {number!r}.")
+
+
 def _entries(label: str, place: Array, shift: tuple[int, int] = (0, 0)) -> Entries:
     """Each free entry as a value of its own, named from 1 within its matrix."""
     i0, j0 = shift

@@ -4,10 +4,14 @@ import numpy as np
 
 import mbdlft
 from mbdlft.synthesis import (
+    acceleration_feedback,
     acceleration_goal,
     gain_goal,
+    inertia_pd,
+    integral_force_feedback,
     margin_goal,
     pole_goal,
+    positive_position_feedback,
     rolloff_goal,
     tracking_goal,
     tunable_gain,
@@ -30,6 +34,8 @@ GOAL = gain_goal("f", "y")
 def made(goals=(GOAL,), systems=(PLANT, PID), wired=(("f", "u"), ("e", "-y")), **how):
     return tune(list(systems), list(goals), list(wired), starts=1, prove=False, **how)
 
+
+RULE = {"frequency": 1.0, "damping": 0.1}
 
 test_messages = refused(
     r"""
@@ -65,6 +71,14 @@ tunable_pid("K", "e", "u", scale=float("nan")) => expected a finite start, a pos
 PID.with_values({"kp": 1.0}) => unknown value 'kp'. Did you mean 'K.kp'?
 mbdlft.tunable_state_space("K", "e", "u", 0) => expected an order of 1 or more
 mbdlft.tunable_transfer("K", "e", "u", 0) => expected an order of 1 or more
+inertia_pd("K", "q", "w", "u", inertia=0.0, **RULE) => positive inertia … and 0.0
+inertia_pd("K", "q", [], "u", inertia=1.0, **RULE) => as many positions … 1, 0, 1
+inertia_pd("K", "q", "w", "u", inertia=1.0, frequency=1.0, damping=0.0) => a positive damping
+acceleration_feedback("K", "a", "u", mass=-1.0, **RULE) => a positive mass
+acceleration_feedback("K", "a", "u", mass=1.0, **RULE, leak=1.0) => leak from 0
+positive_position_feedback("K", "q", "u", mass=1.0, frequency=np.nan, damping=0.1) => frequency, got nan
+integral_force_feedback("K", "F", "v", zero=1.0, **RULE) => a zero from 0 to
+integral_force_feedback("K", "F", "v", frequency=2.0, zero=1.0, damping=0.6) => the largest is 0.5
 mbdlft.scheduled(SCHEDULED, PLANT.parameters) => expected a controller that is not scheduled
 """
 )
