@@ -14,6 +14,7 @@ from mbdlft.batch.rows import source_of
 from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
+from mbdlft.exact.rounding import cleaned
 from mbdlft.matrix.symbolic import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.graph import close, walk
@@ -145,6 +146,32 @@ def test_sizes_go_through_functions() -> None:
     found = tapes.term_sizes(function, np.array([[3.0], [5.0]]), np.array([[1.0], [1.0]]))
     roundoff(found[0], [4.0 / 2.0**2, 2.0 * 2.0, -np.tan(3.0), 4.0, 7.0])
     roundoff(found[1], [6.0 / 4.0**2, 2.0 * np.sqrt(6.0), -np.tan(5.0), 6.0, 7.0])
+
+
+@pytest.mark.parametrize("turns", [2, 12, 40])
+def test_sizes_do_not_grow_along_frames_that_turn(turns: int) -> None:
+    """Turned forth, a vector keeps its entries; turned back, what differs from it is rounding."""
+    random, angle = np.random.default_rng(turns), ca.SX.sym("angle")
+    start = ca.SX([0.3, -0.7, 0.6])
+    axes = random.uniform(-1.0, 1.0, (turns, 3))
+    moves = [(ca.SX(a / np.linalg.norm(a)), c * angle) for a, c in zip(axes, axes[:, 0], strict=True)]
+
+    def turned(v: ca.SX, a: ca.SX, by: ca.SX) -> ca.SX:
+        across = ca.cross(a, v)
+        return v + ca.sin(by) * across + (1.0 - ca.cos(by)) * ca.cross(a, across)
+
+    forth = start
+    for move in moves:
+        forth = turned(forth, *move)
+    back = forth
+    for a, by in reversed(moves):
+        back = turned(back, a, -by)
+    function = ca.Function("f", [angle], [ca.vertcat(forth, back - start)])
+    points = np.array([[2.0], [0.7]])
+    values, sizes = tapes.evaluate_many(function, points)[0][:, :, 0], tapes.term_sizes(function, points)
+    assert np.all(sizes < 1000.0 + 100.0 * turns)
+    np.testing.assert_array_equal(cleaned(values, sizes)[:, :3], values[:, :3])
+    np.testing.assert_array_equal(cleaned(values, sizes)[:, 3:], 0.0)
 
 
 def test_a_new_number_system_is_a_table() -> None:

@@ -274,6 +274,9 @@ def _row_by_row(sparsity: ca.Sparsity) -> list[int]:
 
 
 Pair = tuple[Any, Any]  # a value and its size: numbers (N,), or one for all points
+_OUTGROWN = 2.0**20  # times the largest value of a function: larger sizes are looked at again
+_SHAKES, _SHAKE = 8, 2.0**-30  # how often each step is changed, and by which part of its result
+_LONG = 8.0  # times what is felt: changes of many terms cancel in part
 
 
 def term_sizes(tape: ca.Function, *points: Array) -> Array:
@@ -281,12 +284,40 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
 
     The arguments are columns, each (N, rows); the columns of a result stand one below the other. A root
     has the root of the size; another function of a number has the size of its own value.
+
+    Along a chain of turned frames sizes grow by a factor for each turn, and rounding does not: where they
+    have outgrown all values, they are no more than what rounding of every step is felt as (a stochastic
+    arithmetic: Vignes, Mathematics and Computers in Simulation 35, 1993).
     """
     arguments = [[_of_itself(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
-    sizes = np.empty((tape.numel_out(0), len(points[0])))
-    for row, (_, size) in zip(sizes, fold(tape, _SIZES, *arguments)[0], strict=True):
-        row[:] = size
+    values, sizes = np.empty((2, tape.numel_out(0), len(points[0])))
+    for k, pair in enumerate(fold(tape, _SIZES, *arguments)[0]):
+        values[k], sizes[k] = pair
+    if np.any(sizes > _OUTGROWN * np.max(np.abs(values), axis=0, initial=0.0)):
+        sizes = np.fmin(sizes, np.maximum(np.abs(values), _felt(tape, *points)))
     return sizes.T
+
+
+def _felt(tape: ca.Function, *points: Array) -> Array:
+    """How far results (entries, N) move when the result of each step does, in parts of its change."""
+    random = np.random.default_rng(0)
+
+    def shaken(value: Any) -> Array:
+        changes = random.uniform(-1.0, 1.0, (_SHAKES, len(points[0])))
+        return np.asarray(value * (1.0 + _SHAKE * changes))
+
+    def of(rule: Rule) -> Rule:
+        return lambda *x: shaken(rule(*x))
+
+    exact: dict[str, Rule] = {"add": operator.add, "sub": operator.sub, "mul": operator.mul}
+    exact |= {"div": operator.truediv, **FUNCTIONS_OF_DOUBLES}
+    table = rules(shaken, **{name: of(rule) for name, rule in exact.items()}, neg=operator.neg)
+    arguments = [[shaken(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
+    moved = np.empty((tape.numel_out(0), len(points[0])))
+    with np.errstate(all="ignore"):  # what is no number moves by nothing that is known
+        for row, value in zip(moved, fold(tape, table, *arguments)[0], strict=True):
+            row[:] = np.ptp(value, axis=0)
+    return _LONG * moved / _SHAKE
 
 
 def _of_itself(value: Any) -> Pair:
