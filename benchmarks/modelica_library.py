@@ -5,6 +5,7 @@ Usage: ``python -m benchmarks.modelica_library FOLDER [PART OF A NAME ...]``. Th
 
 Each linear model is compared with an independent linearization: the Jacobians of the residuals of the
 DAE as it was translated, before its aliases are taken out and its index is reduced, at the same point.
+What has no equilibrium at its start inputs is linearized at its start values; its outcome says so.
 det(s E - A) of this pencil and det(s I - A) of the model have one ratio at all frequencies, and the
 transfer matrices from all inputs to the states and some other variables are equal there.
 """
@@ -12,7 +13,9 @@ transfer matrices from all inputs to the states and some other variables are equ
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import casadi as ca
@@ -21,10 +24,10 @@ from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import splu
 
 import mbdlft
-from mbdlft.base.errors import MbdlftError
+from mbdlft.base.errors import MbdlftError, SceneError, TrimError
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.text import column_of
-from mbdlft.modelica import ModelicaTable, operating_point, translate
+from mbdlft.modelica import FlatModel, ModelicaTable, operating_point, translate
 from mbdlft.modelica.loading import compiled_model
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.model import LFTModel
@@ -47,12 +50,13 @@ def main() -> None:
         begun = time.perf_counter()
         signal.alarm(LIMIT)
         try:
-            states, equations, error = _checked(folder, name)
+            point, states, equations, error = _checked(folder, name)
             good += error < 1e-6
-            outcome = f"linear | {states} | {equations} | {time.perf_counter() - begun:.0f} | {error:.0e}"
+            seconds = time.perf_counter() - begun
+            outcome = f"linear, at {point} | {states} | {equations} | {seconds:.0f} | {error:.0e}"
         except MbdlftError as why:
             text = str(why).replace("\n", " ").replace("|", "/")
-            outcome = f"{type(why).__name__}: {text[:300]} | | | {time.perf_counter() - begun:.0f} |"
+            outcome = f"{type(why).__name__}: {text[:600]} | | | {time.perf_counter() - begun:.0f} |"
         except TimeoutError:
             outcome = f"more than {LIMIT} s | | | |"
         finally:
@@ -65,17 +69,30 @@ def _stop(*_: Any) -> None:
     raise TimeoutError
 
 
-def _checked(folder: Path, name: str) -> tuple[int, int, float]:
-    """Numbers of states and equations of an example, and the error of its linear model."""
-    file = folder / "one_example.mo"
-    file.write_text(f"model OneExample\n  extends {name};\nend OneExample;\n")
-    flat = compiled_model(file, "OneExample", [folder])
-    dae, report = translate(flat, ModelicaTable(delay=DELAY))
-    states = [q.name for q in operating_point(dae, report).structure.states]
+def _checked(folder: Path, name: str) -> tuple[str, int, int, float]:
+    """Operating point, numbers of states and equations of an example, error of its linear model."""
+    with TemporaryDirectory() as own:
+        file = Path(own) / "one_example.mo"
+        file.write_text(f"model OneExample\n  extends {name};\nend OneExample;\n")
+        flat = compiled_model(file, "OneExample", [folder])
+    try:
+        return ("equilibrium", *_compared(flat, "equilibrium"))
+    except (SceneError, TrimError) as error:
+        try:
+            return ("start", *_compared(flat, "start"))
+        except MbdlftError as other:
+            raise type(error)(f"{error} At the start: {other}") from None
+
+
+def _compared(flat: FlatModel, point: str) -> tuple[int, int, float]:
+    """Numbers of states and equations, and the error of the linear model at an operating point."""
+    table = ModelicaTable(delay=DELAY, point=point)
+    dae, report = translate(flat, table)
+    states = [q.name for q in operating_point(dae, report, table).structure.states]
     others = [x.name for x in dae.variables if x.name not in states]
     every = max(1, len(others) // OUTPUTS)
     names = [x for x in states if any(x == v.name for v in dae.variables)] + others[::every]
-    table = ModelicaTable(outputs=tuple(names), delay=DELAY)
+    table = replace(table, outputs=tuple(names))
     dae, report = translate(flat, table)
     at = operating_point(dae, report, table)
     model = mbdlft.linearize_dae(at)
@@ -90,7 +107,7 @@ def _error(at: DaeTrim, model: LFTModel) -> float:
         values[f"der({a.name})"] = float(a.factor) * values.get(f"der({a.of})", 0.0)
     z = column_of(x.symbol for x in dae.variables)
     rates = [(k, x) for k, x in enumerate(dae.variables) if x.derivative is not None]
-    dz = column_of(x.derivative for _, x in rates)
+    dz = column_of(x.derivative for _, x in rates)  # type: ignore[misc]
     u = column_of(x.symbol for x in dae.inputs)
     y = column_of(o.expression for o in dae.outputs)
     F = in_doubles(column_of(e.residual for e in dae.equations))

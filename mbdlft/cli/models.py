@@ -195,13 +195,15 @@ def check(
     file: ModelFile,
     table_file: TableFile = None,
     model_name: ModelName = None,
+    vary: options.Vary = None,
+    at: options.Point = None,
     as_json: options.AsJson = False,
 ) -> None:
     """Check a scene, a robot or a Modelica model, and trim it at nominal."""
     if options.is_modelica(file):
-        _check_modelica(file, table_file, model_name, as_json=as_json)
+        _check_modelica(file, table_file, model_name, vary, at, as_json=as_json)
         return
-    _refuse_options(file, table_file, model_name)
+    _refuse_options(file, table_file, model_name, vary, at)
     scene = options.scene_in(file, model_name)
     both = rooms.assembly.assembly(scene)
     equations = both.equations
@@ -225,9 +227,17 @@ def check(
     say(*notes, "The scene is usable.")
 
 
-def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as_json: bool) -> None:
-    """Print the structure of a Modelica model, its parameters and its equilibrium."""
-    dae, report, kept = options.read_modelica(file, table_file, name)
+def _check_modelica(
+    file: Path,
+    table_file: Path | None,
+    name: str | None,
+    vary: list[str] | None,
+    at: str | None,
+    *,
+    as_json: bool,
+) -> None:
+    """Print the structure of a Modelica model, its parameters and its operating point."""
+    dae, report, kept = options.read_modelica(file, table_file, name, vary, at)
     point = modelica.operating_point(dae, report, kept)
     quantities: list[dict[str, Any]] = [
         {
@@ -239,7 +249,7 @@ def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as
         for kind, those in (("input", point.structure.inputs), ("state", point.structure.states))
         for q in those
     ]
-    notes = str(report).splitlines()
+    notes = [*str(report).splitlines(), *rooms.translation.notes_of_point(point)]
     if as_json:
         data = {"parameters": parameters_data(dae.parameters), "equilibrium": quantities}
         print_json({"name": dae.name, **data, "notes": notes})
@@ -247,7 +257,8 @@ def _check_modelica(file: Path, table_file: Path | None, name: str | None, *, as
     say(str(point.structure))
     print_parameters(dae.parameters)
     rows = ((q["name"], f"{q['value']:.8g}", q["unit"], q["is"]) for q in quantities)
-    print_table("equilibrium, parameters at nominal", "quantity | value > | unit | is", rows)
+    where = "equilibrium" if point.at_rest else "start"
+    print_table(f"{where}, parameters at nominal", "quantity | value > | unit | is", rows)
     say(*notes, "The model is usable.")
 
 
@@ -280,6 +291,8 @@ def linearize(
     program: StoreProgram = False,
     table_file: TableFile = None,
     model_name: ModelName = None,
+    vary: options.Vary = None,
+    at: options.Point = None,
 ) -> None:
     """Linearize a scene or a Modelica model, parameters left in, and certify the result."""
     figures = _figures(plot or [])
@@ -294,11 +307,11 @@ def linearize(
             if truncate is not None:
                 raise AnalysisError("--truncate is for scenes; truncate a finished model in Python.")
             model, seconds, notes = options.modelica_model(
-                file, table_file, model_name,
+                file, table_file, model_name, vary, at,
                 search=search, seconds=most_seconds, prove=prove, progress=show,
             )  # fmt: skip
         else:
-            _refuse_options(file, table_file, model_name)
+            _refuse_options(file, table_file, model_name, vary, at)
             start = time.perf_counter()
             scene = options.scene_in(file, model_name)
             seconds = {"read": time.perf_counter() - start}
@@ -396,9 +409,12 @@ def _notes(scene: "Scene", signals: Sequence["Signal"], values: Sequence[float])
     return [f"note: {text}" for text in multibody.notes(scene, dict(zip(signals, values, strict=True)))]
 
 
-def _refuse_options(file: Path, table_file: Path | None, model_name: str | None) -> None:
+def _refuse_options(
+    file: Path, table_file: Path | None, model_name: str | None, vary: list[str] | None, at: str | None
+) -> None:
     """Raise an error if a scene comes with what is for Modelica models."""
-    for option, value in (("--parameters", table_file), ("--model", model_name)):
+    given = (("--parameters", table_file), ("--model", model_name), ("--at", at))
+    for option, value in (*given, ("--vary", vary[0] if vary else None)):
         if value is not None and not (option == "--model" and options.is_robot(file)):
             raise AnalysisError(
                 f"{option} {value}: it is for Modelica models ({', '.join(options.SUFFIXES)}); {file} is "

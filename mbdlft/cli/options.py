@@ -5,6 +5,7 @@ import time
 import tomllib
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -65,6 +66,21 @@ Prove = Annotated[
     float,
     typer.Option(
         min=0.0, help="Work to prove that the model is regular in the whole range, about seconds."
+    ),
+]
+# of Modelica models
+Vary = Annotated[
+    Texts,
+    typer.Option(
+        "--vary",
+        help="NAME=20% or NAME=LOW:HIGH of a parameter of a Modelica model that stays; may be repeated.",
+    ),
+]
+Point = Annotated[
+    str | None,
+    typer.Option(
+        "--at",
+        help="Operating point of a Modelica model: equilibrium, or start, the start values as they are.",
     ),
 ]
 # of commands that prove bounds
@@ -183,9 +199,29 @@ def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Sc
     return scene
 
 
-def read_modelica(file: Path, table_file: Path | None, name: str | None) -> "ModelicaFile":
-    """A Modelica model, the report on it, and the table beside it; `name` says which one of the file."""
+def _range_of(text: str) -> dict[str, float]:
+    """The entries of a parameter with a range such as 20% or 100:400."""
+    if text.endswith("%"):
+        return {"percent": float(text[:-1])}
+    low, high = map(float, text.split(":"))
+    return {"low": low, "high": high}
+
+
+_VARY = "NAME=20% or NAME=LOW:HIGH, such as spring.c=100:400. The unit is that of the parameter."
+
+
+def read_modelica(
+    file: Path, table_file: Path | None, name: str | None, vary: Texts = None, at: str | None = None
+) -> "ModelicaFile":
+    """A Modelica model, the report on it, and the table beside it; `name` says which one of the file.
+
+    Parameters that `vary`, and the operating point `at`, are those of the options; they come before what
+    the table says.
+    """
     kept = modelica.ModelicaTable() if table_file is None else modelica.load_modelica_table(table_file)
+    ranges = by_name("--vary", vary, _VARY, _range_of)
+    point = kept.point if at is None else rooms.table.point_of(at, "--at")
+    kept = replace(kept, parameters={**kept.parameters, **ranges}, point=point)
     dae, report = modelica.load_modelica(file, kept, model=name)
     return dae, report, kept
 
@@ -194,6 +230,8 @@ def modelica_model(
     file: Path,
     table_file: Path | None = None,
     name: str | None = None,
+    vary: Texts = None,
+    at: str | None = None,
     *,
     search: float,
     seconds: float | None,
@@ -202,7 +240,7 @@ def modelica_model(
 ) -> "tuple[LFTModel, dict[str, float], list[str]]":
     """The linear model of a Modelica model, the seconds of its stages, and notes."""
     times = [time.perf_counter()]
-    dae, report, kept = read_modelica(file, table_file, name)
+    dae, report, kept = read_modelica(file, table_file, name, vary, at)
     times.append(time.perf_counter())
     progress("structure and trim")
     point = modelica.operating_point(dae, report, kept)
@@ -212,7 +250,8 @@ def modelica_model(
     )
     times.append(time.perf_counter())
     stages = zip(("read", "trim", "linearize"), itertools.pairwise(times), strict=True)
-    return model, {stage: b - a for stage, (a, b) in stages}, str(report).splitlines()
+    notes = [*str(report).splitlines(), *rooms.translation.notes_of_point(point)]
+    return model, {stage: b - a for stage, (a, b) in stages}, notes
 
 
 def load_system(file: Path, name: str | None = None) -> "System":

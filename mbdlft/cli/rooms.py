@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from mbdlft.elastic import catalogue as catalogue
     from mbdlft.export import exports as exports
     from mbdlft.matrix import problem as problem
+    from mbdlft.modelica import table as table
+    from mbdlft.modelica import translation as translation
     from mbdlft.multibody import assembly as assembly
     from mbdlft.multibody import to_problem as to_problem
     from mbdlft.multibody.scene import toml as toml
@@ -29,6 +31,7 @@ _PLACES = {
         *("archive.archive", "elastic.catalogue", "export.exports", "matrix.problem", "pipeline.models"),
         *("multibody.scene.toml", "multibody.to_problem", "problem.linearization", "response.frequency"),
         *("response.modes", "show.figures.figures", "show.report.content"),
+        *("modelica.table", "modelica.translation"),
         "multibody.assembly",
         "pipeline.dae_models",
         "show.report.sentences",

@@ -7,6 +7,7 @@ from .dae import Variable as Variable
 from .draft import DaeDraft as DaeDraft
 from .draft import from_casadi as from_casadi
 from .equilibria import DaeTrim as DaeTrim
+from .equilibria import start_point as start_point
 from .equilibria import trim as trim
 from .simulation import Simulation as Simulation
 from .simulation import evaluate_form as evaluate_form

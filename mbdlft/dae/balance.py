@@ -11,6 +11,7 @@ its size.
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from types import MappingProxyType
 from typing import NamedTuple
 
 import casadi as ca
@@ -113,6 +114,11 @@ SAME = 1e-9  # relative, of numbers that stand for the same
 _ZERO = 1e-12
 _MISSED = 1e-11  # of the terms of an equation
 _MOST_POWER = 4
+_NO_EQUILIBRIUM = (
+    "no equilibrium was found{}; what misses most, relative to its terms: {}. Give other inputs, leave "
+    "an input free (free=...), or give start values near an equilibrium; start_point, or --at start for "
+    "a Modelica model, linearizes at the start values, without an equilibrium."
+)
 
 
 class Balance(NamedTuple):
@@ -121,22 +127,18 @@ class Balance(NamedTuple):
     residual: ca.SX
     places: tuple[str, ...]
     quantities: tuple[Quantity, ...]
+    missing: str = _NO_EQUILIBRIUM  # what to say if there is no solution, and what to try
+    rates: Mapping[str, ca.SX] = MappingProxyType({})  # those that are held; others are zero
 
     @property
     def z(self) -> ca.SX:
         return column_of(q.symbol for q in self.quantities)
 
 
-def no_equilibrium(
-    s: Structure, places: Sequence[str], at: Found, fixed: Mapping[str, float | str]
-) -> TrimError:
+def no_solution(s: Structure, problem: Balance, at: Found, fixed: Mapping[str, float | str]) -> TrimError:
     """What to say where a point misses equations."""
-    return TrimError(
-        f"{s.owner}: no equilibrium was found"
-        + (f" with {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else "")
-        + f"; what misses most, relative to its terms: {at.worst(places)}. Give other inputs, "
-        "leave an input free (free=...), or give start values near an equilibrium."
-    )
+    given = f" with {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else ""
+    return TrimError(f"{s.owner}: {problem.missing.format(given, at.worst(problem.places))}")
 
 
 def solved_exactly(
@@ -184,13 +186,13 @@ def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) 
     if found[0].is_solution:
         found += follow_all(system, found[0].values, points[0], points[1:], sizes)
     if not found[-1].is_solution:
-        raise no_equilibrium(s, problem.places, found[-1], fixed)
+        raise no_solution(s, problem, found[-1], fixed)
     return np.array([at.values for at in found])
 
 
 def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
     """The unknowns of one block as expressions of the parameters; `values` (points, n) are theirs."""
-    residual, places, quantities = block
+    residual, places, quantities, *_ = block
     slopes, n = ca.jacobian(residual, block.z), len(quantities)
     if not ca.depends_on(slopes, block.z):
         offset = ca.substitute(residual, block.z, ca.SX.zeros(n))
@@ -224,7 +226,7 @@ def _guessed(s: Structure, block: Balance, values: Array, least: float) -> list[
     Values up to `least` of their nominal size are zero. The equations have to hold with them, at many
     points and to rounding.
     """
-    residual, places, quantities = block
+    residual, places, quantities, *_ = block
     p = np.array(parameter_points(s.dae, len(values)))
     guesses = {
         q.name: _monomial(s, values[:, k], p, least * q.variable.nominal)

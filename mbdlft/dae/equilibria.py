@@ -5,7 +5,7 @@ an exact solution, rational in the parameters; a nonlinear one has numbers if th
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import casadi as ca
@@ -19,13 +19,13 @@ from mbdlft.dae.balance import (
     Fitted,
     at_points,
     fitted,
-    no_equilibrium,
+    no_solution,
     solved_exactly,
 )
 from mbdlft.dae.index import independent
 from mbdlft.dae.kinks import near_points
 from mbdlft.dae.newton import System, divided, solve, values_of
-from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
+from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of, written_rates
 from mbdlft.dae.text import column_of
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles, literal
@@ -47,6 +47,8 @@ class DaeTrim:
         Entries of the Jacobian of [residual ; outputs] that are fits.
     fit_bound : float
         Proved bound of the errors of all fits, each relative to the size of its quantity; 0 if exact.
+    at_rest : bool
+        False for a point of `start_point`, whose rates are not zero.
     """
 
     structure: Structure
@@ -56,6 +58,7 @@ class DaeTrim:
     given: Mapping[str, float | str]
     slopes: Mapping[tuple[int, int], ca.SX] = field(default_factory=dict)
     fit_bound: float = 0.0
+    at_rest: bool = True
 
 
 def trim(
@@ -98,7 +101,40 @@ def trim(
         )
     fixed = _of_aliases(s, dict(at or {}))
     _check_names(s, fixed, free)
-    problem = _square(s, _posed(s, fixed, free, moving), fixed)
+    point = _solved(s, _posed(s, fixed, free, moving), fixed, fit)
+    if moving:
+        _check_moving(s, moving, point.values)
+    return replace(point, free=tuple(free))
+
+
+def start_point(
+    s: Structure, at: Mapping[str, float | str] | None = None, fit: float | None = None
+) -> DaeTrim:
+    """The initial point of a structure, which may move: rates are those that the equations give there.
+
+    Fixed start values and initial equations hold; states that these leave open have their start values.
+
+    Parameters
+    ----------
+    s : Structure
+    at : mapping of names of inputs, states or other variables to numbers or names of parameters
+        In the place of start values.
+    fit
+        As in `trim`.
+
+    Raises
+    ------
+    SceneError, TrimError, NotRationalError
+        As `trim`.
+    """
+    fixed = _of_aliases(s, dict(at or {}))
+    _check_names(s, fixed, ())
+    return replace(_solved(s, _initial(s, fixed), fixed, fit), at_rest=False)
+
+
+def _solved(s: Structure, posed: Balance, fixed: Mapping[str, float | str], fit: float | None) -> DaeTrim:
+    """What solves a balance, parameters left in, and what is held."""
+    problem = _square(s, posed, fixed)
     points = at_points(s, problem, fixed)
     problem = problem._replace(residual=near_points(s, problem.residual, problem.quantities, points))
     unsolved: list[tuple[int, int]] | None = None if fit is None else []
@@ -106,19 +142,18 @@ def trim(
     open_ = {problem.quantities[j].name for _, j in unsolved or ()}
     for q in s.quantities:
         if q.name not in values and q.name not in open_:
-            values[q.name] = ca.SX(0) if q.order else _given_value(s, q, fixed)
+            rate = posed.rates.get(q.name, ca.SX(0))
+            values[q.name] = rate if q.order else _given_value(s, q, fixed)
     fits = Fitted({}, {}, 0.0)
     if fit is not None:
         fits = fitted(s, problem, unsolved or [], points[0], values, fit)
         values |= fits.values
-    if moving:
-        _check_moving(s, moving, values)
     p = parameter_points(s.dae, 1)[0]
     numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
-    return DaeTrim(s, values, nominal, tuple(free), fixed, fits.slopes, fits.bound)
+    return DaeTrim(s, values, nominal, (), fixed, fits.slopes, fits.bound)
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:
@@ -195,15 +230,39 @@ def _posed(
     return Balance(residual, tuple(place for place, _ in s.equations), tuple(unknown))
 
 
+_NO_START = (
+    "no consistent initial point was found{}; what misses most, relative to its terms: {}. Give start "
+    "values near a solution, or fix fewer of them."
+)
+
+
+def _initial(s: Structure, fixed: Mapping[str, float | str]) -> Balance:
+    """Equations with what is fixed and given, initial equations, and what is unknown in them."""
+    known = {*fixed, *(q.name for q in s.inputs)}
+    known |= {q.name for q in s.quantities if q.variable.fixed and not q.order}
+    chosen = [q for q in s.quantities if q.name in known]
+    values = column_of(_given_value(s, q, fixed) for q in chosen)
+    every = ca.vertcat(s.residual, *(e.residual for e in s.dae.initial))
+    residual = ca.substitute(every, column_of(q.symbol for q in chosen), values)
+    places = (*(place for place, _ in s.equations), *(e.place for e in s.dae.initial))
+    unknown = tuple(q for q in s.quantities if q.name not in known)
+    of_name = {v.name: v for v in s.dae.variables}
+    rates = {}
+    for name, rate in written_rates(s.dae).items():
+        v = of_name[name]
+        rates[rate] = ca.SX(literal(v.start or 0.0)) if v.start_of is None else v.start_of
+    return Balance(residual, places, unknown, _NO_START, rates)
+
+
 def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> Balance:
     """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
-    residual, places, unknown = posed
+    residual, places, unknown, *_ = posed
     point = parameter_points(s.dae, 1)[0]
     start, sizes = start_of(unknown)
     system = System(residual, posed.z, s.dae.p)
     at = solve(system, start, point, sizes)
     if not at.is_solution:
-        raise no_equilibrium(s, places, at, fixed)
+        raise no_solution(s, posed, at, fixed)
     J = system.jacobian(at.values, point) * np.maximum(sizes, np.abs(at.values))
     J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
@@ -214,9 +273,10 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     if len(kept) < len(columns):  # two ranks, where errors of the solution are as large as a pivot
         columns = independent(J[kept], classes)
     held = [q for k, q in enumerate(unknown) if k not in columns]
-    new = column_of(_given_value(s, q, fixed) for q in held)
+    new = column_of(posed.rates.get(q.name, _given_value(s, q, fixed)) for q in held)
     residual = ca.substitute(residual, column_of(q.symbol for q in held), new)
     chosen = tuple(q for k, q in enumerate(unknown) if k in columns)
     if len(kept) < len(places):  # the equations that are left out have to hold as well
-        at_points(s, Balance(residual, places, chosen), fixed)
-    return Balance(rows_of(residual, kept), tuple(places[i] for i in kept), chosen)
+        at_points(s, posed._replace(residual=residual, quantities=chosen), fixed)
+    left = tuple(places[i] for i in kept)
+    return posed._replace(residual=rows_of(residual, kept), places=left, quantities=chosen)

@@ -130,8 +130,8 @@ def _linear(value: Mixed) -> ca.SX:
 def trimmed_points(at: DaeTrim, points: Array) -> Array:
     """Numbers (N, n) of [unknowns ; states ; inputs] at physical points, each by Newton's method.
 
-    The equations are those of the structure, the rates of the states are zero, and what was held or given
-    is that.
+    The equations are those of the structure, the rates of the states are zero or, at an initial point,
+    what these give, and what was held or given is that.
     """
     s = at.structure
     expressions = _expressions(at)
@@ -144,7 +144,8 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
     held = [k for k in range(expressions.numel()) if k not in free]
     held_symbols = ca.vertcat(rows_of(s.symbols, held), s.dae.p)
     sizes = np.array([q.variable.nominal for q in s.quantities])
-    system = System(s.residual, s.symbols[free], held_symbols, sizes[held])
+    initial = () if at.at_rest else (e.residual for e in s.dae.initial)
+    system = System(ca.vertcat(s.residual, *initial), s.symbols[free], held_symbols, sizes[held])
     nominal = np.array([at.nominal[q.name] for q in s.quantities])
     first = np.concatenate([nominal[held], parameter_points(s.dae, 1)[0]])
     followed = follow_all(system, nominal[free], first, np.hstack([values[:, held], p]), sizes[free])

@@ -171,7 +171,7 @@ def reduce_index(
         if variable not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
     # what may be the state that a name asks for: its alias, or the derivative that it is
-    remaining, written = {a.name: a.of for a in aliases}, _written_rates(reduced)
+    remaining, written = {a.name: a.of for a in aliases}, written_rates(reduced)
     wanted = {name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states}
     dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values())})
     return _assembled(dae, aliases, d, dummies, inputs, wanted)
@@ -188,7 +188,7 @@ def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:
     return Quantity(name, symbol, unit, variable, order)
 
 
-def _written_rates(dae: Dae) -> dict[str, str]:
+def written_rates(dae: Dae) -> dict[str, str]:
     """Variables that an equation w = der(x) gives: the names of these derivatives, ``der(x)``."""
     variables = {v.symbol.element_hash(): v.name for v in dae.variables}
     derivatives = [(v.derivative, v.name) for v in dae.variables if v.derivative is not None]

@@ -23,6 +23,7 @@
     free = ["voltage"]
     moving = []
     fit = 1e-6
+    point = "equilibrium"
 """
 
 from collections.abc import Mapping
@@ -38,6 +39,8 @@ FORMAT = "mbdlft-modelica/1"
 _MOST_ORDER = 10  # of a Pade approximation
 _TOP = ("format", "model", "check_units", "parameters", "values", "linearize", "trim")
 _LISTS = {"linearize": ("outputs", "states"), "trim": ("free", "moving")}
+_BESIDE = {"linearize": ("delay",), "trim": ("at", "fit", "point")}
+POINTS = ("equilibrium", "start")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,8 @@ class ModelicaTable:
         As in `mbdlft.dae.equilibria`: what the equilibrium is at, inputs that it gives, what may grow.
     fit : float or None
         As in `mbdlft.dae.equilibria`: the tolerance of fits, where the equilibrium is not rational.
+    point : {"equilibrium", "start"}
+        The operating point; at the start, rates are those that the equations give there.
     check_units : bool
         Whether units that do not fit are an error.
     """
@@ -78,6 +83,7 @@ class ModelicaTable:
     free: tuple[str, ...] = ()
     moving: tuple[str, ...] = ()
     fit: float | None = None
+    point: str = "equilibrium"
     check_units: bool = True
 
 
@@ -132,6 +138,7 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
         **_lists(sections),
         at=_at(sections["trim"].get("at", {})),
         fit=_fit(sections["trim"].get("fit")),
+        point=point_of(sections["trim"].get("point", POINTS[0]), "trim: point"),
         delay=_delay(sections["linearize"].get("delay")),
         check_units=table.get("check_units", True),
     )
@@ -140,11 +147,11 @@ def _table(table: dict[str, Any]) -> ModelicaTable:
 def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
     lists = {}
     for section, keys in _LISTS.items():
-        known = (*keys, "at", "fit") if section == "trim" else (*keys, "delay")
+        known = (*keys, *_BESIDE[section])
         for key, names in sections[section].items():
             if key not in known:
                 raise SceneError(f"{section}: " + unknown_name("key", key, known))
-            if key in ("at", "fit", "delay"):
+            if key in _BESIDE[section]:
                 continue
             if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
                 raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
@@ -157,6 +164,13 @@ def _delay(entry: Any) -> int | None:
     if entry is not None and not is_order:
         raise SceneError(f"linearize: delay: expected an order from 1 to {_MOST_ORDER}, got {entry!r}.")
     return None if entry is None else int(entry)
+
+
+def point_of(entry: Any, where: str) -> str:
+    """The operating point that is asked for; `where` is for messages."""
+    if entry not in POINTS:
+        raise SceneError(f"{where}: expected {' or '.join(POINTS)}, got {entry!r}.")
+    return str(entry)
 
 
 def _fit(entry: Any) -> float | None:

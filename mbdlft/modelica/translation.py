@@ -9,7 +9,8 @@ import casadi as ca
 
 from mbdlft.base.errors import SceneError, StructureError, check_known
 from mbdlft.dae.dae import Dae, Equation, Output
-from mbdlft.dae.equilibria import DaeTrim, trim
+from mbdlft.dae.equilibria import DaeTrim, start_point, trim
+from mbdlft.dae.index import name_of
 from mbdlft.dae.structure import Structure, reduce_index
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
@@ -396,7 +397,7 @@ def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
 def operating_point(
     dae: Dae, report: ModelicaReport | None = None, table: ModelicaTable | None = None
 ) -> DaeTrim:
-    """The equilibrium of a model, with the states and the values that its table asks for.
+    """The operating point of a model, with the states and the values that its table asks for.
 
     Parameters
     ----------
@@ -408,10 +409,30 @@ def operating_point(
     ------
     StructureError, TrimError, NotRationalError
         As `mbdlft.dae.reduce_index` and `mbdlft.dae.equilibria`.
+    SceneError
+        The table asks for the start, and for what an equilibrium gives.
     """
     table = table or ModelicaTable()
     structure = structure_of(dae, report, table)
+    if table.point == "start":
+        if table.free or table.moving:
+            raise SceneError(
+                f"{dae.owner}: free and moving are for an equilibrium; the point is the start."
+            )
+        return start_point(structure, table.at, table.fit)
     return trim(structure, table.at, table.free, table.moving, table.fit)
+
+
+def notes_of_point(at: DaeTrim) -> list[str]:
+    """What a user should know of an operating point that is no equilibrium."""
+    names = [name_of(q.variable.name, q.order + 1) for q in at.structure.states]
+    moving = [f"{name} = {at.nominal[name]:.6g}" for name in names if at.nominal[name]]
+    if at.at_rest or not moving:
+        return []
+    return [
+        f"note: the operating point is the start, and no equilibrium: {shorter(', '.join(moving))}. The "
+        "linear model is that of small deviations from the motion that begins there, at its beginning."
+    ]
 
 
 def structure_of(

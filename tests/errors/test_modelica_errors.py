@@ -118,6 +118,7 @@ model_of_tables(TABLES | {'equations': [{'residual': {'Literal': {'value': {'Rea
 "[linearize]\ninputs = []" => linearize: unknown key 'inputs'
 "[linearize]\noutputs = 'y'" => linearize: outputs: expected a list of names, got 'y'
 "[trim]\nfrei = []" => trim: unknown key 'frei'. Did you mean 'free'
+"[trim]\npoint = 'begin'" => trim: point: expected equilibrium or start, got 'begin'
 "[trim]\nat = 3" => trim: at: expected a table of values by name, got 3
 "[trim]\nat = { a = true }" => trim: at: 'a': expected a number or the name of a parameter
 "extra = 3" => unknown key 'extra'
@@ -132,6 +133,12 @@ file_of("m.mof", text_of("Real x;")), model="N" => m.mof: the model is 'M', and 
 load_modelica_table(file_of("t.toml", "model = 3"))
     => t.toml: the line format = 'mbdlft-modelica/1' is missing
 check(Path("arm.toml"), None, "M") => AnalysisError: --model M: it is for Modelica models
+check(Path("arm.toml"), vary=["m=2%"]) => AnalysisError: --vary m=2%: it is for Modelica models
+check(file_of("m.mof", text_of("Real x;")), vary=["m=2"])
+    => --vary m=2: expected NAME=20% or NAME=LOW:HIGH, such as spring.c=100:400
+check(file_of("m.mof", text_of("Real x;")), vary=["m=2%"]) => m.mof: unknown parameter 'm'
+check(file_of("m.mof", text_of("Real x;")), at="begin")
+    => --at: expected equilibrium or start, got 'begin'
 model(text_of("".join(f"Integer k{i};" for i in range(20)))) => m.mof … (k11); and 8 more
 > model({}) => SceneError: m.mof …
 "" => line 1, column 1: expected a model, such as 'model motor', got the end.

@@ -111,6 +111,12 @@ def test_commands(tmp_path: Path, call: Call) -> None:
     out = output("linearize", flat_file, "--parameters", table, "-o", str(archive))
     assert "minimal: proved" in out
     assert mbdlft.load(archive).order == 3
+    varied = ["--vary", "rotor.J=20%", "--vary", "c=50:80"]
+    out = output("linearize", str(FLAT / "motor_drive.mof"), *varied, "-o", str(archive), "--search", "0")
+    ranges = {p.name: (p.low, p.high) for p in mbdlft.load(archive, "MotorDrive").parameters}
+    assert ranges["c"] == (50, 80)
+    target(ranges["rotor_J"], (1.6e-4, 2.4e-4), SCENARIO)
+    assert "no equilibrium: der(" in output("check", str(FLAT / "chua_circuit.mof"), "--at", "start")
     out = output("linearize", str(FLAT / "coupled_inertias.mof"), "--search", "0")
     assert "against the nonlinear equations, linearized with numbers" in out
     assert "First: poles at nominal" in output("poles", str(FLAT / "first.mof"))
