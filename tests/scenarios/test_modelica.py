@@ -116,7 +116,7 @@ def test_commands(tmp_path: Path, call: Call) -> None:
     ranges = {p.name: (p.low, p.high) for p in mbdlft.load(archive, "MotorDrive").parameters}
     assert ranges["c"] == (50, 80)
     target(ranges["rotor_J"], (1.6e-4, 2.4e-4), SCENARIO)
-    assert "no equilibrium: der(" in output("check", str(FLAT / "chua_circuit.mof"), "--at", "start")
+    assert "no equilibrium: der(" in output("check", str(FLAT / "oscillator.mof"), "--at", "start")
     out = output("linearize", str(FLAT / "coupled_inertias.mof"), "--search", "0")
     assert "against the nonlinear equations, linearized with numbers" in out
     assert "First: poles at nominal" in output("poles", str(FLAT / "first.mof"))
