@@ -53,7 +53,7 @@ _GROUPS = {
     "Aircraft, launchers, balloons": ["balloon_gondola", "launcher_slosh", "launcher_bending", "lander"],
     "Satellites": [
         "solar_arrays", "rotatory_spacecraft", "spinning_satellite", "control_moment_gyros",
-        "mast_observatory",
+        "mast_observatory", "flexible_pointing",
     ],
 }  # fmt: skip
 

@@ -78,6 +78,8 @@ class TuningTask:
     inputs : tuple of names
         Inputs of the whole that stand in no goal.
     controllers : tuple of TunableSystem
+    blocks : tuple of System
+        Transfer functions with input ``u`` and output ``y``: delays, filters of actuators.
     schedules : mapping of names of controllers to names of parameters, and functions of them
     goals : tuple of Goal
     initial : mapping of names of free values to numbers
@@ -87,6 +89,7 @@ class TuningTask:
     connections: list[list[str]]
     inputs: tuple[str, ...]
     controllers: tuple[TunableSystem, ...]
+    blocks: tuple[System, ...]
     schedules: Mapping[str, tuple[Sequence[str], Sequence[str]]]
     goals: tuple[Goal, ...]
     initial: Mapping[str, float]
@@ -128,11 +131,13 @@ def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
         for c in task.controllers
     ]
     how = {"inputs": task.inputs, "initial": task.initial, **options}
-    return tune([model, *controllers], task.goals, task.connections, **how)
+    return tune([model, *task.blocks, *controllers], task.goals, task.connections, **how)
 
 
 def _task(table: dict[str, Any]) -> TuningTask:
-    keys = ("format", "model", "connections", "inputs", "controller", "weights", "goals", "initial")
+    keys = (
+        "format", "model", "connections", "inputs", "controller", "blocks", "weights", "goals", "initial"
+    )  # fmt: skip
     check_keys(table, FORMAT, keys)
     if missing := [key for key in ("model", "connections", "goals") if key not in table]:
         raise SceneError(f"{missing[0]!r} is missing.")
@@ -145,7 +150,10 @@ def _task(table: dict[str, Any]) -> TuningTask:
         )
     if not _are_names(table.get("inputs", [])):
         raise SceneError(f"inputs: expected a list of names, got {table['inputs']!r}.")
-    weights = {name: _weight(name, entry) for name, entry in _tables(table, "weights").items()}
+    blocks, weights = (
+        {name: _transfer(f"{noun} {name!r}", name, entry) for name, entry in _tables(table, key).items()}
+        for noun, key in (("block", "blocks"), ("weight", "weights"))
+    )
     schedules, controllers, goals = {}, [], []
     for name, entry in _tables(table, "controller").items():
         if "scheduled" in entry:
@@ -165,7 +173,14 @@ def _task(table: dict[str, Any]) -> TuningTask:
     if not _by_name(initial := table.get("initial", {}), is_finite):
         raise SceneError(f"initial: expected numbers by name of values, got {initial!r}.")
     return TuningTask(
-        table["model"], connections, inputs, tuple(controllers), schedules, tuple(goals), initial
+        table["model"],
+        connections,
+        inputs,
+        tuple(controllers),
+        tuple(blocks.values()),
+        schedules,
+        tuple(goals),
+        initial,
     )
 
 
@@ -232,9 +247,8 @@ def _check_type(where: str, annotation: Any, value: Any) -> None:
         raise SceneError(f"{where}: expected {expected}, got {value!r}.")
 
 
-def _weight(name: str, entry: Mapping[str, Any]) -> System:
+def _transfer(where: str, name: str, entry: Mapping[str, Any]) -> System:
     """A transfer function of its coefficients, the highest power first."""
-    where = f"weight {name!r}"
     check_known("key", entry, ("numerator", "denominator"), where)
     lists = []
     for key in ("numerator", "denominator"):

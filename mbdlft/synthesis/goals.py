@@ -9,7 +9,7 @@ templates have goals of their own, w_c = 2/(time of the response), k = 100 and e
 
     tracking      W = (s + w_c)/(peak s + w_c dc)                  of reference to error
     roll-off      W = ((s/w_0)/(s/(k w_0) + 1))^n                  of what has to fall beyond w_0
-    acceleration  W = (s^2 + 2 xi w_0 s + w_0^2)/(s + e)^2         of disturbing to true acceleration
+    acceleration  W = (s^2 + 2 xi w_0 s + w_0^2)/(s^2 + r e s + e^2), r^2 = 2   of disturbing to true one
 
 The last one is the second-order template on the acceleration sensitivity (SOTAS) of Perez, thesis, 2016,
 chapter 8, with its double integrator moved to the left by e. The disk margin is that of Seiler, Packard,
@@ -232,7 +232,7 @@ def acceleration_goal(
     check_positive(f"goal {name!r}", frequency=frequency, damping=damping)
     leak = frequency * _LEAK
     mode = np.array([1.0, 2.0 * damping * frequency, frequency**2])
-    weight = rational("mode", mode, np.array([1.0, 2.0 * leak, leak**2]))
+    weight = rational("mode", mode, np.array([1.0, 2.0**0.5 * leak, leak**2]))
     return gain_goal(disturbances, accelerations, after=weight, hard=hard, name=name)
 
 

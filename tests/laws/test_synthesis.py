@@ -242,7 +242,7 @@ def test_templates_have_the_weights_that_they_say() -> None:
         (rolloff_goal("r", "u", frequency=10.0, slope=2), lambda s: (s / 10.0 / (s / 1e3 + 1.0)) ** 2),
         (
             acceleration_goal("d", "a", frequency=2.0, damping=0.7),
-            lambda s: (s**2 + 2.8 * s + 4.0) / (s + 2e-3) ** 2,
+            lambda s: (s**2 + 2.8 * s + 4.0) / (s**2 + 2.0**0.5 * 2e-3 * s + 4e-6),
         ),
     ):
         assert goal.after is not None
