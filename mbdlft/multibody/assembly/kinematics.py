@@ -124,11 +124,19 @@ class Passed(NamedTuple):
     ground: ca.SX
 
 
-def pass_inward(placed: Placed, moving: Motions, needed: Mapping[str, ca.SX]) -> Passed:
-    """Inward pass of the wrenches `needed` by the bodies apart from their joints, by body."""
+def pass_inward(
+    placed: Placed,
+    moving: Motions,
+    needed: Mapping[str, ca.SX],
+    of_bodies: Mapping[str, ca.SX] | None = None,
+) -> Passed:
+    """Inward pass of the wrenches `needed` by the bodies apart from their joints, by body.
+
+    `of_bodies` are their generalized forces, those of `body_efforts` if they are not given.
+    """
     total = {**needed, GROUND: ca.SX(3, 2)}
     joints: dict[str, ca.SX] = {}
-    collected = body_efforts(placed, moving)
+    collected = dict(body_efforts(placed, moving) if of_bodies is None else of_bodies)
     for link in reversed(placed.links):
         name = link.child.name
         joints[name] = wrench = total[name]
@@ -139,16 +147,10 @@ def pass_inward(placed: Placed, moving: Motions, needed: Mapping[str, ca.SX]) ->
             wrench = move.wrench(wrench)
         efforts = ca.vertcat(*of_moves)
         if isinstance(link.joint, PortJoint):
-            efforts = collected[link.owner] + efforts + pulled(placed, link.joint, joints[name])
+            efforts = collected[link.owner] + efforts
         collected[link.owner] = efforts
         total[link.parent.name] += move_wrench(wrench, placed.arms[name])
     return Passed(collected, joints, total[GROUND])
-
-
-def pulled(placed: Placed, joint: PortJoint, wrench: ca.SX) -> ca.SX:
-    """Generalized forces (n,) by which the wrench (3, 2) through a port stiffens its body."""
-    body = joint.body
-    return body.pulled(joint.port, placed.of(body), wrench[:, 0], placed.elastic[body.name])
 
 
 def across(placed: Placed, vector: ca.SX, source: str, target: str) -> ca.SX:

@@ -60,7 +60,8 @@ class PortJoint(Joint):
         """The place in the undeformed body, then the deformation; `values` are those of the body."""
         shapes = self.body.shapes(self.port, values)
         place = self.body.port_position(self.port, values)
-        deformed = Deformed(partial(times, shapes), partial(times_transposed, shapes), at)
+        pulled = partial(self.body.pulled, self.port, values, at=at)
+        deformed = Deformed(partial(times, shapes), partial(times_transposed, shapes), pulled, at)
         return (*shifted(place), deformed)
 
 

@@ -34,7 +34,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, body_efforts, pulled
+from mbdlft.multibody.assembly.kinematics import Motions, Passed, Placed, body_efforts
 from mbdlft.multibody.assembly.tree import Link, PortJoint
 from mbdlft.multibody.body import GROUND, PointMass, RigidBody
 from mbdlft.multibody.joint.move import Ball, Hinge, Move, Shifted, Slide, Turned
@@ -187,7 +187,7 @@ class Weights:
                 now = self.before(link, k, now)
             needed = ca.vertcat(*of_moves)
             if isinstance(link.joint, PortJoint):
-                needed = efforts[link.owner] + needed + pulled(placed, link.joint, joints[name])
+                needed = efforts[link.owner] + needed
             efforts[link.owner] = needed
             levered = self.levered(now, placed.arms[name], fields[name][0])
             carried[parent] = _together(carried[parent], levered)

@@ -23,6 +23,7 @@ modes (`frequency_errors`) depend on no parameter.
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
 import casadi as ca
@@ -271,6 +272,29 @@ class Beam(ElasticBody):
             return super().pulled(port, values, force, at)
         node, radius = self._node(port), self._radius(values)
         return beam_elements.pulled(self.blocks(), node, -force[0], values, radius, at.q)
+
+    def of_second_order(self, values: Values, at: Coordinate) -> tuple[ca.SX, ca.SX, ca.SX]:
+        """Of a deformation q: by how much the first moment is less along the beam (kg m), the second
+        moments (3, 3) (kg m^2) and the angular momentum (3,) that it adds to those of the straight beam.
+
+        Second moments are those of a beam whose mass is on its axis, of others nothing.
+        """
+        moments, momentum = ca.SX(3, 3), ca.SX(3, 1)
+        if self.can_spin:
+            moments, momentum = beam_elements.second_moments(self.blocks(), values, at)
+        if not self._is_stiffened:
+            return ca.SX(0), moments, momentum
+        stiffened = partial(
+            beam_elements.stiffened_by_motion,
+            self.blocks(),
+            values=values,
+            radius=self._radius(values),
+            q=at.q,
+        )
+        x, still = ca.SX.eye(3)[:, :1], ca.SX(3, 2)
+        if self.can_spin:
+            moments[0, 0] -= ca.dot(at.q, stiffened(ca.horzcat(ca.SX.eye(3)[:, 1], still)))
+        return -0.5 * ca.dot(at.q, stiffened(ca.horzcat(still, x))), moments, momentum
 
     def _radius(self, values: Values) -> Any:
         """Square of the polar radius of gyration of the section (m^2), if there is torsion."""

@@ -451,6 +451,25 @@ def spinning(blocks: Blocks, motion: ca.SX, values: Values, at: Coordinate) -> t
     return line * ca.horzcat(force, torque), efforts
 
 
+def second_moments(blocks: Blocks, values: Values, at: Coordinate) -> tuple[ca.SX, ca.SX]:
+    """What a deformation u adds to the second moments int r r' (3, 3), and int u x udot (3,).
+
+    Axial deformation and bending of a mass on the axis, at r = L s + u.
+    """
+    line, L = values["density"] * values["area"] * values["length"], values["length"]
+    first = ca.horzcat(L * _mean(blocks, LINEAR, at.q), ca.SX(3, 2)).T
+    moments, moving = first + first.T, ca.SX(3, 3)
+    for name, d, rows in blocks:
+        for other, e, columns in blocks:
+            i, j = DIRECTION[name], DIRECTION[other]
+            shared = ca.sparsify(ca.SX(cross_products(d, "displacement", e, "displacement")))
+            left = ca.mtimes(at.q[rows].T, shared)
+            moments[i, j] += ca.mtimes(left, at.q[columns])
+            moving[i, j] += ca.mtimes(left, at.v[columns])
+    skew = moving - moving.T
+    return line * moments, line * ca.vertcat(skew[1, 2], skew[2, 0], skew[0, 1])
+
+
 def _mean(blocks: Blocks, weight: Polynomial, q: ca.SX) -> ca.SX:
     """Integral (3,) of weight(s) times the displacement."""
     total = ca.SX(3, 1)

@@ -248,18 +248,22 @@ class Deformed(Move):
     Frame p is where the port is in the undeformed body, frame c the port itself.
 
         r_pc = u,   R_pc = rotation by the small rotation vector phi (`Ball`),   [u ; phi] = Phi q
-        effort = Phi_u' f_p + Phi_phi' (tau_c + phi x tau_c/2)
+        effort = Phi_u' f_p + Phi_phi' (tau_c + phi x tau_c/2) + K_G q
 
     Because phi is a rotation vector, the last term is needed: with it, the stiffness that an equilibrium
     torque causes is symmetric. `shape` computes Phi q (6,) for q (n,), `transposed` Phi' w (n,) for a
-    force and torque w (6,).
+    force and torque w (6,), `pulled` K_G q (n,) by which the force (3,) of the port stiffens the body.
     """
 
     def __init__(
-        self, shape: Callable[[ca.SX], ca.SX], transposed: Callable[[ca.SX], ca.SX], at: Coordinate
+        self,
+        shape: Callable[[ca.SX], ca.SX],
+        transposed: Callable[[ca.SX], ca.SX],
+        pulled: Callable[[ca.SX], ca.SX],
+        at: Coordinate,
     ) -> None:
         self.degrees_of_freedom = int(at.q.numel())
-        self.effort_of = transposed
+        self.effort_of, self.pulled = transposed, pulled
         small = [shape(vector) for vector in at]
         self.slide = Coordinate(*(vector[:3] for vector in small))
         self.ball = Ball(Coordinate(*(vector[3:] for vector in small)), ca.SX(3, 1))
@@ -285,7 +289,7 @@ class Deformed(Move):
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
         force, torque = self.in_parent_axes(carried[:, :1]), carried[:, 1]
         torque = torque + 0.5 * ca.cross(self.ball.at.q, torque)
-        return self.effort_of(ca.vertcat(force, torque))
+        return self.effort_of(ca.vertcat(force, torque)) + self.pulled(carried[:, 0])
 
 
 def turning_along(motion: ca.SX, momentum: ca.SX) -> ca.SX:

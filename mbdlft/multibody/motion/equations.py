@@ -2,15 +2,17 @@
 
     qdot = N(q) v,    H(q) a + h(q, v) - efforts - J' lambda = 0,    J a + Jdot v = -2 s J v - s^2 phi
 
-The gaps phi(q) of loops and rigid couplings have the rates J v. Their multipliers lambda do no work on
-motions that fit, and s brings back what integration lets drift (Baumgarte 1972). N = 1 but for rotation
-vectors q = 2 tan(angle/2) axis of balls and free bodies, whose v are angular velocities in own axes:
+The gaps phi(q) of loops, rigid couplings and contacts have the rates J v. Bodies that roll have rates
+psi(q, v) = 0 besides, with dpsi/dt = -s psi. The multipliers lambda do no work on motions that fit, and s
+brings back what integration lets drift (Baumgarte 1972). N = 1 but for rotation vectors
+q = 2 tan(angle/2) axis of balls and free bodies, whose v are angular velocities in own axes:
 
     qdot = v + q x v/2 + (q . v) q/4
 
 Such a vector ends at half a turn. So where no spring holds it, q begins at a reference (a quaternion),
 which may follow the body; the whole rotation is what is shown.
-Springs keep their law at any length: tension k (l - l0) + c ldot along the line of their ports.
+Springs keep their law at any length: tension k (l - l0) + c ldot along the line of their ports. Elastic
+bodies are those of `floating`, contacts, struts and wheels those of `rolling`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,25 +24,34 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
-from mbdlft.base.errors import SceneError, TrimError
+from mbdlft.base.errors import TrimError
 from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly import assembly
-from mbdlft.multibody.assembly.kinematics import View
+from mbdlft.multibody.assembly.kinematics import body_efforts, pass_inward
 from mbdlft.multibody.assembly.newton_euler import Assembly, dynamics, in_motion
-from mbdlft.multibody.assembly.resolved import Resolved, body_channels, couplings, measures
-from mbdlft.multibody.assembly.tree import Degree, degrees
+from mbdlft.multibody.assembly.resolved import (
+    Resolved,
+    body_channels,
+    couplings,
+    measures,
+    static_deflections,
+    wrenches_of,
+)
+from mbdlft.multibody.assembly.tree import Degree, PortJoint, degrees
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.equilibrium.conditions import gaps_of
-from mbdlft.multibody.force import Buoyancy, Force, Spring, Torque
+from mbdlft.multibody.force import BodyWrench, Guided, Load, Spring
 from mbdlft.multibody.joint.move import Ball
+from mbdlft.multibody.motion.floating import Bent, needed
+from mbdlft.multibody.motion.rolling import guided, held
+from mbdlft.multibody.motion.space import LargeView
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.problem.equations import physical_symbols, rows_of
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.trim import trim_efforts
 
-_ANY_SIZE = (Force, Torque, Buoyancy, Spring)  # loads whose laws hold for motions of any size
 _BACK = 10.0  # s (1/s): ten times faster than the slowest motions that are looked at
 
 
@@ -73,43 +84,38 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     Raises
     ------
     SceneError
-        The scene has bodies, loads or contacts that are known for small motions only.
+        A value is not usable.
     TrimError
         A value is not usable, or nothing holds the equilibrium there.
     """
-    _refuse_small(scene)
     small = assembly(scene)
     point = physical_points(small.resolved.parameters, values, "simulate", TrimError)
     at_rest, _ = trim_efforts(small.equations, point)
-    m, balls, references = _at_any_size(small)
+    m, view, balls, references = _at_any_size(small)
     r, every = m.resolved, degrees(m.resolved.links)
-    q, v, a = r.symbols.q, r.symbols.v, r.symbols.a
-    qdot, names = _rates_of(every, q, v), [effort.signal.name for effort in m.efforts]
+    q, a = view.q, view.a
+    qdot, names = view.qdot, [effort.signal.name for effort in m.efforts]
     u, kept = ca.SX.sym("input", len(names)), len(names) - len(m.closure.rows)
     total = ca.vertcat((ca.SX(at_rest[0]) + u)[:kept], ca.SX.zeros(len(m.closure.rows)))
     for k, load in enumerate(scene.loads, start=len(every)):
         if isinstance(load, Spring):
             law = small.resolved.values[owner_name(load)]
-            total[k] = u[k] + _density(load, m.view, law, float(at_rest[0, k]), (q, qdot))
-    coupled = couplings(r, m.view, m.closure, m.u, m.z, names).efforts
+            total[k] = u[k] + _density(load, view, law, float(at_rest[0, k]))
+    coupled = couplings(r, view, m.closure, m.u, m.z, names).efforts
+    channels, (acting, _) = body_channels(r, view, m.u, names), static_deflections(r, m.closure, m.u)
     multipliers = ca.SX.sym("lambda", len(m.closure.rows))
-    phi = rows_of(gaps_of(scene, m.view, q)[0], m.closure.rows)
-    drift = ca.mtimes(ca.jacobian(phi, q), qdot)
-    J = ca.jacobian(drift, v)
-    held = ca.mtimes(ca.jacobian(drift, q), qdot) + ca.mtimes(J, a)
-    held += 2.0 * _BACK * drift + _BACK**2 * phi
-    efforts = dynamics(r, m.view, m.u, coupled) - ca.mtimes(J.T, multipliers)
-    measured, signals, default = measures(r, m.view, body_channels(r, m.view, m.u, names))
+    constraints, fitting, J = _constraints(m, view)
+    efforts = dynamics(r, view, acting, coupled) - channels.forces - ca.mtimes(J.T, multipliers)
+    measured, signals, default = measures(r, view, channels)
     chosen = _chosen(scene, signals, default)
     coordinates = tuple(degree.measure(order) for order in range(2) for degree in every)
-    residual = ca.vertcat(efforts, held)
+    residual = ca.vertcat(efforts, fitting)
     shown = ca.SX(r.symbols.x)
     for k, reference in zip(balls, ca.vertsplit(references, 4) if balls else (), strict=True):
         shown[k : k + 3] = _whole(reference, q[k : k + 3])
-    # sensors measure small motions; coordinates are shown as they are
     place = {signal.name: k for k, signal in enumerate(coordinates)}
     y = [shown[place[x.name]] if (x := signals[k]).name in place else measured[k] for k in chosen]
-    made = [shown, ca.vertcat(qdot, a), residual, ca.vertcat(ca.SX(0, 1), *y), ca.vertcat(phi, drift)]
+    made = [shown, ca.vertcat(qdot, a), residual, ca.vertcat(ca.SX(0, 1), *y), constraints]
     known = [total, ca.SX.zeros(m.z.numel()), ca.SX(m.base.nz[:])]
     made = ca.substitute(made, [m.u, m.z, ca.SX(m.load.nz[:])], known)
     moved = {d.measure(order).name for d in every if d.kind == "motion" for order in range(2)}
@@ -130,28 +136,38 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     )
 
 
-def _refuse_small(scene: Scene) -> None:
-    """Raise a SceneError for what a scene has that is known for small motions only."""
-    small = [f"elastic body {body.name!r}" for body in scene.bodies if isinstance(body, ElasticBody)]
-    small += [f"contact {contact.name!r}" for contact in scene.contacts]
-    small += [f"{x.kind} {x.name!r}" for x in scene.loads if not isinstance(x, _ANY_SIZE)]
-    if small:
-        raise SceneError(
-            f"scene {scene.name!r}: {', '.join(small)}: known for small motions only, which the linear "
-            "model has. Simulate that one (step_response), or a scene without."
-        )
+def _constraints(m: Assembly, view: LargeView) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Gaps, their rates and those of what rolls, which are zero; rows of accelerations that keep them so;
+    and J, in whose rows the multipliers act."""
+    scene, (first, rolling) = m.resolved.scene, (m.closure.holonomic, len(m.closure.rows))
+    on_ground, every = held(scene.touches, view), gaps_of(scene, view, view.q)[0]
+    gaps = ca.vertcat(every, on_ground.gaps)
+    others = [row - gaps.numel() for row in m.closure.rows[first:rolling]]
+    phi, psi = rows_of(gaps, m.closure.rows[:first]), rows_of(on_ground.rates, others)
+    drift = ca.mtimes(ca.jacobian(phi, view.q), view.qdot)
+    kept = view.rate(drift) + 2.0 * _BACK * drift + _BACK**2 * phi
+    worked = ca.vertcat(drift, rows_of(on_ground.worked, others))
+    keeping = ca.vertcat(kept, view.rate(psi) + _BACK * psi)
+    return ca.vertcat(phi, drift, psi), keeping, ca.jacobian(worked, view.v)
 
 
-def _at_any_size(small: Assembly) -> tuple[Assembly, list[int], ca.SX]:
+def _wrenches(load: Load, magnitude: ca.SX, view: LargeView) -> list[BodyWrench]:
+    if isinstance(load, Guided):
+        return guided(load, magnitude, view)
+    return wrenches_of(load, magnitude, view)
+
+
+def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX]:
     """The assembly with springs as forces along the line of their ports, without laws of their own.
 
-    With it positions in q of balls that no spring holds, and their references.
+    With it its view, positions in q of balls that no spring holds, and their references.
     """
     r = small.resolved
     springs = {owner_name(load) for load in r.scene.loads if isinstance(load, Spring)}
     undamped = {owner: {**x, "damping": 0.0} if owner in springs else x for owner, x in r.values.items()}
     r = replace(r, values=undamped)
-    view = r.view()
+    view, s = r.seen(LargeView), r.symbols
+    view.move(s.q, s.v, s.a, _rates_of(degrees(r.links), s.q, s.v))
     view.elastic = 0.0
     balls, references, moves = list[int](), [ca.SX(0, 1)], dict(view.now.moves)
     every, carried = degrees(r.links), {link.owner: link.child.name for link in r.links}
@@ -169,10 +185,24 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, list[int], ca.SX]:
             replace(move, before=_rotation(references[-1])) if isinstance(move, Ball) else move
             for move in moves[child]
         )
+    for link in r.links:
+        if isinstance(joint := link.joint, PortJoint):
+            of_body, at = r.values[owner_name(joint.body)], view.coordinates[link.owner]
+            moves[link.child.name] = (
+                *moves[link.child.name][:-1],
+                Bent(joint.body, joint.port, of_body, at),
+            )
     view.now = replace(view.now, moves=moves)
-    m = in_motion(r, view, small.closure, {})
-    view.passed = m.passed_as_displaced()
-    return m, balls, ca.vertcat(*references)
+    m = in_motion(r, view, small.closure, {}, _wrenches)
+    inertial, of_bodies = dict(m.inertial), body_efforts(view.now, view.motions)
+    for link in r.links:
+        if isinstance(body := link.child, ElasticBody):
+            motion, at = view.motions.bodies[body.name], view.coordinates[link.child_owner]
+            wrench, of_bodies[link.child_owner] = needed(body, motion, r.values[link.child_owner], at)
+            inertial[body.name] = wrench
+    total = {name: wrench + m.loads[name] for name, wrench in inertial.items()}
+    view.passed = pass_inward(view.now, view.motions, total, of_bodies)
+    return m, view, balls, ca.vertcat(*references)
 
 
 def _turns(degree: Degree) -> bool:
@@ -214,14 +244,12 @@ def _rates_of(every: Sequence[Degree], q: ca.SX, v: ca.SX) -> ca.SX:
     return qdot
 
 
-def _density(
-    spring: Spring, view: View, values: Values, at_rest: float, moving: tuple[ca.SX, ca.SX]
-) -> ca.SX:
+def _density(spring: Spring, view: LargeView, values: Values, at_rest: float) -> ca.SX:
     """Tension over length (N/m), with that at equilibrium, at displacements and their rates."""
     view.owned(spring)
     r, still = (f(spring.parent, spring.child) for f in (view.between, view.between_at_rest))
     length, before = ca.norm_2(r), ca.norm_2(still)
-    stretched = ca.jtimes(length, *moving)
+    stretched = view.rate(length)
     k, c = values["stiffness"], values["damping"]
     return ca.SX((k * (length - before) + at_rest * before + c * stretched) / length)
 

@@ -1,0 +1,1 @@
+"""Motions of any size, for simulation."""

@@ -1,0 +1,245 @@
+"""Every scenario at any size: small motions are those of its model, and its forces keep its energy."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import mbdlft
+from mbdlft import Fixed, Free, Inertia, PointMass, Revolute, RigidBody, Scene, load_scene
+from mbdlft.base.array import Array
+from mbdlft.dae import simulate
+from mbdlft.multibody import Beam, Position, Rolling, Spin
+from mbdlft.multibody.motion.equations import Motion, equations_of_motion
+from tests.close import CLOSED_FORM, KEPT, target
+
+# forces that turn with a body have no potential; creep takes energy from the motion of the scene
+_FOLLOWING = {"balloon_gondola", "launcher_bending", "launcher_slosh"}
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
+
+
+def scenes() -> list[str]:
+    heads = ((path, path.read_text(encoding="utf-8")) for path in Path("scenarios").glob("*.toml"))
+    return sorted(path.stem for path, text in heads if "mbdlft-scene/1" in text)
+
+
+def undamped(item: Any) -> Any:
+    """A scene, or an item of one, without damping."""
+    fields = {key: getattr(item, key) for key in type(item).model_fields}
+    changed: dict[str, Any] = {
+        key: tuple(0.0 for _ in value) if isinstance(value, tuple) else 0.0
+        for key, value in fields.items()
+        if "damping" in key
+    }
+    nested = [key for key in ("bodies", "joints", "loads", "couplings", "modes") if fields.get(key)]
+    for key in nested:
+        if isinstance(fields[key], tuple):
+            changed[key] = tuple(map(undamped, fields[key]))
+    return item.model_copy(update=changed)
+
+
+class Forces:
+    """H a + h - f = 0 without multipliers and inputs, in functions of x = [q ; v] and a."""
+
+    def __init__(self, m: Motion) -> None:
+        n = len(m.coordinates) // 2
+        q, v, a = m.x[:n], m.x[n:], m.z[:n]
+        others = ca.vertcat(ca.SX(0, 1), ca.vec(m.z[n:]), m.u)
+        needed = ca.substitute(m.residual[:n], others, ca.SX.zeros(others.numel()))
+        # the acceleration of an imposed joint is an input
+        free = [
+            k for k in range(n) if ca.depends_on(needed[k], m.x) or ca.jacobian(needed[k], a).nnz() != 1
+        ]
+        still = ca.substitute(needed, ca.vertcat(v, a), ca.SX.zeros(2 * n))
+        H = ca.jacobian(needed, a)[free, free]
+        kinetic = 0.5 * ca.bilin(H, v[free], v[free])
+        rate = ca.jtimes(kinetic, q, m.rates[:n]) + ca.jtimes(kinetic, v, a)
+        power = ca.dot(v[free], (needed - still)[free])
+        # still does the work (v, still) = (qdot, N^-T still)
+        along = ca.solve(ca.jacobian(m.rates[:n], v).T, still)
+        slopes = ca.jacobian(along, q)[free, free]
+        outputs = [H, kinetic, rate, power, along, slopes]
+        self.function = ca.Function("f", [m.x, a, m.references], [ca.densify(y) for y in outputs])
+        self.moves = np.isin(np.arange(n), free)
+        self.n, self.references = n, np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
+
+    def __call__(self, x: Array, a: Array) -> list[Array]:
+        return [np.array(y.full()) for y in self.function(x, a, self.references)]
+
+    def energy(self, x: Array) -> float:
+        """With the potential as the work on the straight way from q = 0."""
+        n, none = self.n, np.zeros(self.n)
+        work = 0.0
+        for node, weight in zip(0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS, strict=True):
+            work += weight * float(x[:n] @ self(np.concatenate([node * x[:n], none]), none)[4][:, 0])
+        return work + self(x, none)[1].item()
+
+
+@pytest.mark.parametrize("name", scenes())
+def test_inertia_does_no_work_and_forces_have_a_potential(name: str) -> None:
+    """d/dt (v'H v/2) = v'(H a + h) anywhere; the slopes of what is left by q are symmetric."""
+    scene = undamped(load_scene(f"scenarios/{name}.toml"))
+    forces, random = Forces(equations_of_motion(scene, {})), np.random.default_rng(0)
+    for _ in range(2):
+        x, a = 0.3 * random.standard_normal(2 * forces.n), random.standard_normal(forces.n)
+        x[forces.n :] *= forces.moves
+        a *= forces.moves
+        H, _, rate, power, along, slopes = forces(x, a)
+        size = np.sum(np.abs(H)) + np.max(np.abs(along))
+        target(H, H.T, CLOSED_FORM)
+        if name == "wheelset":
+            continue
+        assert abs(rate - power) <= 10.0 * CLOSED_FORM * size
+        if name not in _FOLLOWING:
+            assert np.max(np.abs(slopes - slopes.T)) <= CLOSED_FORM * max(size, np.max(np.abs(slopes)))
+
+
+@pytest.mark.parametrize("name", scenes())
+def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) -> None:
+    scene = load_scene(f"scenarios/{name}.toml")
+    model, random = mbdlft.to_lft(scene, search=0.0, prove=0.0), np.random.default_rng(0)
+    values = {p.name: 0.7 * p.nominal + 0.3 * p.high for p in scene.parameters}
+    direction, m = random.standard_normal(len(model.states)), equations_of_motion(scene, values)
+    A, rates = mbdlft.matrices_at(model, values)[0], explicit(m)
+    names = [signal.name for signal in m.coordinates]
+    chosen = [names.index(state.name) for state in model.states]  # without cyclic ones
+    scale = np.abs(A) @ np.abs(direction)
+    scale = np.maximum(scale, 1e-3 * np.max(scale))
+    errors = [
+        np.max(np.abs(rates(chosen, size * direction) / size - A @ direction) / scale)
+        for size in (1e-3, 1e-4)
+    ]
+    assert errors[1] <= max(errors[0] / 8.0, 1e5 * CLOSED_FORM)
+
+
+def explicit(m: Motion) -> Callable[[list[int], Array], Array]:
+    """Rates (k,) of states at positions (k,), by their values; the others fit the constraints."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
+    fitting = [m.constraints, ca.jacobian(m.constraints, m.x)]
+    moving = [m.rates, ca.jacobian(m.rates, m.z), m.residual, ca.jacobian(m.residual, m.z)]
+    fit = ca.Function("fit", [m.x, m.references], [ca.densify(y) for y in fitting])
+    move = ca.Function("move", [m.x, m.z, m.u, m.references], [ca.densify(y) for y in moving])
+
+    def rates(chosen: list[int], values: Array) -> Array:
+        x = np.zeros(m.x.numel())
+        others = [k for k in range(len(x)) if k not in m.states]
+        x[chosen] = values
+        for _ in range(8 if others else 0):
+            gaps, slopes = (np.array(y.full()) for y in fit(x, still))
+            x[others] -= np.linalg.lstsq(slopes[:, others], gaps[:, 0])[0]
+        at = move(x, 0.0, 0.0, still)
+        first, of_z, missing, slopes = (np.array(y.full()) for y in at)
+        return np.asarray((first - of_z @ np.linalg.solve(slopes, missing))[chosen, 0])
+
+    return rates
+
+
+@pytest.mark.parametrize("name", ["ball_turntable", "half_car", "lander"])
+def test_energy_is_kept_for_ten_seconds(name: str) -> None:
+    scene = undamped(load_scene(f"scenarios/{name}.toml"))
+    m, random = equations_of_motion(scene, {}), np.random.default_rng(0)
+    bodies = tuple(f"{body.name}." for body in scene.bodies)
+    names = [m.coordinates[k].name for k in m.states]
+    start = {name: 0.05 * random.standard_normal() for name in names if not name.startswith(bodies)}
+    run, forces = simulate(scene, np.linspace(0.0, 10.0, 41), initial=start), Forces(m)
+    energies = np.array([forces.energy(x) for x in run.states])
+    motion = max(forces(x, np.zeros(forces.n))[1].item() for x in run.states)
+    assert np.max(np.abs(energies - energies[0])) <= KEPT * motion
+
+
+def test_a_disk_that_leans_rolls_on_a_circle() -> None:
+    """The torque of its contact force about its center turns its momentum steadily."""
+    mass, R, g, lean, W = 2.0, 0.4, 9.81, 0.4, 1.5
+    A, C = mass * R**2 / 4, mass * R**2 / 2
+    up, axis = np.array([0.0, 0.0, 1.0]), np.array([0.0, np.cos(lean), np.sin(lean)])
+    down = -R * np.cross(np.cross(axis, up) / np.cos(lean), axis)  # from the center to the ground
+    down = down if down[2] < 0.0 else -down
+
+    def missing(spin: float) -> tuple[float, Array]:
+        omega = W * up + spin * axis
+        momentum = A * omega + (C - A) * axis * (axis @ omega)
+        velocity = -np.cross(omega, down)
+        force = mass * (np.cross(W * up, velocity) + g * up)
+        return (np.cross(down, force) - np.cross(W * up, momentum))[0], omega
+
+    first, second = missing(0.0)[0], missing(1.0)[0]
+    spin = first / (first - second)
+    wrong, omega = missing(spin)
+    assert abs(wrong) <= CLOSED_FORM
+    disk = RigidBody(name="disk", mass=mass, inertia=Inertia(xx=A, yy=C, zz=A))
+    scene = Scene(
+        name="circle",
+        gravity=(0.0, 0.0, -g),
+        bodies=[disk],
+        joints=[Free(name="f", parent="ground", child="disk", position=(0.0, 0.0, R))],
+        contacts=[Rolling(name="touch", port="disk", axis=(0, 1, 0), radius=R)],
+        sensors=[Position(name="center", port="disk")],
+        outputs=["center.x", "center.y", "center.z"],
+    )
+    turn = np.array([[1, 0, 0], [0, np.cos(lean), np.sin(lean)], [0, -np.sin(lean), np.cos(lean)]])
+    rates = turn @ omega
+    start = {"f.rotation.x": 2.0 * np.tan(0.5 * lean)}
+    start |= {f"f.rate.{axis}": rate for axis, rate in zip("xyz", rates, strict=True)}
+    times = np.linspace(0.0, 5.0, 26)
+    run = simulate(scene, times, initial=start)
+    y = -np.cross(omega, down)
+    radius = y[0] / W  # of the circle of the center, on the side to which it leans
+    expected = [radius * np.sin(W * times), radius * (1.0 - np.cos(W * times))]
+    target(run.outputs, np.column_stack([*expected, np.full(26, R * (np.cos(lean) - 1.0))]), KEPT)
+
+
+def on_hub(spin: float, **beam: Any) -> Scene:
+    """A beam on a heavy hub, in a frame that spins."""
+    hub = RigidBody(name="hub", mass=1.0, inertia=Inertia(zz=1e9), ports={"rim": (0.3, 0.0, 0.0)})
+    rod = Beam(name="rod", length=2.0, density=1.0, area=1.0, modulus=30.0, **beam)
+    joints = [
+        Revolute(name="turn", parent="ground", child="hub", axis=(0, 0, 1)),
+        Fixed(name="root", parent="hub.rim", child="rod"),
+        Fixed(name="end", parent="rod.tip", child="mass"),
+    ]
+    frame = Spin(axis=(0, 0, 1), rate=spin) if spin else None
+    return Scene(
+        name="hub", bodies=[hub, rod, PointMass(name="mass", mass=0.5)], joints=joints, spin=frame
+    )
+
+
+@pytest.mark.parametrize("deformation", ["bending_y", "bending_z"])
+def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(deformation: str) -> None:
+    """Centrifugal forces stiffen its bending, and soften it in the plane."""
+    W, times = 6.0, np.linspace(0.0, 1.0, 11)
+    beam = {"I_z": 1.0, "I_y": 1.0, "elements": 1, "deformations": (deformation,)}
+    model = mbdlft.to_lft(on_hub(W, **beam), search=0.0)
+    A, names = mbdlft.matrices_at(model, {})[0], [state.name for state in model.states]
+    own = [k for k, name in enumerate(names) if name.startswith("rod.")]
+    begin = np.where(np.isin(np.arange(len(names)), own), 1e-6, 0.0) * np.arange(1, len(names) + 1)
+    start = {"turn.rate": W} | {names[k]: begin[k] for k in own}
+    run = simulate(on_hub(0.0, **beam), times, initial=start, tolerance=1e-14)
+    expected = np.array([expm(A * t) @ begin for t in times])
+    places = [run.state_names.index(names[k]) for k in own]
+    assert np.max(np.abs(run.states[:, places] - expected[:, own])) <= 2e-6 * np.max(np.abs(expected))
+
+
+@pytest.mark.parametrize("name", ["bicycle", "motorcycle"])
+def test_what_rolls_does_so_in_any_direction(name: str) -> None:
+    """The same motion with another heading: of the frame of the scene, which moves, it is far off."""
+    scene, heading, times = load_scene(f"scenarios/{name}.toml"), 1.2, np.linspace(0.0, 1.0, 6)
+    m = equations_of_motion(scene, {})
+    names = [signal.name for signal in m.coordinates]
+    states = [names[k] for k in m.states]
+    base = next(joint.name for joint in scene.joints if isinstance(joint, Free))
+    inner = [name for name in names if name.endswith((".angle", ".deflection"))]
+    speed = {p.name: p.nominal for p in scene.parameters}[str(scene.velocity[0])]
+    ahead = speed * np.array([np.cos(heading) - 1.0, np.sin(heading)])
+    start = {next(name for name in states if "steer" in name and "rate" in name): 3.0}
+    turned = start | {f"{base}.rotation.z": 2.0 * np.tan(0.5 * heading)}
+    moved = {f"{base}.velocity.{axis}": v for axis, v in zip("xy", ahead, strict=True)}
+    turned |= {name: v for name, v in moved.items() if name in states}
+    runs = [simulate(scene, times, initial=each).states for each in (start, turned)]
+    places = [names.index(name) for name in inner]
+    straight, other = (run[:, places] for run in runs)
+    assert np.max(np.abs(straight)) > 1e-2
+    target(other, straight, KEPT)
