@@ -13,7 +13,7 @@ import mbdlft
 from mbdlft import Fixed, FlexibleBody, Free, Inertia, PointMass, Revolute, RigidBody, Scene, load_scene
 from mbdlft.base.array import Array
 from mbdlft.dae import simulate
-from mbdlft.multibody import Beam, Mode, Position, Rolling, Spin
+from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
 from tests.close import CLOSED_FORM, EPS, KEPT, target
 
@@ -83,9 +83,8 @@ class Forces:
 def with_tip(body: Beam | FlexibleBody) -> Scene:
     """A free hub with an elastic body that holds a rigid one by its tip."""
     hub = RigidBody(name="hub", mass=3.0, inertia=Inertia(xx=1.0, yy=2.0, zz=1.5))
-    tip = RigidBody(
-        name="tip", mass=0.5, inertia=Inertia(xx=0.3, yy=0.5, zz=0.4), center_of_mass=(0.1, 0.2, 0.3)
-    )
+    off = {"inertia": Inertia(xx=0.3, yy=0.5, zz=0.4), "center_of_mass": (0.1, 0.2, 0.3)}
+    tip = RigidBody(name="tip", mass=0.5, **off)
     joints = [
         Free(name="f", parent="ground", child="hub"),
         Fixed(name="root", parent="hub", child=body.name),
@@ -132,7 +131,12 @@ def test_inertia_does_no_work_and_forces_have_a_potential(item: str | Beam | Fle
             assert np.max(np.abs(slopes - slopes.T)) <= CLOSED_FORM * max(size, np.max(np.abs(slopes)))
 
 
-@pytest.mark.parametrize("name", scenes())
+_LONG = {"rotatory_spacecraft", "whipple_bicycle"}  # of the kinds of others
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=pytest.mark.long) if x in _LONG else x for x in scenes()]
+)
 def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) -> None:
     scene = load_scene(f"scenarios/{name}.toml")
     model, random = mbdlft.to_lft(scene, search=0.0, prove=0.0), np.random.default_rng(0)
@@ -156,7 +160,7 @@ def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) 
 
 
 def explicit(m: Motion) -> Callable[[list[int], Array, Array], Array]:
-    """Rates (k,) of states at positions (k,), by their values and inputs; the others fit the constraints."""
+    """Rates (k,) of states at positions (k,), by their values and inputs; the others fit."""
     still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
     fitting = [m.constraints, ca.jacobian(m.constraints, m.x)]
     moving = [m.rates, ca.jacobian(m.rates, m.z), m.residual, ca.jacobian(m.residual, m.z)]
@@ -229,6 +233,18 @@ def test_a_disk_that_leans_rolls_on_a_circle() -> None:
     radius = y[0] / W  # of the circle of the center, on the side to which it leans
     expected = [radius * np.sin(W * times), radius * (1.0 - np.cos(W * times))]
     target(run.outputs, np.column_stack([*expected, np.full(26, R * (np.cos(lean) - 1.0))]), KEPT)
+
+
+def test_a_skate_runs_on_a_circle() -> None:
+    """Nothing turns it or slows it down: at a rate w its heading turns, and its speed v stays ahead."""
+    blade = RigidBody(name="skate", mass=2.0, inertia=Inertia(xx=1.0, yy=1.0, zz=0.5))
+    joints = [Free(name="f", parent="ground", child="skate")]
+    edge = KnifeEdge(name="edge", port="skate", heading=(1, 0, 0))
+    scene = Scene(name="skate", bodies=[blade], joints=joints, contacts=[edge])
+    w, v, times = 2.0, 3.0, np.linspace(0.0, 4.0, 21)
+    run = simulate(scene, times, initial={"f.rate.z": w, "f.velocity.x": v})
+    x, y = (run.states[:, run.state_names.index(f"f.position.{axis}")] for axis in "xy")
+    target(np.array([x, y]), v / w * np.array([np.sin(w * times), 1.0 - np.cos(w * times)]), KEPT)
 
 
 def on_hub(spin: float, **beam: Any) -> Scene:

@@ -20,7 +20,7 @@ from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.multibody.assembly.tree import Link, PortJoint, find_port
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.contact import Contact
-from mbdlft.multibody.force import Load
+from mbdlft.multibody.force import BodyWrench, Load
 from mbdlft.multibody.joint import Move
 from mbdlft.multibody.joint.move import Hinge
 from mbdlft.multibody.loop import Loop
@@ -235,6 +235,9 @@ class View:
         return body.name, name
 
     # of loads -------------------------------------------------------------------------------
+
+    def wrenches(self, load: Load, magnitude: ca.SX) -> list[BodyWrench]:
+        return load.wrenches(self.owned(load), magnitude, self)
 
     def port(self, port: str) -> tuple[str, ca.SX]:
         body, name = self.find(port)

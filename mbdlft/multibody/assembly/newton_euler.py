@@ -9,7 +9,7 @@ on what is declared at one joint and a few bodies only, so intervals show that i
 with the range cut where they have to.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any
@@ -50,14 +50,13 @@ from mbdlft.multibody.assembly.resolved import (
     resolve,
     static_deflections,
     steady_angles,
-    wrenches_of,
 )
 from mbdlft.multibody.assembly.touching import check_contacts, check_wheels
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
-from mbdlft.multibody.force import BodyWrench, Load, Spring
+from mbdlft.multibody.force import BodyWrench, Spring
 from mbdlft.multibody.joint.move import turning_along
 from mbdlft.multibody.scene.checks import LABELS, check_fit
 from mbdlft.multibody.scene.scene import Scene
@@ -192,13 +191,7 @@ def assembly(scene: Scene) -> Assembly:
     return in_motion(r, view, closure, {s.name: force_density(s, view) for s in springs})
 
 
-def in_motion(
-    r: Resolved,
-    view: View,
-    closure: Closure,
-    laws: Mapping[str, Any],
-    of_load: Callable[[Load, ca.SX, Any], list[BodyWrench]] = wrenches_of,
-) -> Assembly:
+def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
     """The bodies of a view in motion; `laws` are magnitudes of springs by name (None: unknown)."""
     scene, uniform = r.scene, r.values[f"scene {r.scene.name!r}"]
     base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
@@ -207,7 +200,7 @@ def in_motion(
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
     ground, field = ground_motion(scene, uniform, load, efforts, u)
-    inertial, loads = body_wrenches(r, view, ground, acting(r, view, closure, u, z, of_load))
+    inertial, loads = body_wrenches(r, view, ground, acting(r, view, closure, u, z))
     return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 

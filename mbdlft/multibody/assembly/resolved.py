@@ -12,7 +12,7 @@ off the plane then is zero in the structure, as in a coordinate plane: v = Q v',
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -30,7 +30,7 @@ from mbdlft.multibody.assembly.touching import contact_reactions
 from mbdlft.multibody.assembly.tree import Link, Symbols, all_bodies, coordinate_owners, degrees, links_of
 from mbdlft.multibody.body import Body, ElasticBody, Ground, PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS
-from mbdlft.multibody.force import BodyWrench, Buoyancy, DirectedLoad, Load, Spring, Tire
+from mbdlft.multibody.force import BodyWrench, Buoyancy, DirectedLoad, Spring, Tire
 from mbdlft.multibody.joint import Fixed, Prismatic, Revolute, Rotation
 from mbdlft.multibody.joint.kinds import AxisJoint
 from mbdlft.multibody.scene.checks import check
@@ -40,7 +40,6 @@ from mbdlft.multibody.spatial import Coordinate, column
 from mbdlft.problem.equations import Moved, rows_of
 from mbdlft.problem.sx.constants import is_constant, literal, numbers_of, unit_vector
 
-AnyView = TypeVar("AnyView", bound=View)
 _ROUNDING = 16.0 * float(np.finfo(float).eps)
 _ENTRIES = tuple(f"inertia.{name}" for name in (*DIAGONAL, *PRODUCTS))
 _PLACES = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])  # of the entries in the matrix
@@ -60,16 +59,16 @@ class Resolved:
 
     def view(self, coordinates: Mapping[str, Coordinate] | None = None) -> View:
         """The tree at coordinates by owner, those of the symbols by default."""
-        return self.seen(View, coordinates)
+        return View(*self.seen(coordinates))
 
-    def seen(self, kind: type[AnyView], coordinates: Mapping[str, Coordinate] | None = None) -> AnyView:
-        """The same as a kind of view."""
+    def seen(self, coordinates: Mapping[str, Coordinate] | None = None) -> tuple[Any, ...]:
+        """What a view is made of."""
         uniform = self.values[f"scene {self.scene.name!r}"]
         gravity, velocity = (
             column(uniform[f"{key}.{a}"] for a in AXES) for key in ("gravity", "velocity")
         )
         at = self.symbols.coordinates(self.links) if coordinates is None else coordinates
-        return kind(self.links, all_bodies(self.scene), self.values, at, gravity, velocity)
+        return self.links, all_bodies(self.scene), self.values, at, gravity, velocity
 
     def back(self, measured: ca.SX) -> ca.SX:
         """Vectors (3 n,) in the axes of the user."""
@@ -308,9 +307,8 @@ def list_efforts(r: Resolved, densities: Mapping[str, Any], closure: Closure) ->
             value = values[owner_name(coupling)].get("preload")
             signal = coupling.signal(scene.joints)
             efforts.append(Effort(signal, value, is_input=False, is_default=False))
-    held, others = multipliers_of(scene)
-    multipliers = held + others
-    forces = [Effort(multipliers[k], None, is_input=False, is_default=False) for k in closure.rows]
+    of_rows = [signal for signals in multipliers_of(scene) for signal in signals]
+    forces = [Effort(of_rows[k], None, is_input=False, is_default=False) for k in closure.rows]
     return efforts + deflections + forces
 
 
@@ -332,8 +330,7 @@ def static_deflections(r: Resolved, closure: Closure, u: ca.SX) -> tuple[ca.SX, 
     """
     efforts: list[ca.SX] = []
     k, moved = 0, ca.SX(len(degrees(r.links)), 1)
-    last = u.numel() - len(closure.rows)
-    joints = [*closure.yielding]
+    last, joints = u.numel() - len(closure.rows), [*closure.yielding]
     bodies = {link.child.name: link.child for link in r.links}
     for owned in coordinate_owners(r.links):
         rows = slice(k, k := k + len(owned.freedoms))
@@ -398,23 +395,10 @@ def ground_motion(
     return ca.horzcat(spin, ca.SX(3, 1), load), field
 
 
-def wrenches_of(load: Load, magnitude: ca.SX, view: View) -> list[BodyWrench]:
-    """Wrenches of a load in small motions."""
-    return load.wrenches(view.owned(load), magnitude, view)
-
-
-def acting(
-    r: Resolved,
-    view: View,
-    closure: Closure,
-    u: ca.SX,
-    z: ca.SX,
-    of_load: Callable[[Load, ca.SX, Any], list[BodyWrench]] = wrenches_of,
-) -> list[BodyWrench]:
+def acting(r: Resolved, view: View, closure: Closure, u: ca.SX, z: ca.SX) -> list[BodyWrench]:
     """Wrenches on bodies of all loads and loop closures."""
-    wrenches: list[BodyWrench] = []
-    for k, load in enumerate(r.scene.loads, start=len(degrees(r.links))):
-        wrenches += of_load(load, u[k], view)
+    loads = enumerate(r.scene.loads, start=len(degrees(r.links)))
+    wrenches = [wrench for k, load in loads for wrench in view.wrenches(load, u[k])]
     every = multipliers(r.scene, closure, u) + multipliers(r.scene, closure, z)
     held, count = len(multipliers_of(r.scene)[0]), sum(len(loop.signals()) for loop in r.scene.loops)
     touching = every[count + len(rigid(r.scene)) : held], every[held:]

@@ -36,7 +36,6 @@ from mbdlft.multibody.assembly.resolved import (
     couplings,
     measures,
     static_deflections,
-    wrenches_of,
 )
 from mbdlft.multibody.assembly.tree import Degree, PortJoint, degrees
 from mbdlft.multibody.body import ElasticBody
@@ -151,10 +150,13 @@ def _constraints(m: Assembly, view: LargeView) -> tuple[ca.SX, ca.SX, ca.SX]:
     return ca.vertcat(phi, drift, psi), keeping, ca.jacobian(worked, view.v)
 
 
-def _wrenches(load: Load, magnitude: ca.SX, view: LargeView) -> list[BodyWrench]:
-    if isinstance(load, Guided):
-        return guided(load, magnitude, view)
-    return wrenches_of(load, magnitude, view)
+class _View(LargeView):
+    """The view with loads by their law at any size."""
+
+    def wrenches(self, load: Load, magnitude: ca.SX) -> list[BodyWrench]:
+        if isinstance(load, Guided):
+            return guided(load, magnitude, self)
+        return super().wrenches(load, magnitude)
 
 
 def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX]:
@@ -166,7 +168,7 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX
     springs = {owner_name(load) for load in r.scene.loads if isinstance(load, Spring)}
     undamped = {owner: {**x, "damping": 0.0} if owner in springs else x for owner, x in r.values.items()}
     r = replace(r, values=undamped)
-    view, s = r.seen(LargeView), r.symbols
+    view, s = _View(*r.seen()), r.symbols
     view.move(s.q, s.v, s.a, _rates_of(degrees(r.links), s.q, s.v))
     view.elastic = 0.0
     balls, references, moves = list[int](), [ca.SX(0, 1)], dict(view.now.moves)
@@ -193,7 +195,7 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX
                 Bent(joint.body, joint.port, of_body, at),
             )
     view.now = replace(view.now, moves=moves)
-    m = in_motion(r, view, small.closure, {}, _wrenches)
+    m = in_motion(r, view, small.closure, {})
     inertial, of_bodies = dict(m.inertial), body_efforts(view.now, view.motions)
     for link in r.links:
         if isinstance(body := link.child, ElasticBody):
