@@ -374,10 +374,6 @@ def load_sweep(
         The rows to read, as in a slice; by default all.
     limit, isolated : as in `load`
 
-    Returns
-    -------
-    Sweep
-
     Raises
     ------
     ArchiveError

@@ -126,10 +126,6 @@ class Compiled:
         samples : mapping of names to numbers or arrays (N,)
             Physical values in the units of the parameters, inside their ranges; a parameter that is not
             named is nominal.
-
-        Returns
-        -------
-        Linearizations
         """
         checked = samples_of(self.parameters, samples)
         assert isinstance(checked, GivenSamples)
@@ -363,10 +359,6 @@ def with_program(model: LFTModel) -> LFTModel:
     ----------
     model : LFTModel
         Made from a scene, as `to_lft` does, and exact.
-
-    Returns
-    -------
-    LFTModel
 
     Raises
     ------

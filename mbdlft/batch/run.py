@@ -105,10 +105,6 @@ def sweep(
         Whether to store all numbers but samples and residuals in single precision: half of the space, and
         seven digits.
 
-    Returns
-    -------
-    SweepReport
-
     Raises
     ------
     AnalysisError

@@ -324,10 +324,6 @@ def damping_table(system: System, values: Mapping[str, ArrayLike] | None = None)
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
         Such as `random`, `corners` or `grid` of mbdlft.base make them. Without values: nominal.
 
-    Returns
-    -------
-    DampingTable
-
     Raises
     ------
     StructureError, WellPosednessError, AnalysisError

@@ -269,10 +269,6 @@ def check_stability(
     prove : float
         Units of work for a proof, each at most about a second of one core; 0 for none.
 
-    Returns
-    -------
-    StabilityVerdict
-
     Raises
     ------
     AnalysisError

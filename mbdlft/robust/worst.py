@@ -264,10 +264,6 @@ def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slic
     inputs, outputs : name, number, slice, or list of these, optional
         Signals at which the loop is opened, as many of both; all, if not given.
 
-    Returns
-    -------
-    System
-
     Raises
     ------
     AnalysisError

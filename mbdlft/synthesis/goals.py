@@ -96,10 +96,6 @@ def gain_goal(
     name : str, optional
         By default the channels.
 
-    Returns
-    -------
-    Goal
-
     Raises
     ------
     StructureError
@@ -139,10 +135,6 @@ def tracking_goal(
     hard, name
         As for `gain_goal`.
 
-    Returns
-    -------
-    Goal
-
     Raises
     ------
     StructureError
@@ -180,10 +172,6 @@ def rolloff_goal(
     limit, hard, name
         As for `gain_goal`.
 
-    Returns
-    -------
-    Goal
-
     Raises
     ------
     StructureError
@@ -218,10 +206,6 @@ def acceleration_goal(
     damping : float
     hard, name
         As for `gain_goal`.
-
-    Returns
-    -------
-    Goal
 
     Raises
     ------
@@ -270,10 +254,6 @@ def margin_goal(
     hard, name
         As for `gain_goal`.
 
-    Returns
-    -------
-    Goal
-
     Raises
     ------
     StructureError
@@ -314,10 +294,6 @@ def pole_goal(
         No pole is farther from zero.
     hard, name
         As for `gain_goal`.
-
-    Returns
-    -------
-    Goal
 
     Raises
     ------

@@ -93,10 +93,6 @@ class TunableSystem:
         ----------
         values : mapping of names, as in `free`, to numbers
 
-        Returns
-        -------
-        System
-
         Raises
         ------
         StructureError
@@ -130,10 +126,6 @@ def tunable_gain(
     ranges : mapping of names of values to (low, high), optional
     scale : float
         A typical size of the entries.
-
-    Returns
-    -------
-    TunableSystem
 
     Raises
     ------
@@ -172,10 +164,6 @@ def tunable_state_space(
     initial, ranges, scale
         As for `tunable_gain`, of values ``A[1,1]``, ``B[1,1]``, ``C[1,1]``, ``D[1,1]`` and so on; the
         scale is that of C and D.
-
-    Returns
-    -------
-    TunableSystem
 
     Raises
     ------
@@ -230,10 +218,6 @@ def tunable_pid(
         The terms that it has, such as ``"PD"``.
     initial, ranges, scale
         As for `tunable_gain`, of the values ``kp``, ``ki``, ``kd``, ``N``.
-
-    Returns
-    -------
-    TunableSystem
 
     Raises
     ------
@@ -292,10 +276,6 @@ def tunable_transfer(
     initial, ranges, scale
         As for `tunable_gain`, of the values ``a0``, ``a1``, ..., ``b0``, ``b1``, ...
 
-    Returns
-    -------
-    TunableSystem
-
     Raises
     ------
     StructureError
@@ -333,10 +313,6 @@ def scheduled(
         Expressions of the parameters, in their units, such as ``"v^2"``: each is moved and divided, so
         that it is 0 at nominal, and 1 or -1 at the corner of the ranges where it is largest. Without
         them, each f is the delta of a parameter, which is -1 and 1 at the ends of its range.
-
-    Returns
-    -------
-    TunableSystem
 
     Raises
     ------

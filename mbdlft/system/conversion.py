@@ -86,10 +86,6 @@ def state_space(
     name : str
     inputs, outputs, states : as in `as_system`
 
-    Returns
-    -------
-    System
-
     Raises
     ------
     StructureError

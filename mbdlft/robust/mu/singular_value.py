@@ -188,10 +188,6 @@ def mu_bands(
     leave_out : sequence of str
         States on which nothing else depends; ``"cyclic"`` for all integrators of this kind.
 
-    Returns
-    -------
-    MuBands
-
     Raises
     ------
     AnalysisError
