@@ -411,19 +411,14 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
             )
 
 
-def _layout(items: Items) -> Layout:
-    """Names and units of a sweep that was read."""
-    return Layout(
+def _sweep(items: Items, name: str, rows: slice) -> Sweep:
+    """Some of the rows that were read."""
+    layout = Layout(
         **{what: signals_of(items, what) for what in _SIGNALS},
         poles="poles/real" in items,
         functions=words(items, "function/name") if _OF_FUNCTION in items else (),
         single=items["A"].dtype.itemsize == 4,
     )
-
-
-def _sweep(items: Items, name: str, rows: slice) -> Sweep:
-    """Some of the rows that were read."""
-    layout = _layout(items)
     status = items["status"]
     last = FUNCTION_FAILED if layout.functions else NO_EQUILIBRIUM
     if np.any((status < SOLVED) | (status > last)):

@@ -98,7 +98,7 @@ class ExactMatrix:
             balls = ball_matrix(self.balls).solve(ball_matrix(right.balls))
         except ZeroDivisionError:
             raise TooFewBitsError("the balls of a matrix contain a singular one.") from None
-        return _paired(residues, balls, self.prime)
+        return ExactMatrix(residues, _cleared(residues, entries_of(balls)), self.prime)
 
     def values(self) -> Array:
         """Doubles (n, m) next to the entries, 0.0 for zeros; a TooFewBitsError if balls are wide."""
@@ -302,10 +302,6 @@ def ball_matrix(a: Balls) -> Any:
     """The matrix of FLINT."""
     n, m = a.shape
     return flint.arb_mat(n, m, a.ravel().tolist())
-
-
-def _paired(residues: Residues, matrix: Any, prime: int) -> ExactMatrix:
-    return ExactMatrix(residues, _cleared(residues, entries_of(matrix)), prime)
 
 
 def _cleared(residues: Residues, balls: Balls) -> Balls:

@@ -121,14 +121,9 @@ def exact_sum(a: Array, b: Array) -> Twofold:
     return Twofold(total, (a - (total - of_b)) + (b - of_b))
 
 
-def bits_of(terms: int) -> int:
-    """Bits of slices for which sums of so many products, from every pair of slices, are exact."""
-    return (_DIGITS - (_SLICES * max(terms, 1) - 1).bit_length()) // 2
-
-
 def slices(matrix: Twofold, axis: int) -> list[Array]:
     """Arrays whose sum is the matrix but for 2^-95 of the largest along an axis, for 800 terms."""
-    bits = bits_of(matrix.high.shape[axis])
+    bits = (_DIGITS - (_SLICES * max(matrix.high.shape[axis], 1) - 1).bit_length()) // 2
     largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
     unit = np.ldexp(1.0, np.frexp(largest)[1])
     remainder, pieces = matrix.high, []

@@ -90,11 +90,6 @@ def allows(pair: Pair, more: Mapping[str, int]) -> bool:
     return (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
 
 
-def _excludes(triple: Triple, more: Mapping[str, int]) -> bool:
-    """Whether these repetitions above the degrees are not possible."""
-    return more[triple.first] <= 1 and more[triple.second] == more[triple.third] == 0
-
-
 def excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
     """Triples that would exclude these repetitions above the degrees, of deltas that are in pairs."""
     beside: dict[tuple[str, bool], list[str]] = {}
@@ -104,5 +99,5 @@ def excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple
     for (first, is_transposed), others in beside.items():
         for second, third in combinations(others, 2):
             triple = Triple(first, second, third, is_transposed)
-            if _excludes(triple, more):
+            if more[triple.first] <= 1 and more[triple.second] == more[triple.third] == 0:
                 yield triple
