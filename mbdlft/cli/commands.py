@@ -28,8 +28,8 @@ margin bounds: Bounds of the margin of robust stability, proved for all frequenc
 wcgain bounds: Bounds of the largest gain over the declared ranges, proved for all frequencies and values.
 worst bounds: The worst real part, damping, disk margin or H2 norm over the ranges, with proved bounds.
 verify bounds: Check every stored proof again, without a search.
-tune tuning: Tune controllers for goals at the worst values of the parameters, and prove the result.
-simulate simulation: Simulate the motion of a scene, of any size, beside its linear model.
+tune bounds: Tune controllers for goals at the worst values of the parameters, and prove the result.
+simulate responses: Simulate the motion of a scene, of any size, beside its linear model.
 sweep files: Trim and linearize at many samples; the same command goes on after a kill.
 poles responses: Print poles with their damping, transmission zeros, and whether values make it unstable.
 response responses: Print norms, the worst of random samples, and values at frequencies.

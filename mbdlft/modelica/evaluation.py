@@ -22,7 +22,7 @@ from mbdlft.dae.dae import OPEN, SECOND, Measure, compared, measure_of, plain
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.functions import Run
-from mbdlft.modelica.initial import RESULTS
+from mbdlft.modelica.modes import RESULTS
 from mbdlft.modelica.tree import Expression, shorter, write
 from mbdlft.modelica.values import Value
 

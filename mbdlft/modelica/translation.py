@@ -16,12 +16,12 @@ from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.evaluation import check_units
-from mbdlft.modelica.initial import initialized
 from mbdlft.modelica.modes import (
     Discrete,
     Point,
     check_surfaces,
     found_at,
+    initialized,
     propagated,
     start_all,
     without_discrete,

@@ -58,8 +58,8 @@ from mbdlft.exact.matrices import (
     solved,
     times,
 )
+from mbdlft.order.degree import Pair, Triple, excluding, least_more
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.repetitions import Pair, Triple, excluding, least_more
 from mbdlft.order.work import Work, exact_elimination, exact_solutions
 
 _EXTRA = 2  # samples more than needed

@@ -26,10 +26,10 @@ from mbdlft.exact.rounding import equilibrate, or_one
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
+from mbdlft.order.degree import allows
 from mbdlft.order.lower_bound import JointBound
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.refit import refit
-from mbdlft.order.repetitions import allows
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
 from mbdlft.order.work import Work, reduction, singular_values, solutions
 

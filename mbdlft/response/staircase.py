@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
-from mbdlft.response.eigenpairs import eigenpair, with_rounding
-from mbdlft.response.modes import Names, balancing, transfers_at
+from mbdlft.response.modes import Names, balancing, eigenpair, transfers_at, with_rounding
 from mbdlft.system.model import System
 
 _ROUNDING = 16.0 * float(np.finfo(float).eps)  # times the size of the system and its norm

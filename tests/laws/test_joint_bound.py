@@ -28,9 +28,9 @@ from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_dia
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import lower_bound as module
+from mbdlft.order.degree import Pair, Triple, least_more
 from mbdlft.order.lower_bound import JointBound, exact_degrees, is_constant, more_needed
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
-from mbdlft.order.repetitions import Pair, Triple, least_more
 from mbdlft.order.work import Work
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.forms import candidates

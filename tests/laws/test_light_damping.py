@@ -5,8 +5,7 @@ import pytest
 
 import mbdlft
 from mbdlft import hinf_norm
-from mbdlft.response.eigenpairs import eigenpair
-from mbdlft.response.modes import samples_at, spectrum
+from mbdlft.response.modes import eigenpair, samples_at, spectrum
 from tests.close import NORM, target
 from tests.light import FINITE, free_flyer, peak_of_60_digits
 

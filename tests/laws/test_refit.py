@@ -23,11 +23,11 @@ from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import min_rank, search
 from mbdlft.order import refit as module
 from mbdlft.order.circles import circle_values, fit_of, independent, scaled
+from mbdlft.order.degree import least_more
 from mbdlft.order.lower_bound import JointBound, exact_degrees
 from mbdlft.order.reduction import reduce_exactly
 from mbdlft.order.reduction_in_doubles import reduce_order
 from mbdlft.order.refit import fewer
-from mbdlft.order.repetitions import least_more
 from mbdlft.order.search import Budget, find_smallest
 from mbdlft.order.work import Work
 from mbdlft.pipeline.extract import extract

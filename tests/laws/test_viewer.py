@@ -18,9 +18,8 @@ from mbdlft.multibody.scene import scene_from_toml
 from mbdlft.problem.trim import solve_trim
 from mbdlft.show.viewer import page as page_of_scene
 from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
-from mbdlft.show.viewer.drawing import draw
+from mbdlft.show.viewer.drawing import draw, solid_of
 from mbdlft.show.viewer.poses import scene_poses
-from mbdlft.show.viewer.solids import solid_of
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import plant

@@ -12,7 +12,7 @@ from mbdlft.multibody.body.rigid import Ground as Ground
 from mbdlft.multibody.body.rigid import Inertia as Inertia
 from mbdlft.multibody.body.rigid import PointMass as PointMass
 from mbdlft.multibody.body.rigid import RigidBody as RigidBody
-from mbdlft.multibody.body.shape import Shape as Shape
+from mbdlft.multibody.body.rigid import Shape as Shape
 
 KINDS: dict[str, type[Body]] = {
     cls.kind: cls for cls in (Beam, FlexibleBody, Ground, PiezoBeam, PointMass, RigidBody)

@@ -27,10 +27,9 @@ from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import steps
 from mbdlft.problem.trim import relations_at_rest, trim_efforts, trim_rows
 from mbdlft.response.modes import balancing, spectrum
-from mbdlft.show.viewer.drawing import Drawing, draw
+from mbdlft.show.viewer.drawing import Drawing, add_solids, draw
 from mbdlft.show.viewer.looks import robot_looks
 from mbdlft.show.viewer.poses import Poses, equilibrium_positions, gaps, scene_poses
-from mbdlft.show.viewer.solids import add_solids
 from mbdlft.system.model import System
 
 # the operations that `interpret` of assets/interpret.js knows, by their place in this list
