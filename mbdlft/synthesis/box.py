@@ -44,7 +44,7 @@ _FIRST_CORNERS = 4  # of a part of the box
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
 _CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
-_ENOUGH = 1.03  # of what no controller passes at nominal: no more searches begin below it
+_ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
 _DECIDES = 0.9  # of the largest value: points below it are idle
 Progress = Callable[[str], None]
 

@@ -10,7 +10,6 @@ states and costates, d(h^2) = 2 tr(Q dA P + Q dB B' + P C' dC).
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from math import log
 from typing import NamedTuple
 
@@ -143,17 +142,12 @@ def look(family: Family, asked: Asked, x: Array, keep: float | None = 0.8) -> Lo
     abscissa = float(largest_real[worst])
     if abscissa >= 0.0:
         return UNSTABLE._replace(abscissa=abscissa, point=worst)
-    values = [
-        piece
-        for k, goal in enumerate(asked.goals)
-        for piece in (
-            _pole_pieces(found, moved, k, goal)
-            if goal.kind == POLES
-            else _h2_pieces(family, closed, k, asked.goals)
-            if goal.kind == H2
-            else _peaks(closed, found, k, asked)
-        )
-    ]
+    values = _peaks(closed, found, asked)
+    for k, goal in enumerate(asked.goals):
+        if goal.kind == POLES:
+            values += _pole_pieces(found, moved, k, goal)
+        elif goal.kind == H2:
+            values += _h2_pieces(family, closed, k, asked.goals)
     largest = {
         hard: max((p.value for p in values if asked.goals[p.goal].hard == hard), default=-np.inf)
         for hard in (False, True)
@@ -224,13 +218,67 @@ def _h2_pieces(family: Family, closed: Closed, k: int, goals: Sequence[Goal]) ->
     return pieces
 
 
-def _peaks(closed: Closed, found: _Poles, k: int, asked: Asked) -> list[Piece]:
-    """Local peaks of the gain over frequency at each point, without slopes."""
-    goal, (rows, columns) = asked.goals[k], places(asked.goals)[k]
-    poles = found.poles
+def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
+    """Local peaks of gains over frequency at each point, without slopes; of all goals at once."""
+    omega, pieces = _frequencies(found.poles, asked.extra), list[Piece]()
+    every = np.arange(len(omega))
+    responses, tops = list[Response](), list[_Tops]()
+    for k, (goal, (rows, columns)) in enumerate(zip(asked.goals, places(asked.goals), strict=True)):
+        if goal.kind in (POLES, H2):
+            continue
+        T = StateMatrices(
+            closed.A, closed.B[:, :, columns], closed.C[:, rows], closed.D[:, rows, columns]
+        )
+        response = _by_modes(found, T) if found.are_modal else _by_solving(T)
+        gains, at_infinity = _largest(response(every, omega)), _largest(T.D.astype(complex))
+        floor = 0.5 * np.max(np.maximum(np.max(gains, axis=1), at_infinity), initial=0.0)
+        points, at = np.nonzero(_rises(gains, at_infinity) & (gains >= floor))
+        responses.append(response)
+        tops.append(_Tops(k, points, at, gains[points, at]))
+        pieces += [
+            Piece(k, i, float("inf"), float(at_infinity[i]) / goal.limit, np.zeros(0))
+            for i in range(len(omega))
+            if at_infinity[i] >= floor
+        ]
+    if not tops:
+        return pieces
+    points, at, best = (np.concatenate(parts) for parts in list(zip(*tops, strict=True))[1:])
+    cuts = np.cumsum([len(top.points) for top in tops])[:-1]
+
+    def gain(fine: Array) -> Array:
+        parts = zip(responses, tops, np.split(fine, cuts), strict=True)
+        return np.concatenate([_largest(response(top.points, part)) for response, top, part in parts])
+
+    last = omega.shape[1] - 1
+    ends = (
+        omega[points, np.maximum(at - 1, 0)],
+        omega[points, at],
+        omega[points, np.minimum(at + 1, last)],
+    )
+    middle, best = _climbed(gain, ends, best)
+    for top, frequencies, values in zip(tops, np.split(middle, cuts), np.split(best, cuts), strict=True):
+        limit = asked.goals[top.goal].limit
+        pieces += [
+            Piece(
+                top.goal, int(top.points[j]), float(frequencies[j]), float(values[j]) / limit, np.zeros(0)
+            )
+            for j in _apart(top.points, frequencies, values)
+        ]
+    return pieces
+
+
+class _Tops(NamedTuple):
+    """Places (k,) of the grid where the gain of a goal is largest between its neighbors."""
+
+    goal: int
+    points: Index
+    at: Index
+    gains: Array
+
+
+def _frequencies(poles: Complex, extra: Array) -> Array:
+    """A grid (m, F) that is even, with the frequencies of poles and those beside them."""
     m, n = poles.shape
-    T = StateMatrices(closed.A, closed.B[:, :, columns], closed.C[:, rows], closed.D[:, rows, columns])
-    response = _by_modes(found, T) if found.are_modal else _by_solving(T)
     sizes, widths = np.abs(poles), np.abs(poles.real)
     if n:
         even = np.geomspace(max(float(np.min(sizes)), 1e-6) / _BEYOND, np.max(sizes) * _BEYOND, _GRID)
@@ -240,37 +288,33 @@ def _peaks(closed: Closed, found: _Poles, k: int, asked: Asked) -> list[Piece]:
     upper = poles.imag >= 0.0
     imag = np.abs(poles.imag)
     beside = np.where(upper, imag + widths, np.abs(imag - widths))
-    more = np.broadcast_to(np.concatenate([even, asked.extra]), (m, len(even) + len(asked.extra)))
-    omega = np.sort(np.hstack([np.zeros((m, 1)), more, np.where(upper, imag, sizes), beside]), axis=1)
-    gains = _largest(response(np.arange(m), omega))
-    at_infinity = _largest(T.D.astype(complex))
+    more = np.broadcast_to(np.concatenate([even, extra]), (m, len(even) + len(extra)))
+    return np.sort(np.hstack([np.zeros((m, 1)), more, np.where(upper, imag, sizes), beside]), axis=1)
+
+
+def _rises(gains: Array, at_infinity: Array) -> Flags:
+    """Where a gain (m, F) is not below that of its neighbors."""
     rises = np.ones(gains.shape, dtype=bool)
     rises[:, 1:] &= gains[:, 1:] >= gains[:, :-1]
     rises[:, :-1] &= gains[:, :-1] >= gains[:, 1:]
     rises[:, -1] &= gains[:, -1] > at_infinity
-    floor = 0.5 * np.max(np.maximum(np.max(gains, axis=1), at_infinity), initial=0.0)
-    points, at = np.nonzero(rises & (gains >= floor))
-    low, high = omega[points, np.maximum(at - 1, 0)], omega[points, np.minimum(at + 1, len(omega[0]) - 1)]
-    middle, best = omega[points, at], gains[points, at]
-    middle, best = _climbed(partial(response, points), (low, middle, high), best)
-    pieces = [
-        Piece(k, i, float("inf"), float(at_infinity[i]) / goal.limit, np.zeros(0))
-        for i in range(m)
-        if at_infinity[i] >= floor
-    ]
-    seen: list[list[float]] = [[] for _ in range(m)]  # logarithms of frequencies, by point
-    for j in np.argsort(-best):
-        i, where = int(points[j]), float(middle[j])
-        size = log(where + 1e-300)
-        if any(abs(size - other) < _SAME for other in seen[i]):
-            continue
-        seen[i].append(size)
-        pieces.append(Piece(k, i, where, float(best[j]) / goal.limit, np.zeros(0)))
-    return pieces
+    return rises
+
+
+def _apart(points: Index, frequencies: Array, values: Array) -> list[int]:
+    """Of peaks of one point with nearly the same frequency the largest, as indices."""
+    chosen, seen = list[int](), dict[int, list[float]]()
+    for j in np.argsort(-values):
+        size = log(float(frequencies[j]) + 1e-300)
+        others = seen.setdefault(int(points[j]), [])
+        if not any(abs(size - other) < _SAME for other in others):
+            others.append(size)
+            chosen.append(int(j))
+    return chosen
 
 
 def _climbed(
-    response: Callable[[Array], Complex], ends: tuple[Array, Array, Array], best: Array
+    gain_at: Callable[[Array], Array], ends: tuple[Array, Array, Array], best: Array
 ) -> tuple[Array, Array]:
     """Frequencies and gains (k,) of peaks between low and high ends, with the best one known between.
 
@@ -281,7 +325,7 @@ def _climbed(
     for _ in range(_ZOOMS if len(best) else 0):
         below, above = low + (middle - low) * share[:, None], middle + (high - middle) * share[1:, None]
         fine = np.vstack([below, above]).T
-        values = _largest(response(fine))
+        values = gain_at(fine)
         top = np.argmax(values, axis=1)
         middle, best = fine[line, top], values[line, top]
         low, high = (fine[line, np.clip(top + k, 0, fine.shape[1] - 1)] for k in (-1, 1))
@@ -292,7 +336,7 @@ def _climbed(
             rise, fall = (best - sides[0]) / left, (best - sides[1]) / right
             at = middle + 0.5 * (left * fall * -1.0 + right * rise) / (rise + fall)
         at = np.where(np.isfinite(at) & (at > low) & (at < high), at, 0.5 * (low + middle))
-        gain = _largest(response(at[:, None]))[:, 0]
+        gain = gain_at(at[:, None])[:, 0]
         better, lower = gain > best, at < middle
         low, high = (
             np.where(better, np.where(lower, low, middle), np.where(lower, at, low)),
