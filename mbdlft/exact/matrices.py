@@ -1,17 +1,8 @@
-"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both.
-
-The reduction of a linear fractional transformation [M11 M12 ; M21 M22] of deltas keeps, for each of them,
-the smallest subspace S_k with range(M12_k) in S_k and M11_kj S_j in S_k, and then the same of the
-transpose. It is exact, and minimal if the deltas did not commute: D'Andrea, Khatri (1997); Beck, Doyle
-(1999). The subspaces are found on residues. The candidates that are kept there are kept in balls, too; in
-these, a basis of S_k is the identity in some channels, w = T w[chosen]. No vector is made orthonormal:
-balls have the bits.
-"""
+"""Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import flint
 import numpy as np
@@ -20,7 +11,6 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.numbers import Exact
-from mbdlft.exact.rounding import channel_scales
 
 Residues = NDArray[np.int64]
 Balls = NDArray[np.object_]
@@ -30,7 +20,6 @@ _NOTHING = flint.arb(0)
 _LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
 _HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
 _FEW = 1000  # products, for which FLINT is faster
-_MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
 
 
 class TooFewBitsError(AnalysisError):
@@ -307,188 +296,3 @@ def ball_matrix(a: Balls) -> Any:
 def _cleared(residues: Residues, balls: Balls) -> Balls:
     balls[residues == 0] = _NOTHING
     return balls
-
-
-def reduced(M: ExactMatrix, sizes: Sequence[int]) -> tuple[ExactMatrix, list[int]]:
-    """The smallest [M11 M12 ; M21 M22] of equal value, and repetitions of its deltas."""
-    sizes = list(sizes)
-    for _ in range(2):
-        compressed, sizes = _compressed(M, sizes)
-        M = compressed.T
-    return M, sizes
-
-
-def reduced_residues(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-    """As `reduced`, of residues alone."""
-    for _ in range(2):
-        n, blocks = sum(sizes), _parts(sizes)
-        spaces = reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
-        kept = [
-            block.start + k for block, space in zip(blocks, spaces, strict=True) for k in space.pivots
-        ]
-        M = M[[*kept, *range(n, len(M))]]
-        inner = [
-            multiplied(M[:, block], space.basis.T, prime)
-            for block, space in zip(blocks, spaces, strict=True)
-        ]
-        M, sizes = np.hstack([*inner, M[:, n:]]).T, [len(space.pivots) for space in spaces]
-    return M, sizes
-
-
-def _compressed(M: ExactMatrix, sizes: list[int]) -> tuple[ExactMatrix, list[int]]:
-    """Each delta restricted to its reachable subspace."""
-    n, blocks = sum(sizes), _parts(sizes)
-    spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime)
-    if [len(space.pivots) for space in spaces] == sizes:
-        return M, sizes
-    rough = rough_values(M)
-    scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
-    graphs = [
-        _graph(space, krylov, scale[block])
-        for space, krylov, block in zip(spaces, _krylov(M, blocks, spaces), blocks, strict=True)
-    ]
-    kept = [block.start + row for block, g in zip(blocks, graphs, strict=True) for row in g.chosen]
-    rows = M[[*kept, *range(n, M.shape[0])]]
-    columns = [_in_basis(rows[:, block], g) for block, g in zip(blocks, graphs, strict=True)]
-    return stacked([[*columns, rows[:, n:]]]), [len(g.chosen) for g in graphs]
-
-
-def _parts(sizes: Sequence[int]) -> list[slice]:
-    """The channels of each delta."""
-    return [slice(first, end) for first, end in pairwise([0, *accumulate(sizes)])]
-
-
-class Space:
-    """A growing subspace: its echelon form, the identity in `pivots`; what was `taken` at each step."""
-
-    def __init__(self, size: int, prime: int) -> None:
-        self.size, self.prime = size, prime
-        self.basis: Residues = np.zeros((0, size), dtype=np.int64)
-        self.pivots: list[int] = []
-        self.taken: list[list[int]] = []
-
-    def extend(self, candidates: Residues) -> Residues:
-        """Add candidates (count, n); those that were independent."""
-        used = np.flatnonzero(np.any(candidates != 0, axis=1))
-        if len(self.pivots) == self.size or not len(used):
-            self.taken.append([])
-            return candidates[:0]
-        outside = candidates[used]
-        if self.pivots:
-            inside = multiplied(outside[:, self.pivots], self.basis, self.prime)
-            outside = (outside - inside) % self.prime
-            some = np.any(outside != 0, axis=1)
-            used, outside = used[some], outside[some]
-        which = pivot_columns(outside.T, self.prime)
-        taken = used[which]
-        self.taken.append(taken.tolist())
-        if len(which):
-            fresh, pivots = row_echelon(outside[which], self.prime)
-            if self.pivots:
-                inside = multiplied(self.basis[:, pivots], fresh, self.prime)
-                self.basis = (self.basis - inside) % self.prime
-            self.basis = np.vstack([self.basis, fresh])
-            self.pivots += pivots
-        return candidates[taken]
-
-
-def reachable_bases(M11: Residues, M12: Residues, sizes: list[int], prime: int) -> list[Space]:
-    """The smallest subspaces S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
-    blocks = _parts(sizes)
-    spaces = [Space(size, prime) for size in sizes]
-    fresh = [
-        space.extend(np.ascontiguousarray(M12[block].T))
-        for space, block in zip(spaces, blocks, strict=True)
-    ]
-    rows: dict[int, tuple[NDArray[np.intp], Array]] = {}  # of M11', by block: used in many steps
-    while sources := [k for k, columns in enumerate(fresh) if len(columns)]:
-        ends = np.cumsum([0, *(len(fresh[k]) for k in sources)]).tolist()
-        candidates = np.zeros((ends[-1], len(M11)), dtype=np.int64)
-        for k, (first, end) in zip(sources, pairwise(ends), strict=True):
-            if k not in rows:
-                used = np.flatnonzero(M11[:, blocks[k]].any(axis=1))
-                rows[k] = used, limbs(M11[used, blocks[k]].T)
-            used, read = rows[k]
-            if len(used):
-                candidates[first:end, used] = times(fresh[k], read, prime)
-        fresh = [space.extend(candidates[:, block]) for space, block in zip(spaces, blocks, strict=True)]
-    return spaces
-
-
-def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
-    """The candidates that were taken, (n_k, dimension) for each block; no other is computed."""
-    n, prime = blocks[-1].stop, M.prime
-    fresh = [M[block, n:][:, space.taken[0]] for block, space in zip(blocks, spaces, strict=True)]
-    bases = fresh
-    for step in range(1, max((len(space.taken) for space in spaces), default=0)):
-        sources = [k for k, one in enumerate(fresh) if one.shape[1]]
-        ends = np.cumsum([0, *(fresh[k].shape[1] for k in sources)]).tolist()
-        following = []
-        for block, space in zip(blocks, spaces, strict=True):
-            taken = np.array(space.taken[step], dtype=int)
-            columns = [zeros(block.stop - block.start, 0, prime)]
-            for k, (first, end) in zip(sources, pairwise(ends), strict=True):
-                mine = taken[(taken >= first) & (taken < end)] - first
-                if len(mine):
-                    columns.append(M[block, blocks[k]] @ fresh[k][:, mine])
-            following.append(stacked([columns]))
-        fresh = following
-        bases = [stacked([[old, new]]) for old, new in zip(bases, fresh, strict=True)]
-    return bases
-
-
-class _Graph(NamedTuple):
-    """A basis (n_k, d) that is the identity in the rows `chosen`, sorted."""
-
-    chosen: NDArray[np.int64]
-    basis: ExactMatrix
-
-
-def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
-    """Columns (m, n_k) times a basis that is the identity in its chosen rows."""
-    others = np.setdiff1d(np.arange(columns.shape[1]), graph.chosen)
-    chosen = columns[:, graph.chosen]
-    return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
-
-
-def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
-    """A basis of a subspace in coordinates that are channels of a size (n,), with moderate factors."""
-    n, d = krylov.shape
-    if d in (0, n):
-        return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
-    first = np.array(space.pivots)
-    rough = rough_values(krylov)
-    with np.errstate(all="ignore"):  # doubles choose rows before anything is solved in balls
-        guess = rough @ np.linalg.pinv(rough[first])
-    near = _best_rows(scale[:, None] * guess / scale[first], first)
-    try:
-        basis = _over_rows(krylov, near)
-    except ZeroDivisionError:  # doubles chose rows that depend on each other
-        near, basis = first, _over_rows(krylov, first)
-    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[near], near)
-    try:
-        other = basis if np.array_equal(rows, near) else _over_rows(basis, rows)
-    except ZeroDivisionError:
-        rows, other = near, basis
-    order = np.argsort(rows)
-    return _Graph(rows[order], other[:, order])
-
-
-def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
-    """The basis of the same space that is the identity in some rows."""
-    return basis[rows].T.solve(basis.T).T
-
-
-def _best_rows(basis: Array, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Rows in which a basis has no factors above `_MOST_FACTOR`: each exchange has such a factor."""
-    rows, basis = rows.copy(), basis.copy()
-    for _ in range(_MOST_EXCHANGES * len(rows)):
-        row, column = np.unravel_index(np.argmax(np.abs(basis)), basis.shape)
-        if abs(basis[row, column]) <= _MOST_FACTOR:
-            break
-        rows[column] = row
-        basis[:, column] /= basis[row, column]
-        pivot_row = basis[row].copy()
-        pivot_row[column] = 0.0
-        basis -= np.outer(basis[:, column], pivot_row)
-    return rows

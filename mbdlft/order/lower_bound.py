@@ -53,11 +53,10 @@ from mbdlft.exact.matrices import (
     pivot_columns,
     powers_of,
     rank,
-    reachable_bases,
-    reduced_residues,
     solved,
     times,
 )
+from mbdlft.exact.reachable import reachable_bases, reduced_residues
 from mbdlft.order.degree import Pair, Triple, excluding, least_more
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_solutions

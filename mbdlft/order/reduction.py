@@ -1,6 +1,6 @@
 """LFTs of exact numbers: their n-D reduction, and coordinates in which their doubles keep their digits.
 
-Every rank of the reduction is decided exactly (`exact/matrices.py`). Coordinates w = T w', one T for each
+Every rank of the reduction is decided exactly (`exact/reachable.py`). Coordinates w = T w', T of each
 delta, leave the value as it is. What enters and what leaves the channels of a delta,
 
     P = [M11 M12] [M11 M12]',    Q = [M11 ; M21]' [M11 ; M21]    (rows and columns of the delta),
@@ -24,9 +24,9 @@ from mbdlft.exact.matrices import (
     ball_matrix,
     balls_of,
     entries_of,
-    reduced,
     stacked,
 )
+from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import LFT, Block, consecutive
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes

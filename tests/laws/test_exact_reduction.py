@@ -12,9 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact import matrices as module
-from mbdlft.exact.matrices import Space, rank, rough_values
+from mbdlft.exact import reachable as module
+from mbdlft.exact.matrices import rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
+from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
@@ -165,6 +166,25 @@ def test_rows_that_are_kept_are_independent(seed: int) -> None:
     assert len(set(rows.tolist())) == 4
     factors = np.abs(basis @ np.linalg.inv(basis[rows]))
     assert np.max(factors) <= 1.01 * module._MOST_FACTOR
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_basis_over_other_rows_spans_the_same(seed: int) -> None:
+    """Rows with a single one, in any order, are not solved for; one that comes twice is refused."""
+    random = np.random.default_rng(seed)
+    entries = random.integers(-6, 7, (11, 5))
+    ones = random.permutation(5)[:seed]
+    entries[:seed] = np.eye(5, dtype=int)[ones]
+    basis = exact_matrix(entries.tolist())
+    rows = random.permutation(5)
+    made = module._over_rows(basis, rows)
+    again = made @ basis[rows]
+    assert np.array_equal(made.residues[rows], np.eye(5, dtype=np.int64))
+    assert np.array_equal(again.residues, basis.residues)
+    roundoff(rough_values(again), entries.astype(float), 1e3)
+    if seed:
+        with pytest.raises(ZeroDivisionError):
+            module._over_rows(basis, np.array([0, 0, 5, 6, 7]))
 
 
 def test_rows_that_doubles_take_for_independent() -> None:
