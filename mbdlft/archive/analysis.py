@@ -66,11 +66,7 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
 
 
 def analysis_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the analyses in an archive, sorted.
-
-    Parameters
-    ----------
-    path : file
+    """Names of the analyses in the archive at `path`, sorted.
 
     Raises
     ------

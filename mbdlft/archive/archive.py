@@ -212,11 +212,7 @@ def read_one(
 
 
 def model_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the models in an archive, sorted.
-
-    Parameters
-    ----------
-    path : file
+    """Names of the models in the archive at `path`, sorted.
 
     Raises
     ------

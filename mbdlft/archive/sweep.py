@@ -340,11 +340,7 @@ def finish_sweep(
 
 
 def sweep_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the sweeps in an archive, sorted.
-
-    Parameters
-    ----------
-    path : file
+    """Names of the sweeps in the archive at `path`, sorted.
 
     Raises
     ------

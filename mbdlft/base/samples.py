@@ -43,10 +43,6 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
 def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
     """Make the samples at all 2^n combinations of the bounds of n parameters.
 
-    Parameters
-    ----------
-    parameters : sequence of Parameter
-
     Returns
     -------
     dict of names to arrays (2^n,), in the units of the parameters

@@ -182,11 +182,7 @@ FORMAT = "mbdlft-matrix/1"
 
 
 def load_matrix(path: str | Path) -> MatrixProblem:
-    """Matrix problem of a TOML file.
-
-    Parameters
-    ----------
-    path : file
+    """Matrix problem of the TOML file at `path`.
 
     Raises
     ------

@@ -88,11 +88,7 @@ class ModelicaTable:
 
 
 def load_modelica_table(path: str | Path) -> ModelicaTable:
-    """The table of a TOML file.
-
-    Parameters
-    ----------
-    path : file
+    """The table of the TOML file at `path`.
 
     Raises
     ------

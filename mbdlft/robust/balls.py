@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.exact.matrices import entries_of
+
+entries = entries_of  # of a matrix of balls (rows, columns)
 
 
 def balls(a: NDArray[Any]) -> Any:
@@ -15,13 +18,6 @@ def balls(a: NDArray[Any]) -> Any:
     kind = flint.acb_mat if np.iscomplexobj(a) else flint.arb_mat
     rows, columns = a.shape
     return kind(rows, columns, a.ravel().tolist())
-
-
-def entries(matrix: Any) -> NDArray[np.object_]:
-    """The entries of a matrix of balls (rows, columns)."""
-    array = np.empty(matrix.nrows() * matrix.ncols(), dtype=object)
-    array[:] = matrix.entries()
-    return array.reshape(matrix.nrows(), matrix.ncols())
 
 
 def joined(blocks: Sequence[Sequence[NDArray[Any]]]) -> Any:

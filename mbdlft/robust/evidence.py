@@ -33,21 +33,13 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IntervalProof:
-    """Parts of the box, and in each intervals of frequency with multipliers (`mbdlft.robust.mu.mixed`).
+    """Parts of the box, and in each intervals with multipliers (`mbdlft.robust.mu.mixed`)."""
 
-    Attributes
-    ----------
-    log : tuple of int
-        Two numbers for each part, depth first, the lower half first: how many of the intervals are its
-        own; 0, or 1 + the number of the block that is cut in the middle.
-    intervals : tuple of Interval
-    multipliers : tuple of Multipliers
-        For beta = 1 and the size of the part.
-    """
-
+    # two numbers for each part, depth first, the lower half first: how many of the intervals are its own;
+    # 0, or 1 + the number of the block that is cut in the middle
     log: tuple[int, ...]
     intervals: tuple[Interval, ...]
-    multipliers: tuple[Multipliers, ...]
+    multipliers: tuple[Multipliers, ...]  # for beta = 1 and the size of the part
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,44 +51,25 @@ class BoxProof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProof:
-    """A form that proves a claim for parameters that move (`mbdlft.robust.moving.variation`).
+    """A form that proves a claim for parameters that move (`mbdlft.robust.moving.variation`)."""
 
-    Attributes
-    ----------
-    P, X, Y : arrays (n + n_s, n + n_s), (m, m), (m, m)
-    states : array (n, n)
-        P is for this times the states.
-    channels : array (r,)
-        Powers of two that z and w were divided by; X and Y are for these.
-    time : float
-        The power of two that time was multiplied by (rad/s).
-    """
-
-    P: Array
-    X: Array
-    Y: Array
-    states: Array
-    channels: Array
-    time: float
+    P: Array  # (n + n_s, n + n_s)
+    X: Array  # (m, m)
+    Y: Array  # (m, m)
+    states: Array  # (n, n), P is for this times the states
+    channels: Array  # (r,), powers of two that z and w were divided by; X and Y are for these
+    time: float  # the power of two that time was multiplied by (rad/s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LyapunovProof:
-    """Lyapunov functions on parts of the box that prove stability (`mbdlft.robust.bisect.lyapunov`).
+    """Lyapunov functions on parts of the box that prove stability (`mbdlft.robust.bisect.lyapunov`)."""
 
-    Attributes
-    ----------
-    log : tuple of int
-        Parts depth first, the lower half first: 0 for a proved one, 1 + the delta that is cut.
-    degrees : int array (proved parts, number of deltas)
-        Of the function of each part in each delta.
-    states : array (proved parts, n, n)
-        Modes of each part as columns, of which its function follows.
-    """
-
+    # parts depth first, the lower half first: 0 for a proved one, 1 + the delta that is cut
     log: tuple[int, ...]
+    # (proved parts, number of deltas), of the function of each part in each delta
     degrees: NDArray[np.int64]
-    states: Array
+    states: Array  # (proved parts, n, n), modes of each part as columns, of which its function follows
 
 
 Proof = BoxProof | IntervalProof | MotionProof | LyapunovProof
@@ -114,30 +87,16 @@ SENTENCES = {
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """What is said of a system, at all frequencies and for all values in a box: a proof is of a claim.
+    """What is said of a system, at all frequencies and for all values in a box: a proof is of a claim."""
 
-    Attributes
-    ----------
-    kind : one of `SENTENCES`
-    bound : float
-        Of a margin, how many times the declared ranges; of others, the number that is not passed.
-    inputs, outputs : tuple of str
-        Signals of a gain, a performance, or a disk margin.
-    rates : mapping of names to bounds of the rates of parameters, in their units per second
-        inf where a parameter may move in any way; constant parameters are not named.
-    fixed : tuple of str
-        Blocks that stay in their ranges whatever the margin.
-    leave_out : tuple of str
-        States that do not count.
-    """
-
-    kind: str
-    bound: float
-    inputs: tuple[str, ...] = ()
+    kind: str  # one of `SENTENCES`
+    bound: float  # of a margin, how many times the declared ranges; else the number that is not passed
+    inputs: tuple[str, ...] = ()  # signals of a gain, a performance, or a disk margin
     outputs: tuple[str, ...] = ()
+    # bounds of rates in units of the parameters per second, inf for any motion; others are constant
     rates: Mapping[str, float] = field(default_factory=dict)
-    fixed: tuple[str, ...] = ()
-    leave_out: tuple[str, ...] = ()
+    fixed: tuple[str, ...] = ()  # blocks that stay in their ranges whatever the margin
+    leave_out: tuple[str, ...] = ()  # states that do not count
 
     @property
     def size(self) -> float:

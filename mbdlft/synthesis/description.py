@@ -96,11 +96,7 @@ class TuningTask:
 
 
 def load_tuning(path: str | Path) -> TuningTask:
-    """The task of a TOML file.
-
-    Parameters
-    ----------
-    path : file
+    """The task of the TOML file at `path`.
 
     Raises
     ------

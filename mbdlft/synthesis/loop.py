@@ -32,26 +32,16 @@ Connections = Sequence[Sequence[str]] | Mapping[str, str | Sequence[str]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Network:
-    """Systems and frames that are connected, before weights: from channels and q to channels and v.
-
-    Attributes
-    ----------
-    system : System
-    inputs, outputs : tuple of str, the channels that goals name
-    base, moves : as those of `TunableSystem`, of all controllers and design parameters
-    free : tuple of FreeValue
-    controllers : tuple of TunableSystem
-    design : mapping of names of design parameters to their gains
-    """
+    """Systems and frames that are connected, before weights: from channels and q to channels and v."""
 
     system: System
-    inputs: tuple[str, ...]
+    inputs: tuple[str, ...]  # the channels that goals name
     outputs: tuple[str, ...]
-    base: Array
+    base: Array  # and `moves`: as those of `TunableSystem`, of all controllers and design parameters
     moves: Array
     free: tuple[FreeValue, ...]
     controllers: tuple[TunableSystem, ...]
-    design: Mapping[str, TunableGain]
+    design: Mapping[str, TunableGain]  # by the names of design parameters
 
     def matrix(self, x: Array) -> Array:
         """S at values (number of values,)."""
@@ -270,21 +260,14 @@ class Closed(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Family:
-    """The weighted network at some points of the box, ready to be closed.
-
-    Attributes
-    ----------
-    X, L, R, D22 : arrays with the points first
-    states : int
-    moves, base : of the network
-    """
+    """The weighted network at some points of the box, ready to be closed; the points come first."""
 
     X: Array
     L: Array
     R: Array
     D22: Array
     states: int
-    base: Array
+    base: Array  # and `moves`: of the network
     moves: Array
 
     def closed(self, x: Array) -> Closed | None:

@@ -51,11 +51,7 @@ _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read the scene of a TOML file.
-
-    Parameters
-    ----------
-    path : file
+    """Read the scene of the TOML file at `path`.
 
     Raises
     ------
@@ -68,10 +64,6 @@ def load_scene(path: str | Path) -> Scene:
 
 def scene_from_toml(text: str) -> Scene:
     """Read the scene of a TOML text.
-
-    Parameters
-    ----------
-    text : str
 
     Raises
     ------
@@ -110,12 +102,7 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def body_to_toml(body: Body) -> str:
-    """Write one body as TOML: the table `bodies.NAME`, which can be pasted into a scene file.
-
-    Parameters
-    ----------
-    body : Body
-    """
+    """Write one body as TOML: the table `bodies.NAME`, which can be pasted into a scene file."""
     return tomli_w.dumps({"bodies": {body.name: _kind_table(body)}})
 
 

@@ -177,10 +177,6 @@ def _library() -> tuple[str, str]:
 def scene_of(model: object) -> Scene:
     """The scene that a model was made of, from the text in its provenance.
 
-    Parameters
-    ----------
-    model : LFTModel
-
     Raises
     ------
     SceneError
