@@ -276,6 +276,18 @@ def test_conditions_of_numbers_are_decided(at: float, slope: float) -> None:
     target(A, -np.array([1.7, 2.2]) * slope - steep, CLOSED_FORM)
 
 
+@pytest.mark.parametrize(("least", "slope"), [(0.1, 3.0), (0.9, 5.0)])
+def test_a_branch_whose_condition_has_numbers_only_is_no_function(least: float, slope: float) -> None:
+    d = DaeDraft("decided")
+    p = d.parameter(Parameter("p", 2.0, percent=20))
+    x = d.variable("x")
+    d.equation(d.der(x), equals=-ca.if_else(d.number(0.7) > d.number(least), 3 * p * x, 5 * p * x))
+    d.output("x")
+    model = delta_theta(d.dae())
+    assert not model.functions
+    target(mbdlft.matrices_at(model.linear, {"p": 2.2}).A, [[-2.2 * slope]], CLOSED_FORM)
+
+
 def test_functions_of_functions_have_values() -> None:
     """They are so steep that Newton's method for all of them at once finds nothing."""
     d, values = DaeDraft("nested"), np.linspace(-2.0, 2.0, 9)
