@@ -26,8 +26,7 @@ from benchmarks.targets import SCENARIO
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
-from mbdlft.order.reduction import reduce_exactly
-from mbdlft.order.reduction_in_doubles import in_scales
+from mbdlft.order.reduction import in_scales, reduce_exactly
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import linearize
 

@@ -10,8 +10,7 @@ from mbdlft.exact.matrices import ExactMatrix, from_rows
 from mbdlft.exact.numbers import BITS, Field, precision
 from mbdlft.lft.lft import LFT
 from mbdlft.order.degree import degree_bounds
-from mbdlft.order.reduction import ExactLFT, reduce_exactly
-from mbdlft.order.reduction_in_doubles import in_scales
+from mbdlft.order.reduction import ExactLFT, in_scales, reduce_exactly
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import LinearModel
 

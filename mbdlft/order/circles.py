@@ -26,7 +26,7 @@ from scipy.linalg import LinAlgError, qr
 from mbdlft.base.array import Array
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.lft import LFT, Block, transpose
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work, product, reduction, singular_values, solutions
 
 Complex = NDArray[np.complex128]

@@ -39,7 +39,7 @@ from scipy.linalg import rsf2csf, schur
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, check_plain
-from mbdlft.order.reduction_in_doubles import balance
+from mbdlft.order.reduction import balance
 
 _POINTS = 3  # generic values of the other deltas; the next are for what is doubtful at the first
 _UNCERTAIN = 2.0**-44  # of the size of an entry of the LFT, what may be wrong with it

@@ -44,7 +44,7 @@ from mbdlft.lft.lft import (
 )
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.circles import independent
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work, product, reduction, solutions
 
 _SLOPE_POINTS = 24

@@ -22,8 +22,16 @@ from mbdlft.base.running import without_collection
 from mbdlft.exact.matrices import TooFewBitsError
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, MOST_BITS, Constant, precision
 from mbdlft.lft.lft import LFT, condition
-from mbdlft.order.reduction import ExactLFT, eliminated, in_good_coordinates, reduce_exactly, transposed
-from mbdlft.order.reduction_in_doubles import Closing, in_scales, reduce_order
+from mbdlft.order.reduction import (
+    Closing,
+    ExactLFT,
+    eliminated,
+    in_good_coordinates,
+    in_scales,
+    reduce_exactly,
+    reduce_order,
+    transposed,
+)
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero

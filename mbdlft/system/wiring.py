@@ -15,7 +15,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.lft.lft import LFT, as_plain, constant, eliminate, of_kinds, select, stack_diagonal
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.system.model import System
 
 _SHARE = 0.1  # of a direction that a loop does not determine: signals above it are named

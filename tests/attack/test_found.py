@@ -13,7 +13,7 @@ from mbdlft.archive import program as stored
 from mbdlft.base import expression, unit
 from mbdlft.dae import kinks
 from mbdlft.lft.lft import LFT
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import stability as margin

@@ -24,8 +24,7 @@ from benchmarks.cases.hard import (
     wide,
 )
 from benchmarks.cases.measure import measure
-from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import ExactLFT, reduce_order
 from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
 from tests.extracted import eliminated_in_doubles, exactly
 

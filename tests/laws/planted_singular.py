@@ -3,7 +3,7 @@
 import numpy as np
 
 from mbdlft.lft.lft import LFT, add, constant, delta, inverse, multiply
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 
 RADIUS = 1e-3
 

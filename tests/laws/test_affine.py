@@ -17,7 +17,7 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import search
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine
 from mbdlft.order.work import Work
 from mbdlft.pipeline.forms import candidates, closing

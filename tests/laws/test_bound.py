@@ -16,7 +16,7 @@ from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal,
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import degree as bound
 from mbdlft.order.degree import Bound, degree_bounds
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.problem.relations import linearize
 from tests.extracted import extracted, lower_bound
 from tests.laws.lfts import padded

@@ -17,7 +17,7 @@ from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.order.degree import Bound
-from mbdlft.order.reduction_in_doubles import in_scales
+from mbdlft.order.reduction import in_scales
 from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import certification, forms, stages
 from mbdlft.pipeline.certification import MOST_ROUNDINGS, Checked, certificate, values_at_points

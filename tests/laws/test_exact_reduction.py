@@ -18,8 +18,7 @@ from mbdlft.exact.numbers import BITS, precision
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
-from mbdlft.order.reduction import ExactLFT, reduce_exactly
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
 from tests.close import roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points

@@ -15,7 +15,7 @@ from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.exact.rounding import cleaned
-from mbdlft.matrix.symbolic import matrix_problem
+from mbdlft.matrix.relations import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.graph import close, walk
 from mbdlft.problem.sx import tapes

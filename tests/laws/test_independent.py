@@ -17,7 +17,7 @@ import mbdlft
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows, transpose
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.circles import independent
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work
 from mbdlft.pipeline.models import build
 from tests.close import SCENARIO, roundoff, target

@@ -9,7 +9,7 @@ from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import constant, delta, fix
 from mbdlft.lft.sampling import evaluate, evaluate_at, values_at
 from mbdlft.order.degree import degree_bounds
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.system.truncation import truncate_lft
 from tests.close import exact, roundoff
 from tests.errors.table import says

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from mbdlft.lft.lft import LFT, Block, delta
 from mbdlft.lft.sampling import evaluate
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from tests.close import exact, roundoff
 from tests.extracted import lower_bound
 from tests.laws.lfts import lfts, padded, points

@@ -12,7 +12,7 @@ from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.degree import degree_bounds
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from tests.close import roundoff
 from tests.extracted import lower_bound
 from tests.laws.lfts import padded

@@ -28,7 +28,7 @@ from mbdlft.base.running import one_thread
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order import search
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.order.rewriting import rewritten
 from mbdlft.order.search import Budget, Truth, find_smallest, is_same, part_of_largest
 from mbdlft.order.work import Work

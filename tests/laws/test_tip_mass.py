@@ -21,7 +21,7 @@ from mbdlft.lft.lft import (
     with_blocks,
 )
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from tests.close import roundoff
 from tests.extracted import lower_bound
 

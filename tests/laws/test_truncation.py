@@ -24,7 +24,7 @@ from mbdlft.lft import box_gain as gain
 from mbdlft.lft.box_gain import gain_bound, restrict
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, stack_diagonal, stack_rows
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.pipeline.models import build
 from mbdlft.system.truncation import truncate_lft, typical_sizes
 from tests.archive.models import arm, same

@@ -22,7 +22,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
-from mbdlft.order.reduction_in_doubles import reduce_order
+from mbdlft.order.reduction import reduce_order
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
 from mbdlft.pipeline.extract.graph import Scaled, SignalGraph, close
