@@ -7,7 +7,10 @@ delta, leave the value as it is. What enters and what leaves the channels of a d
 
 become equal and diagonal, as Gramians do in a balanced realization (Moore 1981). Channels of beams with
 their lengths as parameters lose eight digits otherwise: I - M11 Delta then has a condition of 1e7, and of
-2 after this. T is a matrix of doubles; what it makes of the LFT is computed in balls and rounded once.
+2 after this. Where that is not enough, the numbers of channels beside others say little of what they
+carry: P and Q become those of the signals at some deltas, the columns of (I - M11 Delta)^-1 M12 and the
+rows of M21 (I - Delta M11)^-1, as empirical Gramians are (Lall, Marsden, Glavaski 2002). T is a matrix of
+doubles; what it makes of the LFT is computed in balls and rounded once.
 
 A system that is wired of models in doubles has no exact numbers, and a search compares many candidates:
 both reduce in doubles. There every vector carries an estimate of its own rounding error, which grows as
@@ -20,7 +23,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from math import sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,9 +46,10 @@ from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 
-_SWEEPS, _ROUNDS = 3, 8
+_SWEEPS, _ROUNDS = 3, 8  # the first of the signals may lose digits that the next ones win back
 _GAIN = 2.0**-6  # of what is lost, in other coordinates: less, and zeros are worth more
 _SHOWN = 1e10  # times rounding: doubles show a gain of other coordinates up to that
+_FAR = 1e6  # times rounding: beyond it, signals are worth some inverses of balls
 _NEGLIGIBLE = 1e-8  # of the row and the column of an entry
 _WIDE = 2.0**-60  # of its row and column: the radius of a number that is known well enough
 _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
@@ -138,18 +142,21 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     rough = a.rounded()
     best, M = in_scales(rough), a.M.balls
     least = _lost(best, deltas)
-    for _ in range(_ROUNDS):
-        if least <= most:
+    for T_of in (_by_channels, _by_signals):
+        for _ in range(_ROUNDS):
+            if least <= most:
+                break
+            T = T_of(M, rough, deltas)
+            gains = least >= _SHOWN or _lost(_turned(rough, T), deltas) <= _GAIN * least
+            if T_of is _by_channels and not gains:
+                break  # the data cancel, and not the channels
+            M = _in_coordinates(M, T, a.parts)
+            rough = _rounded(M, rough)
+            lost = _lost(rough, deltas)
+            if lost < least:
+                best, least = rough, lost
+        if least <= _FAR:
             break
-        scale = channel_scales(rough.M11, rough.M12, rough.M21)
-        T = _transformation(in_scales(rough)) / scale[:, None]
-        if least < _SHOWN and _lost(_turned(rough, T), deltas) > _GAIN * least:
-            break  # the data cancel, and not the channels
-        M = _in_coordinates(M, T, a.parts)
-        rough = _rounded(M, rough)
-        lost = _lost(rough, deltas)
-        if lost < least:
-            best, least = rough, lost
     return best
 
 
@@ -199,6 +206,11 @@ def _in_coordinates(M: Balls, T: Array, blocks: Sequence[slice]) -> Balls:
     return M
 
 
+def _by_channels(M: Balls, a: LFT, deltas: Array) -> Array:
+    """T (n, n), block diagonal, by the numbers of the channels of an LFT in doubles."""
+    return _transformation(in_scales(a)) / channel_scales(a.M11, a.M12, a.M21)[:, None]
+
+
 def _transformation(a: LFT) -> Array:
     """T (n, n), block diagonal, for an LFT whose channels are scaled."""
     M11: Array = a.M11
@@ -217,6 +229,32 @@ def _transformation(a: LFT) -> Array:
         M21 = np.asarray(M21 @ T, dtype=float)
         total = np.asarray(total @ T, dtype=float)
     return total
+
+
+def _by_signals(M: Balls, a: LFT, deltas: Array) -> Array:
+    """T (n, n), block diagonal, by the signals of an LFT of balls at some deltas."""
+    n, T, signals = a.order, np.eye(a.order), list[tuple[Array, Array]]()
+    sizes, one = [block.size for block in a.blocks], ball_matrix(balls_of(np.eye(a.order)))
+    M11, M12, M21 = (ball_matrix(part) for part in (M[:n, :n], M[:n, n:], M[n:, :n]))
+    for row in deltas:
+        delta = ball_matrix(balls_of(np.diag(np.repeat(row, sizes))))
+        try:
+            closed = (one - M11 * delta).inv()
+        except ZeroDivisionError:
+            raise TooFewBitsError("the balls of I - M11 Delta contain a singular one.") from None
+        observed = M21 * (one + delta * closed * M11)
+        signals.append((_middles(closed * M12), _middles(observed)))
+    into, out = np.hstack([x for x, _ in signals]), np.vstack([y for _, y in signals])
+    into = into / or_one(np.linalg.norm(into, axis=0))
+    out = out / or_one(np.linalg.norm(out, axis=1))[:, None]
+    for rows in a.slices().values():
+        T[rows, rows] = _of_block(into[rows] @ into[rows].T, out[:, rows].T @ out[:, rows])
+    return T
+
+
+def _middles(matrix: Any) -> Array:
+    entries = [float(entry.mid()) for entry in matrix.entries()]
+    return np.array(entries).reshape(matrix.nrows(), matrix.ncols())
 
 
 def _of_block(P: Array, Q: Array) -> Array:

@@ -23,7 +23,7 @@ RIGID = [
     "launcher_slosh", "pendulum", "spinning_satellite", "two_link_arm", "ur5", "four_bar",
 ]  # fmt: skip
 ELASTIC = [
-    "flexible_manipulator", "launcher_bending", "mast_observatory", "piezo_beam",
+    "flexible_manipulator", "flexible_pointing", "launcher_bending", "mast_observatory", "piezo_beam",
     "rotatory_spacecraft", "solar_arrays",
 ]  # fmt: skip
 OTHERS = [  # what pinocchio's trees do not have

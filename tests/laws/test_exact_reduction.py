@@ -3,6 +3,7 @@
 1. values stay, and a reduced LFT is reduced
 2. the order is that of the reduction in doubles where this is well conditioned, and right where it is not
 3. rows that are kept carry the others with factors of moderate size
+4. coordinates in which doubles lose all digits become good ones
 """
 
 from fractions import Fraction
@@ -16,10 +17,10 @@ from mbdlft.exact import reachable as module
 from mbdlft.exact.matrices import rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.exact.reachable import Space
-from mbdlft.lft.lft import LFT, Block
-from mbdlft.lft.sampling import evaluate
-from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
-from tests.close import roundoff
+from mbdlft.lft.lft import LFT, Block, consecutive
+from mbdlft.lft.sampling import evaluate, evaluate_at
+from mbdlft.order.reduction import ExactLFT, in_good_coordinates, reduce_exactly, reduce_order
+from tests.close import CLOSED_FORM, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points
 from tests.laws.test_bound import sparse_lfts
@@ -143,6 +144,39 @@ def falling(count: int) -> ExactLFT:
 def test_a_chain_of_small_directions_keeps_its_length() -> None:
     """(d/1000)^11 d has degree 12; the last direction is 1e-33 of the first."""
     assert reduce_exactly(falling(12)).order == 12
+
+
+# coordinates ---------------------------------------------------------------------------------------
+
+
+def sheared(matrix: np.ndarray, rows: slice, random: np.random.Generator) -> np.ndarray:
+    """[M11 M12 ; M21 M22] in coordinates by shears up to 1e4 of some rows, which have exact inverses."""
+    size, M = rows.stop - rows.start, matrix.copy()
+    for upper in (True, False, True):
+        for i, j in np.ndindex(size, size):
+            if i != j and (i < j) == upper:
+                factor = Fraction(int(random.integers(-(10**4), 10**4)))
+                M[rows.start + i] -= factor * M[rows.start + j]
+                M[:, rows.start + j] += factor * M[:, rows.start + i]
+    return M
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_far_coordinates_keep_all_digits(seed: int) -> None:
+    """In those that are given, doubles have no digit left."""
+    random, sizes = np.random.default_rng(seed), (6, 7, 5)
+    M = np.vectorize(lambda x: Fraction(int(x), 16), otypes=[object])(random.integers(-9, 10, (22, 22)))
+    blocks = tuple(Block(name, size) for name, size in zip("abc", sizes, strict=True))
+    deltas = random.uniform(-0.3, 0.3, (3, 3))
+    true = ExactLFT(exact_matrix(M.tolist()), blocks).rounded()
+    for rows in consecutive(sizes):
+        M = sheared(M, rows, random)
+    with precision(4 * BITS):
+        far = ExactLFT(exact_matrix(M.tolist()), blocks)
+        near = in_good_coordinates(far, deltas, 100.0)
+    expected = evaluate_at(true, deltas)
+    size = np.max(np.abs(expected))
+    assert np.max(np.abs(evaluate_at(near, deltas) - expected)) <= CLOSED_FORM * size
 
 
 # rows that are kept --------------------------------------------------------------------------------
