@@ -32,15 +32,45 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
+from mbdlft.base.errors import check_known
+from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
 
 FORMAT = "mbdlft-modelica/1"
 _MOST_ORDER = 10  # of a Pade approximation
-_TOP = ("format", "model", "check_units", "parameters", "values", "linearize", "trim")
-_LISTS = {"linearize": ("outputs", "states"), "trim": ("free", "moving")}
-_BESIDE = {"linearize": ("delay",), "trim": ("at", "fit", "point")}
 POINTS = ("equilibrium", "start")
+_NUMBER: Kind = (lambda x: isinstance(x, int | float) and not isinstance(x, bool), "a number")
+_TEXT: Kind = (lambda x: isinstance(x, str), "a text")
+_AT: Kind = (lambda x: _NUMBER[0](x) or _TEXT[0](x), "a number or the name of a parameter")
+_TABLE: Kind = (lambda x: isinstance(x, dict), "a table")
+_NAMES: Kind = (lambda x: isinstance(x, list) and all(map(_TEXT[0], x)), "a list of names")
+_POINT: Kind = (lambda x: x in POINTS, " or ".join(POINTS))
+_STAYS: Kind = (
+    lambda x: isinstance(x, dict) or x is False,
+    "a table such as { low = 1, high = 2 }, or false for a number",
+)
+_TOP: Mapping[str, Kind] = {
+    "format": _TEXT,
+    "model": _TEXT,
+    "check_units": (lambda x: isinstance(x, bool), "true or false"),
+    **dict.fromkeys(("parameters", "values", "linearize", "trim"), _TABLE),
+}
+_SECTIONS: Mapping[str, Mapping[str, Kind]] = {
+    "linearize": {
+        "outputs": _NAMES,
+        "states": _NAMES,
+        "delay": (
+            lambda x: type(x) is int and 1 <= x <= _MOST_ORDER,
+            f"an order from 1 to {_MOST_ORDER}",
+        ),
+    },
+    "trim": {
+        "free": _NAMES,
+        "moving": _NAMES,
+        "at": (_TABLE[0], "a table of values by name"),
+        "fit": (lambda x: _NUMBER[0](x) and 0.0 < x < 1.0, "a tolerance between 0 and 1"),
+        "point": _POINT,
+    },
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,78 +141,27 @@ def modelica_table_from_toml(text: str) -> ModelicaTable:
 
 def _table(table: dict[str, Any]) -> ModelicaTable:
     check_keys(table, FORMAT, _TOP)
-    sections = {key: table.get(key, {}) for key in _TOP[3:]}
-    for key, section in sections.items():
-        if not isinstance(section, dict):
-            raise SceneError(f"{key}: expected a table, got {section!r}.")
+    for key in table:
+        check_value(key, table[key], _TOP[key])
+    sections = {key: table.get(key, {}) for key in ("parameters", "values")}
     for name, entry in sections["parameters"].items():
-        if not isinstance(entry, dict) and entry is not False:
-            raise SceneError(
-                f"parameter {name!r}: expected a table such as {{ low = 1, high = 2 }}, or false for a "
-                f"number, got {entry!r}."
-            )
+        check_value(f"parameter {name!r}", entry, _STAYS)
     for name, value in sections["values"].items():
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise SceneError(f"values: {name!r}: expected a number, got {value!r}.")
-    for key, kind, word in (("model", str, "a text"), ("check_units", bool, "true or false")):
-        if key in table and not isinstance(table[key], kind):
-            raise SceneError(f"{key}: expected {word}, got {table[key]!r}.")
-    return ModelicaTable(
-        table.get("model"),
-        sections["parameters"],
-        sections["values"],
-        **_lists(sections),
-        at=_at(sections["trim"].get("at", {})),
-        fit=_fit(sections["trim"].get("fit")),
-        point=point_of(sections["trim"].get("point", POINTS[0]), "trim: point"),
-        delay=_delay(sections["linearize"].get("delay")),
-        check_units=table.get("check_units", True),
-    )
-
-
-def _lists(sections: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[str, ...]]:
-    lists = {}
-    for section, keys in _LISTS.items():
-        known = (*keys, *_BESIDE[section])
-        for key, names in sections[section].items():
-            if key not in known:
-                raise SceneError(f"{section}: " + unknown_name("key", key, known))
-            if key in _BESIDE[section]:
-                continue
-            if not (isinstance(names, list) and all(isinstance(name, str) for name in names)):
-                raise SceneError(f"{section}: {key}: expected a list of names, got {names!r}.")
-            lists[key] = tuple(names)
-    return lists
-
-
-def _delay(entry: Any) -> int | None:
-    is_order = isinstance(entry, int) and not isinstance(entry, bool) and 1 <= entry <= _MOST_ORDER
-    if entry is not None and not is_order:
-        raise SceneError(f"linearize: delay: expected an order from 1 to {_MOST_ORDER}, got {entry!r}.")
-    return None if entry is None else int(entry)
+        check_value(f"values: {name!r}", value, _NUMBER)
+    entries: dict[str, Any] = {}
+    for section, kinds in _SECTIONS.items():
+        given = table.get(section, {})
+        check_known("key", given, kinds, section)
+        for key, value in given.items():
+            check_value(f"{section}: {key}", value, kinds[key])
+            entries[key] = tuple(value) if isinstance(value, list) else value
+    for name, value in entries.get("at", {}).items():
+        check_value(f"trim: at: {name!r}", value, _AT)
+    plain = {key: table[key] for key in ("model", "check_units") if key in table}
+    return ModelicaTable(**plain, **sections, **entries)
 
 
 def point_of(entry: Any, where: str) -> str:
     """The operating point that is asked for; `where` is for messages."""
-    if entry not in POINTS:
-        raise SceneError(f"{where}: expected {' or '.join(POINTS)}, got {entry!r}.")
+    check_value(where, entry, _POINT)
     return str(entry)
-
-
-def _fit(entry: Any) -> float | None:
-    is_number = isinstance(entry, int | float) and not isinstance(entry, bool)
-    if entry is not None and not (is_number and 0.0 < entry < 1.0):
-        raise SceneError(f"trim: fit: expected a tolerance between 0 and 1, got {entry!r}.")
-    return None if entry is None else float(entry)
-
-
-def _at(entry: Any) -> Mapping[str, float | str]:
-    """Values of the equilibrium by name: numbers, or names of parameters."""
-    if not isinstance(entry, dict):
-        raise SceneError(f"trim: at: expected a table of values by name, got {entry!r}.")
-    for name, value in entry.items():
-        if isinstance(value, bool) or not isinstance(value, int | float | str):
-            raise SceneError(
-                f"trim: at: {name!r}: expected a number or the name of a parameter, got {value!r}."
-            )
-    return entry

@@ -6,6 +6,7 @@ are the arguments of the function that makes it.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from inspect import signature
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import numpy as np
 
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
-from mbdlft.multibody.scene.toml import check_keys, read_file, read_table
+from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
 from mbdlft.synthesis.box import Tuning, tune
 from mbdlft.synthesis.goals import (
     Goal,
@@ -137,15 +138,8 @@ def _task(table: dict[str, Any]) -> TuningTask:
     check_keys(table, FORMAT, keys)
     if missing := [key for key in ("model", "connections", "goals") if key not in table]:
         raise SceneError(f"{missing[0]!r} is missing.")
-    if not isinstance(table["model"], str):
-        raise SceneError(f"model: expected the name of a file, got {table['model']!r}.")
-    connections = table["connections"]
-    if not (isinstance(connections, list) and all(map(_are_names, connections))):
-        raise SceneError(
-            f"connections: expected lists of names, such as [['e', 'r', '-y']], got {connections!r}."
-        )
-    if not _are_names(table.get("inputs", [])):
-        raise SceneError(f"inputs: expected a list of names, got {table['inputs']!r}.")
+    for key in table.keys() & _TOP.keys():
+        check_value(key, table[key], _TOP[key])
     blocks, weights = (
         {name: _transfer(f"{noun} {name!r}", name, entry) for name, entry in _tables(table, key).items()}
         for noun, key in (("block", "blocks"), ("weight", "weights"))
@@ -165,25 +159,22 @@ def _task(table: dict[str, Any]) -> TuningTask:
             check_known("weight", [str(entry[key])], weights, f"goal {name!r}: {key}")
         known = {k: weights[v] if k in _WEIGHTS else v for k, v in entry.items()}
         goals.append(_made("goal", name, known, _GOALS))
-    inputs = tuple(table.get("inputs", ()))
-    if not _by_name(initial := table.get("initial", {}), is_finite):
-        raise SceneError(f"initial: expected numbers by name of values, got {initial!r}.")
     return TuningTask(
         table["model"],
-        connections,
-        inputs,
+        table["connections"],
+        tuple(table.get("inputs", ())),
         tuple(controllers),
         tuple(blocks.values()),
         schedules,
         tuple(goals),
-        initial,
+        table.get("initial", {}),
     )
 
 
 def _tables(table: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
-    tables = table.get(key, {})
-    if not (isinstance(tables, dict) and all(isinstance(entry, dict) for entry in tables.values())):
-        raise SceneError(f"{key}: expected tables by name, such as [{key}.NAME], got {tables!r}.")
+    tables: dict[str, dict[str, Any]] = table.get(key, {})
+    are_tables = partial(_by_name, is_entry=lambda entry: isinstance(entry, dict))
+    check_value(key, tables, (are_tables, f"tables by name, such as [{key}.NAME]"))
     return tables
 
 
@@ -203,7 +194,7 @@ def _made(noun: str, name: str, entry: Mapping[str, Any], kinds: Mapping[str, Ca
     check_known("key", given, parameters, where)
     for key, parameter in parameters.items():
         if key in given:
-            _check_type(f"{where}: {key}", parameter.annotation, given[key])
+            check_value(f"{where}: {key}", given[key], _TYPES.get(parameter.annotation, _ANY))
         elif parameter.default is parameter.empty:
             raise SceneError(f"{where}: {key!r} is missing.")
     try:
@@ -221,7 +212,7 @@ def _by_name(value: Any, is_entry: Callable[[Any], bool]) -> bool:
 
 
 # of the annotation of an argument: whether a value of TOML is one that it takes, and what it takes
-_TYPES: dict[Any, tuple[Callable[[Any], bool], str]] = {
+_TYPES: dict[Any, Kind] = {
     bool: (lambda value: isinstance(value, bool), "true or false"),
     int: (lambda value: isinstance(value, int) and not isinstance(value, bool), "a whole number"),
     float: (is_finite, "a finite number"),
@@ -237,10 +228,16 @@ _TYPES: dict[Any, tuple[Callable[[Any], bool], str]] = {
 }
 
 
-def _check_type(where: str, annotation: Any, value: Any) -> None:
-    fits, expected = _TYPES.get(annotation, (lambda _: True, ""))  # weights, and structures
-    if not fits(value):
-        raise SceneError(f"{where}: expected {expected}, got {value!r}.")
+_ANY: Kind = (lambda _: True, "")  # weights, and structures
+_TOP: Mapping[str, Kind] = {
+    "model": (lambda value: isinstance(value, str), "the name of a file"),
+    "connections": (
+        lambda value: isinstance(value, list) and all(map(_are_names, value)),
+        "lists of names, such as [['e', 'r', '-y']]",
+    ),
+    "inputs": (_are_names, "a list of names"),
+    "initial": (partial(_by_name, is_entry=is_finite), "numbers by name of values"),
+}
 
 
 def _transfer(where: str, name: str, entry: Mapping[str, Any]) -> System:

@@ -9,14 +9,14 @@ import inspect
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import tomli_w
 
 from mbdlft.base.description import Description
-from mbdlft.base.errors import MbdlftError, SceneError, unknown_name
+from mbdlft.base.errors import MbdlftError, SceneError, check_known, unknown_name
 from mbdlft.base.parameter import ROLES, SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.base.worker import content_of
@@ -32,6 +32,7 @@ from mbdlft.multibody.scene.scene import ALL, NEEDED, Constant, Fit, Scene, Spin
 from mbdlft.multibody.sensor import KINDS as SENSORS
 
 T = TypeVar("T")
+Kind = tuple[Callable[[Any], bool], str]  # whether a value is of the kind; the kind in words
 
 FORMAT = "mbdlft-scene/1"
 _LINEARIZE = ("inputs", "outputs", "states")
@@ -155,7 +156,7 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
         raise SceneError(f"line {line}: {error}" if line else str(error)) from None
 
 
-def check_keys(table: Mapping[str, Any], form: str, keys: Sequence[str]) -> None:
+def check_keys(table: Mapping[str, Any], form: str, keys: Collection[str]) -> None:
     """Raise a SceneError if a key is not one of `keys`, or the format is not `form`."""
     if "format" not in table:
         raise SceneError(f"the line format = {form!r} is missing.")
@@ -167,6 +168,13 @@ def check_keys(table: Mapping[str, Any], form: str, keys: Sequence[str]) -> None
     for key in table:
         if key not in keys:
             raise SceneError(unknown_name("key", key, keys))
+
+
+def check_value(where: str, value: Any, kind: Kind) -> None:
+    """Raise a SceneError unless a value is of a kind."""
+    fits, words = kind
+    if not fits(value):
+        raise SceneError(f"{where}: expected {words}, got {value!r}.")
 
 
 def read_constants(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -203,9 +211,7 @@ def _scene(table: dict[str, Any]) -> Scene:
     """The scene of the table of a scene file."""
     check_keys(table, FORMAT, _TOP)
     linearize = _table("linearize", table.get("linearize", {}))
-    for key in linearize:
-        if key not in _LINEARIZE:
-            raise SceneError("linearize: " + unknown_name("key", key, _LINEARIZE))
+    check_known("key", linearize, _LINEARIZE, "linearize")
     return Scene(
         **{key: table[key] for key in _PLAIN if key in table},
         **{key: _table(key, table[key]) for key in _RECORDS if key in table},
@@ -226,9 +232,8 @@ def _constant(name: str, fields: dict[str, Any]) -> Constant:
 
 def _table(where: str, value: Any) -> dict[str, Any]:
     """The value itself, or a SceneError if it is not a table."""
-    if not isinstance(value, dict):
-        raise SceneError(f"{where}: expected a table, got {value!r}.")
-    return value
+    check_value(where, value, (lambda x: isinstance(x, dict), "a table"))
+    return cast("dict[str, Any]", value)
 
 
 def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any]) -> list[Any]:
