@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from mbdlft import analyze, show
+from mbdlft import analyze, multibody, show
 from mbdlft import archive as archives
 from mbdlft import system as systems
-from mbdlft.base.errors import AnalysisError
+from mbdlft.base.errors import AnalysisError, StructureError
 from mbdlft.cli import options, rooms
-from mbdlft.cli.output import print_json, print_table, progress_of, say
+from mbdlft.cli.output import print_json, print_table, progress_of, say, write_scene
 from mbdlft.cli.responses import WITH_WORST, chosen_channels, draw
 
 if TYPE_CHECKING:
@@ -262,6 +262,12 @@ def tune(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="Archive for controllers, loops and proofs.")
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            "--scene", help="Scene (TOML) to be written, with design parameters as they were tuned."
+        ),
+    ] = None,
     starts: Annotated[int, typer.Option(min=1, help="Places from which the search begins.")] = 8,
     seed: Annotated[int, typer.Option(help="Which places these are.")] = 0,
     no_proof: Annotated[bool, typer.Option("--no-proof", help="Leave the proofs out.")] = False,
@@ -274,11 +280,16 @@ def tune(
     start = time.perf_counter()
     task = synthesis.load_tuning(file)
     model = options.load_system(file.parent / task.model)
+    designed = None if scene is None else multibody.load_scene(file.parent / task.model)
+    if designed is not None and not any(p.role == "design" for p in designed.parameters):
+        raise StructureError(f"--scene: {task.model} has no parameter of the role 'design'.")
     how: dict[str, Any] = {"starts": starts, "seed": seed, "gap": gap, "work": work}
     with progress_of(file.stem) as progress:
         tuning = synthesis.tune_task(task, model, **how, prove=not no_proof, progress=progress.stage)
     if output is not None:
         synthesis.save_tuning(output, tuning)
+    if scene is not None and designed is not None:
+        write_scene(scene, synthesis.designed_scene(designed, tuning.values))
     is_reached = tuning.hard <= _REACHED
     if as_json:
         print_json(
@@ -292,6 +303,8 @@ def tune(
         )
     else:
         _print_tuning(tuning, output)
+        if scene is not None:
+            say(f"scene with the new design: {scene}")
     if not is_reached:
         raise typer.Exit(1)
 

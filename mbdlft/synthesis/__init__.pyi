@@ -2,11 +2,13 @@ from .box import Reached as Reached
 from .box import Tuning as Tuning
 from .box import save_tuning as save_tuning
 from .box import tune as tune
+from .codesign import designed_scene as designed_scene
 from .description import TuningTask as TuningTask
 from .description import load_tuning as load_tuning
 from .description import tune_task as tune_task
 from .goals import Goal as Goal
 from .goals import acceleration_goal as acceleration_goal
+from .goals import design_goal as design_goal
 from .goals import gain_goal as gain_goal
 from .goals import margin_goal as margin_goal
 from .goals import pole_goal as pole_goal

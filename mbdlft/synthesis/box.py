@@ -29,7 +29,7 @@ from mbdlft.robust.realization import realization
 from mbdlft.robust.worst import worst_case
 from mbdlft.synthesis.bound import full_order_bound
 from mbdlft.synthesis.evaluation import Look
-from mbdlft.synthesis.goals import H2, HINF, MARGIN, POLES, Goal
+from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, network
 from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
 from mbdlft.synthesis.tuning import Tuned, Tuner, taken_on, tuned
@@ -358,13 +358,17 @@ def _reached(
     net: Network, goal: Goal, x: Array, points: Array, least: float, how: tuple[bool, float, float]
 ) -> Reached:
     """A goal at values: at the points, in the box, and proved."""
-    loop = closed_loop(net, None if goal.kind == POLES else goal, x, f"{net.system.name}: {goal.name}")
+    loop = closed_loop(
+        net, None if goal.kind in (POLES, DESIGN) else goal, x, f"{net.system.name}: {goal.name}"
+    )
     (tuned_to, _), (screened, _) = (
         Tuner(net, [goal], some).worst(x)[0]
         for some in (points, _screened(net, np.ones(points.shape[1]), 0))
     )
     worst, proved = max(tuned_to, screened), np.inf
     prove, gap, work = how
+    if goal.kind == DESIGN:  # nothing else than the values is in it
+        return Reached(goal, worst, worst, worst, least, loop, ())
     bounds = tuple(_bounds(loop, goal, gap, work)) if prove else ()
     if bounds:
         claimed, attained = zip(*(_ratios(goal, b) for b in bounds), strict=True)

@@ -20,6 +20,7 @@ from mbdlft.synthesis.box import Tuning, tune
 from mbdlft.synthesis.goals import (
     Goal,
     acceleration_goal,
+    design_goal,
     gain_goal,
     margin_goal,
     pole_goal,
@@ -58,6 +59,7 @@ _CONTROLLERS: dict[str, Callable[..., TunableSystem]] = {
 }
 _GOALS: dict[str, Callable[..., Goal]] = {
     "acceleration": acceleration_goal,
+    "design": design_goal,
     "gain": gain_goal,
     "margin": margin_goal,
     "poles": pole_goal,

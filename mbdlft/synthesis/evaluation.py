@@ -9,7 +9,7 @@ An eigenvalue moves by u' dA v / (u' v). The H2 norm is h^2 = tr(C P C') with th
 states and costates, d(h^2) = 2 tr(Q dA P + Q dB B' + P C' dC).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import log
 from typing import NamedTuple
 
@@ -20,7 +20,8 @@ from mbdlft.base.array import Array
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.norms import gramians
 from mbdlft.response.staircase import Plant
-from mbdlft.synthesis.goals import H2, POLES, Goal
+from mbdlft.synthesis.codesign import Budget
+from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
 from mbdlft.synthesis.loop import Closed, Family, places
 from mbdlft.system.sampled import StateMatrices
 
@@ -55,6 +56,7 @@ class Asked(NamedTuple):
     goals: Sequence[Goal]
     decay: float  # that poles have to keep (rad/s)
     extra: Array = np.zeros(0)  # more frequencies of the grid (rad/s)
+    budgets: Mapping[int, Budget] = {}  # goals on design parameters, by their place
 
 
 class Look(NamedTuple):
@@ -148,6 +150,8 @@ def look(family: Family, asked: Asked, x: Array, keep: float | None = 0.8) -> Lo
             values += _pole_pieces(found, moved, k, goal)
         elif goal.kind == H2:
             values += _h2_pieces(family, closed, k, asked.goals)
+        elif goal.kind == DESIGN:
+            values.append(Piece(k, 0, 0.0, *asked.budgets[k].at(x)))
     largest = {
         hard: max((p.value for p in values if asked.goals[p.goal].hard == hard), default=-np.inf)
         for hard in (False, True)
@@ -224,7 +228,7 @@ def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
     every = np.arange(len(omega))
     responses, tops = list[Response](), list[_Tops]()
     for k, (goal, (rows, columns)) in enumerate(zip(asked.goals, places(asked.goals), strict=True)):
-        if goal.kind in (POLES, H2):
+        if goal.kind not in (HINF, MARGIN):
             continue
         T = StateMatrices(
             closed.A, closed.B[:, :, columns], closed.C[:, rows], closed.D[:, rows, columns]

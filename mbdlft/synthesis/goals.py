@@ -3,6 +3,7 @@
     gain          |W_out T W_in| / limit in the H-infinity norm, or in the H2 norm
     margin        alpha |S - 1/2|, S the sensitivity where the loop is opened: a disk margin of alpha
     poles         decay / -Re(lambda),   damping |lambda| / -Re(lambda),   |lambda| / speed
+    design        f(design parameters) / limit
 
 A template of a response over frequency is the inverse of a weight, which is a system. Three
 templates have goals of their own, w_c = 2/(time of the response), k = 100 and e = w_0/1000:
@@ -30,7 +31,7 @@ from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, state_space
 from mbdlft.system.model import System
 
-HINF, H2, MARGIN, POLES = "H-infinity", "H2", "disk margin", "poles"
+HINF, H2, MARGIN, POLES, DESIGN = "H-infinity", "H2", "disk margin", "poles", "design"
 _PROPER = 100.0  # times the frequency of a roll-off, where its weight ends
 _LEAK = 1e-3  # of the frequency of a mode: what its double integrator is moved by
 
@@ -41,7 +42,7 @@ class Goal:
 
     Attributes
     ----------
-    kind : ``"H-infinity"``, ``"H2"``, ``"disk margin"`` or ``"poles"``
+    kind : ``"H-infinity"``, ``"H2"``, ``"disk margin"``, ``"poles"`` or ``"design"``
     name : str
     inputs, outputs : tuple of str
         Channels of the closed loop.
@@ -53,6 +54,8 @@ class Goal:
         Weights at the inputs and at the outputs.
     decay, damping, speed : float
         Of poles: at least, at least, and at most (rad/s, 1, rad/s).
+    expression : str
+        Of design parameters, in their units.
     """
 
     kind: str
@@ -67,6 +70,7 @@ class Goal:
     decay: float = 0.0
     damping: float = 0.0
     speed: float = np.inf
+    expression: str = ""
 
 
 def gain_goal(
@@ -193,6 +197,7 @@ def acceleration_goal(
     *,
     frequency: float,
     damping: float,
+    limit: float = 1.0,
     hard: bool = False,
     name: str = "",
 ) -> Goal:
@@ -204,6 +209,8 @@ def acceleration_goal(
         What is added to an acceleration, or a force over its mass, and the acceleration.
     frequency : float, in rad/s
     damping : float
+    limit : float
+        Times those of the mode; with two channels that are the same the norm is 1 at least.
     hard, name
         As for `gain_goal`.
 
@@ -217,7 +224,7 @@ def acceleration_goal(
     leak = frequency * _LEAK
     mode = np.array([1.0, 2.0 * damping * frequency, frequency**2])
     weight = rational("mode", mode, np.array([1.0, 2.0**0.5 * leak, leak**2]))
-    return gain_goal(disturbances, accelerations, after=weight, hard=hard, name=name)
+    return gain_goal(disturbances, accelerations, after=weight, limit=limit, hard=hard, name=name)
 
 
 def rational(name: str, numerator: Array, denominator: Array) -> System:
@@ -308,6 +315,32 @@ def pole_goal(
             f"of them at least, got {decay!r}, {damping!r}, {speed!r}."
         )
     return Goal(POLES, name, hard=hard, decay=decay, damping=damping, speed=speed)
+
+
+def design_goal(expression: str, limit: float, *, hard: bool = False, name: str = "") -> Goal:
+    """A limit of an expression of design parameters: a mass budget, or a length that is to be large.
+
+    Parameters
+    ----------
+    expression : str
+        Rational in parameters of the role ``design``, in their units, such as ``"M1 + M2"`` to be small,
+        or ``"2.3/M1"`` for an M1 that is to be large.
+    limit : float
+    hard, name
+        As for `gain_goal`.
+
+    Returns
+    -------
+    Goal
+
+    Raises
+    ------
+    StructureError
+        The limit is not positive. What is wrong in the expression is said by `tune`.
+    """
+    name = name or expression
+    check_positive(f"goal {name!r}", limit=limit)
+    return Goal(DESIGN, name, limit=limit, hard=hard, expression=expression)
 
 
 def _weight(weight: Any, channels: int, name: str) -> System | None:

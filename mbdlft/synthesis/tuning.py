@@ -18,9 +18,10 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
+from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
-from mbdlft.synthesis.goals import H2, POLES, Goal
+from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
 from mbdlft.synthesis.pieces import in_modes
 
@@ -68,7 +69,7 @@ class Tuner:
         sizes = np.abs(np.linalg.eigvals(self.family.X[0, : self.family.states, : self.family.states]))
         seen = sizes[sizes > 1e-6 * np.max(sizes, initial=0.0)]
         self.bandwidth = float(np.median(seen)) if len(seen) else 1.0
-        self.asked = Asked(self.goals, _DECAY * self.bandwidth)
+        self.asked = Asked(self.goals, _DECAY * self.bandwidth, budgets=budgets(net, goals))
         self.has_states = any(controller.states for controller in net.controllers)
 
     def problem(self, keep: float, price: float, unit: float) -> Problem:
@@ -197,7 +198,7 @@ class Tuner:
             return True
         missed = []
         for goal, (rows, columns) in zip(self.goals, places(self.goals), strict=True):
-            if goal.kind in (H2, POLES):
+            if goal.kind not in (HINF, MARGIN):
                 continue
             for A, B, C, D in zip(*closed[:4], strict=True):
                 plant = Plant(A, B[:, columns], C[rows], D[rows, columns])

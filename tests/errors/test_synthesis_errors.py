@@ -6,6 +6,8 @@ import mbdlft
 from mbdlft.synthesis import (
     acceleration_feedback,
     acceleration_goal,
+    design_goal,
+    designed_scene,
     gain_goal,
     inertia_pd,
     integral_force_feedback,
@@ -20,6 +22,7 @@ from mbdlft.synthesis import (
 )
 from mbdlft.system import state_space
 from tests.errors.table import refused
+from tests.scenarios.test_codesign import DESIGNED
 
 PLANT = state_space([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], inputs=["f"], outputs=["y"], name="P")
 BLIND = state_space(
@@ -79,6 +82,10 @@ acceleration_feedback("K", "a", "u", mass=1.0, **RULE, leak=1.0) => leak from 0
 positive_position_feedback("K", "q", "u", mass=1.0, frequency=np.nan, damping=0.1) => frequency, got nan
 integral_force_feedback("K", "F", "v", zero=1.0, **RULE) => a zero from 0 to
 integral_force_feedback("K", "F", "v", frequency=2.0, zero=1.0, damping=0.6) => the largest is 0.5
+design_goal("a", 0.0) => goal 'a': expected a positive limit, got 0.0
+made(goals=(design_goal("2*g", 1.0), GOAL), systems=(DESIGNED,), wired=()) => parameters are: a, b
+made(goals=(design_goal("a", 1.0), GOAL)) => goal 'a': … Design parameters are: none
+designed_scene(mbdlft.load_scene("scenarios/pendulum.toml"), {"q": 1.0}) => unknown parameter 'q'
 mbdlft.scheduled(SCHEDULED, PLANT.parameters) => expected a controller that is not scheduled
 """
 )
