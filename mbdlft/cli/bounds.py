@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from mbdlft import analyze, multibody, show
+from mbdlft import analyze, multibody, show, synthesis
 from mbdlft import archive as archives
 from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError, StructureError
@@ -21,9 +21,6 @@ from mbdlft.cli.responses import WITH_WORST, chosen_channels, draw
 if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
     from mbdlft.system import System
-
-
-from mbdlft import synthesis
 
 _WITH = " with "  # in the name of a loop
 _PRINTED = (

@@ -9,25 +9,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import typer
 
-from mbdlft import analyze, base, show
+from mbdlft import analyze, base, dae, pipeline, show
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli import options, rooms
-from mbdlft.cli.output import print_json, print_table, progress_of, say
+from mbdlft.cli.output import print_files, print_json, print_table, progress_of, say, write_text
 
 if TYPE_CHECKING:
     from mbdlft.analyze import DampingTable, ModeRow, StabilityVerdict
     from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.system import System
-from typing import TYPE_CHECKING
-
-from mbdlft import dae, pipeline
-from mbdlft.cli.output import print_files, write_text
-
-if TYPE_CHECKING:
-    from mbdlft.base.array import Array
     from mbdlft.dae import Simulation
     from mbdlft.multibody import Scene
-    from mbdlft.system import LFTModel
+    from mbdlft.system import LFTModel, System
 
 KINDS = ("sigma", "bode", "nyquist", "nichols", "step", "poles", "order", "trim")  # of figures
 WITH_WORST = KINDS[:5]  # kinds that show a worst case
