@@ -167,17 +167,8 @@ def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any)
 
     Parameters
     ----------
-    path : file, whose ending is that of a figure, such as .png
-    model : System or LFTModel
-    seed : int
-        Seed of the random samples.
-    **options
-        Keywords of `save_bode`: most_samples, outputs, inputs, worst.
-
-    Raises
-    ------
-    AnalysisError
-        As by `save_bode`.
+    path, model, seed, **options
+        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst, and its errors.
     """
     _save_loops(path, model, seed, _nyquist, "real part", **options)
 
@@ -189,17 +180,8 @@ def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any)
 
     Parameters
     ----------
-    path : file, whose ending is that of a figure, such as .png
-    model : System or LFTModel
-    seed : int
-        Seed of the random samples.
-    **options
-        Keywords of `save_bode`: most_samples, outputs, inputs, worst.
-
-    Raises
-    ------
-    AnalysisError
-        As by `save_bode`.
+    path, model, seed, **options
+        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst, and its errors.
     """
     _save_loops(path, model, seed, _nichols, "phase (deg)", **options)
 
@@ -316,10 +298,8 @@ def save_singular_values(
 
     Parameters
     ----------
-    path : file, whose ending is that of a figure, such as .png
-    model : System or LFTModel
-    seed, most_samples : int
-        Seed of the random samples, and how many there are at most.
+    path, model, seed, most_samples
+        As for `save_bode`.
     worst : mapping of names to physical values, optional
         A worst case to draw, that is known from elsewhere; by default the sample of the highest peak.
     bound : float, optional
@@ -395,19 +375,8 @@ def save_step(
 
     Parameters
     ----------
-    path : file, whose ending is that of a figure, such as .png
-    model : System or LFTModel
-    seed : int
-        Seed of the samples.
-    outputs, inputs : names of channels; all by default
-    worst : mapping of names to physical values, optional
-        A worst case to draw, such as `Bounds.worst`.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, there is nothing to draw, there
-        are more than 25 channels, or a name is unknown.
+    path, model, seed, outputs, inputs, worst
+        As for `save_bode`, with its errors, for up to 25 channels.
     """
     check_figure(path)
     channels = channel_panels(model, outputs, inputs, _MOST_STEPS, 2.4)
