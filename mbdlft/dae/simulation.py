@@ -192,7 +192,7 @@ def _scene(scene: Scene, asked: _Asked) -> _Model:
     names = [signal.name for signal in m.coordinates]
     chosen, inputs = list(m.states), _held(owner, m.inputs, asked)
     still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))  # references: no rotation
-    followers, x0 = [k for k in range(len(names)) if k not in chosen], np.zeros(len(names))
+    followers, x0 = list(m.followers), np.zeros(len(names))
     x0[chosen] = _initial(owner, [names[k] for k in chosen], x0[chosen], asked.states)
     if followers:
         known = ca.vertcat(rows_of(m.x, chosen), m.references)

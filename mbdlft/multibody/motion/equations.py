@@ -63,6 +63,7 @@ class Motion(NamedTuple):
 
     coordinates: tuple[Signal, ...]  # of x
     states: tuple[int, ...]  # positions in x of those that the others follow
+    followers: tuple[int, ...]  # and of these, without imposed motions, which stay zero
     inputs: tuple[Signal, ...]  # of u
     outputs: tuple[Signal, ...]
     balls: tuple[int, ...]  # positions in x of their first entries
@@ -104,6 +105,8 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     channels, (acting, _) = body_channels(r, view, m.u, names), static_deflections(r, m.closure, m.u)
     multipliers = ca.SX.sym("lambda", len(m.closure.rows))
     constraints, fitting, J = _constraints(m, view)
+    # what imposes the acceleration of a joint carries the multipliers
+    J[:, [k for k, degree in enumerate(every) if degree.kind in ("imposed", "motion")]] = 0.0
     efforts = dynamics(r, view, acting, coupled) - channels.forces - ca.mtimes(J.T, multipliers)
     measured, signals, default = measures(r, view, channels)
     chosen = _chosen(scene, signals, default)
@@ -121,9 +124,11 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     inputs = [k for k, e in enumerate(m.efforts) if e.is_input and e.signal.name not in moved]
     others = [k for k in range(len(names)) if k not in inputs]
     made = ca.substitute(made, [rows_of(u, others)], [ca.SX.zeros(len(others))])
+    held = {k for k, signal in enumerate(coordinates) if signal.name in moved}
     return Motion(
         coordinates,
         small.equations.states,
+        tuple(k for k in range(len(coordinates)) if k not in {*small.equations.states, *held}),
         tuple(m.efforts[k].signal for k in inputs),
         tuple(signals[k] for k in chosen),
         tuple(balls),
