@@ -1,0 +1,56 @@
+"""The rates of nonlinear equations of motion, beside those of their linear model."""
+
+from collections.abc import Callable
+
+import casadi as ca
+import numpy as np
+
+import mbdlft
+from mbdlft import LFTModel, Scene
+from mbdlft.base.array import Array
+from mbdlft.multibody.motion.equations import Motion, equations_of_motion
+from tests.close import CLOSED_FORM
+
+
+def check_second_order(scene: Scene, model: LFTModel, seed: int) -> None:
+    """The rates of small motions differ from those of the model by what is of second order."""
+    random = np.random.default_rng(seed)
+    values = {p.name: 0.7 * p.nominal + 0.3 * p.high for p in scene.parameters}
+    (A, B, *_), m = mbdlft.matrices_at(model, values), equations_of_motion(scene, values)
+    x, u = (random.standard_normal(M.shape[1]) for M in (A, B))
+    names, inputs = ([signal.name for signal in signals] for signals in (m.coordinates, m.inputs))
+    chosen = [names.index(state.name) for state in model.states]  # without cyclic ones
+    u *= [signal.name in inputs for signal in model.inputs]  # without imposed motions
+    every, rates = np.zeros(len(inputs)), explicit(m)
+    for signal, value in zip(model.inputs, u, strict=True):
+        if signal.name in inputs:
+            every[inputs.index(signal.name)] = value
+    expected, scale = A @ x + B @ u, np.abs(A) @ np.abs(x) + np.abs(B) @ np.abs(u)
+    scale = np.maximum(scale, 1e-3 * np.max(scale))
+    errors = [
+        np.max(np.abs(rates(chosen, size * x, size * every) / size - expected) / scale)
+        for size in (1e-3, 1e-4)
+    ]
+    assert errors[1] <= max(errors[0] / 8.0, 1e5 * CLOSED_FORM)
+
+
+def explicit(m: Motion) -> Callable[[list[int], Array, Array], Array]:
+    """Rates (k,) of states at positions (k,), by their values and inputs; the others fit."""
+    still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
+    fitting = [m.constraints, ca.jacobian(m.constraints, m.x)]
+    moving = [m.rates, ca.jacobian(m.rates, m.z), m.residual, ca.jacobian(m.residual, m.z)]
+    fit = ca.Function("fit", [m.x, m.references], [ca.densify(y) for y in fitting])
+    move = ca.Function("move", [m.x, m.z, m.u, m.references], [ca.densify(y) for y in moving])
+
+    def rates(chosen: list[int], values: Array, u: Array) -> Array:
+        x = np.zeros(m.x.numel())
+        others = list(m.followers)
+        x[chosen] = values
+        for _ in range(8 if others else 0):
+            gaps, slopes = (np.array(y.full()) for y in fit(x, still))
+            x[others] -= np.linalg.solve(slopes[:, others], gaps[:, 0])
+        at = move(x, 0.0, u, still)
+        first, of_z, missing, slopes = (np.array(y.full()) for y in at)
+        return np.asarray((first - of_z @ np.linalg.solve(slopes, missing))[chosen, 0])
+
+    return rates
