@@ -99,7 +99,7 @@ def differentiated(dae: Dae) -> Differentiated:
         )
     counts, orders = _offsets(dae, sigma, columns)
     symbols = _symbols(dae, orders)
-    residuals, rates = _derivatives(dae, counts, orders, symbols)
+    residuals, rates = _derivatives(dae, counts, symbols)
     return Differentiated(dae, counts, orders, symbols, residuals, rates)
 
 
@@ -171,7 +171,7 @@ def _symbols(dae: Dae, orders: Sequence[int]) -> dict[Entry, ca.SX]:
 
 
 def _derivatives(
-    dae: Dae, counts: Sequence[int], orders: Sequence[int], symbols: dict[Entry, ca.SX]
+    dae: Dae, counts: Sequence[int], symbols: dict[Entry, ca.SX]
 ) -> tuple[dict[Row, ca.SX], tuple[tuple[Variable, int, ca.SX], ...]]:
     residuals = {Row(i, 0): e.residual for i, e in enumerate(dae.equations)}
     n = len(dae.variables)

@@ -343,7 +343,7 @@ def _native_piece(known: ModelProgram, first: int, size: int) -> NativeProgram |
     return _compiled(_piece(known, first, size)[0], size)
 
 
-def is_native(known: ModelProgram, count: int) -> bool:
+def is_native(count: int) -> bool:
     """Whether so many samples are computed by native code."""
     return count >= KNOWN_NATIVE and is_available()
 
@@ -353,7 +353,7 @@ def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDAr
     first, size = (0 if a is known.lft else known.lft.M22.size), a.M22.size
     row, count = known.row[first : first + size], len(physical)
     values = np.empty((count, size))
-    compiled = _native_piece(known, first, size) if is_native(known, count) else None
+    compiled = _native_piece(known, first, size) if is_native(count) else None
     if compiled is not None:
         lost = run_natively(compiled, physical, row, values)
     else:

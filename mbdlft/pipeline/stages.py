@@ -107,7 +107,7 @@ def _searched(
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = reduced[0].lft, None
     with stage("search"):
-        result = _search(problem, reduced, degrees, budget, stage)
+        result = _search(reduced, degrees, budget, stage)
         dropped = result.dropped
         for smaller in (result.lft, *result.larger):
             if smaller.order >= lft.order:
@@ -176,7 +176,7 @@ def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
 
 
 def _search(
-    problem: Problem, reduced: Sequence[Candidate], bound: Mapping[str, int], budget: Budget, stage: Stage
+    reduced: Sequence[Candidate], bound: Mapping[str, int], budget: Budget, stage: Stage
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
     best = reduced[0]

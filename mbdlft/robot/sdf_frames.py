@@ -243,7 +243,7 @@ def _joint(
         )
     if kind not in KINDS:
         raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, KINDS)}")
-    parent, child = (_end(element, side, scope, frames, links, where) for side in ("parent", "child"))
+    parent, child = (_end(element, side, scope, links, where) for side in ("parent", "child"))
     if not child:
         raise SceneError(f"line {element.line}: {where}: <child>: the world is a parent only.")
     place = frames.in_world(child) if not parent else frames.between(parent, child)
@@ -260,9 +260,7 @@ def _joint(
     return _with_axis(joint, axis, frames, scope, version)
 
 
-def _end(
-    element: Element, side: str, scope: str, frames: Frames, links: Mapping[str, RobotLink], where: str
-) -> str:
+def _end(element: Element, side: str, scope: str, links: Mapping[str, RobotLink], where: str) -> str:
     """The link at one end, or the world."""
     end = element.only(side)
     name = end.text.strip() if end else ""

@@ -224,7 +224,7 @@ def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Ki
             ends.append(checked_range(f, j, known.get(signal, f.ranges[j]), what, advice))
         for signal, argument, bounds in zip(f.signals, f.arguments, _bounds(f, ends, of), strict=True):
             name = _identifier(f.name if len(f.signals) == 1 else f"{f.name}_{argument}", taken)
-            gains.append(_Gain(_parameter(name, f, bounds), f.name, signal))
+            gains.append(_Gain(_parameter(name, bounds), f.name, signal))
     return _closed(model, gains)
 
 
@@ -252,7 +252,7 @@ def _bounds(
     return of_arguments
 
 
-def _parameter(name: str, f: ThetaFunction, bounds: tuple[float, float]) -> Parameter:
+def _parameter(name: str, bounds: tuple[float, float]) -> Parameter:
     low, high = bounds
     more = _WIDER * max(high - low, abs(low), abs(high)) or _WIDER
     low, high = low - more, high + more

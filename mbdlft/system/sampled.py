@@ -302,7 +302,7 @@ def computed_by(model: System, count: int) -> str:
     known = model.known_program
     way_taken = sampling.way(model.lft, count, known)
     if way_taken == sampling.KNOWN and known is not None:
-        return way_taken + ", native" * sampling.is_native(known, count)
+        return way_taken + ", native" * sampling.is_native(count)
     return way_taken + ", native" * (
         way_taken == sampling.OWN and count >= sampling.NATIVE and is_available()
     )
