@@ -263,33 +263,6 @@ def transpose(a: LFT) -> LFT:
     return LFT(a.M11.T, a.M21.T, a.M12.T, a.M22.T, a.blocks)
 
 
-def star(upper: LFT, lower: LFT, outputs: int, inputs: int) -> LFT:
-    """Redheffer star product: the last signals of `upper` are closed through the first of `lower`.
-
-    With [a ; b] = upper [c ; d] and [d ; e] = lower [b ; f], where b has `outputs` entries and d has
-    `inputs`, the result maps [c ; f] to [a ; e]. The loop must not be singular at delta = 0.
-    """
-    for size, limit in (
-        (outputs, min(upper.shape[0], lower.shape[1])),
-        (inputs, min(upper.shape[1], lower.shape[0])),
-    ):
-        check(0 <= size <= limit, f"cannot close {size} signals between {upper.shape} and {lower.shape}")
-    both = stack_diagonal(upper, lower)
-    n_out, n_in = both.shape
-    a, c = upper.shape[0] - outputs, upper.shape[1] - inputs
-    # unknown = [b ; d] with 0 = [b ; d] - (what upper and lower give), then read [a ; e]
-    rows = [*range(a, upper.shape[0] + inputs)]
-    columns = [*range(upper.shape[1], upper.shape[1] + outputs), *range(c, upper.shape[1])]
-    k = len(rows)
-    relation = select(
-        both, [*rows, *range(a), *range(a + k, n_out)], [*columns, *range(c), *range(c + k, n_in)]
-    )
-    loop = np.zeros(relation.shape)
-    loop[:k, :k] = -np.eye(k)
-    closed = eliminate(relation + loop, k)
-    return select(closed, np.arange(k, closed.shape[0]), np.arange(closed.shape[1]))
-
-
 def select(a: LFT, rows: ArrayLike, columns: ArrayLike) -> LFT:
     """The given outputs and inputs, in the given order."""
     i, j = np.asarray(rows, dtype=int), np.asarray(columns, dtype=int)

@@ -14,7 +14,6 @@ from mbdlft.lft.lft import (
     multiply,
     stack_columns,
     stack_rows,
-    star,
 )
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.problem.relations import LinearModel
@@ -49,8 +48,6 @@ np.eye(2) @ D => LFT: cannot multiply shapes (2, 2) and (1, 1).
 inverse(lft()) => LFT: cannot invert shape (2, 3).
 stack_rows(lft(), D) => LFT: cannot stack shapes (2, 3) and (1, 1) as rows.
 stack_columns(lft(), D) => LFT: cannot stack shapes
-star(D, D, 2, 0) => LFT: cannot close 2 signals between (1, 1) and (1, 1).
-star(D, D, 0, -1) => LFT: cannot close -1 signals between (1, 1) and (1, 1).
 fix(D, {"mas": 0.5}) => LFT: unknown delta 'mas'. Did you mean 'mass'?
 evaluate(D, {"mas": 0.5}) => LFT: unknown delta 'mas'. Did you mean 'mass'?
 evaluate(constant([[1.0]]), {"m": 0.5}) => unknown delta 'm'. Existing: none.
@@ -64,8 +61,6 @@ inverse(constant([[1.0, 1.0], [1.0, 1.0 + 2.0**-52]]))
 inverse(D @ D)
     => WellPosednessError: the inverse of an LFT: the matrix is singular to working precision.
 eliminate(constant([[1.0, 2.0, 0.0], [2.0, 4.0, 1.0]]), 2)
-    => WellPosednessError: the relations to be solved: the matrix is singular to working precision.
-star(constant(np.diag([0.0, 1.0])), constant(np.diag([1.0, 0.0])), 1, 1)
     => WellPosednessError: the relations to be solved: the matrix is singular to working precision.
 fix(inverse(D + HALF), {"mass": -0.5})
     => WellPosednessError: an LFT with fixed deltas: the matrix is singular to working precision.

@@ -103,23 +103,6 @@ def test_eliminate(a: LFT, n: int, seed: int) -> None:
     assert algebra.eliminate(a, n).order == a.order
 
 
-@given(lfts(3, 3, most=1), lfts(3, 3, most=1), seeds)
-def test_star_product(upper: LFT, lower: LFT, seed: int) -> None:
-    """[a ; b] = upper [c ; d], [d ; e] = lower [b ; f] with b, d of size 1."""
-    at = points(seed)
-    closed = algebra.star(upper, 0.1 * np.eye(3) @ lower, 1, 1)
-    u, low = value(upper, at), 0.1 * value(lower, at)
-    for k in range(len(u)):
-        loop = 1.0 - u[k, 2, 2] * low[k, 0, 0]
-        row_b = np.concatenate([u[k, 2, :2], u[k, 2, 2] * low[k, 0, 1:]]) / loop
-        row_d = low[k, 0, 0] * row_b + np.concatenate([np.zeros(2), low[k, 0, 1:]])
-        a = np.outer(u[k, :2, 2], row_d) + np.hstack([u[k, :2, :2], np.zeros((2, 2))])
-        e = np.outer(low[k, 1:, 0], row_b) + np.hstack([np.zeros((2, 2)), low[k, 1:, 1:]])
-        expected = np.vstack([a, e])
-        kappa = KAPPA * (1 + abs(u[k, 2, 2] * low[k, 0, 0])) / abs(loop)
-        roundoff(value(closed, {n: v[k : k + 1] for n, v in at.items()})[0], expected, kappa)
-
-
 @given(lfts(2, 2), seeds)
 def test_fix_and_evaluate(a: LFT, seed: int) -> None:
     at = points(seed)
@@ -178,8 +161,6 @@ def test_bad_shapes_and_singular_values_are_errors() -> None:
         algebra.inverse(constant(np.ones((2, 3))))
     with pytest.raises(WellPosednessError, match="singular"):
         algebra.inverse(delta("a", 2))
-    with pytest.raises(StructureError, match="cannot close"):
-        algebra.star(constant(np.eye(2)), constant(np.eye(2)), 3, 1)
     with pytest.raises(WellPosednessError, match="singular at one of the points"):
         evaluate(algebra.inverse(constant(np.eye(1)) + delta("a")), {"a": np.array([-1.0])})
     assert error(evaluate(delta("a"), {"a": 0.5}), [[0.5]]) == 0.0
