@@ -29,8 +29,7 @@ linear inequalities of those above the degrees, whose least sum is an integer pr
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations, combinations_with_replacement
-from math import comb
+from itertools import combinations, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -294,8 +293,9 @@ def _left(A: NDArray[Any], points: NDArray[Any], columns: NDArray[Any]) -> NDArr
     return _right(A.T[::-1, ::-1], points, columns[::-1])[::-1]
 
 
-_SMALL_SUM = 8  # sums below it are tried
-_MOST_TRIED = 3000  # combinations of one sum, which take some hundredths of a second
+_MOST_TRIED = 3000  # attempts at small sums, which take some hundredths of a second
+
+_Condition = tuple[Mapping[str, int], int]
 
 
 class Pair(NamedTuple):
@@ -336,7 +336,7 @@ def least_more(
     """
     if not (pairs or singles):
         return dict.fromkeys(names, 0)
-    conditions: list[tuple[dict[str, int], int]] = []
+    conditions: list[_Condition] = []
     for first, second, first_more, second_more, _ in pairs:
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
@@ -345,26 +345,67 @@ def least_more(
     return dict.fromkeys(names, 0) | _least_sum(conditions)
 
 
-def _least_sum(conditions: Sequence[tuple[Mapping[str, int], int]]) -> dict[str, int]:
+def _least_sum(conditions: Sequence[_Condition]) -> dict[str, int]:
     """Whole numbers >= 0 with the least sum for which sum factor e >= least > 0 in all conditions.
 
-    Small sums are tried one after the other, as the integer program is slow to import.
+    Sums are tried one after the other; only where this takes long there is an integer program, as it is
+    slow to import.
     """
-    names = sorted({name for factors, _ in conditions for name in factors})
-    rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
-    least = np.array([least for _, least in conditions])
-    for total in range(1, _SMALL_SUM):
-        if comb(len(names) + total, total) > _MOST_TRIED:
-            break
-        for more in combinations_with_replacement(range(len(names)), total):
-            e = np.bincount(more, minlength=len(names))
-            if np.all(rows @ e >= least):
-                return dict(zip(names, e.tolist(), strict=True))
+    nodes = count()
+    try:
+        return next(filter(None, (_of_sum(conditions, {}, frozenset(), n, nodes) for n in count(1))))
+    except _ManyError:
+        pass
     from scipy.optimize import LinearConstraint, milp  # here because it is slow to import
 
-    ones = np.ones(len(names))
+    names = sorted({name for factors, _ in conditions for name in factors})
+    rows = np.array([[factors.get(name, 0) for name in names] for factors, _ in conditions])
+    ones, least = np.ones(len(names)), [least for _, least in conditions]
     program = milp(ones, constraints=LinearConstraint(rows, lb=least), integrality=ones)
     return {name: round(float(e)) for name, e in zip(names, program.x, strict=True)}
+
+
+class _ManyError(Exception):
+    """More attempts than an integer program is worth."""
+
+
+def _of_sum(
+    conditions: Sequence[_Condition],
+    e: Mapping[str, int],
+    settled: frozenset[str],
+    left: int,
+    nodes: Iterator[int],
+) -> dict[str, int] | None:
+    """Numbers from `e` on, increased by so much at most, that meet all conditions; or None.
+
+    Some condition is not met: one of its numbers that are not `settled` is larger, and where none of
+    those before it is, these are settled. Conditions without a common number need an increase each.
+    """
+    if next(nodes) > _MOST_TRIED:
+        raise _ManyError
+    open_ = []
+    for factors, least in conditions:
+        lacking = least - sum(factor * e.get(name, 0) for name, factor in factors.items())
+        if lacking > 0:
+            free = {name: factor for name, factor in factors.items() if name not in settled}
+            if not free:
+                return None
+            open_.append((free, -(-lacking // max(free.values()))))
+    open_.sort(key=lambda condition: len(condition[0]))
+    needed, used = 0, set[str]()
+    for free, increase in open_:
+        if used.isdisjoint(free):
+            needed, used = needed + increase, used.union(free)
+    if needed > left:
+        return None
+    if not open_:
+        return dict(e)
+    for name in open_[0][0]:
+        met = _of_sum(conditions, {**e, name: e.get(name, 0) + 1}, settled, left - 1, nodes)
+        if met is not None:
+            return met
+        settled |= {name}
+    return None
 
 
 def allows(pair: Pair, more: Mapping[str, int]) -> bool:

@@ -36,7 +36,7 @@ one, one of the three is repeated. (All products of two of three variables: orde
 Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest".
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations, takewhile
 from math import ceil
@@ -114,12 +114,18 @@ class JointBound:
 
     def __init__(self, a: ExactLFT, degrees: Mapping[str, int]) -> None:
         self.a, self.degrees = a, degrees
+        self._at_degree = {name for name, size in a.blocks if size == degrees[name]}
         self._pairs: dict[tuple[str, str, bool], Pair | None] = {}
         self._triples: dict[Triple, bool] = {}
         self._singles: dict[tuple[str, ...], bool] = {}  # triples of which one is repeated
 
     def pairs(self, first: str, second: str, work: Work) -> list[Pair]:
-        """What is proved for two deltas, for H and for its transpose, until the work is over."""
+        """What is proved for two deltas, for H and for its transpose, until the work is over.
+
+        Nothing can be proved of two that both have their degree in the LFT at hand.
+        """
+        if self._at_degree.issuperset((first, second)):
+            return []
         proved = []
         for side in (False, True):
             key = (first, second, side)
@@ -132,11 +138,17 @@ class JointBound:
             proved.append(self._pairs.get(key))
         return [pair for pair in proved if pair is not None]
 
-    def of_all(self, work: Work, *, triples: bool = True) -> int:
-        """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows."""
-        for first, second in combinations([name for name, n in self.degrees.items() if n], 2):
-            if not work.is_over:  # what is begun is not begun again
-                self.pairs(first, second, work.of_try(work.most))
+    def of_all(self, work: Work, *, triples: bool = True, above: Collection[str] | None = None) -> int:
+        """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows.
+
+        With the names of the deltas that an LFT repeats `above` their degrees, pairs have one of them.
+        """
+        used = [name for name, n in self.degrees.items() if n]
+        above = used if above is None else above
+        of_pairs = [(sum(name in above for name in pair), pair) for pair in combinations(used, 2)]
+        for count, pair in sorted(of_pairs, key=lambda counted: -counted[0]):
+            if count and not work.is_over:  # what is begun is not begun again
+                self.pairs(*pair, work.of_try(work.most))
         affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]
         while True:
             # only a triple that the repetitions contradict can raise the bound

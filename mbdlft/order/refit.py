@@ -19,11 +19,12 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError
+from scipy.linalg import LinAlgError, lstsq
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from mbdlft.base.array import Array
@@ -40,7 +41,6 @@ _TURNS = 4  # directions that are left out, for each repetition above the bound
 _MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
 _SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
 _STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
-_AT_ROUNDING = 3  # the same where the difference is only rounding
 _NOISE = 0.01  # of the entries: starts where nothing vanishes by chance
 _DAMPING = 1e-2  # at first, over the difference
 _EASED, _RAISED = 0.25, 5.0  # the damping after a step, and after one that gains nothing
@@ -49,6 +49,10 @@ _ROUNDING = 1e-15  # of the values: nothing to gain below
 _EXACT = 1e-12  # a difference that is only rounding
 _CONVERGES = 1e-6  # a difference from which few steps lead to rounding: they are made in any case
 _RAISES = 10
+_SLOW, _NEAR_DOUBLE = 6.0, 1e-3  # a gain below is that of two solutions that are one; a difference near
+_NEAR_END = 1e-9  # a difference that is polished
+_POLISHED, _MOST_POLISHED = 2, 1000  # times; more unknowns take long
+_NULL, _LEAST_POLISH = 1e-10, 2.0  # of the largest pivot; a smaller gain ends it
 _OF_TRY = 0.15  # units of work, which most tries do not need
 _PASSES = 60  # over the normal equations, beside their sums
 _LEAST_STEPS = 8  # of a try: one that cannot make as many is not begun
@@ -80,7 +84,10 @@ def refit(
             return close[k]
     for k, form in enumerate(close):
         of_form = work.part(1.0 / (len(close) - k))
-        less = partial(fewer, bound=bound, least=least, tries=_TURNS, seed=seed, work=of_form)
+        below = min(other.order for other in close)
+        less = partial(
+            fewer, bound=bound, least=least, tries=_TURNS, seed=seed, work=of_form, below=below
+        )
         close[k] = _followed(form, less, least, keeps, of_form)
         if close[k].order <= least:
             return close[k]
@@ -126,21 +133,30 @@ def _lower(
 
 
 def fewer(
-    a: LFT, bound: Mapping[str, int], least: int, tries: int, seed: int, work: Work
+    a: LFT,
+    bound: Mapping[str, int],
+    least: int,
+    tries: int,
+    seed: int,
+    work: Work,
+    below: int | None = None,
 ) -> Iterator[LFT]:
     """LFTs with fewer repetitions of one delta, as far as they are found until the work is over.
 
     A delta that meets its bound is left as it is; those far above it come first. In turn all, half, a
     quarter of the repetitions above the bound are left out, and then one, in directions of chance; none
-    below the order `least`. The LFTs are equal to `a` up to rounding on circles around delta = 0: they
-    are to be compared with it.
+    below the order `least`, and none of the order `below` or above it. The LFTs are equal to `a` up to
+    rounding on circles around delta = 0: they are to be compared with it.
     """
     random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
     names = sorted(more, key=lambda name: bound[name] / sizes[name])
     turns = []
     for name in names:
         most = min(more[name], a.order - least)
-        counts = [-(-most >> halved) for halved in range(more[name])]  # rounded up
+        halves = (-(-most >> halved) for halved in range(more[name]))  # rounded up
+        counts = [count for count in halves if below is None or a.order - count < below]
+        if not counts:
+            continue
         first = seed % len(counts)  # rounds of a search begin differently
         turns += [(name, count) for count in counts[first:] + counts[:first]]
     for _, (name, count), fit in itertools.product(range(tries), turns, (_near, _anew)):
@@ -215,7 +231,7 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
     """Newton's method, damped, until nothing is gained."""
     damping, sizes, work = _DAMPING, [fit.size], work.of_try(_OF_TRY)
     for _ in range(_STEPS):
-        if (work.is_over and fit.size > _CONVERGES) or fit.size < _ROUNDING:
+        if (work.is_over and fit.size > _CONVERGES) or fit.size < _EXACT:
             break
         normal, slope = _normal_equations(fit, block, work)
         for _ in range(_RAISES):
@@ -231,11 +247,46 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
             damping *= _RAISED
         else:
             break
+        if _NEAR_DOUBLE > after.size > fit.size / _SLOW:
+            after = _of_twice(fit, after, kept, truth, work)
         fit, damping = after, max(_EASED * damping, _LEAST_DAMPING)
         sizes.append(fit.size)
-        turns = _STALLED if fit.size > _EXACT else _AT_ROUNDING
-        if len(sizes) > turns and sizes[-1 - turns] < _GAIN * fit.size:
+        if len(sizes) > _STALLED and sizes[-1 - _STALLED] < _GAIN * fit.size:
             break
+    return _polished(fit, kept, block, truth, work) if fit.size < _NEAR_END else fit
+
+
+def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
+    """The better of a step and of twice the step, which leads to where two solutions are one.
+
+    Near such a solution Newton's method halves the distance, and a quarter of the difference is left.
+    """
+    try:
+        twice = fit_of(2.0 * after.M - fit.M, kept, truth, work)
+    except (LinAlgError, np.linalg.LinAlgError):
+        return after
+    return min(after, twice, key=attrgetter("size"))
+
+
+def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
+    """Newton's method without normal equations, whose rounding is that of a squared condition."""
+    others = np.delete(np.arange(fit.Y.shape[2]), block)
+    for _ in range(_POLISHED):
+        parts = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
+        columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in parts]
+        slopes, difference = np.hstack(columns), fit.difference.ravel()
+        unknowns = slopes.shape[1]
+        if unknowns > _MOST_POLISHED:
+            break
+        slopes, difference = (np.concatenate([x.real, x.imag]) for x in (slopes, difference))
+        work.add(product(4 * len(slopes), unknowns, unknowns))
+        step = lstsq(slopes, difference, cond=_NULL, lapack_driver="gelsy", check_finite=False)[0]
+        after = fit_of(fit.M - _spread(step, fit, block), kept, truth, work)
+        if after.size > fit.size / _SLOW:
+            after = _of_twice(fit, after, kept, truth, work)
+        if after.size > fit.size / _LEAST_POLISH:
+            return min(fit, after, key=attrgetter("size"))
+        fit = after
     return fit
 
 

@@ -21,8 +21,10 @@ every step the opened blocks can be closed again.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import product as each_pair
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import qr
 
 from mbdlft.base.array import Array
@@ -214,13 +216,50 @@ def _opened(a: LFT, name: str, random: np.random.Generator, most: int, work: Wor
     plain, size = open_block(a, name), dict(a.blocks)[name]
     if way == 1:
         return reduce_order(plain), size
-    is_transposed = random.random() < 0.5
+    side = transpose if random.random() < 0.5 else _as_it_is
     try:
-        side = transpose(plain) if is_transposed else plain
-        opened_lft, fewer = restricted(side, size, random, most, work)
+        opened = side(plain)
+        columns = random.permutation(opened.shape[1] - size)
+        opened_lft, fewer = restricted(opened, size, columns, random, most, work)
     except (WellPosednessError, np.linalg.LinAlgError):  # not invertible, or too large on the way
         return reduce_order(plain), size
-    return reduce_order(transpose(opened_lft) if is_transposed else opened_lft), fewer
+    return reduce_order(side(opened_lft)), fewer
+
+
+def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[LFT]:
+    """LFTs of equal value, each with one block restricted on one side, until the work is over.
+
+    The basis has the columns that depend on the other deltas in the simplest way. Each of these may then
+    be repeated less often, so the block that is restricted may be one at its bound. Ranks are numerical,
+    as in `rewritten`.
+    """
+    most, sizes = a.order + _MORE, dict(a.blocks)
+    for name, side in each_pair(names, (_as_it_is, transpose)):
+        if work.is_over:
+            return
+        try:
+            opened = side(open_block(a, name))
+            columns = _simplest_first(opened, sizes[name])
+            opened, size = restricted(opened, sizes[name], columns, np.random.default_rng(0), most, work)
+            closed = reduce_order(close_block(reduce_order(side(opened)), Block(name, size)))
+        except (WellPosednessError, np.linalg.LinAlgError):
+            continue
+        work.add(3.0 * reduction(closed.order))
+        yield independent(closed, work) if closed.order < a.order + _NEAR else closed
+
+
+def _simplest_first(opened: LFT, size: int) -> NDArray[np.intp]:
+    """The inputs that feed a block, by the channels through which they do."""
+    near = (opened.M11 != 0.0) | np.eye(opened.order, dtype=bool)
+    for _ in range(opened.order.bit_length()):
+        near = near @ near
+    after = near @ (opened.M12[:, size:] != 0.0)
+    before = (opened.M21[:size] != 0.0).any(axis=0) @ near
+    return np.argsort(np.sum(after & before[:, None], axis=0), kind="stable")
+
+
+def _as_it_is(a: LFT) -> LFT:
+    return a
 
 
 def _around(a: LFT, shift: Array) -> LFT:
@@ -237,15 +276,16 @@ def _around(a: LFT, shift: Array) -> LFT:
 
 
 def restricted(
-    opened: LFT, size: int, random: np.random.Generator, most: int, work: Work
+    opened: LFT, size: int, inputs: Iterable[int], random: np.random.Generator, most: int, work: Work
 ) -> tuple[LFT, int]:
     """An LFT in a basis of what its block reaches, and the size of the block then.
 
-    It is opened, (w, u) to (z, y), and the first `size` of each are the block. A WellPosednessError if
+    It is opened, (w, u) to (z, y), and the first `size` of each are the block; of its `inputs` u, those
+    that come first are in the basis. A WellPosednessError if
     the rows are dependent at delta = 0, or an LFT on the way has more than `most` channels.
     """
     points = random.uniform(-_CENTER, _CENTER, (_POINTS, len(opened.blocks)))
-    columns = _independent_columns(evaluate_at(opened, points)[0], size, random)
+    columns = _independent_columns(evaluate_at(opened, points)[0], size, inputs)
     if not columns:
         return opened, size
     K = _krylov(opened, size, columns, most, work)
@@ -257,13 +297,13 @@ def restricted(
     return _settled(changed, random), len(columns)
 
 
-def _independent_columns(point: Array, size: int, random: np.random.Generator) -> list[tuple[int, int]]:
+def _independent_columns(point: Array, size: int, inputs: Iterable[int]) -> list[tuple[int, int]]:
     """(input, power) of columns A^power B_input that span the reachable space at a generic point."""
     A, B = point[:size, :size], point[:size, size:]
     rows, _ = equilibrate(B[None])
     A = np.where(np.abs(A) * rows[:, None] / rows <= _NOISE, 0.0, A)
     lengths = np.max(np.abs(B) * rows[:, None], axis=0, initial=0.0)
-    current = [(int(c), 0, B[:, c]) for c in random.permutation(np.flatnonzero(lengths > _NOISE))]
+    current = [(int(c), 0, B[:, c]) for c in inputs if lengths[c] > _NOISE]
     chosen: list[tuple[int, int]] = []
     basis = np.zeros((size, 0))
     while current and len(chosen) < size:
@@ -308,7 +348,7 @@ def _settled(a: LFT, random: np.random.Generator) -> LFT:
     first, size = values[0], np.max(np.abs(values), axis=0)
     fixed = np.max(np.abs(values - first), axis=0) <= _SAME * size
     rows, columns = (np.flatnonzero(~np.all(fixed, axis=axis)) for axis in (1, 0))
-    outer = np.where(fixed, first, 0.0)
+    outer = np.where(fixed, a.M22, 0.0)
     outer[np.ix_(rows, columns)] = 0.0
     core = reduce_order(select(a, rows, columns))
     return np.eye(a.shape[0])[:, rows] @ core @ np.eye(a.shape[1])[columns] + outer

@@ -8,6 +8,7 @@ Pairs and triples of deltas (`mbdlft.order.lower_bound`) show how small the orde
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
 
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -23,25 +24,28 @@ from mbdlft.base import running
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
-from mbdlft.lft.lft import LFT, with_blocks
+from mbdlft.lft.lft import LFT, Block, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.lower_bound import JointBound
+from mbdlft.order.min_rank import above_bound
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.refit import refit
-from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, rewritten
+from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, restrictions, rewritten
 from mbdlft.order.work import Work, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
-_IN_VAIN = 0.5  # of the work: a search that gains nothing with so much of it ends
-_OF_PAIRS, _OF_TRIPLES = 0.5, 2.0  # units for a first look at all pairs; steps for one at triples, too
-_OF_LOOKS = 2.0  # units of work for looks at results, beside the search
+_IN_VAIN = 0.25  # of the work: a search that gains nothing with so much of it ends
+_OF_PAIRS, _OF_TRIPLES = 0.25, 2.0  # units for a first look at all pairs; steps for one at triples, too
+_OF_LOOKS = 0.5  # units of work for looks at results, beside the search
+_OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds
 _DEAR = 1.5  # times the order of the closed LFT: larger relations come when four rounds are over
 _FAR = 3  # a form this much larger than the smallest is not started from
 _GROWTH = 2  # of the order, that LFTs on the way may have
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
+_MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
 _ROUNDS = 16  # with other random choices each
 # Of the closed LFT and of the relations: in the first round, and of refits between one round and the
@@ -116,10 +120,7 @@ def find_smallest(
         if smallest.order <= proof.order_bound or work.is_over:
             return Smallest(smallest, proof.order_bound, work.is_cut_off)
         level = _level_of_closed(smallest, truth, proof)
-        best = smallest
-        with _keeping(dropped):  # dependent channels are seen in a moment
-            best = _smaller(smallest, [independent(smallest, work)], level, work)
-        sides = [_Side([best, *(form for form in closed if form is not smallest)], level)]
+        sides = [_Side([smallest, *(form for form in closed if form is not smallest)], level)]
         if relations:
             assert close is not None
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
@@ -137,18 +138,25 @@ class _Side:
     def __init__(self, forms: Sequence[LFT], level: "_Level") -> None:
         self.forms, self.level, self.is_new = list(forms), level, True
 
+    def begin(self, proof: "_Proof", work: Work, dropped: list[str], *, sweep: bool) -> None:
+        """Forms with affine deltas moved, without dependent channels, and with blocks restricted."""
+        start = self.forms[0]
+        self.is_new, self.forms = False, _comparable(self.forms)
+        with _keeping(dropped):
+            for form in _other_forms(self.forms, work):
+                if form.order < self.forms[0].order and self.level.keeps(work, self.level.exact, form):
+                    self.forms.insert(0, form)
+        if sweep:
+            with _keeping(dropped):
+                swept = _swept(start, self.forms, self.level, proof, work.limited(_OF_SWEEPS))
+                self.forms = sorted(swept, key=attrgetter("order"))
+
     def step(
         self, proof: "_Proof", work: Work, size: float, seeds: tuple[int, int], dropped: list[str]
     ) -> None:
-        """A refit and a walk of some size, from forms with dependent channels and affine deltas moved."""
+        """A refit and a walk of some size."""
         if self.is_new:
-            self.is_new, self.forms = False, _comparable(self.forms)
-            with _keeping(dropped):
-                for form in _other_forms(self.forms, work):
-                    if form.order < self.forms[0].order and self.level.keeps(
-                        work, self.level.exact, form
-                    ):
-                        self.forms.insert(0, form)
+            self.begin(proof, work, dropped, sweep=False)
         with _keeping(dropped):  # the next round makes other choices
             of_refits = work.limited(size)
             keeps = partial(self.level.keeps, of_refits, self.level.fitted)
@@ -165,34 +173,55 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
     No step depends on the whole work, so more work goes on where less of it ends.
     """
     closed, *opened = sides
+    # on ties the relations first: there deltas are polynomial
+    tied = [side for side in opened if side.forms[0].order <= closed.forms[0].order]
+    in_order = [*tied, closed, *(side for side in opened if side not in tied)]
+    least = closed.forms[0].order
+    proof.improve(closed.forms[0], work.limited(_OF_PAIRS), triples=False)
+    for first in (closed, *tied):
+        # a second way to the same order may have more digits
+        if least > proof.order_bound and not work.is_over:
+            first.begin(proof, work, dropped, sweep=first is closed or closed.forms[0].order < least)
+            with _keeping(dropped):
+                _closed_too(first, closed, proof)
+        if closed.forms[0].order <= proof.order_bound:
+            break
     best, last_gain, known = closed.forms[0], work.spent, (0, 0)
-    on_the_way = [best]
+    on_the_way = list(closed.forms)
     for attempt in range(_ROUNDS):
         size = _FIRST * 2.0**attempt
-        for side in (None, *sides):
+        for side in (None, *in_order):
             if best.order <= proof.order_bound or work.is_over:
                 return on_the_way
             if side is None:
-                proof.improve(work.limited(max(_OF_PAIRS, _OF_TRIPLES * size)), triples=attempt > 2)
+                of_proof = work.limited(max(_OF_PAIRS, _OF_TRIPLES * size))
+                proof.improve(best, of_proof, triples=attempt > 2)
             elif side is closed or attempt > 3 or side.forms[0].order <= _DEAR * best.order:
-                first, stride = _SEEDS[side is not closed]
-                seeds = first + stride * attempt, first + attempt
+                seed, stride = _SEEDS[side is not closed]
+                seeds = seed + stride * attempt, seed + attempt
                 side.step(proof, work, size, seeds, dropped)
             if side in opened and not work.is_over:  # what is cut off goes on with more work
                 with _keeping(dropped):
-                    solved = side.level.close(side.forms[0])
-                    if solved.order < closed.forms[0].order and proof.allows(solved):
-                        closed.forms.insert(0, solved)
+                    _closed_too(side, closed, proof)
             if closed.forms[0].order < best.order:
                 best = closed.forms[0]
-                others = {form.blocks: form for form in (*on_the_way, *closed.forms[1:])}
-                on_the_way = [best, *sorted(others.values(), key=attrgetter("order"))]
+                others = {id(form): form for form in (*closed.forms[1:], *on_the_way)}
+                on_the_way = [best, *sorted(others.values(), key=attrgetter("order"))][:_MOST_KEPT]
             now = proof.order_bound, sum(side.forms[0].order for side in sides)
             if now != known:
                 known, last_gain = now, work.spent
             if work.spent - last_gain > _IN_VAIN * work.most:
                 return on_the_way
     return on_the_way
+
+
+def _closed_too(side: _Side, closed: _Side, proof: "_Proof") -> None:
+    """The smallest LFT of a side among the closed ones, if it is smaller than they are."""
+    solved = side.level.close(side.forms[0])
+    if solved.order < closed.forms[0].order and proof.allows(solved):
+        closed.forms.insert(0, solved)
+    elif side is not closed and solved.order == closed.forms[0].order:
+        closed.forms.insert(1, solved)
 
 
 @contextmanager
@@ -217,7 +246,7 @@ class _Proof:
 
     def __init__(self, bound: Mapping[str, int], source: LFT, exact: ExactLFT | None) -> None:
         self.bound, self.order_bound = bound, sum(bound.values())
-        self._source_order = source.order
+        self._source = dict(source.blocks)
         self._joint = JointBound(exact, bound) if exact else None
         self._work_of_looks = Work(_OF_LOOKS)
 
@@ -229,10 +258,9 @@ class _Proof:
         more = {name: sizes.get(name, 0) - least for name, least in self.bound.items()}
         if min(more.values(), default=0) < 0 or candidate.order < self.order_bound:
             return False
-        if candidate.order >= self._source_order:
-            return True
+        fewer = {name for name in more if sizes.get(name, 0) < self._source[name]}
         for first, second in combinations([name for name in more if self.bound[name]], 2):
-            if more[first] and more[second]:
+            if fewer.isdisjoint((first, second)) or (more[first] and more[second]):
                 continue  # no pair excludes that
             pairs = self._joint.pairs(first, second, self._work_of_looks)
             if not all(allows(pair, more) for pair in pairs):
@@ -240,10 +268,13 @@ class _Proof:
                 return False
         return True
 
-    def improve(self, work: Work, *, triples: bool) -> None:
-        """Look at all pairs, and at triples, which take longer; what is known costs nothing."""
+    def improve(self, best: LFT, work: Work, *, triples: bool) -> None:
+        """Look at all pairs, and at triples, which take longer; what is known costs nothing.
+
+        Nothing is proved of two that both meet their bound in the best LFT.
+        """
         if self._joint is not None:
-            bound = self._joint.of_all(work, triples=triples)
+            bound = self._joint.of_all(work, triples=triples, above=above_bound(best, self.bound))
             self.order_bound = max(self.order_bound, bound)
 
 
@@ -419,6 +450,35 @@ def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, se
         tried = 0 if kept[0].order < best.order else tried
         best, pool = kept[0], {form.blocks: form for form in kept}
     return sorted(pool.values(), key=attrgetter("order"))
+
+
+def _swept(start: LFT, others: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> list[LFT]:
+    """LFTs by restrictions of one block after the other, one for each sizes of the blocks.
+
+    The start and all of the smallest are looked at: blocks above their bound first, and the others if
+    these gain nothing.
+    """
+    pool, done = {form.blocks: form for form in (*others, start)}, set[tuple[Block, ...]]()
+    while not work.is_over:
+        least = min(form.order for form in pool.values())
+        smallest = (form for form in pool.values() if form.order == least)
+        form = next((form for form in (start, *smallest) if form.blocks not in done), None)
+        if form is None or least <= proof.order_bound:
+            break
+        done.add(form.blocks)
+        more = above_bound(form, proof.bound)
+        above = sorted(more, key=lambda name: -more[name])
+        rest = [name for name, size in form.blocks if size and name not in more]
+        for names in (above, rest):
+            for candidate in itertools.chain([independent(form, work)], restrictions(form, names, work)):
+                near = candidate.order <= least and candidate.blocks not in pool
+                if near and level.keeps(work, level.exact, candidate):
+                    pool[candidate.blocks] = candidate
+                    if candidate.order <= proof.order_bound:
+                        break
+            if min(form.order for form in pool.values()) < least:
+                break
+    return list(pool.values())
 
 
 def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:

@@ -8,6 +8,7 @@ from mbdlft import Constant, Parameter, realize
 from mbdlft.lft.lft import delta
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import search
+from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
 
@@ -147,3 +148,13 @@ def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
     proof = search._Proof(dict.fromkeys("abc", 1), found.lft, found.exact)
     assert proof.allows(a + b + c)
     assert not proof.allows(a + a + b)
+
+
+def test_pairs_refuse_what_is_too_small() -> None:
+    """One term of 1e-14 makes 5 repetitions of 4, and values hardly show it."""
+    parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
+    problem = problem_of_matrix(mbdlft.matrix_problem(matrix_of_pairs(1e-14), parameters))
+    (found, *_) = forms.candidates(problem, problem.forms)
+    assert found.exact is not None
+    proof = search._Proof(exact_degrees(found.exact), found.lft, found.exact)
+    assert not proof.allows(delta("L", 2) + delta("m", 2))
