@@ -367,6 +367,19 @@ def test_the_star_product_by_counts_is_that_by_names() -> None:
         exact(whole(other, {"k": 44.0}), whole(by_name, {"k": 44.0}))
 
 
+def test_the_star_product_is_its_closed_form() -> None:
+    """[a ; b] = U [c ; d], [d ; e] = L [b ; f], with b and d of size 1."""
+    U, L = np.random.default_rng(3).standard_normal((2, 3, 3))
+    upper = as_system(U, inputs=["c1", "c2", "d"], outputs=["a1", "a2", "b"])
+    lower = as_system(L, inputs=["of_b", "f1", "f2"], outputs=["of_d", "e1", "e2"])
+    loop = 1.0 - U[2, 2] * L[0, 0]
+    of_b = np.concatenate([U[2, :2], U[2, 2] * L[0, 1:]]) / loop
+    of_d = L[0, 0] * of_b + np.concatenate([np.zeros(2), L[0, 1:]])
+    a = np.outer(U[:2, 2], of_d) + np.hstack([U[:2, :2], np.zeros((2, 2))])
+    e = np.outer(L[1:, 0], of_b) + np.hstack([np.zeros((2, 2)), L[1:, 1:]])
+    target(lft(upper, lower, 1, 1).D_yu, np.vstack([a, e]), CLOSED_FORM)
+
+
 # archives -----------------------------------------------------------------------------------------
 
 
