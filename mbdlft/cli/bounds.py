@@ -265,6 +265,12 @@ def tune(
             "--scene", help="Scene (TOML) to be written, with design parameters as they were tuned."
         ),
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(
+            "--plot", help="Figure to be written: goals, steps, poles, gains over the schedule."
+        ),
+    ] = None,
     starts: Annotated[int, typer.Option(min=1, help="Places from which the search begins.")] = 8,
     seed: Annotated[int, typer.Option(help="Which places these are.")] = 0,
     no_proof: Annotated[bool, typer.Option("--no-proof", help="Leave the proofs out.")] = False,
@@ -273,7 +279,7 @@ def tune(
     as_json: options.AsJson = False,
 ) -> None:
     """Tune controllers for goals at the worst values of the parameters, and prove the result."""
-    options.check_paths(output)
+    options.check_paths(output, plot)
     start = time.perf_counter()
     task = synthesis.load_tuning(file)
     model = options.load_system(file.parent / task.model)
@@ -285,6 +291,8 @@ def tune(
         tuning = synthesis.tune_task(task, model, **how, prove=not no_proof, progress=progress.stage)
     if output is not None:
         synthesis.save_tuning(output, tuning)
+    if plot is not None:
+        show.save_tuning_figure(plot, tuning)
     if scene is not None and designed is not None:
         write_scene(scene, synthesis.designed_scene(designed, tuning.values))
     is_reached = tuning.hard <= _REACHED

@@ -10,6 +10,7 @@ from .figures.responses import save_nichols as save_nichols
 from .figures.responses import save_nyquist as save_nyquist
 from .figures.responses import save_singular_values as save_singular_values
 from .figures.responses import save_step as save_step
+from .figures.tuning import save_tuning_figure as save_tuning_figure
 from .report.page import model_report as model_report
 from .viewer.page import Page as Page
 from .viewer.page import scene_of as scene_of

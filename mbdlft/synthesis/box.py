@@ -98,12 +98,15 @@ class Tuning:
     goals : tuple of Reached
     points : tuple of mappings of names to values
         Of the parameters, where the loop was tuned: the nominal point, and worst ones.
+    loop : System
+        Closed, from the inputs of all goals to their outputs, without weights.
     """
 
     controllers: tuple[System, ...]
     values: Mapping[str, float]
     goals: tuple[Reached, ...]
     points: tuple[Mapping[str, float], ...]
+    loop: System
 
     @property
     def soft(self) -> float:
@@ -192,7 +195,9 @@ def tune(
             reached.append(_reached(net, goal, best.x, points, bound, (prove, gap, work)))
     values = _values(net, best.x)
     controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
-    return Tuning(controllers, values, tuple(reached), tuple(_physical(net, p) for p in points))
+    loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), best.x, net.system.name)
+    physical = tuple(_physical(net, point) for point in points)
+    return Tuning(controllers, values, tuple(reached), physical, loop)
 
 
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:

@@ -1,0 +1,203 @@
+"""What a tuner came to: goals against limits, steps, poles over the box, gains over the schedule."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError
+from mbdlft.base.samples import grid
+from mbdlft.response.frequency import frequency_response, response_frequencies, singular_values
+from mbdlft.response.modes import poles
+from mbdlft.response.time import response_times, step_response
+from mbdlft.show.figures.figures import (
+    COLORS,
+    WORST,
+    check_figure,
+    draw_grid,
+    drawn_samples,
+    over_frequency,
+    panel_columns,
+    write_figure,
+)
+from mbdlft.system.model import System
+
+_MOST_STEPS, _MOST_GAINS = 4, 6  # curves in a panel
+_LOOKS, _SETTLED = 3, 0.02  # for the time until all but this part of a curve is over
+_LOWEST = 1e-3  # times a limit: what is smaller is not looked at
+_VALUES = 101  # of a parameter
+
+
+class Reached(Protocol):
+    """What is drawn of a goal, as `Reached` of `mbdlft.synthesis`."""
+
+    @property
+    def goal(self) -> Any: ...
+    @property
+    def proved(self) -> float: ...
+    @property
+    def loop(self) -> System: ...
+
+
+class Tuning(Protocol):
+    """What is drawn of a result, as `Tuning` of `mbdlft.synthesis`."""
+
+    @property
+    def controllers(self) -> Sequence[System]: ...
+    @property
+    def goals(self) -> Sequence[Reached]: ...
+    @property
+    def points(self) -> Sequence[Mapping[str, float]]: ...
+    @property
+    def loop(self) -> System: ...
+
+
+def save_tuning_figure(path: str | Path, tuning: Tuning, *, seed: int = 0) -> None:
+    """Draw what `tune` came to, at the nominal point and at the worst ones that it was tuned on.
+
+    Panels are the gains of goals over their limits, with what is proved; steps of the channels of goals;
+    poles of random samples of the box; and gains of scheduled controllers over each of their parameters,
+    the others nominal.
+
+    Parameters
+    ----------
+    path : file, whose ending is that of a figure, such as .png
+    tuning : Tuning
+    seed : int, of the random samples
+
+    Raises
+    ------
+    AnalysisError
+        The file cannot be written, its ending is not that of a figure, or no goal has a gain or a pole.
+    """
+    check_figure(path)
+    write_figure(tuning_figure(tuning, seed), path)
+
+
+def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
+    """The figure of `save_tuning_figure`."""
+    gains = [r for r in tuning.goals if r.goal.inputs]
+    scheduled = [(c, p.name) for c in tuning.controllers for p in c.parameters]
+    kinds = ["goals", "steps"] * bool(gains) + ["poles"] * bool(tuning.loop.states)
+    if not kinds:
+        raise AnalysisError("the figure of a tuning: no goal has channels, and no loop has states.")
+    figure, panels = _panels(len(kinds) + len(scheduled))
+    for kind, axes in zip(kinds, panels, strict=False):
+        draw_grid(axes)
+        if kind == "goals":
+            _draw_goals(axes, gains, tuning.points)
+        elif kind == "steps":
+            _draw_steps(axes, tuning, gains)
+        else:
+            _draw_poles(axes, tuning, seed)
+        axes.legend(fontsize="x-small")
+    for (controller, name), axes in zip(scheduled, panels[len(kinds) :], strict=True):
+        draw_grid(axes)
+        _draw_schedule(axes, controller, name, tuning.loop)
+        axes.legend(fontsize="x-small")
+    figure.suptitle(f"{', '.join(c.name for c in tuning.controllers)}: {len(tuning.points)} points")
+    return figure
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Panels in two columns; of an odd number the first one takes a whole row."""
+    columns = panel_columns(2)
+    wide = count % columns
+    rows = (count + wide) // columns
+    figure = Figure(figsize=(6.0 * columns, 4.2 * rows), layout="constrained")
+    places = figure.add_gridspec(rows, columns)
+    first = [places[0, :]] if wide else []
+    free = [places[k // columns, k % columns] for k in range(columns * wide, rows * columns)]
+    return figure, [figure.add_subplot(place) for place in (*first, *free)]
+
+
+def _own(system: System, point: Mapping[str, float]) -> dict[str, float]:
+    """Values of the parameters that a system has."""
+    return {name: point[name] for name in system.parameters.names if name in point}
+
+
+def _draw_goals(axes: Axes, gains: Sequence[Reached], points: Sequence[Mapping[str, float]]) -> None:
+    omega = np.unique(np.concatenate([response_frequencies(r.loop)[0] for r in gains]))
+    top = 1.0
+    for k, reached in enumerate(gains):
+        color, limit = COLORS[k % len(COLORS)], reached.goal.limit
+        for j, point in enumerate(points):
+            response = frequency_response(reached.loop, _own(reached.loop, point), omega)[0]
+            sizes = singular_values(response)[:, 0] / limit
+            label = reached.goal.name if not j else None
+            axes.plot(omega, sizes, color=color, linewidth=0.6 if j else 1.4, label=label)
+            top = max(top, float(np.max(sizes)))
+        if np.isfinite(reached.proved):
+            axes.axhline(reached.proved, color=color, linewidth=0.8, linestyle=":")
+    axes.axhline(1.0, color=WORST, linewidth=1.0, linestyle="--", label="limit")
+    over_frequency(axes, float(omega[0]), float(omega[-1]))
+    axes.set(
+        yscale="log", ylim=(_LOWEST, 2.0 * top), xlabel="frequency (rad/s)", ylabel="gain over limit",
+        title="goals: nominal thick, worst points thin, proved dotted",
+    )  # fmt: skip
+
+
+def _draw_steps(axes: Axes, tuning: Tuning, gains: Sequence[Reached]) -> None:
+    pairs = [(r.goal.inputs[0], r.goal.outputs[0]) for r in gains]
+    names = [s.name for s in tuning.loop.inputs], [s.name for s in tuning.loop.outputs]
+    chosen = [(names[1].index(y), names[0].index(u)) for u, y in dict.fromkeys(pairs)][:_MOST_STEPS]
+    own = [_own(tuning.loop, point) for point in tuning.points]
+    times, rest = response_times(tuning.loop), np.zeros(0)
+    for count in range(_LOOKS):  # slow modes that are hardly seen leave all others at the left edge
+        values = [step_response(tuning.loop, point, times).values[0] for point in own]
+        curves = np.array([[value[:, row, column] for row, column in chosen] for value in values])
+        sizes = np.maximum(np.max(np.abs(curves), axis=(0, 2)), np.finfo(float).tiny)
+        rest = rest if count else curves[:, :, -1:]
+        moving = np.abs(curves - rest) > _SETTLED * sizes[:, None]
+        end = times[min(int(np.max(np.nonzero(moving)[2], initial=0)) + 2, len(times) - 1)]
+        times = np.linspace(0.0, end, len(times))
+    values = [step_response(tuning.loop, point, times).values[0] for point in own]
+    for k, (row, column) in enumerate(chosen):
+        for j, value in enumerate(values):
+            label = f"{names[0][column]} to {names[1][row]}, over {sizes[k]:.3g}" if not j else None
+            width = 0.6 if j else 1.4
+            axes.plot(
+                times, value[:, row, column] / sizes[k], color=COLORS[k], linewidth=width, label=label
+            )
+    axes.set(xlim=(0.0, times[-1]), xlabel="time (s)", ylabel="step response over its largest value")
+    axes.set_title("steps: nominal thick, worst points thin")
+
+
+def _draw_poles(axes: Axes, tuning: Tuning, seed: int) -> None:
+    loop = tuning.loop
+    if loop.parameters:
+        values, count = drawn_samples(loop, seed)
+        cloud = poles(loop, values).ravel()
+        axes.plot(
+            cloud.real, cloud.imag, ".", color=COLORS[0], markersize=3.0, markeredgewidth=0.0, alpha=0.5,
+            label=f"{count} samples",
+        )  # fmt: skip
+    for j, point in enumerate(tuning.points):
+        found = poles(loop, _own(loop, point))[0]
+        mark, color = ("x", "black") if not j else ("o", WORST)
+        label = ("nominal", "worst points", None)[min(j, 2)]
+        axes.plot(
+            found.real, found.imag, mark, color=color, markersize=5.0, fillstyle="none", label=label
+        )
+    axes.axvline(0.0, color="black", linewidth=0.8)
+    size = 10.0 ** round(float(np.log10(np.median(np.abs(found)) or 1.0)))
+    axes.set_xscale("symlog", linthresh=size)
+    axes.set_yscale("symlog", linthresh=size)
+    axes.set(xlabel="real part (rad/s)", ylabel="imaginary part (rad/s)", title="poles over the box")
+
+
+def _draw_schedule(axes: Axes, controller: System, name: str, loop: System) -> None:
+    """The largest gain of a controller over a parameter, at slow to fast frequencies of the loop."""
+    sizes: Array = np.abs(poles(loop)[0])
+    low, high = np.quantile(sizes, [0.1, 0.9])
+    omega = np.geomspace(low, high, _MOST_GAINS - 2) if low > 0.0 else np.array([high or 1.0])
+    values = grid(controller.parameters, {name: _VALUES})
+    found = singular_values(frequency_response(controller, values, omega))[:, :, 0]
+    for k, w in enumerate(omega):
+        axes.plot(values[name], found[:, k], color=COLORS[k], label=f"{w:.3g} rad/s")
+    unit = controller.parameters[name].unit
+    axes.set(xlabel=f"{name} ({unit})", ylabel="largest gain", title=f"{controller.name} over {name}")

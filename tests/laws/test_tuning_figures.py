@@ -1,0 +1,62 @@
+"""The figure of a tuning shows what the tuning says: its goals, poles and gains."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+
+import mbdlft
+from mbdlft.base.errors import AnalysisError
+from mbdlft.show import save_tuning_figure
+from mbdlft.show.figures.tuning import tuning_figure
+from mbdlft.synthesis import gain_goal, pole_goal, scheduled, tunable_gain, tune
+from tests.close import CLOSED_FORM, FITTED, target
+
+A = mbdlft.Parameter("a", 50.0, low=40.0, high=60.0)
+PLANT = mbdlft.realize(
+    [["a", "1"], ["1", "0"]], [A], states=1, inputs=["f"], outputs=["x"], name="P", search=0.0
+)
+LOOP = {"f": "-v", "e": ["x", "n"]}
+
+
+def curves(axes: Axes) -> dict[str, list[np.ndarray]]:
+    """Heights of lines by label; those without one under the label before them."""
+    found: dict[str, list[np.ndarray]] = {}
+    name = ""
+    for line in axes.lines:
+        label = str(line.get_label())
+        name = name if label.startswith("_") else label
+        found.setdefault(name, []).append(np.asarray(line.get_ydata()))
+    return found
+
+
+def test_panels_show_the_values_of_a_tuning(tmp_path: Path) -> None:
+    """x' = a x - k(a) (x + n), k = k0 + k1 delta: from n to v, k s/(s + k - a)."""
+    K = scheduled(tunable_gain("K", "e", "v", initial={"D[1,1]": 120.0}), [A])
+    made = tune([PLANT, K], [gain_goal("n", "v", limit=100.0), pole_goal(decay=5.0)], LOOP, starts=1)
+    figure = tuning_figure(made)
+    goals, steps, poles, schedule = figure.axes
+    shown = curves(goals)
+    largest = max(np.max(curve) for curve in shown["n to v"][: len(made.points)])
+    target([largest], [made.goals[0].tuned], FITTED * 1e3)
+    target(shown["n to v"][-1], 2 * [made.goals[0].proved], CLOSED_FORM)
+    assert set(shown) == {"n to v", "limit"}
+    # the step of n to v begins with k, which is the largest value
+    (label,) = curves(steps)
+    first = [curve[0] for curve in curves(steps)[label]]
+    k = [
+        made.values["K.D[1,1]"] + made.values["K.D[1,1]*a"] * (p["a"] - 50.0) / 10.0 for p in made.points
+    ]
+    size = max(k)
+    target(np.sort(first), np.sort(np.array(k) / size), 1e-6)
+    nominal = next(line for line in poles.lines if line.get_label() == "nominal")
+    target(np.asarray(nominal.get_xdata()), [50.0 - made.values["K.D[1,1]"]], 1e-6)
+    assert all(np.max(np.asarray(line.get_xdata())[:1]) <= 0.0 for line in poles.lines)
+    ends = next(iter(curves(schedule).values()))[0][[0, -1]]
+    both = np.array([-1.0, 1.0]) * made.values["K.D[1,1]*a"] + made.values["K.D[1,1]"]
+    target(ends, both, 1e-9)
+    save_tuning_figure(tmp_path / "made.png", made)
+    assert (tmp_path / "made.png").stat().st_size > 10_000
+    with pytest.raises(AnalysisError, match="expected the ending"):
+        save_tuning_figure(tmp_path / "made.txt", made)
