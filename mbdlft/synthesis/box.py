@@ -421,6 +421,8 @@ def _over(wanted: float, has: float) -> float:
 def save_tuning(path: str | Path, tuning: Tuning) -> None:
     """Write controllers, loops and proofs into an archive; `mbdlft verify` checks the proofs.
 
+    `mbdlft report` of a controller has its goals.
+
     Parameters
     ----------
     path : file, made if it does not exist
@@ -434,8 +436,11 @@ def save_tuning(path: str | Path, tuning: Tuning) -> None:
     said = "\n".join(["tuned:", *map(str, tuning.goals)])
     for controller in tuning.controllers:
         save(path, replace(controller, description=said))
+    names = ", ".join(c.name for c in tuning.controllers) or "the design"
     for reached in tuning.goals:
+        about = f"goal of {names}: {reached.goal.name}, limit {reached.goal.limit:.6g}"
+        loop = replace(reached.loop, description=about)
         if reached.bounds:  # of an earlier loop of this name
-            save(path, reached.loop)
+            save(path, loop)
         for bounds in reached.bounds:
-            save_analysis(path, reached.loop, bounds)
+            save_analysis(path, loop, bounds)

@@ -1,5 +1,7 @@
 """The figure of a tuning shows what the tuning says: its goals, poles and gains."""
 
+from functools import cache
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +10,9 @@ from matplotlib.axes import Axes
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
-from mbdlft.show import save_tuning_figure
+from mbdlft.show import model_report, save_tuning_figure
 from mbdlft.show.figures.tuning import tuning_figure
-from mbdlft.synthesis import gain_goal, pole_goal, scheduled, tunable_gain, tune
+from mbdlft.synthesis import gain_goal, pole_goal, save_tuning, scheduled, tunable_gain, tune
 from tests.close import CLOSED_FORM, FITTED, target
 
 A = mbdlft.Parameter("a", 50.0, low=40.0, high=60.0)
@@ -31,10 +33,27 @@ def curves(axes: Axes) -> dict[str, list[np.ndarray]]:
     return found
 
 
-def test_panels_show_the_values_of_a_tuning(tmp_path: Path) -> None:
+@cache
+def tuned() -> mbdlft.Tuning:
     """x' = a x - k(a) (x + n), k = k0 + k1 delta: from n to v, k s/(s + k - a)."""
     K = scheduled(tunable_gain("K", "e", "v", initial={"D[1,1]": 120.0}), [A])
-    made = tune([PLANT, K], [gain_goal("n", "v", limit=100.0), pole_goal(decay=5.0)], LOOP, starts=1)
+    return tune([PLANT, K], [gain_goal("n", "v", limit=100.0), pole_goal(decay=5.0)], LOOP, starts=1)
+
+
+def test_the_report_of_a_controller_has_its_goals(tmp_path: Path) -> None:
+    made, archive = tuned(), tmp_path / "made.h5"
+    save_tuning(archive, made)
+    html = model_report(mbdlft.load(archive, "K"), archive).html
+    for reached in made.goals:
+        assert escape(str(reached)) in html
+    assert "A goal of K: n to v, limit 100: nominal, samples, the worst case, and the bound" in html
+    assert html.count('<span class="yes">proved</span>') == len(made.goals)
+    plain = model_report(PLANT).html
+    assert "tuned for" not in plain
+
+
+def test_panels_show_the_values_of_a_tuning(tmp_path: Path) -> None:
+    made = tuned()
     figure = tuning_figure(made)
     goals, steps, poles, schedule = figure.axes
     shown = curves(goals)

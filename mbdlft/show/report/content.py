@@ -1,6 +1,7 @@
 """What is known of a model, as texts: a verdict, and the rows of a report's tables."""
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -217,6 +218,18 @@ def stability_sentences(model: System) -> tuple[str, ...]:
                 f"{float(damping[k, j]):.4g}, at {table.natural_frequency[k, j]:.4g} rad/s; {at}."
             )
     return tuple(said)
+
+
+def tuned_of(loop: System) -> list[str]:
+    """Names of the controllers whose goal the gain of a loop is, as `save_tuning` writes them."""
+    said = re.match("goal of (.*?): ", loop.description)
+    return said[1].split(", ") if said else []
+
+
+def goal_lines(model: System) -> list[str]:
+    """What a controller was tuned for, and what came of it, as `save_tuning` writes it."""
+    first, *lines = model.description.splitlines() or [""]
+    return lines if first == "tuned:" else []
 
 
 def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, ...]:

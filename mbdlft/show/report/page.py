@@ -3,12 +3,13 @@
 import base64
 import tempfile
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from mbdlft.archive.analysis import analysis_names, load_analysis
 from mbdlft.base.errors import AnalysisError, MbdlftError
-from mbdlft.robust.evidence import Bounds
+from mbdlft.robust.evidence import GAIN, Bounds
 from mbdlft.show.figures.properties import save_pole_map
 from mbdlft.show.figures.responses import save_bode, save_singular_values
 from mbdlft.show.report import content, sentences
@@ -54,7 +55,8 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
         )
     trim, points = content.trim_rows(model)
     stability = content.stability_sentences(model)
-    worst = content.worst_cases(_analyses(model, archive))
+    analyses = _analyses(model, archive)
+    worst = content.worst_cases(analyses)
     html = rendered(
         _FOLDER / "report.html",
         _FOLDER / "report.css",
@@ -69,6 +71,8 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
         stability=stability,
         pole_figure=pole_figure(model),
         responses=response_figures(model),
+        goals=content.goal_lines(model),
+        goal_figures=goal_figures(analyses, [case.proved for case in worst]),
         worst=worst,
         archive=None if archive is None else Path(archive).name,
         provenance=model.provenance if isinstance(model, LFTModel) else None,
@@ -101,6 +105,28 @@ def response_figures(model: System) -> tuple[Picture, ...]:
                 "Size and phase of each channel, at nominal and at random samples.",
             )
         )
+    return tuple(picture for picture in pictures if picture is not None)
+
+
+def goal_figures(
+    analyses: Sequence[tuple[str, System, Bounds]], proved: Sequence[bool]
+) -> tuple[Picture, ...]:
+    """Gains of the loops of goals, with the worst case and what is proved."""
+    pictures = [
+        _drawn(
+            partial(
+                save_singular_values,
+                model=loop,
+                most_samples=content.samples_of(loop),
+                worst=bounds.worst,
+                bound=bounds.upper if is_proved else None,
+            ),
+            f"A {loop.description}: nominal, samples, the worst case"
+            f"{', and the bound that is proved' * is_proved}.",
+        )
+        for (_, loop, bounds), is_proved in zip(analyses, proved, strict=True)
+        if content.tuned_of(loop) and bounds.kind == GAIN
+    ]
     return tuple(picture for picture in pictures if picture is not None)
 
 
@@ -139,12 +165,14 @@ def _pictures(model: System) -> list[tuple[object, str]]:
 
 
 def _analyses(model: System, archive: str | Path | None) -> Sequence[tuple[str, System, Bounds]]:
-    """The analyses of an archive that are of this model, or of loops with it."""
+    """The analyses of an archive that are of this model, or of loops with it or tuned for it."""
     if archive is None:
         return ()
     stored = [(name, *load_analysis(archive, name)) for name in analysis_names(archive)]
     return [
         (name, system, bounds)
         for name, system, bounds in stored
-        if system.name == model.name or system.name.startswith(f"{model.name} with ")
+        if system.name == model.name
+        or system.name.startswith(f"{model.name} with ")
+        or model.name in content.tuned_of(system)
     ]
