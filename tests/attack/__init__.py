@@ -39,7 +39,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "mechanisms": (0, 108),
     "couplings": (16,),
     "contacts": (3,),
-    "motions": (0, 9),
+    "motions": (0,),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 
