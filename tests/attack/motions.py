@@ -10,11 +10,12 @@ import mbdlft
 from mbdlft import MbdlftError, Scene
 from tests.cross.coupled_mechanisms import coupled
 from tests.cross.mechanisms import closed_loop, open_tree
+from tests.cross.mixed_mechanisms import mixed
 from tests.cross.rolling_mechanisms import rolling
 from tests.cross.steady_mechanisms import spinning
 from tests.motions import check_second_order
 
-_KINDS: tuple[Callable[[int], Scene], ...] = (rolling, spinning, coupled, closed_loop, open_tree)
+_KINDS: tuple[Callable[[int], Scene], ...] = (rolling, spinning, coupled, mixed, closed_loop, open_tree)
 
 
 def attack(seed: int, folder: Path) -> str:
