@@ -11,6 +11,7 @@ from scipy.linalg import expm
 import mbdlft
 from mbdlft import Fixed, FlexibleBody, Free, Inertia, PointMass, Revolute, RigidBody, Scene, load_scene
 from mbdlft.base.array import Array
+from mbdlft.base.description import Axis
 from mbdlft.dae import simulate
 from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
@@ -218,32 +219,39 @@ def test_a_skate_runs_on_a_circle() -> None:
     target(np.array([x, y]), v / w * np.array([np.sin(w * times), 1.0 - np.cos(w * times)]), KEPT)
 
 
-def on_hub(spin: float, **beam: Any) -> Scene:
+def on_hub(spin: float, axis: Axis, **beam: Any) -> Scene:
     """A beam on a heavy hub, in a frame that spins."""
-    hub = RigidBody(name="hub", mass=1.0, inertia=Inertia(zz=1e9), ports={"rim": (0.3, 0.0, 0.0)})
+    hub = RigidBody(
+        name="hub", mass=1.0, inertia=Inertia(xx=1e9, yy=1e9, zz=1e9), ports={"rim": (0.3, 0.0, 0.0)}
+    )
     rod = Beam(name="rod", length=2.0, density=1.0, area=1.0, modulus=30.0, **beam)
     joints = [
-        Revolute(name="turn", parent="ground", child="hub", axis=(0, 0, 1)),
+        Revolute(name="turn", parent="ground", child="hub", axis=axis),
         Fixed(name="root", parent="hub.rim", child="rod"),
         Fixed(name="end", parent="rod.tip", child="mass"),
     ]
-    frame = Spin(axis=(0, 0, 1), rate=spin) if spin else None
+    frame = Spin(axis=axis, rate=spin) if spin else None
     return Scene(
         name="hub", bodies=[hub, rod, PointMass(name="mass", mass=0.5)], joints=joints, spin=frame
     )
 
 
-@pytest.mark.parametrize("deformation", ["bending_y", "bending_z"])
-def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(deformation: str) -> None:
-    """Centrifugal forces stiffen its bending, and soften it in the plane."""
+@pytest.mark.parametrize(
+    ("axis", "deformations"),
+    [((0, 0, 1), ["bending_y"]), ((0, 0, 1), ["bending_z"]), ((1, 0, 0), ["bending_y", "bending_z"])],
+)
+def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(
+    axis: Axis, deformations: list[str]
+) -> None:
+    """Centrifugal forces stiffen its bending or soften it, those of Coriolis couple both."""
     W, times = 6.0, np.linspace(0.0, 1.0, 11)
-    beam = {"I_z": 1.0, "I_y": 1.0, "elements": 1, "deformations": (deformation,)}
-    model = mbdlft.to_lft(on_hub(W, **beam), search=0.0)
+    beam = {"I_z": 1.0, "I_y": 1.0, "elements": 1, "deformations": tuple(deformations)}
+    model = mbdlft.to_lft(on_hub(W, axis, **beam), search=0.0)
     A, names = mbdlft.matrices_at(model, {})[0], [state.name for state in model.states]
     own = [k for k, name in enumerate(names) if name.startswith("rod.")]
     begin = np.where(np.isin(np.arange(len(names)), own), 1e-6, 0.0) * np.arange(1, len(names) + 1)
     start = {"turn.rate": W} | {names[k]: begin[k] for k in own}
-    run = simulate(on_hub(0.0, **beam), times, initial=start, tolerance=1e-14)
+    run = simulate(on_hub(0.0, axis, **beam), times, initial=start, tolerance=1e-14)
     expected = np.array([expm(A * t) @ begin for t in times])
     places = [run.state_names.index(names[k]) for k in own]
     assert np.max(np.abs(run.states[:, places] - expected[:, own])) <= 2e-6 * np.max(np.abs(expected))
