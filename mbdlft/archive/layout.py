@@ -204,6 +204,7 @@ _INTERVALS = """
 _FORM = """
     form@k? form@gain?: float64
     form@time: float64
+    form@degree? form@order?: int64
     form/P: float64 v v
     form/X form/Y: float64 s s
     form/states: float64 fx fx

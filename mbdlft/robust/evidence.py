@@ -59,6 +59,8 @@ class MotionProof:
     states: Array  # (n, n), P is for this times the states
     channels: Array  # (r,), powers of two that z and w were divided by; X and Y are for these
     time: float  # the power of two that time was multiplied by (rad/s)
+    degree: int = 1  # P is for products of so many states (`mbdlft.robust.moving.powers`)
+    order: int = 0  # with channels for so many powers of slow parameters
 
 
 @dataclass(frozen=True, slots=True, eq=False)

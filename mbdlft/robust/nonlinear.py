@@ -105,10 +105,10 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
     proof = bounds.proof
     if not isinstance(proof, MotionProof) or bounds.kind != "robust stability":
         raise AnalysisError("safe_region: expected the bounds of robust_stability(..., rates=inf).")
-    if bounds.lower < 1.0 or proof.P.shape != proof.states.shape:
+    if bounds.lower < 1.0 or proof.P.shape != proof.states.shape or proof.degree > 1:
         raise AnalysisError(
             f"safe_region: the proof is for {bounds.lower:.4g} times the box"
-            + ("." if bounds.lower < 1.0 else ", with parameters in V.")
+            + ("." if bounds.lower < 1.0 else ", with parameters in V, or more than squares of states.")
             + " Expected bounds.lower >= 1, with rates=inf for all parameters."
         )
     wrong = verify(system, bounds)

@@ -1,6 +1,7 @@
 """Parameters that move: what is proved holds along all motions that are tried, and ends where it must."""
 
 from dataclasses import replace
+from itertools import combinations_with_replacement
 
 import flint
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from scipy.linalg import expm
 
 from mbdlft import (
+    AnalysisError,
     Angle,
     Bounds,
     Parameter,
@@ -15,12 +17,15 @@ from mbdlft import (
     System,
     realize,
     robust_stability,
+    safe_region,
     verify,
     worst_case_gain,
 )
 from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.robust.balls import is_positive
+from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.evidence import MotionProof
+from mbdlft.robust.moving import powers, varying
 from mbdlft.robust.moving.motion import growth, unstable_motion
 from mbdlft.robust.moving.varying import delta_rates
 from mbdlft.robust.realization import realization
@@ -51,10 +56,87 @@ def test_faster_parameters_have_smaller_margins() -> None:
         assert verify(pair, found) == ""
 
 
-def test_one_quadratic_form_for_any_motion_is_the_circle_criterion() -> None:
-    """x'' + x' + (3 + d) x: |d| below the least of |3 - w^2 + j w|, which is the root of 11/4."""
+def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """x'' + x' + (3 + d) x: |d| below the least of |3 - w^2 + j w|, which is the root of 11/4.
+
+    Forms of degrees 4 and 8 prove more of it.
+    """
+    higher = robust_stability(oscillator("3+d"), rates=np.inf, gap=0.1)
+    assert 1.2 * np.sqrt(2.75) <= higher.lower <= higher.upper
+    assert verify(oscillator("3+d"), higher) == ""
+    monkeypatch.setattr(varying, "SHAPES", ())
     found = robust_stability(oscillator("3+d"), rates=np.inf, gap=0.005)
     assert 0.99 * np.sqrt(2.75) <= found.lower <= np.sqrt(2.75)
+
+
+@pytest.mark.parametrize(
+    ("rate", "least"), [pytest.param(0.02, 0.56, marks=pytest.mark.long), (0.04, 0.25)]
+)
+def test_a_slow_stiffness_is_proved_where_a_quadratic_form_cannot(rate: float, least: float) -> None:
+    """x'' + 2 c x' + (1 + d) x: to first order a form of degree 4 proves 1 - rate/(4 sqrt(2) c).
+
+    One that is quadratic in x proves 1 - rate/(4 c): 0.5 and nothing; motions fall below 0.71 and 0.41.
+    """
+    system = oscillator("1+d", "0.02")
+    found = robust_stability(system, rates=rate, gap=0.1, work=12.0)
+    assert least <= found.lower <= found.upper <= 1.05 * (1.0 - rate / (0.04 * np.pi) + 0.9 * rate)
+    assert isinstance(found.proof, MotionProof)
+    assert verify(system, found) == ""
+    forged = [
+        replace(found.proof, degree=d, order=o) for d, o in ((1, 0), (2, 0), (4, 1), (0, 2), (9, 0))
+    ]
+    forged += [replace(found.proof, order=-1), replace(found.proof, degree=10**9)]
+    for proof in forged:
+        assert verify(system, replace(found, proof=proof))
+    model, rates = realization(system), {"d": rate}
+    assert varying.checked(system, model, rates, found.lower, 0.0, found.proof) == ""
+    assert varying.checked(system, model, rates, found.lower, 1e-6, found.proof)  # proves no gain
+
+
+def test_a_region_needs_a_quadratic_form() -> None:
+    """Of one state, a form of degree 4 has the matrix of one of degree 2."""
+    system = realize([["-1+d/2", "1"], ["1", "0"]], [unit("d")], states=1, inputs=["u"], outputs=["y"])
+    found = robust_stability(system, rates=np.inf, gap=0.1)
+    assert isinstance(found.proof, MotionProof)
+    assert safe_region(system, found, {"y": (-1.0, 1.0)})
+    higher = replace(found, proof=replace(found.proof, degree=2, P=0.5 * found.proof.P))
+    assert verify(system, higher) == ""
+    with pytest.raises(AnalysisError, match="more than squares"):
+        safe_region(system, higher, {"y": (-1.0, 1.0)})
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("order", [0, 1, 2])
+def test_products_of_states_have_sums_of_poles(degree: int, order: int) -> None:
+    """At any deltas, also of a rational model, in doubles and in balls, in other states."""
+    random = np.random.default_rng(degree)
+    n, r = 3, 4
+    A, B, C = (random.standard_normal(shape) for shape in ((n, n), (n, r), (r, n)))
+    D = 0.3 * random.standard_normal((r, r))
+    D[2:] = 0.0  # the second parameter reads states alone
+    none = np.zeros((0, 0))
+    model = powers.alone(Realization(("p", "q"), (2, 2), A, B, C, D, *[none] * 5))
+    shape, rates = powers.Shape(degree, order), np.array([1.0, 0.5])
+    L = random.standard_normal((n, n))
+    in_balls = powers.shaped_in_balls(model, L, shape, rates)
+    rounded = in_balls._replace(
+        **{key: getattr(in_balls, key).astype(float) for key in ("A", "B", "C", "D")}
+    )
+    for deltas in random.uniform(-0.5, 0.5, (3, 2)):
+        poles = np.linalg.eigvals(closed_at(model, deltas))
+        sums = [sum(chosen) for chosen in combinations_with_replacement(poles, degree)]
+        for other in (powers.shaped(model, shape, rates), rounded):
+            there = np.linalg.eigvals(closed_at(other, deltas))
+            roundoff(np.sort(there.real), np.sort(np.real(sums)), kappa=1e5)
+            roundoff(np.prod(there - 0.7j), np.prod(np.array(sums) - 0.7j), kappa=1e5)
+
+
+def closed_at(model: Realization, deltas: np.ndarray) -> np.ndarray:
+    """A + B Delta (I - D Delta)^-1 C."""
+    Delta = np.diag(np.repeat(deltas, model.sizes))
+    return model.A + model.B @ Delta @ np.linalg.solve(np.eye(len(Delta)) - model.D @ Delta, model.C)
 
 
 def test_a_known_limit_of_switching_is_found() -> None:

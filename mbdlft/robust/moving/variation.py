@@ -43,7 +43,7 @@ from mbdlft.base.array import Array
 from mbdlft.robust.balls import balls, is_positive
 from mbdlft.robust.bisect.characteristic import Realization
 
-_BITS = 192  # of balls: products of three doubles are exact
+BITS = 192  # of balls: products of three doubles are exact
 Index = NDArray[np.int64]
 _FLOOR = 1e-3  # times t: X is above this
 _EDGE = 1e-6  # of the form, where the least gain is asked for
@@ -146,7 +146,7 @@ def is_negative(form: Form, sizes: Array, gain: float, L: Array, P: Array, X: Ar
         back = _beside(np.asarray(np.linalg.inv(L)), form.V.shape[1] - len(L))
     except np.linalg.LinAlgError:
         return False
-    with flint.ctx.workprec(_BITS):
+    with flint.ctx.workprec(BITS):
         turn, states = balls(back), balls(_beside(L, len(form.V) - len(L)))
         V, W, S, R = (balls(rows) * turn for rows in form[:4])
         Z = balls(np.diag(sizes)) * (R + balls(form.K) * W)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from math import inf, isinf
 from typing import NamedTuple
 
+import flint
 import numpy as np
 
 from mbdlft.base.array import Array
@@ -19,7 +20,9 @@ from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import Asked, Search, State, last_of
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
+from mbdlft.robust.moving.powers import PLAIN, SHAPES, Shape, alone, is_shape, shaped, shaped_in_balls
 from mbdlft.robust.moving.variation import (
+    BITS,
     cost_of,
     form_of,
     is_negative,
@@ -37,6 +40,7 @@ _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was ro
 _LEAST = 1e-3  # of the other bound: margins below this are not looked for
 _MOTIONS = 0.2  # of the work
 _FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
+_SOLUTIONS = 8.0  # of a shape of forms that there should be work for
 _MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
 
 
@@ -100,19 +104,20 @@ class _Question(NamedTuple):
     rates: Mapping[str, float]  # bounds by name
     constant: Bounds  # for constant parameters
 
-    def proof_of(self, k: float, gain: float = 0.0) -> tuple[MotionProof | None, float]:
+    def proof_of(
+        self, k: float, gain: float = 0.0, shape: Shape = PLAIN
+    ) -> tuple[MotionProof | None, float]:
         """A proof for deltas in [-k, k], None if none is found; and units of work."""
         states, _, channels, time = modal(self.model)
         model, bounds, near, (u, y) = self._near(k, gain)
-        form = form_of(model, bounds)
-        sizes = sizes_of(form, k, bounds)
-        unknowns = solved(form_of(near, bounds), sizes, len(model.A), gain * u * y)
+        near = shaped(near, shape, bounds)
+        form = form_of(near, bounds)
+        unknowns = solved(form, sizes_of(form, k, bounds), len(near.A), gain * u * y)
         if unknowns is None:
             return None, cost_of(form)
         P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
-        if not is_negative(form, sizes, gain, states, P, X, Y):
-            return None, cost_of(form)
-        return MotionProof(P, X, Y, states, channels, time), cost_of(form)
+        proof = MotionProof(P, X, Y, states, channels, time, *shape)
+        return None if _wrong(model, bounds, k, gain, proof) else proof, cost_of(form)
 
     def least(self, gain: float) -> tuple[float, float]:
         """Nearly the least gain that can be proved, of the size of a gain, inf if none; units of work."""
@@ -123,7 +128,7 @@ class _Question(NamedTuple):
     def _near(self, k: float, gain: float) -> tuple[Realization, Array, Realization, tuple[float, float]]:
         """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
         states, back, channels, time = modal(self.model)
-        model = scaled(self.model if gain else _alone(self.model), channels, time)
+        model = scaled(self.model if gain else alone(self.model), channels, time)
         bounds = delta_rates(self.asked.system, model.names, self.rates, k) / time
         near = turned(model, states, back)
         u, y = _powers(near, gain)
@@ -138,6 +143,18 @@ class _Question(NamedTuple):
             return delta_rates(self.asked.system, names, self.rates, k, allowed=True)
 
         return unstable_motion(self.model, allowed, most, _MOTIONS * self.asked.work)
+
+    def shapes(self) -> tuple[Shape, ...]:
+        """Shapes of forms that prove more than plain ones; none where a region of states is asked for."""
+        if any(p.role == "nonlinear" for p in self.asked.system.parameters):
+            return ()
+        is_slow = any(0.0 < self.rates.get(name, 0.0) < inf for name in self.model.names)
+        return SHAPES if is_slow else tuple({s._replace(order=0): None for s in SHAPES})
+
+    def cost(self, shape: Shape) -> float:
+        """Units of work of one solution."""
+        _, bounds, near, _ = self._near(1.0, 0.0)
+        return cost_of(form_of(shaped(near, shape, bounds), bounds))
 
     def too_dear(self) -> str:
         """Why the inequality cannot be solved with the work; empty if it can."""
@@ -161,7 +178,7 @@ class _Question(NamedTuple):
             upper=state.upper,
             proof=state.proof,
             work=self.constant.work + state.used,
-            reason=(why or "no more is proved by a quadratic form of this kind") if is_open else "",
+            reason=(why or "no more is proved by forms of these kinds") if is_open else "",
             rates=self.rates,
         )
         motion = state.worst
@@ -178,13 +195,6 @@ class _Question(NamedTuple):
             frequency=2.0 * np.pi / motion.period,
             sensitivity={},
         )
-
-
-def _alone(model: Realization) -> Realization:
-    """The model without inputs and outputs."""
-    return model._replace(
-        E=model.E[:, :0], F=model.F[:, :0], G=model.G[:0], H=model.H[:0], J=model.J[:0, :0]
-    )
 
 
 def _powers(model: Realization, gain: float) -> tuple[float, float]:
@@ -214,16 +224,25 @@ def _margins(question: _Question) -> Search[Motion]:
     reason = question.too_dear()
     if reason:
         return state._replace(reason=reason)
-    most = min(state.upper, asked.largest)
-    resisted = inf  # the smallest size that was not proved
+    for shape in (PLAIN, *question.shapes()):
+        if shape == PLAIN or _SOLUTIONS * question.cost(shape) <= state.left(asked):
+            state = yield from _with_shape(question, state, shape)
+        if state.is_closed(asked):
+            break
+    return state
+
+
+def _with_shape(question: _Question, state: State[Motion], shape: Shape) -> Search[Motion]:
+    """A margin by forms of a shape: a box that is proved, and none that is larger by the gap."""
+    asked, most = question.asked, min(state.upper, question.asked.largest)
+    resisted, state = inf, state._replace(reason="")  # the smallest size that was not proved
     while state.lower < min(resisted, most) * (1.0 - asked.gap):
         k = min(most * (1.0 - 0.5 * asked.gap), 0.5 * (state.lower + resisted))
         if not state.left(asked):
             return state.spent(asked)
         if k < _LEAST * most:
-            why = f"no quadratic form was found for {resisted:.3g} times the box"
-            return state._replace(reason=why)
-        proof, cost = question.proof_of(k)
+            return state._replace(reason=f"no form was found for {resisted:.3g} times the box")
+        proof, cost = question.proof_of(k, shape=shape)
         state = state._replace(used=state.used + cost)
         if proof is None:
             resisted = k
@@ -293,9 +312,24 @@ def checked(
     if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
         return "its states are not those of the system"
     bounds = delta_rates(system, model.names, rates, k) / proof.time
-    form = form_of(scaled(model, proof.channels, proof.time), bounds)
-    if not is_structured(form, proof.P, proof.X, proof.Y):
-        return "its matrices are not of the structure of Delta"
-    if not is_negative(form, sizes_of(form, k, bounds), gain, proof.states, proof.P, proof.X, proof.Y):
-        return f"its form is not negative for {k:g} times the box"
+    return _wrong(scaled(model, proof.channels, proof.time), bounds, k, gain, proof)
+
+
+def _wrong(model: Realization, bounds: Array, k: float, gain: float, proof: MotionProof) -> str:
+    """As `checked`, of a model in the scales of a proof, with bounds of the rates of its deltas."""
+    shape, states = Shape(proof.degree, proof.order), proof.states
+    if not is_shape(shape, len(states), len(proof.P)) or (gain and shape != PLAIN):
+        return "its form is of no degree that it may have"
+    with flint.ctx.workprec(BITS):
+        if shape != PLAIN:
+            try:
+                model = shaped_in_balls(alone(model), states, shape, bounds)
+            except ZeroDivisionError:
+                return "its states are not those of the system"
+            states = np.eye(len(model.A))
+        form = form_of(model, bounds)
+        if not is_structured(form, proof.P, proof.X, proof.Y):
+            return "its matrices are not of the structure of Delta"
+        if not is_negative(form, sizes_of(form, k, bounds), gain, states, proof.P, proof.X, proof.Y):
+            return f"its form is not negative for {k:g} times the box"
     return ""
