@@ -257,10 +257,14 @@ def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(
     assert np.max(np.abs(run.states[:, places] - expected[:, own])) <= 2e-6 * np.max(np.abs(expected))
 
 
-@pytest.mark.parametrize("name", ["bicycle", "motorcycle"])
-def test_what_rolls_does_so_in_any_direction(name: str) -> None:
+@pytest.mark.parametrize("name", ["motorcycle", "motorcycle without relaxation"])
+def test_tires_roll_in_any_direction(name: str) -> None:
     """The same motion with another heading: of the frame of the scene, which moves, it is far off."""
-    scene, heading, times = load_scene(f"scenarios/{name}.toml"), 1.2, np.linspace(0.0, 1.0, 6)
+    scene = load_scene(f"scenarios/{name.partition(' ')[0]}.toml")
+    if " " in name:
+        loads = tuple(load.model_copy(update={"relaxation": None}) for load in scene.loads)
+        scene = scene.model_copy(update={"loads": loads, "outputs": None})
+    heading, times = 1.2, np.linspace(0.0, 1.0, 6)
     m = equations_of_motion(scene, {})
     names = [signal.name for signal in m.coordinates]
     states = [names[k] for k in m.states]
@@ -275,5 +279,5 @@ def test_what_rolls_does_so_in_any_direction(name: str) -> None:
     runs = [simulate(scene, times, initial=each).states for each in (start, turned)]
     places = [names.index(name) for name in inner]
     straight, other = (run[:, places] for run in runs)
-    assert np.max(np.abs(straight)) > 1e-2
+    assert np.max(np.abs(straight)) > 5e-3
     target(other, straight, KEPT)

@@ -1,8 +1,8 @@
 """What loads, contacts and sensors see of bodies at displacements of any size.
 
 A point at r of a body, in its axes, is at x + R r in those of the scene and has the velocity
-xdot + w x R r. The frame of what turns at a steady rate does not turn with it: the deviation q of its
-angle is in w and in small rotations, and not in R.
+xdot + w x R r. The frame of what turns at a steady rate does not turn with it: the rate of its angle is
+in w, and the angle, which no load or sensor sees, is not in R.
 """
 
 from functools import cached_property
@@ -11,7 +11,6 @@ import casadi as ca
 
 from mbdlft.multibody.assembly.kinematics import Motions, View, motions
 from mbdlft.multibody.body import GROUND
-from mbdlft.multibody.joint.move import Hinge
 from mbdlft.multibody.spatial import Small
 
 
@@ -63,11 +62,4 @@ class LargeView(View):
         for e in ca.horzsplit(ca.SX.eye(3)):
             old, new = self.across(e, body, GROUND), self.across_now(e, body, GROUND)
             twice, trace = twice + ca.cross(old, new), trace + ca.dot(old, new)
-        rotation = 2.0 * twice / (1.0 + trace)
-        links = {link.child.name: link for link in self.now.links}
-        while body in links:
-            for move in self.now.moves[body]:
-                if isinstance(move, Hinge) and move.steady:
-                    rotation += self.across_now(move.axis * move.at.q, body, GROUND)
-            body = links[body].parent.name
-        return ca.SX(rotation)
+        return ca.SX(2.0 * twice / (1.0 + trace))
