@@ -138,8 +138,8 @@ def export(
         Path,
         typer.Option(
             "-o", "--output",
-            help="File to write: .mat (MATLAB, Octave), .c (C99), .fmu (FMI), .jl (Julia); with --grid "
-            ".mat, .csv, .npz.",
+            help="File to write: .mat (MATLAB, Octave), .c (C99), .fmu (FMI), .jl (Julia), .mo "
+            "(Modelica); with --grid .mat, .csv, .npz.",
         ),
     ],
     grid: Annotated[

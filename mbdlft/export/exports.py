@@ -24,6 +24,7 @@ from mbdlft.base.samples import grid as grid_of
 from mbdlft.export import matlab
 from mbdlft.export.c import c_texts, julia_text
 from mbdlft.export.fmi import fmu_image
+from mbdlft.export.modelica import modelica_text
 from mbdlft.export.names import RESERVED, check_plain_model, identifier, identifiers
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import in_control, matrices_at, trim_at
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
     from control import StateSpace
 
 
-MODEL_SUFFIXES = (".mat", ".c", ".fmu", ".jl")
+MODEL_SUFFIXES = (".mat", ".c", ".fmu", ".jl", ".mo")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
 _SIGNED, _HEAD = b"Written by mbdlft", 4096  # in the first bytes of every text
 Counts = int | Mapping[str, int]
@@ -58,7 +59,7 @@ def export_model(
         and Octave; ``.c``: C99, with a header; ``.fmu``: a functional mock-up unit with C and its
         binary for this machine (see `mbdlft.export.fmi`), which needs a C compiler;
         ``.jl``: a Julia script that reads an archive, and for nonlinear functions calls the C that is
-        written beside it.
+        written beside it; ``.mo``: a Modelica model of a linear model, with its parameters.
     model : LFTModel, System or DeltaThetaModel
         Of the last, derivatives and outputs with the nonlinear functions, too; for MATLAB in a third
         file ``NAME_rates.m``.
@@ -110,6 +111,13 @@ def export_model(
                 "Linearize it around an equilibrium (linearize_dae), or export it as .c."
             )
         return _written({file: fmu_image(model, file.stem, fmi)})
+    if suffix == ".mo":
+        if isinstance(model, DeltaThetaModel):
+            raise StructureError(
+                f"{file}: model {model.name!r} has nonlinear functions. Linearize it around an "
+                "equilibrium (linearize_dae), or export model.linear."
+            )
+        return _written({file: f"// {_SIGNED.decode()}\n{modelica_text(model)}".encode()})
     return _written(_matlab(file, model) if suffix == ".mat" else _c(file, model))
 
 

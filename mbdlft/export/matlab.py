@@ -30,7 +30,7 @@ from mbdlft.system.model import LFTModel, System
 from mbdlft.system.theta import DeltaThetaModel, ThetaFunction, named_tables
 
 _MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
-_TANGENT = {"identity": "", "half-angle": "tan_half_", "quarter-angle": "tan_quarter_"}
+TANGENT = {"identity": "", "half-angle": "tan_half_", "quarter-angle": "tan_quarter_"}
 _HEADER = 116  # bytes of text at the beginning of a file of version 5
 
 
@@ -104,7 +104,7 @@ def _blocks(lft: LFT, parameters: Sequence[Parameter], names: dict[str, str]) ->
 def _parameters(model: System, names: dict[str, str]) -> dict[str, Any]:
     """The parameters, with the maps from physical values to deltas."""
     parameters = model.parameters
-    elements = {p.name: _TANGENT[p.substitution] + names[p.name] for p in parameters}
+    elements = {p.name: TANGENT[p.substitution] + names[p.name] for p in parameters}
     others = {b.name: names[b.name] for b in model.lft.blocks if b.kind != "real"}
     check_different({**elements, **others}, f"model {model.name!r}: uncertain elements of MATLAB")
     table: dict[str, Any] = {
