@@ -159,10 +159,13 @@ class _Parser:
         )
 
     def _meant(self) -> str:
-        """What a name or a degree sign right behind a number may stand for."""
+        """What a name, a unit or a degree sign may stand for that no operator is before."""
         before, behind = self.text[: self.column - 1].strip(), self.text[self.column - 1 :].strip()
+        if self.kind == "unit" and before:
+            return " A unit stands behind a number, such as 2 [m]*name; a name has its own."
         if not _TOKEN.fullmatch(before) or not before[-1:].isdigit():
-            return ""
+            joined = self.kind == "name" and (before[-1:].isalnum() or before[-1:] in "_)]")
+            return f" A product has a sign: * before {self.token}." if joined and before else ""
         if behind in ("deg", "°"):
             return f" Degrees are written {before}*deg."
         try:

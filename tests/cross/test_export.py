@@ -176,7 +176,8 @@ TOOLBOX = {
     "  global at\n  x = at.(name); assert(x >= range(1) - 1e-9 && x <= range(2) + 1e-9);\n"
     "  assert(nominal > range(1) && nominal < range(2)); assert(strcmp(word, 'Range'));\nend",
     "ss": "function x = ss(a, b, c, d), x = struct('a', a, 'b', b, 'c', c, 'd', d); end",
-    "lft": "function x = lft(E, s)\n  n = size(E, 1); m = size(E, 2); L = eye(n) - E * s.d(1:m, 1:n);\n"
+    "lft": "function x = lft(E, s)\n  x.StateName = s.StateName; x.StateUnit = s.StateUnit;\n"
+    "  n = size(E, 1); m = size(E, 2); L = eye(n) - E * s.d(1:m, 1:n);\n"
     "  F = L \\ E;\n  x.A = s.a + s.b(:, 1:n) * F * s.c(1:m, :);\n"
     "  x.B = s.b(:, n+1:end) + s.b(:, 1:n) * F * s.d(1:m, n+1:end);\n"
     "  x.C = s.c(m+1:end, :) + s.d(m+1:end, 1:n) * F * s.c(1:m, :);\n"
@@ -196,7 +197,9 @@ def test_uncertain_system_of_the_script(key: str, tmp_path: Path) -> None:
     inner = [mbdlft.base.parameter.to_internal(p, values[p.name][k]) for p in model.parameters]
     point = "".join(f"at.{e} = {float(x):.17g};" for e, x in zip(elements, inner, strict=True))
     found = octave(model, tmp_path, "some", rows_of(model, values)[:1], f"global at\n{point}\nsome;")
-    assert texts(found["plant"]["InputName"]) == [u.name for u in model.inputs]
+    for kind, listed in (("State", model.states), ("Input", model.inputs), ("Output", model.outputs)):
+        assert texts(found["plant"][f"{kind}Name"]) == [signal.name for signal in listed]
+        assert texts(found["plant"][f"{kind}Unit"]) == [signal.unit for signal in listed]
     for letter, matrices in zip("ABCD", expected, strict=True):
         target(found["plant"][letter], matrices[k], EXPORT)
 

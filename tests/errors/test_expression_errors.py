@@ -18,6 +18,10 @@ parse("sqr(2)") => expression 'sqr(2)': unknown function 'sqr'. Did you mean 'sq
 parse("__import__('os').getcwd()") => unknown function '__import__'
 > parse({}) => SceneError:
 "2 m1" => expression '2 m1', column 3: expected an operator, got 'm1'. Expressions are made
+"m L^2" => column 3: expected an operator, got 'L'. Expressions are made
+"(m + M) L" => A product has a sign: * before L.
+"m*L^2 [m^2]"
+    => A unit stands behind a number, such as 2 [m]*name; a name has its own.
 "m1 +"
     => expression 'm1 +', column 5: expected a number, a name or '(', got the end. Expressions are made
 " " => expression ' ', column 2: expected a number, a name or '(', got the end. Expressions are made

@@ -3,7 +3,8 @@
 % With the Robust Control Toolbox, plant is an uncertain system (uss) of ureal elements, each repeated as
 % often as in the model. An angle is a ureal element tan_half_NAME, the tangent of half of its distance
 % from its reference, or tan_quarter_NAME; parameters.internal has the ranges. Blocks that are no
-% parameters are ucomplex and ultidyn elements.
+% parameters are ucomplex and ultidyn elements. States, inputs and outputs have their names and units;
+% model.parameters has those of the parameters, beside the ranges.
 %
 % Otherwise, as in Octave, plant is a structure of the plain matrices A, B, C, D and the trim at physical
 % values: those in the structure values, if there is one when the script starts; the others are nominal.
@@ -49,11 +50,15 @@ if exist('ureal') && exist('uss') %#ok<EXIST>
   mbdlft_n = numel(model.states.name);
   plant = ss(model.A, [model.B_w, model.B_u], [mbdlft_right(:, 1:mbdlft_n); model.C_y], ...
              [mbdlft_inner, mbdlft_right(:, mbdlft_n+1:end); model.D_yw, model.D_yu]);
+  plant.StateName = model.states.name;
+  plant.StateUnit = model.states.unit;
   if ~isempty(mbdlft_parts)
     plant = lft(blkdiag(mbdlft_parts{:}), plant);
   end
   plant.InputName = model.inputs.name;
+  plant.InputUnit = model.inputs.unit;
   plant.OutputName = model.outputs.name;
+  plant.OutputUnit = model.outputs.unit;
 else
   if ~exist('values', 'var')
     values = struct();
