@@ -9,10 +9,11 @@ import pytest
 from scipy.linalg import expm
 
 import mbdlft
+from mbdlft.robot import load_robot
 from mbdlft.show.viewer.data import view_data
 from tests.browser import Loaded, browser
 from tests.close import PAGE, target
-from tests.cross.test_viewer import ELASTIC, OTHERS, RIGID, scene_called
+from tests.cross.test_viewer import ELASTIC, OTHERS, RIGID, ROOT, scene_called
 
 SIZES = {"wide": (1280, 800), "phone": (390, 844)}
 _TABS = 5  # from the top of the page to the sliders
@@ -75,6 +76,15 @@ def check_layout(load: Callable[..., Loaded], file: Path, size: str, scheme: str
         assert measured["over"] == []
         assert measured["cut"] == []
         assert not measured["beyond"]
+    check_keys(loaded)
+    assert loaded.complaints == []
+    loaded.page.close()
+
+
+def test_tab_stops_at_no_empty_part(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    """The file of a robot has no parameters that one could move."""
+    file = ROOT / "scenarios" / "desk_arm.urdf"
+    loaded = load(mbdlft.view(load_robot(file)[0]).save(tmp_path / "page.html"))
     check_keys(loaded)
     assert loaded.complaints == []
     loaded.page.close()

@@ -133,7 +133,7 @@
     const show = sliderRow("parameters", name, unit, [low, high], (value) => setParameter(k, value), { title });
     readers.push(() => show(p[k], p[k]));
   });
-  if (!data.parameters.length) find("parameters").append(make("p", "none"));
+  find("parameters").parentElement.hidden = !data.parameters.length; // no stop of Tab before the sliders
 
   data.coordinates.forEach((one, k) => {
     if (follow.has(k)) return;
