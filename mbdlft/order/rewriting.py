@@ -81,6 +81,22 @@ def move_affine(
     return reduce_order(a)
 
 
+def affine_moved(a: LFT, work: Work) -> Iterator[LFT]:
+    """Forms of the same value with the affine deltas moved: inside of other polynomial ones, or not."""
+    names = [block.name for block in a.blocks]
+    affine = [name for name in names if not work.is_over and is_affine(a, name, work)]
+    if not affine:
+        return
+    others = [name for name in names if name not in affine and is_polynomial(a, name)]
+    for outside in (others, ()):
+        try:
+            moved = move_affine(a, outside, affine, work, _GROWTH * a.order + _MORE)
+        except WellPosednessError:
+            continue
+        if moved is not None:
+            yield moved
+
+
 def open_block(a: LFT, name: str) -> LFT:
     """The LFT in the other deltas, (w, u) -> (z, y)."""
     opened, (n_out, n_in) = open_blocks(a, [name]), a.shape

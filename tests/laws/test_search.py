@@ -267,5 +267,5 @@ def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPa
     made = [("arm", lambda work: mbdlft.to_lft(two_link_arm.scene(), search=work))]
     monkeypatch.setattr(ablation, "cases", lambda: iter(made))
     asked: list[LFT] = []
-    ablation.measure(0.3, {"_moved": lambda a, work: asked.append(a) or iter(())})
+    ablation.measure(0.3, {"affine_moved": lambda a, work: asked.append(a) or iter(())})
     assert asked
