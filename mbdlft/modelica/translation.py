@@ -36,6 +36,7 @@ T = TypeVar("T")
 _PREFERRED = (tree.Reference("StateSelect.prefer"), tree.Reference("StateSelect.always"))
 _MOST_MODES = 50  # that are tried
 _LISTED = 12  # of what is refused
+_DIGITS = 6  # of the size of a variable, to which its start is compared
 _TIME = (
     "A variable that a formula of time and parameters alone gives, u = f(time), becomes an input; time "
     "anywhere else is not supported. Make an input of what it stands for."
@@ -427,12 +428,21 @@ def notes_of_point(at: DaeTrim) -> list[str]:
     """What a user should know of an operating point that is no equilibrium."""
     names = [name_of(q.variable.name, q.order + 1) for q in at.structure.states]
     moving = [f"{name} = {at.nominal[name]:.6g}" for name in names if at.nominal[name]]
-    if at.at_rest or not moving:
+    if at.at_rest:
         return []
-    return [
+    notes = [
         f"note: the operating point is the start, and no equilibrium: {shorter(', '.join(moving))}. The "
         "linear model is that of small deviations from the motion that begins there, at its beginning."
-    ]
+    ] * bool(moving)
+    for x in at.structure.dae.variables:
+        if x.derivative is not None and x.start is not None and x.name not in at.given:
+            value = at.nominal[x.name]
+            if round((value - x.start) / x.nominal, _DIGITS):
+                notes.append(
+                    f"note: {x.name} is {value:.6g} and not its start {x.start:.6g}, by starts of "
+                    "states or initial equations. Give it in at of the table, or starts that fit."
+                )
+    return notes
 
 
 def structure_of(

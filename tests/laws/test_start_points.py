@@ -69,7 +69,7 @@ def test_initial_equations_give_states_that_depend_on_parameters() -> None:
     (c,) = mbdlft.matrices_at(model, {"k": [1.25]}).C
     target(c, [[1.0, 6 / 1.25]], CLOSED_FORM)
     (a,) = mbdlft.matrices_at(model, {"k": [1.25]}).A
-    target(a, [[-2 * 6 / 1.25, 0], [12, -1]], CLOSED_FORM)
+    target(a, [[-9.6, 0.0], [12.0, -1.0]], CLOSED_FORM)
 
 
 def test_a_state_that_is_a_rate_has_the_start_of_its_variable() -> None:
@@ -91,6 +91,22 @@ def test_a_state_that_is_a_rate_has_the_start_of_its_variable() -> None:
     )
     target(np.array(at.nominal["der(w1)"]), -9.2 / 2.25, CLOSED_FORM)
     assert any("no equilibrium: der(" in note for note in notes_of_point(at))
+
+
+def test_a_start_that_other_starts_overrule_is_said() -> None:
+    text = """
+    model Pendulum
+      Real x(start=0.6); Real y; Real vx; Real vy; Real T;
+    equation
+      vx = der(x); vy = der(y);
+      der(vx) = T*x; der(vy) = T*y - 9; x^2 + y^2 = 1;
+    end Pendulum;
+    """
+    at = operating_point(*translate(flat_model(text)), START)
+    assert "note: x is 1 and not its start 0.6, by" in notes_of_point(at)[-1]
+    at = operating_point(*translate(flat_model(text.replace("Real y;", "Real y(start=-0.8);"))), START)
+    target([at.nominal["x"], at.nominal["y"]], [0.6, -0.8], CLOSED_FORM)
+    assert not any("not its start" in note for note in notes_of_point(at))
 
 
 def test_what_is_given_replaces_starts_and_an_equilibrium_has_no_note() -> None:
