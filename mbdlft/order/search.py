@@ -142,8 +142,9 @@ class _Side:
         self.is_new, self.forms = False, _comparable(self.forms)
         with _keeping(dropped):
             for form in _other_forms(self.forms, work):
-                if _smaller(self.forms[0], [form], self.level, work) is form:
-                    self.forms.insert(0, form)
+                smaller = _smaller(self.forms[0], [form], self.level, work)
+                if smaller is not self.forms[0]:
+                    self.forms.insert(0, smaller)
 
     def sweep(self, proof: "_Proof", work: Work, dropped: list[str]) -> bool:
         """Forms with blocks restricted; whether one of them is the smallest."""
