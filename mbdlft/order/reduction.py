@@ -49,7 +49,6 @@ from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 _SWEEPS, _ROUNDS = 3, 8  # the first of the signals may lose digits that the next ones win back
 _GAIN = 2.0**-6  # of what is lost, in other coordinates: less, and zeros are worth more
 _SHOWN = 1e10  # times rounding: doubles show a gain of other coordinates up to that
-_FAR = 1e6  # times rounding: beyond it, signals are worth some inverses of balls
 _NEGLIGIBLE = 1e-8  # of the row and the column of an entry
 _WIDE = 2.0**-60  # of its row and column: the radius of a number that is known well enough
 _LEAST = 1e-13  # of the trace: a direction that is smaller is taken for that large
@@ -152,10 +151,12 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
                 break  # the data cancel, and not the channels
             M = _in_coordinates(M, T, a.parts)
             rough = _rounded(M, rough)
-            lost = _lost(rough, deltas)
+            lost, before = _lost(rough, deltas), least
             if lost < least:
                 best, least = rough, lost
-        if least <= _FAR:
+            if T_of is _by_signals and _GAIN * before < least < _SHOWN:
+                break  # inverses of balls cost more than this gains
+        if least <= _SHOWN:
             break
     return best
 
