@@ -25,7 +25,8 @@ test_messages = refused(
     r"""
 parse_unit("lb") => unknown symbol 'lb'. Existing
 parse('1 kg') => of constants. … A unit stands in brackets, '1 [kg]'; a product has a sign, 1*name.
-parse("a b") =~ of constants\.$
+parse("a b") => of constants. … A product has a sign: * before b.
+parse("a 2") =~ of constants\.$
 parse('0.002 N m s/rad') => of constants. … A unit stands in brackets, '0.002 [N m s/rad]'
 parse('20 deg') => of constants. … Degrees are written 20*deg.
 parse('20°') => of constants. … Degrees are written 20*deg.
