@@ -287,6 +287,12 @@ def entries_of(matrix: Any) -> Balls:
     return balls.reshape(matrix.nrows(), matrix.ncols())
 
 
+def middles_of(matrix: Any) -> Array:
+    """The midpoints (n, m) of a matrix of FLINT in doubles."""
+    entries = [float(entry.mid()) for entry in matrix.entries()]
+    return np.array(entries).reshape(matrix.nrows(), matrix.ncols())
+
+
 def ball_matrix(a: Balls) -> Any:
     """The matrix of FLINT."""
     n, m = a.shape

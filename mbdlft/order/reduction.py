@@ -23,7 +23,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from math import sqrt
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,7 @@ from mbdlft.exact.matrices import (
     ball_matrix,
     balls_of,
     entries_of,
+    middles_of,
     stacked,
 )
 from mbdlft.exact.reachable import reduced
@@ -141,6 +142,7 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
     rough = a.rounded()
     best, M = in_scales(rough), a.M.balls
     least = _lost(best, deltas)
+    is_far = least > _SHOWN
     for T_of in (_by_channels, _by_signals):
         for _ in range(_ROUNDS):
             if least <= most:
@@ -152,6 +154,8 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
             M = _in_coordinates(M, T, a.parts)
             rough = _rounded(M, rough)
             lost, before = _lost(rough, deltas), least
+            if is_far and not _has_value(rough, M, deltas[0]):
+                continue  # what far coordinates are rounded to may be well conditioned, and another LFT
             if lost < least:
                 best, least = rough, lost
             if T_of is _by_signals and _GAIN * before < least < _SHOWN:
@@ -234,18 +238,8 @@ def _transformation(a: LFT) -> Array:
 
 def _by_signals(M: Balls, a: LFT, deltas: Array) -> Array:
     """T (n, n), block diagonal, by the signals of an LFT of balls at some deltas."""
-    n, T, signals = a.order, np.eye(a.order), list[tuple[Array, Array]]()
-    sizes, one = [block.size for block in a.blocks], ball_matrix(balls_of(np.eye(a.order)))
-    M11, M12, M21 = (ball_matrix(part) for part in (M[:n, :n], M[:n, n:], M[n:, :n]))
-    for row in deltas:
-        delta = ball_matrix(balls_of(np.diag(np.repeat(row, sizes))))
-        try:
-            closed = (one - M11 * delta).inv()
-        except ZeroDivisionError:
-            raise TooFewBitsError("the balls of I - M11 Delta contain a singular one.") from None
-        observed = M21 * (one + delta * closed * M11)
-        signals.append((_middles(closed * M12), _middles(observed)))
-    into, out = np.hstack([x for x, _ in signals]), np.vstack([y for _, y in signals])
+    T, signals = np.eye(a.order), [_signals(M, a, row) for row in deltas]
+    into, out = np.hstack([x for x, _, _ in signals]), np.vstack([y for _, y, _ in signals])
     into = into / or_one(np.linalg.norm(into, axis=0))
     out = out / or_one(np.linalg.norm(out, axis=1))[:, None]
     for rows in a.slices().values():
@@ -253,9 +247,27 @@ def _by_signals(M: Balls, a: LFT, deltas: Array) -> Array:
     return T
 
 
-def _middles(matrix: Any) -> Array:
-    entries = [float(entry.mid()) for entry in matrix.entries()]
-    return np.array(entries).reshape(matrix.nrows(), matrix.ncols())
+def _signals(M: Balls, a: LFT, deltas: Array) -> tuple[Array, Array, Array]:
+    """(I - M11 Delta)^-1 M12, M21 (I - Delta M11)^-1 and the value of an LFT of balls at (n_blocks,)."""
+    n, spread = a.order, np.repeat(deltas, [block.size for block in a.blocks])
+    delta, one = (ball_matrix(balls_of(matrix)) for matrix in (np.diag(spread), np.eye(n)))
+    M11, M12, M21 = (ball_matrix(part) for part in (M[:n, :n], M[:n, n:], M[n:, :n]))
+    try:
+        closed = (one - M11 * delta).inv()
+    except ZeroDivisionError:
+        raise TooFewBitsError("the balls of I - M11 Delta contain a singular one.") from None
+    into, out = closed * M12, M21 * (one + delta * closed * M11)
+    return middles_of(into), middles_of(out), a.M22 + middles_of(M21 * delta * into)
+
+
+def _has_value(a: LFT, M: Balls, deltas: Array) -> bool:
+    """Whether an LFT in doubles has the value of that of balls, up to 1e-4, at deltas (n_blocks,)."""
+    try:
+        value = _signals(M, a, deltas)[2]
+        missed = np.abs(evaluate_at(a, deltas[None])[0] - value)
+    except (TooFewBitsError, WellPosednessError):
+        return False
+    return bool(np.max(missed, initial=0.0) <= 1e-4 * np.max(np.abs(value), initial=0.0))
 
 
 def _of_block(P: Array, Q: Array) -> Array:
