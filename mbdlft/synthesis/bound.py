@@ -24,7 +24,7 @@ from mbdlft.synthesis.loop import Network, family, weighted
 
 _SURE = 0.99  # of the dual value, which a solver knows to some digits: it is computed, not proved
 _NOTHING = 1e-6  # a solver does not tell smaller values from zero, which is a bound, too
-_SOLVED = "Solved"  # a value of any other status, also of AlmostSolved, may be far above
+_SOLVED = ("Solved", "AlmostSolved")  # a value of any other status may be far above
 _MOST_STATES = 30  # beyond it the program takes minutes
 
 
@@ -86,7 +86,9 @@ def _least(columns: Sequence[Sequence[Array]], first: Sequence[Array]) -> float:
     cost = np.zeros(rows.shape[1])
     cost[-1] = 1.0
     solution = conic_solution(cost, rows, b, cones)
-    if str(solution.status) != _SOLVED:  # such as where R or S has to grow without end
+    if str(solution.status) not in _SOLVED:  # such as where R or S has to grow without end
         return 0.0
-    value = float(solution.obj_val_dual)
+    # what misses the dual equations counts with the unknowns: R and S grow where no least is reached
+    missed = np.abs(rows.T @ np.array(solution.z) + cost) @ np.abs(np.array(solution.x))
+    value = float(solution.obj_val_dual) - float(missed)
     return value if np.isfinite(value) and value > _NOTHING else 0.0
