@@ -287,10 +287,11 @@ def entries_of(matrix: Any) -> Balls:
     return balls.reshape(matrix.nrows(), matrix.ncols())
 
 
-def middles_of(matrix: Any) -> Array:
-    """The midpoints (n, m) of a matrix of FLINT in doubles."""
-    entries = [float(entry.mid()) for entry in matrix.entries()]
-    return np.array(entries).reshape(matrix.nrows(), matrix.ncols())
+def middles_of(matrix: Any) -> NDArray[Any]:
+    """The midpoints (n, m) of a matrix of FLINT in doubles, complex ones of complex balls."""
+    kind: type = complex if isinstance(matrix, flint.acb_mat) else float
+    entries = [kind(entry.mid()) for entry in matrix.entries()]
+    return np.array(entries, dtype=kind).reshape(matrix.nrows(), matrix.ncols())
 
 
 def ball_matrix(a: Balls) -> Any:

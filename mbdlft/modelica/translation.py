@@ -426,10 +426,10 @@ def operating_point(
 
 def notes_of_point(at: DaeTrim) -> list[str]:
     """What a user should know of an operating point that is no equilibrium."""
-    names = [name_of(q.variable.name, q.order + 1) for q in at.structure.states]
-    moving = [f"{name} = {at.nominal[name]:.6g}" for name in names if at.nominal[name]]
     if at.at_rest:
         return []
+    names = [name_of(q.variable.name, q.order + 1) for q in at.structure.states]
+    moving = [f"{name} = {at.nominal[name]:.6g}" for name in names if at.nominal[name]]
     notes = [
         f"note: the operating point is the start, and no equilibrium: {shorter(', '.join(moving))}. The "
         "linear model is that of small deviations from the motion that begins there, at its beginning."

@@ -10,7 +10,7 @@ is over. Every result is compared with the values of what it was made of, entry 
 
 import itertools
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cached_property, partial
 from itertools import combinations
@@ -142,9 +142,9 @@ class _Side:
         self.is_new, self.forms = False, _comparable(self.forms)
         with _keeping(dropped):
             for form in _other_forms(self.forms, work):
-                smaller = _smaller(self.forms[0], [form], self.level, work)
-                if smaller is not self.forms[0]:
-                    self.forms.insert(0, smaller)
+                is_smaller = form.order < self.forms[0].order
+                if is_smaller and self.level.keeps(work, self.level.exact, form):
+                    self.forms.insert(0, form)
 
     def sweep(self, proof: "_Proof", work: Work, dropped: list[str]) -> bool:
         """Forms with blocks restricted; whether one of them is the smallest."""
@@ -215,11 +215,11 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
 
 
 def _closed_too(side: _Side, closed: _Side, proof: "_Proof") -> None:
-    """The smallest LFT of a side among the closed ones, if it is smaller than they are."""
+    """The smallest LFT of the relations among the closed ones, unless these have a smaller one."""
     solved = side.level.close(side.forms[0])
     if solved.order < closed.forms[0].order and proof.allows(solved):
         closed.forms.insert(0, solved)
-    elif side is not closed and solved.order == closed.forms[0].order:
+    elif solved.order == closed.forms[0].order:
         closed.forms.insert(1, solved)
 
 
@@ -407,14 +407,6 @@ def _level_of_relations(
         close,
         proof,
     )
-
-
-def _smaller(best: LFT, candidates: Iterable[LFT], level: _Level, work: Work) -> LFT:
-    """The smallest of some LFTs that are made by algebra and have the value."""
-    for candidate in candidates:
-        if candidate.order < best.order and level.keeps(work, level.exact, candidate):
-            best = candidate
-    return best
 
 
 def _comparable(forms: Sequence[LFT]) -> list[LFT]:

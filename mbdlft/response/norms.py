@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
@@ -205,7 +206,7 @@ def _gain_in_balls(plant: Plant, omega: float) -> float:
         A, B, C = (flint.acb_mat(matrix.astype(complex).tolist()) for matrix in plant[:3])
         s = flint.acb_mat((1j * omega * np.eye(n)).tolist())
         G = C * (s - A).solve(B)
-        values = np.array([complex(x.mid()) for x in G.entries()]).reshape(plant.D.shape)
+        values = middles_of(G)
     return float(np.linalg.norm(values + plant.D, 2))
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.exact.matrices import entries_of
+from mbdlft.exact.matrices import entries_of, middles_of
 
 entries = entries_of  # of a matrix of balls (rows, columns)
 
@@ -27,12 +27,6 @@ def joined(blocks: Sequence[Sequence[NDArray[Any]]]) -> Any:
     return flint.acb_mat(rows, columns, whole.ravel().tolist())
 
 
-def middles(matrix: Any) -> NDArray[np.complex128]:
-    """Middles of a matrix of balls, rounded to doubles."""
-    entries = [complex(x.mid()) for x in matrix.entries()]
-    return np.array(entries, dtype=complex).reshape(matrix.nrows(), matrix.ncols())
-
-
 def largest(matrix: Any) -> Array:
     """Upper bounds of the sizes of all entries (rows, columns): doubles, rounded upward."""
     sizes = np.array([float(abs(x).upper()) for x in matrix.entries()])
@@ -44,9 +38,7 @@ def is_positive(matrix: Any) -> bool:
 
     L is the inverse of a factor in doubles; it may be anything.
     """
-    middle: NDArray[Any] = middles(matrix)
-    if isinstance(matrix, flint.arb_mat):
-        middle = middle.real
+    middle = middles_of(matrix)
     diagonal = np.diagonal(middle).real
     if not np.all(diagonal > 0.0):
         return False

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
+from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import eigenvalues_of
-from mbdlft.robust.balls import balls, entries, joined, middles
+from mbdlft.robust.balls import balls, entries, joined
 from mbdlft.robust.bisect import lyapunov
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import (
@@ -205,7 +206,7 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
 def _size(matrices: _Matrices, whole: Any) -> float:
     """The largest pole at the deltas, or at none: the poles there may all be 0."""
     n = matrices.states
-    each = (middles(whole)[:n, :n], matrices.other[:n, :n]) if n else ()
+    each = (middles_of(whole)[:n, :n], matrices.other[:n, :n]) if n else ()
     return float(max((np.max(np.abs(eigenvalues_of(A))) for A in each), default=0.0))
 
 
@@ -242,7 +243,7 @@ def _is_singular(matrices: _Matrices, delta: Complex, frequency: float) -> bool:
         B, C = matrices.below[:n].astype(complex), matrices.right[:, :n].astype(complex)
         M = M + balls(C) * shifted.solve(balls(B))
     loop = balls(np.eye(m, dtype=complex)) - M * balls(delta)
-    vectors = np.linalg.svd(middles(loop))
+    vectors = np.linalg.svd(middles_of(loop))
     image = loop * balls(np.conj(vectors[2][-1:]).T)
     return bool(_norm(image) < float(vectors[1][0]) * _NEAR)
 
@@ -254,7 +255,7 @@ def _has_gain(whole: Any, n: int, frequency: float, gain: float, *, exactly: boo
     if np.isfinite(frequency) and n:
         shifted = balls(1j * frequency * np.eye(n)) - joined([[parts[:n, :n]]])
         G = G + joined([[parts[n:, :n]]]) * shifted.solve(joined([[parts[:n, n:]]]))
-    _, sizes, vectors = np.linalg.svd(middles(G))
+    _, sizes, vectors = np.linalg.svd(middles_of(G))
     at_most = not exactly or gain == 0.0 or sizes[0] <= gain * (1.0 + _NEAR)
     u = np.conj(vectors[:1]).T
     return bool(at_most and _norm(G * balls(u)) >= gain * (1.0 - _NEAR) * float(np.linalg.norm(u)))

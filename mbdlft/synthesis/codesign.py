@@ -7,6 +7,7 @@ y_j z_j. It is one of the structural channels of Perez, thesis, ISAE Toulouse, 2
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +43,12 @@ class Budget:
 def budgets(net: Network, goals: Sequence[Goal]) -> dict[int, Budget]:
     """Those of the goals on design parameters, by their place."""
     names = [value.name for value in net.free]
-    parameters = [gain.parameter for gain in net.design.values()]
+    parameters = tuple(gain.parameter for gain in net.design.values())
     found = {}
     for k, goal in enumerate(goals):
         if goal.kind == DESIGN:
             try:
-                made = realize([[goal.expression]], parameters, search=0.0, prove=0.0).lft
+                made = _realized(goal.expression, parameters)
             except MbdlftError as error:
                 known = ", ".join(p.name for p in parameters) or "none"
                 raise StructureError(
@@ -58,6 +59,11 @@ def budgets(net: Network, goals: Sequence[Goal]) -> dict[int, Budget]:
             )
             found[k] = Budget(made, channels, goal.limit, len(names))
     return found
+
+
+@lru_cache(maxsize=64)  # a tuner at other points asks again
+def _realized(expression: str, parameters: tuple[Parameter, ...]) -> LFT:
+    return realize([[expression]], parameters, search=0.0, prove=0.0).lft
 
 
 def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:

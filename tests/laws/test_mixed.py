@@ -26,8 +26,8 @@ from mbdlft import (
     worst_case_gain,
 )
 from mbdlft.base.array import Array
+from mbdlft.exact.matrices import middles_of
 from mbdlft.lft.lft import LFT
-from mbdlft.robust.balls import middles
 from mbdlft.robust.bisect.search import Asked, crew_of
 from mbdlft.robust.evidence import IntervalProof, Multipliers
 from mbdlft.robust.mu import coverage as loops
@@ -270,7 +270,7 @@ def test_a_matrix_beside_a_pole_is_in_its_balls(seed: int) -> None:
             both.append(matrix_in_balls(system, float(pole.imag)))
     assert both[0].contains(both[1])
     assert max(float(x.rad()) for x in both[0].entries()) <= 1e-20 * float(
-        np.max(np.abs(middles(both[1])))
+        np.max(np.abs(middles_of(both[1])))
     )
 
 

@@ -28,7 +28,7 @@ from mbdlft.base.errors import TrimError
 from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.assembly import assembly
-from mbdlft.multibody.assembly.kinematics import body_efforts, pass_inward
+from mbdlft.multibody.assembly.kinematics import pass_inward
 from mbdlft.multibody.assembly.newton_euler import Assembly, dynamics, in_motion
 from mbdlft.multibody.assembly.resolved import (
     Resolved,
@@ -173,11 +173,11 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX
     springs = {owner_name(load) for load in r.scene.loads if isinstance(load, Spring)}
     undamped = {owner: {**x, "damping": 0.0} if owner in springs else x for owner, x in r.values.items()}
     r = replace(r, values=undamped)
-    view, s = _View(*r.seen()), r.symbols
-    view.move(s.q, s.v, s.a, _rates_of(degrees(r.links), s.q, s.v))
+    view, s, every = _View(*r.seen()), r.symbols, degrees(r.links)
+    view.move(s.q, s.v, s.a, _rates_of(every, s.q, s.v))
     view.elastic = 0.0
     balls, references, moves = list[int](), [ca.SX(0, 1)], dict(view.now.moves)
-    every, carried = degrees(r.links), {link.owner: link.child.name for link in r.links}
+    carried = {link.owner: link.child.name for link in r.links}
     for k, degree in enumerate(every):
         if not _turns(degree):
             continue
@@ -201,7 +201,7 @@ def _at_any_size(small: Assembly) -> tuple[Assembly, LargeView, list[int], ca.SX
             )
     view.now = replace(view.now, moves=moves)
     m = in_motion(r, view, small.closure, {})
-    inertial, of_bodies = dict(m.inertial), body_efforts(view.now, view.motions)
+    inertial, of_bodies = dict(m.inertial), {link.child_owner: ca.SX(0, 1) for link in r.links}
     for link in r.links:
         if isinstance(body := link.child, ElasticBody):
             motion, at = view.motions.bodies[body.name], view.coordinates[link.child_owner]

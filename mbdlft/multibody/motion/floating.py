@@ -78,19 +78,15 @@ class Bent(Deformed):
         self.degrees_of_freedom, self.at = int(at.q.numel()), at
         shape, d = partial(times, body.shapes(port, values)), partial(_rate, at=at)
         pull = body.pulled(port, values, -ca.SX.eye(3)[:, 0], at)
-        self.u = shape(at.q)[:3] - 0.5 * ca.dot(at.q, pull) * ca.SX.eye(3)[:, 0]
-        self.phi, slope = shape(at.q)[3:], shape(at.v)[3:]
-        self.stretch = 1.0 + 0.25 * ca.dot(self.phi, self.phi)
-        omega = (slope - 0.5 * ca.cross(self.phi, slope)) / self.stretch
-        self.slide = Coordinate(self.u, d(self.u), d(d(self.u)))
-        self.ball = Ball(Coordinate(self.phi, omega, d(omega)), ca.SX(3, 1))
-
-    def pulled(self, force: ca.SX) -> ca.SX:
-        return ca.SX(self.degrees_of_freedom, 1)
+        u = shape(at.q)[:3] - 0.5 * ca.dot(at.q, pull) * ca.SX.eye(3)[:, 0]
+        phi, slope = shape(at.q)[3:], shape(at.v)[3:]
+        self.stretch = 1.0 + 0.25 * ca.dot(phi, phi)
+        omega = (slope - 0.5 * ca.cross(phi, slope)) / self.stretch
+        self.slide = Coordinate(u, d(u), d(d(u)))
+        self.ball = Ball(Coordinate(phi, omega, d(omega)), ca.SX(3, 1))
 
     def effort(self, carried: ca.SX, motion: ca.SX) -> ca.SX:
-        force, torque = self.in_parent_axes(carried[:, :1]), carried[:, 1]
-        torque = (torque + 0.5 * ca.cross(self.phi, torque)) / self.stretch
-        q = self.at.q
-        moved = ca.mtimes(ca.jacobian(self.u, q).T, force)
-        return ca.SX(moved + ca.mtimes(ca.jacobian(self.phi, q).T, torque))
+        force, torque, phi = self.in_parent_axes(carried[:, :1]), carried[:, 1], self.ball.at.q
+        torque = (torque + 0.5 * ca.cross(phi, torque)) / self.stretch
+        moved = ca.mtimes(ca.jacobian(self.slide.q, self.at.q).T, force)
+        return ca.SX(moved + ca.mtimes(ca.jacobian(phi, self.at.q).T, torque))

@@ -57,13 +57,9 @@ def shaped(model: Realization, shape: Shape, rates: Array) -> Realization:
 def shaped_in_balls(model: Realization, states: Array, shape: Shape, rates: Array) -> Realization:
     """The same of a model of doubles in the states L x; a ZeroDivisionError if L is singular."""
     matrices = [balls(matrix) for matrix in (model.A, model.B, model.C, states)]
-    A, B, C, L, back = (_array(matrix) for matrix in (*matrices, matrices[-1].inv()))
+    arrays: list[Any] = [entries(matrix) for matrix in (*matrices, matrices[-1].inv())]
+    A, B, C, L, back = arrays
     return shaped(turned(model._replace(A=A, B=B, C=C), L, back), shape, rates)
-
-
-def _array(matrix: Any) -> Any:
-    """The balls of a matrix as an array, in the place of one of doubles."""
-    return entries(matrix)
 
 
 def lifted(model: Realization, degree: int) -> Realization:

@@ -31,8 +31,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS
-from mbdlft.robust.balls import adjoint, balls, entries, is_positive, joined, largest, middles
+from mbdlft.robust.balls import adjoint, balls, entries, is_positive, joined, largest
 from mbdlft.robust.evidence import Interval, Multipliers
 
 Complex = NDArray[np.complex128]
@@ -165,7 +166,7 @@ def _discs(
     n, m = system.B.shape
     with flint.ctx.workprec(bits):
         N = _pencil(system, *_middle(multipliers, extent))
-        near = _near_eigenvectors(middles(N), n) if bits == _BITS else _fine_eigenvectors(N, n)
+        near = _near_eigenvectors(middles_of(N), n) if bits == _BITS else _fine_eigenvectors(N, n)
         if near is None:
             return None
         exact_values, L, Y = near
