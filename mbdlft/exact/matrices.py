@@ -211,6 +211,23 @@ def solved(a: Residues, b: Residues, prime: int) -> Residues:
     return _residues(_residue_matrix(a, prime).solve(_residue_matrix(b, prime)))
 
 
+def resolvents(a: Residues, diagonals: Residues, right: Residues, prime: int) -> Residues:
+    """(diagonal - a)^-1 right modulo a prime, for N of each (N, n); a ZeroDivisionError if singular.
+
+    One matrix is converted for all, as an entry of FLINT takes longer than its elimination.
+    """
+    n = len(a)
+    if not n:
+        return np.zeros(right.shape, dtype=np.int64)
+    minus, solutions = _residue_matrix(-a % prime, prime), []
+    for diagonal, side in zip((diagonals - np.diag(a)) % prime, right, strict=True):
+        matrix = flint.nmod_mat(minus)
+        for k, x in enumerate(diagonal.tolist()):
+            matrix[k, k] = x
+        solutions.append(_residues(matrix.solve(_residue_matrix(side[:, None], prime))).ravel())
+    return np.array(solutions).reshape(right.shape)
+
+
 def rank(a: Residues, prime: int) -> int:
     """The rank modulo a prime."""
     return int(_residue_matrix(a, prime).rank()) if a.size else 0

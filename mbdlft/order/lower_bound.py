@@ -39,7 +39,7 @@ Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest
 from collections.abc import Collection, Mapping, Sequence
 from functools import lru_cache
 from itertools import combinations, permutations, takewhile
-from math import ceil
+from math import ceil, inf
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +53,8 @@ from mbdlft.exact.matrices import (
     pivot_columns,
     powers_of,
     rank,
+    resolvents,
+    row_echelon,
     solved,
     times,
 )
@@ -145,13 +147,13 @@ class JointBound:
         """
         used = [name for name, n in self.degrees.items() if n]
         above = used if above is None else above
-        of_pairs = [(sum(name in above for name in pair), pair) for pair in combinations(used, 2)]
-        for count, pair in sorted(of_pairs, key=lambda counted: -counted[0]):
-            if count and not work.is_over:  # what is begun is not begun again
-                self.pairs(*pair, work.of_try(work.most))
+        of_pairs = [pair for pair in combinations(used, 2) if not set(pair).isdisjoint(above)]
+        of_pairs.sort(key=lambda pair: -sum(name in above for name in pair))
         affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]
         while True:
-            # only a triple that the repetitions contradict can raise the bound
+            # only a pair or a triple that the repetitions contradict can raise the bound
+            for most in (0, inf) if triples else (0,):
+                self._look_at(of_pairs, most, work)
             more = self._more()
             contradicted = excluding(more, self._proved()) if triples else ()
             open_ = [t for t in contradicted if t not in self._triples]
@@ -165,6 +167,24 @@ class JointBound:
                 is_proved = self._is_proved(triple, work)
                 if is_proved or not work.is_over:  # it was looked at to the end
                     self._triples[triple] = is_proved
+
+    def _look_at(self, pairs: Sequence[tuple[str, str]], most: float, work: Work) -> None:
+        """Look at the pairs that can raise the bound: of the least repetitions more one is 0.
+
+        The other one is `most`, at most: where it is not 0, only a pair that needs two raises the bound.
+        """
+        more, looked_at, is_new = self._more(), set[tuple[str, str]](), True
+        while is_new:
+            is_new = False
+            for pair in pairs:
+                least, other = sorted(more[name] for name in pair)
+                if pair in looked_at or least or other > most or work.is_over:
+                    continue
+                looked_at.add(pair)
+                before = len(self._proved())
+                self.pairs(*pair, work.of_try(work.most))  # what is begun is not begun again
+                if len(self._proved()) > before:
+                    more, is_new = self._more(), True
 
     @property
     def known(self) -> int:
@@ -209,13 +229,10 @@ class _Function(NamedTuple):
         n, prime, count = self.order, self.prime, len(directions)
         self.work.add(exact_solutions(count, n))
         sizes = [part.stop - part.start for part in self.parts.values()]
-        deltas = np.repeat(np.array([points[name] for name in self.parts]), sizes, axis=0).T
-        right = entrywise(multiplied(directions, self.M[n:, :n], prime), deltas, prime)
-        loops = (
-            np.eye(n, dtype=np.int64) - entrywise(deltas[:, :, None], self.M[:n, :n].T, prime)
-        ) % prime
-        states = [solved(*pair, prime) for pair in zip(loops, right[:, :, None], strict=True)]
-        return multiplied(np.array(states).reshape(count, n), self.M[:n, n:], prime)
+        inverses = np.array([_inverses(points[name], prime) for name in self.parts]).T
+        right = multiplied(directions, self.M[n:, :n], prime)
+        states = resolvents(self.M[:n, :n].T, np.repeat(inverses, sizes, axis=1), right, prime)
+        return multiplied(states, self.M[:n, n:], prime)
 
     def alone(self, name: str, at: Mapping[str, Residues]) -> Residues:
         """[A B ; C D] of one delta, the others at N values: D + delta C (I - delta A)^-1 B, (N, ., .)."""
@@ -238,9 +255,10 @@ class _Function(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """E: independent columns (samples, dimension), the points of the samples, k values alpha."""
+    """E: its echelon form (dimension, samples), pivots, the points of the samples, k values alpha."""
 
-    columns: Residues
+    rows: Residues
+    pivots: Sequence[int]
     points: Mapping[str, Residues]
     k: int
 
@@ -301,11 +319,14 @@ def _reduced(a: ExactLFT, names: tuple[str, ...]) -> tuple[Residues, Mapping[str
 
 def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> int:
     """Repetitions of the second delta above its degree if the first has none: h_j/kappa + j - 1."""
-    length = degrees[second] + 2
+    length = degrees[second] + 1
     E = _span(H, first, {second: length}, degrees, 1)
-    if E is None or E.columns.shape[1] - _inside(E, H.prime, {second: 1}) != degrees[first]:
+    if E is None:
         return 0
-    dimensions = takewhile(bool, (_inside(E, H.prime, {second: length + j}) for j in range(_EXTRA + 1)))
+    obstructed = (_inside(E, H.prime, {second: length + j}) for j in range(_EXTRA + 1))
+    dimensions = list(takewhile(bool, obstructed))
+    if dimensions and len(E.rows) - _inside(E, H.prime, {second: 1}) != degrees[first]:
+        return 0
     return max((ceil(h / E.k) + before for before, h in enumerate(dimensions)), default=0)
 
 
@@ -345,24 +366,26 @@ def _span(
         monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
     all_Hu = _outer(H.seen(points, directions), monomials, prime)
     all_y = _outer(directions, monomials, prime)
-    E = np.zeros((count, 0), dtype=np.int64)
+    E: Residues = np.zeros((0, count), dtype=np.int64)
+    pivots: list[int] = []
     for k, alpha in enumerate(draw(2 * degrees[first] + 2).tolist()):
         if H.work.is_over:
             return None
         at = {first: np.full_like(nodes, alpha), **dict.fromkeys(thirds, nodes)}
         u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second])
         sections = (multiplied(all_Hu, u, prime) - multiplied(all_y, y, prime)) % prime
-        over = np.array([pow(x - alpha, -1, prime) for x in points[first].tolist()])
-        both = np.hstack([E, entrywise(over[:, None], sections, prime)])
-        some = both[: both.shape[1] + _EXTRA]  # values at random points: as independent as all
-        H.work.add(exact_elimination(*some.shape))
-        pivots = pivot_columns(some, prime)
-        if len(pivots) == E.shape[1]:
-            needed = (1 + moves) * len(pivots) + _EXTRA
+        over = _inverses((points[first] - alpha) % prime, prime)
+        outside = entrywise(over[:, None], sections, prime).T
+        outside = (outside - multiplied(outside[:, pivots], E, prime)) % prime
+        H.work.add(exact_elimination(len(outside), count))
+        fresh, more = row_echelon(outside, prime)
+        if not more:
+            needed = (1 + moves) * len(E) + _EXTRA
             if needed > count:
                 return _span(H, first, lengths, degrees, moves, needed)
-            return _Span(E, points, k)
-        E = both[:, pivots]
+            return _Span(E, pivots, points, k)
+        E = np.vstack([(E - multiplied(E[:, more], fresh, prime)) % prime, fresh])
+        pivots = [*pivots, *more]
     return None
 
 
@@ -421,16 +444,23 @@ def _observable(A: Residues, C: Residues, prime: int) -> Residues:
 
 
 def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:
-    """Dimension of the functions f in E whose products with all monomials of `moves` are in it, too."""
-    size, zero = E.columns.shape[1], np.zeros_like(E.columns)
-    rows = []
-    for k, move in enumerate(moves):
-        factors = np.ones(len(E.columns), dtype=np.int64)
+    """Dimension of the functions f in E whose products with all monomials of `moves` are in it, too.
+
+    A product is known in E by its values in the pivots; what is left elsewhere has to vanish.
+    """
+    others = np.setdiff1d(np.arange(E.rows.shape[1]), E.pivots)
+    left = []
+    for move in moves:
+        factors = np.ones(E.rows.shape[1], dtype=np.int64)
         for name, power in move.items():
             factors = entrywise(factors, powers_of(E.points[name], power + 1, prime)[:, -1], prime)
-        moved = [E.columns if j == k else zero for j in range(len(moves))]
-        rows.append(np.hstack([entrywise(factors[:, None], E.columns, prime), *moved]))
-    return int(size * (1 + len(moves)) - rank(np.vstack(rows), prime))
+        differences = (factors[others] - factors[E.pivots, None]) % prime
+        left.append(entrywise(E.rows[:, others], differences, prime))
+    return len(E.rows) - rank(np.hstack(left), prime)
+
+
+def _inverses(a: Residues, prime: int) -> Residues:
+    return np.array([pow(x, -1, prime) for x in a.tolist()], dtype=np.int64)
 
 
 def _outer(a: Residues, b: Residues, prime: int) -> Residues:

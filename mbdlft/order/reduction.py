@@ -22,7 +22,6 @@ so it is capped: a direction too many is harmless, one too few would be an error
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -403,15 +402,7 @@ def _reachable(core: Core) -> list[Array]:
     """Orthonormal bases of the smallest S_k with range(M12_k) in S_k and M11_kj S_j in S_k."""
     blocks = consecutive(core.sizes)
     bases = [_Basis(rows.stop - rows.start) for rows in blocks]
-    norms: dict[tuple[int, int], float] = {}
-
-    def norm(into: int, out_of: int) -> float:
-        """Frobenius norm of a block of M11; many of them are never asked for."""
-        if (into, out_of) not in norms:
-            block = core.M11[blocks[into], blocks[out_of]]
-            norms[into, out_of] = sqrt((block**2).sum()) if block.any() else 0.0
-        return norms[into, out_of]
-
+    norms = _norms_of_blocks(core.M11, core.sizes)
     # candidates of each delta: columns, and the error of each column
     fresh = [
         basis.extend(core.M12[rows], np.full(core.M12.shape[1], level))
@@ -426,11 +417,20 @@ def _reachable(core: Core) -> list[Array]:
             if basis.full:
                 fresh.append(basis.nothing)
                 continue
-            gain = np.repeat([norm(k, source) for source in sources], counts)
+            gain = np.repeat(norms[k, sources], counts)
             coupled = gain.nonzero()[0]
             errors = core.error_in[k] + gain[coupled] * error[coupled]
             fresh.append(basis.extend(moved[rows, coupled], errors))
     return [basis.vectors for basis in bases]
+
+
+def _norms_of_blocks(a: Array, sizes: Sequence[int]) -> Array:
+    """Frobenius norms of the blocks of a matrix, (number of blocks, number of blocks)."""
+    norms, some = np.zeros((len(sizes), len(sizes))), np.flatnonzero(sizes)
+    if len(some):
+        starts = np.cumsum([0, *sizes])[some]
+        norms[np.ix_(some, some)] = np.add.reduceat(np.add.reduceat(a**2, starts), starts, axis=1)
+    return np.sqrt(norms)
 
 
 class _Basis:

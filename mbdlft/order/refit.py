@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, lstsq
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg import LinAlgError
+from scipy.linalg.lapack import dgeqp3, dormqr, dpotrf, dpotrs, dtrtrs
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
@@ -269,18 +269,27 @@ def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues
 
 
 def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
-    """Newton's method without normal equations, whose rounding is that of a squared condition."""
+    """Newton's method without normal equations, whose rounding is that of a squared condition.
+
+    So near the end the slopes of the first step do for all.
+    """
     others = np.delete(np.arange(fit.Y.shape[2]), block)
+    parts = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
+    unknowns = sum(y.shape[2] * w.shape[1] for y, w in parts)
+    if unknowns > _MOST_POLISHED:
+        return fit
+    columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in parts]
+    slopes = np.hstack(columns)
+    slopes = np.concatenate([slopes.real, slopes.imag])
+    work.add(product(4 * len(slopes), unknowns, unknowns))
+    factor, pivots, reflectors, _, _ = dgeqp3(slopes)
+    sizes = np.abs(np.diagonal(factor))
+    rank = int(np.sum(sizes > _NULL * sizes[0]))
     for _ in range(_POLISHED):
-        parts = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
-        columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in parts]
-        slopes, difference = np.hstack(columns), fit.difference.ravel()
-        unknowns = slopes.shape[1]
-        if unknowns > _MOST_POLISHED:
-            break
-        slopes, difference = (np.concatenate([x.real, x.imag]) for x in (slopes, difference))
-        work.add(product(4 * len(slopes), unknowns, unknowns))
-        step = lstsq(slopes, difference, cond=_NULL, lapack_driver="gelsy", check_finite=False)[0]
+        difference = np.concatenate([fit.difference.ravel().real, fit.difference.ravel().imag])
+        turned = dormqr("L", "T", factor, reflectors, difference[:, None], len(difference))[0]
+        step = np.zeros(unknowns)
+        step[pivots[:rank] - 1] = dtrtrs(factor[:rank, :rank], turned[:rank, 0])[0]
         after = fit_of(fit.M - _spread(step, fit, block), kept, truth, work)
         if after.size > fit.size / _SLOW:
             after = _of_twice(fit, after, kept, truth, work)

@@ -37,7 +37,7 @@ from mbdlft.order.work import Work, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
-_IN_VAIN = 0.2  # of the work: a search that gains nothing with so much of it ends
+_IN_VAIN = 0.1  # of the work: a search that gains nothing with so much of it ends
 _OF_PAIRS, _OF_TRIPLES = 0.25, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
 _OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds

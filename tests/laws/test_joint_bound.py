@@ -439,6 +439,17 @@ def test_work_is_counted() -> None:
     assert not is_constant(a, names, exact_degrees(a), over, is_transposed=True)
 
 
+def test_points_are_counted() -> None:
+    """Ten times as many points take most of ten times the work."""
+    a, spent = small(known(1.0, 0)), list[float]()
+    for count in (10, 100):
+        work, points = Work(), np.arange(1, count + 1)
+        H = module._function(a, ("L", "m"), work, is_transposed=False)
+        H.seen({"L": points, "m": points}, np.ones((count, H.shape[0]), dtype=np.int64))
+        spent.append(work.spent)
+    assert spent[1] > 5.0 * spent[0]
+
+
 def test_too_few_points_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_SURPLUS", -12)
     law_table(16, 17, of_case("O8"))
