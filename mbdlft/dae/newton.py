@@ -16,6 +16,7 @@ from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.text import column_of
 from mbdlft.exact.matrices import Residues, null_space
 from mbdlft.problem.sx.constants import in_doubles, modulo_prime
+from mbdlft.problem.sx.tapes import BufferedCall
 
 _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation
@@ -58,18 +59,19 @@ class System:
         jacobian = ca.jacobian(residual, unknown)
         self.held = np.zeros(0) if held is None else held
         beside = ca.jacobian(residual, knowns[: len(self.held)])
-        self.beside = ca.Function("beside", [unknown, knowns], [beside])
-        self.function = ca.Function("residual", [unknown, knowns], [residual])
-        self.slopes = ca.Function("slopes", [unknown, knowns], [jacobian])
-        self.places = self.slopes.sparsity_out(0).get_triplet()
         self.count, self.unknowns = residual.numel(), unknown.numel()
+        self._residual, self._jacobian, self._beside = (
+            BufferedCall(ca.Function("system", [unknown, knowns], [result]))
+            for result in (residual, jacobian, beside)
+        )
+        self._places, self._places_beside = (m.sparsity().get_triplet() for m in (jacobian, beside))
 
     def residual(self, z: Array, q: Array) -> Array:
-        return np.asarray(self.function(z, q).full()[:, 0])
+        return self._residual(z, q)[0].copy()
 
     def jacobian(self, z: Array, q: Array) -> Array:
-        J = np.zeros((self.count, self.unknowns))  # DM.full() is slow for many entries
-        J[self.places] = self.slopes(z, q).nonzeros()
+        J = np.zeros((self.count, self.unknowns))
+        J[self._places] = self._jacobian(z, q)[0]
         return J
 
     def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
@@ -77,7 +79,9 @@ class System:
         terms = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
         if len(self.held):
             held = np.maximum(np.abs(q[: len(self.held)]), self.held)
-            terms = np.maximum(terms, np.max(np.abs(self.beside(z, q).full()) * held, axis=1))
+            beside = np.zeros((self.count, len(held)))
+            beside[self._places_beside] = self._beside(z, q)[0]
+            terms = np.maximum(terms, np.max(np.abs(beside) * held, axis=1))
         return np.asarray(np.where(terms > 0.0, terms, 1.0))
 
 

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 WALKS = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs").glob("task-*.md"))]
 PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})]
 # of these the default run knows that their types are right and their commands are accepted
-SLOW = ("analysis", "command-line", "dae", "examples", "from-simscape-sdtlib",
+SLOW = ("analysis", "command-line", "dae", "examples", "figures", "from-simscape-sdtlib",
         "matrices", "poles-and-responses", "report", "robust", "tutorial",
         "uncertain",
         "task-modelica", "task-nastran", "task-tune", "worst_case")  # fmt: skip
