@@ -22,6 +22,7 @@ from mbdlft.dae.dae import OPEN, SECOND, Measure, compared, measure_of, plain
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.functions import Run
+from mbdlft.modelica.lookup import of_tables
 from mbdlft.modelica.modes import RESULTS
 from mbdlft.modelica.tree import Expression, shorter, write
 from mbdlft.modelica.values import Value
@@ -88,7 +89,8 @@ class Evaluator:
             if len(operations) > _MOST_FACTORS:
                 raise SceneError(f"a product has at most {_MOST_FACTORS} factors.")
             for operator, right in operations:
-                total = v.binary(operator, total, self.value(right))
+                if total is not (operator == "or") or operator not in ("and", "or"):
+                    total = v.binary(operator, total, self.value(right))
             return total
         terms = [total]
         for operator, right in operations:
@@ -228,6 +230,9 @@ class Evaluator:
             return self._before(arguments[0])
         if function in _NEVER:
             return False
+        looked_up = of_tables(name, self.functions[name]) if name in self.functions else None
+        if looked_up is not None:
+            return looked_up(*map(self.value, arguments))
         if name in self.functions and (function == name or (function, len(arguments)) not in _FUNCTIONS):
             return self.results(tree.Call(name, arguments))[0]
         values = [self.value(argument) for argument in arguments]

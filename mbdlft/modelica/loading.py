@@ -83,11 +83,14 @@ def compiled_model(
     try:
         loaded = rumoca.Session(roots=folders).load(str(file), model=model)
         tables = loaded.to_dict("flat")
-    except (KeyboardInterrupt, SystemExit):
+    except (KeyboardInterrupt, SystemExit, TimeoutError):
         raise
     except BaseException as error:  # those of its language, too, which are no Exception
         several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
-        raise SceneError(f"{file.name}: the compiler rumoca does not take it: {error}{several}") from None
+        reason = str(error) or f"{type(error).__name__}, without a reason"
+        raise SceneError(
+            f"{file.name}: the compiler rumoca does not take it: {reason}{several}"
+        ) from None
     sources = Sources(_files(file, folders), tables["variables"])
     return model_of_tables(tables, loaded.name, sources)
 

@@ -16,6 +16,7 @@ from mbdlft.dae.text import column_of
 from mbdlft.modelica import tree
 from mbdlft.modelica import values as v
 from mbdlft.modelica.evaluation import check_units
+from mbdlft.modelica.lookup import OF_TIME
 from mbdlft.modelica.modes import (
     Discrete,
     Point,
@@ -146,6 +147,7 @@ class _Translation:
     ) -> None:
         self.model, self.table, self.discrete, self.modes = model, table, discrete, modes
         self.open: dict[str, Value] = {}  # modes that the equilibrium decides, as expressions
+        self.looked_up: set[int] = set()  # ids of equations that look a time up in a table
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
         for name, line in model.fixed:
@@ -262,10 +264,14 @@ class _Translation:
             self._value(written.line, repr(name), side) for side in (written.left, written.right)
         )
         pairs = self._at(written.line, repr(name), lambda: list(_pairs(left, right)))
-        return [
+        equations = [
             Equation(name if len(pairs) == 1 else f"{name} [{k + 1}]", residual, written.line or None)
             for k, residual in enumerate(pairs)
         ]
+        calls = (x for side in (written.left, written.right) for x in tree.walk(side))
+        if any(isinstance(x, tree.Call) and x.function.startswith(OF_TIME) for x in calls):
+            self.looked_up |= {id(e) for e in equations}
+        return equations
 
     def _check(self, check: tree.Check) -> None:
         """A claim: it is evaluated where it is one on numbers, and noted otherwise."""
@@ -306,17 +312,18 @@ class _Translation:
         value at time 0. Any other use of time is an error.
         """
         others: list[Equation] = []
-        sources: list[str] = []
+        sources: dict[str, Equation] = {}
         known = self._of_time(equations)
         for name, value in self.of_time.items():  # guesses for what they are made of
             x = self.variables.by_name[name]
             if not x.fixed and x.start is None:
                 self.variables.by_name[name] = replace(x, start=self.variables.at_nominal(value))
         for e in equations:
-            if not ca.depends_on(e.residual, self.variables.time):
+            source = known.get(id(e))
+            of_table = source is not None and id(e) in self.looked_up
+            if not of_table and not ca.depends_on(e.residual, self.variables.time):
                 others.append(e)
                 continue
-            source = known.get(id(e))
             if source is None:
                 raise SceneError(self.place(e.line, f"{e.name!r} depends on time. {_TIME}"))
             x = self.variables.by_name[source]
@@ -324,8 +331,18 @@ class _Translation:
             start = self.variables.at_nominal(at_zero)
             of = self.variables.start_of(at_zero)
             self.variables.by_name[x.name] = replace(x, start=start, start_of=of)
-            sources.append(x.name)
-        return others, sources
+            sources[x.name] = e
+        used = {x.name for e in others for x in self.variables.of(e.residual)}
+        of_tables = [e for e in sources.values() if id(e) in self.looked_up]
+        for name in {x.name for e in of_tables for x in self.variables.of(e.residual)} - used:
+            e = sources[name]  # the time in a table, and no input
+            if id(e) not in self.looked_up:
+                x = self.variables.by_name[name]
+                others.append(
+                    replace(e, residual=x.symbol - self.variables.at_time_zero(self.of_time[name]))
+                )
+                del sources[name]
+        return others, list(sources)
 
     def _of_time(self, equations: list[Equation]) -> dict[int, str]:
         """Equations that give a variable as a formula of time and parameters, and its name.
