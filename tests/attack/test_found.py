@@ -168,6 +168,7 @@ def test_a_refusal_as_singular_is_asked_where_it_says() -> None:
     assert not mechanisms.is_singular(scene, "m = 2 kg, th = 10 deg")
 
 
+@pytest.mark.long
 def test_forces_that_share_a_load_of_the_equilibrium_are_no_outputs(tmp_path: Path) -> None:
     """Wheels and a keel that hold a side force together: who has it decides what each feels in a turn."""
     assert contacts.attack(469, tmp_path) == "right"

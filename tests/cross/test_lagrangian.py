@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 
 import mbdlft
 from benchmarks.cases.lagrangian import Reference, lagrangian, state_space
@@ -134,6 +134,7 @@ def test_model_and_trim_equal_the_lagrangian(seed: int) -> None:
     compare(*case(seed)[1:])
 
 
+@settings(max_examples=2 * settings.default.max_examples // 5)  # type: ignore[union-attr]
 @given(scenes())
 def test_any_scene_equals_its_lagrangian(scene: mbdlft.Scene) -> None:
     compare(*case_of(scene)[1:])

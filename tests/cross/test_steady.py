@@ -5,7 +5,6 @@ symmetry, and agrees only because the linear model of what is symmetric does not
 """
 
 from collections.abc import Callable
-from functools import cache
 
 import numpy as np
 import pinocchio as pin
@@ -13,37 +12,18 @@ import pytest
 
 import mbdlft
 from tests import close
-from tests.cross.mechanism import Linear, linear_at, mechanism
+from tests.cross.mechanism import linear_at, mechanism
 from tests.cross.pinocchio_tree import plant
 from tests.cross.steady_mechanisms import second_bearing, spinning
 from tests.cross.test_mechanism import compare, points_of
 
-SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
-    "second bearing": second_bearing,
-    **{f"rotors {seed}": (lambda seed=seed: spinning(seed)) for seed in (9,)},
-}
-MANY = range(40)
-
-
-@cache
-def case(name: str) -> tuple[mbdlft.Scene, list[dict[str, float]], list[Linear]]:
-    scene = SCENES[name]()
-    equations, points = mechanism(scene), points_of(scene)
-    model = mbdlft.to_lft(scene, search=0.0)
-    return scene, points, [linear_at(equations, model, point) for point in points]
-
-
-@pytest.mark.parametrize("name", SCENES)
-def test_rotors_equal_lagrange(name: str) -> None:
-    scene, points, reference = case(name)
-    compare(mbdlft.to_lft(scene, search=0.0), points, reference)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", MANY)
-def test_many_rotors_equal_lagrange(seed: int) -> None:
-    scene = spinning(seed)
-    model, equations, points = mbdlft.to_lft(scene, search=0.0), mechanism(scene), points_of(scene)
+@pytest.mark.parametrize(
+    "scene",
+    [second_bearing, *(pytest.param(k, marks=[] if k == 9 else pytest.mark.long) for k in range(40))],
+)
+def test_rotors_equal_lagrange(scene: Callable[[], mbdlft.Scene] | int) -> None:
+    built = spinning(scene) if isinstance(scene, int) else scene()
+    model, equations, points = mbdlft.to_lft(built, search=0.0), mechanism(built), points_of(built)
     compare(model, points, [linear_at(equations, model, point) for point in points])
 
 

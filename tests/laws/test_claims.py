@@ -6,7 +6,7 @@ import pytest
 from mbdlft import Bounds, MbdlftError, System, verify
 from tests.claims import KINDS, analysis, changed, forged, is_true, misstated
 
-DRAWS = 40
+DRAWS = 24
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -466,8 +466,8 @@ def test_the_same_work_gives_the_same_numbers() -> None:
 
 def test_more_work_never_makes_a_bound_worse() -> None:
     system = random_system(7)
-    margins = [robust_stability(system, work=work, gap=1e-3).lower for work in (0.02, 0.05, 0.2)]
-    assert margins == sorted(margins)
+    less, more = (robust_stability(system, work=work, gap=1e-3).lower for work in (0.01, 0.02))
+    assert 0.0 < less < more
 
 
 def test_states_on_which_nothing_depends_can_be_left_out() -> None:

@@ -264,7 +264,7 @@ def test_a_gain_over_rates_that_make_it_unstable_is_infinite() -> None:
     assert found.lower == found.upper == np.inf
     assert found.motion is not None
     assert "unstable at a motion" in found.reason
-    slower = worst_case_gain(loop, rates={"k": 1.0})
+    slower = worst_case_gain(loop, rates={"k": 1.0}, work=2.0)
     assert not slower.proved
     assert "not proved" in slower.reason
 
