@@ -17,6 +17,7 @@ from tests.cross.pinocchio_tree import plant
 from tests.cross.steady_mechanisms import second_bearing, spinning
 from tests.cross.test_mechanism import compare, points_of
 
+
 @pytest.mark.parametrize(
     "scene",
     [second_bearing, *(pytest.param(k, marks=[] if k == 9 else pytest.mark.long) for k in range(40))],
