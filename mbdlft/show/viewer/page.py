@@ -7,6 +7,7 @@ the bundle of the package k3d, which is read when a page is written.
 import html
 import importlib.metadata
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -26,6 +27,11 @@ _SCRIPTS = (
     "linear.js", "plots.js", "main.js",
 )  # fmt: skip
 _PACKAGE, _BUNDLE = "k3d", "k3d/static/standalone.js"
+# its modules stand between `var e={` and the functions that load them, the first of which it asks for
+_WHOLE = re.compile(r"(.*?\bvar \w={)(.*)(};const \w={};function (\w)\(.*\b\4\()\d+(\).*)", re.DOTALL)
+_MODULE = re.compile(r"(?:^|,)(?=(\d+)\([\w,]*\){)")
+_NEEDED = re.compile(r"\b\w\((\d+)\)")
+_THREE = "WebGLRenderer:()=>"  # in its module this name is given to the others
 _HEIGHT = 640  # of the page in a notebook
 
 
@@ -171,7 +177,24 @@ def _library() -> tuple[str, str]:
             f"view: the package {_PACKAGE!r}, which has the library that draws in space, is not "
             "installed or has no " + _BUNDLE + ". pip install 'mbdlft[viewer]'."
         ) from None
-    return text.replace("</script", "<\\/script"), package.version
+    return three_of(text).replace("</script", "<\\/script"), package.version
+
+
+def three_of(bundle: str) -> str:
+    """The modules of three.js out of a bundle, a third of it; all of a bundle of another form."""
+    parts = _WHOLE.fullmatch(bundle)
+    modules = _MODULE.split(parts[2])[1:] if parts else []
+    texts = dict(zip(modules[::2], modules[1::2], strict=True))
+    three = [key for key, text in texts.items() if _THREE in text]
+    if not parts or len(three) != 1:
+        return bundle
+    kept, needed = {}, three.copy()
+    while needed:
+        key = needed.pop()
+        if key in texts and key not in kept:
+            kept[key] = texts[key]
+            needed += _NEEDED.findall(texts[key])
+    return f"{parts[1]}{','.join(kept.values())}{parts[3]}{three[0]}{parts[5]}"
 
 
 def scene_of(model: object) -> Scene:

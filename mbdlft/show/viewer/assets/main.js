@@ -300,7 +300,8 @@
   // the picture ------------------------------------------------------------------------------
 
   try {
-    world = makeWorld(window.viewerLibrary.ThreeJsProvider.THREE, data, find("picture"), pick);
+    const library = window.viewerLibrary;
+    world = makeWorld(library.ThreeJsProvider?.THREE ?? library, data, find("picture"), pick);
   } catch (error) {
     note(`The picture needs WebGL, which this browser does not give: ${error.message}`);
     find("shown").hidden = find("tools").hidden = true;
@@ -339,6 +340,8 @@
     loads: () => loads && Object.fromEntries(data.trim.efforts.map((effort, k) => [effort.name, loads.u[k]])),
     coordinates: () => Object.fromEntries(data.coordinates.map((one, k) => [one.name, q[k]])),
     drawn: () => { world.render(); return world.drawn(); },
+    cover: () => world.cover(),
+    outside: () => world.outside(),
     pixel: (k) => world.pixelOf(k),
     pick: (name) => pick(data.items.findIndex((item) => item.name === name)),
     look: (azimuth, height) => { world.view.look(azimuth, height); world.fit(); },

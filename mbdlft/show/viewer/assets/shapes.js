@@ -13,14 +13,21 @@ function paintInk(dark) {
   INK.forEach(({ material, color }) => material.color.setHex(dark ? { [COLORS.mass]: 0x15181d }[color] ?? 0xaab1be : color));
 }
 
+/** How far solids cover what is behind them: the large ones, half as long as all that is drawn or more, share what one has. */
+function opacities(shapes, size) {
+  const large = ({ geometry: { extent: [low, high] } }) => Math.max(...high.map((end, k) => end - low[k])) > 0.5 * size;
+  const shared = 0.35 / Math.max(1, shapes.filter(large).length);
+  return new Map(shapes.map((shape) => [shape, large(shape) ? shared : 0.35]));
+}
+
 /** Makes the objects of shapes for a scene of this size; `T` is the library three.js. */
-function shapeMaker(T, size) {
+function shapeMaker(T, size, solids) {
   const unit = size * 0.01, Y = new T.Vector3(0, 1, 0), Z = new T.Vector3(0, 0, 1);
   const cylinder = new T.CylinderGeometry(1, 1, 1, 14), cone = new T.ConeGeometry(1, 1, 18);
   const sphere = new T.SphereGeometry(1, 18, 12), cube = new T.BoxGeometry(2, 2, 2);
   const ring = new T.TorusGeometry(1, 0.07, 8, 36, 1.6 * Math.PI);
   const paint = (color, more = {}) => {
-    const material = new T.MeshStandardMaterial({ color, roughness: 0.7, ...more });
+    const material = new T.MeshLambertMaterial({ color, ...more });
     if ([COLORS.joint, COLORS.port, COLORS.spring, COLORS.mass].includes(color)) INK.push({ material, color });
     return material;
   };
@@ -112,7 +119,8 @@ function shapeMaker(T, size) {
       return found;
     },
     mesh(shape, color) {
-      const given = shape.geometry, material = paint(shape.layer === "solids" ? color : 0xb8bec8, { side: T.DoubleSide, flatShading: given.triangles !== undefined, transparent: true, opacity: shape.layer === "solids" ? 0.35 : 0.55, depthWrite: false });
+      const given = shape.geometry, solid = solids.get(shape);
+      const material = paint(solid ? color : 0xb8bec8, { side: solid ? T.FrontSide : T.DoubleSide, flatShading: given.triangles !== undefined, transparent: true, opacity: solid ?? 0.55, depthWrite: false });
       const up = (upright) => upright.rotateX(Math.PI / 2); // three.js has its axis along y
       let geometry;
       if (given.triangles !== undefined) {
@@ -129,6 +137,7 @@ function shapeMaker(T, size) {
       else geometry = up(new T.CylinderGeometry(given.cylinder[0], given.cylinder[0], given.cylinder[1], 24));
       geometry.applyMatrix4(new T.Matrix4().set(...given.place));
       const found = mesh(geometry, material);
+      if (solid) found.add(new T.LineSegments(new T.EdgesGeometry(geometry, 30), new T.LineBasicMaterial({ color })));
       found.matrixAutoUpdate = false;
       found.update = (v) => {
         const [r, x, y, z] = shape.at.map(v);

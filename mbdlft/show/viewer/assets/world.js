@@ -70,16 +70,16 @@ function orbit(T, camera, canvas, size, up, changed) {
   return {
     moved: () => way > 4,
     look(azimuth, height) { Object.assign(state, { azimuth, height }); apply(); },
-    fit(points, margin) { /* the smallest distance at which all points are in the picture */
-      const box = new T.Box3().setFromPoints(points), high = Math.tan(camera.fov * Math.PI / 360);
+    fit(points, margin, corners) { /* the smallest distance at which all points, and corners, which need no margin, are in the picture */
+      const box = new T.Box3().setFromPoints([...points, ...corners]), high = Math.tan(camera.fov * Math.PI / 360);
       box.getCenter(target);
       apply();
       const [right, above, back] = [0, 1, 2].map((k) => new T.Vector3().setFromMatrixColumn(camera.matrix, k));
-      const needed = points.map((point) => {
-        const from = point.clone().sub(target), [x, y] = [right, above].map((axis) => Math.abs(from.dot(axis)) + margin);
+      const needed = (point, more) => {
+        const from = point.clone().sub(target), [x, y] = [right, above].map((axis) => Math.abs(from.dot(axis)) + more);
         return from.dot(back) + Math.max(y / high, x / (high * camera.aspect));
-      });
-      state.distance = Math.max(...needed, 0.1 * size);
+      };
+      state.distance = Math.max(...points.map((one) => needed(one, margin)), ...corners.map((one) => needed(one, 0.02 * size)), 0.1 * size);
       apply();
     },
   };
@@ -127,9 +127,11 @@ function ruler(T, { points, pixel, canvas, at, tell, draw }) {
 
 /** The drawn scene; `show(v, loads)` moves it. Throws an error where the browser has no WebGL. */
 function makeWorld(T, data, host, picked) {
+  T.ColorManagement.enabled = false; // colors are linear
   const renderer = new T.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
   const scene = new T.Scene(), camera = new T.PerspectiveCamera(35, 1, 0.1, 100);
-  const make = shapeMaker(T, data.size), layers = new Map(), objects = [], frames = new Map();
+  const shapes = data.items.flatMap((item) => item.shapes), itemNames = new Set(data.items.map((item) => item.name));
+  const make = shapeMaker(T, data.size, opacities(shapes.filter((shape) => shape.layer === "solids"), data.size)), layers = new Map(), objects = [], frames = new Map();
   const canvas = renderer.domElement;
   canvas.tabIndex = 0;
   canvas.setAttribute("role", "img");
@@ -184,7 +186,7 @@ function makeWorld(T, data, host, picked) {
     });
     const named = item.shapes.find((shape) => shape.type !== "frame");
     if (named && item.group !== "world" && item.kind !== "fixed") label(item.name, [named.at ?? named.points].flat(), named.layer, item.group);
-    item.shapes.filter((shape) => shape.label).forEach((shape) => label(shape.label, [shape.at], "ports", "port"));
+    item.shapes.filter((shape) => shape.label && !itemNames.has(shape.label)).forEach((shape) => label(shape.label, [shape.at], "ports", "port"));
   });
   function label(text, numbers, layer, kind) {
     const middle = kind === "bodies" && numbers.length > 1;
@@ -202,6 +204,7 @@ function makeWorld(T, data, host, picked) {
     const [r, ...axes] = shape.at.map(v), { extent } = shape.geometry;
     return [0, 1, 2, 3, 4, 5, 6, 7].map((k) => axes.reduce((at, axis, i) => at.addScaledVector(axis, extent[(k >> i) & 1][i]), r.clone()));
   }
+  const fit = () => view.fit(points.map(v), 0.25 * data.size, boxes.flatMap(cornersOf));
   const lit = (object, on) => object.traverse((part) => {
     if (!part.material) return;
     part.userData.color ??= part.material.color.getHex();
@@ -220,15 +223,19 @@ function makeWorld(T, data, host, picked) {
     while (object && object.userData.item === undefined) object = object.parent;
     if (object) picked(object.userData.item);
   });
-  new ResizeObserver(() => {
-    const { clientWidth: wide, clientHeight: high } = host;
-    if (!wide || !high) return;
+  let sized = "";
+  /** Takes the size of its place in the page; whether that is another one. */
+  function resize() {
+    const { clientWidth: wide, clientHeight: high } = host, now = [wide, high, window.devicePixelRatio].join();
+    if (!wide || !high || sized === now) return false;
+    sized = now;
     renderer.setPixelRatio(window.devicePixelRatio);
     renderer.setSize(wide, high);
     camera.aspect = wide / high;
-    view.fit([...points.map(v), ...boxes.flatMap(cornersOf)], 0.25 * data.size);
-    render();
-  }).observe(host);
+    return true;
+  }
+  resize(); // before the first frame, which is drawn once
+  new ResizeObserver(() => { if (resize()) { fit(); render(); } }).observe(host);
   theme();
   return {
     points, layers, view, render, compose, cell: grid.cell, pixelOf: (k) => pixel(v(k)),
@@ -258,7 +265,7 @@ function makeWorld(T, data, host, picked) {
     },
     fit() {
       names.forget();
-      view.fit([...points.map(v), ...boxes.flatMap(cornersOf)], 0.25 * data.size);
+      fit();
     },
     box(name) { /* of the shapes of a body: the least and the largest corner, in space */
       const found = new T.Box3();
@@ -273,6 +280,8 @@ function makeWorld(T, data, host, picked) {
       frame.updateWorldMatrix(true, false);
       return frame.matrixWorld.elements.slice();
     },
+    cover: () => objects.filter((object) => object.userData.layer === "solids").map((object) => object.material.opacity),
+    outside: () => boxes.flatMap(cornersOf).filter((corner) => !pixel(corner)).length,
     drawn: () => renderer.info.render.triangles,
   };
 }
