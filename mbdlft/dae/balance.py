@@ -5,12 +5,12 @@ a nonlinear block, numbers and monomials of parameters are recognized by values,
 
 What blocks of equations do not give exactly is replaced by rational fits with a proved bound: the
 unknowns z of these blocks, and those entries of the Jacobian that are not rational in z and p, as
-unknowns of their own. So the bound counts everything that the linear model is made of, each relative to
-its size.
+unknowns of their own. So the bound counts all that the linear model is made of, relative to its size.
 """
 
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -129,6 +129,7 @@ class Balance(NamedTuple):
     quantities: tuple[Quantity, ...]
     missing: str = _NO_EQUILIBRIUM  # what to say if there is no solution, and what to try
     rates: Mapping[str, ca.SX] = MappingProxyType({})  # those that are held; others are zero
+    near: Mapping[str, float] = MappingProxyType({})  # a solution with more unknowns
 
     @property
     def z(self) -> ca.SX:
@@ -182,7 +183,8 @@ def at_points(s: Structure, problem: Balance, fixed: Mapping[str, float | str]) 
     start, sizes = start_of(problem.quantities)
     system = System(problem.residual, problem.z, s.dae.p)
     points = np.array(parameter_points(s.dae, POINTS))
-    found = [solve(system, start, points[0], sizes)]
+    second = partial(s.near_start, problem.quantities, problem.near)
+    found = [solve(system, start, points[0], sizes, second)]
     if found[0].is_solution:
         found += follow_all(system, found[0].values, points[0], points[1:], sizes)
     if not found[-1].is_solution:

@@ -6,6 +6,7 @@ an exact solution, rational in the parameters; a nonlinear one has numbers if th
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -260,7 +261,7 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     point = parameter_points(s.dae, 1)[0]
     start, sizes = start_of(unknown)
     system = System(residual, posed.z, s.dae.p)
-    at = solve(system, start, point, sizes)
+    at = solve(system, start, point, sizes, partial(s.near_start, unknown))
     if not at.is_solution:
         raise no_solution(s, posed, at, fixed)
     J = system.jacobian(at.values, point) * np.maximum(sizes, np.abs(at.values))
@@ -276,6 +277,8 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     new = column_of(posed.rates.get(q.name, _given_value(s, q, fixed)) for q in held)
     residual = ca.substitute(residual, column_of(q.symbol for q in held), new)
     chosen = tuple(q for k, q in enumerate(unknown) if k in columns)
+    near = dict(zip((q.name for q in unknown), map(float, at.values), strict=True))
+    posed = posed._replace(near=near)
     if len(kept) < len(places):  # the equations that are left out have to hold as well
         at_points(s, posed._replace(residual=residual, quantities=chosen), fixed)
     left = tuple(places[i] for i in kept)

@@ -64,14 +64,14 @@ class System:
             BufferedCall(ca.Function("system", [unknown, knowns], [result]))
             for result in (residual, jacobian, beside)
         )
-        self._places, self._places_beside = (m.sparsity().get_triplet() for m in (jacobian, beside))
+        self.places, self._places_beside = (m.sparsity().get_triplet() for m in (jacobian, beside))
 
     def residual(self, z: Array, q: Array) -> Array:
         return self._residual(z, q)[0].copy()
 
     def jacobian(self, z: Array, q: Array) -> Array:
         J = np.zeros((self.count, self.unknowns))
-        J[self._places] = self._jacobian(z, q)[0]
+        J[self.places] = self._jacobian(z, q)[0]
         return J
 
     def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
@@ -85,14 +85,23 @@ class System:
         return np.asarray(np.where(terms > 0.0, terms, 1.0))
 
 
-def solve(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
+def solve(
+    system: System,
+    start: Array,
+    knowns: Array,
+    sizes: Array,
+    second: Callable[[], Array | None] = lambda: None,
+) -> Found:
     """A point near `start` (n,) where the equations hold; steps are small relative to `sizes` (n,).
 
-    There may be fewer equations than unknowns. If nothing is found from the start itself, some points
-    around it are tried, the same each time.
+    There may be fewer equations than unknowns. If nothing is found from the start itself, the `second`
+    start is tried, then some points around the first, the same each time.
     """
     drawn = np.random.default_rng(_SEED)
     best = _newton(system, start, knowns, sizes)
+    other = None if best.is_solution else second()
+    if other is not None:
+        best = _newton(system, other, knowns, sizes)
     for attempt in range(_TRIES):
         if best.is_solution:
             break
@@ -157,15 +166,17 @@ def _scaled_step(J: Array, r: Array, scale: Array, sizes: Array) -> Array:
 
 def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     z, polished = start.copy(), False
+    close: Found | None = None  # before the last step, which may be a leap
     for _ in range(_STEPS):
         with np.errstate(all="ignore"):
             r, J = system.residual(z, knowns), system.jacobian(z, knowns)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
-            return Found(z, np.full(system.count, np.inf))
+            return close or Found(z, np.full(system.count, np.inf))
         scale = system.scale(J, z, knowns, sizes)
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
+        close = Found(z, np.abs(r) / scale) if polished else None
         step = sizes * _scaled_step(J, r, scale, sizes)
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
@@ -180,7 +191,8 @@ def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
         z = z + (1.0 if polished else length) * step
     with np.errstate(all="ignore"):
         r, J = system.residual(z, knowns), system.jacobian(z, knowns)
-    return Found(z, np.abs(r) / system.scale(J, z, knowns, sizes))
+    last = Found(z, np.abs(r) / system.scale(J, z, knowns, sizes))
+    return last if close is None or last.is_solution else close
 
 
 def _smallest_step(J: Array, r: Array) -> Array:

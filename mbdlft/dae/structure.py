@@ -6,10 +6,11 @@
 """
 
 from collections.abc import Collection, Mapping, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache, cached_property, partial
 from itertools import chain
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 import casadi as ca
@@ -32,6 +33,7 @@ from mbdlft.dae.index import (
     name_of,
     place_of,
 )
+from mbdlft.dae.initial import point_by_orders
 from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
@@ -79,6 +81,8 @@ class Structure:
         As many as unknowns.
     blocks : tuple of Block
         Positions of equations and unknowns, in the order of solving.
+    near : mapping of names of variables and derivatives to float
+        A consistent point at nominal parameters, where it was needed.
     """
 
     source: Dae
@@ -92,6 +96,7 @@ class Structure:
     rates: tuple[ca.SX, ...]
     equations: tuple[tuple[str, ca.SX], ...]
     blocks: tuple[Block, ...]
+    near: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def residual(self) -> ca.SX:
@@ -123,12 +128,23 @@ class Structure:
         """Such as "model 'motor'"."""
         return self.dae.owner
 
+    def near_start(
+        self, unknown: Sequence[Quantity], known: Mapping[str, float] = MappingProxyType({})
+    ) -> Array | None:
+        """Where solving begins if start values lead nowhere: what is `known`, then `near`."""
+        near = {**self.near, **known}
+        return np.array([near.get(q.name, q.start) for q in unknown]) if near else None
+
     def __str__(self) -> str:
         return report(self)
 
 
 def reduce_index(
-    dae: Dae, *, states: Sequence[str] = (), input_rates: InputRates = "refused"
+    dae: Dae,
+    *,
+    states: Sequence[str] = (),
+    preferred: Sequence[str] = (),
+    input_rates: InputRates = "refused",
 ) -> Structure:
     """The equivalent system of index 1 at most.
 
@@ -137,6 +153,8 @@ def reduce_index(
     dae : Dae
     states : names of variables that are to be states, such as ``("phi", "w")``, where there is a choice
         The others are chosen by pivots of the differentiated constraints at several points.
+    preferred : names of variables that are states if they can be
+        Of consistent points, that one is taken whose values are near their starts.
     input_rates : {"refused", "inputs"}
         Whether derivatives of inputs that are needed are an error, or new inputs ``der(u)``.
 
@@ -164,17 +182,23 @@ def reduce_index(
         for u, order, symbol in (*((u, 0, u.symbol) for u in reduced.inputs), *d.input_rates)
     )
     free = [*d.symbols.values(), *(q.symbol for q in inputs), *ca.vertsplit(reduced.p)]
-    points = cache(partial(_consistent_points, d, inputs))
+    remaining, written = {a.name: a.of for a in aliases}, written_rates(reduced)
+    likely = {remaining.get(name) or name for name in preferred}
+    points = cache(partial(_consistent_points, d, inputs, likely))
     known = {v.name for v in dae.variables}
     for name in states:
         variable = name.removeprefix("der(").split(",")[0].rstrip(")") if name[:4] == "der(" else name
         if variable not in known:
             raise SceneError(f"{dae.owner}, states: " + unknown_name("variable", name, known))
     # what may be the state that a name asks for: its alias, or the derivative that it is
-    remaining, written = {a.name: a.of for a in aliases}, written_rates(reduced)
     wanted = {name: {(kept := remaining.get(name) or name), written.get(kept, kept)} for name in states}
-    dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values())})
-    return _assembled(dae, aliases, d, dummies, inputs, wanted)
+    rates_too = {written.get(name, name) for name in likely}
+    dummies = dummy_derivatives(d, free, points, {*chain(*wanted.values()), *likely, *rates_too})
+    structure = _assembled(dae, aliases, d, dummies, inputs, wanted)
+    if not points.cache_info().currsize:
+        return structure
+    names = [name_of(reduced.variables[j].name, order) for j, order in d.symbols]
+    return replace(structure, near=dict(zip(names, map(float, points()[0]), strict=False)))
 
 
 def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
@@ -211,7 +235,9 @@ def rate_unit(unit: str, order: int = 1) -> str:
     return f"{unit}^{order + 1}" if unit.endswith("/s") else f"{unit}/s" + f"^{order}" * (order > 1)
 
 
-def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Array]:
+def _consistent_points(
+    d: Differentiated, inputs: Sequence[Quantity], preferred: Collection[str]
+) -> list[Array]:
     """Values of all symbols, inputs and parameters, at nominal and at some other parameters."""
     dae = d.dae
     unknown = [_quantity(dae.variables[j], order, symbol) for (j, order), symbol in d.symbols.items()]
@@ -222,7 +248,15 @@ def _consistent_points(d: Differentiated, inputs: Sequence[Quantity]) -> list[Ar
     system = System(residual, column_of(d.symbols.values()), knowns)
     points: list[Array] = []
     for p in parameter_points(dae, _POINTS):
-        at = solve(system, start, np.array([*u, *p]), sizes)
+        given = np.array([*u, *p])
+
+        def second(given: Array = given) -> Array | None:
+            if points:
+                return points[0][: len(start)]
+            known = point_by_orders(d, [q.symbol for q in inputs], given, preferred)
+            return None if known is None else np.array([known[entry] for entry in d.symbols])
+
+        at = solve(system, start, given, sizes, second)
         if not points and not at.is_solution:
             raise StructureError(
                 f"{dae.owner}: no consistent initial point was found at the nominal parameters; what "

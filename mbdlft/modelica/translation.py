@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, StructureError, check_known
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.dae.dae import Dae, Equation, Output
 from mbdlft.dae.equilibria import DaeTrim, start_point, trim
 from mbdlft.dae.index import name_of
@@ -474,9 +474,4 @@ def structure_of(
     """
     if table is not None and table.states:
         return reduce_index(dae, states=table.states)
-    if report is not None and report.states:
-        try:
-            return reduce_index(dae, states=report.states)
-        except StructureError:  # a preference is no condition
-            pass
-    return reduce_index(dae)
+    return reduce_index(dae, preferred=() if report is None else report.states)
