@@ -103,6 +103,9 @@ def physical_points(
 
     A value may miss its range by `slack` of the width; messages say which sample it is if `numbered`.
     """
+    if not isinstance(values, Mapping):
+        example = f"{{'{(parameters[0].name if parameters else 'm')}': 1.0}}"
+        raise error(f"{where}: expected values by name, such as {example}, got {values!r}.")
     check_known("parameter", map(str, values), [p.name for p in parameters], where, error)
     columns = {name: np.atleast_1d(np.asarray(column, dtype=float)) for name, column in values.items()}
     lengths = {len(column) for column in columns.values()} - {1}

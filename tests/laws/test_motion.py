@@ -1,6 +1,7 @@
 """Motions of any size: what stays constant does, small ones are those of the linear model."""
 
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import control
@@ -25,6 +26,7 @@ from mbdlft.multibody.motion.equations import _whole, equations_of_motion, moved
 from tests.close import CLOSED_FORM, KEPT, PINOCCHIO, target
 from tests.robot_files import as_urdf, chain
 
+ROOT = Path(__file__).parents[2]
 TIMES = np.linspace(0.0, 10.0, 101)
 DOWN = (0.0, 0.0, -9.81)
 J = np.array([2.0, 3.0, 4.5])
@@ -225,3 +227,39 @@ def test_what_cannot_be_simulated_is_named() -> None:
     )
     with pytest.raises(AnalysisError, match="do not determine the accelerations"):
         simulate(scene, TIMES)
+
+
+def without_damping(scene: Scene) -> Scene:
+    def still(part: Any) -> Any:
+        return part.model_copy(update={key: 0.0 for key in type(part).model_fields if "damping" in key})
+
+    kinds = ("bodies", "joints", "loads")
+    return scene.model_copy(update={kind: tuple(map(still, getattr(scene, kind))) for kind in kinds})
+
+
+@pytest.mark.parametrize("name", ["half_car", "lander"])
+def test_a_scenario_without_damping_keeps_its_energy(name: str) -> None:
+    """Of the largest kinetic energy; states begin at random, the potential is a line integral."""
+    scene = without_damping(mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml"))
+    m = equations_of_motion(scene, {})
+    n = len(m.coordinates) // 2
+    q, v, a = m.x[:n], m.x[n:], m.z[:n]
+    rest = ca.vertcat(m.z[n:], m.u)
+    R = ca.substitute(m.residual[:n], rest, ca.SX.zeros(rest.numel()))
+    forces = ca.substitute(R, ca.vertcat(v, a), ca.SX.zeros(2 * n))
+    inertia, rates = ca.jacobian(R, a), ca.jacobian(m.rates[:n], v)
+    parts = [0.5 * ca.dot(v, inertia @ v), ca.dot(ca.solve(rates.T, forces), q)]
+    energies = ca.Function("energies", [m.x, m.references], parts)
+    still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
+    random, bodies = np.random.default_rng(0), tuple(f"{body.name}." for body in scene.bodies)
+    names = [m.coordinates[k].name for k in m.states]
+    start = {key: 0.02 * random.standard_normal() for key in names if not key.startswith(bodies)}
+    run = simulate(scene, np.linspace(0.0, 10.0, 41), initial=start)
+    nodes, weights = np.polynomial.legendre.leggauss(8)
+    nodes, total, largest = (nodes + 1.0) / 2.0, [], 0.0
+    for x in run.states:
+        kinetic = float(energies(x, still)[0])
+        along = [float(energies(np.concatenate([t * x[:n], x[n:]]), still)[1]) / t for t in nodes]
+        total.append(kinetic + float(weights @ along) / 2.0)
+        largest = max(largest, kinetic)
+    kept(np.array(total), largest)

@@ -60,6 +60,11 @@ def load_scene(path: str | Path) -> Scene:
         The file cannot be read or is not a scene; the message names the file and, if it is known, the
         line.
     """
+    if str(path).endswith((".mo", ".mof")):
+        raise SceneError(
+            f"{path}: it is a Modelica model, whose equations have no bodies: no scene, and nothing to "
+            "be seen in space. mbdlft linearize and report take it; load_modelica(path) in Python."
+        )
     return read_file(path, scene_from_toml)
 
 
@@ -119,6 +124,8 @@ _LONG_KEY = re.compile(rf"^[ \t\[]*(?:[\w-]+[ \t]*\.[ \t]*){{{_MOST_PARTS}}}", r
 
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:
     """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
+    if not isinstance(path, str | Path):
+        raise SceneError(f"expected the path of a file, got {type(path).__name__}.")
     file = Path(path)
     content = content_of(file, SceneError)
     if content.startswith(b"\x89HDF"):
