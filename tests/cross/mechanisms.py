@@ -38,6 +38,13 @@ PARAMETERS = (
     Angle("th", 20.0, low=-40.0, high=60.0),
 )
 RATE = Parameter("rate", 1.5, low=0.5, high=3.0, unit="rad/s")
+# of closed chains: their last body, and a spring
+END = mbdlft.RigidBody(
+    name="end", mass=0.5, center_of_mass=(0.1, 0, 0), inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03)
+)
+STAY = mbdlft.Spring(
+    name="stay", parent="b1.side", child="ground.wall", stiffness="k", damping=2.0, rest_length=0.7
+)
 
 
 def open_tree(seed: int) -> Scene:
@@ -125,15 +132,7 @@ def closed_loop(seed: int) -> Scene:
     """A chain closed on the ground by a ball, a hinge or a weld; masses, stiffness and spin vary."""
     random = np.random.default_rng(1000 + seed)
     kind = ("spherical", "revolute", "fixed")[seed % 3]
-    # as many coordinates have a given effort as the closure holds; they come in any order
-    passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
-    kinds = [*passive, str(random.choice(KINDS))]
-    given = random.permutation(len(kinds))
-    bodies, joints = _tree(random, [kinds[k] for k in given], 0.8, 0.35, imposing=False)
-    joints = [
-        _with_preload(joint, random) if given[k] < len(passive) else joint
-        for k, joint in enumerate(joints)
-    ]
+    bodies, joints = _chain(random, kind)
     gravity, spin = random.uniform(-6.0, 6.0, 3), None
     parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
     if seed % 2:
@@ -143,13 +142,7 @@ def closed_loop(seed: int) -> Scene:
     # a last body whose axes are those of the ground, where the closure is
     axis, angle = _axis_angle(frame[:3, :3].T)
     pin = (0.2, 0.3, -0.1)
-    end = mbdlft.RigidBody(
-        name="end",
-        mass=0.5,
-        center_of_mass=(0.1, 0.0, 0.0),
-        inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03),
-        ports={"pin": pin},
-    )
+    end = END.model_copy(update={"ports": {"pin": pin}})
     weld = mbdlft.Fixed(
         name="weld", parent=f"{bodies[-1].name}.tip", child="end", axis=axis, position=angle
     )
@@ -170,16 +163,7 @@ def closed_loop(seed: int) -> Scene:
                 axis=(1.0, 2.0, -1.0) if kind == "revolute" else None,
             )
         ],
-        loads=[
-            mbdlft.Spring(
-                name="stay",
-                parent=f"{bodies[1].name}.side",
-                child="ground.wall",
-                stiffness="k",
-                damping=2.0,
-                rest_length=0.7,
-            )
-        ],
+        loads=[STAY],
         sensors=_sensors("end", joints[0].name),
     )
 
@@ -191,14 +175,7 @@ def closed_by(kind: str, seed: int) -> Scene:
     For even seeds what stands still is then the child, so that the parent moves.
     """
     random = np.random.default_rng(9000 + seed)
-    passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
-    kinds = [*passive, str(random.choice(KINDS))]
-    given = random.permutation(len(kinds))
-    bodies, joints = _tree(random, [kinds[k] for k in given], 0.8, 0.35, imposing=False)
-    joints = [
-        _with_preload(joint, random) if given[k] < len(passive) else joint
-        for k, joint in enumerate(joints)
-    ]
+    bodies, joints = _chain(random, kind)
     # with another normal 5120 bits are often not enough to see what vanishes: a known fault
     level = {"axis": (0.0, -2.0, 0.0)}
     joints = [joint.model_copy(update=level) if joint.kind == "planar" else joint for joint in joints]
@@ -207,12 +184,6 @@ def closed_by(kind: str, seed: int) -> Scene:
     about, angle = _vector(random, 1.0), "psi" if varies else 0.4
     axis, second = (1.0, 2.0, -1.0), (2.0, 0.0, 1.0)
     parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
-    end = mbdlft.RigidBody(
-        name="end",
-        mass=0.5,
-        center_of_mass=(0.1, 0.0, 0.0),
-        inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03),
-    )
     tip = f"{bodies[-1].name}.tip"
     turn = mbdlft.Fixed(name="turn", parent=tip, child="end", axis=about, position=angle)
     copies, welds, first = at_rest(bodies, joints)
@@ -233,21 +204,24 @@ def closed_by(kind: str, seed: int) -> Scene:
         name=f"closed_by_{kind}_{seed}",
         gravity=tuple(random.uniform(-6.0, 6.0, 3)),
         parameters=(*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters,
-        bodies=(ground, *bodies, *copies, end),
+        bodies=(ground, *bodies, *copies, END),
         joints=(*joints, *welds, turn),
         loops=[Loop(name="pin", kind=kind, **ends, orientation=_in_three(about, turn_of_loop), **axes)],
-        loads=[
-            mbdlft.Spring(
-                name="stay",
-                parent=f"{bodies[1].name}.side",
-                child="ground.wall",
-                stiffness="k",
-                damping=2.0,
-                rest_length=0.7,
-            )
-        ],
+        loads=[STAY],
         sensors=_sensors("end", joints[0].name),
     )
+
+
+def _chain(random, kind: str) -> tuple[list[mbdlft.RigidBody], list[Joint]]:
+    """As many coordinates have a given effort as the closure holds; they come in any order."""
+    passive = [str(random.choice(choice)) for choice in _PASSIVE[kind]]
+    kinds = [*passive, str(random.choice(KINDS))]
+    given = random.permutation(len(kinds))
+    bodies, joints = _tree(random, [kinds[k] for k in given], 0.8, 0.35, imposing=False)
+    return bodies, [
+        _with_preload(joint, random) if given[k] < len(passive) else joint
+        for k, joint in enumerate(joints)
+    ]
 
 
 def _in_three(about, angle) -> list[Rotation]:

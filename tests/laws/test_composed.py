@@ -37,10 +37,9 @@ from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import lower_bound
-from tests.laws.test_systems import CART, CONTROLLER, ONE, SPRING, points
+from tests.laws.test_systems import ARM, CART, CONTROLLER, ONE, SPRING, points
 from tests.scenarios.commands import run
 
-ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
 GAIN = np.array([[120.0, 0.0], [0.0, 60.0]])
 
 

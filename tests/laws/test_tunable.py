@@ -8,8 +8,8 @@ import mbdlft
 from mbdlft import matrices_at, to_delta, tunable
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.test_ports import values_of
+from tests.laws.test_systems import ARM
 
-ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
 NAMES = [p.name for p in ARM.parameters]
 
 
