@@ -171,6 +171,7 @@ def test_the_self_stable_range_is_proved() -> None:
 MASSES_AND_TRAIL = ("m_R", "m_B", "m_H", "m_F", "c")
 
 
+@pytest.mark.long
 def test_the_self_stable_range_is_proved_for_all_masses_and_trails() -> None:
     """Within 5 % of four masses and the trail the bicycle balances itself from 4.417 to 5.757 m/s, and at
     some corners no longer at 4.415 and 5.759 m/s."""
