@@ -249,6 +249,15 @@ def test_dataset_with_one_entry_too_many(file, name):
         load(file)
 
 
+@pytest.mark.parametrize("rows", [[1, 0, 6], [-1, 1, 6], [0, 1, 7]])
+def test_rows_of_a_first_file_are_sorted_and_of_parameters(file, rows):
+    """Files of 1.0 have nothing else that says to which parameter a channel belongs."""
+    shutil.copy(FIRST, file)
+    plain_digest.edit(file, put("delta/parameter", [0, 1, -1], rows), "models/turned_arm")
+    with says(ArchiveError, NO_CHANNELS):
+        load(file, "turned_arm")
+
+
 def test_each_bit_of_the_numbers(file):
     """One bit anywhere in the numbers of files of 1.0 is found: they have checksums."""
     shutil.copy(FIRST, file)

@@ -18,7 +18,15 @@ RANDOM: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"loop {seed}": (lambda seed=seed: closed_loop(seed)) for seed in range(4)},
 }
 SCENES = RANDOM | PLANAR
-SLOW = ("tree 1", "tree 2", "tree 3", "loop 0", "loop 1", "loop 3")  # others of their kind are there
+SLOW = (
+    "tree 1",
+    "tree 2",
+    "tree 3",
+    "tree 4",
+    "loop 0",
+    "loop 1",
+    "loop 3",
+)  # others of their kind are there
 
 
 def points_of(scene: mbdlft.Scene) -> list[dict[str, float]]:
