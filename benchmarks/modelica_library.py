@@ -35,7 +35,7 @@ from mbdlft.system.model import LFTModel
 FREQUENCIES = 1j * np.logspace(-1.5, 2.0, 8) + 0.37
 OUTPUTS = 12  # about so many variables, beside the states
 DELAY = 2  # order of the Pade approximations of delays
-LIMIT = 120  # seconds for an example
+LIMIT = 600  # seconds for an example
 
 
 def main() -> None:

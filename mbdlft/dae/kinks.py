@@ -102,6 +102,8 @@ def _branches(
     def switched(name: str, *operands: ca.SX) -> ca.SX:
         switch, entries = _SWITCHES[name], [ca.SX(x) for x in operands]
         argument = switch.argument(*entries)
+        if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
+            return ca.SX(0)  # on either side
         decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side_of(argument)))
         side = chosen.get(len(decided) - 1, decided[-1].side)
         if side == "open":
