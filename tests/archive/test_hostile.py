@@ -141,6 +141,7 @@ made("more", data=np.zeros(2**27, np.uint8), compression="gzip"), limit=2**26
 > changed({}) => ArchiveError:
 put("certificate/order", 0, 9) => order is (9, 2,
 put("certificate/lower_bound", 0, 9) => more than the order
+put("certificate/lower_bound", [0, 1], [2, 1]) => together 16, is more than the order
 put("certificate/lower_bound", 0, -1) => lower_bound has a negative
 attributes("certificate", max_relative_error=np.nan) => is nan
 attributes("certificate", max_relative_error=np.inf) => is inf
