@@ -1,5 +1,6 @@
 """The figure of a tuning shows what the tuning says: its goals, poles and gains."""
 
+from contextlib import nullcontext
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 import mbdlft
 from mbdlft.base.errors import AnalysisError
@@ -79,3 +81,22 @@ def test_panels_show_the_values_of_a_tuning(tmp_path: Path) -> None:
     assert (tmp_path / "made.png").stat().st_size > 10_000
     with pytest.raises(AnalysisError, match="expected the ending"):
         save_tuning_figure(tmp_path / "made.txt", made)
+
+
+@pytest.mark.parametrize("width", [None, 8.5, 17.0])
+def test_legends_of_a_tuning_cover_no_panel(
+    width: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither a curve nor a label, and none is cut: boxes, as they are drawn."""
+    figures: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: figures.append(figure))
+    with nullcontext() if width is None else mbdlft.show.for_paper(width):
+        save_tuning_figure(tmp_path / "made.png", tuned())
+    (figure,) = figures
+    figure.canvas.draw()
+    boxes = [box for axes in figure.axes for box in (axes.bbox, axes.xaxis.label.get_window_extent())]
+    for legend in filter(None, (axes.get_legend() for axes in figure.axes)):
+        box = legend.get_window_extent()
+        assert not any(box.overlaps(other) for other in boxes)
+        assert 0.0 <= box.x0 <= box.x1 <= figure.bbox.x1
+        assert box.y0 >= 0.0

@@ -30,6 +30,7 @@ _MOST_STEPS, _MOST_GAINS = 4, 6  # curves in a panel
 _LOOKS, _SETTLED = 3, 0.02  # for the time until all but this part of a curve is over
 _LOWEST = 1e-3  # times a limit: what is smaller is not looked at
 _VALUES = 101  # of a parameter
+_ROOM = 6.5  # letters between a panel and its legend: ticks and a label
 
 
 class Reached(Protocol):
@@ -94,11 +95,11 @@ def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
             _draw_steps(axes, tuning, gains)
         else:
             _draw_poles(axes, tuning, seed)
-        axes.legend(fontsize="x-small")
+        _below(axes)
     for (controller, name), axes in zip(scheduled, panels[len(kinds) :], strict=True):
         draw_grid(axes)
         _draw_schedule(axes, controller, name, tuning.loop)
-        axes.legend(fontsize="x-small")
+        _below(axes)
     figure.suptitle(f"{', '.join(c.name for c in tuning.controllers)}: {len(tuning.points)} points")
     return figure
 
@@ -113,6 +114,17 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     first = [places[0, :]] if wide else []
     free = [places[k // columns, k % columns] for k in range(columns * wide, rows * columns)]
     return figure, [figure.add_subplot(place) for place in (*first, *free)]
+
+
+def _below(axes: Axes) -> None:
+    """A legend below the label of a panel, where it covers no curve."""
+    axes.legend(
+        fontsize="x-small",
+        ncols=panel_columns(3),
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        borderaxespad=_ROOM,
+    )
 
 
 def _own(system: System, point: Mapping[str, float]) -> dict[str, float]:
