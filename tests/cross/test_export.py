@@ -12,6 +12,7 @@ from mbdlft.export import export_model
 from mbdlft.export.names import identifier
 from mbdlft.lft import LFT
 from mbdlft.lft.lft import delta
+from mbdlft.synthesis import scheduled, tunable_pid
 from mbdlft.system import System
 from tests.close import EXPORT, exact, roundoff, target
 from tests.exported import (
@@ -269,3 +270,16 @@ def test_example_of_the_docs_in_octave(tmp_path: Path) -> None:
     at = {"theta1": 60.0, "m3": 5.5}
     target(found["A"], mbdlft.matrices_at(model, at).A, EXPORT)
     target(found["trim"].ravel(), mbdlft.trim_at(model, at), EXPORT)
+
+
+def test_a_schedule_in_c_is_its_polynomial(tmp_path: Path) -> None:
+    """m - 2 and m^2 - 4 are at most 2 and 12 from 1 to 4, where nominal is not in the middle."""
+    m = Parameter("m", low=1.0, high=4.0, nominal=2.0, role="scheduled")
+    pid = scheduled(tunable_pid("pid", "e", "u", terms="PI"), [m], ["m", "m^2"])
+    values = {"pid.kp": 20.0, "pid.kp*m": 6.0, "pid.kp*m^2": 3.0, "pid.ki": 5.0, "pid.ki*m^2": -1.0}
+    controller, rows = pid.with_values(values), np.linspace(1.0, 4.0, 7)[:, None]
+    A, B, C, D = values_of_c(compiled(controller, tmp_path), "pid", controller, rows)
+    kp = 20.0 + 6.0 * (rows - 2.0) / 2.0 + 3.0 * (rows**2 - 4.0) / 12.0
+    target(D[:, 0], kp, EXPORT)
+    target((C @ B)[:, 0], 5.0 - (rows**2 - 4.0) / 12.0, EXPORT)
+    exact(A, np.zeros((7, 1, 1)))
