@@ -22,6 +22,7 @@ every step the opened blocks can be closed again.
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import product as each_pair
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,7 +243,15 @@ def _opened(a: LFT, name: str, random: np.random.Generator, most: int, work: Wor
     return reduce_order(side(opened_lft)), fewer
 
 
-def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[LFT]:
+class Restricted(NamedTuple):
+    """An LFT with a block restricted, itself or its transpose."""
+
+    lft: LFT
+    name: str = ""  # of the block; of none
+    is_transposed: bool = False
+
+
+def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[Restricted]:
     """LFTs of equal value, each with one block restricted on one side, until the work is over.
 
     The basis has the columns that depend on the other deltas in the simplest way. Each of these may then
@@ -255,22 +264,26 @@ def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[LFT]:
             return
         try:
             opened = side(open_block(a, name))
-            columns = _simplest_first(opened, sizes[name])
+            into, out = opened.M12[:, sizes[name] :], opened.M21[: sizes[name]]
+            columns = simplest_first(opened.M11 != 0.0, into != 0.0, out != 0.0)
             opened, size = restricted(opened, sizes[name], columns, np.random.default_rng(0), most, work)
             closed = reduce_order(close_block(reduce_order(side(opened)), Block(name, size)))
         except (WellPosednessError, np.linalg.LinAlgError):
             continue
         work.add(3.0 * reduction(closed.order))
-        yield independent(closed, work) if closed.order < a.order + _NEAR else closed
+        closed = independent(closed, work) if closed.order < a.order + _NEAR else closed
+        yield Restricted(closed, name, side is transpose)
 
 
-def _simplest_first(opened: LFT, size: int) -> NDArray[np.intp]:
-    """The inputs that feed a block, by the channels through which they do."""
-    near = (opened.M11 != 0.0) | np.eye(opened.order, dtype=bool)
-    for _ in range(opened.order.bit_length()):
+def simplest_first(
+    M11: NDArray[np.bool_], inputs: NDArray[np.bool_], outputs: NDArray[np.bool_]
+) -> NDArray[np.intp]:
+    """The inputs (n, .) that feed outputs (., n), by the channels through which they do."""
+    near = M11 | np.eye(len(M11), dtype=bool)
+    for _ in range(len(M11).bit_length()):
         near = near @ near
-    after = near @ (opened.M12[:, size:] != 0.0)
-    before = (opened.M21[:size] != 0.0).any(axis=0) @ near
+    after = near @ inputs
+    before = outputs.any(axis=0) @ near
     return np.argsort(np.sum(after & before[:, None], axis=0), kind="stable")
 
 

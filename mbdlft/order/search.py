@@ -9,9 +9,8 @@ is over. Every result is compared with the values of what it was made of, entry 
 """
 
 import itertools
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cached_property, partial
 from itertools import combinations
 from operator import attrgetter
@@ -32,8 +31,9 @@ from mbdlft.order.lower_bound import JointBound
 from mbdlft.order.min_rank import above_bound
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.refit import refit
-from mbdlft.order.rewriting import affine_moved, restrictions, rewritten
-from mbdlft.order.work import Work, reduction, singular_values, solutions
+from mbdlft.order.restriction import Step
+from mbdlft.order.rewriting import Restricted, affine_moved, restrictions, rewritten
+from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
@@ -41,6 +41,7 @@ _IN_VAIN = 0.1  # of the work: a search that gains nothing with so much of it en
 _OF_PAIRS, _OF_TRIPLES = 0.25, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
 _OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds
+_BESIDE = 1.1  # times the order of the closed LFT: larger relations are not restricted before the rounds
 _DEAR = 1.5  # times the order of the closed LFT: larger relations come when four rounds are over
 _FAR = 3  # a form this much larger than the smallest is not started from
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
@@ -50,10 +51,9 @@ _ROUNDS = 16  # with other random choices each
 # Of the first round. A refit succeeds from some starts only: of the scenarios, gimbal and ur5 depend on
 # that, and end at 30 or 31, and at 31 to 33.
 _SEED = 1
-
-
 _POINTS = 64
 SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
+_NEAR = 1e-4  # where only digits are lost
 FITTED = 1e-12  # of the finished values of LFTs that are fitted, so that they are not much worse
 _CONDITION = 1e7  # of I - M11 Delta on the range
 _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
@@ -75,13 +75,14 @@ _LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles
 
 class Smallest(NamedTuple):
     """The smallest LFT, the least order of any, whether seconds ended the search early, why a part of it
-    failed, and larger LFTs on the way, the smallest first."""
+    failed, larger LFTs on the way, the smallest first, and steps to a smaller one in exact numbers."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
     dropped: str = ""
     larger: tuple[LFT, ...] = ()
+    steps: tuple[Step, ...] = ()
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -113,7 +114,7 @@ def find_smallest(
     dropped: list[str] = []
     with running.budget(budget.work):
         smallest = min(closed, key=attrgetter("order"))
-        work = Work(budget.work, _is_late(budget.seconds), running.tell)
+        work = Work(budget.work, late_after(budget.seconds), running.tell)
         proof = _Proof(bound, smallest, exact)
         if smallest.order <= proof.order_bound or work.is_over:
             return Smallest(smallest, proof.order_bound, work.is_cut_off)
@@ -122,19 +123,23 @@ def find_smallest(
         if relations:
             assert close is not None
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-            sides.append(_Side(relations, opened))
+            sides.append(_Side(relations, opened, is_opened=True))
         on_the_way = _in_rounds(sides, proof, work, dropped)
         names, why = [block.name for block in smallest.blocks], dropped[0] if dropped else ""
         smaller = [with_blocks(form, names) for form in on_the_way if form.order < smallest.order]
         best, *larger = [*smaller, smallest]
-        return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger))
+        by_order = sorted((order, step) for side in sides for step, order in side.steps.items())
+        steps = tuple(step for order, step in by_order if order < best.order)
+        return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger), steps)
 
 
 class _Side:
     """Forms of the closed LFT or of the relations, the smallest first, and their checks."""
 
-    def __init__(self, forms: Sequence[LFT], level: "_Level") -> None:
+    def __init__(self, forms: Sequence[LFT], level: "_Level", *, is_opened: bool = False) -> None:
+        self.is_opened = is_opened
         self.forms, self.level, self.is_new = list(forms), level, True
+        self.steps: dict[Step, int] = {}  # that lack digits only, and the order that they lead to
         self.start = _without_empty(self.forms[0])
 
     def begin(self, work: Work, dropped: list[str]) -> None:
@@ -150,7 +155,7 @@ class _Side:
         """Forms with blocks restricted; whether one of them is the smallest."""
         least = self.forms[0].order
         with _keeping(dropped):
-            swept = _swept(self.start, self.forms, self.level, proof, work.limited(_OF_SWEEPS))
+            swept = _swept(self, proof, work.limited(_OF_SWEEPS))
             self.forms = sorted(swept, key=attrgetter("order"))
         return self.forms[0].order < least
 
@@ -177,14 +182,15 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
     tied = [side for side in opened if side.forms[0].order <= closed.forms[0].order]
     in_order = [*tied, closed, *(side for side in opened if side not in tied)]
     proof.improve(closed.forms[0], work.limited(_OF_PAIRS), triples=False)
-    for first in (closed, *tied):
+    swept = [side for side in opened if side.forms[0].order <= _BESIDE * closed.forms[0].order]
+    for first in (closed, *swept):
         if closed.forms[0].order > proof.order_bound and not work.is_over:
             first.begin(work, dropped)
     if closed.forms[0].order > proof.order_bound and not work.is_over:
-        gained = [side.sweep(proof, work, dropped) for side in tied]
+        gained = [side.sweep(proof, work, dropped) for side in swept]
         if any(gained) or not tied:  # a second way to the same order may have more digits
             closed.sweep(proof, work, dropped)
-        for opened_side in tied:
+        for opened_side in swept:
             with _keeping(dropped):
                 _closed_too(opened_side, closed, proof)
     best, last_gain, known = closed.forms[0], work.spent, (0, 0)
@@ -230,14 +236,6 @@ def _keeping(dropped: list[str]) -> Iterator[None]:
         yield
     except _LOST as error:
         dropped.append(str(error))
-
-
-def _is_late(seconds: float | None) -> Callable[[], bool]:
-    """Whether so many seconds have passed since this call."""
-    if seconds is None:
-        return lambda: False
-    until = time.monotonic() + seconds
-    return lambda: time.monotonic() > until
 
 
 class _Proof:
@@ -316,11 +314,15 @@ def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> 
         signs, _ = np.linalg.slogdet(loop)
         if np.any(signs <= 0):
             return False
-    difference = np.abs(evaluate_at(candidate, points) - values)
-    if not np.max(difference / or_one(size), initial=0.0) <= largest:
+    if not _missed(candidate, points, values, size) <= largest:
         return False
     work.add(singular_values(n, n, count) / 3.0)
     return bool(np.max(np.linalg.cond(loop), initial=0.0) <= _CONDITION)
+
+
+def _missed(candidate: LFT, points: Array, values: Array, size: Array) -> float:
+    difference = np.abs(evaluate_at(candidate, points) - values)
+    return float(np.max(difference / or_one(size), initial=0.0))
 
 
 def part_of_largest(values: Array) -> float:
@@ -443,13 +445,14 @@ def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, se
     return sorted(pool.values(), key=attrgetter("order"))
 
 
-def _swept(start: LFT, others: Sequence[LFT], level: _Level, proof: _Proof, work: Work) -> list[LFT]:
+def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
     """LFTs by restrictions of one block after the other, one for each sizes of the blocks.
 
     The start and all of the smallest are looked at: blocks above their bound first, and the others if
-    these gain nothing.
+    these gain nothing. What only lacks digits is left to exact numbers.
     """
-    pool, done = {form.blocks: form for form in (*others, start)}, set[tuple[Block, ...]]()
+    start, level = side.start, side.level
+    pool, done = {form.blocks: form for form in (*side.forms, start)}, set[tuple[Block, ...]]()
     while not work.is_over:
         least = min(form.order for form in pool.values())
         smallest = (form for form in pool.values() if form.order == least)
@@ -461,15 +464,29 @@ def _swept(start: LFT, others: Sequence[LFT], level: _Level, proof: _Proof, work
         above = sorted(more, key=lambda name: -more[name])
         rest = [name for name, size in form.blocks if size and name not in more]
         for names in (above, rest):
-            for candidate in itertools.chain([independent(form, work)], restrictions(form, names, work)):
-                near = candidate.order <= least and candidate.blocks not in pool
-                if near and level.keeps(work, level.exact, candidate):
+            plain = Restricted(independent(form, work))
+            for made in itertools.chain([plain], restrictions(form, names, work)):
+                candidate = made.lft
+                if candidate.order > least or candidate.blocks in pool:
+                    continue
+                if level.keeps(work, level.exact, candidate):
                     pool[candidate.blocks] = candidate
                     if candidate.order <= proof.order_bound:
                         break
+                elif form is start and made.name and _is_near(candidate, level.exact[0].truth):
+                    side.steps[Step(*made[1:], side.is_opened)] = candidate.order
             if min(form.order for form in pool.values()) < least:
                 break
     return list(pool.values())
+
+
+def _is_near(candidate: LFT, truth: Truth) -> bool:
+    """Whether values are the same but for digits."""
+    fields, values, size = truth.values
+    points = np.array([fields[name] for name, _ in candidate.blocks]).T
+    with suppress(WellPosednessError):
+        return _missed(candidate, points, values, size) <= _NEAR
+    return False
 
 
 def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:

@@ -5,6 +5,7 @@ and of the loops around them make the sums follow the time of one current core t
 """
 
 import math
+import time
 from collections.abc import Callable
 
 UNIT = 1.5e10  # operations in one unit of work, about a second of one core
@@ -69,6 +70,14 @@ class Work:
         self._tell(self.spent)
         if self._whole is not None:
             self._whole._add_units(units)
+
+
+def late_after(seconds: float | None) -> Callable[[], bool]:
+    """Whether so many seconds have passed since this call."""
+    if seconds is None:
+        return lambda: False
+    until = time.monotonic() + seconds
+    return lambda: time.monotonic() > until
 
 
 def solutions(count: int, n: int, columns: int, *, is_complex: bool = True) -> float:

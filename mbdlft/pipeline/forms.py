@@ -32,6 +32,7 @@ from mbdlft.order.reduction import (
     reduce_order,
     transposed,
 )
+from mbdlft.order.restriction import Step, restricted_exactly
 from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
@@ -93,7 +94,23 @@ def _in_enough_bits(make: Callable[[], _Made], owner: str) -> _Made:
             bits *= 2
 
 
-def _candidate(problem: Problem, form: Form) -> Candidate:
+def restricted(problem: Problem, form: Form, steps: Sequence[Step]) -> Candidate | None:
+    """A candidate with blocks restricted; None if that is not possible."""
+    try:
+        with without_collection():
+            return _in_enough_bits(partial(_candidate, problem, form, steps), problem.nouns.owner)
+    except (AnalysisError, WellPosednessError):
+        return None
+
+
+def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> ExactLFT:
+    for step in steps:
+        if step.of_relations is of_relations:
+            a = restricted_exactly(a, step.name, is_transposed=step.is_transposed) or a
+    return a
+
+
+def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate:
     try:
         extracted = extract(form.relations, form.maps)
     except (StructureError, WellPosednessError) as error:
@@ -101,8 +118,8 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
     if opened.order > _MOST_EXACT:
         return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
-    relations = reduce_exactly(opened)
     n = form.relations.unknown.numel()
+    relations = _restricted(reduce_exactly(opened), steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())
         best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
@@ -113,7 +130,7 @@ def _candidate(problem: Problem, form: Form) -> Candidate:
         closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
-    exact = reduce_exactly(closed)
+    exact = _restricted(reduce_exactly(closed), steps, of_relations=False)
     return Candidate(
         form,
         extracted.channels,

@@ -10,7 +10,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.lft import LFT, with_blocks
@@ -18,6 +18,7 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.degree import Bound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone
+from mbdlft.order.restriction import Step
 from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.certification import (
     Checked,
@@ -28,7 +29,14 @@ from mbdlft.pipeline.certification import (
     rounding_of,
     values_at_points,
 )
-from mbdlft.pipeline.forms import Candidate, candidates, closing, near_relations, reduced_relations
+from mbdlft.pipeline.forms import (
+    Candidate,
+    candidates,
+    closing,
+    near_relations,
+    reduced_relations,
+    restricted,
+)
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -36,6 +44,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
+_MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
@@ -108,6 +117,8 @@ def _searched(
     lft, of_search = reduced[0].lft, None
     with stage("search"):
         result = _search(reduced, degrees, budget, stage)
+        if budget.seconds is None:
+            result = _searched_exactly(problem, reduced[0], result, degrees, budget, stage)
         dropped = result.dropped
         for smaller in (result.lft, *result.larger):
             if smaller.order >= lft.order:
@@ -198,6 +209,28 @@ def _search(
     return smallest
 
 
+def _searched_exactly(
+    problem: Problem,
+    start: Candidate,
+    result: Smallest,
+    degrees: Mapping[str, int],
+    budget: Budget,
+    stage: Stage,
+) -> Smallest:
+    """The result of searches that go on from what their steps lead to in exact numbers."""
+    steps: list[Step] = []
+    while result.steps and len(steps) < _MOST_STEPS and start.lft.order <= _MOST_RESTRICTED:
+        steps.append(result.steps[0])
+        candidate = restricted(problem, start.form, steps)
+        if candidate is None or candidate.lft.order >= result.lft.order:
+            break
+        more = _search([candidate], degrees, budget, stage)
+        bound = max(result.order_bound, more.order_bound)
+        larger = (*more.larger, candidate.lft, result.lft, *result.larger)
+        result = more._replace(order_bound=bound, larger=larger, dropped=more.dropped or result.dropped)
+    return result
+
+
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
     """Whether the result of a search has a larger error than rounding of the LFT that it began with."""
     pairs = zip(check.error_of(smaller), check.error_of(lft), _ENOUGH, strict=True)
@@ -210,6 +243,10 @@ def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check) -> s
     try:
         values_at_points(smaller, problem.parameters, problem.points, problem.nouns)
     except WellPosednessError as error:
+        return str(error)
+    try:
+        check.model(_in_units(problem, smaller), None)
+    except AnalysisError as error:
         return str(error)
     # what has values at points can be singular between them
     if known.zero is not None:

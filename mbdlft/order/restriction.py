@@ -1,0 +1,205 @@
+"""A block restricted to what it reaches, in exact numbers.
+
+[z ; y] = N(others) [w ; u], N = [A B ; C D], w = delta z: the columns K of [B, A B, A^2 B, ...] that are
+independent at a generic point span all z. So w = K w' and K z' = z, and rows of K that are independent
+at delta = 0 give z':
+
+    K_rows z' = A_rows K w' + B_rows u,   y = C K w' + D u,   w' = delta z'.
+
+It is what `mbdlft.order.rewriting.restrictions` does in doubles, which find where this makes an LFT
+smaller, but lose digits where the powers of A are many. Independence is decided on residues.
+"""
+
+from collections.abc import Sequence
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import qr
+
+from mbdlft.exact.matrices import (
+    ExactMatrix,
+    Residues,
+    entrywise,
+    identity,
+    multiplied,
+    rough_values,
+    solved,
+    stacked,
+    zeros,
+)
+from mbdlft.exact.reachable import Space
+from mbdlft.lft.lft import Block, consecutive
+from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.order.rewriting import simplest_first
+
+_POINTS = 2  # at which a constant has its value at zero
+
+
+class Step(NamedTuple):
+    """A block of the relations, or of the closed LFT, or of its transpose, to be restricted."""
+
+    name: str
+    is_transposed: bool
+    of_relations: bool
+
+
+def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactLFT | None:
+    """An LFT of equal value with one block restricted, reduced; None if that is singular at delta = 0."""
+    sizes = dict(a.blocks)
+    opened = _opened(transposed(a) if is_transposed else a, name)
+    size = sizes[name]
+    columns = _independent_columns(opened, size)
+    if len(columns) in (0, size):
+        return None
+    K = _krylov(opened, size, columns)
+    rows = np.sort(
+        qr(rough_values(K.M[K.order :, K.order :]).T, mode="r", pivoting=True)[1][: len(columns)]
+    )
+    try:
+        inner = _in_basis(opened, size, K, rows)
+    except ZeroDivisionError:
+        return None
+    closed = _closed(_settled(inner), Block(name, len(columns)))
+    ordered = _in_order(closed, [block.name for block in a.blocks])
+    return reduce_exactly(transposed(ordered) if is_transposed else ordered)
+
+
+def _opened(a: ExactLFT, name: str) -> ExactLFT:
+    """The LFT in the other deltas, (w, u) -> (z, y)."""
+    ((k, part),) = [
+        (k, p) for k, (b, p) in enumerate(zip(a.blocks, a.parts, strict=True)) if b.name == name
+    ]
+    n, inside = a.order, [*range(part.start, part.stop)]
+    others = [i for i in range(n) if i not in set(inside)]
+    rows, columns = ([*others, *inside, *range(n, count)] for count in a.M.shape)
+    return ExactLFT(a.M[rows][:, columns], a.blocks[:k] + a.blocks[k + 1 :])
+
+
+def _closed(a: ExactLFT, block: Block) -> ExactLFT:
+    """The inverse of `_opened`: the first inputs and outputs become the last block."""
+    return ExactLFT(a.M, (*a.blocks, block))
+
+
+def _in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
+    """The same with its blocks in an order."""
+    parts = {block.name: (block, part) for block, part in zip(a.blocks, a.parts, strict=True)}
+    channels = [k for name in names for k in range(a.order)[parts[name][1]]]
+    rows, columns = ([*channels, *range(a.order, count)] for count in a.M.shape)
+    return ExactLFT(a.M[rows][:, columns], tuple(parts[name][0] for name in names))
+
+
+def _selected(a: ExactLFT, outputs: Sequence[int], inputs: Sequence[int]) -> ExactLFT:
+    n = a.order
+    rows, columns = [*range(n), *(n + k for k in outputs)], [*range(n), *(n + k for k in inputs)]
+    return ExactLFT(a.M[rows][:, columns], a.blocks)
+
+
+def _merged(M: ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) -> ExactLFT:
+    """An LFT whose channels are those of `blocks` and then of `others`, with the same deltas."""
+    first, n = consecutive(b.size for b in blocks), sum(b.size for b in blocks)
+    second = [slice(n + p.start, n + p.stop) for p in consecutive(b.size for b in others)]
+    count = n + sum(b.size for b in others)
+    order = [
+        k for one, two in zip(first, second, strict=True) for p in (one, two) for k in range(count)[p]
+    ]
+    rows, columns = ([*order, *range(count, size)] for size in M.shape)
+    sizes = [b.size + c.size for b, c in zip(blocks, others, strict=True)]
+    named = tuple(Block(b.name, size) for b, size in zip(blocks, sizes, strict=True))
+    return ExactLFT(M[rows][:, columns], named)
+
+
+def _after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
+    """F [G v ; v'] with the inputs (v, v')."""
+    f, g, prime = F.order, G.order, F.M.prime
+    taken = slice(f, f + G.M.shape[0] - g)
+    rest = slice(taken.stop, F.M.shape[1])
+    through = F.M[:, taken] @ G.M[g:]
+    rows = stacked([[F.M[:, :f], through, F.M[:, rest]]])
+    inner = stacked([[zeros(g, f, prime), G.M[:g], zeros(g, rest.stop - rest.start, prime)]])
+    return _merged(stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
+
+
+def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
+    """(input, power) of columns A^power B_input that span what the block reaches, the simplest first."""
+    value, prime = _value(opened, 0), opened.M.prime
+    A, space, chosen = value[:size, :size], Space(size, prime), list[tuple[int, int]]()
+    n = opened.order
+    residues = opened.M.residues
+    inputs = simplest_first(
+        residues[:n, :n] != 0, residues[:n, n + size :] != 0, residues[n : n + size, :n] != 0
+    )
+    current = [(int(c), 0, value[:size, size + c]) for c in inputs]
+    while current and len(space.pivots) < size:
+        following = []
+        for c, power, column in current:
+            if len(space.extend(column[None])):
+                chosen.append((c, power))
+                following.append((c, power + 1, multiplied(A, column[:, None], prime)[:, 0]))
+        current = following
+    return chosen
+
+
+def _value(a: ExactLFT, seed: int) -> Residues:
+    """The value at a random point, in residues."""
+    n, prime, M = a.order, a.M.prime, a.M.residues
+    at = np.random.default_rng(seed).integers(1, prime, len(a.blocks), dtype=np.int64)
+    deltas = np.repeat(at, [block.size for block in a.blocks])
+    loop = (np.eye(n, dtype=np.int64) - entrywise(M[:n, :n], deltas[None], prime)) % prime
+    z = solved(loop, M[:n, n:], prime)
+    return np.asarray(
+        (M[n:, n:] + multiplied(entrywise(M[n:, :n], deltas[None], prime), z, prime)) % prime
+    )
+
+
+def _krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactLFT:
+    """The columns A^power B_input, as an LFT (size, number of columns)."""
+    highest = max(power for _, power in columns)
+    inside = range(size)
+
+    def step(K: ExactLFT | None, power: int) -> ExactLFT:
+        inputs = [size + c for c, other in columns if other == power]
+        if K is None:
+            return reduce_exactly(_selected(a, inside, inputs))
+        return reduce_exactly(_after(_selected(a, inside, [*inside, *inputs]), K))
+
+    K = reduce(step, range(highest, -1, -1), None)
+    assert K is not None
+    place = sorted(range(len(columns)), key=lambda k: -columns[k][1])  # as the inputs of K are
+    return _selected(K, inside, np.argsort(place).tolist())
+
+
+def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> ExactLFT:
+    """(w', u) -> (z', y) of an opened LFT in a basis K."""
+    d, prime = len(rows), a.M.prime
+    outputs = a.M.shape[0] - a.order - size
+    wanted = _selected(a, [*rows, *range(size, size + outputs)], range(a.M.shape[1] - a.order))
+    moved = reduce_exactly(_after(wanted, K))
+    chosen = _selected(K, rows.tolist(), range(d))
+    n, k = moved.order, chosen.order
+    others = moved.M.shape[1] - n
+    M = stacked(
+        [
+            [moved.M[:n, :n], zeros(n, k + d, prime), moved.M[:n, n:]],
+            [zeros(k, n, prime), chosen.M[:k], zeros(k, others, prime)],
+            [moved.M[n : n + d, :n], -chosen.M[k:], moved.M[n : n + d, n:]],
+            [moved.M[n + d :, :n], zeros(outputs, k + d, prime), moved.M[n + d :, n:]],
+        ]
+    )
+    whole = _merged(M, moved.blocks, chosen.blocks)
+    return reduce_exactly(eliminated(whole, d, [*range(d + outputs)]))
+
+
+def _settled(a: ExactLFT) -> ExactLFT:
+    """The same with rows and columns that do not vary as constants, for which nothing is repeated."""
+    n, prime = a.order, a.M.prime
+    D = a.M[n:, n:]
+    varies = np.any([_value(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
+    rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
+    core = reduce_exactly(_selected(a, rows.tolist(), columns.tolist()))
+    m, (high, wide) = core.order, D.shape
+    left, right = identity(high, prime)[:, rows], identity(wide, prime)[columns]
+    return ExactLFT(
+        stacked([[core.M[:m, :m], core.M[:m, m:] @ right], [left @ core.M[m:, :m], D]]), core.blocks
+    )
