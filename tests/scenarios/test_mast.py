@@ -135,7 +135,7 @@ def test_strategies_reach_table_9_2(name: str) -> None:
     made = tune_task(task, MODEL, starts=1, prove=False)
     reached = replace(task, initial=made.values)
     payload = made.values["m_payload"]
-    assert payload >= PRINTED[name][1]
+    assert payload >= PRINTED[name][1] - 0.005  # two digits in print
     assert (
         gamma(closed(MODEL, reached, wheel=False, amplifiers=False), payload) <= 1.01 * PRINTED[name][0]
     )
