@@ -154,7 +154,7 @@ def _value(a: ExactLFT, seed: int) -> Residues:
 
 
 def _krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactLFT:
-    """The columns A^power B_input, as an LFT (size, number of columns)."""
+    """The columns A^power B_input in some order, as an LFT (size, number of columns)."""
     highest = max(power for _, power in columns)
     inside = range(size)
 
@@ -166,8 +166,7 @@ def _krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> Exact
 
     K = reduce(step, range(highest, -1, -1), None)
     assert K is not None
-    place = sorted(range(len(columns)), key=lambda k: -columns[k][1])  # as the inputs of K are
-    return _selected(K, inside, np.argsort(place).tolist())
+    return K
 
 
 def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> ExactLFT:
