@@ -65,7 +65,7 @@ class MotionProof:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LyapunovProof:
-    """Lyapunov functions on parts of the box that prove stability (`mbdlft.robust.bisect.lyapunov`)."""
+    """Lyapunov functions on parts of the box (`mbdlft.robust.bisect.lyapunov`)."""
 
     # parts depth first, the lower half first: 0 for a proved one, 1 + the delta that is cut
     log: tuple[int, ...]

@@ -27,20 +27,19 @@ from mbdlft.robust.bisect.search import (
     Search,
     Signals,
     State,
+    attempted,
     bounds_at,
     check_numbers,
     cost_of,
     crew_of,
-    cut,
     enlarged,
     expanded,
     is_dear,
     last_of,
     lowered,
-    resistance,
     too_large,
 )
-from mbdlft.robust.evidence import GAIN, PERFORMANCE, Bounds, BoxProof, one_over
+from mbdlft.robust.evidence import GAIN, PERFORMANCE, Bounds, one_over
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
 from mbdlft.robust.mu.coverage import Loop, loop_of
@@ -56,6 +55,7 @@ from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
 _BISECTIONS = 40  # of the margin that is reached: more than its gap ever needs
+_SHARE = 0.5  # of the work that is left, for one level
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 
 
@@ -259,14 +259,18 @@ def _bounded(
     asked: Asked, model: Realization, polynomials: Polynomials, state: State[Peak], goal: float
 ) -> State[Peak]:
     """The state after an attempt to prove that no gain is above a goal."""
-    is_wrong = partial(_is_above, model, 1.0, 1.0 / goal)
-    state, outcome = cut(asked, state, model, (1.0, polynomials), is_wrong, one_over(goal))
-    if outcome.log is not None:
-        return state._replace(proof=BoxProof(outcome.log), upper=goal)
-    if outcome.counterexample is not None:
-        peak = largest_peak(model, 1.0, (outcome.counterexample,))
+    is_wrong, box = (
+        partial(_is_above, model, 1.0, 1.0 / goal),
+        (1.0, np.ones(len(model.sizes)), polynomials),
+    )
+    work = _SHARE * state.left(asked)
+    state, found = attempted(asked, state, model, box, is_wrong, work, one_over(goal))
+    if found.proof is not None:
+        return state._replace(proof=found.proof, upper=goal)
+    if found.counterexample is not None:
+        peak = largest_peak(model, 1.0, (found.counterexample,))
         return state._replace(worst=peak, lower=peak.gain)
-    return state._replace(reason=resistance(outcome, 1.0, model))
+    return state
 
 
 def _gain_bounds(asked: Asked, model: Realization, state: State[Peak], signals: Signals) -> Bounds:
@@ -307,12 +311,12 @@ def _margins_of_performance(asked: Asked, model: Realization) -> Search[Peak]:
         state, polynomials = expanded(state, model, k)
         if polynomials is None:
             return state
-        is_wrong, work = partial(_is_above, model, k, k), state.share(asked)
-        state, outcome = cut(asked, state, model, (k, polynomials), is_wrong, k, work)
-        if outcome.log is not None:
-            return state._replace(lower=k, proof=BoxProof(outcome.log))
-        if outcome.counterexample is not None:
-            return state._replace(upper=k, worst=peak_at(model, k * outcome.counterexample))
+        is_wrong, box = partial(_is_above, model, k, k), (k, np.full(len(model.sizes), k), polynomials)
+        state, found = attempted(asked, state, model, box, is_wrong, state.share(asked), k)
+        if found.proof is not None:
+            return state._replace(lower=k, proof=found.proof)
+        if found.counterexample is not None:
+            return state._replace(upper=k, worst=peak_at(model, k * found.counterexample))
         return state
 
     return (yield from enlarged(asked, state, tried, cost_of(model)))

@@ -373,9 +373,9 @@ def _unproved(system: System, claim: Claim, proof: Proof) -> str:
     ends = np.array([1.0 if name in claim.fixed else claim.size for name in model.names])
     try:
         if isinstance(proof, LyapunovProof):
-            if claim.gain or slope:
+            if slope:
                 return f"Lyapunov functions prove nothing of a {claim.kind}"
-            proves = lyapunov.replayed(model, ends, proof)
+            proves = lyapunov.replayed(model, ends, proof, claim.gain)
         else:
             proves = replayed(model, ends, polynomials(model, ends), proof.log, claim.gain)
     except (WellPosednessError, AnalysisError) as error:

@@ -10,6 +10,7 @@ exact slopes. It proves nothing: at the end each goal is bounded for all values 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,7 @@ def tune(
     *,
     inputs: Sequence[str] = (),
     initial: Mapping[str, float] | None = None,
+    leave_out: Sequence[str] = (),
     starts: int = 8,
     seed: int = 0,
     prove: bool = True,
@@ -155,6 +157,9 @@ def tune(
     initial : mapping of names of free values to numbers, optional
         Where the first search begins, such as `Tuning.values` of an earlier one; design parameters in
         their units. Values that are not named have the initial ones of their controllers.
+    leave_out : sequence of names of states, or "cyclic" for all that are only integrated
+        States on which nothing else depends, such as positions of a free body: they count in no goal, and
+        need not be stable.
     starts : int
         The first from the initial values, others from random ones.
     seed : int
@@ -179,10 +184,11 @@ def tune(
     if not (isinstance(starts, int) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
     say = progress or (lambda text: None)
-    net = _begun_at(network(systems, connections, goals, inputs), initial or {})
+    connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
+    net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
     with one_thread():
-        least = _least(net, goals, (systems, connections, inputs))
+        least = _least(net, goals, lambda: connected(_as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
         points = np.zeros((1, len(net.system.parameters)))
         best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
@@ -382,15 +388,16 @@ def _reached(
     return Reached(goal, tuned_to, worst, proved, least, loop, bounds)
 
 
-def _least(
-    net: Network, goals: Sequence[Goal], parts: tuple[Sequence[Any], Connections, Sequence[str]]
-) -> list[float]:
+def _as_matrices(systems: Sequence[Any]) -> list[Any]:
+    """Systems with matrices in place of controllers with free values."""
+    return [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
+
+
+def _least(net: Network, goals: Sequence[Goal], with_matrices: Callable[[], Network]) -> list[float]:
     """What no controllers with the same measurements pass at nominal; 0 where that is not known."""
     if net.design:
         return [0.0] * len(goals)
-    systems, connections, inputs = parts
-    matrices = [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
-    opened = network(matrices, connections, goals, inputs)
+    opened = with_matrices()
     return [full_order_bound(opened, g) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
 
 

@@ -86,6 +86,7 @@ class TuningTask:
     schedules : mapping of names of controllers to names of parameters, and functions of them
     goals : tuple of Goal
     initial : mapping of names of free values to numbers
+    leave_out : names of states, or "cyclic", as for `tune`
     """
 
     model: str
@@ -96,6 +97,7 @@ class TuningTask:
     schedules: Mapping[str, tuple[Sequence[str], Sequence[str]]]
     goals: tuple[Goal, ...]
     initial: Mapping[str, float]
+    leave_out: Names = ()
 
 
 def load_tuning(path: str | Path) -> TuningTask:
@@ -129,13 +131,14 @@ def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
         else c
         for c in task.controllers
     ]
-    how = {"inputs": task.inputs, "initial": task.initial, **options}
+    how = {"inputs": task.inputs, "initial": task.initial, "leave_out": task.leave_out, **options}
     return tune([model, *task.blocks, *controllers], task.goals, task.connections, **how)
 
 
 def _task(table: dict[str, Any]) -> TuningTask:
     keys = (
-        "format", "model", "connections", "inputs", "controller", "blocks", "weights", "goals", "initial"
+        "format", "model", "connections", "inputs", "controller", "blocks", "weights", "goals", "initial",
+        "leave_out",
     )  # fmt: skip
     check_keys(table, FORMAT, keys)
     if missing := [key for key in ("model", "connections", "goals") if key not in table]:
@@ -170,6 +173,7 @@ def _task(table: dict[str, Any]) -> TuningTask:
         schedules,
         tuple(goals),
         table.get("initial", {}),
+        table.get("leave_out", ()),
     )
 
 
@@ -182,6 +186,10 @@ def _tables(table: Mapping[str, Any], key: str) -> dict[str, dict[str, Any]]:
 
 def _are_names(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(name, str) for name in value)
+
+
+def _is_names(value: Any) -> bool:
+    return isinstance(value, str) or _are_names(value)
 
 
 def _made(noun: str, name: str, entry: Mapping[str, Any], kinds: Mapping[str, Callable[..., Any]]) -> Any:
@@ -220,7 +228,7 @@ _TYPES: dict[Any, Kind] = {
     float: (is_finite, "a finite number"),
     float | None: (is_finite, "a finite number"),
     str: (lambda value: isinstance(value, str), "a text"),
-    Names: (lambda value: isinstance(value, str) or _are_names(value), "a name or a list of names"),
+    Names: (_is_names, "a name or a list of names"),
     float | tuple[float, float]: (
         lambda value: is_finite(value) or _is_pair(value),
         "a finite number, or a list of two",
@@ -238,6 +246,7 @@ _TOP: Mapping[str, Kind] = {
         "lists of names, such as [['e', 'r', '-y']]",
     ),
     "inputs": (_are_names, "a list of names"),
+    "leave_out": (_is_names, "names of states, or 'cyclic'"),
     "initial": (partial(_by_name, is_entry=is_finite), "numbers by name of values"),
 }
 

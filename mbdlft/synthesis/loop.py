@@ -20,6 +20,7 @@ from mbdlft.exact.rounding import solve_nominal
 from mbdlft.lft.lft import LFT, check_plain
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.response.staircase import Plant
+from mbdlft.robust.realization import left_out, states_that_stay
 from mbdlft.synthesis.goals import MARGIN, Goal, check_goals
 from mbdlft.synthesis.pieces import FreeValue, TunableSystem
 from mbdlft.system.blocks import TunableGain, tunable
@@ -60,11 +61,16 @@ class _Opened(NamedTuple):
 
 
 def network(
-    systems: Sequence[Any], connections: Connections, goals: Sequence[Goal], more: Sequence[str] = ()
+    systems: Sequence[Any],
+    connections: Connections,
+    goals: Sequence[Goal],
+    more: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
 ) -> Network:
     """Systems and controllers, connected as `connect` does it, with the channels of the goals.
 
-    Inputs of systems that nothing drives, and `more` inputs of the whole, are zero.
+    Inputs of systems that nothing drives, and `more` inputs of the whole, are zero. States to leave out
+    are gone.
     """
     check_goals(goals)
     made = [_parts_of(item) for item in systems]
@@ -95,7 +101,7 @@ def network(
     free = tuple(value for part in opened for value in part.free)
     check_once([value.name for value in free], "tune, free values")
     return Network(
-        _plain(whole),
+        _without(_plain(whole), leave_out),
         tuple(inputs),
         tuple(outputs),
         base,
@@ -130,6 +136,16 @@ def _plain(system: System) -> System:
     return System(
         system.name, system.lft, system.states, system.inputs, system.outputs, system.parameters
     )
+
+
+def _without(system: System, leave_out: Sequence[str]) -> System:
+    """The system without states on which nothing else depends."""
+    every, n = range(len(system.outputs)), len(system.states)
+    stay = states_that_stay(system, left_out(system, leave_out, every), every)
+    rows, columns = ([*stay, *range(n, size)] for size in system.lft.shape)
+    a = system.lft
+    kept = LFT(a.M11, a.M12[:, columns], a.M21[rows], a.M22[np.ix_(rows, columns)], a.blocks)
+    return replace(system, lft=kept, states=tuple(system.states[k] for k in stay))
 
 
 def _idle(parts: Sequence[System], connections: Connections, driven: Sequence[str]) -> list[str]:

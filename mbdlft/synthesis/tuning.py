@@ -18,6 +18,7 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
+from mbdlft.robust.realization import cyclic_states
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
@@ -189,7 +190,14 @@ class Tuner:
         text += (
             f"Of the open loop, the controllers see {seen:.2g} of this mode, and move {moved:.2g} of it. "
         )
-        return text + "Give a controller that measures or drives it, more order, or other starts."
+        text += "Give a controller that measures or drives it, more order, or other starts"
+        cyclic = cyclic_states(self.net.system, range(len(self.net.system.outputs)))
+        if cyclic:
+            text += (
+                "; or leave out states on which nothing else depends, leave_out = 'cyclic': "
+                f"{', '.join(cyclic)}"
+            )
+        return f"{text}."
 
     def peaks_are_seen(self, tuned: Tuned) -> bool:
         """Whether the grid has the peak of every norm; if not, it has it from now on."""

@@ -46,9 +46,10 @@ def attempt(
 ) -> tuple[Realization, Array, LyapunovProof | None]:
     """A search for a proof of a size of the box."""
     model = realization(system)
-    ends = np.full(len(model.sizes), k)
-    is_wrong = partial(_is_unstable, model, ends)
-    return model, ends, searched(model, ends, work, is_wrong).proof
+    ends: Array = np.full(len(model.sizes), k)
+    proof = searched(model, ends, work, partial(_is_unstable, model, ends)).proof
+    assert proof is None or isinstance(proof, LyapunovProof)
+    return model, ends, proof
 
 
 def test_modes_that_cross_are_proved_whatever_their_damping() -> None:
@@ -168,7 +169,7 @@ def test_products_have_the_values_of_their_factors(
 
     def value(terms: Array) -> Array:
         values = np.concatenate([terms.reshape(*terms.shape[:q], -1), np.ones((*terms.shape[:q], 1))], -1)
-        return _at_nodes(_Part(values, values, 0, np.zeros(q), np.ones(q)), n, point)[0].reshape(n, n)
+        return _at_nodes(_Part(values, values, 0, np.zeros(q), np.ones(q), n), point)[0].reshape(n, n)
 
     target(value(_product(P, N)), value(P) @ value(N), CLOSED_FORM)
 
@@ -223,12 +224,101 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
         model = Realization(
             ("d",), (1,), A, column, column.T, still, column[:, :0], none, column.T[:0], none.T, none[:0]
         )
-        part = _Part(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1))
+        part = _Part(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1), n)
         P = np.array([modes.T @ modes] * 2)
         assert not _is_positive(part, modes, P)
         assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))
         shifted = state_polynomials(model._replace(A=A - np.eye(n)), 1.0)
         assert _is_positive(part._replace(values=shifted[0], sizes=shifted[1]), modes, P)
+
+
+def never(_: Array) -> bool:
+    """No deltas are looked at."""
+    return False
+
+
+def bounded(system: System, goal: float, work: float = 1.0) -> tuple[Realization, LyapunovProof | None]:
+    """A search for a proof that the gain is below a goal on the box, without a look at samples."""
+    model = realization(system, range(len(system.inputs)), range(len(system.outputs)))
+    found = searched(model, np.ones(len(model.sizes)), work, never, 1.0 / goal).proof
+    assert found is None or isinstance(found, LyapunovProof)
+    return model, found
+
+
+def test_a_gain_is_proved_up_to_what_it_is() -> None:
+    """p/(s + 1) with p up to 2, and a direct path of 0.5 beside it: the gain is 2.5."""
+    p = Parameter("p", 1.5, low=1.0, high=2.0)
+    system = realize([["-1", "1"], ["p", "0.5"]], [p], states=1, inputs=["u"], outputs=["y"])
+    assert bounded(system, 2.4999)[1] is None
+    assert bounded(system, 2.5)[1] is None
+    model, proof = bounded(system, 2.505)
+    assert proof is not None
+    assert replayed(model, np.ones(1), proof, 1.0 / 2.505)
+    assert not replayed(model, np.ones(1), proof, 1.0 / 2.499)
+    fast = realize([["-1", "1"], ["p", "3"]], [p], states=1, inputs=["u"], outputs=["y"])
+    assert bounded(fast, 2.9)[1] is None
+
+
+def crossing_with_signals(damping: float) -> System:
+    """`crossing` with two forces and three outputs, one of which has a direct path."""
+    d = repr(damping)
+    rows = [
+        ["0", "0", "1", "0", "0", "0"],
+        ["0", "0", "0", "1", "0", "0"],
+        ["-a", "0", f"-{d}", "0", "1", "0.5"],
+        ["0", "-b", "0", f"-{d}", "0", "a"],
+        ["1", "0", "0", "0", "0", "0"],
+        ["1", "b", "0", "0", "0", "0"],
+        ["-a", "0", "0", "0", "1", "0"],
+    ]
+    a, b = Parameter("a", 1.0, low=0.6, high=1.4), Parameter("b", 1.0, low=0.6, high=1.4)
+    return realize(rows, [a, b], states=4, inputs=["u", "v"], outputs=["x", "y", "z"], name="crossing")
+
+
+def test_gains_of_modes_that_cross_are_proved_and_verified() -> None:
+    """Of hardly damped modes, with several signals; the bound is above all samples, and near to them."""
+    system = crossing_with_signals(0.2)
+    largest = mbdlft.worst_case_gain(system, gap=0.5, work=0.01).lower
+    goal = 1.05 * largest
+    model, proof = bounded(system, goal, 4.0)
+    assert proof is not None
+    claimed = replace(
+        mbdlft.worst_case_gain(system, gap=0.5, work=0.01), upper=goal, proof=proof, reason=""
+    )
+    assert verify(system, claimed) == ""
+    assert verify(system, replace(claimed, upper=1.001 * largest))
+    assert verify(system, replace(claimed, inputs=("u",)))
+    assert not replayed(model, 1.1 * np.ones(2), proof, 1.0 / goal)
+    random = np.random.default_rng(1)
+    A, B, C, D = mbdlft.matrices_at(
+        system, {p.name: random.uniform(p.low, p.high, 50) for p in system.parameters}
+    )
+    for k, s in np.ndindex(50, 60):
+        w = 1j * (0.6 + 0.012 * s)
+        assert np.linalg.norm(C[k] @ np.linalg.solve(w * np.eye(4) - A[k], B[k]) + D[k], 2) <= goal
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_a_gain_of_one_is_not_below_one_however_products_are_rounded(n: int) -> None:
+    """V^-1 (s + 1)^-1 V with integers V and V^-1: the gain is 1, and no P has S > 0 for it."""
+    random = np.random.default_rng(n)
+    for _ in range(60):
+        V = np.tril(random.integers(-2, 3, (n, n)), -1) + np.eye(n)
+        V = V @ (np.triu(random.integers(-2, 3, (n, n)), 1) + np.eye(n))
+        G, still = np.round(np.linalg.inv(V)), np.zeros((1, 1))
+        none = np.zeros((1, n))
+        model = Realization(
+            ("d",), (1,), -np.eye(n), none.T, none, still, V, none, G, none.T, np.zeros((n, n))
+        )
+        states = random.standard_normal((n, n))
+        P = lyapunov._beside(
+            part := _Part(*state_polynomials(model, 1.0, 1.0), 2, np.zeros(1), np.ones(1), n, n),
+            np.array([states.T @ G.T @ G @ states] * 2),
+            1.0,
+        )
+        assert not _is_positive(part, states, P)
+        less = state_polynomials(model, 1.0, 0.9)
+        assert _is_positive(part._replace(values=less[0], sizes=less[1]), states, P)
 
 
 def test_poles_that_are_rounding_reach_no_margin() -> None:

@@ -321,6 +321,30 @@ def test_poles_are_moved_into_their_region_and_proved() -> None:
     assert [mbdlft.verify(region.loop, bounds) for bounds in region.bounds] == ["", ""]
 
 
+def test_states_on_which_nothing_depends_are_left_out() -> None:
+    """A body that drifts as it leans: place and speed are no states of the loop that is tuned."""
+    J = [mbdlft.Parameter("J", 2.0, percent=20)]
+    rows = [["0", "1", "0"], ["0.5/J", "0", "1/J"], ["1", "0", "0"], ["0", "1", "0"]]
+    drift = [["0", "1", "0", "0", "0"], ["0.5/J", "0", "0", "0", "1/J"], ["9.81", "0", "0", "0", "0"]]
+    drift += [["0", "0", "1", "0", "0"], ["1", "0", "0", "0", "0"], ["0", "1", "0", "0", "0"]]
+    ends = {"D[1,1]": (-9.0, 9.0), "D[1,2]": (-9.0, 9.0)}
+    law = tunable_gain("K", ["q", "rate"], "u", initial={"D[1,2]": -1.0}, ranges=ends, scale=5.0)
+    goals = [gain_goal("body.f", "body.angle")]
+    wired = [["f", "u"], ["q", "angle"], ["rate", "speed"]]
+    tuned = []
+    for matrix, states in ((rows, 2), (drift, 4)):
+        plant = mbdlft.realize(
+            matrix, J, states=states, inputs=["f"], outputs=["angle", "speed"], name="body", search=0.0
+        )
+        tuned.append(tune([plant, law], goals, wired, leave_out="cyclic", starts=1))
+    target([tuned[1].goals[0].proved], [tuned[0].goals[0].proved], FITTED)
+    assert mbdlft.verify(tuned[1].goals[0].loop, tuned[1].goals[0].bounds[0]) == ""
+    with pytest.raises(mbdlft.AnalysisError, match="leave_out = 'cyclic': x2, x3"):
+        tune([plant, law], goals, wired, starts=1)
+    with pytest.raises(mbdlft.AnalysisError, match="cannot be left out"):
+        tune([plant, law], goals, wired, leave_out=["x1"], starts=1)
+
+
 @pytest.mark.long
 def test_hard_goals_that_conflict_are_told_from_reached_ones() -> None:
     pid = tunable_pid("pid", "e", "u", filter=100.0, scale=20.0)

@@ -130,16 +130,23 @@ def polynomials(model: Realization, k: float | Array) -> Polynomials:
     )
 
 
-def state_polynomials(model: Realization, k: float | Array) -> tuple[Array, Array]:
-    """Bernstein coefficients (r_1 + 1, ..., n^2 + 1) of the entries of d A, and of d = det(I - D Delta).
+def state_polynomials(model: Realization, k: float | Array, gain: float = 0.0) -> tuple[Array, Array]:
+    """Bernstein coefficients of the entries of d A, and of d = det(I - D Delta), as the last of a row.
 
-    Their errors are at most 2 EPS of the second array. The box, and errors, are as those of
-    `polynomials`.
+    With a gain g, those of d [A E 0; 0 -I/2 0; g G g J -I/2]: rows are states, inputs and outputs.
+    Both arrays are (r_1 + 1, ..., rows^2 + 1); errors are at most 2 EPS of the second. The box, and
+    errors, are as those of `polynomials`.
     """
 
     def row(whole: Balls, factor: Any) -> list[list[Any]]:
-        n = len(model.A)
-        return [[factor * x for x in whole[:n, :n].ravel()] + [factor]]
+        n, (all_rows, columns) = len(model.A), whole.shape
+        if gain:
+            closed, whole = whole, np.full((columns + all_rows - n,) * 2, flint.arb(0))
+            whole[:n, :columns], whole[columns:, :columns] = closed[:n], flint.arb(gain) * closed[n:]
+            whole[range(n, len(whole)), range(n, len(whole))] = flint.arb(-0.5)
+        else:
+            whole = whole[:n, :n]
+        return [[factor * x for x in whole.ravel()] + [factor]]
 
     with flint.ctx.workprec(_BITS):
         values, radii = _balls(model, k, row)

@@ -1,4 +1,4 @@
-"""A proof of stability on a box of deltas, without frequencies: Lyapunov functions that depend on deltas.
+"""A proof of stability, or of a gain, on a box of deltas, without frequencies: Lyapunov functions.
 
 Let d = det(I - D Delta), and N = d A, both polynomials in the deltas. On a part of the box on which d > 0
 and a polynomial P(delta) = P' has
@@ -18,6 +18,13 @@ Garulli, Tesi, Vicino, IEEE TAC 50, 2005.)
 In each delta P has the least degree at which the tail of its Chebyshev series, along the line through the
 middle, leaves most of S. A part that needs too much is cut along the delta of the largest tail.
 
+A gain is below 1/g, too, where (bounded real lemma) with P_+ = diag(P, I, I)
+
+    S = -(N_+'P_+ + P_+ N_+) > 0,       N_+ = d [A E 0; 0 -I/2 0; g G  g J  -I/2].
+
+Then P interpolates stabilizing solutions of the Riccati equation in which the Schur complement is Q in
+place of 0: half of the largest multiple of the I of the modes for which there is one in the middle.
+
 S > 0 if all of its Bernstein coefficients are. The products are in doubles, with bounds of their
 rounding, and Cholesky's factor of what is left without these proves that it is positive (Rump, BIT 46,
 2006). The proof is the list of cuts, and the degrees and coordinates of each part; P is computed again.
@@ -25,7 +32,7 @@ rounding, and Cholesky's factor of what is left without these proves that it is 
 
 from collections.abc import Sequence
 from functools import cache
-from math import comb, prod
+from math import comb, isqrt, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,9 +49,12 @@ from mbdlft.robust.evidence import BoxProof, LyapunovProof
 
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 _DEGREE = 8  # of P in a delta, at most
-_TAIL = 0.08  # of S, which terms of P beyond its degrees may be, as far as the middle tells
+_TAIL = 0.2  # of S, which terms of P beyond its degrees may be, as far as the middle tells
 _DEAREST = 1.0  # units of work of a part
 _PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
+_RICCATI = 6.0  # times the work of a Lyapunov equation, that of a Riccati equation
+_HALVINGS = 12  # of a share that is looked for
+_UNSEEN = 1e-3  # of the largest size of modes at inputs or outputs: smaller ones count as this
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
 _CACHED = 2**20  # doubles of a product of matrices
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
@@ -56,7 +66,7 @@ _MIDDLE = np.array([0.5])
 class _Part(NamedTuple):
     """N and d as Bernstein coefficients (r_1 + 1, ..., n^2 + 1) on deltas c - h to c + h, of a unit box.
 
-    Their errors are at most `steps` EPS of `sizes`, which has their shape.
+    Their errors are at most `steps` EPS of `sizes`, which has their shape. With a gain it is N_+.
     """
 
     values: Array
@@ -64,6 +74,13 @@ class _Part(NamedTuple):
     steps: int
     center: Array
     half: Array
+    states: int
+    inputs: int = 0  # of the gain
+
+    @property
+    def rows(self) -> int:
+        """Of N, or of N_+."""
+        return isqrt(self.values.shape[-1] - 1)
 
 
 class Attempt(NamedTuple):
@@ -83,22 +100,24 @@ def is_small(model: Realization) -> bool:
 
 def _cost(model: Realization, degrees: NDArray[Any] | None) -> float:
     """Units of work of a part of the box with P of these degrees, or of a look at it."""
-    n = len(model.A)
+    n, rows, q = len(model.A), len(model.A) + sum(model.J.shape), len(model.sizes)
     nodes = 0.0 if degrees is None else float(np.prod(degrees + 1.0))
-    solutions = nodes + (_DEGREE + 1.0) * len(model.sizes)
-    products = _PRODUCT * nodes * model.coefficients * n**2
-    return _PART + solutions * (_NODE + _SOLUTION * n**3) + products
+    solution, more = _NODE + _SOLUTION * n**3, (_DEGREE + 1.0) * q
+    if rows > n:
+        solution, more = _RICCATI * solution, more + _HALVINGS
+    products = _PRODUCT * nodes * model.coefficients / (n + 1) * rows**3
+    return _PART + (nodes + more) * solution + products
 
 
-def searched(model: Realization, ends: Ends, work: float, is_wrong: Check) -> Attempt:
-    """Look for a proof that all models of the box |delta| <= ends are stable."""
-    waiting, log, states, degrees = [_whole(model, ends)], list[int](), list[Array](), list[Any]()
+def searched(model: Realization, ends: Ends, work: float, is_wrong: Check, gain: float = 0.0) -> Attempt:
+    """Look for a proof that all models of the box |delta| <= ends are stable, of a gain below 1/gain."""
+    waiting, log, states, degrees = [_whole(model, ends, gain)], list[int](), list[Array](), list[Any]()
     used, proved, part = 0.0, 0.0, waiting[0]
     while waiting:
         part = waiting.pop()
         if is_wrong(part.center):
             return Attempt(None, part.center, part.center, used)
-        modes = _modes(part, len(model.A))
+        modes = _modes(part)
         tails = None if modes is None else _tails(part, modes)
         wanted, axis = None, _largest_change(part)
         if tails is not None:
@@ -125,7 +144,7 @@ def searched(model: Realization, ends: Ends, work: float, is_wrong: Check) -> At
     )
 
 
-def replayed(model: Realization, ends: Ends, proof: LyapunovProof) -> bool:
+def replayed(model: Realization, ends: Ends, proof: LyapunovProof, gain: float = 0.0) -> bool:
     """Whether a list of cuts, and coordinates of the parts, prove what `searched` says."""
     n, q, count = len(model.A), len(model.sizes), proof.log.count(0)
     if proof.degrees.shape != (count, q) or proof.states.shape != (count, n, n):
@@ -133,7 +152,7 @@ def replayed(model: Realization, ends: Ends, proof: LyapunovProof) -> bool:
     if not np.all((proof.degrees >= 0) & (proof.degrees <= _DEGREE)):
         return False
     leaves = zip(proof.states, proof.degrees, strict=True)
-    waiting = [_whole(model, ends)]
+    waiting = [_whole(model, ends, gain)]
     for step in proof.log:
         if not waiting or not 0 <= step <= q:
             return False
@@ -147,10 +166,10 @@ def replayed(model: Realization, ends: Ends, proof: LyapunovProof) -> bool:
     return not waiting
 
 
-def _whole(model: Realization, ends: Ends) -> _Part:
-    values, sizes = state_polynomials(model, ends)
-    q = len(model.sizes)
-    return _Part(values, sizes, 2, np.zeros(q), np.ones(q))
+def _whole(model: Realization, ends: Ends, gain: float) -> _Part:
+    values, sizes = state_polynomials(model, ends, gain)
+    (n, m), q = model.E.shape, len(model.sizes)
+    return _Part(values, sizes, 2, np.zeros(q), np.ones(q), n, m if gain else 0)
 
 
 def _halves(part: _Part, axis: int) -> list[_Part]:
@@ -163,29 +182,68 @@ def _halves(part: _Part, axis: int) -> list[_Part]:
     for side, pair in zip((-1.0, 1.0), halves, strict=True):
         center = part.center.copy()
         center[axis] += side * half[axis]
-        parts.append(_Part(*pair, steps, center, half))
+        values, sizes = pair
+        parts.append(part._replace(values=values, sizes=sizes, steps=steps, center=center, half=half))
     return parts
 
 
-def _modes(part: _Part, n: int) -> Array | None:
-    """Columns (n, n) of the modes in the middle, in which -(A + A') is I; None if they are dependent."""
-    N, d = _at_nodes(part, n, [_MIDDLE] * len(part.center))
+def _modes(part: _Part) -> Array | None:
+    """Columns (n, n) of the modes in the middle, in which -(A + A') is I; None if they are dependent.
+
+    With a gain, they are larger: I is what the Riccati equation has in place of 0.
+    """
+    n, middle = part.states, [_MIDDLE] * len(part.center)
+    N, d = _at_nodes(part, middle)
     if not d.item() > 0.0:
         return None
-    A = N.reshape(n, n) / d.item()
+    A = N.reshape(N.shape[-2:])[:n, :n] / d.item()
     scale = balancing(A)
     values, vectors = eigenvectors_of(A * scale / scale[:, None])[::2]
     columns: list[Array] = []
+    owner: list[int] = []
     for k in np.flatnonzero(values.imag >= 0.0):
         shapes = (vectors[:, k].real, vectors[:, k].imag)[: 1 + int(values[k].imag > 0.0)]
-        columns += [scale * shape / np.sqrt(2.0 * abs(values[k].real)) for shape in shapes]
-    modes = np.array(columns).T
-    return modes if modes.shape == A.shape and np.all(np.isfinite(modes)) else None
+        columns += [scale * shape for shape in shapes]
+        owner += [int(k)] * len(shapes)
+    modes, decay = np.array(columns).T, np.sqrt(2.0 * np.abs(values[owner].real))
+    if modes.shape != A.shape or not (np.all(np.isfinite(modes)) and np.all(decay > 0.0)):
+        return None
+    if not part.inputs:
+        return np.asarray(modes / decay)
+    modes = modes / decay
+    if (whole := _in_modes(part, modes, middle)) is None:
+        return None
+    weights = _weights(whole.reshape(N.shape[-2:]), decay, part.inputs, np.array(owner))
+    if (whole := _in_modes(part, modes / weights, middle)) is None:
+        return None
+    share = _largest_share(whole.reshape(N.shape[-2:]), n, part.inputs)
+    return np.asarray(modes / weights / np.sqrt(0.5 * share)) if share else None
 
 
-def _at_nodes(part: _Part, n: int, nodes: Sequence[Array]) -> tuple[Array, Array]:
+def _weights(whole: Array, decay: Array, m: int, owner: NDArray[np.int64]) -> Array:
+    """What modes (n,) are divided by, so that each is moved as much by inputs as outputs see of it.
+
+    Alone, a mode has solutions P from |g G_i|^2 to 1/|E_i|^2, and P = |g G_i|/|E_i| leaves most of S.
+    """
+    n, sizes = len(decay), []
+    for rows in (whole[n + m :, :n].T, whole[:n, n : n + m] / decay[:, None] ** 2):
+        size = np.sqrt(np.bincount(owner, np.sum(rows**2, axis=1))[owner])
+        sizes.append(size + _UNSEEN * max(float(np.max(size)), 1e-300))
+    return np.asarray(np.sqrt(sizes[0] / sizes[1]))
+
+
+def _largest_share(whole: Array, n: int, inputs: int) -> float:
+    """Nearly the largest multiple of I for which a Riccati equation has a stabilizing solution; or 0."""
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        share = 0.5 * (low + high)
+        low, high = (low, share) if _riccati(whole, n, inputs, share) is None else (share, high)
+    return low
+
+
+def _at_nodes(part: _Part, nodes: Sequence[Array]) -> tuple[Array, Array]:
     """N (..., n, n) and d (...) at nodes of each delta, which go from 0 to 1 on the part."""
-    values = part.values
+    values, n = part.values, part.rows
     for axis, t in enumerate(nodes):
         basis = _basis(values.shape[axis] - 1, tuple(t.tolist()))
         values = np.moveaxis(np.tensordot(basis, values, (1, axis)), 0, axis)
@@ -209,13 +267,13 @@ def _proves(part: _Part, modes: Array, degrees: NDArray[Any], slack: float = 0.0
     for axis, t in enumerate(nodes):
         inverse = np.linalg.inv(_basis(len(t) - 1, tuple(t.tolist())))
         P = np.moveaxis(np.tensordot(inverse, P, (1, axis)), 0, axis)
-    P = 0.5 * (P + P.mT)
+    P = _beside(part, 0.5 * (P + P.mT), 1.0)
     return bool(np.all(np.isfinite(P))) and _is_positive(part, modes, P, slack)
 
 
 def _tails(part: _Part, modes: Array) -> Array | None:
     """What terms of P beyond degrees 1, 2, ... add to S along each delta (q, _DEGREE); None without P."""
-    n, q, t = len(modes), len(part.center), _chebyshev(_DEGREE)
+    n, q, t = part.rows, len(part.center), _chebyshev(_DEGREE)
     terms = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * t - 1.0, _DEGREE))
     A = _in_modes(part, modes, [_MIDDLE] * q)
     if A is None:
@@ -225,7 +283,8 @@ def _tails(part: _Part, modes: Array) -> Array | None:
         P = _solutions(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
         if P is None:
             return None
-        half = np.tensordot(terms, P.reshape(-1, n, n), 1) @ A.reshape(n, n)
+        series = np.tensordot(terms, P.reshape(-1, *modes.shape), 1)
+        half = _beside(part, series, 0.0) @ A.reshape(n, n)
         sizes = np.linalg.norm(half + half.mT, axis=(1, 2))
         tails.append(np.append(np.cumsum(sizes[::-1])[-3::-1], sizes[-1]))
     return np.array(tails) if np.all(np.isfinite(tails)) else None
@@ -236,30 +295,71 @@ def _chebyshev(degree: int) -> Array:
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)))
 
 
+def _beside(part: _Part, matrices: Array, one: float) -> Array:
+    """diag(X, one I, one I) for each of the matrices X of the states."""
+    n, more = part.states, part.rows - part.states
+    if not more:
+        return matrices
+    whole = np.zeros((*matrices.shape[:-2], n + more, n + more))
+    whole[..., :n, :n] = matrices
+    whole[..., range(n, n + more), range(n, n + more)] = one
+    return whole
+
+
 def _in_modes(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
-    """A (..., n, n) at nodes in coordinates; None if there is none."""
-    N, d = _at_nodes(part, len(modes), nodes)
+    """N/d (..., n, n) at nodes in coordinates; None if there is none."""
+    N, d = _at_nodes(part, nodes)
     if not np.all(d > 0.0):
         return None
     try:
+        modes = _beside(part, modes, 1.0)
         return np.asarray(np.linalg.solve(modes, N / d[..., None, None] @ modes))
     except np.linalg.LinAlgError:
         return None
 
 
 def _solutions(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
-    """Solutions P (..., n, n) of A'P + P A = -I at nodes, in coordinates; None if there is no A."""
-    A = _in_modes(part, modes, nodes)
-    if A is None:
+    """Solutions P (..., n, n) at nodes, in coordinates; None if one has none."""
+    whole = _in_modes(part, modes, nodes)
+    if whole is None:
         return None
-    return np.array([_solution(each) for each in A.reshape(-1, *modes.shape)]).reshape(A.shape)
+    found = []
+    for each in whole.reshape(-1, *whole.shape[-2:]):
+        P = _riccati(each, part.states, part.inputs, 1.0) if part.inputs else _solution(each)
+        if P is None:
+            return None
+        found.append(P)
+    return np.array(found).reshape(*whole.shape[:-2], *modes.shape)
 
 
-def _solution(A: Array) -> Array:
-    """The solution P of A'P + P A = -I; of a matrix near to A where there is none."""
+def _solution(A: Array, Q: Array | None = None) -> Array:
+    """The solution P of A'P + P A = -Q, or -I; of a matrix near to A where there is none."""
     R, _, _, _, U, _, _ = dgees(_unsorted, A.T)
-    Y, scale, _ = dtrsyl(R, R, -U.T @ U, tranb="T")
+    Y, scale, _ = dtrsyl(R, R, -U.T @ U if Q is None else -U.T @ Q @ U, tranb="T")
     return np.asarray(U @ (Y / scale) @ U.T)
+
+
+def _riccati(whole: Array, n: int, m: int, share: float) -> Array | None:
+    """The stabilizing P of A'P + P A + share I + G'G + (P E + G'J) (I - J'J)^-1 (P E + G'J)' = 0.
+
+    [A E 0; 0 -I/2 0; G J -I/2] is the whole.
+    """
+    A, E, G, J = whole[:n, :n], whole[:n, n : n + m], whole[n + m :, :n], whole[n + m :, n : n + m]
+    R = np.eye(m) - J.T @ J
+    try:
+        feedback, through = np.linalg.solve(R, J.T @ G), np.linalg.solve(R, E.T)
+        F, Q = A + E @ feedback, share * np.eye(n) + G.T @ (G + J @ feedback)
+        H = np.block([[F, E @ through], [-Q, -F.T]])
+        _, stable, _, _, U, _, info = dgees(lambda real, _: real < 0.0, H, sort_t=1)
+        if info or stable != n:
+            return None
+        P = np.linalg.solve(U[:n, :n].T, U[n:, :n].T)
+        P = _solution(F + E @ through @ P, Q - P.T @ E @ through @ P)  # a step of Newton's method
+        half = np.vstack([P @ whole[:n], whole[n:]])
+        np.linalg.cholesky(-(half + half.T))  # not where eigenvalues of H are on the axis
+    except np.linalg.LinAlgError:
+        return None
+    return P
 
 
 def _unsorted(*_: float) -> None:
@@ -267,29 +367,38 @@ def _unsorted(*_: float) -> None:
 
 
 def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> bool:
-    """Whether d > 0 and S > 0 on a part are proved, and by how much of the mean of S.
+    """Whether d > 0 and S > 0 on a part are proved, with a share of the diagonal of S to spare.
 
     With W near to the inverse of T, the modes, P stands for W'P W, and T'S T is the sum of -E'P (W N T)
     and its transpose, E = W T. Each product of k terms is off by at most k EPS of that of sizes.
+    Modes are scaled, by powers of two, until the diagonal of P is near to 1. Inputs and outputs of a gain
+    stay as they are, so W and T have an exact I for them.
     """
-    n, q = len(modes), len(part.center)
+    n, states, q = part.rows, part.states, len(part.center)
     shape, rounding = part.values.shape[:q], part.steps * EPS
     if not np.all(part.values[..., -1] > 2.0 * rounding * part.sizes[..., -1]):
         return False
-    W = np.linalg.inv(modes)
+    energies = np.mean(np.abs(np.diagonal(P, axis1=-2, axis2=-1)), axis=tuple(range(q)))
+    scale = 2.0 ** np.round(0.5 * np.log2(np.maximum(energies, 1e-300)))
+    P, modes = P / np.outer(scale, scale), modes / scale[:states]
+    W, modes = (_beside(part, np.asarray(each), 1.0) for each in (np.linalg.inv(modes), modes))
     N = W @ part.values[..., :-1].reshape(*shape, n, n) @ modes
     largest = np.outer(np.sum(np.abs(W), axis=0), np.sum(np.abs(modes), axis=1))
     errors = part.sizes[..., :-1] @ largest.ravel()
     near = W @ modes - np.eye(n)
     identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * EPS * (np.abs(W) @ np.abs(modes))))
-    terms = prod(P.shape[:q])
-    share = 2.0 * (identity + rounding + (6.0 * n + 2.0 * terms + 40.0) * EPS)
+    share = rounding + (6.0 * n + 2.0 * prod(P.shape[:q]) + 40.0) * EPS
     half = _product(P, N)
     S = -(half + half.mT)
-    sizes = _product(np.linalg.norm(P, axis=(-2, -1))[..., None, None], errors[..., None, None])
+    norms = [np.linalg.norm(each, axis=(-2, -1))[..., None, None] for each in (P, N)]
+    sizes, products = (
+        _product(norms[0], each)[..., 0, 0] for each in (errors[..., None, None], norms[1])
+    )
+    off = share * sizes
     trace = np.trace(S, axis1=-2, axis2=-1)
-    less = share * sizes[..., 0, 0] + (slack / n + 4.0 * (n + 2.0) * EPS) * np.abs(trace)
+    less = 2.0 * (off + identity * (products + off)) + 4.0 * (n + 2.0) * EPS * np.abs(trace)
     S = S - (less * _UP)[..., None, None] * np.eye(n)
+    S[..., range(n), range(n)] *= 1.0 - slack
     if not np.all(np.isfinite(S)):
         return False
     try:

@@ -263,8 +263,9 @@ def attempted(
     box: tuple[float, Array, Polynomials],
     is_wrong: Check,
     work: float,
+    gain: float = 0.0,
 ) -> tuple[State[Worst], Attempt]:
-    """What comes of attempts to prove that all poles are in the region, on a box of a size and ends.
+    """What comes of attempts to prove a region of poles, or a gain below 1/gain, on a box of some ends.
 
     The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
     smaller box, Lyapunov functions are tried before it. If only work was missing, no more is tried.
@@ -273,18 +274,18 @@ def attempted(
     tries = [work]  # of the polynomial; 0: Lyapunov functions
     if not model.slope and is_small(model):
         soon = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
-        tries = [*soon, 0.0, 0.5 * work]
+        tries = [*soon, 0.0] if gain else [*soon, 0.0, 0.5 * work]
     for most in tries:
         if most:
             most = min(most, work)
-            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, work=most)
+            state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, gain, most)
             proof = None if outcome.log is None else BoxProof(outcome.log)
             state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
             center = outcome.open_box.center
             found = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
         else:
             with after(state.used):
-                found = searched(model, ends, work, is_wrong)
+                found = searched(model, ends, work, is_wrong, gain)
             state = state._replace(used=state.used + found.work)
         if found.proof is not None or found.counterexample is not None or not found.is_hopeless:
             break
