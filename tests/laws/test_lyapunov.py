@@ -229,7 +229,9 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
         assert not _is_positive(part, modes, P)
         assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))
         shifted = state_polynomials(model._replace(A=A - np.eye(n)), 1.0)
-        assert _is_positive(part._replace(values=shifted[0], sizes=shifted[1]), modes, P)
+        part = part._replace(values=shifted[0], sizes=shifted[1])
+        assert _is_positive(part, modes, P)
+        assert not _is_positive(part._replace(steps=2**50), modes, P)  # entries off by a quarter
 
 
 def never(_: Array) -> bool:
