@@ -38,7 +38,7 @@ kind = "revolute"
 parent = "ground"
 child = "body"
 axis = [0, 0, 1]
-position = "-90 [deg]"
+position = "90 [deg]"
 damping = 0.1
 [linearize]
 inputs = ["rev.torque"]
@@ -81,7 +81,7 @@ outputs = ["one.angle"]
 
 
 def of_pendulum() -> Any:
-    return np.roots([0.001 + 0.5**2, 0.1, 0.5 * 9.80665])  # J s^2 + d s + m g l
+    return np.roots([0.001 + 0.5**2, 0.1, -0.5 * 9.80665])  # it stands: J s^2 + d s - m g l
 
 
 def of_double() -> Any:
