@@ -171,7 +171,7 @@ def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
         with np.errstate(all="ignore"):
             r, J = system.residual(z, knowns), system.jacobian(z, knowns)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
-            return close or Found(z, np.full(system.count, np.inf))
+            return Found(z, np.full(system.count, np.inf))
         scale = system.scale(J, z, knowns, sizes)
         if polished:
             break

@@ -141,8 +141,7 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     assert mbdlft.to_lft(two_link_arm.scene()).order == 16
     monkeypatch.setattr(stages, "_search", lossy)
     monkeypatch.setattr(stages, "_loses_digits", lambda *_: False)
-    with pytest.raises(mbdlft.AnalysisError, match="Two derivations contradict each other"):
-        mbdlft.to_lft(two_link_arm.scene())
+    assert mbdlft.to_lft(two_link_arm.scene()).order == 17  # the check of the certificate refuses it, too
 
 
 @pytest.mark.parametrize("factor", [1e3, 2.0])
