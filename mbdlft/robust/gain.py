@@ -238,7 +238,12 @@ def _gains(asked: Asked, model: Realization) -> Search[Peak]:
         return state.upper * (1.0 - asked.gap) > max(state.lower, _ZERO) and np.isfinite(state.lower)
 
     def level(state: State[Peak], steps: float) -> float:
-        return max(state.lower, _ZERO) * (1.0 + 0.5 * asked.gap * steps)
+        """As near as asked for, then twice that; below a bound that is proved, parts of the way to it."""
+        low = max(state.lower, _ZERO)
+        nearest = low * (1.0 + 0.5 * asked.gap)
+        if np.isinf(state.upper):
+            return nearest * max(1.0, 0.5 * steps)
+        return max(nearest, low * (state.upper / low) ** (1.0 - 0.5 / np.sqrt(steps)))
 
     return (
         yield from lowered(asked, state, is_open, level, partial(_bounded, asked, model, polynomials))

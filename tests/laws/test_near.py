@@ -75,8 +75,9 @@ def test_what_is_written_exactly_or_far_is_not() -> None:
         assert certified(two_axes(axis, tilt)).near == ()
     scene = two_axes((0, 0, 1), 0.0)
     first, second = scene.joints
-    spring = second.model_copy(update={"stiffness": 6.28318531})  # nothing is smaller with 2 pi
-    assert certified(scene.model_copy(update={"joints": (first, spring)})).near == ()
+    for stiffness in (6.28318531, 0.333333):  # nothing is smaller with 2 pi, or with 1/3
+        spring = second.model_copy(update={"stiffness": stiffness})
+        assert certified(scene.model_copy(update={"joints": (first, spring)})).near == ()
 
 
 def meant(*numbers: Constant) -> dict[str, str]:
@@ -93,7 +94,7 @@ def test_neighbors() -> None:
     assert meant(half, rational("6.28318531")) == {"6.28318531": "2 pi"}
     assert meant(rational("6.28318531")) == {}  # nothing else has pi
     # as they are written, or not near enough
-    for text in ("0.33333", "0.25", "70000000000", "0.333334", "1e-12"):
+    for text in ("0.33333", "0.25", "70000000000", "0.333334", "1e-12", "1000.0000001"):
         assert meant(rational(text)) == {}
     axis = (Fraction(0), Fraction(1), Fraction("1.0000001"))
     y, z = (Constant("unit", Fraction(k), direction=axis) for k in (1, 2))
