@@ -243,7 +243,7 @@ def _gains(asked: Asked, model: Realization) -> Search[Peak]:
         nearest = low * (1.0 + 0.5 * asked.gap)
         if np.isinf(state.upper):
             return nearest * max(1.0, 0.5 * steps)
-        return max(nearest, low * (state.upper / low) ** (1.0 - 0.5 / np.sqrt(steps)))
+        return max(nearest, float(low * (state.upper / low) ** (1.0 - 0.5 / np.sqrt(steps))))
 
     return (
         yield from lowered(asked, state, is_open, level, partial(_bounded, asked, model, polynomials))
