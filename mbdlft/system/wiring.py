@@ -136,7 +136,8 @@ def wired_values(
     nx = sum(len(system.states) for system in systems)
     (nu, ny), nw = wiring.Ky.shape, wiring.E.shape[1]
     C, D = S[:, nx:, :nx], S[:, nx:, nx:]
-    solved = np.linalg.inv(wiring.Ku + wiring.Ky @ D)
+    loop = wiring.Ku + wiring.Ky @ D
+    solved = np.linalg.inv(loop)
     E = np.broadcast_to(wiring.E, (len(S), nu, nw))
     u = -solved @ np.concatenate([wiring.Ky @ C, E], axis=2)  # from [x ; w]
     x = np.broadcast_to(np.eye(nx, nx + nw), (len(S), nx, nx + nw))
@@ -154,7 +155,19 @@ def wired_values(
     seen = np.abs(wiring.F) @ read_terms[:, nx:] + np.abs(wiring.G) @ R_terms
     terms = np.max(np.concatenate([read_terms[:, :nx], seen], axis=1), axis=0)
     by_parts, by_errors = (np.abs(L) @ change @ np.abs(R) for change in (parts, dS))
-    return Values(whole, by_errors, terms, np.maximum(terms, np.max(by_parts, axis=0)))
+    # elimination of u is off by rounding of the sizes of its factors
+    off = np.abs(solved) @ _sizes_of_factors(loop) @ np.abs(u)
+    to_rows = np.concatenate([S[:, :nx, nx:], wiring.F @ S[:, nx:, nx:] + wiring.G], axis=1)
+    sizes = np.maximum(by_parts, np.abs(to_rows) @ off)
+    return Values(whole, by_errors, terms, np.maximum(terms, np.max(sizes, axis=0)))
+
+
+def _sizes_of_factors(matrices: Array) -> Array:
+    """|L| |U| of matrices (N, n, n), with the rows where they were: at least |L U|."""
+    from scipy.linalg import lu  # here because it is slow to import
+
+    factors = (lu(matrix, permute_l=True) for matrix in matrices)
+    return np.array([np.abs(left) @ np.abs(right) for left, right in factors]).reshape(matrices.shape)
 
 
 def _side_by_side(systems: Sequence[System], values: Sequence[Array]) -> Array:

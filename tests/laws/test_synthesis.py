@@ -76,6 +76,19 @@ def test_controllers_have_the_transfers_that_they_say() -> None:
     target(transfer(made), np.diag([1.0, 2.0]) @ x + [[0.0], [3.0]], CLOSED_FORM)
 
 
+def test_coefficients_far_below_the_others_are_taken() -> None:
+    """(b1 p + b0)/(p^2 + a1 p + a0), p = s/1000: elimination adds rounding of b0 to b1."""
+    law, random = (
+        tunable_transfer("K", "u", "y", 2, strictly_proper=True, speed=1e3),
+        np.random.default_rng(1),
+    )
+    for _ in range(40):
+        a0, a1, b0, b1 = random.uniform(0.1, 3.0, 4) * (1.0, 1.0, 1.0, 1e-6)
+        p = S * 1e-3
+        found = transfer(named(law, a0=a0, a1=a1, b0=b0, b1=b1))[0, 0]
+        target([found], [(b1 * p + b0) / (p**2 + a1 * p + a0)], CLOSED_FORM)
+
+
 def test_a_schedule_is_affine_in_its_parameters() -> None:
     gain = scheduled(tunable_gain("K", "e", "u"), RANGES[:2])
     made = named(gain, **{"D[1,1]": 1.0, "D[1,1]*m": 0.5, "D[1,1]*c": 0.25})
