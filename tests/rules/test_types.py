@@ -48,6 +48,7 @@ def test_names_that_are_also_modules_are_functions_for_type_checkers() -> None:
 
 def test_lists_are_taken_where_records_have_tuples() -> None:
     """Type checkers other than mypy, whose plugin takes anything, go by what fields are declared as."""
+    import_module("mbdlft.multibody.scene")
     pending, seen = [Description], list[type]()
     while pending:
         kind = pending.pop()
