@@ -104,6 +104,15 @@ def cyclic_states(model: System, outputs: Sequence[int] = ()) -> tuple[str, ...]
         found += more
 
 
+def or_left_out(model: System, outputs: Sequence[int] = ()) -> str:
+    """The end of an advice, if there are states that can be left out; else nothing."""
+    if not (cyclic := cyclic_states(model, outputs)):
+        return ""
+    return (
+        f"; or leave out states on which nothing else depends, leave_out = 'cyclic': {', '.join(cyclic)}"
+    )
+
+
 def states_that_stay(model: System, leave_out: Sequence[str], outputs: Sequence[int] = ()) -> list[int]:
     """Positions of the states that are not left out; an error if one of those depends on one of these."""
     names = [state.name for state in model.states]
@@ -147,12 +156,7 @@ def stable_states(
         raise AnalysisError(
             f"{what}: model {model.name!r}: the nominal model has a pole on the imaginary axis, {where}: "
             "no range is robustly stable. Close a loop around this mode, or give it damping"
-            + (
-                f"; or leave out states on which nothing else depends, leave_out = 'cyclic': "
-                f"{', '.join(cyclic)}."
-                if (cyclic := cyclic_states(model, outputs))
-                else "."
-            )
+            f"{or_left_out(model, outputs)}."
         )
     raise AnalysisError(
         f"{what}: model {model.name!r}: the nominal model is unstable, with the pole {where}. Close "
@@ -214,21 +218,26 @@ def modal(model: Realization) -> Coordinates:
     values, _, vectors = eigenvectors_of(model.A * scale / scale[:, None])
     sizes = np.abs(values[values != 0.0])
     time = float(2.0 ** np.round(np.mean(np.log2(sizes)))) if len(sizes) else 1.0
-    columns: list[Array] = []
-    owner: list[int] = []
-    for k in np.flatnonzero(values.imag >= 0.0):
-        shapes = (vectors[:, k].real, vectors[:, k].imag)[: 1 + (values[k].imag > 0.0)]
-        columns += shapes
-        owner += [int(k)] * len(shapes)
-    modes: Array = np.array(columns).T
+    modes, owner = real_columns(values, vectors)
     if np.linalg.cond(modes) > _DEPENDENT:
-        modes, owner = np.eye(n), list(range(n))
+        modes, owner = np.eye(n), np.arange(n)
     B, C = np.linalg.solve(modes, model.B / scale[:, None]), model.C * scale @ modes
-    back: Array = scale[:, None] * modes * _between(C.T, np.asarray(B), np.array(owner))
+    back: Array = scale[:, None] * modes * _between(C.T, np.asarray(B), owner)
     states = np.asarray(np.linalg.inv(back))
     channel = np.repeat(np.arange(len(model.sizes)), model.sizes)
     channels = _between((states @ model.B).T / time, model.C @ back, channel)
     return Coordinates(states, back, channels, time)
+
+
+def real_columns(values: Array, vectors: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Real and imaginary parts of modes as columns (n, n), of one of each pair, and the mode of each."""
+    columns: list[Array] = []
+    owner: list[int] = []
+    for k in np.flatnonzero(values.imag >= 0.0):
+        shapes = (vectors[:, k].real, vectors[:, k].imag)[: 1 + int(values[k].imag > 0.0)]
+        columns += shapes
+        owner += [int(k)] * len(shapes)
+    return np.array(columns).T, np.array(owner, dtype=np.int64)
 
 
 def turned(model: Realization, states: Array, back: Array) -> Realization:

@@ -18,7 +18,7 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.realization import cyclic_states
+from mbdlft.robust.realization import or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
@@ -190,14 +190,9 @@ class Tuner:
         text += (
             f"Of the open loop, the controllers see {seen:.2g} of this mode, and move {moved:.2g} of it. "
         )
+        system = self.net.system
         text += "Give a controller that measures or drives it, more order, or other starts"
-        cyclic = cyclic_states(self.net.system, range(len(self.net.system.outputs)))
-        if cyclic:
-            text += (
-                "; or leave out states on which nothing else depends, leave_out = 'cyclic': "
-                f"{', '.join(cyclic)}"
-            )
-        return f"{text}."
+        return f"{text}{or_left_out(system, range(len(system.outputs)))}."
 
     def peaks_are_seen(self, tuned: Tuned) -> bool:
         """Whether the grid has the peak of every norm; if not, it has it from now on."""

@@ -46,6 +46,7 @@ from mbdlft.response.modes import balancing
 from mbdlft.robust.bisect.boxes import Check, Ends, split
 from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
 from mbdlft.robust.evidence import BoxProof, LyapunovProof
+from mbdlft.robust.realization import real_columns
 
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 _DEGREE = 8  # of P in a delta, at most
@@ -199,25 +200,20 @@ def _modes(part: _Part) -> Array | None:
     A = N.reshape(N.shape[-2:])[:n, :n] / d.item()
     scale = balancing(A)
     values, vectors = eigenvectors_of(A * scale / scale[:, None])[::2]
-    columns: list[Array] = []
-    owner: list[int] = []
-    for k in np.flatnonzero(values.imag >= 0.0):
-        shapes = (vectors[:, k].real, vectors[:, k].imag)[: 1 + int(values[k].imag > 0.0)]
-        columns += [scale * shape for shape in shapes]
-        owner += [int(k)] * len(shapes)
-    modes, decay = np.array(columns).T, np.sqrt(2.0 * np.abs(values[owner].real))
-    if modes.shape != A.shape or not (np.all(np.isfinite(modes)) and np.all(decay > 0.0)):
+    columns, owner = real_columns(values, vectors)
+    decay = np.sqrt(2.0 * np.abs(values[owner].real))
+    if columns.shape != A.shape or not (np.all(np.isfinite(columns)) and np.all(decay > 0.0)):
         return None
+    modes = np.asarray(scale[:, None] * columns / decay)
     if not part.inputs:
-        return np.asarray(modes / decay)
-    modes = modes / decay
+        return modes
     if (whole := _in_modes(part, modes, middle)) is None:
         return None
-    weights = _weights(whole.reshape(N.shape[-2:]), decay, part.inputs, np.array(owner))
-    if (whole := _in_modes(part, modes / weights, middle)) is None:
+    modes = modes / _weights(whole.reshape(N.shape[-2:]), decay, part.inputs, owner)
+    if (whole := _in_modes(part, modes, middle)) is None:
         return None
     share = _largest_share(whole.reshape(N.shape[-2:]), n, part.inputs)
-    return np.asarray(modes / weights / np.sqrt(0.5 * share)) if share else None
+    return np.asarray(modes / np.sqrt(0.5 * share)) if share else None
 
 
 def _weights(whole: Array, decay: Array, m: int, owner: NDArray[np.int64]) -> Array:
