@@ -376,6 +376,7 @@ def simulate(
     start = options.numbers_by_name("--initial", initial, "state=number, such as shoulder.angle=0.1.")
     factors = amplitudes or [1.0]
     model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, float]]()
+    of_time = _with_rates(of_time, scene, model)
     curves: dict[str, Array] = {}
     for factor in factors:
         moved, begun = ({name: factor * x for name, x in each.items()} for each in (of_time, start))
@@ -411,6 +412,17 @@ def _both(
     return run, linear.outputs[:, [linear.output_names.index(name) for name in run.output_names]]
 
 
+def _with_rates(of_time: "Mapping[str, Array]", scene: "Scene", model: "LFTModel") -> dict[str, "Array"]:
+    """Values (N,) of inputs; motions that are inputs have their rates and accelerations, if these are."""
+    values, felt = {name: x[0] for name, x in of_time.items()}, {s.name for s in model.inputs}
+    moved = (joint for joint in scene.joints if getattr(joint, "imposed", False) == "motion")
+    for name, *rates in ([s.of(j.name).name for s in f.measures] for j in moved for f in j.freedoms):
+        for rate, x in zip(rates, of_time.get(name, [])[1:], strict=False):
+            if rate in felt:
+                values.setdefault(rate, x)
+    return values
+
+
 def _table(run: "Simulation") -> str:
     """Times, states and outputs as text with commas."""
     lines = [",".join(["time", *run.state_names, *run.output_names])]
@@ -419,14 +431,13 @@ def _table(run: "Simulation") -> str:
 
 
 def _signal(text: str, times: "Array") -> "Array":
-    """Values (N,) of an input at times; a ValueError if the text is none."""
+    """Values of an input at times, of its rate and of its rate's (3, N); a ValueError if it is none."""
     kind, colon, rest = text.partition(":")
-    if not colon:
-        return np.full(len(times), float(text))
-    if kind == "step":
-        size, _, begin = rest.partition("@")
-        return np.where(times >= float(begin or 0.0), float(size), 0.0)
+    if not colon or kind == "step":
+        size, _, begin = (rest if colon else text).partition("@")
+        return np.where(times >= float(begin or 0.0), float(size), 0.0) * [[1.0], [0.0], [0.0]]
     if kind == "sine":
         height, rate = map(float, rest.split(":"))
-        return np.asarray(height * np.sin(rate * times))
+        quarters = rate * times + 0.5 * np.pi * np.arange(3)[:, None]
+        return np.asarray(height * rate ** np.arange(3)[:, None] * np.sin(quarters))
     raise ValueError(text)

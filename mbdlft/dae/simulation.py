@@ -134,6 +134,24 @@ class _Asked(NamedTuple):
     states: Mapping[str, float]
 
 
+class _Fit(NamedTuple):
+    """Loops that close: entries of x that follow from the chosen ones, by inputs and references."""
+
+    system: System
+    chosen: list[int]
+    followers: list[int]
+
+    def __call__(self, owner: str, x: Array, held: Array) -> Array:
+        known, sizes = np.concatenate([x[self.chosen], held]), np.ones(len(self.followers))
+        closed, x = solve(self.system, x[self.followers], known, sizes), x.copy()
+        if not closed.is_solution:
+            raise AnalysisError(
+                f"{owner}: its loops do not close at these initial states or inputs. Give others."
+            )
+        x[self.followers] = closed.values
+        return x
+
+
 class _Model(NamedTuple):
     """der(x) = rates, 0 = residual, y: SX of x, z, u, p, with consistent values at the first time.
 
@@ -158,7 +176,8 @@ class _Model(NamedTuple):
     input_names: tuple[str, ...] = ()  # of what a controller can close
     is_linear: bool = False  # whether the residual is, in z: then it is solved at each step
     balls: tuple[int, ...] = ()  # positions in x of rotation vectors, whose references are p
-    shown: ca.SX | None = None  # of x, as states of a result
+    shown: ca.SX | None = None  # of x and u, as states of a result
+    fit: _Fit | None = None  # of x, where inputs that jump move a loop
 
 
 def _structure(s: Structure, asked: _Asked) -> _Model:
@@ -192,16 +211,13 @@ def _scene(scene: Scene, asked: _Asked) -> _Model:
     names = [signal.name for signal in m.coordinates]
     chosen, inputs = list(m.states), _held(owner, m.inputs, asked)
     still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))  # references: no rotation
-    followers, x0 = list(m.followers), np.zeros(len(names))
+    fit, x0 = None, np.zeros(len(names))
     x0[chosen] = _initial(owner, [names[k] for k in chosen], x0[chosen], asked.states)
-    if followers:
-        known = ca.vertcat(rows_of(m.x, chosen), m.references)
-        system = System(m.constraints, rows_of(m.x, followers), known)
-        given = np.concatenate([x0[chosen], still])
-        closed = solve(system, x0[followers], given, np.ones(len(followers)))
-        if not closed.is_solution:
-            raise AnalysisError(f"{owner}: its loops do not close at these initial states. Give others.")
-        x0[followers] = closed.values
+    if m.followers:
+        held = ca.vertcat(rows_of(m.x, chosen), m.u, m.references)
+        fit = _Fit(System(m.constraints, rows_of(m.x, m.followers), held), chosen, list(m.followers))
+        x0 = fit(owner, x0, np.concatenate([inputs[0], still]))
+        fit = fit if ca.depends_on(m.constraints, m.u) else None
     system = System(m.residual, m.z, ca.vertcat(m.x, m.u, m.references))
     at = np.concatenate([x0, inputs[0], still])
     z0 = np.zeros(m.z.numel())
@@ -214,7 +230,7 @@ def _scene(scene: Scene, asked: _Asked) -> _Model:
     outputs, commands = (tuple(signal.name for signal in each) for each in (m.outputs, m.inputs))
     symbols = (m.x, m.z, m.u, m.references, m.rates, m.residual, m.y, ca.SX(0, 1))
     values = (inputs, x0, start.values, still)
-    more: dict[str, Any] = {"is_linear": True, "balls": m.balls, "shown": m.shown}
+    more: dict[str, Any] = {"is_linear": True, "balls": m.balls, "shown": m.shown, "fit": fit}
     return _Model(owner, tuple(names), outputs, *symbols, *values, commands, **more)
 
 
@@ -253,14 +269,15 @@ def _closed_by(m: _Model, controller: LinearSystem) -> _Model:
     u = ca.SX(m.u)
     for name, size in zip(commands, ca.vertsplit(ca.mtimes(C, own) + ca.mtimes(D, read)), strict=True):
         u[m.input_names.index(name)] += size
-    rates, residual, y = ca.substitute([m.rates, m.residual, m.y], [m.u], [u])
+    shown = m.x if m.shown is None else m.shown
+    rates, residual, y, shown = ca.substitute([m.rates, m.residual, m.y, shown], [m.u], [u])
     return m._replace(
         state_names=(*m.state_names, *(s.name for s in controller.states)),
         x=ca.vertcat(m.x, own),
         rates=ca.vertcat(rates, ca.mtimes(A, own) + ca.mtimes(B, read)),
         residual=residual,
         y=y,
-        shown=ca.vertcat(m.x if m.shown is None else m.shown, own),
+        shown=ca.vertcat(shown, own),
         x0=np.concatenate([m.x0, np.zeros(A.shape[0])]),
     )
 
@@ -393,6 +410,8 @@ def _with_solved(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array
             place = slice(m.u.numel() + 4 * k, m.u.numel() + 4 * k + 4)
             q[end:, place] = moved_reference(q[start, place], states[end, ball : ball + 3])
             states[end, ball : ball + 3] = 0.0
+        if m.fit:
+            states[end] = m.fit(m.owner, states[end], q[end])
     zs = ca.Function("z", [x, at], [solved]).map(len(grid))(states.T, q.T).full().T
     return states, zs.reshape(len(grid), z.numel()), q[:, m.u.numel() :]
 

@@ -14,6 +14,7 @@ from mbdlft import (
     Free,
     Inertia,
     PointMass,
+    Prismatic,
     Revolute,
     RigidBody,
     Scene,
@@ -24,6 +25,7 @@ from mbdlft.dae import Simulation, simulate
 from mbdlft.multibody import Gear, Ground, Loop, Spring
 from mbdlft.multibody.motion.equations import _whole, equations_of_motion, moved_reference
 from tests.close import CLOSED_FORM, KEPT, PINOCCHIO, target
+from tests.cross.planar_mechanisms import driven_four_bar
 from tests.robot_files import as_urdf, chain
 
 ROOT = Path(__file__).parents[2]
@@ -166,6 +168,32 @@ def test_a_loop_and_a_gear_stay_closed() -> None:
     of_a, of_b = 0.03 + 0.09 + 2.0 * 0.36 + 25.0 * 0.02, 0.03 + 0.09
     kinetic = 0.5 * (of_a * wa**2 + of_b * wb**2 + (wa + wc) ** 2)
     kept(kinetic - 9.81 * ((0.3 + 1.2) * np.cos(a) + 0.3 * np.cos(b)), 18.0)
+
+
+def test_what_a_moved_base_carries_feels_its_acceleration_as_gravity() -> None:
+    """A pendulum below a slide that is moved: its base is where the input says."""
+    base, bob = PointMass(name="a", mass=0.0), PointMass(name="b", mass=1.0, ports={"top": (0, 0, 1)})
+    slide = Prismatic(name="s", parent="ground", child="a", axis=(0, 0, 1), imposed="motion")
+    joint = Revolute(name="j", parent="a", child="b.top", axis=(1, 0, 0))
+    runs = []
+    for lift in (0.0, 3.0):
+        scene = Scene(name="lift", gravity=(0, 0, lift - 9.81), bodies=[base, bob], joints=[slide, joint])
+        inputs = {"s.position": 2.0 * TIMES, "s.acceleration": lift}
+        runs.append(simulate(scene, TIMES, initial={"j.angle": 1.5}, inputs=inputs))
+        target(column(runs[-1], "s.position"), 2.0 * TIMES, CLOSED_FORM)
+    target(column(runs[1], "j.angle"), column(runs[0], "j.angle"), KEPT)
+
+
+def test_a_moved_loop_stays_closed_where_its_input_jumps() -> None:
+    """The bars of a parallelogram turn alike."""
+    scene = driven_four_bar()
+    crank = scene.joints[0].model_copy(update={"imposed": "motion"})
+    scene = scene.model_copy(update={"joints": (crank, *scene.joints[1:])})
+    run = simulate(scene, TIMES, inputs={"jl.angle": np.where(TIMES < 1.0, 0.0, 0.3)})
+    size = column(run, "jl.angle")
+    assert size[-1] == 0.3
+    target(column(run, "jc.angle"), -size, KEPT)
+    target(column(run, "jr.angle"), size, KEPT)
 
 
 def test_whole_rotations_are_those_of_quaternions() -> None:

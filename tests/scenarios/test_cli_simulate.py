@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import mbdlft
+from mbdlft.dae import simulate
 from tests.scenarios.commands import Call
 
 ARM = str(Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml")
@@ -25,6 +27,17 @@ def test_the_linear_model_holds_for_small_motions(call: Call, tmp_path: Path) ->
     assert lines[0].split(",")[:3] == ["time", "shoulder.angle", "elbow.angle"]
     assert np.shape([[float(x) for x in line.split(",")] for line in lines[1:]]) == (51, 7)
     assert figure.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_sine_of_a_road_has_its_rate(call: Call) -> None:
+    """The damper of a tire feels it; a rate that is given by itself stays."""
+    file, pushed = ARM.replace("two_link_arm", "half_car"), "--input=front_road.position=sine:0.001:60"
+    times = np.linspace(0.0, 1.0, 401)
+    moved = {"front_road.position": 0.001 * np.sin(60.0 * times)}
+    for more, rate in (((), 0.06 * np.cos(60.0 * times)), (("--input=front_road.velocity=0",), 0.0)):
+        _, out, _ = call("simulate", file, pushed, *more, "--until", "1", "--json")
+        run = simulate(mbdlft.load_scene(file), times, inputs={**moved, "front_road.velocity": rate})
+        assert json.loads(out)["runs"][0]["largest"] == pytest.approx(np.max(np.abs(run.outputs)), 1e-9)
 
 
 @pytest.mark.parametrize(

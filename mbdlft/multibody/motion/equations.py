@@ -35,6 +35,7 @@ from mbdlft.multibody.assembly.resolved import (
     body_channels,
     couplings,
     measures,
+    moved_coordinates,
     static_deflections,
 )
 from mbdlft.multibody.assembly.tree import Degree, PortJoint, degrees
@@ -58,12 +59,13 @@ class Motion(NamedTuple):
     """xdot = rates, 0 = residual(x, z, u), y = outputs: SX of x = [q ; v], z = [a ; lambda], u.
 
     At x = 0, u = 0 the mechanism is in its equilibrium. `constraints` are the gaps and their rates.
-    `shown` is x with the whole rotations of `balls`, whose q begin at the `references`.
+    `shown` is x with the whole rotations of `balls`, whose q begin at the `references`, and with motions
+    that are inputs, in place of their entries of x, which nothing uses.
     """
 
     coordinates: tuple[Signal, ...]  # of x
     states: tuple[int, ...]  # positions in x of those that the others follow
-    followers: tuple[int, ...]  # and of these, without imposed motions, which stay zero
+    followers: tuple[int, ...]  # and of these, without motions that are inputs
     inputs: tuple[Signal, ...]  # of u
     outputs: tuple[Signal, ...]
     balls: tuple[int, ...]  # positions in x of their first entries
@@ -117,18 +119,22 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         shown[k : k + 3] = _whole(reference, q[k : k + 3])
     place = {signal.name: k for k, signal in enumerate(coordinates)}
     y = [shown[place[x.name]] if (x := signals[k]).name in place else measured[k] for k in chosen]
-    made = [shown, ca.vertcat(qdot, a), residual, ca.vertcat(ca.SX(0, 1), *y), constraints]
+    made = [shown, residual, ca.vertcat(ca.SX(0, 1), *y), constraints]
     known = [total, ca.SX.zeros(m.z.numel()), ca.SX(m.base.nz[:])]
     made = ca.substitute(made, [m.u, m.z, ca.SX(m.load.nz[:])], known)
-    moved = {d.measure(order).name for d in every if d.kind == "motion" for order in range(2)}
-    inputs = [k for k, e in enumerate(m.efforts) if e.is_input and e.signal.name not in moved]
+    rates, given = ca.vertcat(qdot, a), dict[int, ca.SX]()
+    for coordinate, entries in moved_coordinates(r.links, names):
+        given |= {coordinate + order * len(every): u[entries[order]] for order in range(2)}
+        rates[coordinate + len(every)] = 0.0
+    inputs = [k for k, e in enumerate(m.efforts) if e.is_input]
     others = [k for k in range(len(names)) if k not in inputs]
-    made = ca.substitute(made, [rows_of(u, others)], [ca.SX.zeros(len(others))])
-    held = {k for k, signal in enumerate(coordinates) if signal.name in moved}
+    old = [rows_of(u, others), rows_of(r.symbols.x, list(given))]
+    new = [ca.SX.zeros(len(others)), ca.vertcat(ca.SX(0, 1), *given.values())]
+    shown, *made = ca.substitute(made, old, new)
     return Motion(
         coordinates,
         small.equations.states,
-        tuple(k for k in range(len(coordinates)) if k not in {*small.equations.states, *held}),
+        tuple(k for k in range(len(coordinates)) if k not in {*small.equations.states, *given}),
         tuple(m.efforts[k].signal for k in inputs),
         tuple(signals[k] for k in chosen),
         tuple(balls),
@@ -136,7 +142,7 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         ca.vertcat(a, multipliers),
         rows_of(u, inputs),
         references,
-        *_at_numbers(r, made, point),
+        *_at_numbers(r, [shown, rates, *made], point),
     )
 
 
