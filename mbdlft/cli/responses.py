@@ -372,11 +372,10 @@ def simulate(
         raise AnalysisError(f"--until {until:g}: expected a positive time (s).")
     values, scene = options.values_of(assignments), options.scene_in(scene_file)
     times = np.linspace(0.0, until, steps + 1)
-    of_time = options.by_name("--input", inputs, _INPUT, lambda text: _signal(text, times), AnalysisError)
     start = options.numbers_by_name("--initial", initial, "state=number, such as shoulder.angle=0.1.")
     factors = amplitudes or [1.0]
     model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, float]]()
-    of_time = _with_rates(of_time, scene, model)
+    of_time = _of_time(inputs, times, scene, model)
     curves: dict[str, Array] = {}
     for factor in factors:
         moved, begun = ({name: factor * x for name, x in each.items()} for each in (of_time, start))
@@ -412,12 +411,15 @@ def _both(
     return run, linear.outputs[:, [linear.output_names.index(name) for name in run.output_names]]
 
 
-def _with_rates(of_time: "Mapping[str, Array]", scene: "Scene", model: "LFTModel") -> dict[str, "Array"]:
-    """Values (N,) of inputs; motions that are inputs have their rates and accelerations, if these are."""
-    values, felt = {name: x[0] for name, x in of_time.items()}, {s.name for s in model.inputs}
+def _of_time(
+    texts: list[str] | None, times: "Array", scene: "Scene", model: "LFTModel"
+) -> dict[str, "Array"]:
+    """Values (N,) of inputs; a motion that is one has its rate and acceleration, if they are felt."""
+    every = options.by_name("--input", texts, _INPUT, lambda text: _signal(text, times), AnalysisError)
+    values, felt = {name: x[0] for name, x in every.items()}, {s.name for s in model.inputs}
     moved = (joint for joint in scene.joints if getattr(joint, "imposed", False) == "motion")
     for name, *rates in ([s.of(j.name).name for s in f.measures] for j in moved for f in j.freedoms):
-        for rate, x in zip(rates, of_time.get(name, [])[1:], strict=False):
+        for rate, x in zip(rates, every.get(name, [])[1:], strict=False):
             if rate in felt:
                 values.setdefault(rate, x)
     return values

@@ -1,7 +1,8 @@
 """Simulation of DAEs and of their Delta-Theta form, with IDAS and CVODES of SUNDIALS through CasADi."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -134,24 +135,6 @@ class _Asked(NamedTuple):
     states: Mapping[str, float]
 
 
-class _Fit(NamedTuple):
-    """Loops that close: entries of x that follow from the chosen ones, by inputs and references."""
-
-    system: System
-    chosen: list[int]
-    followers: list[int]
-
-    def __call__(self, owner: str, x: Array, held: Array) -> Array:
-        known, sizes = np.concatenate([x[self.chosen], held]), np.ones(len(self.followers))
-        closed, x = solve(self.system, x[self.followers], known, sizes), x.copy()
-        if not closed.is_solution:
-            raise AnalysisError(
-                f"{owner}: its loops do not close at these initial states or inputs. Give others."
-            )
-        x[self.followers] = closed.values
-        return x
-
-
 class _Model(NamedTuple):
     """der(x) = rates, 0 = residual, y: SX of x, z, u, p, with consistent values at the first time.
 
@@ -177,7 +160,7 @@ class _Model(NamedTuple):
     is_linear: bool = False  # whether the residual is, in z: then it is solved at each step
     balls: tuple[int, ...] = ()  # positions in x of rotation vectors, whose references are p
     shown: ca.SX | None = None  # of x and u, as states of a result
-    fit: _Fit | None = None  # of x, where inputs that jump move a loop
+    fit: Callable[[Array, Array], Array] | None = None  # of x, where inputs that jump move a loop
 
 
 def _structure(s: Structure, asked: _Asked) -> _Model:
@@ -215,8 +198,9 @@ def _scene(scene: Scene, asked: _Asked) -> _Model:
     x0[chosen] = _initial(owner, [names[k] for k in chosen], x0[chosen], asked.states)
     if m.followers:
         held = ca.vertcat(rows_of(m.x, chosen), m.u, m.references)
-        fit = _Fit(System(m.constraints, rows_of(m.x, m.followers), held), chosen, list(m.followers))
-        x0 = fit(owner, x0, np.concatenate([inputs[0], still]))
+        system = System(m.constraints, rows_of(m.x, m.followers), held)
+        fit = partial(_fitted, owner, system, chosen, list(m.followers))
+        x0 = fit(x0, np.concatenate([inputs[0], still]))
         fit = fit if ca.depends_on(m.constraints, m.u) else None
     system = System(m.residual, m.z, ca.vertcat(m.x, m.u, m.references))
     at = np.concatenate([x0, inputs[0], still])
@@ -229,9 +213,20 @@ def _scene(scene: Scene, asked: _Asked) -> _Model:
     start = solve(system, z0, at, np.ones(len(z0)))
     outputs, commands = (tuple(signal.name for signal in each) for each in (m.outputs, m.inputs))
     symbols = (m.x, m.z, m.u, m.references, m.rates, m.residual, m.y, ca.SX(0, 1))
-    values = (inputs, x0, start.values, still)
-    more: dict[str, Any] = {"is_linear": True, "balls": m.balls, "shown": m.shown, "fit": fit}
-    return _Model(owner, tuple(names), outputs, *symbols, *values, commands, **more)
+    values: Any = (inputs, x0, start.values, still, commands, True, m.balls, m.shown, fit)
+    return _Model(owner, tuple(names), outputs, *symbols, *values)
+
+
+def _fitted(
+    owner: str, system: System, chosen: list[int], followers: list[int], x: Array, held: Array
+) -> Array:
+    """x with its followers where loops close, at inputs and references that are held."""
+    closed = solve(system, x[followers], np.concatenate([x[chosen], held]), np.ones(len(followers)))
+    if not closed.is_solution:
+        raise AnalysisError(f"{owner}: its loops do not close at these initial states and inputs.")
+    fitted = x.copy()
+    fitted[followers] = closed.values
+    return fitted
 
 
 def _linear(model: LFTModel, asked: _Asked) -> _Model:
@@ -346,8 +341,7 @@ def _closed(
     """Rates, outputs, omega and Theta(omega) at values of the parameters, as SX of x, u, zeta."""
     A, B, C, D = matrices_at(model.linear, parameters)
     every = {s.name: u[k] for k, s in enumerate(model.inputs)}
-    every |= {name: zeta[k] for k, name in enumerate(model.zeta)}
-    every |= {ONE: ca.SX(1)} if model.has_one else {}
+    every |= {ONE: ca.SX(1)} | {name: zeta[k] for k, name in enumerate(model.zeta)}
     v = column_of([every[s.name] for s in model.linear.inputs])
     rates = ca.mtimes(ca.sparsify(ca.DM(A)), x) + ca.mtimes(ca.sparsify(ca.DM(B)), v)
     read = ca.mtimes(ca.sparsify(ca.DM(C)), x) + ca.mtimes(ca.sparsify(ca.DM(D)), v)
@@ -367,8 +361,7 @@ def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array,
     (rates, residual, of_z), kept = _explicit(m)
     z, held = column_of(m.z[k] for k in kept), ca.vertcat(m.u, m.p)
     dae = {"x": m.x, "p": held, "ode": ca.densify(rates)}
-    if kept:
-        dae |= {"z": z, "alg": ca.densify(residual)}
+    dae |= {"z": z, "alg": ca.densify(residual)} if kept else {}
     system, run = System(residual, z, ca.vertcat(m.x, held)), _Integrator(m.owner, dae, tolerance)
     q = np.hstack([m.inputs, np.tile(m.p0, (len(grid), 1))])
     states, zs = np.zeros((len(grid), len(m.x0))), np.zeros((len(grid), len(kept)))
@@ -379,9 +372,7 @@ def _integrated(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array,
             knowns = np.concatenate([states[end], q[end]])
             point = solve(system, zs[end], knowns, np.maximum(np.abs(zs[end]), 1.0))
             if not point.is_solution:
-                raise AnalysisError(
-                    f"{m.owner}: the equations have no solution near at t = {grid[end]:g} s."
-                )
+                raise AnalysisError(f"{m.owner}: the equations have no solution at {grid[end]:g} s.")
             zs[end] = point.values
     function = ca.Function("z", [m.x, z, held], [ca.densify(of_z)])
     values = function.map(len(grid))(states.T, zs.T, q.T).full().T
@@ -396,8 +387,7 @@ def _with_solved(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array
     held, z = ca.vertcat(m.u, m.p), m.z
     x, at = ca.MX.sym("x", m.x.numel()), ca.MX.sym("held", held.numel())
     right = -ca.substitute(m.residual, z, ca.SX.zeros(z.numel()))
-    linear = ca.Function("linear", [m.x, held], [ca.jacobian(m.residual, z), right])
-    matrix, side = linear(x, at)
+    matrix, side = ca.Function("z", [m.x, held], [ca.jacobian(m.residual, z), right])(x, at)
     solved = ca.solve(matrix, side, "csparse")
     rates = ca.Function("rates", [m.x, z, held], [ca.densify(m.rates)])
     run = _Integrator(m.owner, {"x": x, "p": at, "ode": rates(x, solved, at)}, tolerance, _SCENE_ENDS)
@@ -411,7 +401,7 @@ def _with_solved(m: _Model, grid: Array, tolerance: float) -> tuple[Array, Array
             q[end:, place] = moved_reference(q[start, place], states[end, ball : ball + 3])
             states[end, ball : ball + 3] = 0.0
         if m.fit:
-            states[end] = m.fit(m.owner, states[end], q[end])
+            states[end] = m.fit(states[end], q[end])
     zs = ca.Function("z", [x, at], [solved]).map(len(grid))(states.T, q.T).full().T
     return states, zs.reshape(len(grid), z.numel()), q[:, m.u.numel() :]
 
