@@ -224,8 +224,10 @@ class Bounds:
 
     @property
     def gap(self) -> float:
-        """(upper - lower)/upper; 1 if upper is inf."""
-        return 1.0 - self.lower / self.upper if self.upper < float("inf") else 1.0
+        """(upper - lower)/|upper|; 1 if upper is inf, and inf if it is 0."""
+        if math.isinf(self.upper):
+            return 1.0
+        return (self.upper - self.lower) / abs(self.upper) if self.upper else math.inf
 
     def __repr__(self) -> str:
         return f"<{self._head()}>"

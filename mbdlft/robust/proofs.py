@@ -191,11 +191,12 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
     if bounds.kind == DAMPING:
         if reached >= 1.0:
             return False
-        low, high = max(reached - _NEAR, -1.0 + 1e-12), min(reached + _NEAR, 1.0 - 1e-12)
-        slopes = slope_of(low), slope_of(high)
+        if reached <= 0.0:  # edges right of the axis say nothing of a pair
+            return _is_left(matrices, delta, 0.0) is True
+        low, high = reached - _NEAR, min(reached + _NEAR, 1.0 - 1e-12)
         return (
-            not (_is_left(matrices, delta, 0.0, slopes[0]) or reached - _NEAR <= -1.0)
-            or _is_left(matrices, delta, 0.0, slopes[1]) is not False
+            not (low <= 0.0 or _is_left(matrices, delta, 0.0, slope_of(low)))
+            or _is_left(matrices, delta, 0.0, slope_of(high)) is not False
         )
     gain = {GAIN: reached}.get(bounds.kind, 1.0 / reached if reached else np.inf)
     if bounds.kind == PERFORMANCE and _is_left(matrices, delta * (1.0 + _NEAR), 0.0) is False:
@@ -313,6 +314,8 @@ def verify(system: System, bounds: Bounds) -> str:
         The states that do not count, or the signals of the gain, are not those of this system.
     """
     claim, proof = bounds.claim, bounds.proof
+    if claim.kind == DAMPING and claim.bound == -1.0 and proof is None:  # no damping is below -1
+        return not_reached(system, bounds)
     if proof is None:
         return f"there is no proof{bounds.reason and ': '}{bounds.reason}"
     if not bounds.lower <= bounds.upper:

@@ -146,12 +146,10 @@ def stable_states(
     poles, _, shapes = eigenvectors_of(A)
     if np.max(poles.real) < 0.0 and is_hurwitz(A):
         return stay
-    states = [model.states[k].name for k in stay]
     worst = int(np.argmax(poles.real))
     pole, size = poles[worst], float(np.max(np.abs(poles)))
-    moving = np.abs(shapes[:, worst])
-    names = [states[k] for k in np.argsort(-moving)[:3] if moving[k] > 0.1 * max(moving)]
-    where = f"{pole.real:.4g}{pole.imag:+.4g}j rad/s, in which {', '.join(names)} move"
+    names = moving_most(model, stay, shapes[:, worst])
+    where = f"{pole.real:.4g}{pole.imag:+.4g}j rad/s, in which {names} move"
     if abs(pole.real) <= _AXIS * max(abs(pole), size):
         raise AnalysisError(
             f"{what}: model {model.name!r}: the nominal model has a pole on the imaginary axis, {where}: "
@@ -162,6 +160,13 @@ def stable_states(
         f"{what}: model {model.name!r}: the nominal model is unstable, with the pole {where}. Close "
         "the loop with a controller that stabilizes it, such as feedback(model, controller), first."
     )
+
+
+def moving_most(model: System, states: Sequence[int], shape: Array) -> str:
+    """Names of up to three states that move most in a mode, whose shape has an entry for each state."""
+    size = np.abs(shape)
+    largest = [k for k in np.argsort(-size)[:3] if size[k] > 0.1 * np.max(size)]
+    return ", ".join(model.states[states[k]].name for k in largest)
 
 
 def check_parameters(model: System, what: str) -> None:

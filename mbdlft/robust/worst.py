@@ -17,7 +17,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
-from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
+from mbdlft.response.modes import spectrum
 from mbdlft.response.norms import gramians
 from mbdlft.robust.ascent import (
     RIGHT,
@@ -50,7 +51,15 @@ from mbdlft.robust.bisect.search import (
 )
 from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, slope_of
 from mbdlft.robust.gain import worst_case_gain
-from mbdlft.robust.realization import check_constant, left_out, physical, realization
+from mbdlft.robust.realization import (
+    check_constant,
+    left_out,
+    moving_most,
+    or_left_out,
+    physical,
+    realization,
+    states_that_stay,
+)
 from mbdlft.system.algebra import feedback
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
@@ -147,8 +156,10 @@ def _behind(
 ) -> State[_Pole]:
     """The state after an attempt to prove that no pole is beyond an edge."""
     aim = _aim(kind)
-    if aim is UNDAMPED and not -1.0 < goal < 1.0:
-        why = "no damping is below -1, that of an unstable real pole"
+    if aim is UNDAMPED and not -1.0 < goal < 0.0:
+        why = (
+            "a damping of 0 or less is not proved; no damping is below -1, that of an unstable real pole"
+        )
         return state._replace(reason=why, ended=True)
     shift, slope = (goal, 0.0) if aim is RIGHT else (0.0, slope_of(-goal))
     region = model._replace(shift=shift, slope=slope)
@@ -173,6 +184,14 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
     if not len(model.A):
         raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
     aim = _aim(kind)
+    if aim is UNDAMPED and np.any(spectrum(model.A).at_zero):
+        poles, _, shapes = eigenvectors_of(model.A)
+        stay = states_that_stay(asked.system, asked.leave_out)
+        names = moving_most(asked.system, stay, shapes[:, int(np.argmin(np.abs(poles)))])
+        raise AnalysisError(
+            f"worst_case: model {asked.system.name!r} has a pole at 0 at nominal, in which {names} move. "
+            f"It has no damping ratio. Close a loop around it{or_left_out(asked.system)}."
+        )
 
     def shown(state: State[_Pole]) -> tuple[float, float]:
         return (state.lower, state.upper) if aim is RIGHT else (-state.upper, -state.lower)
@@ -225,7 +244,8 @@ def worst_case(
     Raises
     ------
     AnalysisError
-        The property is unknown; a function does not return a number; or as `worst_case_gain`.
+        The property is unknown; a function does not return a number; a pole at 0, which has no damping;
+        or as `worst_case_gain`.
     StructureError
         A signal is unknown, or Delta has blocks that are not parameters.
 

@@ -63,6 +63,33 @@ def test_no_pole_is_beyond_a_proved_edge(seed: int) -> None:
             assert "no damping is below -1" in found.reason
 
 
+def oscillator(stiffness: str, damping: str) -> System:
+    c = Parameter("c", 1.0, percent=20)
+    rows = [["0", "1", "0"], [f"-{stiffness}", f"-{damping}", "c"], ["1", "0", "0"]]
+    return realize(rows, [c], states=2, inputs=["u"], outputs=["y"])
+
+
+def test_a_pole_at_zero_has_no_damping() -> None:
+    cart = oscillator("0", "c")
+    with pytest.raises(AnalysisError, match=r"a pole at 0 at nominal, in which x0 move.*'cyclic': x0\."):
+        worst_case(cart, "damping")
+    found = worst_case(cart, "damping", leave_out="cyclic")
+    assert (found.leave_out, found.upper) == (("x0",), 1.0)
+    assert verify(cart, found) == ""
+
+
+@pytest.mark.parametrize(("stiffness", "damping", "least"), [("1", "0", 0.0), ("(-1)", "c", -1.0)])
+def test_no_damping_is_below_that_of_an_unstable_real_pole(
+    stiffness: str, damping: str, least: float
+) -> None:
+    """So that is true without a proof; whether the model reaches its axis is checked."""
+    loop = oscillator(stiffness, damping)
+    found = worst_case(loop, "damping")
+    assert (found.lower, found.upper) == (-1.0, least)
+    assert verify(loop, found) == ""
+    assert "not reached" in verify(oscillator("1", "c"), found)
+
+
 def test_poles_of_the_arm() -> None:
     loop = arm_loop()
     samples = mbdlft.random(loop.parameters, 300)
