@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import casadi as ca
 import mpmath
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import mbdlft
 from mbdlft import Fit, Parameter, PointMass, Revolute, Scene, Spring
 from mbdlft.base.expression import evaluate, parse
+from mbdlft.multibody.equilibrium.fit import fit_equilibrium
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.test_equilibrium import four_bar, whirling
 
@@ -54,6 +56,17 @@ def sagging(m: float, k: float) -> float:
         return mpmath.mpf(k) * (theta - 1) + lever * mpmath.sin(theta)
 
     return float(mpmath.findroot(moment, 0.5))
+
+
+@pytest.mark.parametrize("tolerance", [1.0, 0.1])
+def test_a_large_tolerance_is_met_by_a_nearer_fit(tolerance: float) -> None:
+    """The coarse fit of t + 100 t^3 = p has boxes around it in which the slope is zero."""
+    t, p = ca.SX.sym("t"), ca.SX.sym("p")
+    steep = ca.Function("steep", [t, p], [t + 100.0 * t**3 - p])
+    fit = fit_equilibrium(steep, [1.0], [-2.0], [2.0], [0.2], tolerance)
+    roots = np.linspace(-0.25, 0.25, 401)
+    values = fit((roots + 100.0 * roots**3)[:, None])[:, 0]
+    assert np.max(np.abs(values - roots)) <= fit.bound[0] <= tolerance
 
 
 def angle(text: str, values: dict[str, float]) -> float:

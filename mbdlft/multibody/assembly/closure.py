@@ -14,7 +14,7 @@ from mbdlft.base.errors import SceneError, TrimError
 from mbdlft.multibody.assembly.coupled import multipliers_of, relations, rigid
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.touching import contact_rows
-from mbdlft.multibody.assembly.tree import degrees
+from mbdlft.multibody.assembly.tree import Symbols, degrees
 from mbdlft.multibody.force import BodyWrench
 from mbdlft.multibody.loop import Loop
 from mbdlft.multibody.scene.quantities import owner_name
@@ -123,11 +123,9 @@ def every_constraint(scene: Scene) -> Closure:
     return Closure(tuple(range(count)), (), count)
 
 
-def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> Closure:
-    """Which constraints are independent, and which coordinates they determine, at nominal.
-
-    `evaluate` gives the values of an expression at nominal and at other points of the range.
-    """
+def close_loops(scene: Scene, view: View, symbols: Symbols) -> Closure:
+    """Which constraints are independent, and which coordinates they determine, at nominal."""
+    evaluate = symbols.evaluate
     first, others = multipliers_of(scene)
     if not first and not others:
         return Closure((), ())
@@ -138,7 +136,7 @@ def close_loops(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[A
     row = 0
     for loop in scene.loops:
         loop_rows = slice(row, row := row + len(loop.signals()))
-        _check_that_it_closes(loop, view, evaluate, explained[:, loop_rows])
+        _check_that_it_closes(loop, view, symbols, explained[:, loop_rows])
     rows = independent(matrices[0][:row].T)[1] if row else []
     rows += range(row, row + len(rigid(scene)))  # they are independent of each other: all are kept
     for k in range(row + len(rigid(scene)), len(matrices[0])):
@@ -294,28 +292,36 @@ def independent(columns: Array, smallest: float = _RANK) -> tuple[int, list[int]
     return rank, sorted(int(k) for k in order[:rank])
 
 
-def _check_that_it_closes(
-    loop: Loop, view: View, evaluate: Callable[[ca.SX], Sequence[Array]], explained: Array
-) -> None:
+def _check_that_it_closes(loop: Loop, view: View, symbols: Symbols, explained: Array) -> None:
     """The ports meet and held directions are parallel, but for the `explained` gaps (N, rows)."""
+    evaluate = symbols.evaluate
     _, reach = view.gaps(loop.parent, loop.child, evaluate)
     gap, cosines = gap_of(loop, view)
     q = ca.vertcat(*(coordinate.q for coordinate in view.coordinates.values()))
     at_rest = ca.substitute(ca.vertcat(gap, 1.0 - cosines), q, ca.SX.zeros(q.numel()))
     count = loop.held().shape[0]
     apart, skewed = np.split(np.stack(evaluate(at_rest))[:, :, 0], [count], axis=1)
-    widest = float(np.max(np.linalg.norm(apart, axis=1)))
-    excess = np.max(np.linalg.norm(apart, axis=1) - np.linalg.norm(explained[:, :count], axis=1))
-    if not excess <= _GAP * reach:
+    excess = np.linalg.norm(apart, axis=1) - np.linalg.norm(explained[:, :count], axis=1)
+    if not np.max(excess) <= _GAP * reach:
+        worst = 0 if not excess[0] <= _GAP * reach else int(np.argmax(excess))
         at, there = (
-            ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[0][:, 0])
+            ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[worst][:, 0])
             for port in (loop.parent, loop.child)
         )
+        where, advice = "at nominal", "Correct the positions of the joints: find_equilibrium finds some"
+        if worst:
+            of = zip(symbols.parameters, evaluate(symbols.p)[worst][:, 0], strict=True)
+            seen = [p.name for p in symbols.parameters if symbols.is_in(at_rest, p.name)]
+            values = [f"{p.name} = {x:.4g} {p.unit}".strip() for p, x in of if p.name in seen]
+            where = f"at {', '.join(values)}"
+            advice = (
+                "They meet at nominal: positions of joints must follow the parameters that change the "
+                "shape of the loop; fit_positions(scene, joints, tolerance) makes them do so"
+            )
         raise SceneError(
             f"loop {loop.name!r}: the ports {loop.parent!r} and {loop.child!r} do not meet: they are "
-            f"{widest:.3g} m apart{' across the axis' if loop.slides else ''} at nominal or elsewhere in "
-            f"the range, at [{at}] and [{there}] m of the ground at nominal. Correct the positions of "
-            "the joints; where a parameter changes the shape of the loop they must follow it."
+            f"{np.linalg.norm(apart[worst]):.3g} m apart{' across the axis' if loop.slides else ''} "
+            f"{where}, at [{at}] and [{there}] m of the ground. {advice}."
         )
     largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))
     angle = float(np.max(np.abs(skewed), initial=0.0))

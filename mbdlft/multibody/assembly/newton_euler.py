@@ -185,7 +185,7 @@ def assembly(scene: Scene) -> Assembly:
     check_couplings(r.scene, view, r.symbols)
     check_contacts(r.scene, view, r.symbols.evaluate)
     check_wheels(r.scene, view, partial(r.symbols.evaluate, ends=True))
-    closure = close_loops(r.scene, view, r.symbols.evaluate)
+    closure = close_loops(r.scene, view, r.symbols)
     check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
     return in_motion(r, view, closure, {s.name: force_density(s, view) for s in springs})

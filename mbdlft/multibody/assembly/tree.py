@@ -334,6 +334,11 @@ class Symbols:
         ]
         return sum(turns, start=ca.SX(angle.constant))
 
+    def is_in(self, expression: ca.SX, name: str) -> bool:
+        """Whether an expression depends on a parameter."""
+        k = self.index[name]
+        return bool(ca.depends_on(expression, ca.vertcat(self.p[k], self.cosine[k], self.sine[k])))
+
     def evaluate(self, expression: ca.SX, *, ends: bool = False) -> list[Array]:
         """Values of an expression of the parameters, at nominal and at random points.
 

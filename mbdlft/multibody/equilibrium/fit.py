@@ -27,6 +27,9 @@ _AROUND = 2.0**-18  # of half the box: several of the smallest pieces of a proof
 _ROUNDS = 5  # of one degree with points that the proof found
 _SWEEPS = 25  # of the weights; later ones change the error by less than a few percent
 _INDEPENDENT = 1e-13  # directions of the least squares that count, relative to the largest
+# times the tolerance: fits that are nearer have smaller boxes around them, in which more can be proved
+_NEARER = (1.0, 0.1, 1e-2, 1e-3, 1e-4)
+_ADVICE = "Nearer fits were tried, too. Use a smaller range, or a larger tolerance."
 _ENOUGH = 1e-2  # of the tolerance: no smaller error is looked for
 _HOPELESS = 5.0  # times the tolerance: the weights do not make the largest error that much smaller
 
@@ -102,12 +105,27 @@ def fit_equilibrium(
     task = _Task(nominal, low, high, start, tolerance, most_pieces)
     names = tuple(names or (f"p{k + 1}" for k in range(len(nominal))))
     _check(residual, task, names)
+    failed: _UnprovedError | None = None
     with np.errstate(all="ignore"):  # what is not finite is refused by name
-        return _fit(system(residual, names), task, largest_degree)
+        for share in _NEARER:
+            try:
+                return _fit(system(residual, names), task, share * tolerance, largest_degree)
+            except _UnprovedError as error:
+                failed = failed or error
+            except TrimError:
+                if failed is None:
+                    raise
+                break
+    assert failed is not None
+    raise failed
 
 
-def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
-    nominal, low, high, start, tolerance, most_pieces = task
+class _UnprovedError(TrimError):
+    """Fits whose errors at samples are small enough, of which nothing is proved: nearer ones may be."""
+
+
+def _fit(s: System, task: _Task, tolerance: float, largest_degree: int) -> EquilibriumFit:
+    nominal, low, high, start, _, most_pieces = task
     root = start_branch(s, nominal, start)
     center, half = 0.5 * (low + high), 0.5 * (high - low)
     extra = np.zeros((0, len(low)))
@@ -154,15 +172,14 @@ def _fit(s: System, task: _Task, largest_degree: int) -> EquilibriumFit:
                 raise _not_proved(s, proof, stuck, task, root)
     errors_at_samples = ", ".join(f"{e:.1e}" for e in best)
     if np.all(best <= _MARGIN * tolerance):
-        reason = f"fits have errors of {errors_at_samples} at samples, but poles or larger errors between"
-    else:
-        reason = (
-            f"no rational fit up to degree {largest_degree} is within {_MARGIN * tolerance:g} at "
-            f"samples, as a proof of {tolerance:g} needs; the errors came down to {errors_at_samples}"
+        raise _UnprovedError(
+            f"equilibrium of {s.name!r}: fits have errors of {errors_at_samples} at samples, but poles "
+            f"or larger errors between. {_ADVICE}"
         )
     raise TrimError(
-        f"equilibrium of {s.name!r}: {reason}. Use a larger tolerance or largest_degree, or a smaller "
-        "range."
+        f"equilibrium of {s.name!r}: no rational fit up to degree {largest_degree} is within "
+        f"{_MARGIN * tolerance:g} at samples, as a proof of {tolerance:g} needs; the errors came down to "
+        f"{errors_at_samples}. Use a larger tolerance, or a smaller range."
     )
 
 
@@ -194,16 +211,15 @@ def _not_proved(s: System, proof: Proof, stuck: Array | None, task: _Task, root:
     """What stopped a proof although no error above the tolerance was found."""
     if stuck is not None:
         follow(s, task.nominal, root, stuck[None])  # raises if the branch ends on the way
-        return TrimError(
+        return _UnprovedError(
             f"equilibrium of {s.name!r}: nothing can be proved near {s.at(stuck)}: df/dt is singular "
             "there or nearly so (a fold or a bifurcation), or double precision does not carry the "
-            f"tolerance {task.tolerance:g}. Use a smaller range or a larger tolerance."
+            f"tolerance {task.tolerance:g}. {_ADVICE}"
         )
-    return TrimError(
+    return _UnprovedError(
         f"equilibrium of {s.name!r}: the bound {task.tolerance:g} is proved on "
         f"{100 * proof.share:.3g} % of the box only, with {task.most_pieces} pieces; no error above "
-        f"{', '.join(f'{e:.1e}' for e in proof.sampled)} was found. Use more pieces, a larger "
-        "tolerance or a smaller range."
+        f"{', '.join(f'{e:.1e}' for e in proof.sampled)} was found. {_ADVICE}"
     )
 
 
