@@ -136,6 +136,9 @@ def test_what_is_to_be_done_next_follows_what_is_known() -> None:
     )
     case = Worst("m: margin", proved=True, sentences=("Stable: proved.",), rows=())
     assert "mbdlft view a.h5" in next_step(hanging, said, (case,), "a.h5")
+    plain = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
+    assert next_step(plain, said, (case,), "a.h5") == "Look at the worst cases below."
+    assert next_step(plain, said, (), "a.h5") == "Look at it: mbdlft response a.h5."
     assert summary(hanging, said, (case,), None)[1][1].endswith("m: margin: Stable: proved.")
     assert "--work" in next_step(hanging, said, (case._replace(proved=False),), "a.h5")
 

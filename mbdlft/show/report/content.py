@@ -9,12 +9,14 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import MbdlftError
 from mbdlft.base.samples import corners, random
 from mbdlft.response.modes import cells, damping_table
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.stability import check_stability
 from mbdlft.show.report.sentences import largest_error
+from mbdlft.show.viewer.page import scene_of
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import trim_at
 
@@ -143,11 +145,16 @@ def next_step(
         return f"It is unstable at nominal: close a loop (mbdlft tune {file}), then ask for its margin."
     if any(not case.proved for case in worst):
         return f"A stored analysis is not proved: mbdlft margin {file} with a larger --work."
+    try:
+        scene_of(model)
+        view = f"mbdlft view {file}"
+    except MbdlftError:
+        view = ""
     if worst:
-        return f"Look at the worst cases below, and in the picture: mbdlft view {file}."
+        return f"Look at the worst cases below{f', and in the picture: {view}' * bool(view)}."
     if model.parameters and stability:
         return f"Nothing is known of its margins yet: mbdlft margin {file} proves one for all values."
-    return f"Look at it: mbdlft view {file}, or mbdlft response {file}."
+    return f"Look at it: {f'{view}, or ' * bool(view)}mbdlft response {file}."
 
 
 def trim_rows(model: System) -> tuple[tuple[TrimRow, ...], int]:
@@ -272,7 +279,7 @@ def _said(bounds: Bounds, wrong: str) -> list[str]:
         )
     if bounds.reason:
         said.append(f"{'Why' if infinite else 'Why not more'}: {bounds.reason.rstrip('.')}.")
-    if not wrong:
+    if not wrong and bounds.proof is not None:
         kind = _KINDS[type(bounds.proof).__name__]
         said.append(f"The proof, by {kind}, is stored, and was checked when this page was made.")
     return said

@@ -142,7 +142,10 @@ def _upward(error: float) -> str:
 def certificate_sentences(model: System) -> tuple[str, ...]:
     """What is proved of a model, and what was checked."""
     if not isinstance(model, LFTModel):
-        return ("The model is stored without evidence: nothing is proved of it.",)
+        return (
+            "The model is stored without evidence: that it equals what it was made of, and that it is "
+            "small, is not proved. Proofs of margins and gains are of the model as it is stored.",
+        )
     lines = [*order_sentences(model), largest_error(model), *checked_beside(model)]
     lines += well_posed(model)
     if model.certificate.condition > 0.0:
