@@ -124,7 +124,7 @@ to_lft(trolley(["shaft.torque"], gears=SHAFT))
 to_lft(trolley(["left.force.normal"], gears=SHAFT)) => accepted
 > assemble(on_tire({})) => SceneError: load 'tire' …
 => accepted
-speed="v" => the speed along axis x normal goes down to 0 m/s … Turn the axis round
+speed="v" => the speed along axis x normal goes down to 0 m/s … has velocity = … Turn the axis round
 speed="v", relaxation=0.2 => accepted
 speed=-2.0, relaxation=0.2 => goes down to -2 m/s
 axis=(1, 0, 0) => moves along the axis of the wheel with 3 m/s

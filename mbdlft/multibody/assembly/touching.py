@@ -101,8 +101,9 @@ def check_wheels(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[
         if np.min(speeds) < 0.0 or (not wheel.stops and np.min(speeds) <= 0.0):
             raise SceneError(
                 f"{owner_name(wheel)}: the speed along axis x normal goes down to {np.min(speeds):.4g} "
-                "m/s in the range. It must be positive, or zero where a tire has a relaxation length. "
-                "Turn the axis round where the wheel rolls the other way."
+                f"m/s in the range; the scene has velocity = {list(scene.velocity)}. It must be positive "
+                "(velocity = [20, 0, 0]), or zero where a tire has a relaxation length. Turn the axis "
+                "round where the wheel rolls the other way."
             )
 
 
