@@ -6,7 +6,8 @@ from pathlib import Path
 
 from mbdlft.base.errors import SceneError
 from mbdlft.dae.dae import Dae
-from mbdlft.modelica.rumoca import Sources, model_of_tables
+from mbdlft.modelica.rumoca import model_of_tables
+from mbdlft.modelica.sources import Sources
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.text import flat_model
 from mbdlft.modelica.translation import ModelicaReport, translate

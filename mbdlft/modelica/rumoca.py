@@ -7,71 +7,12 @@ its spans, numbers as they are written, and annotations.
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica import tree
-from mbdlft.modelica.text import declared_annotation
+from mbdlft.modelica.sources import Sources, copies, first_span, tables_in
 from mbdlft.modelica.tree import Expression
-
-_ANNOTATION = b"mbdlft"
-
-
-class Sources:
-    """Texts of files, the most likely ones first, by the numbers that a compiler gives them.
-
-    The compiler does not say which file has which number: a file has a number if at the spans of all
-    names of this number in the table of variables it has these names.
-    """
-
-    def __init__(self, files: Iterable[Path], variables: Mapping[str, Any]) -> None:
-        self._texts: dict[int, bytes] = {}
-        names: dict[int, list[tuple[int, int, bytes]]] = {}
-        for item in variables.values():
-            for component in item["component_ref"]["parts"][-1:] if item["component_ref"] else ():
-                span = component["span"]  # of the type and the name
-                place = (span["start"], span["end"], component["ident"].encode())
-                names.setdefault(span["source"], []).append(place)
-        self.name = ""
-        for file in files:
-            self.name = self.name or file.name
-            if names.keys() <= self._texts.keys():
-                break
-            text = file.read_bytes()
-            for source, places in names.items():
-                if source not in self._texts and all(text[a:b].endswith(name) for a, b, name in places):
-                    self._texts[source] = text
-
-    def _text(self, span: Any) -> bytes | None:
-        return self._texts.get(span["source"]) if isinstance(span, dict) else None
-
-    def line(self, span: Any) -> int:
-        """The line where a span begins; 0 if it is not known."""
-        text = self._text(span)
-        return 0 if text is None else text[: span["start"]].count(b"\n") + 1
-
-    def number(self, span: Any, value: float) -> str:
-        """A number as it is written at a span; the digits that its double prints as, otherwise."""
-        text = self._text(span)
-        if text is not None:
-            written = text[span["start"] : span["end"]].decode("utf-8", "replace").strip()
-            with suppress(ValueError):
-                if written[:1].isdigit() and float(written) == value:
-                    return written
-        if not math.isfinite(value):
-            raise SceneError(f"{self.name}: the number {value} is not finite.")
-        return repr(value)
-
-    def annotation(self, span: Any) -> Mapping[str, Expression]:
-        """The entries of `annotation(mbdlft(...))` of the declaration that ends a span with its name."""
-        text = self._text(span)
-        if text is None or _ANNOTATION not in text[span["end"] :]:
-            return {}
-        first = text[span["start"] : span["end"]].rfind(b" ") + 1 + span["start"]
-        return declared_annotation(text[first:].decode("utf-8", "replace"), self.name, self.line(span))
-
 
 _OF_ENTRIES = {"Add": "+", "Sub": "-", "Mul": "*", "Div": "/", "Exp": "^"}
 _OPERATORS = {
@@ -108,6 +49,12 @@ class _Reader:
         self.tables, self.name, self.sources = tables, name, sources
         self.tops = set(tables.get("top_level_input_components", ()))
         self.entries = tables.get("enum_literal_ordinals", {})
+        reals = {
+            name: item
+            for name, item in tables["variables"].items()
+            if isinstance(item["variability"], dict) and self._type(item) == "Real"
+        }
+        self.copies, self.doubtful = copies(reals, sources)
 
     def model(self) -> tree.FlatModel:
         strange = [key for key, table in self.tables.items() if table and key not in _KNOWN]
@@ -135,7 +82,7 @@ class _Reader:
             ),
             tuple(refused),
             self.tables["model_description"] or "",
-            tuple(self._selections()),
+            tuple(self._fixed()),
             {name: self._function(item) for name, item in self.tables["functions"].items()},
             dict(self._records()),
             tuple(self._event(chain) for chain in chains if self._held(chain)),
@@ -166,7 +113,9 @@ class _Reader:
             attributes["stateSelect"] = tree.Reference(f"StateSelect.{item['state_select'].lower()}")
         kind = next(iter(item["variability"])) if isinstance(item["variability"], dict) else ""
         side = next(iter(item["causality"])) if isinstance(item["causality"], dict) else ""
-        binding = item["binding"]
+        binding = None if item["binding"] is None else self._expression(item["binding"])
+        if item["name"] in self.copies:
+            binding = tree.Reference(self.copies[item["name"]])
         top = "." not in item["name"]
         return tree.Declaration(
             item["name"],
@@ -178,7 +127,7 @@ class _Reader:
             final=bool(self.tables["variable_final_flags"].get(item["name"])),
             top=top if side != "Input" else item["name"].partition(".")[0] in self.tops or top,
             attributes=attributes,
-            binding=None if binding is None else self._expression(binding),
+            binding=binding,
             annotation=self.sources.annotation(span),
             comment=item["description"] or "",
         )
@@ -277,7 +226,7 @@ class _Reader:
 
     def _statement(self, item: Any) -> tree.Statement:
         ((kind, body),) = item.items() if isinstance(item, dict) else ((str(item), {}),)
-        line = self.sources.line(body.get("span") or _first_span(body))
+        line = self.sources.line(body.get("span") or first_span(body))
         match kind:
             case "Assignment":
                 return tree.Assign((self._assigned(body["comp"]),), self._expression(body["value"]), line)
@@ -315,26 +264,26 @@ class _Reader:
 
         It does not where a clock sets what signals give, and `reinit` sets what changes otherwise, too.
         """
-        tables = list(_tables_in(chain))
+        tables = list(tables_in(chain))
         is_clock = any(table.get("function") == "Sample" for table in tables)
         resets = any("Reinit" in table for table in tables)
         return not resets and (not is_clock or self._is_of_time(chain, {"time", *_set_by(chain)}))
 
     def _refused_event(self, chain: Mapping[str, Any]) -> tree.Refused:
-        line = self.sources.line(_first_span(chain))
+        line = self.sources.line(first_span(chain))
         return tree.Refused("the event 'when'", tuple(dict.fromkeys(_set_by(chain))), line)
 
     def _event(self, chain: Mapping[str, Any]) -> tree.Event:
         conditions = (chain["first"], *chain["else_when"])
         return tree.Event(
             tuple(dict.fromkeys(_set_by(chain))),
-            self.sources.line(_first_span(chain)),
+            self.sources.line(first_span(chain)),
             tuple(self._expression(when["condition"]) for when in conditions),
         )
 
     def _is_of_time(self, chain: Mapping[str, Any], names: set[str]) -> bool:
         """Whether an event sets what depends on time, parameters and its own values alone."""
-        for table in _tables_in(chain):
+        for table in tables_in(chain):
             name = table["VarRef"]["name"]["name"] if "VarRef" in table else "time"
             item = self.tables["variables"].get(name, {})
             constant = isinstance(item.get("variability"), dict) and "Discrete" not in item["variability"]
@@ -342,11 +291,18 @@ class _Reader:
                 return False
         return True
 
-    def _selections(self) -> Iterable[tuple[str, int]]:
-        """Parameters whose values the compiler has used to choose among equations, with lines."""
+    def _fixed(self) -> Iterable[tree.Fixed]:
+        """Parameters whose values the compiler has used."""
         for item in self.tables.get("parameter_branch_selections", ()):
             for path in item["references"]:
-                yield ".".join(path), self.sources.line(item.get("span"))
+                name, line = ".".join(path), self.sources.line(item.get("span"))
+                why = f"equations are chosen by the value of {name!r}"
+                yield tree.Fixed(name, why, "choose by a signal", line)
+        for name, other in self.doubtful.items():
+            line = self.sources.line(first_span(self.tables["variables"][name]["binding"]))
+            why = f"the compiler does not say whether {other!r} is {name!r} or a number of its own"
+            remedy = "give it the value of a parameter of a model of your own: extends M(c = p)"
+            yield tree.Fixed(name, why, remedy, line)
 
     # expressions -----------------------------------------------------------------------------
 
@@ -463,18 +419,9 @@ def _is_default(item: Mapping[str, Any], key: str) -> bool:
     return bool(item[key].get("Literal", {}).get("span", 0) == item["source_span"])
 
 
-def _tables_in(item: Any) -> Iterator[Mapping[str, Any]]:
-    """All tables that a table or a list has in it, each before those in it."""
-    if isinstance(item, dict):
-        yield item
-    entries = item.values() if isinstance(item, dict) else item if isinstance(item, list) else ()
-    for entry in entries:
-        yield from _tables_in(entry)
-
-
 def _set_by(chain: Any) -> Iterator[str]:
     """Names that a `when` sets, anywhere in its table."""
-    for table in _tables_in(chain):
+    for table in tables_in(chain):
         if "Reinit" in table:
             yield str(table["Reinit"]["state"])
         if "Assign" in table:
@@ -489,8 +436,3 @@ def _target(entry: Any) -> Iterator[str]:
         if isinstance(target, str):
             yield target
             return
-
-
-def _first_span(item: Any) -> Any:
-    spans = (table.get("span") for table in _tables_in(item))
-    return next((span for span in spans if isinstance(span, dict)), None)

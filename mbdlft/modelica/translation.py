@@ -30,7 +30,7 @@ from mbdlft.modelica.modes import (
 from mbdlft.modelica.table import ModelicaTable
 from mbdlft.modelica.tree import Expression, flat_text, shorter, write
 from mbdlft.modelica.values import Value
-from mbdlft.modelica.variables import Variables, names_in, read_values
+from mbdlft.modelica.variables import Variables, depending, names_in, read_values
 
 T = TypeVar("T")
 
@@ -150,12 +150,15 @@ class _Translation:
         self.looked_up: set[int] = set()  # ids of equations that look a time up in a table
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
-        for name, line in model.fixed:
-            value = self.parameters.values.get(name)
-            if isinstance(value, ca.SX) and ca.depends_on(value, symbols):
-                text = f"equations are chosen by the value of {name!r}, which cannot stay then: keep it"
-                remedy = f"a number ({name} = false in the table), or choose by a signal."
-                raise SceneError(self.place(line, f"{text} {remedy}"))
+        changed = depending(model, table.values)
+        for item in model.fixed:
+            value = self.parameters.values.get(item.name)
+            if item.name in changed or (isinstance(value, ca.SX) and ca.depends_on(value, symbols)):
+                remedy = (
+                    f"keep the number of the model ({item.name} = false in the table), or {item.remedy}"
+                )
+                what = f"{item.why}, which cannot stay or change then: {remedy}."
+                raise SceneError(self.place(item.line, what))
         self.variables = Variables(self.parameters, self._of_declaration, model.functions, table.delay)
         self.declared = [d for d in model.declarations if d.variability not in ("parameter", "constant")]
 

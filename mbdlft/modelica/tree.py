@@ -245,6 +245,16 @@ class Function:
 
 
 @dataclass(frozen=True, slots=True)
+class Fixed:
+    """A parameter that keeps the value of the text, as a compiler has used it."""
+
+    name: str
+    why: str
+    remedy: str
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
 class FlatModel:
     """A model without classes, connectors and components: declarations and equations."""
 
@@ -255,8 +265,7 @@ class FlatModel:
     initial: tuple[Statement, ...] = ()
     refused: tuple[Refused, ...] = ()  # what cannot be translated
     comment: str = ""
-    # names and lines of parameters that cannot stay: a compiler chose equations by their values
-    fixed: tuple[tuple[str, int], ...] = ()
+    fixed: tuple["Fixed", ...] = ()
     functions: Mapping[str, Function] = field(default_factory=dict)
     records: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # fields of records by name
     held: tuple["Event", ...] = ()

@@ -7,7 +7,7 @@ components. Values of others are numbers, or expressions of those that stay.
 
 import math
 import re
-from collections.abc import Callable, Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from graphlib import CycleError, TopologicalSorter
@@ -92,6 +92,16 @@ def read_values(
         except SceneError as error:
             raise SceneError(f"{place(d)}: {error}") from None
     return parameters
+
+
+def depending(model: tree.FlatModel, names: Iterable[str]) -> set[str]:
+    """Names of parameters, and of all whose values are made of theirs."""
+    reached, before = set(names), -1
+    needed = {d.name: _needed(d) for d in model.declarations} if reached else {}
+    while len(reached) > before:
+        before = len(reached)
+        reached |= {name for name, used in needed.items() if used & reached}
+    return reached
 
 
 def _initialized(

@@ -9,6 +9,8 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.modelica import ModelicaTable, load_modelica, operating_point
+from mbdlft.modelica.loading import compiled_model
+from mbdlft.modelica.variables import read_values
 from mbdlft.pipeline.dae_models import linearize_dae
 from tests.close import roundoff
 
@@ -163,3 +165,48 @@ def test_what_has_no_one_linear_model_is_refused(
 ) -> None:
     with pytest.raises(SceneError, match=match):
         gain(tmp_path, declared, equations)
+
+
+PASSED_ON = """
+package P
+  record R Real r = 1; end R;
+  model Part parameter Real c = 1; parameter R data; Real y;
+  equation y = c*data.r; end Part;
+  model Whole parameter Real c = 2; parameter R data; Part part(c=c, data=data); end Whole;
+  model Inner extends Part(c=7); end Inner;
+  model Outer extends Inner; Part part(c=c); Inner own; end Outer;
+  model Choice replaceable Whole w(c=4); end Choice;
+  model More extends Whole; Part more(c=c); end More;
+  model M
+    parameter R r(r=5); Whole a(c=3); Whole b[2](each c=-3); Whole d(data=r); Outer e;
+    Outer f(c=6, own.c=6); Choice g(redeclare More w), h(w(c=2^2));
+  end M;
+end P;
+"""
+
+
+@pytest.mark.parametrize(
+    ("parameter", "followers"),
+    [
+        ("a.c", "a.part.c"),
+        ("b[1].c", "b[1].part.c"),
+        ("b[2].c", "b[2].part.c"),
+        ("r.r", "d.data.r d.part.data.r"),
+        ("e.c", "e.part.c"),
+        ("e.own.c", ""),
+        ("f.c", "f.part.c"),
+        ("f.own.c", ""),
+        ("g.w.c", "g.w.part.c g.w.more.c"),
+        ("h.w.c", "h.w.part.c"),
+    ],
+)
+def test_a_parameter_that_is_passed_on_has_one_value(
+    tmp_path: Path, parameter: str, followers: str
+) -> None:
+    """The compiler hands on the number of `c` where a component has the modification `c=c`."""
+    file = tmp_path / "p.mo"
+    file.write_text(PASSED_ON)
+    flat = compiled_model(file, "P.M", [])
+    numbers = read_values(flat, ModelicaTable(), lambda d: d.name).values
+    changed = read_values(flat, ModelicaTable(values={parameter: 99.0}), lambda d: d.name).values
+    assert {name for name in changed if changed[name] != numbers[name]} == {parameter, *followers.split()}

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene
 from mbdlft.modelica import ModelicaTable, operating_point, translate
 from mbdlft.modelica.loading import compiled_model
+from mbdlft.modelica.tree import FlatModel
 from tests.close import CROSS, target
 
 pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
@@ -94,8 +96,23 @@ def of_double() -> Any:
     return np.linalg.eigvals(np.vstack([np.hstack([np.zeros((2, 2)), np.eye(2)]), lower]))
 
 
+EXAMPLES = "Modelica.Mechanics.MultiBody.Examples"
+LIBRARY_IS_THERE = pytest.mark.skipif(
+    not LIBRARY.is_file(), reason="the Modelica Standard Library is not there"
+)
+
+
+def flat_example(tmp_path: Path, example: str, more: str = "") -> FlatModel:
+    """An example of the library, with more text, as the compiler flattens it."""
+    with ZipFile(LIBRARY) as library:
+        library.extractall(tmp_path)
+    file = tmp_path / "one.mo"
+    file.write_text(f"model One\n  extends {EXAMPLES}.{example};\n{more}\nend One;\n")
+    return compiled_model(file, "One", [tmp_path])
+
+
 @pytest.mark.long
-@pytest.mark.skipif(not LIBRARY.is_file(), reason="the Modelica Standard Library is not there")
+@LIBRARY_IS_THERE
 @pytest.mark.parametrize(
     ("name", "text", "mass", "poles_of"),
     [("Pendulum", PENDULUM, 1.0, of_pendulum), ("DoublePendulum", DOUBLE, 13.86, of_double)],
@@ -103,12 +120,7 @@ def of_double() -> Any:
 def test_a_mechanism_of_the_library_has_the_poles_of_the_scene(
     tmp_path: Path, name: str, text: str, mass: float, poles_of: Callable[[], Any]
 ) -> None:
-    with ZipFile(LIBRARY) as library:
-        library.extractall(tmp_path)
-    example = f"Modelica.Mechanics.MultiBody.Examples.Elementary.{name}"
-    file = tmp_path / "one.mo"
-    file.write_text(f"model One\n  extends {example};\nend One;\n")
-    dae, report = translate(compiled_model(file, "One", [tmp_path]), ModelicaTable())
+    dae, report = translate(flat_example(tmp_path, f"Elementary.{name}"), ModelicaTable())
     of_library = mbdlft.linearize_dae(operating_point(dae, report))
     nominal = {p.name: [p.nominal] for p in dae.parameters}
     scene = tmp_path / "pendulum.toml"
@@ -118,3 +130,121 @@ def test_a_mechanism_of_the_library_has_the_poles_of_the_scene(
         A = np.asarray(mbdlft.matrices_at(model, point)[0])
         poles = np.linalg.eigvals(A.reshape(A.shape[-2:]))
         target(np.sort_complex(poles), np.sort_complex(poles_of()), CROSS)
+
+
+# the same mechanism as a scene, at all values of its parameters ---------------------------------
+
+G = (0, -9.80665, 0)
+
+
+def springs(parameters: list[Parameter]) -> Scene:
+    """Two masses that hang on springs, one at the axis of its joint and one between two frames."""
+    return Scene(
+        name="springs",
+        gravity=G,
+        parameters=parameters,
+        bodies=[PointMass(name=f"body{k}", mass=f"body{k}_m") for k in (1, 2)],
+        joints=[
+            Prismatic(
+                name=f"p{k}", parent="ground", child=f"body{k}", axis=(0, -1, 0), stiffness=f"spring{k}_c"
+            )
+            for k in (1, 2)
+        ],
+        inputs=["p1.force", "p2.force"],
+        outputs=["p1.position", "p2.position"],
+    )
+
+
+def bar(name: str, x: float, y: float) -> RigidBody:
+    """A box of steel, 5 cm wide, from (0, 0) to (x, y)."""
+    length, width = float(np.hypot(x, y)), 0.05
+    mass = f"{name}_density*{width**2 * length!r} [m^3]"
+    I = f"{mass}*{(length**2 + width**2) / 12!r} [m^2]"  # noqa: E741
+    own = Inertia(xx=I, yy=I, zz=I)  # the motion is in the plane
+    center = (x / 2, y / 2, 0)
+    return RigidBody(name=name, mass=mass, center_of_mass=center, inertia=own, ports={"tip": (x, y, 0)})
+
+
+def four_bar(parameters: list[Parameter]) -> Scene:
+    z = (0, 0, 1)
+    return Scene(
+        name="four_bar",
+        gravity=G,
+        parameters=parameters,
+        bodies=[
+            *(bar("body1", 0.4, 0.0), bar("body2", 0.1, 1.1), bar("body4", 0.65, 0.1)),
+            RigidBody(name="body3", mass=0, ports={"tip": (-0.15, 1, 0)}),
+        ],
+        joints=[
+            Fixed(name="weld", parent="ground", child="body3"),
+            Revolute(name="r1", parent="ground", child="body1", axis=z, damping="damper_d"),
+            Revolute(name="r2", parent="body1.tip", child="body2", axis=z, preload=0),
+            Revolute(name="r3", parent="body3.tip", child="body4", axis=z, preload=0),
+        ],
+        loops=[Loop(name="cut", kind="revolute", parent="body4.tip", child="body2.tip", axis=z)],
+        inputs=["r1.torque"],
+        outputs=["r1.angle", "r3.angle"],
+    )
+
+
+SPRINGS = """
+  input Real f1; input Real f2;
+  Modelica.Mechanics.Translational.Sources.Force drive1, drive2;
+equation
+  drive1.f = f1; drive2.f = f2;
+  connect(drive1.flange, p1.axis); connect(drive2.flange, p2.axis);
+"""
+FOUR_BAR = """
+  input Real torque;
+  Modelica.Mechanics.Rotational.Sources.Torque drive;
+equation
+  drive.tau = torque;
+  connect(drive.flange, revolute1.axis);
+"""
+
+
+@pytest.mark.long
+@LIBRARY_IS_THERE
+@pytest.mark.parametrize(
+    ("example", "more", "parameters", "outputs", "held", "scene"),
+    [
+        (
+            *("Elementary.SpringMassSystem", SPRINGS, "body1.m body2.m spring1.c spring2.c"),
+            *("p1.s p2.s", {}, springs),
+        ),
+        (
+            *("Loops.PlanarFourbar", FOUR_BAR, "body1.density body2.density body4.density damper.d"),
+            *("revolute1.phi revolute3.phi", {"revolute1.phi": 0.0}, four_bar),
+        ),
+    ],
+)
+def test_a_mechanism_of_the_library_is_the_scene_at_all_values_of_its_parameters(
+    tmp_path: Path,
+    example: str,
+    more: str,
+    parameters: str,
+    outputs: str,
+    held: dict[str, float | str],
+    scene: Callable[[list[Parameter]], Scene],
+) -> None:
+    """Parameters have the names of their places in the model, and components get them on."""
+    table = ModelicaTable(
+        parameters={name: {"percent": 20} for name in parameters.split()},
+        outputs=tuple(outputs.split()),
+        at=held,
+        free=("torque",) if held else (),
+    )
+    dae, report = translate(flat_example(tmp_path, example, more), table)
+    of_library = mbdlft.linearize_dae(operating_point(dae, report, table))
+    assert of_library.parameters.names == tuple(sorted(parameters.replace(".", "_").split()))
+    of_scene = mbdlft.to_lft(scene(list(dae.parameters)))
+    assert of_library.order == of_scene.order == 4
+    samples = mbdlft.random(of_library.parameters, 4, 3)
+    for s in (0.3 + 1j, 1.0 + 2j, 10j):
+        target(responses(of_library, samples, s), responses(of_scene, samples, s), CROSS)
+
+
+def responses(model: Any, samples: Any, s: complex) -> Any:
+    """C (s I - A)^-1 B + D at all samples."""
+    A, B, C, D = (np.asarray(part) for part in mbdlft.matrices_at(model, samples))
+    return C @ np.linalg.solve(s * np.eye(A.shape[-1]) - A, B + 0j) + D

@@ -18,7 +18,8 @@ from mbdlft.modelica import (
     modelica_table_from_toml,
     translate,
 )
-from mbdlft.modelica.rumoca import Sources, model_of_tables
+from mbdlft.modelica.rumoca import model_of_tables
+from mbdlft.modelica.sources import Sources
 from tests.errors.table import refused
 
 ADVICE = "Flat text has declarations of Real, Integer, Boolean and String, and equations."
@@ -32,6 +33,11 @@ def model(text: str, table: ModelicaTable | None = None) -> object:
     return translate(flat_model(text, "m.mof"), table)
 
 
+DOUBT = """package P
+  record R parameter Real r = 1; end R;
+  model A parameter R data; Real x = data.r; end A;
+  model M parameter R data(r=9); A a(data=data); end M;
+end P;"""
 BALL = """model Ball
  Real h(start=1); Real v;
 equation
@@ -281,6 +287,9 @@ test_messages_of_the_compiler = WITH(
 "m.mo", "model M\n Real x; Real y;\nequation\n x = 1;\nend M;"
     => m.mo: the compiler rumoca does not take it:  … unbalanced
 "ball.mo", BALL => ball.mo: model 'Ball' … the event 'when' in line 6 (v)
+> {} => SceneError:
+load_modelica(file_of("p.mo", DOUBT), ModelicaTable(values={"data.r": 3}), model="P.M")
+    => p.mo, line 4: the compiler does not say whether 'a.data.r' is 'data.r' or … extends M(c = p)
 """
     )
 )
@@ -295,5 +304,7 @@ def test_parameters_that_have_chosen_equations_cannot_stay(tmp_path: Path) -> No
     )
     with pytest.raises(SceneError, match=r"m.mo, line 5: equations are chosen by the value of 'p'"):
         load_modelica(file)
+    with pytest.raises(SceneError, match="'p', which cannot stay or change then"):
+        load_modelica(file, ModelicaTable(parameters={"p": False}, values={"p": 2.7}))
     dae, _ = load_modelica(file, ModelicaTable(parameters={"p": False}))
     assert [str(e.residual) for e in dae.equations] == ["(y-x)", "(x-3)"]
