@@ -207,6 +207,7 @@ def test_a_parameter_that_is_passed_on_has_one_value(
     file = tmp_path / "p.mo"
     file.write_text(PASSED_ON)
     flat = compiled_model(file, "P.M", [])
+    assert not flat.fixed
     numbers = read_values(flat, ModelicaTable(), lambda d: d.name).values
     changed = read_values(flat, ModelicaTable(values={parameter: 99.0}), lambda d: d.name).values
     assert {name for name in changed if changed[name] != numbers[name]} == {parameter, *followers.split()}
