@@ -260,7 +260,10 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
 
 
 def of_equations(source: EquationSource) -> StraightLine | None:
-    """The program of trim and linearization; None if it would be too long, or has no pivots."""
+    """The program of trim and linearization; None if it would be too long, has no pivots, or states are
+    measured from a free mode."""
+    if source.need.free:
+        return None
     e, inputs, outputs = source.equations, source.inputs, source.outputs
     count = len(e.states)
     kept = source.need.kept(count + len(outputs), count + len(inputs))

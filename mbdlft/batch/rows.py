@@ -83,7 +83,7 @@ class EquationSource:
         e = self.equations
         return Layout(
             parameters=tuple(Signal(p.name, p.unit) for p in e.parameters),
-            states=tuple(e.x_signals[k] for k in self.need.states),
+            states=self.need.signals(e.x_signals),
             inputs=tuple(e.u_signals[k] for k in self.inputs),
             outputs=tuple(e.y_signals[k] for k in self.outputs),
             trim=tuple(e.u_signals[k] for k in e.unknown),
@@ -118,7 +118,8 @@ class EquationSource:
             if not len(good):
                 return
             efforts, kept = trims.efforts[good], some[good]
-            values = self.need.of(linearized(e, self.inputs, self.outputs, at[good], efforts))
+            values = linearized(e, self.inputs, self.outputs, at[good], efforts)
+            values = self.need.of(values, at[good])
             check_prestress(e, at[good], efforts)
             whole = kept[-1] - kept[0] + 1 == len(kept)  # a slice is copied faster than rows one by one
             matrices[slice(kept[0], kept[-1] + 1) if whole else kept] = values

@@ -20,7 +20,7 @@ from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.multibody.scene.quantities import unused_names, unused_ports
 from mbdlft.problem.equations import Equations, Moved, rows_of
-from mbdlft.problem.needs import Need, all_states, needed_states
+from mbdlft.problem.needs import Need, all_states, needed_states, without_free_modes
 from mbdlft.problem.references import reference_of
 from mbdlft.problem.relations import (
     Form,
@@ -69,7 +69,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         ),
         description=scene.description,
         text=scene_to_toml(scene),
-        states=tuple(equations.x_signals[k] for k in need.states),
+        states=need.signals(equations.x_signals),
         inputs=tuple(equations.u_signals[k] for k in inputs),
         outputs=tuple(equations.y_signals[k] for k in outputs),
         parameters=equations.parameters,
@@ -102,7 +102,7 @@ def choose_states(
     relations = linearize(equations, inputs, outputs)
     count = len(equations.states)
     if scene.states == NEEDED:
-        return needed_states(relations, count)
+        return without_free_modes(needed_states(relations, count))
     return all_states(relations, count, equations.ignorable)
 
 

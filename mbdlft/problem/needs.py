@@ -4,14 +4,16 @@ A transfer function needs only the states that its inputs drive and its outputs 
 A graph has a node for each signal of the relations. Each equation is matched with one unknown, which
 depends on the other signals of that equation; a state depends on its derivative. A state that the outputs
 do not depend on is *not seen*; one that does not depend on the inputs stays zero, it is *not driven*.
-Without either, the transfer function is the same for every value of the parameters.
+Without either, the transfer function is the same for every value of the parameters. What a graph does
+not see are states that outputs do not see together: `free_modes`.
 
 A position is *cyclic* if nothing but its own rate has it: the angle of a wheel, the place of a rover. A
 graph does not see what cancels, so that is decided on A and C modulo a prime.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -20,8 +22,10 @@ from scipy.sparse import csr_array, vstack
 from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.array import Array
+from mbdlft.base.unit import Signal
 from mbdlft.exact.matrices import entrywise, multiplied, solved
 from mbdlft.problem.equations import rows_of
+from mbdlft.problem.free_modes import FreeModes, free_modes
 from mbdlft.problem.relations import Lifted, LinearModel
 from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 
@@ -39,22 +43,38 @@ class Need:
     # seen, driven: (n_x,), of all states; those with both are kept
     seen: Mask
     driven: Mask
+    free: FreeModes | None = None  # what others are measured from, and is not seen then
 
-    def of(self, matrices: Array) -> Array:
-        """[A B ; C D] (N, ., .) of the kept states, from those of all states."""
+    def signals(self, every: Sequence[Signal]) -> tuple[Signal, ...]:
+        """The kept states, of all of them."""
+        if not self.free:
+            return tuple(every[k] for k in self.states)
+        names = [signal.name for signal in every]
+        return tuple(Signal(self.free.name(k, names), every[k].unit) for k in self.states)
+
+    def of(self, matrices: Array, points: Array, *, sizes: bool = False) -> Array:
+        """[A B ; C D] (N, ., .) of the kept states, from those of all states at points (N, n_p).
+
+        Or sizes of the entries, from sizes.
+        """
         if self.keeps_all:
             return matrices
         rows, columns = self.kept(*matrices.shape[1:])
-        kept_entries: Array = matrices[:, rows[:, None], columns]
+        turned = self.free.turned(matrices, points, sizes=sizes) if self.free else matrices
+        kept_entries: Array = turned[:, rows[:, None], columns]
         return kept_entries
 
-    def omitted(self, matrices: Array, scale: Array) -> float:
+    def omitted(self, matrices: Array, scale: Array, points: Array) -> float:
         """Largest error of leaving out states, relative to `scale`; zero if they do not matter.
 
-        `matrices` (N, ., .) are [A B ; C D] of all states: no state that is not seen may act on one that
-        is, or on an output; none that is not driven may be acted on by one that is, or by an input.
+        `matrices` (N, ., .) are [A B ; C D] of all states at points (N, n_p): no state that is not seen
+        may act on one that is, or on an output; none that is not driven may be acted on by one that is,
+        or by an input.
         """
         count = len(self.seen)
+        if self.free:
+            matrices = self.free.turned(matrices, points)
+            scale = self.free.turned(scale[None], points, sizes=True)[0]
         size = np.max(np.abs(matrices), axis=0) / scale
         rows, columns = (np.arange(n) for n in size.shape)
         seen_rows = np.r_[np.flatnonzero(self.seen), rows[count:]]
@@ -97,6 +117,54 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
     return Need(smaller, tuple(kept), seen, every)
 
 
+def without_free_modes(need: Need) -> Need:
+    """The relations with states measured from those of a free mode, which are gone."""
+    m, count = need.relations, len(need.states)
+
+    def at(values: Sequence[int], seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
+        n = m.unknown.numel()
+        given = dict(zip((s.element_hash() for s in ca.vertsplit(m.p)), values, strict=True))
+        matrix, prime = _slopes(m, count, _SEED + seed, given)
+        follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
+        seen = (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime
+        return follow[:count], seen, prime
+
+    try:
+        free = free_modes(at, m.parameters) if count else None
+    except ZeroDivisionError:
+        return need  # singular; to be reported where they are solved
+    if free is None:
+        return need
+    stay = [k for k in range(count) if k not in free.dropped]
+    V = ca.SX(count, count)
+    for place, entry in free.entries.items():
+        V[place] = entry.symbol(m.p)
+    rates = m.unknown[:count]
+    both = ca.substitute(ca.vertcat(m.residual, m.output), rates, rates + V @ rates)
+    both, lifted = _stilled(m, both, rows_of(m.known, free.dropped))
+    n, known = m.unknown.numel(), m.known.numel()
+    residual, output = ca.vertsplit(both, [0, n, both.numel()])
+    smaller = replace(
+        m,
+        residual=residual,
+        output=output,
+        unknown=rows_of(m.unknown, [*stay, *range(count, n), *free.dropped]),
+        known=rows_of(m.known, [*stay, *range(count, known)]),
+        derivatives=len(stay),
+        lifted=lifted,
+    )
+    place = need.states
+    entries = {(place[s], place[j]): entry for (s, j), entry in free.entries.items()}
+    dropped = tuple(place[j] for j in free.dropped)
+    return replace(
+        need,
+        relations=smaller,
+        states=tuple(place[k] for k in stay),
+        seen=need.seen & ~np.isin(np.arange(len(need.seen)), dropped),
+        free=replace(free, dropped=dropped, entries=entries),
+    )
+
+
 def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask:
     """Which states (n_x,) are not ignorable, or have others or outputs that depend on them."""
     n, places = m.unknown.numel(), list(ignorable)
@@ -113,8 +181,12 @@ def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask
     return seen
 
 
-def _slopes(m: LinearModel, states: int) -> tuple[NDArray[np.int64], int]:
+def _slopes(
+    m: LinearModel, states: int, seed: int = _SEED, given: Mapping[int, int] = MappingProxyType({})
+) -> tuple[NDArray[np.int64], int]:
     """Residues of the slopes of [residual ; output] by [unknown ; states], and the prime.
+
+    Parameters are given by the hashes of their symbols, or random.
 
     Loads of the trim have their own residues: what they do cancels where the equilibrium says so.
     """
@@ -126,7 +198,7 @@ def _slopes(m: LinearModel, states: int) -> tuple[NDArray[np.int64], int]:
         parts += [ca.jacobian(both, m.lifted.loads), ca.jacobian(m.lifted.displacements, signals)]
         for rows in (trim.residual, trim.output):
             parts += [ca.jacobian(rows, trim.unknown), ca.jacobian(rows, trim.known)]
-    found = modulo_prime(ca.vertcat(*(ca.vec(part) for part in parts)), _SEED)
+    found = modulo_prime(ca.vertcat(*(ca.vec(part) for part in parts)), seed, given)
     ends = np.cumsum([part.numel() for part in parts])[:-1]
     columns = np.split(found.residues.astype(np.int64)[:, 0], ends)
     matrix, *others = (

@@ -153,16 +153,17 @@ def reference_of(
 
     def if_cancelled() -> Array:
         coarse = entry_scale(matrices, states, at.floor, entry_sizes(e, inputs, outputs, at))
-        kept: Array = need.of(coarse[None])[0]
+        kept: Array = need.of(coarse[None], points, sizes=True)[0]
         return kept
 
     def omitted() -> float:
         if need.keeps_all:
             return 0.0
         rounding = EPS * np.maximum(scale, np.max(sizes(), axis=0))
-        ratio = need.omitted(matrices, rounding)
+        ratio = need.omitted(matrices, rounding, points)
         if ratio > MOST_ROUNDINGS:  # doubles may have lost that it is zero
-            ratio = need.omitted(digits().matrices(points[[0, -1]]), rounding)
+            ends = points[[0, -1]]
+            ratio = need.omitted(digits().matrices(ends), rounding, ends)
         return ratio
 
     def trim_in_digits() -> tuple[Array, Array]:
@@ -179,15 +180,15 @@ def reference_of(
     digits = cache(lambda: equations_in_digits(exact, inputs, outputs))
     trim_scale = np.max(at.effort_sizes, axis=0)
     return Reference(
-        values=need.of(matrices),
-        scale=need.of(scale[None])[0],
+        values=need.of(matrices, points),
+        scale=need.of(scale[None], points, sizes=True)[0],
         omitted=omitted,
         if_cancelled=if_cancelled,
-        sizes=lambda: need.of(sizes()),
-        least=NEGLIGIBLE * need.of(_whole(size, states, at.floor)[None])[0],
+        sizes=lambda: need.of(sizes(), points, sizes=True),
+        least=NEGLIGIBLE * need.of(_whole(size, states, at.floor)[None], points, sizes=True)[0],
         trimmed=at.efforts[:, list(e.unknown)],
         trim_scale=np.where(trim_scale > 0, trim_scale, 1.0),
-        in_digits=lambda some: need.of(digits().matrices(some)),
+        in_digits=lambda some: need.of(digits().matrices(some), some),
         trim_in_digits=trim_in_digits,
         transfers=transfers,
         transfers_in_digits=lambda some, w: digits().transfers(points[list(some)], w),

@@ -18,6 +18,7 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
+from mbdlft.robust.bisect.characteristic import is_hurwitz
 from mbdlft.robust.realization import or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
@@ -35,6 +36,7 @@ _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
 _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
+_AXIS = 1e-9  # of the largest pole: nearer to the axis, a pole is said to lie on it
 _UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
 _PEAK = 1e-9  # of a norm: its tolerance
@@ -164,6 +166,11 @@ class Tuner:
                 break
         return best
 
+    def is_hurwitz(self, x: Array) -> bool:
+        """Whether the loop at the first point is stable in exact arithmetic: no pole is at zero."""
+        closed = self.family.closed(x)
+        return closed is not None and is_hurwitz(closed.A[0])
+
     def unstable(self, x: Array) -> str:
         """Which pole no search brought to the left, and what hardly sees or moves it."""
         closed = self.family.closed(x)
@@ -176,7 +183,8 @@ class Tuner:
             for p, d in zip(self.net.system.parameters, self.points[i], strict=True)
         )
         text = f"tune: no values were found that make the loop stable{point and ' at '}{point}: "
-        text += f"the pole {pole_text(complex(poles[i, k]))} stays on the right. "
+        where = "right" if poles[i, k].real > _AXIS * np.max(np.abs(poles[i])) else "axis"
+        text += f"the pole {pole_text(complex(poles[i, k]))} stays on the {where}. "
         # how much of the direction of the mode of the open loop the channels see and move
         values, left, right = eigenvectors_of(self.family.X[i, :n, :n])
         j = int(np.argmin(np.abs(values - poles[i, k])))
@@ -262,7 +270,7 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
     try:
         for count, start in enumerate(begun(tuner, starts, seed)):
             x, real = tuner.stabilized(start)
-            if real >= 0.0:
+            if real >= 0.0 or not tuner.is_hurwitz(x):
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
                 continue
             plans = _PLANS if not count else (_PLANS[count % 2],)

@@ -31,7 +31,7 @@ TRANSFERS = (
     ("crane", "rail.force", "hook.y", 6, 4),
     ("gimbal", "yaw.torque", "pitch.angle", 6, 5),
     ("four_bar", "wrist.torque", "lamp.z", 2, 2),
-    ("solar_arrays", "wheel_z.torque", "flight.rotation.z", 36, 22),
+    ("solar_arrays", "wheel_z.torque", "flight.rotation.z", 36, 10),
 )
 
 
@@ -48,7 +48,8 @@ def test_same_transfer_for_less(
     scenes = [scene_of(name, source, target, states) for states in ("all", "needed")]
     whole, part = (mbdlft.to_lft(scene, search=0.0) for scene in scenes)
     assert (len(whole.states), len(part.states)) == (all_of_them, needed)
-    assert set(part.states) <= set(whole.states)
+    named = {state for state in part.states if " - " not in state.name}  # from a free mode
+    assert named <= set(whole.states)
     assert part.trim.nominal == whole.trim.nominal
     values = mbdlft.random(whole.parameters, 5)
     expected = mbdlft.frequency_response(whole, values, FREQUENCIES)

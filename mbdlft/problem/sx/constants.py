@@ -12,9 +12,10 @@ but for a chance of about its degree times 1e-18.
 
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache, partial
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -222,8 +223,13 @@ class ModuloPrime(NamedTuple):
     prime: int
 
 
-def modulo_prime(matrix: ca.SX, seed: int) -> ModuloPrime:
-    """Residues of a matrix (n, m) of rational expressions; constants count as they are written."""
+def modulo_prime(
+    matrix: ca.SX, seed: int, given: Mapping[int, int] = MappingProxyType({})
+) -> ModuloPrime:
+    """Residues of a matrix (n, m) of rational expressions; constants count as they are written.
+
+    Symbols have given values, by their hashes, or random ones.
+    """
     dense = ca.densify(matrix)
     constants, numbers = constants_in(dense)
     known = {s.element_hash() for s in ca.vertsplit(constants)}
@@ -236,11 +242,12 @@ def modulo_prime(matrix: ca.SX, seed: int) -> ModuloPrime:
         mul=operator.mul,
         div=operator.truediv,
     )
-    drawn = np.random.default_rng(seed).integers(1, 2**59, len(free))
+    drawn = np.random.default_rng(seed).integers(1, 2**59, len(free)).tolist()
+    drawn = [given.get(s.element_hash(), x) for s, x in zip(free, drawn, strict=True)]
     values = fold(
         function,
         table,
-        [field.residue(int(x)) for x in drawn],
+        [field.residue(x) for x in drawn],
         [field.of(number).residue for number in numbers],
     )
     columns, rows = reversed(matrix.shape)
