@@ -108,8 +108,8 @@ def or_left_out(model: System, outputs: Sequence[int] = ()) -> str:
     """The end of an advice: which states can be left out, or how a scene is made without a free mode."""
     if not (cyclic := cyclic_states(model, outputs)):
         return (
-            "; or, where it is free, such as the heading of a vehicle or a drive that turns, make the scene "
-            "without outputs that see it, with states = 'needed'"
+            "; or, where it is free, such as the heading of a vehicle or a drive that turns, make the "
+            "scene without outputs that see it, with states = 'needed'"
         )
     return (
         f"; or leave out states on which nothing else depends, leave_out = 'cyclic': {', '.join(cyclic)}"

@@ -46,7 +46,7 @@ def attack(seed: int, folder: Path) -> str:
         return "no sample has a solution"
     exact = assembly(scene).exact
     reference = source.need.of(
-        equations_in_digits(exact, source.inputs, source.outputs).matrices(points[good])
+        equations_in_digits(exact, source.inputs, source.outputs).matrices(points[good]), points[good]
     )
     size = np.max(np.abs(reference), axis=0)
     size = np.where(size > NOTHING * np.max(size), size, max(np.max(size), NOTHING))

@@ -199,7 +199,7 @@ def test_as_near_to_fifty_digits_as_the_definition(name: str) -> None:
     reference = equations_in_digits(assembly(scene(name)).exact, source.inputs, source.outputs).matrices(
         at
     )
-    reference = source.need.of(reference)
+    reference = source.need.of(reference, at)
     size = np.max(np.abs(reference), axis=0)
     some = size > 1e-8 * np.sqrt(np.outer(np.max(size, axis=1), np.max(size, axis=0)))
     errors = [
