@@ -137,8 +137,8 @@ def without_free_modes(need: Need) -> Need:
         return need
     stay = [k for k in range(count) if k not in free.dropped]
     V = ca.SX(count, count)
-    for place, entry in free.entries.items():
-        V[place] = entry.symbol(m.p)
+    for (s, j), entry in free.entries.items():
+        V[s, j] = entry.symbol(m.p)
     rates = m.unknown[:count]
     both = ca.substitute(ca.vertcat(m.residual, m.output), rates, rates + V @ rates)
     both, lifted = _stilled(m, both, rows_of(m.known, free.dropped))
