@@ -177,8 +177,9 @@ package P
   model Outer extends Inner; Part part(c=c); Inner own; end Outer;
   model Choice replaceable Whole w(c=4); end Choice;
   model More extends Whole; Part more(c=c); end More;
+  model Wide extends Choice(w(c=8)); end Wide;
   model M
-    parameter R r(r=5); Whole a(c=3); Whole b[2](each c=-3); Whole d(data=r); Outer e;
+    Wide k; parameter R r(r=5); Whole a(c=3); Whole b[2](each c=-3); Whole d(data=r); Outer e;
     Outer f(c=6, own.c=6); Choice g(redeclare More w), h(w(c=2^2));
   end M;
 end P;
@@ -198,6 +199,7 @@ end P;
         ("f.own.c", ""),
         ("g.w.c", "g.w.part.c g.w.more.c"),
         ("h.w.c", "h.w.part.c"),
+        ("k.w.c", "k.w.part.c"),
     ],
 )
 def test_a_parameter_that_is_passed_on_has_one_value(
