@@ -69,10 +69,11 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
-    lft, of_search = reduced[0].lft, None
+    lft, of_search = _in_units(problem, reduced[0].lft), None
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
-        lft, of_search, order_bound = _searched(problem, reduced, degrees, budget, stage, prove, check)
-    lft = _in_units(problem, with_blocks(lft, [p.name for p in problem.parameters]))
+        lft, of_search, order_bound = _searched(
+            problem, reduced, degrees, budget, stage, prove, check, trim.lft
+        )
     with stage("prove"):
         loops = tuple(map(reduced_relations, problem.constraints() or ()))
         boxes = open_boxes(lft, trim.lft, loops, problem, prove, of_search)
@@ -112,9 +113,10 @@ def _searched(
     stage: Stage,
     prove: float,
     check: "_Check",
+    trim: LFT | None,
 ) -> tuple[LFT, Regularity | None, int]:
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
-    lft, of_search = reduced[0].lft, None
+    lft, of_search = _in_units(problem, reduced[0].lft), None
     with stage("search"):
         result = _search(reduced, degrees, budget, stage)
         if budget.seconds is None:
@@ -123,9 +125,9 @@ def _searched(
         for smaller in (result.lft, *result.larger):
             if smaller.order >= lft.order:
                 break
-            smaller = with_blocks(smaller, [p.name for p in problem.parameters])
+            smaller = _in_units(problem, smaller)
             known = regularity(smaller, prove)
-            lost = _what_is_lost(smaller, known, lft, check)
+            lost = _what_is_lost(smaller, known, lft, check, trim)
             if not lost:
                 lft, of_search = smaller, known
                 break
@@ -149,6 +151,7 @@ class _Check:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self._checked: dict[tuple[LFT, LFT | None], Checked] = {}
 
     @cached_property
     def reference(self) -> Reference:
@@ -156,13 +159,14 @@ class _Check:
 
     def model(self, lft: LFT, trim: LFT | None) -> Checked:
         """Largest relative error of a model in its units, and of its trim, at all points."""
-        return measure_error(self.problem, lft, trim, self.reference)
+        if (lft, trim) not in self._checked:
+            self._checked[lft, trim] = measure_error(self.problem, lft, trim, self.reference)
+        return self._checked[lft, trim]
 
     def error_of(self, lft: LFT) -> tuple[float, float]:
-        """Largest error of an LFT in divided units at a few of the points: relative, in roundings."""
+        """Largest error of a model at a few of the points: relative, in roundings."""
         problem, points = self.problem, self.problem.points
         some = slice(None, None, 1 + len(points) // _FEW_POINTS)
-        lft = _in_units(problem, lft)
         try:
             values = evaluate_at(lft, deltas_at(problem.parameters, points[some]))
         except WellPosednessError:
@@ -237,16 +241,11 @@ def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
     return any(after > max(enough, _MOST_BY_SEARCH * before) for after, before, enough in pairs)
 
 
-def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check) -> str:
-    """What the result of a search has lost of the LFT that it began with: its regularity, or digits."""
-    problem = check.problem
+def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check, trim: LFT | None) -> str:
+    """What the result of a search has lost of the model that it began with: its regularity, or digits."""
     try:
-        values_at_points(smaller, problem.parameters, problem.points, problem.nouns)
-    except WellPosednessError as error:
-        return str(error)
-    try:
-        check.model(_in_units(problem, smaller), None)
-    except AnalysisError as error:
+        check.model(smaller, trim)
+    except (WellPosednessError, AnalysisError) as error:
         return str(error)
     # what has values at points can be singular between them
     if known.zero is not None:
@@ -255,7 +254,8 @@ def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check) -> s
 
 
 def _in_units(problem: Problem, a: LFT) -> LFT:
-    """An LFT of the divided relations as one of the problem."""
+    """An LFT of the divided relations as one of the problem, with all of its parameters."""
+    a = with_blocks(a, [p.name for p in problem.parameters])
     if problem.row_units is None or problem.column_units is None:
         return a
     rows, columns = problem.row_units[:, None], problem.column_units
