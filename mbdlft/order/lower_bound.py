@@ -49,7 +49,6 @@ from mbdlft.exact.matrices import (
     entrywise,
     limbs,
     multiplied,
-    null_space,
     pivot_columns,
     powers_of,
     rank,
@@ -65,7 +64,7 @@ from mbdlft.order.work import Work, exact_elimination, exact_solutions
 
 _EXTRA = 2  # samples more than needed
 _SURPLUS = 4  # dimensions of E above degree times coefficients, at first: h is rarely larger
-_MOST_COEFFICIENTS = {1: 300, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
+_MOST_COEFFICIENTS = {1: 600, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
 
 
 def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
@@ -372,7 +371,9 @@ def _span(
         if H.work.is_over:
             return None
         at = {first: np.full_like(nodes, alpha), **dict.fromkeys(thirds, nodes)}
-        u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second])
+        # random combinations of as many u as E can still grow by span the same
+        most = None if thirds else count // (1 + moves) - len(E) + _EXTRA
+        u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second], most)
         sections = (multiplied(all_Hu, u, prime) - multiplied(all_y, y, prime)) % prime
         over = _inverses((points[first] - alpha) % prime, prime)
         outside = entrywise(over[:, None], sections, prime).T
@@ -397,11 +398,12 @@ def _polynomials(
     powers: Residues,
     modes: Residues,
     degree: int,
+    most: int | None,
 ) -> tuple[Residues, Residues]:
     """Columns u (q, length, wide) and y = H u (p, length, wide) of all polynomials with so many powers.
 
-    The others are `at` nodes of the third delta, with its `powers` there (nodes, wide); `modes` lead from
-    values to coefficients.
+    Of more than `most` there are that many random combinations. The others are `at` nodes of the third
+    delta, with its `powers` there (nodes, wide); `modes` lead from values to coefficients.
     """
     (p, q), (count, wide), prime = H.shape, powers.shape, H.prime
     alone = H.alone(second, at)
@@ -418,7 +420,7 @@ def _polynomials(
             multiplied(basis, rows, prime) for basis, rows in zip(bases, conditions, strict=True)
         ]
     equations = [_outer(rows, power[None], prime) for rows, power in zip(conditions, powers, strict=True)]
-    u = _null_space(np.vstack(equations), H)
+    u = _null_space(np.vstack(equations), H, most)
     later = times(C, limbs(krylov[..., :-1].reshape(count, n, -1)), prime).reshape(count, p, q, -1)
     impulse = np.concatenate([alone[:, n:, n:, None], later], axis=3)
     impulse = entrywise(impulse.reshape(count, -1, 1), powers[:, None], prime)
@@ -432,9 +434,19 @@ def _polynomials(
     return u, multiplied(np.moveaxis(y[:wide], 0, 2).reshape(p * length * wide, -1), u, prime)
 
 
-def _null_space(equations: Residues, H: _Function) -> Residues:
+def _null_space(equations: Residues, H: _Function, most: int | None = None) -> Residues:
+    """Columns that span the null space, or `most` random combinations of more."""
     H.work.add(exact_elimination(*equations.shape))
-    return null_space(equations, H.prime)
+    rows, pivots = row_echelon(equations, H.prime)
+    free = np.setdiff1d(np.arange(equations.shape[1]), pivots)
+    if most is None or len(free) <= most:
+        most, chosen, dependent = len(free), np.eye(len(free), dtype=np.int64), rows[:, free]
+    else:
+        chosen = np.random.default_rng(most).integers(1, H.prime, (len(free), most), dtype=np.int64)
+        dependent = multiplied(rows[:, free], chosen, H.prime)
+    basis = np.zeros((equations.shape[1], most), dtype=np.int64)
+    basis[free], basis[pivots] = chosen, -dependent % H.prime
+    return basis
 
 
 def _observable(A: Residues, C: Residues, prime: int) -> Residues:

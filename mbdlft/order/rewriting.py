@@ -21,6 +21,7 @@ every step the opened blocks can be closed again.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import reduce
 from itertools import product as each_pair
 from typing import NamedTuple
 
@@ -50,7 +51,7 @@ from mbdlft.order.circles import independent
 from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work, product, reduction, solutions
 
-_SLOPE_POINTS = 24
+_SLOPE_POINTS, _FEW_POINTS = 24, 4  # of a slope, whose span is looked at; of whether there is one
 _NO_CHANGE = 1e-10  # of the size of a row: a change below is rounding
 _RANK = 1e-8  # of the largest pivot: a direction below is rounding
 
@@ -122,7 +123,7 @@ def is_polynomial(a: LFT, name: str) -> bool:
 
 def is_affine(a: LFT, name: str, work: Work) -> bool:
     """Whether the value is affine in a delta, at generic values of the others."""
-    return bool(_slope(a, name, work) is not None)
+    return bool(_slope(a, name, work, _FEW_POINTS) is not None)
 
 
 def at_one_side(a: LFT, name: str, work: Work) -> tuple[int, LFT] | None:
@@ -140,14 +141,16 @@ def at_one_side(a: LFT, name: str, work: Work) -> tuple[int, LFT] | None:
     return outer.shape[1], _at_outputs(a, name, outer)
 
 
-def _slope(a: LFT, name: str, work: Work) -> tuple[Array, Array, Array] | None:
+def _slope(
+    a: LFT, name: str, work: Work, count: int = _SLOPE_POINTS
+) -> tuple[Array, Array, Array] | None:
     """Changes of the values (points, rows, columns) with a delta, scaled; None if they are not affine."""
     random = np.random.default_rng(0)
-    points = {b.name: random.uniform(-0.9, 0.9, _SLOPE_POINTS) for b in a.blocks if b.name != name}
-    work.add(solutions(3 * _SLOPE_POINTS, a.order, a.shape[1], is_complex=False))
+    points = {b.name: random.uniform(-0.9, 0.9, count) for b in a.blocks if b.name != name}
+    work.add(solutions(3 * count, a.order, a.shape[1], is_complex=False))
     try:
         low, middle, high = (
-            evaluate(a, {**points, name: np.full(_SLOPE_POINTS, value)}) for value in (-1.0, 0.0, 1.0)
+            evaluate(a, {**points, name: np.full(count, value)}) for value in (-1.0, 0.0, 1.0)
         )
     except WellPosednessError:  # a pole at one of the points
         return None
@@ -353,14 +356,19 @@ def _independent_columns(point: Array, size: int, inputs: Iterable[int]) -> list
 
 
 def _krylov(a: LFT, size: int, columns: Sequence[tuple[int, int]], most: int, work: Work) -> LFT:
-    """The columns A^power B_input, as an LFT (size, number of columns)."""
-    A = reduce_order(select(a, range(size), range(size)))
-    powers: dict[tuple[int, int], LFT] = {}
-    for c, power in sorted(columns, key=lambda column: column[1]):
-        source = A @ powers[c, power - 1] if power else select(a, range(size), [size + c])
-        powers[c, power] = reduce_order(_limited(source, most))
+    """The columns A^power B_input, those of low powers first, as an LFT: [B, A [B, A [B, ...]]]."""
+    inside = range(size)
+
+    def step(K: LFT | None, power: int) -> LFT:
+        inputs = [size + c for c, other in columns if other == power]
+        source = select(a, inside, inputs if K is None else [*inputs, *inside])
+        if K is not None:
+            source = source @ stack_diagonal(np.eye(len(inputs)), K)
         work.add(reduction(source.order))
-    return reduce_order(_limited(stack_columns(*(powers[column] for column in columns)), most))
+        return reduce_order(_limited(source, most))
+
+    highest = max(power for _, power in columns)
+    return reduce(step, range(highest - 1, -1, -1), step(None, highest))
 
 
 def _changed(a: LFT, S: LFT, T: LFT, most: int) -> LFT:

@@ -38,7 +38,7 @@ from mbdlft.order.work import Work, late_after, reduction, singular_values, solu
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
 _IN_VAIN = 0.1  # of the work: a search that gains nothing with so much of it ends
-_OF_PAIRS, _OF_TRIPLES = 0.25, 2.0  # units for a first look at all pairs; steps for one at triples, too
+_OF_PAIRS, _OF_TRIPLES = 0.6, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
 _OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds
 _BESIDE = 1.1  # times the order of the closed LFT: larger relations are not restricted before the rounds
@@ -47,6 +47,7 @@ _FAR = 3  # a form this much larger than the smallest is not started from
 _VAIN = 100  # other ways to write a value that are tried in vain, in a row
 _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
+_NO_WORK = Work(0.0)
 _ROUNDS = 16  # with other random choices each
 # Of the first round. A refit succeeds from some starts only: of the scenarios, gimbal and ur5 depend on
 # that, and end at 30 or 31, and at 31 to 33.
@@ -247,8 +248,11 @@ class _Proof:
         self._joint = JointBound(exact, bound) if exact else None
         self._work_of_looks = Work(_OF_LOOKS)
 
-    def allows(self, candidate: LFT) -> bool:
-        """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal."""
+    def allows(self, candidate: LFT, *, is_fitted: bool = True) -> bool:
+        """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal.
+
+        For one that was not fitted only what is known of pairs is asked.
+        """
         if self._joint is None:
             return True
         sizes = dict(candidate.blocks)
@@ -256,10 +260,11 @@ class _Proof:
         if min(more.values(), default=0) < 0 or candidate.order < self.order_bound:
             return False
         fewer = {name for name in more if sizes.get(name, 0) < self._source[name]}
+        work = self._work_of_looks if is_fitted else _NO_WORK
         for first, second in combinations([name for name in more if self.bound[name]], 2):
             if fewer.isdisjoint((first, second)) or (more[first] and more[second]):
                 continue  # no pair excludes that
-            pairs = self._joint.pairs(first, second, self._work_of_looks)
+            pairs = self._joint.pairs(first, second, work)
             if not all(allows(pair, more) for pair in pairs):
                 self.order_bound = max(self.order_bound, self._joint.known)
                 return False
@@ -371,14 +376,15 @@ class _Level(NamedTuple):
 
     def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
         """Whether a candidate has the value."""
-        if not self.proof.allows(candidate):
+        is_fitted = checks is self.fitted
+        if not self.proof.allows(candidate, is_fitted=is_fitted):
             return False
         for truth, largest, is_closed in checks:
             form = candidate
             if is_closed:
                 work.add(reduction(candidate.order))
                 form = self.close(candidate)
-                if not self.proof.allows(form):
+                if not self.proof.allows(form, is_fitted=is_fitted):
                     return False
             if not is_same(form, truth, work, largest):
                 return False
