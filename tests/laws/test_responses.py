@@ -1,5 +1,7 @@
 """Responses over frequency and time, and norms, against closed forms and other tools."""
 
+import re
+
 import control
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from mbdlft import (
     step_response,
     unbounded_frequencies,
 )
+from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.response import frequency, norms
 from mbdlft.response.frequency import peaks
 from mbdlft.response.modes import samples_at
@@ -138,6 +141,33 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
     monkeypatch.setattr(sentences, "_EARLY", 0.0)
     (said,) = (text for text in sentences.checked_beside(model) if "accelerations" in text)
     assert f"six digits of beam.bending_y.3.acceleration from {omega_6:.2g} rad/s on" in said
+
+
+def test_an_entry_far_below_its_row_is_named() -> None:
+    """The angle of a reaction wheel on a clamped mast, by a push on its head."""
+    mast = mbdlft.Beam(
+        name="mast", length=20.0, density=2700.0, area=0.02, modulus=7e10, I_z=2e-4, elements=7,
+        deformations=("bending_y",),
+    )  # fmt: skip
+    wheel = mbdlft.RigidBody(name="wheel", mass=5.0, inertia=mbdlft.Inertia(zz=0.1))
+    scene = mbdlft.Scene(
+        name="mast",
+        bodies=[mast, wheel],
+        joints=[
+            mbdlft.Fixed(name="root", parent="ground", child="mast"),
+            mbdlft.Revolute(name="spin", parent="mast.tip", child="wheel", axis=(0, 0, 1), preload=0.0),
+        ],
+        loads=[mbdlft.Force(name="push", port="mast.tip", direction=(0, 1, 0), magnitude=0.0)],
+        inputs=["spin.torque", "push.force"],
+        outputs=["spin.angle"],
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    (said,) = (text for text in sentences.checked_beside(model) if "small entries" in text)
+    numbers = re.search(r"spin.angle by push.force by (\S+) of itself at (\S+) rad/s", said)
+    assert numbers is not None
+    share, omega = float(numbers[1]), np.array([float(numbers[2])])
+    truth = problem_of_scene(scene).reference().transfers_in_digits([0], omega)[0, 0, 0, 1]
+    assert abs(mbdlft.frequency_response(model, {}, omega)[0, 0, 0, 1] / truth - 1.0) <= share <= 1e-3
 
 
 def test_peaks_are_higher_than_their_neighbors() -> None:

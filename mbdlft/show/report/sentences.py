@@ -6,12 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mbdlft.problem.references import rounded_transfers, transfers
 from mbdlft.response.frequency import carried_from
 from mbdlft.system.model import Certificate, LFTModel, System
+from mbdlft.system.sampled import matrices_at
 
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
 _EARLY = 0.01  # of the slowest pole: from there on, an acceleration should have its digits
+_SIX_DIGITS, _SOME_DIGITS = 1e-6, 1e-3  # shares of an entry that rounding may change
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
 
@@ -86,6 +89,7 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
             f"accelerations: the sum D + C (s I - A)^-1 B has six digits of {name} from {late[name]:.2g} "
             "rad/s on; below, frequency responses are -w^2 times the position"
         )
+    yield from _small_entries(model)
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
         rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
@@ -95,6 +99,31 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
         yield (
             "entries that are only rounding of terms that cancel, and compared with these: "
             f"{', '.join(named[:_MOST_BOXES])}{more}"
+        )
+
+
+def _small_entries(model: LFTModel) -> Iterator[str]:
+    """A sentence on the entry of the transfer functions that rounding changes most, relative to itself.
+
+    At nominal, at frequencies of the certificate and a tenth of the least. An entry that rounding may
+    change by all of itself, wherever it is looked at, may be zero, and is left out.
+    """
+    omega, states = np.array(model.certificate.frequencies), len(model.states)
+    if not len(omega):
+        return
+    omega = np.append(0.1 * np.min(omega), omega)
+    A, B, C, D = matrices_at(model, {})
+    whole = np.block([[A, B], [C, D]])
+    change = rounded_transfers(whole[None], states, omega, _EPS * np.abs(whole))[0]
+    size = np.abs(transfers(whole[None], states, omega)[0])
+    shares = change / np.where(size > 0.0, size, np.inf)
+    shares = np.where(np.min(shares, axis=0) < _SOME_DIGITS, shares, 0.0)
+    k, i, j = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    if shares[k, i, j] > _SIX_DIGITS:
+        yield (
+            f"small entries: rounding may change the response of {model.outputs[i].name} by "
+            f"{model.inputs[j].name} by {shares[k, i, j]:.1e} of itself at {omega[k]:.3g} rad/s, where "
+            f"it is {size[k, i, j] / np.max(size[k, i]):.1e} of its row"
         )
 
 
