@@ -9,11 +9,23 @@ import pytest
 from scipy.linalg import expm
 
 import mbdlft
-from mbdlft import Fixed, FlexibleBody, Free, Inertia, PointMass, Revolute, RigidBody, Scene, load_scene
+from mbdlft import (
+    Fixed,
+    FlexibleBody,
+    Free,
+    Ground,
+    Inertia,
+    PointMass,
+    Prismatic,
+    Revolute,
+    RigidBody,
+    Scene,
+    load_scene,
+)
 from mbdlft.base.array import Array
 from mbdlft.base.description import Axis
 from mbdlft.dae import simulate
-from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin
+from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin, Tire
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
 from tests.close import CLOSED_FORM, EPS, KEPT, target
 from tests.cross.planar_mechanisms import driven_four_bar
@@ -255,6 +267,41 @@ def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(
     expected = np.array([expm(A * t) @ begin for t in times])
     places = [run.state_names.index(names[k]) for k in own]
     assert np.max(np.abs(run.states[:, places] - expected[:, own])) <= 2e-6 * np.max(np.abs(expected))
+
+
+def test_a_tire_that_leans_pushes_along_the_ground() -> None:
+    """With the slip of its point over the speed ahead, however far it leans."""
+    V, R, C, mass, J, aside, lean = 8.0, 0.3, 900.0, 2.0, 0.1, 0.5, 0.6
+    massless = Inertia(xx=0, yy=0, zz=0)
+    scene = Scene(
+        name="tire",
+        velocity=(V, 0, 0),
+        bodies=[
+            Ground(ports={"center": (0, 0, R)}),
+            PointMass(name="slider", mass=0),
+            PointMass(name="lift", mass=0),
+            RigidBody(name="yoke", mass=0, inertia=massless),
+            RigidBody(name="wheel", mass=mass, inertia=Inertia(xx=J, yy=0.2, zz=J)),
+        ],
+        joints=[
+            Prismatic(name="aside", parent="ground.center", child="slider", axis=(0, 1, 0), preload=0.0),
+            Prismatic(name="up", parent="slider", child="lift", axis=(0, 0, 1), preload=0.0),
+            Revolute(name="lean", parent="lift", child="yoke", axis=(1, 0, 0), preload=0.0),
+            Revolute(name="spin", parent="yoke", child="wheel", axis=(0, 1, 0), rate=V / R, preload=0.0),
+        ],
+        loads=[
+            Tire(name="tire", child="wheel", axis=(0, 1, 0), radius=R, cornering=C, camber=0.0, force=0.0)
+        ],
+    )
+    m = equations_of_motion(scene, {})
+    names, still = [signal.name for signal in m.coordinates], np.zeros(m.z.numel())
+    x = np.zeros(len(names))
+    x[[names.index("lean.angle"), names.index("aside.velocity")]] = lean, aside
+    f = ca.Function("f", [m.x, m.z, m.u], [m.residual, ca.jacobian(m.residual, m.z)])
+    offset, slopes = (y.full() for y in f(x, still, []))
+    force = -C * aside / V
+    expected = [force / mass, 0.0, R * np.cos(lean) * force / J, 0.0]
+    target(np.linalg.solve(slopes, -offset)[:, 0], np.array(expected), CLOSED_FORM)
 
 
 @pytest.mark.parametrize("name", ["motorcycle", "motorcycle without relaxation"])

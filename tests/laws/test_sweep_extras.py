@@ -16,7 +16,7 @@ import mbdlft
 from benchmarks.cases.arm import SCENE
 from mbdlft import Parameter, RandomSamples
 from mbdlft.batch import staging
-from mbdlft.batch.rows import Extra
+from mbdlft.batch.rows import Extra, source_digest
 from mbdlft.batch.run import shard_rows
 from tests.archive.plain_digest import digest, edit
 from tests.close import CLOSED_FORM, exact, roundoff, target
@@ -76,6 +76,14 @@ def test_poles_of_a_cart(tmp_path: Path) -> None:
     mbdlft.sweep(scene, values, tmp_path / "b.h5", workers=1)
     same(found, mbdlft.load_sweep(tmp_path / "b.h5"))
     assert mbdlft.load_sweep(tmp_path / "b.h5").poles is None
+
+
+def test_another_file_of_a_function_is_another_function(module: str) -> None:
+    Path("other.py").write_text(FUNCTIONS.replace("heavy", "light"), encoding="utf-8")
+    Path("same.py").write_text(FUNCTIONS, encoding="utf-8")
+    one, other, same = (source_digest(f"{name}:picky") for name in (module, "other", "same"))
+    assert len({one, other}) == 2
+    assert one == same
 
 
 @pytest.mark.long
