@@ -21,20 +21,18 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import qr
-from scipy.optimize import linear_sum_assignment
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import min_weight_full_bipartite_matching
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
 from mbdlft.dae.dae import Dae, Variable
 from mbdlft.dae.newton import divided, singular_part
 from mbdlft.dae.text import column_of
+from mbdlft.problem.sparse import LARGE
 from mbdlft.problem.sx.constants import in_doubles
 
-Pattern = NDArray[np.int64]
-_ABSENT = -1  # in a signature: the variable does not occur
-_FORBIDDEN = 10**6  # what an assignment to an absent variable costs
 _LISTED = 12  # names in a message
 
 
@@ -90,46 +88,48 @@ def differentiated(dae: Dae) -> Differentiated:
             + _named_parts(dae, sigma)
             + " Give each unknown an equation, or make it an input."
         )
-    rows, columns = linear_sum_assignment(np.where(sigma == _ABSENT, _FORBIDDEN, -sigma))
-    if np.any(sigma[rows, columns] == _ABSENT):
+    try:
+        _, matched = min_weight_full_bipartite_matching(sigma, maximize=True) if equations else ((), ())
+    except ValueError:
         raise StructureError(
             f"{dae.owner}: is structurally singular. "
             + _named_parts(dae, sigma)
             + " Look for a missing or doubled equation, or a boundary that nothing is connected with."
-        )
-    counts, orders = _offsets(dae, sigma, columns)
+        ) from None
+    counts, orders = _offsets(dae, sigma, matched)
     symbols = _symbols(dae, orders)
     residuals, rates = _derivatives(dae, counts, symbols)
     return Differentiated(dae, counts, orders, symbols, residuals, rates)
 
 
-def _signature(dae: Dae) -> Pattern:
-    """Highest order of each variable in each equation; -1 where it does not occur."""
+def _signature(dae: Dae) -> csr_array:
+    """1 + the highest order of each variable in each equation, where it occurs."""
     residuals = column_of(e.residual for e in dae.equations)
-    sigma = np.full((len(dae.equations), len(dae.variables)), _ABSENT)
+    sigma = csr_array((len(dae.equations), len(dae.variables)), dtype=int)
     for order, symbols in enumerate(zip(*((v.symbol, v.derivative) for v in dae.variables), strict=True)):
         known = [j for j, symbol in enumerate(symbols) if symbol is not None]
         if known and residuals.numel():
             pattern = ca.jacobian_sparsity(residuals, column_of(symbols[j] for j in known))
             rows, columns = (np.array(indices, dtype=int) for indices in pattern.get_triplet())
-            sigma[rows, np.array(known)[columns]] = order
+            places = rows, np.array(known)[columns]
+            sigma = sigma.maximum(csr_array((np.full(len(rows), 1 + order), places), shape=sigma.shape))
     return sigma
 
 
-def _named_parts(dae: Dae, sigma: Pattern) -> str:
+def _named_parts(dae: Dae, sigma: csr_array) -> str:
     """What is over- and underdetermined, by Dulmage and Mendelsohn."""
-    places = (indices.tolist() for indices in np.nonzero(sigma != _ABSENT))
+    places = [indices.tolist() for indices in sigma.nonzero()]
     _, rows, columns, _, _, *coarse = ca.Sparsity.triplet(*sigma.shape, *places).btf()
     over, few = sorted(rows[: coarse[0][2]]), sorted(columns[coarse[1][2] :])
     sentences = []
     if few:
-        equations = {i for j in few for i in np.flatnonzero(sigma[:, j] != _ABSENT)}
+        equations = {i for i, j in zip(*places, strict=True) if j in {*few}}
         sentences.append(
             f"The unknowns {listed(dae.variables[j].name for j in few)} are in too few equations: "
             f"{listed(dae.equations[i].place for i in sorted(equations)) or 'none'}."
         )
     if over:
-        many = {j for i in over for j in np.flatnonzero(sigma[i] != _ABSENT)}
+        many = {j for i, j in zip(*places, strict=True) if i in {*over}}
         sentences.append(
             f"The equations {listed(dae.equations[i].place for i in over)} are too many for "
             f"{listed(dae.variables[j].name for j in sorted(many)) or 'no unknown'}."
@@ -144,15 +144,19 @@ def listed(names: Iterable[object]) -> str:
     return ", ".join(map(str, every[:_LISTED])) + more
 
 
-def _offsets(dae: Dae, sigma: Pattern, matched: Sequence[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _offsets(
+    dae: Dae, sigma: csr_array, matched: Sequence[int]
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """The smallest c and d with d_j - c_i >= sigma_ij, and = on the assignment."""
-    n = len(sigma)
+    n = sigma.shape[0]
     counts = np.zeros(n, dtype=int)
-    rows = np.arange(n)
+    entries = sigma.tocoo()
+    rows, columns, of = entries.row, entries.col, entries.data - 1
+    on_assignment = np.array(matched, dtype=int)[rows] == columns
     for _ in range(2 * n + 2):
-        shifted = np.where(sigma == _ABSENT, _ABSENT, sigma + counts[:, None])
-        orders = np.max(shifted, axis=0, initial=0)
-        differentiations = orders[matched] - sigma[rows, matched]
+        orders, differentiations = np.zeros((2, n), dtype=int)
+        np.maximum.at(orders, columns, of + counts[rows])
+        differentiations[rows[on_assignment]] = (orders[columns] - of)[on_assignment]
         if np.array_equal(differentiations, counts):
             return tuple(map(int, counts)), tuple(map(int, orders))
         counts = differentiations
@@ -190,16 +194,17 @@ def _derivatives(
         before = column_of(residuals[Row(i, order - 1)] for i in rows)
         after = ca.jtimes(before, symbols_now, rates_now)
         residuals |= {Row(i, order): after[k] for k, i in enumerate(rows)}
-    every = column_of(residuals.values())
+    every = {s.element_hash() for s in ca.symvar(column_of(residuals.values()))}
     used = [
         (dae.inputs[j - n], order, s)
         for (j, order), s in rates.items()
-        if order and ca.depends_on(every, s)
+        if order and s.element_hash() in every
     ]
     return residuals, tuple(used)
 
 
 _RANK = 1e-9  # of the largest pivot: a smaller one is no pivot
+_CLEAR = 1e-3  # of the largest entry of a row: what is left of it may be rounding if it is smaller
 _KEPT = 3  # the class of variables that are no derivatives: none of them becomes algebraic
 
 
@@ -236,7 +241,7 @@ def dummy_derivatives(
     unknown = column_of(d.symbols[entry] for entry in entries)
     jacobian = ca.jacobian(residuals, unknown)
     free = column_of(signals)
-    highest = signals[: len(signals) - len(dae.parameters)]
+    highest = column_of(signals[: len(signals) - len(dae.parameters)])
 
     @cache
     def matrices() -> list[Array]:
@@ -249,7 +254,7 @@ def dummy_derivatives(
         alone = len(block.rows) == 1 and matrix.nnz() and not ca.symvar(ca.SX(matrix.nz[0]))
         if not alone:
             of_block = [rows[i] for i in block.rows], [entries[j] for j in block.columns]
-            _check_regular(d, matrix, column_of(highest), points, *of_block)
+            _check_regular(d, matrix, highest, points, *of_block)
         if any(d.counts[i] for i in block.rows):
             at = [m[np.ix_(block.rows, block.columns)] for m in matrices()]
             orders = [rows[i].order for i in block.rows]
@@ -349,15 +354,43 @@ def _class(d: Differentiated, entry: Entry, wanted: Collection[str]) -> int:
 
 
 def independent(matrix: Array, classes: Array) -> list[int]:
-    """Independent columns, of the lowest classes first."""
-    projected, chosen = matrix, []
-    for kind in sorted(set(classes.tolist())):
-        columns = np.flatnonzero(classes == kind)
+    """Independent columns, of the lowest classes first.
+
+    A column that alone has an entry in a row is in every such choice; of large matrices these are
+    taken first, one after the other, and what is left of the matrix is small.
+    """
+    alone = _alone(csr_array(matrix)) if min(matrix.shape) > LARGE else []
+    rows = np.delete(np.arange(len(matrix)), [i for i, _ in alone])
+    others = np.delete(np.arange(len(classes)), [j for _, j in alone])
+    projected, chosen = matrix[np.ix_(rows, others)], [j for _, j in alone]
+    for kind in sorted(set(classes[others].tolist())):
+        columns = np.flatnonzero(classes[others] == kind)
         if not len(projected):
             break
         q, triangle, order = qr(projected[:, columns], pivoting=True)
         pivots = np.abs(np.diag(triangle))
         count = int(np.sum(pivots > _RANK * max(1.0, np.max(pivots, initial=0.0))))
-        chosen += [int(columns[k]) for k in order[:count]]
+        chosen += [int(others[columns[k]]) for k in order[:count]]
         projected = q[:, count:].T @ projected
     return sorted(chosen)
+
+
+def _alone(matrix: csr_array) -> list[tuple[int, int]]:
+    """Rows and columns of entries that are alone in their rows, but for columns found before."""
+    of_column, sizes = matrix.tocsc(), abs(matrix).max(axis=1).toarray()
+    count, is_open = np.diff(matrix.indptr), np.ones(matrix.shape[1], dtype=bool)
+    pairs: list[tuple[int, int]] = []
+    waiting = np.flatnonzero(count == 1).tolist()
+    while waiting:
+        i = waiting.pop()
+        places = range(matrix.indptr[i], matrix.indptr[i + 1])
+        free = [k for k in places if is_open[matrix.indices[k]]]
+        if len(free) != 1 or abs(matrix.data[free[0]]) < _CLEAR * sizes[i]:
+            continue
+        j = int(matrix.indices[free[0]])
+        pairs.append((i, j))
+        is_open[j] = False
+        below = of_column.indices[of_column.indptr[j] : of_column.indptr[j + 1]]
+        count[below] -= 1
+        waiting += below[count[below] == 1].tolist()
+    return pairs

@@ -74,24 +74,24 @@ def guessed(system: System, start: Array, given: Array, seeds: Sequence[Sequence
     `start` (n,) are values of those at the positions `seeds`, which count as known one after the other,
     when no equation has one unknown any more.
     """
-    z = start.copy()
-    pattern = np.zeros((system.count, system.unknowns), dtype=bool)
-    pattern[system.places] = True
+    z, rows, columns = start.copy(), system.places.rows, system.places.columns
     is_set = np.zeros(len(z), dtype=bool)
     used = np.zeros(system.count, dtype=bool)
     for seed in seeds:
         is_set[list(seed)] = True
         while True:
-            ready = np.flatnonzero(~used & (np.sum(pattern & ~is_set, axis=1) == 1))
-            if not len(ready):
+            is_open = ~is_set[columns]
+            ready = ~used & (np.bincount(rows[is_open], minlength=system.count) == 1)
+            if not np.any(ready):
                 break
-            used[ready] = True
-            columns = np.argmax(pattern[ready] & ~is_set, axis=1)
+            used |= ready
+            alone = np.flatnonzero(ready[rows] & is_open)
+            of, chosen, largest = rows[alone], columns[alone], np.zeros(system.count)
             with np.errstate(all="ignore"):
-                r, J = system.residual(z, given)[ready], system.jacobian(z, given)[ready]
-                slopes = J[np.arange(len(ready)), columns]
-                good = np.abs(slopes) > _SLOPE * np.max(np.abs(J), axis=1)
-                z[columns[good]] -= (r / slopes)[good]
+                r, J = system.residual(z, given)[of], system.slopes(z, given)
+                np.maximum.at(largest, rows, np.abs(J))
+                good = np.abs(J[alone]) > _SLOPE * largest[of]
+                z[chosen[good]] -= (r / J[alone])[good]
             z = np.where(np.isfinite(z), z, start)
-            is_set[columns[good]] = True
+            is_set[chosen[good]] = True
     return z

@@ -21,6 +21,7 @@ from mbdlft.dae.to_problem import problem_of
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
 from mbdlft.problem.relations import LinearModel, Problem, Reference, Stage, TrimRelations
+from mbdlft.problem.sparse import Entries, pseudo_inverse, solve
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero
 from mbdlft.problem.sx.tapes import evaluate_many
 
@@ -180,14 +181,13 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
     both = ca.vertcat(s.symbols, s.dae.p)
     slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
     nominal = np.array([s.quantities[k].variable.nominal for k in free])
+    places = Entries(slopes.sparsity_out(0))
     for row in np.hstack([z, in_symbols(s.dae, points)])[:_LOOKED_AT]:
-        J = slopes(row).full()
-        terms = np.abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
+        J = places.matrix(np.array(slopes(row).nonzeros()))
+        terms = abs(J) @ np.abs(row)  # none where all is zero: nothing is rounded
         columns = np.maximum(np.abs(row[free]), nominal)
-        scaled = J[:, free] * columns
-        norm = np.linalg.norm(scaled, axis=1)
-        norm[norm == 0.0] = 1.0
-        made = columns * (np.abs(np.linalg.pinv(scaled / norm[:, None])) @ (terms / norm))
+        inverse, norm = pseudo_inverse(J[:, free], columns)
+        made = columns * (np.abs(inverse) @ (terms / norm))
         size[free] = np.maximum(size[free], made)
     return np.asarray(size)
 
@@ -227,17 +227,15 @@ def linearized(s: Structure, z: Array, points: Array) -> Array:
     outputs = column_of([y.expression for y in s.dae.outputs])
     stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))
     slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, s.symbols)))
-    where = slopes.sparsity().get_triplet()
-    entries = ca.densify(column_of_entries(slopes))
+    places, entries = Entries(slopes.sparsity()), ca.densify(column_of_entries(slopes))
     function = ca.Function("slopes", [s.symbols, s.dae.p], [entries])
     n = s.unknown.numel()
     matrices = []
     (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
     for values in every:
-        J = np.zeros(slopes.shape)
-        J[where] = values[:, 0]
+        J = places.matrix(values[:, 0])
         try:
-            solved = -np.linalg.solve(J[:n, :n], J[:n, n:])
+            solved = -solve(J[:n, :n], J[:n, n:])
         except np.linalg.LinAlgError:
             raise WellPosednessError(
                 f"{s.owner}: the equations do not determine the unknowns at a point of the range."

@@ -4,17 +4,18 @@ A matrix of numbers and parameters is decided in exact arithmetic, one of signal
 """
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from scipy.sparse import bmat, csc_matrix, identity
-from scipy.sparse.linalg import splu
+from scipy.sparse import issparse
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
-from mbdlft.dae.text import column_of
-from mbdlft.exact.matrices import Residues, null_space
+from mbdlft.dae.text import column_of, free_symbols
+from mbdlft.exact.matrices import Residues, is_regular, null_space
+from mbdlft.problem.sparse import Entries, Matrices, smallest
 from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 from mbdlft.problem.sx.tapes import BufferedCall
 
@@ -24,7 +25,6 @@ _HOLDS = 1e-8  # of them: what a solution may miss
 _TRIES = 6
 _MOST_HALVED = 8  # times, of a way between parameters
 _CONTRACTED, _SMALL_STEP = 0.1, 1e-9  # of a second step; steps over the sizes of unknowns
-_DENSE = 150  # equations up to which matrices are dense
 _SOLVED = 1e-6  # of the right side, what a sparse solution may miss
 _SEED = 7
 _RANK = 1e-12  # of the largest singular value: below it, one is none
@@ -64,25 +64,35 @@ class System:
             BufferedCall(ca.Function("system", [unknown, knowns], [result]))
             for result in (residual, jacobian, beside)
         )
-        self.places, self._places_beside = (m.sparsity().get_triplet() for m in (jacobian, beside))
+        self.places, self._places_beside = (Entries(m.sparsity()) for m in (jacobian, beside))
 
     def residual(self, z: Array, q: Array) -> Array:
         return self._residual(z, q)[0].copy()
 
-    def jacobian(self, z: Array, q: Array) -> Array:
-        J = np.zeros((self.count, self.unknowns))
-        J[self.places] = self._jacobian(z, q)[0]
-        return J
+    def slopes(self, z: Array, q: Array) -> Array:
+        """The entries (k,) of the Jacobian (m, n) at `places`."""
+        return self._jacobian(z, q)[0].copy()
 
-    def scale(self, J: Array, z: Array, q: Array, sizes: Array) -> Array:
-        """Sizes (m,) of the terms of each equation, at slopes J (m, n) there."""
-        terms = np.max(np.abs(J) * np.maximum(np.abs(z), sizes), axis=1, initial=0.0)
+    def jacobian(self, z: Array, q: Array) -> Array:
+        return self.places.dense(self.slopes(z, q))
+
+    def scale(self, slopes: Array, z: Array, q: Array, sizes: Array) -> Array:
+        """Sizes (m,) of the terms of each equation, with its slopes there."""
+        terms = np.zeros(self.count)
+        pairs = [(self.places, slopes, np.maximum(np.abs(z), sizes))]
         if len(self.held):
             held = np.maximum(np.abs(q[: len(self.held)]), self.held)
-            beside = np.zeros((self.count, len(held)))
-            beside[self._places_beside] = self._beside(z, q)[0]
-            terms = np.maximum(terms, np.max(np.abs(beside) * held, axis=1))
+            pairs.append((self._places_beside, self._beside(z, q)[0], held))
+        for places, entries, size in pairs:
+            np.maximum.at(terms, places.rows, np.abs(entries) * size[places.columns])
         return np.asarray(np.where(terms > 0.0, terms, 1.0))
+
+    def step(self, slopes: Array, r: Array, scale: Array, sizes: Array) -> Array:
+        """Newton's step (n,) over the sizes of the unknowns; not finite where the equations are not."""
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(slopes))):
+            return np.full(len(sizes), np.nan)
+        scaled = slopes * sizes[self.places.columns] / scale[self.places.rows]
+        return -_smallest_step(self.places.matrix(scaled), r / scale)
 
 
 def solve(
@@ -126,10 +136,10 @@ def follow(
     """
     first, last = ends
     with np.errstate(all="ignore"):
-        r, J = system.residual(start, last), system.jacobian(start, last)
-        scale = system.scale(J, start, last, sizes)
-        step = _scaled_step(J, r, scale, sizes)
-        second = _scaled_step(J, system.residual(start + sizes * step, last), scale, sizes)
+        r, slopes = system.residual(start, last), system.slopes(start, last)
+        scale = system.scale(slopes, start, last, sizes)
+        step = system.step(slopes, r, scale, sizes)
+        second = system.step(slopes, system.residual(start + sizes * step, last), scale, sizes)
         contracts = bool(np.linalg.norm(second) <= _CONTRACTED * np.linalg.norm(step))
     if contracts or not halvings or np.linalg.norm(step) <= _SMALL_STEP:
         return solve(system, start, last, sizes)
@@ -157,27 +167,20 @@ def follow_all(system: System, start: Array, first: Array, points: Array, sizes:
     return found
 
 
-def _scaled_step(J: Array, r: Array, scale: Array, sizes: Array) -> Array:
-    """Newton's step (n,) over the sizes of the unknowns; not finite where the equations are not."""
-    if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
-        return np.full(len(sizes), np.nan)
-    return -_smallest_step(J * sizes / scale[:, None], r / scale)
-
-
 def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
     z, polished = start.copy(), False
     close: Found | None = None  # before the last step, which may be a leap
     for _ in range(_STEPS):
         with np.errstate(all="ignore"):
-            r, J = system.residual(z, knowns), system.jacobian(z, knowns)
-        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(J))):
+            r, slopes = system.residual(z, knowns), system.slopes(z, knowns)
+        if not (np.all(np.isfinite(r)) and np.all(np.isfinite(slopes))):
             return Found(z, np.full(system.count, np.inf))
-        scale = system.scale(J, z, knowns, sizes)
+        scale = system.scale(slopes, z, knowns, sizes)
         if polished:
             break
         polished = bool(np.max(np.abs(r) / scale, initial=0.0) <= _CLOSE)  # one more step
         close = Found(z, np.abs(r) / scale) if polished else None
-        step = sizes * _scaled_step(J, r, scale, sizes)
+        step = sizes * system.step(slopes, r, scale, sizes)
         size, length = np.linalg.norm(r / scale), 1.0
         for _ in range(_HALVINGS):
             with np.errstate(all="ignore"):
@@ -190,22 +193,21 @@ def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
                 break
         z = z + (1.0 if polished else length) * step
     with np.errstate(all="ignore"):
-        r, J = system.residual(z, knowns), system.jacobian(z, knowns)
-    last = Found(z, np.abs(r) / system.scale(J, z, knowns, sizes))
+        r, slopes = system.residual(z, knowns), system.slopes(z, knowns)
+    last = Found(z, np.abs(r) / system.scale(slopes, z, knowns, sizes))
     return last if close is None or last.is_solution else close
 
 
-def _smallest_step(J: Array, r: Array) -> Array:
-    """The smallest d (n,) with J d = r (m,), or nearest to that; sparse where there are many."""
+def _smallest_step(J: Matrices, r: Array) -> Array:
+    """The smallest d (n,) with J d = r (m,), or nearest to that; J has rows and columns of size 1."""
     m, n = J.shape
-    if m > _DENSE:
-        whole = bmat([[identity(n), csc_matrix(J.T)], [csc_matrix(J), None]], format="csc")
-        try:
-            step = splu(whole).solve(np.concatenate([np.zeros(n), r]))[:n]
-        except RuntimeError:  # equations that depend on each other
-            step = np.full(n, np.nan)
-        if np.all(np.isfinite(step)) and np.max(np.abs(J @ step - r)) <= _SOLVED * np.max(np.abs(r)):
-            return np.asarray(step)
+    if issparse(J):
+        small = np.full(n, np.nan)
+        with suppress(np.linalg.LinAlgError):
+            small = smallest(J, r)
+        if np.all(np.isfinite(small)) and np.max(np.abs(J @ small - r)) <= _SOLVED * np.max(np.abs(r)):
+            return small
+        J = J.toarray()
     step, _, rank, _ = np.linalg.lstsq(J, r, rcond=_RANK)
     if rank < m <= n:  # or rows and columns of very different sizes
         rows = np.linalg.norm(J, axis=1, keepdims=True)
@@ -243,7 +245,8 @@ def singular_part(
     A matrix of numbers and parameters is decided in exact arithmetic, for parameters in general. One of
     signals is looked at in doubles at points, values of [signals ; parameters].
     """
-    if not ca.depends_on(ca.densify(matrix), signals):
+    known = {p.element_hash() for p in ca.vertsplit(parameters)}
+    if all(symbol.element_hash() in known for symbol in free_symbols(matrix)):
         try:
             return _by_residues(matrix)
         except NotRationalError:
@@ -254,9 +257,9 @@ def singular_part(
 def _by_residues(matrix: ca.SX) -> Singular | None:
     """Modulo a prime above 2^60, with random residues for the parameters."""
     residues, prime = modulo_prime(matrix, _SEED_OF_RANKS)
-    right = null_space(residues.astype(np.int64), prime)
-    if not right.shape[1]:
+    if is_regular(residues.astype(np.int64), prime):
         return None
+    right = null_space(residues.astype(np.int64), prime)
     left_null = null_space(residues.T.astype(np.int64), prime)
     return Singular(_used(left_null), _used(right), exact=True)
 

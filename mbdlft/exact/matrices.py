@@ -1,7 +1,8 @@
 """Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from typing import Any
 
 import flint
@@ -20,6 +21,8 @@ _NOTHING = flint.arb(0)
 _LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
 _HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
 _FEW = 1000  # products, for which FLINT is faster
+_LARGE = 64  # rows, of which those with few entries are eliminated one by one
+_FILL, _SMALL = 16, 0.125  # most entries that a pivot may add; of the largest of its row
 
 
 class TooFewBitsError(AnalysisError):
@@ -76,11 +79,13 @@ class ExactMatrix:
         balls[some] = -balls[some]
         return ExactMatrix(-self.residues % self.prime, balls, self.prime)
 
-    def solve(self, right: "ExactMatrix") -> "ExactMatrix":
+    def solve(self, right: "ExactMatrix", *, densely: bool = False) -> "ExactMatrix":
         """self^-1 right; a ZeroDivisionError if singular, a TooFewBitsError if nearly so."""
         n, m = right.shape
         if n == 0 or m == 0:
             return zeros(n, m, self.prime)
+        if n > _LARGE and not densely:
+            return _solved_sparsely(self, right)
         matrix = _residue_matrix(self.residues, self.prime)
         residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
         try:
@@ -98,6 +103,93 @@ class ExactMatrix:
                 raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
             values[place] = float(ball.mid())
         return values
+
+
+def eliminate(
+    rows: list[dict[int, Any]], count: int, size: Callable[[Any], float] = lambda x: 1.0
+) -> list[tuple[int, int]]:
+    """Pivots (row, column) of sparse rows, which are eliminated from the others, in place.
+
+    Pivots are in the first `count` columns and are taken as long as they add few entries, as none does
+    whose row or column has no other one; those that are small beside others of their row are not. Each
+    pivot row has the columns of later pivots, and others, only.
+    """
+    of_column: list[set[int]] = [set() for _ in range(count)]
+    for i, row in enumerate(rows):
+        for j in row:
+            if j < count:
+                of_column[j].add(i)
+    waiting = [(sum(j < count for j in row), i) for i, row in enumerate(rows)]
+    heapify(waiting)
+    pivots: list[tuple[int, int]] = []
+    done: set[int] = set()
+    while waiting:
+        entries, i = heappop(waiting)
+        inside = [j for j in rows[i] if j < count]
+        if i in done or len(inside) != entries or not inside:
+            continue
+        sizes = {j: size(rows[i][j]) for j in inside}
+        least = _SMALL * max(sizes.values())
+        others, j = min((len(of_column[j]) - 1, j) for j, x in sizes.items() if x >= least)
+        if others * (entries - 1) > _FILL:
+            continue
+        done.add(i)
+        pivots.append((i, j))
+        for m in inside:
+            of_column[m].discard(i)
+        pivot = rows[i][j]
+        for k in sorted(of_column[j]):
+            row = rows[k]
+            factor = row.pop(j) / pivot
+            for m, x in rows[i].items():
+                if m == j:
+                    continue
+                value = row[m] - factor * x if m in row else -(factor * x)
+                if value:
+                    row[m] = value
+                    if m < count:
+                        of_column[m].add(k)
+                elif m in row:
+                    del row[m]
+                    if m < count:
+                        of_column[m].discard(k)
+            heappush(waiting, (sum(m < count for m in row), k))
+        of_column[j].clear()
+    return pivots
+
+
+def _solved_sparsely(a: ExactMatrix, right: ExactMatrix) -> ExactMatrix:
+    """a^-1 right: rows with few entries one by one, and what is left of them densely."""
+    n, m = right.shape
+    rows = to_rows(stacked([[a, right]]))
+    pivots = eliminate(rows, n, lambda x: abs(float(x.ball)))
+    left, columns = (_others([pair[k] for pair in pivots], n) for k in (0, 1))
+    place = {j: k for k, j in enumerate([*columns, *range(n, n + m)])}
+    remaining = [{place[j]: x for j, x in rows[i].items()} for i in left]
+    dense = from_rows(remaining, len(columns) + m, a.prime)
+    solved = dense[:, : len(columns)].solve(dense[:, len(columns) :], densely=True)
+    solution: dict[int, dict[int, Exact]] = dict(zip(columns, to_rows(solved), strict=True))
+    for i, j in reversed(pivots):
+        side = {k - n: x for k, x in rows[i].items() if k >= n}
+        for k, factor in rows[i].items():
+            if k < n and k != j:
+                for column, x in solution[k].items():
+                    known = side.get(column)
+                    side[column] = -(factor * x) if known is None else known - factor * x
+        pivot = rows[i][j]
+        solution[j] = {column: x / pivot for column, x in side.items() if x}
+    return from_rows([solution[j] for j in range(n)], m, a.prime)
+
+
+def is_regular(a: Residues, prime: int) -> bool:
+    """Whether a square matrix is regular modulo a prime."""
+    rows: list[dict[int, Any]] = [{} for _ in a]
+    for i, j in zip(*np.nonzero(a), strict=True):
+        rows[i][int(j)] = flint.nmod(int(a[i, j]), prime)
+    pivots = eliminate(rows, len(a))
+    left, columns = (_others([pair[k] for pair in pivots], len(a)) for k in (0, 1))
+    core = np.array([[int(rows[i].get(j, 0)) for j in columns] for i in left], dtype=np.int64)
+    return rank(core.reshape(len(left), len(left)), prime) == len(left)
 
 
 def rough_values(a: ExactMatrix) -> Array:

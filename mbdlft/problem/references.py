@@ -7,10 +7,11 @@ solved for s x first, so rounding of A, B, C and D is not in it.
 
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from scipy.sparse import hstack
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
@@ -21,6 +22,7 @@ from mbdlft.problem.equations import Equations, split
 from mbdlft.problem.linearization import Relinearized, inverse_of_efforts, relinearize, slope_function
 from mbdlft.problem.needs import Need
 from mbdlft.problem.relations import Complex, LinearModel, Reference
+from mbdlft.problem.sparse import Entries, Matrices, dense, joined, solve, solve_scaled
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
 from mbdlft.problem.trim import PART
@@ -30,9 +32,7 @@ _FROM, _TO = 0.097, 2.137  # times the slowest and the fastest pole; no ratio th
 _SLOWEST = 1e-4  # of the fastest pole: slower ones, as those of free motions, ask for no frequency
 _BESIDE = 1.01  # times a pole: no frequency is nearer
 _REST = 1e-4  # rad/s: slower ones may be rounding of nothing
-_TOGETHER = 16  # points at a time: matrices of many equations are large
 QUIET = 1e-6  # of the largest of a row over the frequencies: 120 dB below, nobody looks
-_ROUNDS = 2  # of scaling of rows and columns
 
 
 def frequencies_of(A: Array) -> Array:
@@ -58,20 +58,27 @@ def transfers(matrices: Array, states: int, frequencies: Array) -> Complex:
     return _eliminated(both[..., :states, :], both[..., states:, :], states)
 
 
-def implicit_transfers(jacobian: Array, sizes: tuple[int, int, int], frequencies: Array) -> Complex:
-    """Transfer functions (N, F, n_y, n_u) of slopes (N, ., .) of [residual ; outputs].
+def implicit_transfers(jacobian: Matrices, sizes: tuple[int, int, int], frequencies: Array) -> Complex:
+    """Transfer functions (N, F, n_y, n_u) of slopes of [residual ; outputs]; of sparse ones (F, ., .).
 
     Their columns are by unknown signals, the derivatives of the states first, and by known ones, the
     states first; `sizes` are the numbers of unknown and known signals and of states. A LinAlgError says
     that a frequency is a pole.
     """
+    if not isinstance(jacobian, np.ndarray):
+        return np.array([_implicit(jacobian, sizes, 1j * float(w)) for w in frequencies])
+    return _implicit(jacobian[:, None], sizes, 1j * frequencies[:, None, None])
+
+
+def _implicit(J: Matrices, sizes: tuple[int, int, int], s: Any) -> Complex:
     unknown, known, states = sizes
-    J = jacobian[:, None, :, : unknown + known]
-    s = 1j * frequencies[:, None, None]
-    others = np.concatenate([J[..., states:unknown], J[..., unknown + states :]], axis=-1)
     by_states = J[..., unknown : unknown + states] + s * J[..., :states]
-    shape = (*by_states.shape[:-1], others.shape[-1])
-    both = np.concatenate([by_states, np.broadcast_to(others, shape)], axis=-1)
+    others = J[..., [*range(states, unknown), *range(unknown + states, unknown + known)]]
+    if isinstance(J, np.ndarray):
+        shape = (*by_states.shape[:-1], others.shape[-1])
+        both = np.concatenate([by_states, np.broadcast_to(others, shape)], axis=-1)
+    else:
+        both = hstack([by_states, others], format="csc")
     return _eliminated(both[..., :unknown, :], both[..., unknown:, :], unknown)
 
 
@@ -104,27 +111,12 @@ def largest_of_rows(values: Complex, truth: Complex) -> float:
     return float(np.max(difference[clear] / size[clear], initial=0.0))
 
 
-def _eliminated(top: Complex, bottom: Complex, count: int) -> Complex:
+def _eliminated(top: Matrices, bottom: Matrices, count: int) -> Complex:
     """Rows [K L] = `top` and [M N] = `bottom` with the first `count` columns solved for: N - M K^-1 L."""
-    K, L = top[..., :count], top[..., count:]
-    M, N = bottom[..., :count], bottom[..., count:]
+    M, N = bottom[..., :count], dense(bottom[..., count:])
     if not count:
         return np.asarray(N, dtype=complex)
-    rows, columns = np.ones(K.shape[:-1]), np.ones((*K.shape[:-2], count))
-    for _ in range(_ROUNDS):
-        size = np.abs(K) * rows[..., :, None] * columns[..., None, :]
-        rows = rows * _power(np.max(size, axis=-1))
-        size = np.abs(K) * rows[..., :, None] * columns[..., None, :]
-        columns = columns * _power(np.max(size, axis=-2))
-    scaled = K * rows[..., :, None] * columns[..., None, :]
-    solved = np.linalg.solve(scaled, L * rows[..., :, None]) * columns[..., :, None]
-    return np.asarray(N - M @ solved)
-
-
-def _power(size: Array) -> Array:
-    """The power of two that makes a size about 1; 1 for zero."""
-    exponent = np.frexp(np.where(size > 0.0, size, 0.5))[1]
-    return np.ldexp(1.0, -exponent)
+    return np.asarray(N - M @ solve_scaled(top[..., :count], top[..., count:]))
 
 
 NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row
@@ -212,14 +204,14 @@ class _Sizes(NamedTuple):
     inverse: Array
 
 
-def _uncancelled(jacobian: Array, terms: Array, solved: Array, counts: _Counts) -> _Sizes:
+def _uncancelled(jacobian: Matrices, terms: Matrices, solved: Array, counts: _Counts) -> _Sizes:
     """Sizes if nothing cancelled, neither in slopes nor in solving (Skeel 1979), at each point."""
     n, end = counts.unknown, counts.unknown + counts.known
-    inverse = np.abs(np.linalg.inv(jacobian[:, :n, :n]))
+    inverse = np.abs(solve(jacobian[..., :n, :n], np.eye(n)))
     # rounding of the matrix itself counts too: a chain of beams adds far masses to small ones
-    unknowns = inverse @ (terms[:, :n, n:end] + terms[:, :n, :n] @ np.abs(solved))
-    read = terms[:, n:, n:end] + terms[:, n:, :n] @ unknowns
-    entries = np.concatenate([unknowns[:, : counts.states], read], axis=1)
+    unknowns = inverse @ (terms[..., :n, n:end] + terms[..., :n, :n] @ np.abs(solved))
+    read = terms[..., n:, n:end] + terms[..., n:, :n] @ unknowns
+    entries = np.concatenate([unknowns[..., : counts.states, :], read], axis=-2)
     return _Sizes(entries, unknowns, terms, inverse)
 
 
@@ -285,33 +277,21 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     slopes = _slopes(model)
     sparse = ca.sparsify(in_doubles(slopes))
     function = ca.Function("slopes", [model.p], [ca.densify(column_of_entries(sparse))])
-    rows, columns = sparse.sparsity().get_triplet()
-
-    entries = evaluate_many(function, internal)[0][:, :, 0]
-
-    def spread(some: Array) -> Array:
-        matrices = np.zeros((len(some), *slopes.shape))
-        matrices[:, rows, columns] = some
-        return matrices
-
-    chunks = [slice(k, k + _TOGETHER) for k in range(0, len(points), _TOGETHER)]
-    values = np.concatenate([_solved(spread(entries[chunk]), sizes, owner)[0] for chunk in chunks])
+    places, entries = Entries(sparse.sparsity()), evaluate_many(function, internal)[0][:, :, 0]
+    values = joined([_solved(J, sizes, owner)[0] for J in places.parts(entries)])
     scale = entry_scale(values, sizes.states)
 
     @cache
     def terms() -> Array:
-        sums, matrices = term_sizes(function, internal), []
-        for chunk in chunks:
-            jacobian = spread(entries[chunk])
-            solved = _solved(jacobian, sizes, owner)[1]
-            matrices.append(_uncancelled(jacobian, spread(sums[chunk]), solved, sizes).entries)
-        return np.concatenate(matrices)
+        both = zip(places.parts(entries), places.parts(term_sizes(function, internal)), strict=True)
+        every = [_uncancelled(J, t, _solved(J, sizes, owner)[1], sizes).entries for J, t in both]
+        return np.asarray(joined(every))
 
     digits = cache(lambda: relations_in_digits(model, slopes))
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
-        jacobian = spread(entries[list(some)])
-        return implicit_transfers(jacobian, sizes, frequencies)
+        parts = places.parts(entries[list(some)])
+        return np.asarray(joined([implicit_transfers(J, sizes, frequencies) for J in parts], 4))
 
     return Reference(
         values=values,
@@ -337,18 +317,16 @@ def _slopes(model: LinearModel) -> ca.SX:
     return ca.SX(ca.jacobian(stacked, ca.vertcat(model.unknown, model.known)))
 
 
-def _solved(jacobian: Array, sizes: _Counts, owner: str) -> tuple[Array, Array]:
+def _solved(jacobian: Matrices, sizes: _Counts, owner: str) -> tuple[Array, Array]:
     n = sizes.unknown
+    K, right = jacobian[..., :n, :n], jacobian[..., :n, n:]
     try:
-        solved = -np.linalg.solve(jacobian[:, :n, :n], jacobian[:, :n, n:])
+        solved = -solve(K, right)
     except np.linalg.LinAlgError:
         raise WellPosednessError(
             f"{owner}: the equations do not determine the unknowns at a point of the parameter range. "
             "Narrow the ranges."
         ) from None
-    # one step of refinement
-    solved = solved - np.linalg.solve(
-        jacobian[:, :n, :n], jacobian[:, :n, n:] + jacobian[:, :n, :n] @ solved
-    )
-    read = jacobian[:, n:, n:] + jacobian[:, n:, :n] @ solved
-    return np.concatenate([solved[:, : sizes.states], read], axis=1), np.asarray(solved)
+    solved = solved - solve(K, right + K @ solved)  # one step of refinement
+    read = jacobian[..., n:, n:] + jacobian[..., n:, :n] @ solved
+    return np.concatenate([solved[..., : sizes.states, :], read], axis=-2), np.asarray(solved)

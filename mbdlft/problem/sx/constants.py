@@ -230,12 +230,11 @@ def modulo_prime(
 
     Symbols have given values, by their hashes, or random ones.
     """
-    dense = ca.densify(matrix)
-    constants, numbers = constants_in(dense)
+    constants, numbers = constants_in(matrix)
     known = {s.element_hash() for s in ca.vertsplit(constants)}
-    free = [s for s in ca.symvar(dense) if s.element_hash() not in known]
+    free = [s for s in ca.symvar(matrix) if s.element_hash() not in known]
     field = Field(numbers)
-    function = ca.Function("matrix", [ca.vertcat(ca.SX(0, 1), *free), constants], [dense])
+    function = ca.Function("matrix", [ca.vertcat(ca.SX(0, 1), *free), constants], [matrix])
     table = rules(
         lambda value: field.residue(constant_of(value)),
         add=operator.add,
@@ -250,6 +249,6 @@ def modulo_prime(
         [field.residue(x) for x in drawn],
         [field.of(number).residue for number in numbers],
     )
-    columns, rows = reversed(matrix.shape)
-    residues = np.array([int(x) for x in values[0]], dtype=object).reshape(columns, rows).T
+    residues = np.zeros(matrix.shape, dtype=object)
+    residues[matrix.sparsity().get_triplet()] = [int(x) for x in values[0]]
     return ModuloPrime(residues, field.prime)
