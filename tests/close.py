@@ -70,6 +70,7 @@ BENCHMARK = Method(5e-3)  # frequencies that NAFEMS publishes
 BOUND = Method(0.02)
 MU = Method(1e-6)  # structured singular values
 FITTED = Method(1e-5)  # stiffnesses at positions that are fitted to 1e-7
+REDUCED = Method(2e-2)  # loops with a controller of fewer states
 FIT_BOUND = Method(0.2)
 
 

@@ -18,6 +18,8 @@ from .laws import acceleration_feedback as acceleration_feedback
 from .laws import inertia_pd as inertia_pd
 from .laws import integral_force_feedback as integral_force_feedback
 from .laws import positive_position_feedback as positive_position_feedback
+from .lpv import ScheduledSynthesis as ScheduledSynthesis
+from .lpv import lpv_synthesis as lpv_synthesis
 from .pieces import FreeValue as FreeValue
 from .pieces import TunableSystem as TunableSystem
 from .pieces import scheduled as scheduled
@@ -25,3 +27,6 @@ from .pieces import tunable_gain as tunable_gain
 from .pieces import tunable_pid as tunable_pid
 from .pieces import tunable_state_space as tunable_state_space
 from .pieces import tunable_transfer as tunable_transfer
+from .structure import fitted_values as fitted_values
+from .structure import reduced_structure as reduced_structure
+from .structure import tunable_system as tunable_system

@@ -1,94 +1,210 @@
-"""What no controller can pass: the H-infinity norm that one of full order reaches, by two Riccati LMIs.
+"""What no controller can pass, and what a scheduled one reaches: two matrix inequalities.
 
-With N_R and N_S whose columns span the kernels of [B_2' D_12'] and [C_2 D_21], a controller with a norm
-below gamma exists if and only if symmetric R and S exist with (Gahinet, Apkarian, International Journal
-of Robust and Nonlinear Control 4, 1994)
+A controller closes [xdot ; z ; y ; v] = M [x ; w ; u ; q], w = Delta z, with |delta_k| <= 1: measured
+parameters that move in any way. Where it sees nothing, v = 0, some x'S x, D and G have to give
 
-    (N_R + I)' [ A R + R A'  R C_1'  B_1 ; C_1 R  -gamma I  D_11 ; B_1'  D_11'  -gamma I ] (N_R + I) < 0,
-    (N_S + I)' [ A'S + S A   S B_1   C_1'; B_1'S  -gamma I  D_11'; C_1   D_11   -gamma I ] (N_S + I) < 0,
-    [ R I ; I S ] >= 0,
+    2 x'S xdot + z'D z - w'D w + 2 z'G w + |y|^2/gamma - gamma |u|^2 < 0,      S, D > 0,  G = -G',
 
-where + stands for the block diagonal. The least gamma is a semidefinite program; its dual value is below
-that of every controller with the same measurements, also of a fixed structure.
+D and G commuting with Delta (D-G scalings of real parameters: Fan, Tits, Doyle, IEEE Transactions on
+Automatic Control 36, 1991). Where it moves nothing, R and other D and G do the same for M'. With
+
+    [ R I ; I S ] >= 0
+
+these are sufficient for a controller that is an LFT in the same Delta, with as many repetitions and
+states, and an energy gain below gamma (Packard, Systems and Control Letters 22, 1994; Apkarian, Gahinet,
+IEEE Transactions on Automatic Control 40, 1995; of real parameters: Scorletti, El Ghaoui, International
+Journal of Robust and Nonlinear Control 8, 1998). D and G of both sides are not coupled, as a' (D - G) b
+with a = z + w, b = z - w is what they say: any two D - G are parts of one that is larger, and of its
+inverse (`mbdlft.synthesis.lpv`).
+
+Without Delta they are necessary, too (Gahinet, Apkarian, International Journal of Robust and Nonlinear
+Control 4, 1994): the dual value of the least gamma is below that of every controller with the same
+measurements, also of a fixed structure.
 """
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import linalg
+from scipy import linalg, sparse
 
 from mbdlft.base.array import Array
+from mbdlft.lft.lft import consecutive
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.robust.moving.variation import conic_solution, vectors
 from mbdlft.synthesis.goals import Goal
-from mbdlft.synthesis.loop import Network, family, weighted
+from mbdlft.synthesis.loop import Network, sizes_of, weighted
 
 _SURE = 0.99  # of the dual value, which a solver knows to some digits: it is computed, not proved
 _NOTHING = 1e-6  # a solver does not tell smaller values from zero, which is a bound, too
 _SOLVED = ("Solved", "AlmostSolved")  # a value of any other status may be far above
-_MOST_STATES = 30  # beyond it the program takes minutes
+_MOST_SKEW = 10.0  # of D: with larger G, plant and controller are hard to put together
+_FAR = 4.0  # of gamma from its unit: further, the program is solved in another one
+MOST_STATES = 30  # beyond it the program takes minutes
 
 
-def full_order_bound(opened: Network, goal: Goal) -> float:
-    """A lower bound of the value of a norm at the nominal point; 0 for many states.
+class Opened(NamedTuple):
+    """M of a plant that a controller is to close, as above."""
 
-    In `opened`, controllers are matrices from all measurements to all actuators.
+    M: Array
+    states: int
+    sizes: tuple[int, ...]  # of the blocks of Delta
+    nq: int
+    nv: int
+
+    @property
+    def rows(self) -> list[slice]:
+        """Those of xdot, z, y, v."""
+        n, r = self.states, sum(self.sizes)
+        return consecutive((n, r, len(self.M) - n - r - self.nv, self.nv))
+
+    @property
+    def transposed(self) -> "Opened":
+        """That of M'."""
+        return Opened(self.M.T, self.states, self.sizes, self.nv, self.nq)
+
+
+def opened_plant(
+    net: Network, goals: Sequence[Goal], measured: Sequence[str] = (), point: Array | None = None
+) -> Opened:
+    """The plant with the weighted channels of goals over their limits, each channel once.
+
+    Parameters that are not measured are nominal, or all are at a point (number of parameters,) of deltas.
     """
-    P = weighted(opened, [goal])
-    if len(P.states) > _MOST_STATES:
-        return 0.0
-    parts = family(opened, P, np.zeros((1, len(P.parameters))))
-    n = parts.states
-    X, L, R = parts.X[0], parts.L[0], parts.R[0]
-    nz, nw = len(X) - n, X.shape[1] - n
-    A, B1, C1, D11 = (X[:n, :n], X[:n, n:], X[n:, :n], X[n:, n:])
-    NR = _with_identity(linalg.null_space(L.T), nw)
-    NS = _with_identity(linalg.null_space(R), nz)
-    triangle = [(i, j) for i in range(n) for j in range(i, n)]
-    columns: list[list[Array]] = []
-    for side in range(2):
-        for i, j in triangle:
-            E = np.zeros((n, n))
-            E[i, j] = E[j, i] = 1.0
-            blocks = [np.zeros((NR.shape[1],) * 2), np.zeros((NS.shape[1],) * 2)]
-            M = A @ E + E @ A.T if side == 0 else A.T @ E + E @ A
-            V = E @ C1.T if side == 0 else E @ B1
-            N, other = (NR, nw) if side == 0 else (NS, nz)
-            whole = np.block([[M, V], [V.T, np.zeros((V.shape[1],) * 2)]])
-            blocks[side] = N.T @ linalg.block_diag(whole, np.zeros((other, other))) @ N
-            both = np.zeros((2 * n, 2 * n))
-            both[side * n : side * n + n, side * n : side * n + n] = E
-            columns.append([*blocks, -both])
-    unit = [-N.T @ linalg.block_diag(np.zeros((n, n)), np.eye(nz + nw)) @ N for N in (NR, NS)]
-    columns.append([*unit, np.zeros((2 * n, 2 * n))])
-    first = []
-    for N, W, D in ((NR, B1, D11), (NS, C1.T, D11.T)):
-        corner = np.vstack([W, D])
-        first.append(
-            N.T
-            @ np.block([[np.zeros((len(corner),) * 2), corner], [corner.T, np.zeros((W.shape[1],) * 2)]])
-            @ N
-        )
-    coupling = np.block([[np.zeros((n, n)), np.eye(n)], [np.eye(n), np.zeros((n, n))]])
-    return _SURE * _least(columns, [*first, -coupling]) / goal.limit
+    P, (nq, nv) = weighted(net, goals), net.base.shape
+    a, n = P.lft, len(P.states)
+    limits = [np.full(sizes_of(goal)[1], 1.0 / goal.limit) for goal in goals]
+    scale = np.concatenate([np.ones(n), *limits, np.ones(nv)])[:, None]
+    value = a.M22 if point is None else evaluate_at(a, point[None])[0]
+    channels = [i for name in sorted(measured) for i in range(a.order)[a.slices()[name]]]
+    inner = a.M11[np.ix_(channels, channels)]
+    M = np.block([[scale * value, scale * a.M21[:, channels]], [a.M12[channels], inner]])
+    (m, k), r = value.shape, len(channels)
+    rows = [*range(n), *range(m, m + r), *_once(M, n, m - nv), *range(m - nv, m)]
+    columns = [*range(n), *range(k, k + r), *_once(M.T, n, k - nq), *range(k - nq, k)]
+    sizes = tuple(block.size for block in a.blocks if block.name in measured)
+    return Opened(M[np.ix_(rows, columns)], n, sizes, nq, nv)
 
 
-def _with_identity(kernel: Array, size: int) -> Array:
-    return np.asarray(linalg.block_diag(kernel, np.eye(size)))
+def _once(M: Array, first: int, end: int) -> list[int]:
+    """Rows from the first to the end, but for those that are equal to an earlier one."""
+    return sorted(first + np.unique(M[first:end], axis=0, return_index=True)[1])
 
 
-def _least(columns: Sequence[Sequence[Array]], first: Sequence[Array]) -> float:
-    """The dual value of the least last unknown with first + sum of unknowns times columns <= 0."""
+class Side(NamedTuple):
+    """S, D and G of one side."""
+
+    S: Array
+    D: Array
+    G: Array
+
+
+def sides_of(plant: Opened, x: Array) -> tuple[Side, Side]:
+    """Both sides from unknowns: entries of S, D and G, in columns of upper triangles."""
+    n, mask = plant.states, linalg.block_diag(*(np.ones((size, size)) for size in (0, *plant.sizes)))
+    places = [np.nonzero(np.triu(ones, k)) for ones, k in ((np.ones((n, n)), 0), (mask, 0), (mask, 1))]
+    parts = np.split(x, np.cumsum(2 * [len(rows) for rows, _ in places]))
+    made = []
+    for k, (rows, columns) in enumerate(2 * places):
+        M = np.zeros((n, n) if k % 3 == 0 else mask.shape)
+        M[columns, rows] = -parts[k] if k % 3 == 2 else parts[k]
+        M[rows, columns] = parts[k]
+        made.append(M)
+    return Side(*made[:3]), Side(*made[3:])
+
+
+def _blind(plant: Opened) -> list[list[Array]]:
+    """(x, w, u) and (xdot, z, y) where the controller sees nothing."""
+    rows, columns = plant.rows, plant.transposed.rows
+    inside = linalg.null_space(plant.M[rows[3], : columns[3].start])
+    given = plant.M[:, : columns[3].start] @ inside
+    return [[inside[part] for part in columns[:3]], [given[part] for part in rows[:3]]]
+
+
+def _negative(plant: Opened, blind: list[list[list[Array]]], x: Array, coupled: float) -> list[Array]:
+    """Matrices that have to be negative, with `coupled` in the place of I; the last of x is gamma."""
+    found, (n, r) = list[Array](), (plant.states, sum(plant.sizes))
+    sides = sides_of(plant, x)
+    for (S, D, G), ((state, w, u), (rate, z, y)) in zip(sides, blind, strict=True):
+        half = state.T @ S @ rate + z.T @ (0.5 * D @ z + G @ w)
+        half -= 0.5 * (w.T @ D @ w + x[-1] * u.T @ u)
+        found.append(np.block([[half + half.T, y.T], [y, -x[-1] * np.eye(len(y))]]))  # by Schur
+        found.append(-np.block([[D, G / _MOST_SKEW], [-G / _MOST_SKEW, D]]).reshape(2 * r, 2 * r))
+    eye = coupled * np.eye(n)
+    return [*found, -np.block([[sides[1].S, eye], [eye, sides[0].S]])]
+
+
+class Program(NamedTuple):
+    """b - rows x in cones: the matrices are negative; `trace` times x is that of S, R and both D."""
+
+    rows: Any
+    b: Array
+    cones: list[Any]
+    trace: Array
+    identity: Array  # in the place of all matrices but the last
+
+
+def program(plant: Opened, coupled: float = 1.0) -> Program:
+    """The matrix inequalities."""
     import clarabel  # here because it is slow to import
 
-    rows = np.column_stack([np.concatenate([vectors(M[None])[0] for M in column]) for column in columns])
-    b = -np.concatenate([vectors(M[None])[0] for M in first])
-    cones = [clarabel.PSDTriangleConeT(len(M)) for M in first if len(M)]
-    cost = np.zeros(rows.shape[1])
-    cost[-1] = 1.0
-    solution = conic_solution(cost, rows, b, cones)
-    if str(solution.status) not in _SOLVED:  # such as where R or S has to grow without end
-        return 0.0
-    # what misses the dual equations counts with the unknowns: R and S grow where no least is reached
-    missed = np.abs(rows.T @ np.array(solution.z) + cost) @ np.abs(np.array(solution.x))
-    value = float(solution.obj_val_dual) - float(missed)
-    return value if np.isfinite(value) and value > _NOTHING else 0.0
+    def at(x: Array) -> Array:
+        return np.concatenate([vectors(M[None])[0] for M in _negative(plant, blind, x, coupled)])
+
+    blind = [_blind(plant), _blind(plant.transposed)]
+    pairs = [size * size for size in plant.sizes]
+    units = np.eye(plant.states * (plant.states + 1) + 2 * sum(pairs) + 1)
+    first = at(0.0 * units[0])
+    sizes = [len(M) for M in _negative(plant, blind, units[-1], coupled)]
+    trace = [sum(np.trace(side.S) + np.trace(side.D) for side in sides_of(plant, x)) for x in units[:-1]]
+    identity = [vectors(float(k < 4) * np.eye(size)[None])[0] for k, size in enumerate(sizes)]
+    return Program(
+        sparse.csc_matrix(np.column_stack([at(x) - first for x in units])),
+        -first,
+        [clarabel.PSDTriangleConeT(size) for size in sizes if size],
+        np.array(trace),
+        np.concatenate(identity),
+    )
+
+
+class Least(NamedTuple):
+    """The least gamma, and what its program cannot pass."""
+
+    plant: Opened  # whose y and u are over the root of `unit`
+    unit: float
+    gamma: float
+    bound: float  # 0 if not known
+
+
+def least_gamma(plant: Opened) -> Least:
+    """Solved again in another unit, where gamma is far from 1."""
+    unit = 1.0
+    for _ in range(2):
+        M = plant.M.copy()
+        M[plant.rows[2]] /= np.sqrt(unit)
+        M[:, plant.transposed.rows[2]] /= np.sqrt(unit)
+        within = plant._replace(M=M)
+        problem = program(within)
+        cost = np.zeros(problem.rows.shape[1])
+        cost[-1] = 1.0
+        solution = conic_solution(cost, problem.rows, problem.b, problem.cones)
+        gamma, bound = float(solution.x[-1]) * unit, 0.0
+        if str(solution.status) in _SOLVED:  # not where R or S has to grow without end
+            # what misses the dual equations counts with the unknowns, as R and S may be large
+            missed = np.abs(problem.rows.T @ np.array(solution.z) + cost) @ np.abs(np.array(solution.x))
+            bound = (float(solution.obj_val_dual) - float(missed)) * unit
+        least = Least(within, unit, gamma, bound if np.isfinite(bound) and bound > _NOTHING else 0.0)
+        if not _NOTHING < gamma < 1.0 / _NOTHING or 1.0 / _FAR < gamma / unit < _FAR:
+            break
+        unit = gamma
+    return least
+
+
+def full_order_bound(opened: Network, goals: Sequence[Goal], point: Array | None = None) -> float:
+    """A lower bound of the value of norms together at a point, or at nominal; 0 for many states.
+
+    In `opened`, controllers are matrices from all measurements to all actuators. The norms are those of
+    all channels of the goals at once, over their limits.
+    """
+    plant = opened_plant(opened, goals, point=point)
+    return 0.0 if plant.states > MOST_STATES else _SURE * least_gamma(plant).bound

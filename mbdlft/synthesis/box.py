@@ -188,20 +188,33 @@ def tune(
     net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
     with one_thread():
-        least = _least(net, goals, lambda: connected(_as_matrices(systems)))
+        least = least_values(net, goals, lambda: connected(_as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
         points = np.zeros((1, len(net.system.parameters)))
         best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
         with suppress(KeyboardInterrupt):  # the best that is known is proved
             best, points = _at_worst_points(net, sought, best, points, (starts, seed), say)
-        reached = []
-        for goal, bound in zip(goals, least, strict=True):
-            if prove:
-                say(f"proof of {goal.name}")
-            reached.append(_reached(net, goal, best.x, points, bound, (prove, gap, work)))
-    values = _values(net, best.x)
+        return as_tuning(net, goals, best.x, points, least, (prove, gap, work), say)
+
+
+def as_tuning(
+    net: Network,
+    goals: Sequence[Goal],
+    x: Array,
+    points: Array,
+    least: Sequence[float],
+    how: tuple[bool, float, float],
+    say: Progress = lambda text: None,
+) -> Tuning:
+    """What values reach: at points, in the box, and proved on it."""
+    reached = []
+    for goal, bound in zip(goals, least, strict=True):
+        if how[0]:
+            say(f"proof of {goal.name}")
+        reached.append(_reached(net, goal, x, points, bound, how))
+    values = _values(net, x)
     controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
-    loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), best.x, net.system.name)
+    loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), x, net.system.name)
     physical = tuple(_physical(net, point) for point in points)
     return Tuning(controllers, values, tuple(reached), physical, loop)
 
@@ -255,8 +268,8 @@ def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
     whole = np.ones(len(names))
     if not names:
         return []
-    screened = max(value for value, _ in Tuner(net, goals, _screened(net, whole, 0)).worst(best.x))
-    if screened <= _FAR * max(1.0 if np.isfinite(best.look.hard) else 0.0, best.look.soft):
+    largest = max(value for value, _ in Tuner(net, goals, screened(whole, 0)).worst(best.x))
+    if largest <= _FAR * max(1.0 if np.isfinite(best.look.hard) else 0.0, best.look.soft):
         return [whole]
     scheduled = {name for c in net.controllers for name in c.frame.parameters.names}
     first = np.array([float(name in scheduled) for name in names])
@@ -287,7 +300,7 @@ def _corners(net: Network, ends: Array, seed: int) -> Array:
     return np.unique(random.choice([-1.0, 1.0], (_FIRST_CORNERS, len(ends))) * ends, axis=0)
 
 
-def _screened(net: Network, ends: Array, seed: int) -> Array:
+def screened(ends: Array, seed: int) -> Array:
     """Corners of a part of the box, all or some, random points, and some of its faces."""
     p, random = len(ends), np.random.default_rng(seed)
     if 2**p <= _CORNERS:
@@ -310,7 +323,7 @@ def _worst_points(
     They are the worst of each goal, or those at which the loop is least stable.
     """
     ends, seed = where
-    some = Tuner(net, goals, _screened(net, ends, seed))
+    some = Tuner(net, goals, screened(ends, seed))
     if len(unstable := some.least_stable(best.x)):
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
     loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
@@ -372,11 +385,10 @@ def _reached(
     loop = closed_loop(
         net, None if goal.kind in (POLES, DESIGN) else goal, x, f"{net.system.name}: {goal.name}"
     )
-    (tuned_to, _), (screened, _) = (
-        Tuner(net, [goal], some).worst(x)[0]
-        for some in (points, _screened(net, np.ones(points.shape[1]), 0))
+    (tuned_to, _), (found, _) = (
+        Tuner(net, [goal], some).worst(x)[0] for some in (points, screened(np.ones(points.shape[1]), 0))
     )
-    worst, proved = max(tuned_to, screened), np.inf
+    worst, proved = max(tuned_to, found), np.inf
     prove, gap, work = how
     if goal.kind == DESIGN:  # nothing else than the values is in it
         return Reached(goal, worst, worst, worst, least, loop, ())
@@ -393,12 +405,14 @@ def _as_matrices(systems: Sequence[Any]) -> list[Any]:
     return [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
 
 
-def _least(net: Network, goals: Sequence[Goal], with_matrices: Callable[[], Network]) -> list[float]:
+def least_values(
+    net: Network, goals: Sequence[Goal], with_matrices: Callable[[], Network]
+) -> list[float]:
     """What no controllers with the same measurements pass at nominal; 0 where that is not known."""
     if net.design:
         return [0.0] * len(goals)
     opened = with_matrices()
-    return [full_order_bound(opened, g) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
+    return [full_order_bound(opened, [g]) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
 
 
 def _bounds(loop: System, goal: Goal, gap: float, work: float) -> list[Bounds]:

@@ -8,16 +8,20 @@ from mbdlft.synthesis import (
     acceleration_goal,
     design_goal,
     designed_scene,
+    fitted_values,
     gain_goal,
     inertia_pd,
     integral_force_feedback,
+    lpv_synthesis,
     margin_goal,
     pole_goal,
     positive_position_feedback,
+    reduced_structure,
     rolloff_goal,
     tracking_goal,
     tunable_gain,
     tunable_pid,
+    tunable_system,
     tune,
 )
 from mbdlft.system import state_space
@@ -32,6 +36,14 @@ UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
 PID = tunable_pid("K", "e", "u")
 SCHEDULED = mbdlft.scheduled(tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)])
 GOAL = gain_goal("f", "y")
+
+
+POLE, LOOP = pole_goal(decay=1.0), [["f", "u"], ["e", "-y"]]
+STATIC = tunable_gain("K", "e", "u").with_values({})
+
+
+def lpv(goals=(GOAL,), systems=(BLIND, PID), wired=(("f", "u"), ("e", "-y")), **how):
+    return lpv_synthesis(list(systems), list(goals), list(wired), prove=False, **how)
 
 
 def made(goals=(GOAL,), systems=(PLANT, PID), wired=(("f", "u"), ("e", "-y")), **how):
@@ -87,5 +99,15 @@ made(goals=(design_goal("2*g", 1.0), GOAL), systems=(DESIGNED,), wired=()) => pa
 made(goals=(design_goal("a", 1.0), GOAL)) => goal 'a': … Design parameters are: none
 designed_scene(mbdlft.load_scene("scenarios/pendulum.toml"), {"q": 1.0}) => unknown parameter 'q'
 mbdlft.scheduled(SCHEDULED, PLANT.parameters) => expected a controller that is not scheduled
+lpv() => AnalysisError: no controller was found … moves and sees every mode
+lpv(systems=(PLANT,)) => one controller with free values … got 0 controllers, slack 0.03
+lpv(goals=(POLE,)) => goals of the kinds H-infinity and disk margin … goal 'poles'
+lpv(slack=0.0) => a slack between 0 and 1 … slack 0.0
+lpv(measured=["m"]) => unknown parameter 'm'
+lpv(systems=(DESIGNED, PID), wired=(), goals=(GOAL,)) => no design parameters, got a, b
+lpv(wired=(("f", "u"),)) => e of 'K': the plant is not connected
+reduced_structure([PLANT, PID], [GOAL], LOOP, states=1) => of tunable_system or … got ['K'] and 1
+reduced_structure([PLANT, tunable_system(STATIC)], [GOAL], LOOP, states=0) => AnalysisError: not stable
+fitted_values(SCHEDULED, STATIC) => has inputs, outputs, states and parameters (1, 1, 0, ('m',))
 """
 )

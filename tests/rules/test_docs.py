@@ -25,7 +25,7 @@ PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})
 # of these the default run knows that their types are right and their commands are accepted
 SLOW = ("analysis", "command-line", "dae", "examples", "figures", "from-simscape-sdtlib",
         "matrices", "poles-and-responses", "report", "robust", "tutorial",
-        "uncertain",
+        "uncertain", "gain-scheduling",
         "task-modelica", "task-nastran", "task-tune", "worst_case")  # fmt: skip
 
 

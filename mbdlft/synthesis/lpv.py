@@ -1,0 +1,353 @@
+"""Gain-scheduled controllers by matrix inequalities: LFTs in the measured parameters, of full order.
+
+With S, R, D_1, G_1 and D_2, G_2 of both sides (`mbdlft.synthesis.bound`), H = D_1 - G_1 and
+K = D_2 - G_2, what holds for the closed loop is
+
+    [ S  T ; T' I ],  T T' = S - R^-1,          of the states of plant and controller,
+    [ H  I ; W (H - K^-1)  W ],  W = (H' + K^-1)^-1,       of the channels of both.
+
+The first one is symmetric and positive, and R is in its inverse. The second one has a positive symmetric
+part for any H and K whose symmetric parts are, and K is in its inverse: it is D - G of the copies of each
+parameter in plant and controller. The matrix of the controller solves Psi + U Theta V + V'Theta'U' < 0,
+
+    Theta = -Omega U' Phi V' (V Phi V')^-1,     Phi = (U Omega U' - Psi)^-1,
+
+with an Omega for which Phi is positive (Iwasaki, Skelton, Automatica 30, 1994). No status of a solver is
+believed: the eigenvalues of this inequality are looked at, and the gain of the closed loop is proved in
+balls, for all motions of the parameters.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import linalg, sparse
+
+from mbdlft.base.array import Array
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
+from mbdlft.base.running import one_thread
+from mbdlft.exact.rounding import EPS
+from mbdlft.lft.lft import consecutive
+from mbdlft.response.modes import balancing
+from mbdlft.robust.evidence import Bounds, MotionProof
+from mbdlft.robust.gain import worst_case_gain
+from mbdlft.robust.moving.variation import conic_solution
+from mbdlft.robust.proofs import verify
+from mbdlft.synthesis.bound import MOST_STATES, Opened, Side, least_gamma, opened_plant, program, sides_of
+from mbdlft.synthesis.box import Tuning, as_tuning, least_values
+from mbdlft.synthesis.goals import HINF, MARGIN, Goal
+from mbdlft.synthesis.loop import Connections, network
+from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
+from mbdlft.synthesis.structure import system_of, tunable_system
+from mbdlft.system.model import Parameters, System
+
+_SMALLEST = 1e-6  # gamma of plants whose goals can be made zero
+_SINGULAR = 1e12  # condition of the loop of a controller and the direct path of the plant
+_TRACE = 1.1  # of the least trace: as much room as the solutions have to go away from the edge
+_PAST = (0.1, 1.0, 0.01, 10.0)  # of the largest eigenvalue of what Omega has to exceed
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScheduledSynthesis:
+    """A controller that is an LFT in measured parameters, and what is known of its loop.
+
+    Attributes
+    ----------
+    structure : TunableSystem
+        The controller with each entry free, for `tune` and `reduced_structure`, which begin at it; the
+        controller is `tuning.controllers[0]`. It has as many states and repetitions as plant and weights.
+    gamma : float
+        For which its matrix inequality holds: the energy gain of all goals together, over their limits,
+        while the measured parameters move in any way, and others are nominal.
+    least : float
+        No scalings of this kind give a smaller gamma; 0.0 if not known. Without measured parameters it is
+        the least H-infinity norm. It is no bound of controllers for constant parameters.
+    loop : System
+        From the channels of all goals to those of all.
+    motion : Bounds
+        Its gain: `upper` is proved for any motion, `lower` is reached by constant values.
+        `verify(loop, motion)` checks the proof.
+    tuning : Tuning
+        The goals one by one, for constant values of all parameters, as of `tune`.
+    """
+
+    structure: TunableSystem
+    gamma: float
+    least: float
+    loop: System
+    motion: Bounds
+    tuning: Tuning
+
+
+def lpv_synthesis(
+    systems: Sequence[Any],
+    goals: Sequence[Goal],
+    connections: Connections,
+    *,
+    inputs: Sequence[str] = (),
+    leave_out: Sequence[str] = (),
+    measured: Sequence[str] | None = None,
+    slack: float = 0.03,
+    prove: bool = True,
+    gap: float = 0.01,
+    work: float = 30.0,
+) -> ScheduledSynthesis:
+    """A controller of full order that is scheduled by measured parameters, for gains of the loop.
+
+    Goals count together: the gain from the inputs of all to the outputs of all, each over its limit, is
+    made small. A channel that several goals have counts once.
+
+    Parameters
+    ----------
+    systems, goals, connections, inputs, leave_out, prove, gap, work
+        As for `tune`, with goals of H-infinity norms and margins. One of the systems is a controller with
+        free values: its name and channels are taken, and not its structure.
+    measured : sequence of str, optional
+        Parameters that the controller knows at each moment; those of the role ``scheduled`` by default.
+        Others are nominal in the synthesis; `tuning` and `structure` have them.
+    slack : float
+        Part by which gamma may be above the least one: near that, gains and poles of controllers grow.
+
+    Raises
+    ------
+    StructureError
+        There is not one controller with free values, a name is unknown, a goal is no gain, the slack is
+        not between 0 and 1, there are design parameters or too many states.
+    AnalysisError
+        No controller was found: the message says what failed.
+    """
+    free = [s for s in systems if isinstance(s, TunableSystem)]
+    other = next((goal for goal in goals if goal.kind not in (HINF, MARGIN)), None)
+    if len(free) != 1 or other or not 0.0 < slack < 1.0:
+        wrong = f"{len(free)} controllers, slack {slack!r}" + (f", goal {other.name!r}" if other else "")
+        raise StructureError(
+            "lpv_synthesis: expected one controller with free values, such as tunable_gain, whose "
+            f"channels are taken, goals of the kinds {HINF} and {MARGIN}, and a slack between 0 and 1, "
+            f"got {wrong}."
+        )
+    connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
+    net = connected([tunable_gain(s.name, *s.channels) if s is free[0] else s for s in systems])
+    known = net.system.parameters
+    names = [p.name for p in known if p.role == "scheduled"] if measured is None else list(measured)
+    check_known("parameter", names, known.names, "lpv_synthesis: measured", StructureError)
+    plant = opened_plant(net, goals, names)
+    if plant.states > MOST_STATES or net.design:
+        raise StructureError(
+            f"lpv_synthesis: expected at most {MOST_STATES} states of plant and weights, got "
+            f"{plant.states}, and no design parameters, got {', '.join(net.design) or 'none'}. Truncate "
+            "the plant, take smaller weights; designed_scene gives design parameters values."
+        )
+    for side, M in zip(
+        free[0].channels, (plant.M[plant.rows[3]], plant.M.T[plant.transposed.rows[3]]), strict=True
+    ):
+        if idle := [name for name, line in zip(side, M, strict=True) if not np.any(line)]:
+            raise StructureError(
+                f"lpv_synthesis: {', '.join(idle)} of {free[0].name!r}: the plant is not connected."
+            )
+    parameters = Parameters([p for p in known if p.name in names])
+    with one_thread():
+        made = _synthesized(plant, slack)
+        controller = system_of(
+            free[0].name, made.controller, plant.states, plant.sizes, parameters, free[0].channels
+        )
+        structure = tunable_system(controller)
+        closed = connected([structure if s is free[0] else s for s in systems])
+        x, nominal = np.array([v.initial for v in structure.free]), np.zeros((1, len(known)))
+        least = least_values(net, goals, lambda: net)
+        tuning = as_tuning(closed, goals, x, nominal, least, (prove, gap, work))
+    loop, motion = _moving(f"{net.system.name}: moving", plant, made, parameters, (gap, work))
+    return ScheduledSynthesis(structure, made.gamma, made.least, loop, motion, tuning)
+
+
+class _Made(NamedTuple):
+    """The matrix of a controller, and what proves its loop with the plant."""
+
+    theta: Array  # (xdot, z, q) of (x, w, v - D q), D that of the plant
+    controller: Array  # of (x, w, v)
+    gamma: float
+    least: float
+    P: Array  # of `states` times the states of the loop
+    X: Array  # and Y: of the channels of the plant, then of the controller
+    Y: Array
+    states: Array
+
+
+def _synthesized(plant: Opened, slack: float) -> _Made:
+    turned, turn, rate = _balanced(plant)
+    found = least_gamma(turned)
+    level, coupled = max(found.gamma / found.unit, _SMALLEST) * (1.0 + slack), 1.0 + 0.5 * slack
+    n, r, turned = plant.states, sum(plant.sizes), found.plant
+    try:
+        turned, more = _evened(turned, *_centered(turned, level, coupled))
+        X, D, G = _extended(*_centered(turned, level, coupled))
+        theta = _closing(turned, level, X, D, G)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise _failure(f"the programs came to no end ({error})") from None
+    theta[:n] *= rate
+    path = np.zeros(theta.T.shape)
+    path[n + r :, n + r :] = plant.M[plant.rows[3], plant.transposed.rows[3]]
+    loop = np.eye(len(theta)) + theta @ path
+    if np.linalg.cond(loop) > _SINGULAR:
+        raise _failure("the direct path from its outputs to its inputs makes the loop singular")
+    gamma, back = level * found.unit, np.linalg.inv(turn @ more)
+    states, channels = (linalg.block_diag(M, np.eye(len(M))) for M in (back[:n, :n], back[n:, n:]))
+    D, G = (gamma * channels.T @ M @ channels for M in (D, G))
+    P, theta_of_v = _symmetric(gamma / rate * X), np.asarray(np.linalg.solve(loop, theta))
+    return _Made(theta, theta_of_v, gamma, found.bound, P, _symmetric(D), G - _symmetric(G), states)
+
+
+def _balanced(plant: Opened) -> tuple[Opened, Array, float]:
+    """The plant in other units of states, channels and time: turn, and the rate of time."""
+    M, k = plant.M.copy(), plant.states + sum(plant.sizes)
+    size = np.linalg.norm(M[: plant.states], axis=1)
+    rate = float(np.exp(np.mean(np.log(size[size > 0.0])))) if np.any(size) else 1.0
+    M[: plant.states] /= rate
+    sizes = np.zeros((k + 2, k + 2))  # y and u are one channel, as q and v
+    sizes[:k, :k] = np.abs(M[:k, :k])
+    for i, (row, column) in enumerate(zip(plant.rows[2:], plant.transposed.rows[2:], strict=True)):
+        sizes[k + i, :k] = np.linalg.norm(M[row, :k], axis=0)
+        sizes[:k, k + i] = np.linalg.norm(M[:k, column], axis=1)
+    scale = balancing(sizes)
+    M[:, :k] *= scale[:k] / scale[k]
+    M[:k] /= (scale[:k] / scale[k])[:, None]
+    return plant._replace(M=M), np.diag(scale[:k] / scale[k]), rate
+
+
+def _moving(
+    name: str, plant: Opened, made: _Made, parameters: Parameters, how: tuple[float, float]
+) -> tuple[System, Bounds]:
+    """The loop from the inputs of all goals to the outputs of all, over their limits, and its gain.
+
+    The proof is that of the synthesis, if balls agree.
+    """
+    M, left, right = _with_own(plant)
+    closed, n = M + left @ made.theta @ right, 2 * plant.states
+    # channels of each parameter, those of plant and controller, follow each other
+    order = np.argsort(np.tile(np.repeat(np.arange(len(plant.sizes)), plant.sizes), 2), kind="stable")
+    rows, columns = ([*range(n), *(n + order), *range(n + len(order), k)] for k in closed.shape)
+    ends = [
+        [f"{letter}.{k + 1}" for k in range(size - n - len(order))]
+        for letter, size in zip("zw", closed.shape, strict=True)
+    ]
+    sizes = [2 * size for size in plant.sizes]
+    loop = system_of(name, closed[np.ix_(rows, columns)], n, sizes, parameters, (ends[1], ends[0]))
+    constant = worst_case_gain(loop, gap=how[0], work=how[1])
+    if not len(order):
+        return loop, constant
+    X, Y = (matrix[np.ix_(order, order)] for matrix in (made.X, made.Y))
+    proof = MotionProof(made.P, X, Y, made.states, np.ones(len(order)), 1.0)
+    rates = dict.fromkeys(parameters.names, np.inf)
+    bounds = replace(constant, upper=made.gamma, rates=rates, proof=proof, reason="")
+    wrong = verify(loop, bounds)
+    return loop, replace(bounds, upper=np.inf, proof=None, reason=wrong) if wrong else bounds
+
+
+def _centered(plant: Opened, gamma: float, coupled: float) -> tuple[Side, Side]:
+    """S and R with their D and G, small, and far from where the inequalities cease to hold."""
+    import clarabel  # here because it is slow to import
+
+    problem = program(plant, coupled)
+    rows, b = problem.rows[:, :-1], problem.b - gamma * problem.rows[:, -1].toarray()[:, 0]
+    smallest = conic_solution(problem.trace, rows, b, problem.cones)
+    room = _TRACE * (problem.trace @ np.array(smallest.x))
+    margin = sparse.csc_matrix(np.append(problem.identity, 0.0)[:, None])
+    rows = sparse.hstack([sparse.vstack([rows, sparse.csc_matrix(problem.trace[None])]), margin])
+    cost, cones = -np.eye(rows.shape[1])[-1], [*problem.cones, clarabel.NonnegativeConeT(1)]
+    return sides_of(plant, np.array(conic_solution(cost, rows, np.append(b, room), cones).x)[:-1])
+
+
+def _evened(plant: Opened, primal: Side, dual: Side) -> tuple[Opened, Array]:
+    """The plant in states in which S and R are the same diagonal matrix, and channels where D are."""
+    n, M, turn = plant.states, plant.M.copy(), np.eye(plant.states + sum(plant.sizes))
+    both = [linalg.block_diag(side.S, side.D) for side in (primal, dual)]
+    for own in consecutive((n, *plant.sizes)):
+        left, right = (np.linalg.cholesky(matrix[own, own]) for matrix in both)
+        U, sigma, V = np.linalg.svd(left.T @ right)
+        turn[own, own] = (right @ V.T) / np.sqrt(sigma)
+        M[:, own] = M[:, own] @ turn[own, own]
+        M[own] = ((left @ U) / np.sqrt(sigma)).T @ M[own]
+    return plant._replace(M=M), turn
+
+
+def _extended(primal: Side, dual: Side) -> tuple[Array, Array, Array]:
+    """X, D, G of plant and controller."""
+    S, R, H, K = primal.S, dual.S, primal.D - primal.G, dual.D - dual.G
+    values, vectors = np.linalg.eigh(_symmetric(S - np.linalg.inv(R)))
+    T = vectors * np.sqrt(np.maximum(values, 0.0))
+    X = np.block([[S, T], [T.T, np.eye(len(S))]])
+    inverse = np.linalg.inv(K)
+    W = np.linalg.inv(H.T + inverse)
+    values, vectors = np.linalg.eigh(_symmetric(W))
+    T = (vectors / np.sqrt(values)) @ vectors.T  # as W, it mixes nothing but one parameter
+    whole = np.block([[H, T], [T.T @ W @ (H - inverse), T.T @ W @ T]])
+    return X, _symmetric(whole), _symmetric(whole) - whole
+
+
+def _with_own(plant: Opened) -> tuple[Array, Array, Array]:
+    """M + left Theta right: (xdot, z, y) of plant and controller by (x, w, u), where D is 0."""
+    n, r = plant.states, sum(plant.sizes)
+    rows, columns = plant.rows, plant.transposed.rows
+    own = [*range(n, 2 * n), *range(2 * n + r, 2 * (n + r))]  # rows and columns of the controller
+    out, into = (np.delete(np.arange(side[3].start + n + r), own) for side in (rows, columns))
+    M = np.zeros((len(out) + n + r, len(into) + n + r))
+    left, right = np.zeros((len(M), n + r + plant.nq)), np.zeros((n + r + plant.nv, M.shape[1]))
+    M[np.ix_(out, into)] = plant.M[: rows[3].start, : columns[3].start]
+    left[own, range(n + r)] = right[range(n + r), own] = 1.0
+    left[out, n + r :] = plant.M[: rows[3].start, columns[3]]
+    right[n + r :, into] = plant.M[rows[3], : columns[3].start]
+    return M, left, right
+
+
+def _closing(plant: Opened, gamma: float, X: Array, D: Array, G: Array) -> Array:
+    """The matrix of a controller for which the inequality of the closed loop holds."""
+    M, left, right = _with_own(plant)
+    x, w = len(X), len(D)
+    ny, nu = (size - x - w for size in M.shape)
+    height = w + ny
+    last = linalg.block_diag(np.linalg.inv(D), gamma * np.eye(ny))
+    supplied = linalg.block_diag(np.zeros((x, x)), D, gamma * np.eye(nu), last)
+
+    def multiplied(closed: Array) -> Array:  # rows of xdot, z, y, as they enter the inequality
+        above = linalg.block_diag(X, G.T, np.zeros((nu, 0))) @ closed[: x + w]
+        return np.vstack([above, closed[x:]])
+
+    def inequality(closed: Array) -> Array:
+        whole = np.hstack([multiplied(closed), np.zeros((len(supplied), height))])
+        return np.asarray(whole + whole.T - supplied)
+
+    psi, U, V = inequality(M), multiplied(left), np.hstack([right, np.zeros((len(right), height))])
+    Q, sizes, turn = np.linalg.svd(U)
+    k = int(np.sum(sizes > len(U) * EPS * sizes[0]))  # actuators may do the same
+    inside, beside = Q[:, :k], Q[:, k:]
+    across = beside.T @ psi @ inside
+    values, vectors = np.linalg.eigh(
+        _symmetric(inside.T @ psi @ inside - across.T @ np.linalg.solve(beside.T @ psi @ beside, across))
+    )
+    for past in _PAST:
+        above = np.maximum(values, 0.0) + past * np.max(np.abs(values))
+        omega = (vectors * above) @ vectors.T
+        phi = np.linalg.inv(inside @ omega @ inside.T - psi)
+        gain = (turn[:k].T / sizes[:k]) @ omega @ (inside.T @ phi @ V.T)
+        theta = -np.asarray(np.linalg.lstsq(V @ phi @ V.T, gain.T, rcond=None)[0].T)
+        closed = inequality(M + left @ theta @ right)
+        largest = max(np.max(np.linalg.eigvalsh(matrix), initial=-np.inf) for matrix in (closed, -X, -D))
+        if largest < 0.0:
+            return theta
+    raise _failure(
+        "numbers of the solver do not satisfy the matrix inequality of the closed loop, whose largest "
+        f"eigenvalue is {largest:.2g}"
+    )
+
+
+def _symmetric(matrix: Array) -> Array:
+    return np.asarray(0.5 * (matrix + matrix.T))
+
+
+def _failure(why: str) -> AnalysisError:
+    return AnalysisError(
+        f"lpv_synthesis: no controller was found: {why}. See that the controller moves and sees every "
+        "mode on the right, in the whole range of the measured parameters; take a larger slack, a "
+        "smaller range, or fewer measured parameters."
+    )
