@@ -5,7 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 110  # characters in a line of a table that goes into a file or a pipe
 _OFTEN = 0.1  # s between two looks
+_RARELY = 20.0  # s between two lines that go into a file or a pipe
 _KNOWN = 1.0  # s after which the time that is left is guessed
 
 
@@ -117,7 +118,7 @@ def write_scene(path: Path, scene: "Scene") -> None:
 class Progress:
     """A line on stderr of a terminal: the stage of `name`, what is done of a budget, the time left."""
 
-    def __init__(self, name: str, status: Status) -> None:
+    def __init__(self, name: str, status: "Status | Lines") -> None:
         self.name, self._status = name, status
         self._stage, self._count = "", ""
         self._begun = self._shown = 0.0
@@ -170,10 +171,24 @@ class Progress:
         self._status.update(escape(f"{self.name}{stage}{self._count}"))
 
 
+class Lines:
+    """What is shown in a file or a pipe, in place of a status of rich: a line now and then."""
+
+    def __init__(self) -> None:
+        self._shown = time.monotonic()
+
+    def update(self, text: str) -> None:
+        """Show a text, unless another one was shown lately."""
+        if time.monotonic() >= self._shown + _RARELY:
+            self._shown = time.monotonic()
+            Console(stderr=True).print(text, soft_wrap=True, highlight=False)
+
+
 @contextmanager
 def progress_of(name: str) -> Iterator[Progress]:
-    """A line on stderr that says how far the work inside is; nothing where stderr is no terminal."""
-    with Console(stderr=True).status(escape(name)) as status:
+    """A line on stderr that says how far the work inside is; of long work also where it is a file."""
+    console = Console(stderr=True)
+    with console.status(escape(name)) if console.is_terminal else nullcontext(Lines()) as status:
         progress = Progress(name, status)
         with heard(progress.worked):
             yield progress

@@ -61,10 +61,12 @@ def efforts_data(point: "TrimPoint") -> list[dict[str, object]]:
 
 
 def print_efforts(point: "TrimPoint") -> None:
-    """Print the table of the efforts at a trim point."""
-    pairs = zip(point.signals, point.values, strict=True)
-    rows = ((signal.name, f"{value + 0.0:.10g}", signal.unit) for signal, value in pairs)
-    print_table("efforts that hold the equilibrium", "effort | value > | unit", rows)
+    """Print the table of the efforts at a trim point, and the names of those that are zero."""
+    pairs = list(zip(point.signals, point.values, strict=True))
+    if rows := [(signal.name, f"{value:.10g}", signal.unit) for signal, value in pairs if value]:
+        print_table("efforts that hold the equilibrium", "effort | value > | unit", rows)
+    if zero := [signal.name for signal, value in pairs if not value]:
+        say(f"zero at equilibrium: {', '.join(zero)}")
 
 
 def _print_equilibria(

@@ -88,7 +88,11 @@ def network(
     q = [name for part in opened for name in part.q]
     v = [name for part in opened for name in part.v]
     idle = [*_idle(parts, connections, [*inputs, *q]), *(name for name in more if name not in inputs)]
-    whole = connect(parts, connections, inputs=[*inputs, *q, *idle], outputs=[*outputs, *v])
+    try:
+        whole = connect(parts, connections, inputs=[*inputs, *q, *idle], outputs=[*outputs, *v])
+    except StructureError as error:
+        advice = " An input of the whole that stands in no goal is one of `inputs`: inputs = ['r']."
+        raise StructureError(f"{error}{advice * ('unknown output' in str(error))}") from None
     whole = whole[:, : len(inputs) + len(q)]
     base, moves = np.zeros((len(q), len(v))), list[Array]()
     i = j = 0

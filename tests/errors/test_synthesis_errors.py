@@ -60,7 +60,8 @@ made(goals=(GOAL, GOAL)) => two goals have the name 'f to y'
 made(systems=(PLANT, PLANT["y", "f"])) => nothing to be tuned
 made(goals=(gain_goal("g", "y"),)) => unknown input 'g'
 made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
-made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy'
+made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in no goal is one of `inputs`
+made(wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … stays on the right … move 0 of it
 made(goals=(gain_goal("e", "u", norm="H2"),)) => AnalysisError: goal 'e to u': the H2 norm is infinite

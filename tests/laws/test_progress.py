@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base import running
-from mbdlft.cli.output import Progress
+from mbdlft.cli.output import Progress, progress_of
 from mbdlft.system.regular import regularity
 from tests.laws.random_loops import blocks_system
 
@@ -91,6 +91,20 @@ class Line:
 
     def update(self, text: str) -> None:
         self.texts.append(text)
+
+
+def test_in_a_file_there_is_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with progress_of("[arm]") as progress:
+        for done in range(100):
+            clock[0] += 1.0
+            progress.worked(done, 100.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 5
+    assert lines[0] == "[arm], 19 % of the work that is allowed, at most about 1 min left"
 
 
 def test_a_line_says_stage_share_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
