@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.numbers import Exact
+from mbdlft.exact.rounding import equilibrate
 
 Residues = NDArray[np.int64]
 Balls = NDArray[np.object_]
@@ -89,10 +90,10 @@ class ExactMatrix:
         matrix = _residue_matrix(self.residues, self.prime)
         residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
         try:
-            balls = ball_matrix(self.balls).solve(ball_matrix(right.balls))
+            balls = _solved(self, right)
         except ZeroDivisionError:
             raise TooFewBitsError("the balls of a matrix contain a singular one.") from None
-        return ExactMatrix(residues, _cleared(residues, entries_of(balls)), self.prime)
+        return ExactMatrix(residues, _cleared(residues, balls), self.prime)
 
     def values(self) -> Array:
         """Doubles (n, m) next to the entries, 0.0 for zeros; a TooFewBitsError if balls are wide."""
@@ -407,6 +408,20 @@ def ball_matrix(a: Balls) -> Any:
     """The matrix of FLINT."""
     n, m = a.shape
     return flint.arb_mat(n, m, a.ravel().tolist())
+
+
+def _solved(a: ExactMatrix, b: ExactMatrix) -> Balls:
+    """a^-1 b, with rows and columns of one size: errors of large unknowns would be those of all."""
+    rows, columns = map(_powers, equilibrate(rough_values(a)[None]))
+    scaled = ball_matrix(rows[:, None] * a.balls * columns)
+    solved = scaled.solve(ball_matrix(rows[:, None] * b.balls))
+    return np.asarray(columns[:, None] * entries_of(solved))
+
+
+def _powers(sizes: Array) -> Balls:
+    """Powers of two near to sizes (n,)."""
+    powers = 2.0 ** np.round(np.log2(np.clip(sizes, 1e-300, 1e300)))
+    return balls_of(np.array([powers], dtype=float)).ravel()
 
 
 def _cleared(residues: Residues, balls: Balls) -> Balls:

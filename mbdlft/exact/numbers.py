@@ -28,7 +28,7 @@ import numpy as np
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.operators import Operators
 
-BITS = 320  # of balls, at first
+BITS = 384  # of balls, at first
 MOST_BITS = 5120
 
 _TURN = 360 * 10**9  # parts of a turn that have residues of their own

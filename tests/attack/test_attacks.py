@@ -65,5 +65,5 @@ def test_each_class_is_a_file() -> None:
 
 @pytest.mark.parametrize("seed", [45, 770031])
 def test_matrices_whose_values_take_more_bits_are_not_refused(seed: int) -> None:
-    """Balls of 320 bits lost their values, and a regular matrix was called singular."""
+    """Balls of 384 bits lost their values, and a regular matrix was called singular."""
     assert once("matrices", seed) == "canceling exact"

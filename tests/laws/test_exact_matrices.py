@@ -149,7 +149,7 @@ def test_values_are_the_nearest_doubles() -> None:
     roundoff(found.values()[0, 1] * 1e40, 1.0 / 3.0)
     assert found.values()[0, 0] == 0.0
     with pytest.raises(TooFewBitsError, match=r"a ball of radius .* is too wide\."):
-        module.from_rows([{0: left * left + left * third - left * third}], 1, PRIME).values()
+        module.from_rows([{0: left * left * left + left * third - left * third}], 1, PRIME).values()
 
 
 def test_rough_values_never_fail() -> None:
@@ -170,6 +170,14 @@ def test_balls_that_are_too_wide_to_solve_with() -> None:
         rows[1][1] = FIELD.one + tiny
         found = module.from_rows(rows, 2, PRIME).solve(identity(2, PRIME)).values()
     exact(found, np.array([[1.0, -1.0], [-1.0, 1.0]]) * 2.0**400 + [[1.0, 0.0], [0.0, 0.0]])
+
+
+def test_equations_of_many_sizes_keep_bits() -> None:
+    """Powers of 1 to 45, as those of a matrix times a vector: up to 1e72 beside 1."""
+    n = 45
+    rows = [{j: FIELD.rational(Fraction(j + 1) ** i) for j in range(n)} for i in range(n)]
+    found = module.from_rows(rows, n, PRIME).solve(identity(n, PRIME))
+    assert min(ball.rel_accuracy_bits() for ball in found.balls.ravel()) > BITS // 3
 
 
 def test_zeros_of_irrational_numbers() -> None:

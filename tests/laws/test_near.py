@@ -105,7 +105,7 @@ def test_neighbors() -> None:
 
 
 def test_what_nearly_vanishes_needs_more_bits_and_no_traceback() -> None:
-    """Loops that an angle of 1e-12 rad divides by are singular in doubles, and in balls of 320 bits."""
+    """Loops that an angle of 1e-12 rad divides by are singular in doubles, and in balls of 384 bits."""
     own = {"center_of_mass": (0.1, 0.2, 0.3), "inertia": INERTIA}
     scene = mbdlft.Scene(
         name="nearly parallel",
