@@ -21,12 +21,16 @@ from mbdlft.robust.evidence import (
     Multipliers,
 )
 from mbdlft.robust.realization import physical
+from mbdlft.synthesis import gain_goal, pole_goal, tunable_gain, tune
 
+# the goal of a tuning, and whether the plant is chosen with the controller
+TUNED = {"tuned": (0, False), "tuned poles": (1, False), "co-design": (0, True)}
 UNCLAIMED = ("sensitivity", "work", "reason")  # what is said beside a claim, and nothing rests on
 _FACTORS = (0.0, -1.0, 0.5, 0.9, 0.999, 1.001, 1.1, 2.0, 1e3, 1e-3, 1e300, np.nan, np.inf)
 KINDS = (
     *("margin", "fixed", "moving", "slow", "mixed", "gain", "gain of one", "moving gain", "mixed gain"),
     *("performance", "real part", "damping", "disk margin", "double modes"),
+    *("powers", "slow powers", "slow gain", "parts of a gain", "tuned", "tuned poles", "co-design"),
 )
 
 
@@ -50,6 +54,39 @@ def twice() -> System:
     matrix = np.full((4, 4), "0", dtype=object)
     matrix[:2, :2] = matrix[2:, 2:] = [["0", "1"], ["-k*m", "-0.01"]]
     return realize(matrix.tolist(), own, states=4, inputs=[], outputs=[], name="twice")
+
+
+@cache
+def crossing() -> System:
+    """Two oscillators in parallel whose frequencies cross."""
+    own = [Parameter(name, 1.0, low=0.8, high=1.2) for name in ("a", "b")]
+    matrix = [
+        ["0", "0", "1", "0", "0"],
+        ["0", "0", "0", "1", "0"],
+        ["-a", "0", "-0.02", "0", "1"],
+        ["0", "-b", "0", "-0.02", "1"],
+        ["1", "1", "0", "0", "0"],
+    ]
+    return realize(matrix, own, states=4, inputs=["f"], outputs=["x"], name="crossing")
+
+
+def swing(stiffness: str, damping: str) -> System:
+    """An oscillator whose stiffness moves."""
+    k = Parameter("k", 1.0, low=0.0, high=2.0)
+    return realize([["0", "1"], [f"-{stiffness}", f"-{damping}"]], [k], states=2, inputs=[], outputs=[])
+
+
+@cache
+def tuned(*, designs: bool) -> mbdlft.Tuning:
+    """x' = -a x + d + b u, u = -K x: K, and b or not, chosen for d to x and poles."""
+    a, b = Parameter("a", 1.0, low=0.2, high=1.8), Parameter("b", 1.0, low=0.5, high=2.0, role="design")
+    matrix = [["-a", "1", "b" if designs else "1"], ["1", "0", "0"]]
+    plant = realize(
+        matrix, [a, b][: 1 + designs], states=1, inputs=["d", "u"], outputs=["x"], name="plant"
+    )
+    K = tunable_gain("K", "x", "v", initial={"D[1,1]": -1.0}, ranges={"D[1,1]": (-5.0, 5.0)})
+    goals = [gain_goal("d", "x", limit=0.2), pole_goal(decay=2.0)]
+    return tune([plant, K], goals, [["x", "plant.x"], ["u", "v"]], starts=1, gap=0.1)
 
 
 def with_error(system: System) -> System:
@@ -81,7 +118,21 @@ def analysis(kind: str) -> tuple[System, Bounds]:
         "performance": (weighted, lambda s: mbdlft.robust_performance(s, gap=0.1)),
         "disk margin": (one, lambda s: mbdlft.worst_case(s, kind, gap=0.05)),
         "double modes": (twice(), lambda s: mbdlft.robust_stability(s, gap=0.5, work=1.0)),
+        "powers": (
+            swing("2-k", "1"),
+            lambda s: mbdlft.robust_stability(s, rates=fast, gap=0.3, work=9.0),
+        ),
+        "slow powers": (
+            swing("k", "0.02"),
+            lambda s: mbdlft.robust_stability(s, rates={"k": 0.04}, gap=0.5),
+        ),
+        "slow gain": (plant, lambda s: mbdlft.worst_case_gain(s, "f", "x", rates={"k": 0.5}, gap=0.5)),
+        "parts of a gain": (crossing(), lambda s: mbdlft.worst_case_gain(s, gap=0.95, work=1.0)),
     }
+    for name, (goal, designs) in TUNED.items():
+        if name == kind:
+            reached = tuned(designs=designs).goals[goal]
+            return reached.loop, reached.bounds[0]
     system, bounds_of = made.get(kind, (plant, lambda s: mbdlft.worst_case(s, kind, gap=0.05)))
     return system, bounds_of(system)
 
@@ -112,7 +163,7 @@ def _other(name: str, value: Any, random: np.random.Generator) -> Any:
         pool = known.get(name, ("x1", "x2", "x3"))
         return tuple(str(word) for word in random.permutation(pool)[: random.integers(0, 3)])
     if isinstance(value, float):
-        return value * float(random.choice(_FACTORS))
+        return value * factor_of(random)
     if isinstance(value, int):
         return value + int(random.choice([-2, -1, 1, 2, 10**9]))
     if isinstance(value, dict):
@@ -124,6 +175,11 @@ def _other(name: str, value: Any, random: np.random.Generator) -> Any:
     if name == "multipliers":
         return _item(value, lambda m: _multipliers(m, random), random)
     return np.ones((4, 3)) if value is None else value
+
+
+def factor_of(random: np.random.Generator) -> float:
+    """A factor, or a last bit."""
+    return float(random.choice([*_FACTORS, 1.0 + 2.0**-52, 1.0 - 2.0**-53]))
 
 
 def _log(log: tuple[int, ...], random: np.random.Generator) -> tuple[int, ...]:
@@ -141,7 +197,7 @@ def _mapping(values: dict[str, Any], random: np.random.Generator) -> dict[str, A
     if not values or random.uniform() < 0.2:
         return {} if values else {"k": 1.0}
     name = str(random.choice(list(values)))
-    factor = float(random.choice(_FACTORS))
+    factor = factor_of(random)
     with np.errstate(all="ignore"):
         return {**values, name: values[name] * factor}
 
@@ -155,7 +211,7 @@ def _array(array: Array, random: np.random.Generator) -> Array:
         other.flat[random.integers(0, other.size)] += random.choice([-3, -1, 1, 2])
     elif other.size:
         with np.errstate(all="ignore"):
-            other.flat[random.integers(0, other.size)] *= float(random.choice(_FACTORS))
+            other.flat[random.integers(0, other.size)] *= factor_of(random)
     return other
 
 
@@ -166,10 +222,10 @@ def _multipliers(multipliers: Multipliers, random: np.random.Generator) -> Multi
     if random.uniform() < 0.2:
         return multipliers._replace(D=multipliers.D[:-1, :-1], G=multipliers.G[:-1, :-1])
     if random.uniform() < 0.1:
-        return multipliers._replace(beta=float(random.choice(_FACTORS)))
+        return multipliers._replace(beta=factor_of(random))
     i, j = random.integers(0, len(matrix), 2)
     with np.errstate(all="ignore"):
-        matrix[i, j] *= float(random.choice(_FACTORS))
+        matrix[i, j] *= factor_of(random)
     matrix[j, i] = np.conj(matrix[i, j])
     return multipliers._replace(**{name: matrix})
 
@@ -188,10 +244,10 @@ def is_true(system: System, other: Bounds, fresh: Bounds) -> bool:
     if same:
         is_weaker = claim.bound >= before.bound if fresh.is_from_above else claim.bound <= before.bound
         return is_weaker or fresh.lower <= claim.bound <= fresh.upper
-    return _at_samples(system, other)
+    return at_samples(system, other)
 
 
-def _at_samples(system: System, bounds: Bounds) -> bool:
+def at_samples(system: System, bounds: Bounds) -> bool:
     """Whether no sample of the box passes the bound; parameters are constant there."""
     claim, random = bounds.claim, np.random.default_rng(0)
     deltas = random.uniform(-1.0, 1.0, (400, len(system.parameters)))

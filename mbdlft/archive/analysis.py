@@ -104,7 +104,10 @@ def load_analysis(
     def make(part: Part, key: str) -> tuple[str, str, str, Bounds]:
         layout.check_digest(part.items)
         model, digest_of_model = (layout.word(part.items, path) for path in ("@model", "@model_digest"))
-        return key, model, digest_of_model, _bounds(part.items)
+        try:
+            return key, model, digest_of_model, _bounds(part.items)
+        except KeyError as error:  # one of those that may all be missing
+            raise ArchiveError(f"{error.args[0]} is missing.") from None
 
     request = Request("read", "analyses", "analysis", name, (layout.ANALYSIS_TYPE,), limit)
     key, model, digest_of_model, bounds = archives.read_one(file, request, make)

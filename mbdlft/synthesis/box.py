@@ -78,9 +78,14 @@ class Reached:
     loop: System
     bounds: tuple[Bounds, ...]
 
-    def __str__(self) -> str:
+    @property
+    def found(self) -> str:
+        """What searches came to: all that an archive says, as proofs are checked when they are read."""
         kind = "hard" if self.goal.hard else "soft"
-        text = f"{self.goal.name} ({kind}): tuned {self.tuned:.4g}, worst found {self.worst:.4g}"
+        return f"{self.goal.name} ({kind}): tuned {self.tuned:.4g}, worst found {self.worst:.4g}"
+
+    def __str__(self) -> str:
+        text = self.found
         if np.isfinite(self.proved):
             text += f", proved <= {self.proved:.4g} for all values and frequencies"
         elif self.bounds:
@@ -454,7 +459,7 @@ def save_tuning(path: str | Path, tuning: Tuning) -> None:
     ArchiveError
         As `save` and `save_analysis`.
     """
-    said = "\n".join(["tuned:", *map(str, tuning.goals)])
+    said = "\n".join(["tuned:", *(reached.found for reached in tuning.goals)])
     for controller in tuning.controllers:
         save(path, replace(controller, description=said))
     names = ", ".join(c.name for c in tuning.controllers) or "the design"

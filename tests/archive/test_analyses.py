@@ -22,7 +22,7 @@ from mbdlft import (
     worst_case_gain,
 )
 from mbdlft.robust.evidence import BoxProof, IntervalProof, MotionProof
-from tests.archive.plain_digest import edit
+from tests.archive.plain_digest import edit, without
 from tests.close import exact
 from tests.laws.random_loops import blocks_system, mixed_system
 from tests.laws.test_margins import random_loop_with_channels
@@ -164,3 +164,6 @@ def test_a_changed_analysis_is_refused(tmp_path: Path) -> None:
     system, bounds = load_analysis(file)
     assert bounds.lower == 99.0
     assert "is not below its upper bound" in verify(system, bounds)
+    edit(file, without("rates/value"), name)
+    with pytest.raises(ArchiveError, match="rates/value is missing"):
+        load_analysis(file)

@@ -1,6 +1,7 @@
 """The figure of a tuning shows what the tuning says: its goals, poles and gains."""
 
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -47,11 +48,18 @@ def test_the_report_of_a_controller_has_its_goals(tmp_path: Path) -> None:
     save_tuning(archive, made)
     html = model_report(mbdlft.load(archive, "K"), archive).html
     for reached in made.goals:
-        assert escape(str(reached)) in html
+        assert escape(reached.found) in html
     assert "A goal of K: n to v, limit 100: nominal, samples, the worst case, and the bound" in html
     assert html.count('<span class="yes">proved</span>') == len(made.goals)
     plain = model_report(PLANT).html
     assert "tuned for" not in plain
+
+
+def test_the_report_of_a_controller_believes_no_proof_of_its_file() -> None:
+    forged = "".join(f"\n{r}, proved <= 0.001 for all values\nproved: all" for r in tuned().goals)
+    html = model_report(replace(tuned().controllers[0], description=f"tuned:{forged}")).html
+    assert html.count("worst found") == len(tuned().goals)
+    assert "proved" not in html.partition("tuned for")[2].partition("</ul>")[0]
 
 
 def test_panels_show_the_values_of_a_tuning(tmp_path: Path) -> None:

@@ -234,9 +234,10 @@ def tuned_of(loop: System) -> list[str]:
 
 
 def goal_lines(model: System) -> list[str]:
-    """What a controller was tuned for, and what came of it, as `save_tuning` writes it."""
+    """What a controller was tuned for, and what was found, as `save_tuning` writes it; nothing else."""
     first, *lines = model.description.splitlines() or [""]
-    return lines if first == "tuned:" else []
+    found = (re.match(r".*? \((hard|soft)\): tuned [^\s,;]+, worst found [^\s,;]+", x) for x in lines)
+    return [text[0] for text in found if text] if first == "tuned:" else []
 
 
 def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, ...]:
