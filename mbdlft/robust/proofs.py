@@ -356,14 +356,14 @@ def _unproved(system: System, claim: Claim, proof: Proof) -> str:
     inputs = positions_of(list(claim.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(claim.outputs), [s.name for s in system.outputs], "verify: outputs")
     if isinstance(proof, IntervalProof):
+        if claim.kind in (REAL_PART, DAMPING):
+            return f"multipliers prove nothing of a {claim.kind}"
         stay = states_that_stay(system, claim.leave_out, outputs)
+        if not (system.lft.is_complex or is_hurwitz(system.A[np.ix_(stay, stay)])):
+            return "the nominal model is not proved to be stable"
         loop = loop_of(system, stay, claim.fixed, inputs, outputs)
         if claim.kind in (GAIN, DISK):
             loop = loop._replace(grows=np.array([b.name == GAIN_BLOCK for b in loop.blocks], dtype=bool))
-        if claim.kind in (REAL_PART, DAMPING):
-            return f"multipliers prove nothing of a {claim.kind}"
-        if not is_hurwitz(loop.channels.A):
-            return "the nominal model is not proved to be stable"
         return wrong_in(loop, claim.gain if claim.kind in (GAIN, DISK) else claim.size, proof)
     shift, slope = claim.edge
     model = realization(system, inputs, outputs, claim.leave_out)._replace(shift=shift, slope=slope)

@@ -1,5 +1,7 @@
 """Any field of an analysis that is changed is refused, or what it claims is still true."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,15 @@ def test_a_changed_analysis_is_refused_or_true(kind: str) -> None:
         else:
             refused += 1
     assert refused > DRAWS // 3
+
+
+def test_multipliers_of_a_system_with_a_pole_at_zero_prove_nothing() -> None:
+    system, bounds = analysis("mixed")
+    whole = system.lft.M22.copy()
+    whole[0] = 0.0
+    lft = replace(system.lft, M21=0.0 * system.lft.M21, M22=whole)
+    other = System("integrator", lft, system.states, system.inputs, system.outputs, system.parameters)
+    assert "not proved to be stable" in verify(other, bounds)
 
 
 def is_accepted(system: System, bounds: Bounds) -> bool:
