@@ -133,7 +133,10 @@ def without_free_modes(need: Need) -> Need:
         free = free_modes(at, m.parameters) if count else None
     except ZeroDivisionError:
         return need  # singular; to be reported where they are solved
-    if free is None:
+    if free is None:  # there are none, or other functions of parameters are in them
+        alone = np.flatnonzero(~_seen_exactly(m, count, range(count)))
+        free = FreeModes(tuple(alone.tolist()), {}, m.parameters)
+    if not free.dropped:
         return need
     stay = [k for k in range(count) if k not in free.dropped]
     V = ca.SX(count, count)

@@ -178,6 +178,22 @@ def test_both_wings_of_a_satellite_are_one() -> None:
     assert "left.mode1.displacement - right.mode1.displacement" in names
 
 
+def test_what_is_not_seen_alone_goes_where_modes_are_other_functions() -> None:
+    """Of a rolling disk: its heading, which no output sees, and what follows from it."""
+    path = Path(__file__).parents[2] / "scenarios" / "rolling_disk.toml"
+    chosen: dict[str, Any] = {
+        "outputs": ("base.velocity.x", "base.angular_acceleration.z"),
+        "states": "needed",
+    }
+    scene = mbdlft.load_scene(path)
+    part, whole = (
+        mbdlft.to_lft(scene.model_copy(update=chosen | more), search=0.0)
+        for more in ({}, {"states": "all"})
+    )
+    assert set(part.states) <= set(whole.states)
+    same_transfers(part, whole)
+
+
 def test_a_speed_loop() -> None:
     """PI with a filter: tuned where the twist is a state; else the mode is named, and what to do."""
     controller = mbdlft.synthesis.tunable_pid("C", "e", "u", filter=100.0, scale=1.0)
