@@ -261,6 +261,24 @@ def test_a_gain_is_proved_up_to_what_it_is() -> None:
     assert bounded(fast, 2.9)[1] is None
 
 
+def test_a_part_is_cut_along_the_parameter_that_leaves_it_without_a_function() -> None:
+    """A hardly damped mode is as large as the goal at one stiffness; others do not matter."""
+    k = Parameter("k", 1.0, low=0.3, high=1.7)
+    more = [Parameter(name, 5.0, low=3.0, high=7.0) for name in "ab"]
+    rows = [
+        ["0", "1", "0", "0"],
+        ["-k", "-0.02*k", "0.01", "1"],
+        ["0.01*a", "0", "-b", "0.1"],
+        ["k", "0", "0", "0"],
+    ]
+    system = realize(rows, [*more, k], states=3, inputs=["u"], outputs=["y"])
+    largest = mbdlft.worst_case_gain(system, gap=0.5, work=0.01).lower
+    model, proof = bounded(system, 1.02 * largest, 4.0)
+    assert proof is not None
+    cuts = [model.names[step - 1] for step in proof.log if step]
+    assert cuts.count("k") > 2 * len(cuts) / 3
+
+
 def crossing_with_signals(damping: float) -> System:
     """`crossing` with two forces and three outputs, one of which has a direct path."""
     d = repr(damping)

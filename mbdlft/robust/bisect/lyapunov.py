@@ -16,7 +16,8 @@ other within a range of deltas that is as small as their damping. (Polynomials P
 Garulli, Tesi, Vicino, IEEE TAC 50, 2005.)
 
 In each delta P has the least degree at which the tail of its Chebyshev series, along the line through the
-middle, leaves most of S. A part that needs too much is cut along the delta of the largest tail.
+middle, leaves most of S. A part that needs too much is cut along the delta of the largest tail, or of the
+line on which most nodes have no P.
 
 A gain is below 1/g, too, where (bounded real lemma) with P_+ = diag(P, I, I)
 
@@ -268,7 +269,10 @@ def _proves(part: _Part, modes: Array, degrees: NDArray[Any], slack: float = 0.0
 
 
 def _tails(part: _Part, modes: Array) -> Array | None:
-    """What terms of P beyond degrees 1, 2, ... add to S along each delta (q, _DEGREE); None without P."""
+    """What terms of P beyond degrees 1, 2, ... add to S along each delta (q, _DEGREE); None without A.
+
+    Where nodes have no P, it is how many.
+    """
     n, q, t = part.rows, len(part.center), _chebyshev(_DEGREE)
     terms = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * t - 1.0, _DEGREE))
     A = _in_modes(part, modes, [_MIDDLE] * q)
@@ -276,10 +280,13 @@ def _tails(part: _Part, modes: Array) -> Array | None:
         return None
     tails = []
     for axis in range(q):
-        P = _solutions(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
-        if P is None:
-            return None
-        series = np.tensordot(terms, P.reshape(-1, *modes.shape), 1)
+        line = _in_modes(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
+        rows = [] if line is None else line.reshape(-1, *A.shape[-2:])
+        found = [P for each in rows if (P := _equation(part, each)) is not None]
+        if missing := len(t) - len(found):  # cut first where most have none
+            tails.append(np.full(_DEGREE, float(missing)))
+            continue
+        series = np.tensordot(terms, np.array(found), 1)
         half = _beside(part, series, 0.0) @ A.reshape(n, n)
         sizes = np.linalg.norm(half + half.mT, axis=(1, 2))
         tails.append(np.append(np.cumsum(sizes[::-1])[-3::-1], sizes[-1]))
@@ -321,11 +328,15 @@ def _solutions(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | Non
         return None
     found = []
     for each in whole.reshape(-1, *whole.shape[-2:]):
-        P = _riccati(each, part.states, part.inputs, 1.0) if part.inputs else _solution(each)
-        if P is None:
+        if (P := _equation(part, each)) is None:
             return None
         found.append(P)
     return np.array(found).reshape(*whole.shape[:-2], *modes.shape)
+
+
+def _equation(part: _Part, whole: Array) -> Array | None:
+    """The solution of Lyapunov's equation, or of Riccati's, of one matrix."""
+    return _riccati(whole, part.states, part.inputs, 1.0) if part.inputs else _solution(whole)
 
 
 def _solution(A: Array, Q: Array | None = None) -> Array:
