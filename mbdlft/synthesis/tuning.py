@@ -7,6 +7,7 @@ or large beside those of others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import numpy as np
@@ -79,10 +80,29 @@ class Tuner:
         """The goals, at scaled values."""
 
         def at(scaled: Array) -> Look:
-            found = look(self.family, self.asked, scaled * self.scale, keep)
-            return self._scaled(found)
+            return self._scaled(self.look(scaled * self.scale, keep))
 
         return Problem(at, self.low / self.scale, self.high / self.scale, self._is_hard, price, unit)
+
+    def look(self, x: Array, keep: float | None) -> Look:
+        """The goals at values."""
+        with self._in_doubles(x):
+            return look(self.family, self.asked, x, keep)
+
+    @contextmanager
+    def _in_doubles(self, x: Array) -> Iterator[None]:
+        """An AnalysisError names the value that has gone too far where numbers overflow."""
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield
+        except np.linalg.LinAlgError:
+            value = self.net.free[int(np.argmax(np.abs(x) / self.first_scale))]
+            number = x[self.net.free.index(value)]
+            raise AnalysisError(
+                f"tune: {value.name} has come to {number:.3g}, where the loops have no numbers any more; "
+                f"its scale is {value.scale:.3g}. Goals may become better without end as it grows: give "
+                "it a range (`ranges`), or a goal that limits it, such as of the effort."
+            ) from None
 
     def _is_hard(self, goal: int) -> bool:
         return goal == STABLE or self.goals[goal].hard
@@ -110,7 +130,7 @@ class Tuner:
 
     def at(self, x: Array) -> Tuned:
         """What values reach."""
-        return Tuned(x, look(self.family, self.asked, x, 1.0))
+        return Tuned(x, self.look(x, 1.0))
 
     def descended(
         self, x: Array, plan: Plan, steps: int, *, is_first: bool = False, tolerance: float = _TOLERANCE
@@ -144,9 +164,9 @@ class Tuner:
         for controller in self.net.controllers:
             own = [names.index(value.name) for value in controller.free]
             x[own] = in_modes(controller, x[own])
-        seen = look(self.family, self.asked, x, keep)
+        seen = self.look(x, keep)
         if not seen.is_stable:
-            x, seen = best.x, look(self.family, self.asked, best.x, keep)
+            x, seen = best.x, self.look(best.x, keep)
         slopes = [np.abs(p.slope) / (1.0 if self._is_hard(p.goal) else unit) for p in seen.pieces]
         largest = np.max(slopes, axis=0, initial=0.0) * self.first_scale
         self.scale = self.first_scale / np.maximum(1.0, largest)
@@ -213,7 +233,8 @@ class Tuner:
                 continue
             for A, B, C, D in zip(*closed[:4], strict=True):
                 plant = Plant(A, B[:, columns], C[rows], D[rows, columns])
-                exact, _, frequency, _ = peak_of(plant, _PEAK)
+                with self._in_doubles(tuned.x):
+                    exact, _, frequency, _ = peak_of(plant, _PEAK)
                 known = tuned.look.hard if goal.hard else tuned.look.soft
                 if exact / goal.limit > known * (1.0 + _MISSED) and np.isfinite(frequency):
                     missed.append(frequency)
@@ -223,7 +244,7 @@ class Tuner:
 
     def worst(self, x: Array) -> list[tuple[float, Array]]:
         """The largest value of each goal at the points, and the point (number of parameters,)."""
-        found = look(self.family, self.asked, x, None)
+        found = self.look(x, None)
         if not found.is_stable:
             return [(np.inf, self.points[found.point])] * len(self.goals)
         worst = []
@@ -244,7 +265,7 @@ class Tuner:
 
     def deciding(self, x: Array, share: float) -> list[int]:
         """The nominal point, and those whose largest value is at least a share of the largest of all."""
-        found = look(self.family, self.asked, x, None)
+        found = self.look(x, None)
         levels = [share * (max(1.0, found.hard) if g.hard else found.soft) for g in self.goals]
         return sorted({0, *(p.point for p in found.pieces if p.value >= levels[p.goal])})
 

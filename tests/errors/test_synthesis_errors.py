@@ -32,6 +32,11 @@ PLANT = state_space([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], inputs=["f"],
 BLIND = state_space(
     np.diag([2.0, -1]), [[0], [1]], [[1, 1]], [[0]], inputs=["f"], outputs=["y"], name="B"
 )
+RATED = state_space(
+    [[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)), inputs=["f"], outputs=["y", "v"]
+)
+TWO, FED = tunable_gain("K", ["e", "w"], "u"), (("f", "u"), ("e", "-y"), ("w", "-v"))
+FAR = {"K.D[1,1]": 1e155, "K.D[1,2]": 1e80}
 UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
 PID = tunable_pid("K", "e", "u")
 SCHEDULED = mbdlft.scheduled(tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)])
@@ -64,6 +69,7 @@ made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in
 made(wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … stays on the right … move 0 of it
+made(systems=(RATED, TWO), wired=FED, initial=FAR) => AnalysisError: K.D[1,1] has come to
 made(goals=(gain_goal("e", "u", norm="H2"),)) => AnalysisError: goal 'e to u': the H2 norm is infinite
 gain_goal("f", "y", limit=0.0) => expected a positive limit, got 0.0
 gain_goal("f", "y", limit=float("nan")) => expected a positive limit, got nan

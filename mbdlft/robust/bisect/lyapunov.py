@@ -281,7 +281,7 @@ def _tails(part: _Part, modes: Array) -> Array | None:
     tails = []
     for axis in range(q):
         line = _in_modes(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
-        rows = [] if line is None else line.reshape(-1, *A.shape[-2:])
+        rows: Any = () if line is None else line.reshape(-1, *A.shape[-2:])
         found = [P for each in rows if (P := _equation(part, each)) is not None]
         if missing := len(t) - len(found):  # cut first where most have none
             tails.append(np.full(_DEGREE, float(missing)))
