@@ -18,6 +18,7 @@ from mbdlft.multibody.body import Beam
 from mbdlft.multibody.body.beam import error_sentence
 from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
+from mbdlft.multibody.scene.checks import weightless
 from mbdlft.multibody.scene.quantities import unused_names, unused_ports
 from mbdlft.problem.equations import Equations, Moved, rows_of
 from mbdlft.problem.needs import Need, all_states, needed_states, without_free_modes
@@ -240,7 +241,7 @@ def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[
     ]
     sentences += [f"port {port!r} is declared and not used." for port in unused_ports(scene)]
     sentences += _unseen(scene)
-    if not any(scene.gravity) and not any(scene.acceleration):
+    if not ({"gravity", "acceleration"} & scene.model_fields_set or any(weightless(scene))):
         sentences.append("there is no gravity and no acceleration; both are zero by default.")
     return (*sentences, *_shared(scene), *_pushed(scene, trimmed), *_holding(scene, trimmed))
 

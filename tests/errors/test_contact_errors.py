@@ -2,9 +2,12 @@
 
 from typing import Any
 
+import pytest
+
 from mbdlft import (
     Free,
     Inertia,
+    MbdlftWarning,
     Parameter,
     Planar,
     Revolute,
@@ -32,6 +35,7 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
         **{
             "name": "cart",
             "velocity": (3.0, 0.0, 0.0),
+            "gravity": (0.0, 0.0, 0.0),
             "bodies": [
                 RigidBody(name="frame", mass=2.0, inertia=Inertia(xx=0.1, yy=0.1, zz=0.1)),
                 RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1)),
@@ -58,6 +62,7 @@ def on_tire(speed: float | str = 3.0, **law: Any) -> Scene:
     return Scene(
         name="cart",
         velocity=(speed, 0.0, 0.0),
+        gravity=(0.0, 0.0, 0.0),
         parameters=[Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s")],
         bodies=[RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1))],
         joints=[Free(name="base", parent="ground", child="wheel", position=(0, 0, 0.5))],
@@ -140,6 +145,19 @@ find_equilibrium(on_tire()) => positions are not searched for where bodies roll,
 find_equilibrium(wheel()) => positions are not searched for where bodies roll, as contact 'touch' does
 """
 )
+
+
+def test_gravity_that_a_tire_or_a_wheel_would_carry_is_missed_once() -> None:
+    """Not where it is said to be zero, and not where the tire carries a force that is given."""
+    for scene in (wheel(), on_tire()):
+        forgotten = scene.model_copy(deep=True)
+        forgotten.model_fields_set.discard("gravity")
+        with pytest.warns(MbdlftWarning, match="there is no gravity, and (contact 'touch'|load 'tire')"):
+            assemble(forgotten)
+        assert not [text for text in notes(scene) if "gravity" in text]
+    planar = on_tire(force=0.0)
+    planar.model_fields_set.discard("gravity")
+    assert [text for text in notes(planar) if "no gravity" in text]
 
 
 def test_a_note_says_which_forces_are_known_as_a_sum() -> None:

@@ -34,9 +34,9 @@ from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.exact.taylor import BOXES, Sign, not_negative
 from mbdlft.multibody.body import Body
-from mbdlft.multibody.contact import Contact
+from mbdlft.multibody.contact import Contact, Rolling
 from mbdlft.multibody.coupling import Coupling
-from mbdlft.multibody.force import Load
+from mbdlft.multibody.force import Load, Support, Tire
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.quantities import (
     Place,
@@ -68,7 +68,7 @@ def check(scene: Scene) -> None:
         problem = item.physical_problem(sampled[owner_name(item)])
         if problem:
             raise SceneError(f"{owner_name(item)}: {problem} Check the values and the ranges.")
-    for text in (*_unproved(scene), *_gains_energy(scene, sampled)):
+    for text in (*_unproved(scene), *_gains_energy(scene, sampled), *weightless(scene)):
         warnings.warn(text, MbdlftWarning, stacklevel=2)
 
 
@@ -98,6 +98,19 @@ def _gains_energy(
             if label.partition(".")[0] in ("stiffness", "damping") and lowest < 0.0:
                 unit = item.quantities()[label].unit
                 yield f"{owner_name(item)}: {label} is negative in the range: {lowest:g} {unit}."
+
+
+def weightless(scene: Scene) -> Iterator[str]:
+    """A sentence on what is there to carry a weight, where gravity was not said to be zero."""
+    if {"gravity", "acceleration"} & scene.model_fields_set:
+        return
+    standing = [load for load in scene.loads if isinstance(load, Support | Tire) and load.force is None]
+    rolling = [contact for contact in scene.contacts if isinstance(contact, Rolling)]
+    for item in (*rolling, *standing)[:1]:
+        yield (
+            f"scene {scene.name!r}: there is no gravity, and {owner_name(item)} would carry a weight. "
+            "It is zero unless it is given: gravity = [0, 0, -9.81]; [0, 0, 0] says that it is meant."
+        )
 
 
 def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
