@@ -25,7 +25,7 @@ from mbdlft.dae.balance import (
 )
 from mbdlft.dae.index import independent
 from mbdlft.dae.kinks import near_points
-from mbdlft.dae.newton import System, divided, solve, values_of
+from mbdlft.dae.newton import Found, System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of, written_rates
 from mbdlft.dae.text import column_of
 from mbdlft.problem.equations import rows_of
@@ -151,6 +151,9 @@ def _solved(s: Structure, posed: Balance, fixed: Mapping[str, float | str], fit:
         values |= fits.values
     p = parameter_points(s.dae, 1)[0]
     numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
+    missed = System(s.residual, s.symbols, s.dae.p).residual(numbers, p)
+    if not np.all(np.isfinite(missed)):  # such as log(x) at zero, where any number is near a solution
+        raise no_solution(s, posed, Found(numbers, np.abs(missed)), fixed)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)

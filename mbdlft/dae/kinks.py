@@ -48,6 +48,9 @@ _SWITCHES: Mapping[str, _Switch] = {
     "fmax": _Switch(_difference, lambda a, b: b, lambda a, b: a),
     "lt": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
     "le": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
+    # at the zero, and on both sides of it
+    "eq": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
+    "ne": _Switch(_difference, lambda a, b: ca.SX(0), lambda a, b: ca.SX(1)),
 }
 _LOGIC = ("and", "or", "not")
 
@@ -104,7 +107,9 @@ def _branches(
         argument = switch.argument(*entries)
         if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
             return ca.SX(0)  # on either side
-        decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side_of(argument)))
+        side = side_of(argument)
+        side = "above" if side == "below" and name in ("eq", "ne") else side
+        decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side))
         side = chosen.get(len(decided) - 1, decided[-1].side)
         if side == "open":
             return ca.SX(FUNCTIONS[name](*entries))

@@ -1,6 +1,7 @@
 """Files of Modelica: flat text, or any model by the compiler rumoca."""
 
 import os
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from mbdlft.multibody.scene.toml import read_file
 
 FLAT, MODEL = ".mof", ".mo"
 ROOTS = "MODELICAPATH"
+_SYNTAX = re.compile(r"× (.*)\n.*:(\d+):(\d+)\]")  # in what the compiler draws of a syntax error
 
 
 def load_modelica(
@@ -88,10 +90,11 @@ def compiled_model(
         raise
     except BaseException as error:  # those of its language, too, which are no Exception
         several = " Choose one: --model NAME, or model=NAME." if "infer model" in str(error) else ""
-        reason = str(error) or f"{type(error).__name__}, without a reason"
-        raise SceneError(
-            f"{file.name}: the compiler rumoca does not take it: {reason}{several}"
-        ) from None
+        where, reason = file.name, str(error) or f"{type(error).__name__}, without a reason"
+        syntax = next(map(_SYNTAX.search, (d.message for d in rumoca.validate(str(file)))), None)
+        if syntax is not None:
+            where, reason = f"{where}, line {syntax[2]}, column {syntax[3]}", f"{syntax[1]}."
+        raise SceneError(f"{where}: the compiler rumoca does not take it: {reason}{several}") from None
     sources = Sources(_files(file, folders), tables["variables"])
     return model_of_tables(tables, loaded.name, sources)
 

@@ -39,7 +39,11 @@ _TYPES = ("real", "integer", "boolean", "string")
 
 def model_of_tables(tables: Mapping[str, Any], name: str, sources: Sources) -> tree.FlatModel:
     """The syntax tree of the tables of a model."""
-    return _Reader(tables, name, sources).model()
+    try:
+        return _Reader(tables, name, sources).model()
+    except RecursionError:
+        advice = "Write parts of it as variables."
+        raise SceneError(f"{sources.name}: an expression is nested too deep. {advice}") from None
 
 
 class _Reader:

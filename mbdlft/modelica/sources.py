@@ -24,26 +24,32 @@ class Sources:
     """Texts of files, the most likely ones first, by the numbers that a compiler gives them.
 
     The compiler does not say which file has which number: a file has a number if at the spans of all
-    names of this number in the table of variables it has these names.
+    names of this number in the table of variables it has these names; where it declares none, if before
+    the spans of all numbers that modifications give there is ``name =``.
     """
 
     def __init__(self, files: Iterable[Path], variables: Mapping[str, Any]) -> None:
         self._texts: dict[int, bytes] = {}
         self._plain: dict[int, bytes] = {}  # with blanks in the place of comments
         names: dict[int, list[tuple[int, int, bytes]]] = {}
+        given: dict[int, list[tuple[int, bytes]]] = {}
         for item in variables.values():
             for component in item["component_ref"]["parts"][-1:] if item["component_ref"] else ():
-                span = component["span"]  # of the type and the name
-                place = (span["start"], span["end"], component["ident"].encode())
-                names.setdefault(span["source"], []).append(place)
+                name, span = component["ident"].encode(), component["span"]  # of the type and the name
+                names.setdefault(span["source"], []).append((span["start"], span["end"], name))
+                number = (item["binding"] or {}).get("Literal", {}).get("span")
+                if item["binding_from_modification"] and number:
+                    given.setdefault(number["source"], []).append((number["start"], name))
         self.name = ""
         for file in files:
             self.name = self.name or file.name
-            if names.keys() <= self._texts.keys():
+            if names.keys() | given.keys() <= self._texts.keys():
                 break
             text = file.read_bytes()
-            for source, places in names.items():
-                if source not in self._texts and all(text[a:b].endswith(name) for a, b, name in places):
+            for source in (names | given).keys() - self._texts.keys():
+                declared = (text[a:b].endswith(name) for a, b, name in names.get(source, ()))
+                before = (_before(text, a, name) for a, name in given.get(source, ()))
+                if all(declared if source in names else before):
                     self._texts[source] = text
 
     def _text(self, span: Any) -> bytes | None:
@@ -92,6 +98,12 @@ class Sources:
             return {}
         first = text[span["start"] : span["end"]].rfind(b" ") + 1 + span["start"]
         return declared_annotation(text[first:].decode("utf-8", "replace"), self.name, self.line(span))
+
+
+def _before(text: bytes, place: int, name: bytes) -> bool:
+    """Whether ``name =`` stands before a place."""
+    rest = text[:place].rstrip()
+    return rest.endswith(b"=") and rest[:-1].rstrip().endswith(name)
 
 
 def copies(

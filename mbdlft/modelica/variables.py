@@ -34,6 +34,7 @@ from mbdlft.problem.sx.constants import in_doubles
 
 _SOLVED = 1e-7  # of the last step of Newton's method, behind which there is one more
 _NO_LIMIT = Fraction(10) ** 30  # libraries write 1e60 for what has no limit
+_MOST_ENTRIES = 100_000  # of an array of variables
 _NOT_OF_NAMES = re.compile(r"\W+")
 _RANGE = frozenset(("percent", "plus", "minus", "low", "high"))
 
@@ -339,6 +340,8 @@ class Variables:
             raise SceneError(f"{self.place(d)}: it is declared twice.")
         try:
             sizes = [self.evaluator.size(size) for size in d.sizes]
+            if math.prod(sizes) > _MOST_ENTRIES:
+                raise SceneError(f"an array has at most {_MOST_ENTRIES} entries, got {math.prod(sizes)}.")
             unit = _declared_unit(d, self.parameters.notes)
             self.values[d.name] = self._symbols(d, unit, sizes, ())
         except SceneError as error:

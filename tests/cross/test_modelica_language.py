@@ -178,11 +178,13 @@ package P
   model Choice replaceable Whole w(c=4); end Choice;
   model More extends Whole; Part more(c=c); end More;
   model Wide extends Choice(w(c=8)); end Wide;
-  model M
-    Wide k; parameter R r(r=5); Whole a(c=3); Whole b[2](each c=-3); Whole d(data=r); Outer e;
-    Outer f(c=6, own.c=6); Choice g(redeclare More w), h(w(c=2^2));
-  end M;
 end P;
+"""
+WHOLE = """
+model M
+  P.Wide k; parameter P.R r(r=5); P.Whole a(c=3); P.Whole b[2](each c=-3); P.Whole d(data=r);
+  P.Outer e; P.Outer f(c=6, own.c=6); P.Choice g(redeclare P.More w), h(w(c=2^2));
+end M;
 """
 
 
@@ -206,9 +208,10 @@ def test_a_parameter_that_is_passed_on_has_one_value(
     tmp_path: Path, parameter: str, followers: str
 ) -> None:
     """The compiler hands on the number of `c` where a component has the modification `c=c`."""
-    file = tmp_path / "p.mo"
-    file.write_text(PASSED_ON)
-    flat = compiled_model(file, "P.M", [])
+    (tmp_path / "P.mo").write_text(PASSED_ON)
+    file = tmp_path / "m.mo"  # it declares no number of its own
+    file.write_text(WHOLE)
+    flat = compiled_model(file, "M", [])
     assert not flat.fixed
     numbers = read_values(flat, ModelicaTable(), lambda d: d.name).values
     changed = read_values(flat, ModelicaTable(values={parameter: 99.0}), lambda d: d.name).values

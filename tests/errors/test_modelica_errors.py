@@ -4,6 +4,7 @@ import importlib.util
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -16,6 +17,7 @@ from mbdlft.modelica import (
     load_modelica,
     load_modelica_table,
     modelica_table_from_toml,
+    operating_point,
     translate,
 )
 from mbdlft.modelica.rumoca import model_of_tables
@@ -31,6 +33,12 @@ def text_of(declarations: str, equations: str = "x = 1;") -> str:
 
 def model(text: str, table: ModelicaTable | None = None) -> object:
     return translate(flat_model(text, "m.mof"), table)
+
+
+def linear(equations: str) -> object:
+    declared = "Real x; input Real u; output Real y;"
+    dae, report = translate(flat_model(text_of(declared, equations), "m.mof"))
+    return mbdlft.linearize_dae(operating_point(dae, report))
 
 
 DOUBT = """package P
@@ -100,6 +108,8 @@ model_of_tables(TABLES | {'new_table': [1]}, 'M', Sources([], {}))
 model_of_tables(TABLES | {'is_partial': True}, 'M', Sources([], {})) => model 'M' is partial
 model_of_tables(TABLES | {'structured_equations': [HALF]}, 'M', Sources([], {}))
     => a loop that is written out in part
+model_of_tables(TABLES | {'equations': [{'residual': nested(3000), 'span': None}]}, 'M', Sources([], {}))
+    => an expression is nested too deep
 model_of_tables(TABLES | {'equations': [{'residual': {'Strange': {}}, 'span': None}]}, 'M', Sources([],
     {}))
     => the expression 'Strange'
@@ -223,6 +233,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 "Real x; Real x;" => m.mof … line 2: variable 'x': it is declared twice
 "Real x[2]; Real 'x[1]';" => m.mof … 'x[1]' is declared twice
 "Real x; parameter Real a = 1; parameter Real a = 2;" => m.mof … parameter 'a': it is declared twice
+"Real x; Real y[3000, 3000];" => m.mof … 'y': an array has at most 100000 entries, got 9000000
 "Real x; Real y[-1];" => m.mof … variable 'y': expected a size from 0 to 10000, got -1
 "Real x(start=x);" => m.mof … line 2: variable 'x': 'x' is not declared
 "Real x; Real y(start=2*x);" => m.mof … variable 'y': start: it depends on the variable x
@@ -249,6 +260,9 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
     => m.mof … s and ms are added or compared; units do not fit
 'Real x; Real y(unit="m"); parameter Real k(unit="N/m")=1; Real f(unit="N.m") = k*y;'
     => m.mof … the left side is in kg m^2 s^-2, the right side in kg m s^-2; units do not fit
+> linear({}) => TrimError: model 'M' …
+"der(x) = u - x; y = log(x);" => no equilibrium was found; … 'y = log(x)' (line 4) (inf)
+"der(x) = u - x; y = if x == 0 then 1 else x;" => jumps from 0 to 1 … where eq(x, 0) switches
 > model(text_of(P), modelica_table_from_toml('format = "mbdlft-modelica/1"\n' + {})) => SceneError:
     m.mof …
 "[parameters]\naa = { low = 1, high = 3 }" => unknown parameter 'aa'. Did you mean 'a'
@@ -280,12 +294,21 @@ HALF = {
 NUMBER = {"Literal": {"value": {"Integer": 1}}}
 
 
+def nested(depth: int) -> dict[str, Any]:
+    inner: dict[str, Any] = NUMBER
+    for _ in range(depth):
+        inner = {"Unary": {"op": "Minus", "rhs": inner}}
+    return inner
+
+
 test_messages_of_the_compiler = WITH(
     refused(
         r"""
 > load_modelica(file_of({})) => SceneError:
 "m.mo", "model M\n Real x; Real y;\nequation\n x = 1;\nend M;"
     => m.mo: the compiler rumoca does not take it:  … unbalanced
+"m.mo", "model M\n Real x;\nequation\n der(x) = -(x;\nend M;"
+    => m.mo, line 4, column 14: the … unexpected `;`.
 "ball.mo", BALL => ball.mo: model 'Ball' … the event 'when' in line 6 (v)
 > {} => SceneError:
 load_modelica(file_of("p.mo", DOUBT), ModelicaTable(values={"data.r": 3}), model="P.M")

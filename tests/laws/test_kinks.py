@@ -33,6 +33,8 @@ def model(force, start: float = 0.0) -> mbdlft.LFTModel:
         (lambda k, x: ca.if_else(x < 0, -x, x + 2), "jumps from -2 to 0"),
         (lambda k, x: ca.if_else(x <= 0, x, 2 * x), "two slopes by 'x', 1 and 2"),
         (lambda k, x: ca.if_else(ca.sin(x) > 0, x, 2 * x), "two slopes"),
+        (lambda k, x: ca.if_else(x == 0, 1, x), "jumps"),
+        (lambda k, x: ca.if_else(x != 0, x, -x), "two slopes by 'x', -1 and 1"),
     ],
 )
 def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
@@ -47,6 +49,8 @@ def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
         (lambda k, x: x * ca.fabs(x) + k * x, 0.0, lambda k: -k),
         (lambda k, x: ca.fmax(x * x, x * x * x) + k * x, 0.0, lambda k: -k),
         (lambda k, x: k * ca.fabs(x), -2.0, lambda k: k),
+        (lambda k, x: ca.if_else(x == 0, 5, k * x), -2.0, lambda k: -k),
+        (lambda k, x: ca.if_else(x != 0, k * x, 5), 2.0, lambda k: -k),
         (lambda k, x: ca.fmax(k, x) * x, 0.5, lambda k: -k),  # k > x in the whole range
         (lambda k, x: ca.fabs(k - 2) * x, 0.5, lambda k: k - 2),
         (lambda k, x: ca.if_else(k * k > 0.5, 3 * x, x), 0.0, lambda k: -3 + 0 * k),
