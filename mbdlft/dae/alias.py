@@ -4,9 +4,10 @@ What is left is a model of fewer variables; each variable that is gone is a fact
 an input, or a number.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from typing import NamedTuple, cast
 
 import casadi as ca
@@ -38,11 +39,13 @@ def eliminate_aliases(dae: Dae) -> tuple[Dae, tuple[Alias, ...]]:
     What becomes such an equation, as a variable in it is zero, is taken out, too.
     """
     aliases: tuple[Alias, ...] = ()
+    relations: dict[Equation, _Relation | None] = {}
     while True:
         classes = _Classes(dae)
+        relations = _relations(dae, relations)
         kept = [
             equation
-            for equation, relation in zip(dae.equations, _relations(dae), strict=True)
+            for equation, relation in relations.items()
             if relation is None or not classes.join(equation, relation)
         ]
         new = classes.aliases()
@@ -68,32 +71,35 @@ class _Relation(NamedTuple):
     offset: Fraction
 
 
-def _relations(dae: Dae) -> Iterator[_Relation | None]:
-    """What each equation says if it is that of an alias."""
-    signals = [*dae.variables, *dae.inputs]
-    every = column_of([*(v.symbol for v in signals), *ca.vertsplit(dae.xdot), *ca.vertsplit(dae.p)])
-    residuals = column_of(e.residual for e in dae.equations)
-    pattern = ca.jacobian_sparsity(residuals, every).T
-    starts, rows = pattern.colind(), pattern.row()
-    for k, equation in enumerate(dae.equations):
-        used = rows[starts[k] : starts[k + 1]]
-        if len(used) not in (1, 2) or max(used) >= len(signals):
-            yield None
-            continue
-        yield _relation(equation.residual, [signals[j] for j in used])
+def _relations(dae: Dae, known: Mapping[Equation, _Relation | None]) -> dict[Equation, _Relation | None]:
+    """What each equation says if it is that of an alias; those that have not changed are `known`."""
+    signals = column_of(v.symbol for v in (*dae.variables, *dae.inputs))
+    names = [v.name for v in (*dae.variables, *dae.inputs)]
+    fresh = [e for e in dae.equations if e not in known]
+    residuals = column_of(e.residual for e in fresh)
+    pattern = ca.jacobian_sparsity(residuals, ca.vertcat(signals, dae.xdot, dae.p)).T
+    starts, columns = pattern.colind(), pattern.row()
+    used = [columns[a:b] for a, b in pairwise(starts)]
+    some = [k for k, of in enumerate(used) if len(of) in (1, 2) and max(of) < len(names)]
+    residuals = residuals[some]
+    slopes = ca.jacobian(residuals, signals).T  # by equations
+    offsets = ca.vertsplit(ca.substitute(residuals, signals, ca.SX.zeros(len(names))))
+    found: dict[Equation, _Relation | None] = dict.fromkeys(fresh)
+    for row, (k, (a, b)) in enumerate(zip(some, pairwise(slopes.colind()), strict=True)):
+        entries = {j: slopes.nz[n] for n, j in zip(range(a, b), slopes.row()[a:b], strict=True)}
+        terms = [(names[j], entries.get(j, ca.SX(0))) for j in used[k]]
+        found[fresh[k]] = _relation(terms, offsets[row])
+    return {e: known[e] if e in known else found[e] for e in dae.equations}
 
 
-def _relation(residual: ca.SX, used: Sequence[Variable]) -> _Relation | None:
-    symbols = column_of(v.symbol for v in used)
-    slopes = ca.densify(ca.jacobian(residual, symbols))
-    factors = [rational(slopes[k]) for k in range(len(used))]
-    offset = rational(ca.substitute(residual, symbols, ca.SX.zeros(len(used))))
-    if offset is None or any(f is None or not f for f in factors):
+def _relation(terms: Sequence[tuple[str, ca.SX]], offset: ca.SX) -> _Relation | None:
+    factors, value = [rational(slope) for _, slope in terms], rational(offset)
+    if value is None or any(f is None or not f for f in factors):
         return None
     known = [f for f in factors if f is not None]
-    if len(used) == 2 and (offset or abs(known[0]) != abs(known[1])):
+    if len(known) == 2 and (value or abs(known[0]) != abs(known[1])):
         return None
-    return _Relation(tuple((v.name, f) for v, f in zip(used, known, strict=True)), offset)
+    return _Relation(tuple((name, f) for (name, _), f in zip(terms, known, strict=True)), value)
 
 
 def rational(expression: ca.SX) -> Fraction | None:
@@ -192,14 +198,16 @@ def _substituted(dae: Dae, kept: Sequence[Equation], gone: Mapping[str, Alias]) 
             new.append(rate if of is None or factor == 1 else times * rate)
     expressions = [*(e.residual for e in kept), *(e.residual for e in dae.initial)]
     expressions += [y.expression for y in dae.outputs]
-    column = ca.substitute(column_of(expressions), column_of(old), column_of(new))
-    replaced = iter(ca.vertsplit(column))
+    column, symbols = column_of(expressions), column_of(old)
+    changed = {*ca.jacobian_sparsity(column, symbols).row()}
+    after = ca.vertsplit(ca.substitute(column, symbols, column_of(new)))
+    others = iter(after[len(kept) :])
     return replace(
         dae,
         variables=tuple(stays.values()),
-        equations=tuple(replace(e, residual=next(replaced)) for e in kept),
-        initial=tuple(replace(e, residual=next(replaced)) for e in dae.initial),
-        outputs=tuple(replace(y, expression=next(replaced)) for y in dae.outputs),
+        equations=tuple(replace(e, residual=after[k]) if k in changed else e for k, e in enumerate(kept)),
+        initial=tuple(replace(e, residual=next(others)) for e in dae.initial),
+        outputs=tuple(replace(y, expression=next(others)) for y in dae.outputs),
     )
 
 

@@ -153,11 +153,13 @@ def solved_exactly(
     solved: dict[str, ca.SX] = {}
     if not problem.quantities:
         return solved
+    of_symbol = {q.symbol.element_hash(): q.name for q in problem.quantities}
     for block in blocks_of(ca.jacobian_sparsity(problem.residual, problem.z)):
-        known = [q for q in problem.quantities if q.name in solved]
-        old, new = column_of(q.symbol for q in known), column_of(solved[q.name] for q in known)
+        rows = problem.residual[list(block.rows)]
+        used = [(x, of_symbol.get(x.element_hash(), "")) for x in ca.symvar(rows)]
+        known = [(x, solved[name]) for x, name in used if name in solved]
         part = Balance(
-            ca.substitute(problem.residual[list(block.rows)], old, new),
+            ca.substitute(rows, *(column_of(x[k] for x in known) for k in (0, 1))),
             tuple(problem.places[i] for i in block.rows),
             tuple(problem.quantities[j] for j in block.columns),
         )

@@ -354,11 +354,11 @@ class _Translation:
         """
         self.of_time: dict[str, ca.SX] = {}
         known: dict[int, str] = {}
+        if not ca.depends_on(column_of(e.residual for e in equations), self.variables.time):
+            return known
         rates = column_of(self.variables.rates.values())
         used = [(e, {x.name for x in self.variables.of(e.residual)}) for e in equations]
         used = [(e, names) for e, names in used if not ca.depends_on(e.residual, rates)]
-        if not any(ca.depends_on(e.residual, self.variables.time) for e in equations):
-            return known
         more = True
         while more:
             more = False
