@@ -1,4 +1,4 @@
-"""A chain of inertias and gears, with springs or rigid shafts: seconds and memory by its equations.
+"""A chain of inertias and gears, with springs or rigid shafts: seconds of one core and memory.
 
 Usage: ``python -m benchmarks.geared_chain [STAGES ...]``; each line of the table is a process of its own.
 """
@@ -53,11 +53,11 @@ def geared_chain(stages: int, *, springs: bool) -> str:
 
 
 def _measured(stages: int, *, springs: bool) -> str:
-    begun = time.perf_counter()
+    begun = time.process_time()
     dae, report = translate(flat_model(geared_chain(stages, springs=springs)))
     at = operating_point(dae, report)
     model = mbdlft.linearize_dae(at)
-    seconds, memory = time.perf_counter() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    seconds, memory = time.process_time() - begun, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     of = "springs" if springs else "rigid shafts"
     numbers = f"{len(dae.equations)} | {len(at.structure.states)} | {model.order}"
     return f"| {of} | {numbers} | {seconds:.1f} | {memory / 1024:.0f} |"

@@ -25,6 +25,7 @@ from scipy.sparse.linalg import splu
 
 import mbdlft
 from mbdlft.base.errors import MbdlftError, SceneError, TrimError
+from mbdlft.dae.dae import Output
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import FlatModel, ModelicaTable, operating_point, translate
@@ -91,9 +92,9 @@ def _compared(flat: FlatModel, point: str) -> tuple[int, int, float]:
     states = [q.name for q in operating_point(dae, report, table).structure.states]
     others = [x.name for x in dae.variables if x.name not in states]
     every = max(1, len(others) // OUTPUTS)
-    names = [x for x in states if any(x == v.name for v in dae.variables)] + others[::every]
-    table = replace(table, outputs=tuple(names))
-    dae, report = translate(flat, table)
+    names = {*states, *others[::every]}
+    read = (Output(x.name, x.symbol, x.unit) for x in dae.variables if x.name in names)
+    dae = replace(dae, outputs=tuple(read))
     at = operating_point(dae, report, table)
     model = mbdlft.linearize_dae(at)
     return len(at.structure.states), len(dae.equations), _error(at, model)
