@@ -49,8 +49,9 @@ def _is_accepted(system: System, bounds: Bounds) -> bool:
 def _given(kind: str, random: np.random.Generator) -> Iterator[Forged]:
     """Proofs, or whole analyses, of another system, or of this one with another range or number."""
     system, bounds = analysis(kind)
+    names = random.choice([k for k in KINDS if k != kind], 2)
     for _ in range(DRAWS):
-        name = str(random.choice([k for k in KINDS if k != kind]))
+        name = str(random.choice(names))
         other_system, other = analysis(name)
         match int(random.integers(4)):
             case 0:
@@ -64,7 +65,8 @@ def _given(kind: str, random: np.random.Generator) -> Iterator[Forged]:
                 reach = {"low": p.nominal - share * (p.nominal - p.low)}
                 reach |= {"high": p.nominal + share * (p.high - p.nominal)}
                 own[k] = replace(p, **reach)
-                yield "another range", replace(_plain(system), parameters=Parameters(tuple(own))), bounds
+                ranged = replace(_plain(system), parameters=Parameters(tuple(own)))
+                yield "another range", ranged, _claiming(bounds, bounds.claim.bound)
             case _:
                 part = str(random.choice(["M11", "M12", "M21", "M22"]))
                 matrix = getattr(system.lft, part).copy()
@@ -134,19 +136,20 @@ def _matrices(lft: Any) -> tuple[Any, ...]:
 
 def _stretched(system: System, bounds: Bounds) -> Bounds:
     """The analysis with the best bound that is accepted with its proof, to the last bit."""
-    fresh, above = bounds.claim.bound, bounds.is_from_above
-    nothing = {"delta": {}, "worst": {}, "motion": None}
-
-    def claiming(bound: float) -> Bounds:
-        if bounds.kind == "largest real part":
-            return replace(bounds, upper=bound)
-        ends = {"lower": 0.0, "upper": bound} if above else {"lower": bound, "upper": np.inf}
-        return replace(bounds, **nothing, **ends)
-
-    good, bad = fresh, bounds.reached - (1.0 if above else -1.0) * 0.1 * abs(bounds.reached)
+    sign = 0.1 if bounds.is_from_above else -0.1
+    good, bad = bounds.claim.bound, bounds.reached - sign * abs(bounds.reached)
     for _ in range(STEPS):
         middle = 0.5 * (good + bad)
         if middle in (good, bad):
             break
-        good, bad = (middle, bad) if _is_accepted(system, claiming(middle)) else (good, middle)
-    return claiming(good)
+        good, bad = (middle, bad) if _is_accepted(system, _claiming(bounds, middle)) else (good, middle)
+    return _claiming(bounds, good)
+
+
+def _claiming(bounds: Bounds, bound: float) -> Bounds:
+    """The analysis with another bound, which nothing is said to reach, where that may be."""
+    if bounds.kind == "largest real part":
+        return replace(bounds, upper=bound)
+    ends = {"lower": 0.0, "upper": bound} if bounds.is_from_above else {"lower": bound, "upper": np.inf}
+    nothing: dict[str, Any] = {"delta": {}, "worst": {}, "motion": None}
+    return replace(bounds, **nothing, **ends)
