@@ -39,6 +39,7 @@ _SURE = 0.99  # of the dual value, which a solver knows to some digits: it is co
 _NOTHING = 1e-6  # a solver does not tell smaller values from zero, which is a bound, too
 _SOLVED = ("Solved", "AlmostSolved")  # a value of any other status may be far above
 _MOST_SKEW = 10.0  # of D: with larger G, plant and controller are hard to put together
+_CLOSE = 1.0 - 1e-3  # of the least gamma: a bound that is as near is not looked for in another unit
 _FAR = 4.0  # of gamma from its unit: further, the program is solved in another one
 MOST_STATES = 30  # beyond it the program takes minutes
 
@@ -121,16 +122,21 @@ def _blind(plant: Opened) -> list[list[Array]]:
     return [[inside[part] for part in columns[:3]], [given[part] for part in rows[:3]]]
 
 
-def _negative(plant: Opened, blind: list[list[list[Array]]], x: Array, coupled: float) -> list[Array]:
-    """Matrices that have to be negative, with `coupled` in the place of I; the last of x is gamma."""
+def _negative(
+    plant: Opened, blind: list[list[list[Array]]], x: Array, coupled: float, fixed: float = 1.0
+) -> list[Array]:
+    """Matrices that have to be negative, with `coupled` in the place of I; the last of x is gamma.
+
+    What has none of the unknowns is multiplied by `fixed`.
+    """
     found, (n, r) = list[Array](), (plant.states, sum(plant.sizes))
     sides = sides_of(plant, x)
     for (S, D, G), ((state, w, u), (rate, z, y)) in zip(sides, blind, strict=True):
         half = state.T @ S @ rate + z.T @ (0.5 * D @ z + G @ w)
         half -= 0.5 * (w.T @ D @ w + x[-1] * u.T @ u)
-        found.append(np.block([[half + half.T, y.T], [y, -x[-1] * np.eye(len(y))]]))  # by Schur
+        found.append(np.block([[half + half.T, fixed * y.T], [fixed * y, -x[-1] * np.eye(len(y))]]))
         found.append(-np.block([[D, G / _MOST_SKEW], [-G / _MOST_SKEW, D]]).reshape(2 * r, 2 * r))
-    eye = coupled * np.eye(n)
+    eye = fixed * coupled * np.eye(n)
     return [*found, -np.block([[sides[1].S, eye], [eye, sides[0].S]])]
 
 
@@ -148,19 +154,18 @@ def program(plant: Opened, coupled: float = 1.0) -> Program:
     """The matrix inequalities."""
     import clarabel  # here because it is slow to import
 
-    def at(x: Array) -> Array:
-        return np.concatenate([vectors(M[None])[0] for M in _negative(plant, blind, x, coupled)])
+    def at(x: Array, fixed: float) -> Array:
+        return np.concatenate([vectors(M[None])[0] for M in _negative(plant, blind, x, coupled, fixed)])
 
     blind = [_blind(plant), _blind(plant.transposed)]
     pairs = [size * size for size in plant.sizes]
     units = np.eye(plant.states * (plant.states + 1) + 2 * sum(pairs) + 1)
-    first = at(0.0 * units[0])
     sizes = [len(M) for M in _negative(plant, blind, units[-1], coupled)]
     trace = [sum(np.trace(side.S) + np.trace(side.D) for side in sides_of(plant, x)) for x in units[:-1]]
     identity = [vectors(float(k < 4) * np.eye(size)[None])[0] for k, size in enumerate(sizes)]
     return Program(
-        sparse.csc_matrix(np.column_stack([at(x) - first for x in units])),
-        -first,
+        sparse.csc_matrix(np.column_stack([at(x, 0.0) for x in units])),
+        -at(0.0 * units[0], 1.0),
         [clarabel.PSDTriangleConeT(size) for size in sizes if size],
         np.array(trace),
         np.concatenate(identity),
@@ -176,8 +181,8 @@ class Least(NamedTuple):
     bound: float  # 0 if not known
 
 
-def least_gamma(plant: Opened) -> Least:
-    """Solved again in another unit, where gamma is far from 1."""
+def least_gamma(plant: Opened, enough: float = np.inf) -> Least:
+    """Solved again in another unit, where gamma is far from 1 and the bound below `enough` of it."""
     unit = 1.0
     for _ in range(2):
         M = plant.M.copy()
@@ -194,7 +199,8 @@ def least_gamma(plant: Opened) -> Least:
             missed = np.abs(problem.rows.T @ np.array(solution.z) + cost) @ np.abs(np.array(solution.x))
             bound = (float(solution.obj_val_dual) - float(missed)) * unit
         least = Least(within, unit, gamma, bound if np.isfinite(bound) and bound > _NOTHING else 0.0)
-        if not _NOTHING < gamma < 1.0 / _NOTHING or 1.0 / _FAR < gamma / unit < _FAR:
+        is_near = 1.0 / _FAR < gamma / unit < _FAR or bound > enough * gamma
+        if is_near or not _NOTHING < gamma < 1.0 / _NOTHING:
             break
         unit = gamma
     return least
@@ -207,4 +213,4 @@ def full_order_bound(opened: Network, goals: Sequence[Goal], point: Array | None
     all channels of the goals at once, over their limits.
     """
     plant = opened_plant(opened, goals, point=point)
-    return 0.0 if plant.states > MOST_STATES else _SURE * least_gamma(plant).bound
+    return 0.0 if plant.states > MOST_STATES else _SURE * least_gamma(plant, _CLOSE).bound
