@@ -85,7 +85,9 @@ def read_values(
                 solved = solved or _solution(open_, equations, parameters.values, evaluator)
                 parameters.values[name] = solved[name]
                 continue
-            parameters.values[name] = _value(d, table, evaluator)
+            parameters.values[name] = value = _value(d, table, evaluator)
+            if d.type == "Integer" and isinstance(value, Fraction) and value.denominator != 1:
+                raise SceneError(f"expected a whole number, got {float(value):g}.")
             if d.type == "Real":
                 _keep(d, table.parameters.get(name), evaluator, parameters)
             elif table.parameters.get(name):

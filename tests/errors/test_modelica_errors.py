@@ -240,6 +240,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 "Real x; parameter Real a;" => m.mof … line 2: parameter 'a': it has no value. Give it one there
 "Real x; parameter Real a(fixed=false) = 1;" => m.mof … initial equations give its value
 "Real x; parameter Real a = time;" => m.mof … parameter 'a': its value depends on time
+"Real x; parameter Integer n = 3/2;" => m.mof … parameter 'n': expected a whole number, got 1.5
 "Real x; parameter Real a = b;" => m.mof … parameter 'a': 'b' is not declared
 "Real x; parameter Real a = a;" => m.mof … its value depends on itself: a -> a. Give one
 "Real x; parameter Real a = b;\nparameter Real b = 2*c;\nparameter Real c = a;"
