@@ -108,7 +108,7 @@ def test_loads_lie_between_the_least_and_the_largest() -> None:
 
 def test_the_first_sentence_follows_the_certificate() -> None:
     model = model_of("pendulum")
-    assert "no fewer do" in verdict_sentence(model)
+    assert "proved to be the least" in verdict_sentence(model)
     c = replace(model.certificate, order=(3, 2), raw_order=(3, 2))
     assert "has at least 3" in verdict_sentence(replace(model, certificate=c))
     c = replace(model.certificate, exact=False, truncation_error=0.1)

@@ -167,8 +167,8 @@ def draw_grid(axes: Axes, which: Lines = "major") -> None:
 
 
 def facts(model: System) -> str:
-    """Name, number of parameters and order of a model, as a title."""
-    return f"{model.name}: {len(model.parameters)} parameters, order {model.order}"
+    """Name, order and number of parameters of a model, as a title."""
+    return f"{model.name}: order {model.order}, parameters: {len(model.parameters)}"
 
 
 class Channels(NamedTuple):

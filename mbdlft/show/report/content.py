@@ -92,7 +92,7 @@ def parameter_rows(model: System) -> tuple[ParameterRow, ...]:
 def verdict_sentence(model: System) -> str:
     """The first thing that a reader wants to know of the order and of exactness."""
     if not isinstance(model, LFTModel):
-        return f"The model has {model.order} repetitions; it is stored without evidence."
+        return f"The model has order {model.order}; it is stored without evidence."
     c, text = model.certificate, model.provenance.scene
     made = "the connection of its parts"
     if _SCENE in text:
@@ -103,11 +103,11 @@ def verdict_sentence(model: System) -> str:
     if c.exact:
         exact = f"The model equals {made} at every value of the parameters, up to rounding."
     if c.minimal:
-        size = f"It has {model.order} repetitions of the parameters, and it is proved that no fewer do."
+        size = f"Its order, all repetitions of parameters, is {model.order}: proved to be the least."
     else:
         size = (
-            f"It has {model.order} repetitions of the parameters; it is proved that every such model "
-            f"has at least {c.order_bound}."
+            f"Its order, all repetitions of parameters, is {model.order}; it is proved that every such "
+            f"model has at least {c.order_bound}."
         )
     return f"{exact} {size}"
 
