@@ -233,7 +233,7 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 "Real x; Real x;" => m.mof … line 2: variable 'x': it is declared twice
 "Real x[2]; Real 'x[1]';" => m.mof … 'x[1]' is declared twice
 "Real x; parameter Real a = 1; parameter Real a = 2;" => m.mof … parameter 'a': it is declared twice
-"Real x; Real y[3000, 3000];" => m.mof … 'y': an array has at most 100000 entries, got 9000000
+"Real x; Real y[400, 400];" => m.mof … 'y': an array has at most 100000 entries, got 160000
 "Real x; Real y[-1];" => m.mof … variable 'y': expected a size from 0 to 10000, got -1
 "Real x(start=x);" => m.mof … line 2: variable 'x': 'x' is not declared
 "Real x; Real y(start=2*x);" => m.mof … variable 'y': start: it depends on the variable x
