@@ -329,6 +329,50 @@ def test_order_of_a_chain_is_its_bound() -> None:
     assert (len(model.functions), len(model.omega)) == (8, 8)
 
 
+def test_orders_of_a_heat_exchanger_and_an_induction_machine_are_their_bounds() -> None:
+    """Six cells in counterflow; and fluxes whose currents are unknowns of the equations."""
+    d, n = DaeDraft("exchanger"), 6
+    U, hot, cold = (
+        d.parameter(Parameter(name, x, percent=20)) for name, x in zip("Uhc", (2, 1.5, 1.2), strict=True)
+    )
+    a, b, q = ([d.variable(f"{name}{k}") for k in range(n)] for name in "abq")
+    before, after = [d.input("T1"), *a], [*b[1:], d.input("T2")]
+    for k in range(n):
+        d.equation(q[k], equals=U * (a[k] - b[k]))
+        d.equation(d.der(a[k]), equals=hot * (before[k] - a[k]) - q[k])
+        d.equation(d.der(b[k]), equals=cold * (after[k] - b[k]) + q[k])
+    d.output(f"a{n - 1}")
+    d.output("b0")
+    assert_minimal(d, 18)
+    d = DaeDraft("machine")
+    Rs, Rr, Ls, Lr, Lm, w = (
+        d.parameter(Parameter(name, x, percent=percent))
+        for name, x, percent in (
+            ("Rs", 1.0, 20),
+            ("Rr", 0.8, 20),
+            ("Ls", 0.11, 5),
+            ("Lr", 0.115, 5),
+            ("Lm", 0.1, 5),
+            ("w", 100.0, 50),
+        )
+    )
+    flux = [d.variable(f"psi{k}") for k in range(4)]
+    i = [d.variable(f"i{k}") for k in range(4)]
+    for k in (0, 1):
+        d.equation(flux[k], equals=Ls * i[k] + Lm * i[k + 2])
+        d.equation(flux[k + 2], equals=Lm * i[k] + Lr * i[k + 2])
+        d.equation(d.der(flux[k]), equals=d.input(f"u{k}") - Rs * i[k])
+        d.equation(d.der(flux[k + 2]), equals=-Rr * i[k + 2] + (2 * k - 1) * w * flux[3 - k])
+        d.output(f"i{k}")
+    assert_minimal(d, 14)
+
+
+def assert_minimal(draft: DaeDraft, order: int) -> None:
+    model = linearize_dae(draft.dae())
+    assert model.certificate.minimal
+    assert model.order == order
+
+
 def test_a_fit_has_its_bound_in_the_certificate() -> None:
     d = DaeDraft("orifice")
     p = d.parameter(Parameter("p", 2.0, percent=30))
