@@ -89,7 +89,7 @@ class Description(BaseModel):
 
     noun: ClassVar[str] = ""  # what messages call it; its name follows, if it has one
 
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, **fields: Any) -> None:
         try:

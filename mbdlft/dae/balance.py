@@ -1,11 +1,9 @@
 """Solutions of the equations of an equilibrium, block after block: rational in the parameters, or fits.
 
-Linear blocks are solved by elimination with numbers as pivots, and by Cramer's rule for what remains. In
-a nonlinear block, numbers and monomials of parameters are recognized by values, and verified.
-
-What blocks of equations do not give exactly is replaced by rational fits with a proved bound: the
-unknowns z of these blocks, and those entries of the Jacobian that are not rational in z and p, as
-unknowns of their own. So the bound counts all that the linear model is made of, relative to its size.
+Linear blocks are solved by elimination with numbers as pivots, then by Cramer's rule. In a nonlinear
+block, numbers and monomials of parameters are recognized by values, and verified.
+What blocks do not give exactly is replaced by rational fits with a proved bound relative to its size: the
+unknowns z of these blocks, and those entries of the Jacobian that are not rational in z and p.
 """
 
 from collections.abc import Mapping, Sequence
@@ -393,8 +391,8 @@ def _fits(
         names=[p.name for p in parameters],
     )
     values = {p.name: symbol for p, symbol in zip(parameters, symbols, strict=True)}
-    made = [evaluate(parse(text), values, lambda x: ca.SX(literal(x))) for text in fits.expressions]
-    return fits, [ca.SX(expression) for expression in made]
+    texts = fits.expressions
+    return fits, [ca.SX(evaluate(parse(text), values, lambda x: ca.SX(literal(x)))) for text in texts]
 
 
 class Fitted(NamedTuple):

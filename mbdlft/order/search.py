@@ -49,8 +49,7 @@ _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
 _NO_WORK = Work(0.0)
 _ROUNDS = 16  # with other random choices each
-# Of the first round. A refit succeeds from some starts only: of the scenarios, gimbal and ur5 depend on
-# that, and end at 30 or 31, and at 31 to 33.
+# Of the first round. A refit succeeds from some starts only: gimbal ends at 30 or 31, ur5 at 31 to 33.
 _SEED = 1
 _POINTS = 64
 SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
@@ -452,11 +451,7 @@ def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, se
 
 
 def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
-    """LFTs by restrictions of one block after the other, one for each sizes of the blocks.
-
-    The start and all of the smallest are looked at: blocks above their bound first, and the others if
-    these gain nothing. What only lacks digits is left to exact numbers.
-    """
+    """LFTs by restrictions of one block after the other, those above their bound first."""
     start, level = side.start, side.level
     pool, done = {form.blocks: form for form in (*side.forms, start)}, set[tuple[Block, ...]]()
     while not work.is_over:
@@ -488,10 +483,10 @@ def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
 
 def _is_near(candidate: LFT, truth: Truth) -> bool:
     """Whether values are the same but for digits."""
-    fields, values, size = truth.values
+    fields, *values = truth.values
     points = np.array([fields[name] for name, _ in candidate.blocks]).T
     with suppress(WellPosednessError):
-        return _missed(candidate, points, values, size) <= _NEAR
+        return _missed(candidate, points, *values) <= _NEAR
     return False
 
 

@@ -162,6 +162,17 @@ def test_legends_and_labels_have_room(
         assert figure.get_size_inches()[0] == width / 2.54
 
 
+def test_the_worst_gain_may_be_at_infinite_frequency(tmp_path: Path, drawn: list[Figure]) -> None:
+    """10 s/(s + 1000 a) beside a resonance of 50 rad/s: as of an effort, 20 dB by the direct path."""
+    a = Parameter("a", 1.0, percent=20)
+    lag = ["-1000*a", "0", "0", "1"], ["0", "0", "1", "0"], ["0", "-2500", "-2", "1"]
+    matrix = [*lag, ["-10000*a", "100", "0", "10"]]
+    model = mbdlft.realize(matrix, [a], states=3, inputs=["u"], outputs=["y"], name="lead")
+    mbdlft.show.save_singular_values(tmp_path / "f.png", model, worst={"a": 0.9})
+    labels = [text.get_text() for legend in drawn[0].legends for text in legend.get_texts()]
+    assert "worst case: 20.0 dB at infinite frequency" in labels
+
+
 def test_loops_are_drawn_as_they_are(tmp_path: Path, drawn: list[Figure]) -> None:
     """k/(s + 1)^3: values and phases by the size of each point; peaks of closed loops by definition."""
     matrix = [["-1", "0", "0", "k"], ["1", "-1", "0", "0"], ["0", "1", "-1", "0"], ["0", "0", "1", "0"]]

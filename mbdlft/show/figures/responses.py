@@ -47,6 +47,7 @@ from mbdlft.show.figures.figures import (
     write_figure,
 )
 from mbdlft.system.model import System
+from mbdlft.system.sampled import matrices_at
 
 Complex = NDArray[np.complex128]
 _MOST_BODE, _MOST_STEPS = 16, 25  # channels that one figure has room for
@@ -354,6 +355,9 @@ def _draw_worst(
     """The largest singular value of one sample, and where it has its peak."""
     k = int(np.argmax(peaks(values[None])[0]))
     label = f"{what}: {values[k]:.1f} dB at {omega[k]:.4g} rad/s"
+    direct = np.max(decibels(singular_values(matrices_at(model, at).D.astype(complex))))
+    if direct >= np.max(values):
+        label = f"{what}: {direct:.1f} dB at infinite frequency"
     (infinite,) = unbounded_frequencies(model, at)
     infinite = infinite[(infinite > omega[0]) & (infinite < omega[-1])]
     if len(infinite):
