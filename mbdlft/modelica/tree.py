@@ -265,7 +265,7 @@ class FlatModel:
     initial: tuple[Statement, ...] = ()
     refused: tuple[Refused, ...] = ()  # what cannot be translated
     comment: str = ""
-    fixed: tuple["Fixed", ...] = ()
+    fixed: tuple[Fixed, ...] = ()
     functions: Mapping[str, Function] = field(default_factory=dict)
     records: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # fields of records by name
     held: tuple["Event", ...] = ()

@@ -49,6 +49,7 @@ from mbdlft.exact.matrices import (
     entrywise,
     limbs,
     multiplied,
+    null_space,
     pivot_columns,
     powers_of,
     rank,
@@ -437,16 +438,12 @@ def _polynomials(
 def _null_space(equations: Residues, H: _Function, most: int | None = None) -> Residues:
     """Columns that span the null space, or `most` random combinations of more."""
     H.work.add(exact_elimination(*equations.shape))
-    rows, pivots = row_echelon(equations, H.prime)
-    free = np.setdiff1d(np.arange(equations.shape[1]), pivots)
-    if most is None or len(free) <= most:
-        most, chosen, dependent = len(free), np.eye(len(free), dtype=np.int64), rows[:, free]
-    else:
-        chosen = np.random.default_rng(most).integers(1, H.prime, (len(free), most), dtype=np.int64)
-        dependent = multiplied(rows[:, free], chosen, H.prime)
-    basis = np.zeros((equations.shape[1], most), dtype=np.int64)
-    basis[free], basis[pivots] = chosen, -dependent % H.prime
-    return basis
+    basis = null_space(equations, H.prime)
+    free = basis.shape[1]
+    if most is None or free <= most:
+        return basis
+    chosen = np.random.default_rng(most).integers(1, H.prime, (free, most), dtype=np.int64)
+    return multiplied(basis, chosen, H.prime)
 
 
 def _observable(A: Residues, C: Residues, prime: int) -> Residues:

@@ -17,16 +17,13 @@ from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter, to_internal
-from mbdlft.exact.matrices import multiplied, null_space, row_echelon
+from mbdlft.exact.matrices import Residues, multiplied, null_space, row_echelon
 
 _LARGEST = 4  # power of a parameter in an entry
 _SIZE = 2**44  # numerator times denominator of a number that is found: few residues are such by chance
-
-Residues = NDArray[np.int64]
 
 
 class Monomial(NamedTuple):
@@ -78,13 +75,13 @@ class FreeModes:
         return names[state] + "".join(e.name(self.parameters, names[j]) for j, e in others.items())
 
 
-def unobservable(A: Residues, C: Residues, prime: int) -> tuple[Residues, list[int]]:
-    """V' (J, n) in reduced echelon form, and its pivots J."""
+def unobservable(A: Residues, C: Residues, prime: int) -> Residues:
+    """Independent rows V' (J, n) that span it."""
     seen, count = row_echelon(C, prime)[0], -1
     while count != len(seen):
         count = len(seen)
         seen, _ = row_echelon(np.vstack([seen, multiplied(seen, A, prime)]), prime)
-    return row_echelon(null_space(seen, prime).T, prime)
+    return null_space(seen, prime).T
 
 
 def free_modes(
@@ -93,12 +90,21 @@ def free_modes(
     """The free modes of A and C that a function gives at integers (n_p,) and a seed, with the prime.
 
     The states that go are the first or the last that can, whatever divides by fewer parameters. None if
-    there are no such modes, or an entry is not a monomial.
+    an entry is not a monomial.
     """
-    first = _free_modes(at, parameters, 1)
+    count = len(parameters)
+    draw = np.random.default_rng(count).integers(2, 2**40, (2, count)).tolist()
+    A, C, prime = at(draw[0], 0)
+    spaces = [unobservable(A, C, prime)]
+    if not len(spaces[0]):
+        return FreeModes((), {}, parameters)
+    spaces.append(unobservable(*at(draw[1], 1)))
+    doubled = ([x << (i == k) for i, x in enumerate(draw[0])] for k in range(count))
+    spaces += [unobservable(*at(point, 0)) for point in doubled]
+    first = _by_monomials(spaces, prime, draw, parameters, 1)
     if first is None or not _divisions(first):
         return first
-    last = _free_modes(at, parameters, -1)
+    last = _by_monomials(spaces, prime, draw, parameters, -1)
     return min((modes for modes in (first, last) if modes is not None), key=_divisions)
 
 
@@ -106,32 +112,23 @@ def _divisions(modes: FreeModes) -> int:
     return sum(power < 0 for entry in modes.entries.values() for power in entry.powers)
 
 
-def _free_modes(
-    at: Callable[[Sequence[int], int], tuple[Residues, Residues, int]],
+def _by_monomials(
+    spaces: Sequence[Residues],
+    prime: int,
+    points: Sequence[Sequence[int]],
     parameters: tuple[Parameter, ...],
     step: int,
 ) -> FreeModes | None:
-    """As `free_modes`, with states in their order (step 1) or the reverse one (-1)."""
-
-    def modes_at(point: Sequence[int], seed: int) -> tuple[Residues, list[int], int]:
-        A, C, prime = at(point, seed)
-        V, pivots = unobservable(A[::step, ::step], C[:, ::step], prime)
-        return V[:, ::step], [k if step > 0 else len(A) - 1 - k for k in pivots], prime
-
-    draw = np.random.default_rng(len(parameters)).integers(2, 2**40, (2, len(parameters))).tolist()
-    V, dropped, prime = modes_at(draw[0], 0)
-    if not dropped:
+    """The modes by the first states that can go (step 1) or the last (-1), if entries are monomials."""
+    forms = [row_echelon(space[:, ::step], prime) for space in spaces]
+    pivots = forms[0][1]
+    if any(others != pivots for _, others in forms):
         return None
-    values = [V]
-    doubled = ([x << (i == k) for i, x in enumerate(draw[0])] for k in range(len(parameters)))
-    for k, point in enumerate((draw[1], *doubled)):
-        other, pivots, _ = modes_at(point, int(k == 0))
-        if pivots != dropped:
-            return None
-        values.append(other)
+    values, order = [V[:, ::step] for V, _ in forms], range(spaces[0].shape[1])[::step]
+    dropped = [order[k] for k in pivots]
     entries = {
-        (int(s), dropped[j]): _monomial([int(one[j, s]) for one in values], draw, prime)
-        for j, s in np.argwhere(V)
+        (int(s), dropped[j]): _monomial([int(V[j, s]) for V in values], points, prime)
+        for j, s in np.argwhere(values[0])
         if s not in dropped
     }
     found = {place: entry for place, entry in entries.items() if entry}

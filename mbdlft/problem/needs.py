@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.array import Array
 from mbdlft.base.unit import Signal
-from mbdlft.exact.matrices import entrywise, multiplied, solved
+from mbdlft.exact.matrices import Residues, entrywise, multiplied, solved
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.free_modes import FreeModes, free_modes
 from mbdlft.problem.relations import Lifted, LinearModel
@@ -100,12 +100,18 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
     m, every = relations, np.ones(states, dtype=bool)
     if not ignorable:
         return Need(m, tuple(range(states)), every, every)
-    n, known = m.unknown.numel(), m.known.numel()
     seen = _seen_exactly(m, states, ignorable)
     kept, dropped = np.flatnonzero(seen).tolist(), np.flatnonzero(~seen).tolist()
-    both, lifted = _stilled(m, ca.vertcat(m.residual, m.output), rows_of(m.known, dropped))
+    smaller = _without(m, ca.vertcat(m.residual, m.output), kept, dropped)
+    return Need(smaller, tuple(kept), seen, every)
+
+
+def _without(m: LinearModel, both: ca.SX, kept: Sequence[int], dropped: Sequence[int]) -> LinearModel:
+    """Relations of kept states, of rows [residual ; output] that do not depend on the dropped ones."""
+    n, known, states = m.unknown.numel(), m.known.numel(), len(kept) + len(dropped)
+    both, lifted = _stilled(m, both, rows_of(m.known, dropped))
     residual, output = ca.vertsplit(both, [0, n, both.numel()])
-    smaller = replace(
+    return replace(
         m,
         residual=residual,
         output=output,
@@ -114,26 +120,23 @@ def all_states(relations: LinearModel, states: int, ignorable: Sequence[int] = (
         derivatives=len(kept),
         lifted=lifted,
     )
-    return Need(smaller, tuple(kept), seen, every)
 
 
 def without_free_modes(need: Need) -> Need:
     """The relations with states measured from those of a free mode, which are gone."""
     m, count = need.relations, len(need.states)
+    if not count:
+        return need
 
-    def at(values: Sequence[int], seed: int) -> tuple[NDArray[np.int64], NDArray[np.int64], int]:
-        n = m.unknown.numel()
+    def at(values: Sequence[int], seed: int) -> tuple[Residues, Residues, int]:
         given = dict(zip((s.element_hash() for s in ca.vertsplit(m.p)), values, strict=True))
-        matrix, prime = _slopes(m, count, _SEED + seed, given)
-        follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
-        seen = (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime
-        return follow[:count], seen, prime
+        return _dynamics(m, count, _SEED + seed, given)
 
     try:
-        free = free_modes(at, m.parameters) if count else None
+        free = free_modes(at, m.parameters)
     except ZeroDivisionError:
         return need  # singular; to be reported where they are solved
-    if free is None:  # there are none, or other functions of parameters are in them
+    if free is None:  # other functions of parameters are in them
         alone = np.flatnonzero(~_seen_exactly(m, count, range(count)))
         free = FreeModes(tuple(alone.tolist()), {}, m.parameters)
     if not free.dropped:
@@ -144,24 +147,12 @@ def without_free_modes(need: Need) -> Need:
         V[s, j] = entry.symbol(m.p)
     rates = m.unknown[:count]
     both = ca.substitute(ca.vertcat(m.residual, m.output), rates, rates + V @ rates)
-    both, lifted = _stilled(m, both, rows_of(m.known, free.dropped))
-    n, known = m.unknown.numel(), m.known.numel()
-    residual, output = ca.vertsplit(both, [0, n, both.numel()])
-    smaller = replace(
-        m,
-        residual=residual,
-        output=output,
-        unknown=rows_of(m.unknown, [*stay, *range(count, n), *free.dropped]),
-        known=rows_of(m.known, [*stay, *range(count, known)]),
-        derivatives=len(stay),
-        lifted=lifted,
-    )
     place = need.states
     entries = {(place[s], place[j]): entry for (s, j), entry in free.entries.items()}
     dropped = tuple(place[j] for j in free.dropped)
     return replace(
         need,
-        relations=smaller,
+        relations=_without(m, both, stay, free.dropped),
         states=tuple(place[k] for k in stay),
         seen=need.seen & ~np.isin(np.arange(len(need.seen)), dropped),
         free=replace(free, dropped=dropped, entries=entries),
@@ -170,23 +161,27 @@ def without_free_modes(need: Need) -> Need:
 
 def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask:
     """Which states (n_x,) are not ignorable, or have others or outputs that depend on them."""
-    n, places = m.unknown.numel(), list(ignorable)
-    matrix, prime = _slopes(m, states)
-    seen = np.ones(states, dtype=bool)
+    places, seen = list(ignorable), np.ones(states, dtype=bool)
     try:
-        follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
+        A, C, _ = _dynamics(m, states)
     except ZeroDivisionError:
         return seen  # singular; to be reported where they are solved
-    outputs = (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime
-    seen[places] = outputs[:, places].any(axis=0)
-    while np.any(more := follow[:states][seen].any(axis=0) & ~seen):
+    seen[places] = C[:, places].any(axis=0)
+    while np.any(more := A[seen].any(axis=0) & ~seen):
         seen |= more
     return seen
 
 
-def _slopes(
+def _dynamics(
     m: LinearModel, states: int, seed: int = _SEED, given: Mapping[int, int] = MappingProxyType({})
-) -> tuple[NDArray[np.int64], int]:
+) -> tuple[Residues, Residues, int]:
+    """Residues of A and C, and the prime; a ZeroDivisionError if unknowns are not determined."""
+    n, (matrix, prime) = m.unknown.numel(), _slopes(m, states, seed, given)
+    follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
+    return follow[:states], (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime, prime
+
+
+def _slopes(m: LinearModel, states: int, seed: int, given: Mapping[int, int]) -> tuple[Residues, int]:
     """Residues of the slopes of [residual ; output] by [unknown ; states], and the prime.
 
     Parameters are given by the hashes of their symbols, or random.

@@ -21,7 +21,7 @@ from mbdlft.robust.bisect.characteristic import Realization, is_hurwitz
 from mbdlft.system.conversion import positions_of
 from mbdlft.system.model import System
 
-_AXIS = 1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
+AXIS = 1e-9  # of the size of a pole, or of the largest: nearer to the axis, it is said to lie on it
 _DEPENDENT = 1e10  # condition of modes from which on states are only scaled
 
 
@@ -153,7 +153,7 @@ def stable_states(
     pole, size = poles[worst], float(np.max(np.abs(poles)))
     names = moving_most(model, stay, shapes[:, worst])
     where = f"{pole.real:.4g}{pole.imag:+.4g}j rad/s, in which {names} move"
-    if abs(pole.real) <= _AXIS * max(abs(pole), size):
+    if abs(pole.real) <= AXIS * max(abs(pole), size):
         raise AnalysisError(
             f"{what}: model {model.name!r}: the nominal model has a pole on the imaginary axis, {where}: "
             "no range is robustly stable. Close a loop around this mode, or give it damping"

@@ -193,7 +193,7 @@ def tune(
     net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
     with one_thread():
-        least = least_values(net, goals, lambda: connected(_as_matrices(systems)))
+        least = least_values(net, goals, lambda: connected(as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
         points = np.zeros((1, len(net.system.parameters)))
         best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
@@ -405,7 +405,7 @@ def _reached(
     return Reached(goal, tuned_to, worst, proved, least, loop, bounds)
 
 
-def _as_matrices(systems: Sequence[Any]) -> list[Any]:
+def as_matrices(systems: Sequence[Any]) -> list[Any]:
     """Systems with matrices in place of controllers with free values."""
     return [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
 

@@ -36,10 +36,10 @@ from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.moving.variation import conic_solution
 from mbdlft.robust.proofs import verify
 from mbdlft.synthesis.bound import MOST_STATES, Opened, Side, least_gamma, opened_plant, program, sides_of
-from mbdlft.synthesis.box import Tuning, as_tuning, least_values
+from mbdlft.synthesis.box import Tuning, as_matrices, as_tuning, least_values
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, network
-from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
+from mbdlft.synthesis.pieces import TunableSystem
 from mbdlft.synthesis.structure import system_of, tunable_system
 from mbdlft.system.model import Parameters, System
 
@@ -128,7 +128,7 @@ def lpv_synthesis(
             f"got {wrong}."
         )
     connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
-    net = connected([tunable_gain(s.name, *s.channels) if s is free[0] else s for s in systems])
+    net = connected(as_matrices(systems))
     known = net.system.parameters
     names = [p.name for p in known if p.role == "scheduled"] if measured is None else list(measured)
     check_known("parameter", names, known.names, "lpv_synthesis: measured", StructureError)

@@ -20,7 +20,7 @@ from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
 from mbdlft.robust.bisect.characteristic import is_hurwitz
-from mbdlft.robust.realization import or_left_out
+from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
@@ -37,7 +37,6 @@ _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
 _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
-_AXIS = 1e-9  # of the largest pole: nearer to the axis, a pole is said to lie on it
 _UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
 _PEAK = 1e-9  # of a norm: its tolerance
@@ -203,7 +202,7 @@ class Tuner:
             for p, d in zip(self.net.system.parameters, self.points[i], strict=True)
         )
         text = f"tune: no values were found that make the loop stable{point and ' at '}{point}: "
-        where = "right" if poles[i, k].real > _AXIS * np.max(np.abs(poles[i])) else "axis"
+        where = "right" if poles[i, k].real > AXIS * np.max(np.abs(poles[i])) else "axis"
         text += f"the pole {pole_text(complex(poles[i, k]))} stays on the {where}. "
         # how much of the direction of the mode of the open loop the channels see and move
         values, left, right = eigenvectors_of(self.family.X[i, :n, :n])
