@@ -156,7 +156,7 @@ def _single(text: str, node: ast.expr, known: Mapping[str, Any], functions: Func
             value = _value(text, operand, known, functions)
             return functions["neg"](value) if signs % 2 else value
         case ast.Compare(left=left, ops=[sign], comparators=[right]):
-            operands = [_value(text, part, known, functions) for part in (left, right)]
+            operands = [_value(text, side, known, functions) for side in (left, right)]
             return functions[_SIGNS[type(sign)][0]](*operands)
         case ast.Call(func=ast.Name(id=name), args=arguments) if name in functions:
             return functions[name](*(_value(text, a, known, functions) for a in arguments))

@@ -244,12 +244,12 @@ def _worst_cases(source: Path, scene: "Scene") -> dict[str, dict[str, float]]:
     if not options.is_archive(source):
         return {}
     names = {parameter.name for parameter in scene.parameters}
-    found = {}
+    points = {}
     for name in archives.analysis_names(source):
         _, bounds = archives.load_analysis(source, name)
         if bounds.worst and set(bounds.worst) <= names:
-            found[f"worst case of {name}"] = dict(bounds.worst)
-    return found
+            points[f"worst case of {name}"] = dict(bounds.worst)
+    return points
 
 
 def _scene(source: Path, model: str | None) -> "Scene":

@@ -413,8 +413,8 @@ def _refuse_options(
     file: Path, table_file: Path | None, model_name: str | None, vary: list[str] | None, at: str | None
 ) -> None:
     """Raise an error if a scene comes with what is for Modelica models."""
-    given = (("--parameters", table_file), ("--model", model_name), ("--at", at))
-    for option, value in (*given, ("--vary", vary[0] if vary else None)):
+    options_given = (("--parameters", table_file), ("--model", model_name), ("--at", at))
+    for option, value in (*options_given, ("--vary", vary[0] if vary else None)):
         if value is not None and not (option == "--model" and options.is_robot(file)):
             raise AnalysisError(
                 f"{option} {value}: it is for Modelica models ({', '.join(options.SUFFIXES)}); {file} is "

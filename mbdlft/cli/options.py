@@ -144,7 +144,7 @@ def by_name(
     """
     values = {}
     for text in texts or ():
-        name, equals, value = (part.strip() for part in text.partition("="))
+        name, equals, value = (side.strip() for side in text.partition("="))
         try:
             if not (name and equals):
                 raise ValueError

@@ -198,8 +198,10 @@ def time_left(seconds: float, done: float, count: float) -> str:
     """Words on the time for the other pieces, if `done` of `count` took these seconds; none at first."""
     if not 0.0 < done < count:
         return ""
-    left = round(seconds * (count - done) / done)
-    if left < 60:
-        return f"about {left} s left"
-    minutes, hours = left // 60, left // 3600
-    return f"about {minutes} min left" if left < 3600 else f"about {hours} h {minutes % 60} min left"
+    seconds_left = round(seconds * (count - done) / done)
+    if seconds_left < 60:
+        return f"about {seconds_left} s left"
+    minutes, hours = seconds_left // 60, seconds_left // 3600
+    return (
+        f"about {minutes} min left" if seconds_left < 3600 else f"about {hours} h {minutes % 60} min left"
+    )

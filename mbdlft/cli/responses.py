@@ -434,12 +434,12 @@ def _table(run: "Simulation") -> str:
 
 def _signal(text: str, times: "Array") -> "Array":
     """Values of an input at times, of its rate and of its rate's (3, N); a ValueError if it is none."""
-    kind, colon, rest = text.partition(":")
+    kind, colon, size_text = text.partition(":")
     if not colon or kind == "step":
-        size, _, begin = (rest if colon else text).partition("@")
+        size, _, begin = (size_text if colon else text).partition("@")
         return np.where(times >= float(begin or 0.0), float(size), 0.0) * [[1.0], [0.0], [0.0]]
     if kind == "sine":
-        height, rate = map(float, rest.split(":"))
+        height, rate = map(float, size_text.split(":"))
         quarters = rate * times + 0.5 * np.pi * np.arange(3)[:, None]
         return np.asarray(height * rate ** np.arange(3)[:, None] * np.sin(quarters))
     raise ValueError(text)

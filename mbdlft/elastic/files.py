@@ -317,19 +317,19 @@ def _bulk_data(file: Path, limit: int, folder: Path | None = None) -> bytes:
     """
     if file.suffix.lower() == ".op4":
         return content_of(file, StructureError, limit)
-    top, parts, size = folder or file.resolve().parent, list[bytes](), 0
+    top, pieces, size = folder or file.resolve().parent, list[bytes](), 0
     for k, piece in enumerate(_INCLUDE.split(content_of(file, StructureError, limit))):
         if not k % 2:
-            parts.append(piece)
+            pieces.append(piece)
         else:
             name = b"".join(piece.split()).decode("latin-1").strip("'\"")
             places = [place / name for place in (file.resolve().parent, top)]
             path = next((place.resolve() for place in places if place.exists()), places[0].resolve())
             if not path.is_relative_to(top) or path == file.resolve():
                 raise StructureError(f"{file}: INCLUDE reads files below {top} only, got {name!r}.")
-            parts.append(_bulk_data(path, limit - size, top))
-        size += len(parts[-1])
-    return b"".join(parts)
+            pieces.append(_bulk_data(path, limit - size, top))
+        size += len(pieces[-1])
+    return b"".join(pieces)
 
 
 def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str, limit: int) -> dict[str, Any]:

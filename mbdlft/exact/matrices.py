@@ -209,11 +209,11 @@ def zeros(n: int, m: int, prime: int) -> ExactMatrix:
 
 def identity(n: int, prime: int) -> ExactMatrix:
     """The identity."""
-    one = zeros(n, n, prime)
+    result = zeros(n, n, prime)
     diagonal = np.arange(n)
-    one.residues[diagonal, diagonal] = 1
-    one.balls[diagonal, diagonal] = flint.arb(1)
-    return one
+    result.residues[diagonal, diagonal] = 1
+    result.balls[diagonal, diagonal] = flint.arb(1)
+    return result
 
 
 def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:

@@ -146,7 +146,7 @@ def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[Ex
     fresh = [M[block, n:][:, space.taken[0]] for block, space in zip(blocks, spaces, strict=True)]
     bases = fresh
     for step in range(1, max((len(space.taken) for space in spaces), default=0)):
-        sources = [k for k, one in enumerate(fresh) if one.shape[1]]
+        sources = [k for k, columns_of in enumerate(fresh) if columns_of.shape[1]]
         ends = np.cumsum([0, *(fresh[k].shape[1] for k in sources)]).tolist()
         following = []
         for block, space in zip(blocks, spaces, strict=True):
@@ -210,10 +210,10 @@ def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
     ones = (np.count_nonzero(chosen.residues, axis=1) == 1) & np.any(chosen.residues == 1, axis=1)
     heads, first = np.unique(np.argmax(chosen.residues, axis=1)[ones], return_index=True)
     of_one = np.flatnonzero(ones)[first]
-    rest, tails = (np.setdiff1d(np.arange(len(rows)), part) for part in (of_one, heads))
-    solved = chosen[np.ix_(rest, tails)].T.solve(Y[:, tails].T).T
-    left = Y[:, heads] + (-(solved @ chosen[np.ix_(rest, heads)]))
-    below = stacked([[left, solved]])[:, np.argsort([*of_one, *rest])]
+    others_of, tails = (np.setdiff1d(np.arange(len(rows)), columns_of) for columns_of in (of_one, heads))
+    solved = chosen[np.ix_(others_of, tails)].T.solve(Y[:, tails].T).T
+    unsolved = Y[:, heads] + (-(solved @ chosen[np.ix_(others_of, heads)]))
+    below = stacked([[unsolved, solved]])[:, np.argsort([*of_one, *others_of])]
     whole = stacked([[identity(len(rows), basis.prime)], [below]])
     return whole[np.argsort([*rows, *others])]
 

@@ -92,14 +92,14 @@ def _declared(
 
 
 def _equations(
-    left: Sequence[str], parts: Sequence[Array], known: Sequence[Sequence[str]]
+    left: Sequence[str], matrices: Sequence[Array], known: Sequence[Sequence[str]]
 ) -> Iterable[str]:
     """Equations left = sum of parts times known signals, without what is zero."""
     for k, name in enumerate(left):
         terms = [
-            f"({float(part[k, j])!r})*{names[int(j)]}"
-            for part, names in zip(parts, known, strict=True)
-            for j in np.flatnonzero(part[k])
+            f"({float(matrix[k, j])!r})*{names[int(j)]}"
+            for matrix, names in zip(matrices, known, strict=True)
+            for j in np.flatnonzero(matrix[k])
         ]
         yield f"  {name} = {' + '.join(terms) or '0'};"
 

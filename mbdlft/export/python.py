@@ -51,9 +51,9 @@ def casadi_function(model: System) -> ca.Function:
     value, _ = value_function("value", model.parameters, model.lft)(ca.vertcat(*values))
     rows = ca.vertsplit(value.T, [0, len(model.states), model.lft.shape[0]])
     columns = [0, len(model.states), model.lft.shape[1]]
-    parts = [part for row in rows for part in ca.horzsplit(row, columns)]
+    blocks = [block for row in rows for block in ca.horzsplit(row, columns)]
     nominal = {"default_in": [p.nominal for p in model.parameters]}
-    return ca.Function(identifier(model.name), values, parts, names, list("ABCD"), nominal)
+    return ca.Function(identifier(model.name), values, blocks, names, list("ABCD"), nominal)
 
 
 def frequency_data(

@@ -215,9 +215,9 @@ def inverse(a: LFT) -> LFT:
     return LFT(a.M11 - a.M12 @ left, a.M12 @ right, -left, right, a.blocks)
 
 
-def stack_rows(*parts: LFT | ArrayLike) -> LFT:
+def stack_rows(*matrices: LFT | ArrayLike) -> LFT:
     """[a ; b ; ...]: the same inputs, outputs one after the other."""
-    items = [as_lft(part) for part in parts]
+    items = [as_lft(matrix) for matrix in matrices]
     result = items[0]
     for b in items[1:]:
         a = result
@@ -229,9 +229,9 @@ def stack_rows(*parts: LFT | ArrayLike) -> LFT:
     return result
 
 
-def stack_columns(*parts: LFT | ArrayLike) -> LFT:
+def stack_columns(*matrices: LFT | ArrayLike) -> LFT:
     """[a , b , ...]: the same outputs, inputs one after the other."""
-    items = [as_lft(part) for part in parts]
+    items = [as_lft(matrix) for matrix in matrices]
     result = items[0]
     for b in items[1:]:
         a = result
@@ -243,9 +243,9 @@ def stack_columns(*parts: LFT | ArrayLike) -> LFT:
     return result
 
 
-def stack_diagonal(*parts: LFT | ArrayLike) -> LFT:
+def stack_diagonal(*matrices: LFT | ArrayLike) -> LFT:
     """diag(a, b, ...)."""
-    items = [as_lft(part) for part in parts]
+    items = [as_lft(matrix) for matrix in matrices]
     widths = [item.shape[1] for item in items]
     rows, before = [], 0
     for item, width in zip(items, widths, strict=True):
@@ -295,8 +295,8 @@ def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
     rows, columns = a.slices(), a.columns()
     stay = tuple(block for block in a.blocks if block.name not in values)
     gone = [block for block in a.blocks if block.name in values]
-    kept_z, kept_w = (_indices(parts, [b.name for b in stay]) for parts in (rows, columns))
-    z, w = (_indices(parts, [b.name for b in gone]) for parts in (rows, columns))
+    kept_z, kept_w = (_indices(ranges, [b.name for b in stay]) for ranges in (rows, columns))
+    z, w = (_indices(ranges, [b.name for b in gone]) for ranges in (rows, columns))
     scale = [block_value(block, values[block.name]) for block in gone]
 
     def closed(left: Array) -> Array:
@@ -348,9 +348,9 @@ def _side_by_side(
     """Positions of the channels of each name: those of an LFT of a size, then those of one behind it."""
     channels: list[int] = []
     for name in names:
-        for start, parts in ((0, first), (size, second)):
-            if name in parts:
-                channels += range(start + parts[name].start, start + parts[name].stop)
+        for start, ranges in ((0, first), (size, second)):
+            if name in ranges:
+                channels += range(start + ranges[name].start, start + ranges[name].stop)
     return np.array(channels, dtype=int)
 
 

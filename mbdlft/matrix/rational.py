@@ -93,8 +93,8 @@ def fractions(
 ) -> list[list[Ratio]] | None:
     """The entries in the internal values of the parameters; None where one is no such fraction."""
     context = flint.fmpq_mpoly_ctx.get([f"p{k}" for k in range(len(problem.parameters))])
-    one = kind(context.constant(1), context.constant(1))
-    values: dict[str, Any] = {name: one.of(x) for name, x in problem.constant_values().items()}
+    unit = kind(context.constant(1), context.constant(1))
+    values: dict[str, Any] = {name: unit.of(x) for name, x in problem.constant_values().items()}
     try:
         for parameter, symbol in zip(problem.parameters, context.gens(), strict=True):
             t = kind(symbol, context.constant(1))
@@ -106,7 +106,7 @@ def fractions(
                 cosine, sine, denominator = cosine_sine_parts(parameter.substitution, t)
                 cosine, sine = cosine / denominator, sine / denominator
                 values |= parts(parameter.name, c0 * cosine - s0 * sine, s0 * cosine + c0 * sine)
-        return matrix_values(problem, resolved, values, one.of)
+        return matrix_values(problem, resolved, values, unit.of)
     except (NotFractionError, MbdlftError):  # such as the sine of a constant
         return None
 
@@ -144,9 +144,9 @@ def least_forms(
     F = _about(N, d, [Fraction(0)] * len(shifts))
     for is_transposed in (False, True):
         turned = F._replace(N=[*zip(*F.N, strict=True)]) if is_transposed else F
-        found = low_relations(turned, Work(_WORK))
-        if found is not None:
-            yield Form(_implicit(found, q, problem), None, is_transposed, is_from_values=True)
+        form = low_relations(turned, Work(_WORK))
+        if form is not None:
+            yield Form(_implicit(form, q, problem), None, is_transposed, is_from_values=True)
 
 
 def _over_one_denominator(entries: Sequence[Sequence[Ratio]]) -> tuple[list[list[Any]], Any]:
@@ -237,8 +237,8 @@ def _horner(terms: Terms, q: ca.SX, order: Sequence[int]) -> ca.SX:
         return ca.SX(literal(next(iter(terms.values()))))
     k, total = order[0], ca.SX(0)
     for exponent in range(max(e[k] for e in terms), -1, -1):
-        rest = {e: x for e, x in terms.items() if e[k] == exponent}
-        total = q[k] * total + _horner(rest, q, order[1:])
+        lower_terms = {e: x for e, x in terms.items() if e[k] == exponent}
+        total = q[k] * total + _horner(lower_terms, q, order[1:])
     return total
 
 

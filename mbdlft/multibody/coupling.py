@@ -78,8 +78,8 @@ class Coupling(Description, abc.ABC):
 
     @model_validator(mode="after")
     def _is_a_law(self) -> Self:
-        given = {"damping": self.damping != 0.0, "preload": self.preload is not None}
-        for key in (key for key, is_given in given.items() if is_given and self.stiffness is None):
+        laws_given = {"damping": self.damping != 0.0, "preload": self.preload is not None}
+        for key in (key for key, is_given in laws_given.items() if is_given and self.stiffness is None):
             raise SceneError(
                 f"{key}: a rigid coupling has none, got {getattr(self, key)!r}: its force follows. Give "
                 f"a stiffness, or leave out {key}."
@@ -92,7 +92,7 @@ class Coupling(Description, abc.ABC):
 
     def freedoms(self, joints: Sequence[Joint]) -> list[tuple[Joint, Freedom]]:
         """The coordinate of each term; a SceneError if there is no such one."""
-        by_name, found = {joint.name: joint for joint in joints}, list[tuple[Joint, Freedom]]()
+        by_name, freedoms = {joint.name: joint for joint in joints}, list[tuple[Joint, Freedom]]()
         for term in self.terms():
             name, _, measure = term.coordinate.partition(".")
             if name not in by_name:
@@ -120,14 +120,14 @@ class Coupling(Description, abc.ABC):
                     f"{joint.kind}), and a {self.kind} has {wanted} there. Between an angle and a "
                     "distance stand rack (radius) and screw (pitch)."
                 )
-            if (same := (joint, freedom)) in found:
-                first = self.terms()[found.index(same)].coordinate
+            if (same := (joint, freedom)) in freedoms:
+                first = self.terms()[freedoms.index(same)].coordinate
                 raise SceneError(
                     f"coupling {self.name!r}: {first!r} and {term.coordinate!r} are the same coordinate, "
                     "which cannot be coupled to itself."
                 )
-            found.append((joint, freedom))
-        return found
+            freedoms.append((joint, freedom))
+        return freedoms
 
     def measured_in(self, joints: Sequence[Joint]) -> str:
         """The unit of the relation, ``rad`` or ``m``."""
@@ -148,8 +148,8 @@ class Coupling(Description, abc.ABC):
             if term.label
         }
         laws = {"offset": unit, "stiffness": stiffness, "damping": damping, "preload": force}
-        given = {key: getattr(self, key) for key in laws}
-        return quantities | {k: Expected(x, laws[k]) for k, x in given.items() if x is not None}
+        laws_given = {key: getattr(self, key) for key in laws}
+        return quantities | {k: Expected(x, laws[k]) for k, x in laws_given.items() if x is not None}
 
     def coefficients(self, values: Values) -> list[Any]:
         """The coefficients of the terms, from values by label."""
@@ -160,9 +160,9 @@ class Coupling(Description, abc.ABC):
         for term in self.terms():
             low, high = (end(values.get(term.label, np.ones(1))) for end in (np.min, np.max))
             if low <= 0.0 <= high:
-                given = f" = {term.source!r}"
+                source = f" = {term.source!r}"
                 where = "is 0" if low == high else f"vanishes in the range [{low:g}, {high:g}]"
-                return f"{term.label}{given} {where}, so {term.coordinate!r} would not be coupled."
+                return f"{term.label}{source} {where}, so {term.coordinate!r} would not be coupled."
         return None
 
 

@@ -79,7 +79,7 @@ def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work
     columns = np.flatnonzero(np.any(a.M12, axis=0))
     each = 2 * max(1, len(rows) * len(columns))
     count = int(_MORE_VALUES * unknowns / each) + _LEAST_POINTS
-    loops = [a.M11[part, part] for part in a.slices().values()]
+    loops = [a.M11[span, span] for span in a.slices().values()]
     radii = np.array([_INSIDE * pole_distance(loop, _LARGEST / _INSIDE) for loop in loops])
     points = np.exp(2j * np.pi * random.uniform(size=(count, len(a.blocks))))
     deltas = np.repeat(points * radii, [block.size for block in a.blocks], axis=1)
@@ -177,7 +177,7 @@ def _without_dependent(a: LFT, work: Work) -> LFT:
     M = np.block([[a.M11, a.M12], [a.M21, a.M22]])
     M -= change @ M[pivots]
     kept = np.setdiff1d(np.arange(n), pivots)
-    sizes = [int(np.sum((kept >= part.start) & (kept < part.stop))) for part in a.slices().values()]
+    sizes = [int(np.sum((kept >= span.start) & (kept < span.stop))) for span in a.slices().values()]
     blocks = [Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True)]
     work.add(reduction(n))
     M11, M12 = M[np.ix_(kept, kept)], M[kept, n:]
@@ -190,7 +190,7 @@ def _functions(a: LFT, work: Work) -> Array:
     random = np.random.default_rng(_SEED)
     points = int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs
     least, largest = _RADIUS
-    loops = [a.M11[part, part] for part in a.slices().values()]
+    loops = [a.M11[span, span] for span in a.slices().values()]
     radii = [max(least, _WITHIN * pole_distance(loop, largest / _WITHIN)) for loop in loops]
     phases = random.uniform(0.0, 2.0 * np.pi, (points, len(a.blocks)))
     deltas = np.repeat(radii * np.exp(1j * phases), [block.size for block in a.blocks], axis=1)

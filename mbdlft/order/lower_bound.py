@@ -211,13 +211,13 @@ class _Function(NamedTuple):
     """H in a few deltas: [A B ; C 0] as residues, its blocks by name, inputs and outputs that matter."""
 
     M: Residues
-    parts: Mapping[str, slice]
+    slices: Mapping[str, slice]
     prime: int
     work: Work
 
     @property
     def order(self) -> int:
-        return max((part.stop for part in self.parts.values()), default=0)
+        return max((span.stop for span in self.slices.values()), default=0)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -228,20 +228,20 @@ class _Function(NamedTuple):
         """left' H (N, inputs) at N points for left sides (N, outputs); H without its constant part."""
         n, prime, count = self.order, self.prime, len(directions)
         self.work.add(exact_solutions(count, n))
-        sizes = [part.stop - part.start for part in self.parts.values()]
-        inverses = np.array([_inverses(points[name], prime) for name in self.parts]).T
+        sizes = [span.stop - span.start for span in self.slices.values()]
+        inverses = np.array([_inverses(points[name], prime) for name in self.slices]).T
         right = multiplied(directions, self.M[n:, :n], prime)
         states = resolvents(self.M[:n, :n].T, np.repeat(inverses, sizes, axis=1), right, prime)
         return multiplied(states, self.M[:n, n:], prime)
 
     def alone(self, name: str, at: Mapping[str, Residues]) -> Residues:
         """[A B ; C D] of one delta, the others at N values: D + delta C (I - delta A)^-1 B, (N, ., .)."""
-        n, prime, kept = self.order, self.prime, range(self.order)[self.parts[name]]
-        fixed = [part for other, part in self.parts.items() if other != name]
-        channels = np.concatenate([np.arange(part.start, part.stop) for part in fixed])
-        sizes = [part.stop - part.start for part in fixed]
+        n, prime, kept = self.order, self.prime, range(self.order)[self.slices[name]]
+        fixed = [span for other, span in self.slices.items() if other != name]
+        channels = np.concatenate([np.arange(span.start, span.stop) for span in fixed])
+        sizes = [span.stop - span.start for span in fixed]
         deltas = np.repeat(
-            np.array([at[other] for other in self.parts if other != name]), sizes, axis=0
+            np.array([at[other] for other in self.slices if other != name]), sizes, axis=0
         ).T
         rows, columns = [*kept, *range(n, len(self.M))], [*kept, *range(n, self.M.shape[1])]
         self.work.add(exact_solutions(len(deltas), len(channels) + len(columns)))
@@ -297,15 +297,15 @@ def is_constant(
 
 
 def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
-    M, parts = _reduced(a, tuple(names))
-    return _Function(M.T if is_transposed else M, parts, a.M.prime, work)
+    M, slices = _reduced(a, tuple(names))
+    return _Function(M.T if is_transposed else M, slices, a.M.prime, work)
 
 
 @lru_cache(maxsize=1)  # H and its transpose are asked for one after the other
 def _reduced(a: ExactLFT, names: tuple[str, ...]) -> tuple[Residues, Mapping[str, slice]]:
     """[A B ; C 0] of H in a few deltas, reduced, and its blocks; the transpose has its transpose."""
-    kept = [(b, part) for b, part in zip(a.blocks, a.parts, strict=True) if b.name in names]
-    channels = np.concatenate([np.arange(part.start, part.stop) for _, part in kept])
+    kept = [(b, span) for b, span in zip(a.blocks, a.parts, strict=True) if b.name in names]
+    channels = np.concatenate([np.arange(span.start, span.stop) for _, span in kept])
     M, prime = _restricted(at_random(a), channels, a.order), a.M.prime
     M, counts = reduced_residues(M, [b.size for b, _ in kept], prime)
     n = sum(counts)

@@ -131,16 +131,16 @@ def _with_channels(
 def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
     """Rows and columns of M, without those of a delta, where its channels may end and begin."""
     block = a.slices()[name]
-    own = np.zeros(a.order, dtype=bool)
-    own[block] = True
+    inside = np.zeros(a.order, dtype=bool)
+    inside[block] = True
     depends = a.M11 != 0.0
-    before, after = _reached(depends, own), _reached(depends.T, own)
+    before, after = _reached(depends, inside), _reached(depends.T, inside)
     ports = int(np.sum(np.any(a.M21, axis=1))), int(np.sum(np.any(a.M12, axis=0)))
 
     def sites(ends: Mask, begins: Mask) -> tuple[Mask, Mask]:
         """Those of the other channels, and all outputs or inputs."""
         rows, columns = (
-            np.concatenate([side[~own], np.ones(count, dtype=bool)])
+            np.concatenate([side[~inside], np.ones(count, dtype=bool)])
             for side, count in zip((ends, begins), ports, strict=True)
         )
         return rows, columns
@@ -154,7 +154,7 @@ def _sites(a: LFT, name: str, most_entries: int) -> tuple[Mask, Mask] | None:
         ways = (_reached(depends.T, first) & ~first, _reached(depends, last) & ~last)
         return max(int(np.sum(side)) for side in ways)
 
-    near = sorted((own for other, own in a.slices().items() if other != name), key=others_through)
+    near = sorted((span for other, span in a.slices().items() if other != name), key=others_through)
     ends, begins, chosen = after.copy(), before.copy(), None
     for added in (block, *near):
         ends[added], begins[added] = True, True

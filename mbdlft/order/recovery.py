@@ -134,9 +134,9 @@ def _along_path(
         rows = [[entries[j * p + i] for j in range(q)] for i in range(p)]
     else:
         rows = [[entries[i * q + j] for j in range(q)] for i in range(p)]
-    rest = first._replace(path=first.path[1:], blocks=first.blocks[:-1])
+    following = first._replace(path=first.path[1:], blocks=first.blocks[:-1])
     others = [other for other in left if other != k]
-    result = _along_path(RationalMatrix(rows, d, F.parameters), others, rest, prime, work)
+    result = _along_path(RationalMatrix(rows, d, F.parameters), others, following, prime, work)
     return None if result is None else result._replace(blocks=first.blocks)
 
 
@@ -452,7 +452,7 @@ def _rows_by_factors(
     def polynomial(terms: Mapping[Any, Any], power: int) -> Any:
         return context.from_dict({(*e[:k], 0, *e[k + 1 :]): x for e, x in terms.items() if e[k] == power})
 
-    d0, d1, one = polynomial(d, 0), polynomial(d, 1), context.constant(1)
+    d0, d1, unit = polynomial(d, 0), polynomial(d, 1), context.constant(1)
     products = [polynomial(x, 1) * d0 - polynomial(x, 0) * d1 for x in N]
     lines = [products[i : i + q] for i in range(0, len(products), q)]
     used = next((line for line in lines if any(x != 0 for x in line)), None)
@@ -466,10 +466,10 @@ def _rows_by_factors(
     _, factors = shared.factor()
     for powers in itertools.islice(itertools.product(*(range(m + 1) for _, m in factors)), _MOST_SPLITS):
         factor = math.prod(
-            (base**power for (base, _), power in zip(factors, powers, strict=True)), start=one
+            (base**power for (base, _), power in zip(factors, powers, strict=True)), start=unit
         )
-        rest = divmod(shared, factor)[0]
-        in_row, in_column = ([x * factor for x in row], [divmod(x, shared)[0] * rest for x in column])
+        cofactor = divmod(shared, factor)[0]
+        in_row, in_column = ([x * factor for x in row], [divmod(x, shared)[0] * cofactor for x in column])
         if all(_fits(x, box) for x in (*in_row, *in_column)):
             terms = [{tuple(map(int, e)): c for e, c in x.to_dict().items()} for x in in_row]
             yield [t.get(e, 0) for t in terms for e in np.ndindex(*box)]

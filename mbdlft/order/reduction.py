@@ -119,7 +119,7 @@ def _in_touch(a: ExactLFT) -> ExactLFT:
     if kept.all():
         return a
     rows, columns = (np.append(kept, np.ones(count - n, dtype=bool)) for count in a.M.shape)
-    sizes = [int(np.sum(kept[part])) for part in a.parts]
+    sizes = [int(np.sum(kept[span])) for span in a.parts]
     blocks = (Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True))
     return ExactLFT(a.M[rows][:, columns], tuple(blocks))
 
@@ -249,13 +249,13 @@ def _by_signals(M: Balls, a: LFT, deltas: Array) -> Array:
 def _signals(M: Balls, a: LFT, deltas: Array) -> tuple[Array, Array, Array]:
     """(I - M11 Delta)^-1 M12, M21 (I - Delta M11)^-1 and the value of an LFT of balls at (n_blocks,)."""
     n, spread = a.order, np.repeat(deltas, [block.size for block in a.blocks])
-    delta, one = (ball_matrix(balls_of(matrix)) for matrix in (np.diag(spread), np.eye(n)))
-    M11, M12, M21 = (ball_matrix(part) for part in (M[:n, :n], M[:n, n:], M[n:, :n]))
+    delta, unit = (ball_matrix(balls_of(matrix)) for matrix in (np.diag(spread), np.eye(n)))
+    M11, M12, M21 = (ball_matrix(block) for block in (M[:n, :n], M[:n, n:], M[n:, :n]))
     try:
-        closed = (one - M11 * delta).inv()
+        closed = (unit - M11 * delta).inv()
     except ZeroDivisionError:
         raise TooFewBitsError("the balls of I - M11 Delta contain a singular one.") from None
-    into, out = closed * M12, M21 * (one + delta * closed * M11)
+    into, out = closed * M12, M21 * (unit + delta * closed * M11)
     return middles_of(into), middles_of(out), a.M22 + middles_of(M21 * delta * into)
 
 
@@ -327,7 +327,7 @@ def balance(a: LFT) -> tuple[Core, Array, Array]:
     sizes = tuple(block.size for block in a.blocks)
     errors = [
         tuple(
-            EPS * (float(np.sqrt(np.max(size[part], initial=0.0))) or 1.0) for part in consecutive(sizes)
+            EPS * (float(np.sqrt(np.max(size[span], initial=0.0))) or 1.0) for span in consecutive(sizes)
         )
         for size in (into, out)
     ]

@@ -211,7 +211,7 @@ def _fitted(
     count: int,
     truth: CircleValues,
     M: Array,
-    part: slice,
+    block_span: slice,
     random: np.random.Generator,
     work: Work,
 ) -> LFT | None:
@@ -219,11 +219,11 @@ def _fitted(
     kept = tuple(Block(block.name, block.size - count * (block.name == name)) for block in a.blocks)
     n = a.order - count
     unknown = np.zeros(M.shape, dtype=bool)
-    unknown[part], unknown[:, part] = True, True
+    unknown[block_span], unknown[:, block_span] = True, True
     unknown[n:, n:] = False
     noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
     start = fit_of(M + np.where(unknown, noise, 0.0), kept, truth, work)
-    fit = _descend(start, kept, part, truth, work)
+    fit = _descend(start, kept, block_span, truth, work)
     return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
 
 
@@ -274,11 +274,11 @@ def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValu
     So near the end the slopes of the first step do for all.
     """
     others = np.delete(np.arange(fit.Y.shape[2]), block)
-    parts = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
-    unknowns = sum(y.shape[2] * w.shape[1] for y, w in parts)
+    pairs = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
+    unknowns = sum(y.shape[2] * w.shape[1] for y, w in pairs)
     if unknowns > _MOST_POLISHED:
         return fit
-    columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in parts]
+    columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in pairs]
     slopes = np.hstack(columns)
     slopes = np.concatenate([slopes.real, slopes.imag])
     work.add(product(4 * len(slopes), unknowns, unknowns))
@@ -340,10 +340,10 @@ def _normal_equations(fit: Fit, block: slice, work: Work) -> tuple[Array, Array]
     return np.block(blocks) * scale, np.concatenate(slopes) * scale
 
 
-def _products(one: tuple[Complex, Complex], two: tuple[Complex, Complex]) -> Array:
+def _products(first: tuple[Complex, Complex], second: tuple[Complex, Complex]) -> Array:
     """Re sum of (Y1^H Y2)_ij (conj(W1) W2^T)_bc, as a matrix of (i, b) by (j, c)."""
-    left = _adjoint(one[0]) @ two[0]
-    right = np.conj(one[1]) @ np.swapaxes(two[1], 1, 2)
+    left = _adjoint(first[0]) @ second[0]
+    right = np.conj(first[1]) @ np.swapaxes(second[1], 1, 2)
     (_, i, j), (_, b, c) = left.shape, right.shape
     real_left = np.concatenate([left.real, -left.imag]).reshape(-1, i * j)
     real_right = np.concatenate([right.real, right.imag]).reshape(-1, b * c)

@@ -68,10 +68,10 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
 
 def _opened(a: ExactLFT, name: str) -> ExactLFT:
     """The LFT in the other deltas, (w, u) -> (z, y)."""
-    ((k, part),) = [
+    ((k, span),) = [
         (k, p) for k, (b, p) in enumerate(zip(a.blocks, a.parts, strict=True)) if b.name == name
     ]
-    n, inside = a.order, [*range(part.start, part.stop)]
+    n, inside = a.order, [*range(span.start, span.stop)]
     others = [i for i in range(n) if i not in set(inside)]
     rows, columns = ([*others, *inside, *range(n, count)] for count in a.M.shape)
     return ExactLFT(a.M[rows][:, columns], a.blocks[:k] + a.blocks[k + 1 :])
@@ -84,10 +84,10 @@ def _closed(a: ExactLFT, block: Block) -> ExactLFT:
 
 def _in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
     """The same with its blocks in an order."""
-    parts = {block.name: (block, part) for block, part in zip(a.blocks, a.parts, strict=True)}
-    channels = [k for name in names for k in range(a.order)[parts[name][1]]]
+    spans = {block.name: (block, span) for block, span in zip(a.blocks, a.parts, strict=True)}
+    channels = [k for name in names for k in range(a.order)[spans[name][1]]]
     rows, columns = ([*channels, *range(a.order, count)] for count in a.M.shape)
-    return ExactLFT(a.M[rows][:, columns], tuple(parts[name][0] for name in names))
+    return ExactLFT(a.M[rows][:, columns], tuple(spans[name][0] for name in names))
 
 
 def _selected(a: ExactLFT, outputs: Sequence[int], inputs: Sequence[int]) -> ExactLFT:
@@ -101,9 +101,7 @@ def _merged(M: ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) ->
     first, n = consecutive(b.size for b in blocks), sum(b.size for b in blocks)
     second = [slice(n + p.start, n + p.stop) for p in consecutive(b.size for b in others)]
     count = n + sum(b.size for b in others)
-    order = [
-        k for one, two in zip(first, second, strict=True) for p in (one, two) for k in range(count)[p]
-    ]
+    order = [k for pair in zip(first, second, strict=True) for span in pair for k in range(count)[span]]
     rows, columns = ([*order, *range(count, size)] for size in M.shape)
     sizes = [b.size + c.size for b, c in zip(blocks, others, strict=True)]
     named = tuple(Block(b.name, size) for b, size in zip(blocks, sizes, strict=True))
@@ -114,10 +112,10 @@ def _after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
     """F [G v ; v'] with the inputs (v, v')."""
     f, g, prime = F.order, G.order, F.M.prime
     taken = slice(f, f + G.M.shape[0] - g)
-    rest = slice(taken.stop, F.M.shape[1])
+    others = slice(taken.stop, F.M.shape[1])
     through = F.M[:, taken] @ G.M[g:]
-    rows = stacked([[F.M[:, :f], through, F.M[:, rest]]])
-    inner = stacked([[zeros(g, f, prime), G.M[:g], zeros(g, rest.stop - rest.start, prime)]])
+    rows = stacked([[F.M[:, :f], through, F.M[:, others]]])
+    inner = stacked([[zeros(g, f, prime), G.M[:g], zeros(g, others.stop - others.start, prime)]])
     return _merged(stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
 
 

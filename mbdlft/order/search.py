@@ -463,8 +463,8 @@ def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
         done.add(form.blocks)
         more = above_bound(form, proof.bound)
         above = sorted(more, key=lambda name: -more[name])
-        rest = [name for name, size in form.blocks if size and name not in more]
-        for names in (above, rest):
+        others = [name for name, size in form.blocks if size and name not in more]
+        for names in (above, others):
             plain = Restricted(independent(form, work))
             for made in itertools.chain([plain], restrictions(form, names, work)):
                 candidate = made.lft

@@ -34,9 +34,9 @@ class Work:
 
     def limited(self, units: float) -> "Work":
         """So many units, or fewer where the whole ends; nothing but that depends on the whole."""
-        part = Work(units)
-        part._whole = part._whole_to_ask = self
-        return part
+        share_of_work = Work(units)
+        share_of_work._whole = share_of_work._whole_to_ask = self
+        return share_of_work
 
     @property
     def left(self) -> float:

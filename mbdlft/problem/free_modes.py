@@ -131,8 +131,8 @@ def _by_monomials(
         for j, s in np.argwhere(values[0])
         if s not in dropped
     }
-    found = {place: entry for place, entry in entries.items() if entry}
-    return FreeModes(tuple(dropped), found, parameters) if len(found) == len(entries) else None
+    nonzero = {place: entry for place, entry in entries.items() if entry}
+    return FreeModes(tuple(dropped), nonzero, parameters) if len(nonzero) == len(entries) else None
 
 
 def _monomial(values: Sequence[int], points: Sequence[Sequence[int]], prime: int) -> Monomial | None:

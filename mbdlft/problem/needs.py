@@ -129,8 +129,8 @@ def without_free_modes(need: Need) -> Need:
         return need
 
     def at(values: Sequence[int], seed: int) -> tuple[Residues, Residues, int]:
-        given = dict(zip((s.element_hash() for s in ca.vertsplit(m.p)), values, strict=True))
-        return _dynamics(m, count, _SEED + seed, given)
+        values_of = dict(zip((s.element_hash() for s in ca.vertsplit(m.p)), values, strict=True))
+        return _dynamics(m, count, _SEED + seed, values_of)
 
     try:
         free = free_modes(at, m.parameters)
@@ -173,15 +173,15 @@ def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask
 
 
 def _dynamics(
-    m: LinearModel, states: int, seed: int = _SEED, given: Mapping[int, int] = MappingProxyType({})
+    m: LinearModel, states: int, seed: int = _SEED, values_of: Mapping[int, int] = MappingProxyType({})
 ) -> tuple[Residues, Residues, int]:
     """Residues of A and C, and the prime; a ZeroDivisionError if unknowns are not determined."""
-    n, (matrix, prime) = m.unknown.numel(), _slopes(m, states, seed, given)
+    n, (matrix, prime) = m.unknown.numel(), _slopes(m, states, seed, values_of)
     follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
     return follow[:states], (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime, prime
 
 
-def _slopes(m: LinearModel, states: int, seed: int, given: Mapping[int, int]) -> tuple[Residues, int]:
+def _slopes(m: LinearModel, states: int, seed: int, values_of: Mapping[int, int]) -> tuple[Residues, int]:
     """Residues of the slopes of [residual ; output] by [unknown ; states], and the prime.
 
     Parameters are given by the hashes of their symbols, or random.
@@ -190,26 +190,26 @@ def _slopes(m: LinearModel, states: int, seed: int, given: Mapping[int, int]) ->
     """
     signals = ca.vertcat(m.unknown, rows_of(m.known, range(states)))
     both = ca.vertcat(m.residual, m.output)
-    parts = [ca.jacobian(both, signals)]
+    slopes = [ca.jacobian(both, signals)]
     if m.lifted:
         trim = m.lifted.trim
-        parts += [ca.jacobian(both, m.lifted.loads), ca.jacobian(m.lifted.displacements, signals)]
+        slopes += [ca.jacobian(both, m.lifted.loads), ca.jacobian(m.lifted.displacements, signals)]
         for rows in (trim.residual, trim.output):
-            parts += [ca.jacobian(rows, trim.unknown), ca.jacobian(rows, trim.known)]
-    found = modulo_prime(ca.vertcat(*(ca.vec(part) for part in parts)), seed, given)
-    ends = np.cumsum([part.numel() for part in parts])[:-1]
-    columns = np.split(found.residues.astype(np.int64)[:, 0], ends)
+            slopes += [ca.jacobian(rows, trim.unknown), ca.jacobian(rows, trim.known)]
+    modulo = modulo_prime(ca.vertcat(*(ca.vec(slope) for slope in slopes)), seed, values_of)
+    ends = np.cumsum([slope.numel() for slope in slopes])[:-1]
+    columns = np.split(modulo.residues.astype(np.int64)[:, 0], ends)
     matrix, *others = (
-        entries.reshape(part.shape, order="F") for entries, part in zip(columns, parts, strict=True)
+        entries.reshape(slope.shape, order="F") for entries, slope in zip(columns, slopes, strict=True)
     )
     if m.lifted:
         by_loads, displaced, left, right, of_output, direct = others
-        solution = solved(left, -right % found.prime, found.prime)
-        values = (direct + multiplied(of_output, solution, found.prime)) % found.prime
+        solution = solved(left, -right % modulo.prime, modulo.prime)
+        values = (direct + multiplied(of_output, solution, modulo.prime)) % modulo.prime
         loads = np.array(values[list(m.lifted.outputs)], dtype=np.int64)
-        acting = entrywise(loads, displaced, found.prime)
-        matrix = (matrix + multiplied(by_loads, acting, found.prime)) % found.prime
-    return matrix, found.prime
+        acting = entrywise(loads, displaced, modulo.prime)
+        matrix = (matrix + multiplied(by_loads, acting, modulo.prime)) % modulo.prime
+    return matrix, modulo.prime
 
 
 def needed_states(relations: LinearModel, states: int) -> Need:

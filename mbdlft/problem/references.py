@@ -290,8 +290,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     digits = cache(lambda: relations_in_digits(model, slopes))
 
     def transfers(some: Sequence[int], frequencies: Array) -> Complex:
-        parts = places.parts(entries[list(some)])
-        return np.asarray(joined([implicit_transfers(J, sizes, frequencies) for J in parts], 4))
+        slopes_of = places.parts(entries[list(some)])
+        return np.asarray(joined([implicit_transfers(J, sizes, frequencies) for J in slopes_of], 4))
 
     return Reference(
         values=values,

@@ -49,9 +49,9 @@ class Entries:
         return [self.dense(entries[k : k + TOGETHER]) for k in range(0, len(entries), TOGETHER)]
 
 
-def joined(parts: Sequence[Any], ndim: int = 3) -> Any:
+def joined(arrays: Sequence[Any], ndim: int = 3) -> Any:
     """Results (N, ...) of the `parts`, of which those of sparse matrices are of one point."""
-    return np.concatenate([part.reshape(-1, *part.shape[1 - ndim :]) for part in parts])
+    return np.concatenate([array.reshape(-1, *array.shape[1 - ndim :]) for array in arrays])
 
 
 def dense(K: Matrices) -> Any:

@@ -24,7 +24,6 @@ from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.robot.description import JointLimit, Robot, RobotCoupling, body_name, said, unused
 from mbdlft.robot.make import (
     AXIAL,
     Making,
@@ -47,6 +46,7 @@ from mbdlft.robot.make import (
     varied,
 )
 from mbdlft.robot.mjcf import read_mjcf
+from mbdlft.robot.robot import JointLimit, Robot, RobotCoupling, body_name, said, unused
 from mbdlft.robot.sdf import read_sdf
 from mbdlft.robot.urdf import Element, parse, read_urdf
 

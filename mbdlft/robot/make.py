@@ -25,7 +25,7 @@ from mbdlft.multibody.scene.checks import inertia_conditions, nominal_values
 from mbdlft.multibody.scene.quantities import Place, owner_name, value_at
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.sensor import Accelerometer, Gyro, Sensor
-from mbdlft.robot.description import (
+from mbdlft.robot.robot import (
     ENTRIES,
     WORLD,
     JointLimit,

@@ -31,7 +31,16 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, check_known
-from mbdlft.robot.description import (
+from mbdlft.robot.mjcf_model import (
+    Compiled,
+    compiled,
+    loads_of,
+    loops_of,
+    mimics_of,
+    sensors_of,
+    sites_of,
+)
+from mbdlft.robot.robot import (
     WORLD,
     ZERO,
     Robot,
@@ -44,15 +53,6 @@ from mbdlft.robot.description import (
     said,
     three,
     unused,
-)
-from mbdlft.robot.mjcf_model import (
-    Compiled,
-    compiled,
-    loads_of,
-    loops_of,
-    mimics_of,
-    sensors_of,
-    sites_of,
 )
 from mbdlft.robot.urdf import Element
 

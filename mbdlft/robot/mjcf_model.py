@@ -16,7 +16,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.base.worker import arrays_of
 from mbdlft.robot.compiling import MEMORY
-from mbdlft.robot.description import (
+from mbdlft.robot.robot import (
     WORLD,
     ZERO,
     Mimic,

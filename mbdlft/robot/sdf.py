@@ -10,7 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbdlft.base.errors import SceneError, check_known
-from mbdlft.robot.description import (
+from mbdlft.robot.make import AXIAL
+from mbdlft.robot.robot import (
     WORLD,
     Robot,
     RobotJoint,
@@ -25,7 +26,6 @@ from mbdlft.robot.description import (
     unused,
     welded,
 )
-from mbdlft.robot.make import AXIAL
 from mbdlft.robot.sdf_frames import Frames, flag, frames_of, joints_of, scopes
 from mbdlft.robot.urdf import Element, child_numbers, content_numbers, name_of, others
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, check_known, unknown_name
-from mbdlft.robot.description import (
+from mbdlft.robot.robot import (
     WORLD,
     RobotJoint,
     RobotLink,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.description import (
+from mbdlft.robot.robot import (
     ENTRIES,
     WORLD,
     ZERO,

@@ -269,11 +269,11 @@ def _bounded(
         (1.0, np.ones(len(model.sizes)), polynomials),
     )
     work = _SHARE * state.left(asked)
-    state, found = attempted(asked, state, model, box, is_wrong, work, one_over(goal))
-    if found.proof is not None:
-        return state._replace(proof=found.proof, upper=goal)
-    if found.counterexample is not None:
-        peak = largest_peak(model, 1.0, (found.counterexample,))
+    state, attempt = attempted(asked, state, model, box, is_wrong, work, one_over(goal))
+    if attempt.proof is not None:
+        return state._replace(proof=attempt.proof, upper=goal)
+    if attempt.counterexample is not None:
+        peak = largest_peak(model, 1.0, (attempt.counterexample,))
         return state._replace(worst=peak, lower=peak.gain)
     return state
 
@@ -317,11 +317,11 @@ def _margins_of_performance(asked: Asked, model: Realization) -> Search[Peak]:
         if polynomials is None:
             return state
         is_wrong, box = partial(_is_above, model, k, k), (k, np.full(len(model.sizes), k), polynomials)
-        state, found = attempted(asked, state, model, box, is_wrong, state.share(asked), k)
-        if found.proof is not None:
-            return state._replace(lower=k, proof=found.proof)
-        if found.counterexample is not None:
-            return state._replace(upper=k, worst=peak_at(model, k * found.counterexample))
+        state, attempt = attempted(asked, state, model, box, is_wrong, state.share(asked), k)
+        if attempt.proof is not None:
+            return state._replace(lower=k, proof=attempt.proof)
+        if attempt.counterexample is not None:
+            return state._replace(upper=k, worst=peak_at(model, k * attempt.counterexample))
         return state
 
     return (yield from enlarged(asked, state, tried, cost_of(model)))

@@ -156,8 +156,8 @@ def _delta_of(system: System, bounds: Bounds) -> Complex:
         if not size <= (bounds.upper if grows else 1.0) * (1.0 + _ROUNDING):
             raise ValueError(f"the delta of {name} is outside of the box of its worst case")
         largest = max(largest, size) if grows else largest
-        part = number if block.kind == "full" else number * np.eye(block.size)
-        delta[lft.columns()[name], lft.slices()[name]] = part
+        value = number if block.kind == "full" else number * np.eye(block.size)
+        delta[lft.columns()[name], lft.slices()[name]] = value
     if bounds.kind == STABILITY and not largest >= bounds.upper * (1.0 - _NEAR):
         raise ValueError(f"the largest delta of its worst case is {largest:g}, and not {bounds.upper:g}")
     names = [name for name in bounds.delta if name in system.parameters.names]
@@ -251,11 +251,11 @@ def _is_singular(matrices: _Matrices, delta: Complex, frequency: float) -> bool:
 
 def _has_gain(whole: Any, n: int, frequency: float, gain: float, *, exactly: bool) -> bool:
     """Whether the gain at a frequency is as large as said, and, if so asked, not larger."""
-    parts = entries(whole)
-    G = joined([[parts[n:, n:]]])
+    blocks = entries(whole)
+    G = joined([[blocks[n:, n:]]])
     if np.isfinite(frequency) and n:
-        shifted = balls(1j * frequency * np.eye(n)) - joined([[parts[:n, :n]]])
-        G = G + joined([[parts[n:, :n]]]) * shifted.solve(joined([[parts[:n, n:]]]))
+        shifted = balls(1j * frequency * np.eye(n)) - joined([[blocks[:n, :n]]])
+        G = G + joined([[blocks[n:, :n]]]) * shifted.solve(joined([[blocks[:n, n:]]]))
     _, sizes, vectors = np.linalg.svd(middles_of(G))
     at_most = not exactly or gain == 0.0 or sizes[0] <= gain * (1.0 + _NEAR)
     u = np.conj(vectors[:1]).T

@@ -95,13 +95,13 @@ def cyclic_states(model: System, outputs: Sequence[int] = ()) -> tuple[str, ...]
     Such are positions and rates of a free body. One that depends on itself, or on each other, is none.
     """
     rows = np.vstack([model.A, model.C_z, model.C_y[list(outputs)]])
-    found: list[int] = []
+    cyclic: list[int] = []
     while True:
-        others = np.delete(np.arange(len(rows)), found)
-        more = [k for k in range(len(model.states)) if k not in found and not np.any(rows[others, k])]
-        if not more:
-            return tuple(model.states[k].name for k in sorted(found))
-        found += more
+        others = np.delete(np.arange(len(rows)), cyclic)
+        further = [k for k in range(len(model.states)) if k not in cyclic and not np.any(rows[others, k])]
+        if not further:
+            return tuple(model.states[k].name for k in sorted(cyclic))
+        cyclic += further
 
 
 def or_left_out(model: System, outputs: Sequence[int] = ()) -> str:

@@ -194,10 +194,10 @@ def _attempted(
     if polynomials is None:
         return state, None
     is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
-    state, found = attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
-    if found.proof is not None:
-        return state._replace(lower=k, proof=found.proof), None
-    return state, found.center if found.counterexample is None else found.counterexample
+    state, attempt = attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
+    if attempt.proof is not None:
+        return state._replace(lower=k, proof=attempt.proof), None
+    return state, attempt.center if attempt.counterexample is None else attempt.counterexample
 
 
 def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:

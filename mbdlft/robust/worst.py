@@ -170,12 +170,12 @@ def _behind(
     if polynomials is None:
         return state._replace(ended=True)
     is_wrong, box = partial(_is_beyond, model, kind, goal), (1.0, np.ones(len(model.sizes)), polynomials)
-    state, found = attempted(asked, state, region, box, is_wrong, _SHARE * state.left(asked))
-    if found.proof is not None:
-        return state._replace(proof=found.proof, upper=goal)
-    if found.counterexample is not None:
-        state, pole = _looked(model, aim, state, found.counterexample)
-        return _pushed(model, aim, state, found.counterexample, pole)
+    state, attempt = attempted(asked, state, region, box, is_wrong, _SHARE * state.left(asked))
+    if attempt.proof is not None:
+        return state._replace(proof=attempt.proof, upper=goal)
+    if attempt.counterexample is not None:
+        state, pole = _looked(model, aim, state, attempt.counterexample)
+        return _pushed(model, aim, state, attempt.counterexample, pole)
     return state
 
 

@@ -132,7 +132,7 @@ def wired_values(
     S = _side_by_side(systems, values)
     largest = [np.max(np.abs(value), axis=0, initial=0.0) for value in values]
     dS = _side_by_side(systems, [e * size[None] for e, size in zip(errors, largest, strict=True)])[0]
-    parts = _side_by_side(systems, [size[None] for size in sizes])[0]
+    scales = _side_by_side(systems, [size[None] for size in sizes])[0]
     nx = sum(len(system.states) for system in systems)
     (nu, ny), nw = wiring.Ky.shape, wiring.E.shape[1]
     C, D = S[:, nx:, :nx], S[:, nx:, nx:]
@@ -154,7 +154,7 @@ def wired_values(
     read_terms = np.abs(S) @ np.concatenate([np.abs(x), R_terms], axis=1)
     seen = np.abs(wiring.F) @ read_terms[:, nx:] + np.abs(wiring.G) @ R_terms
     terms = np.max(np.concatenate([read_terms[:, :nx], seen], axis=1), axis=0)
-    by_parts, by_errors = (np.abs(L) @ change @ np.abs(R) for change in (parts, dS))
+    by_parts, by_errors = (np.abs(L) @ change @ np.abs(R) for change in (scales, dS))
     # elimination of u is off by rounding of the sizes of its factors
     off = np.abs(solved) @ _sizes_of_factors(loop) @ np.abs(u)
     to_rows = np.concatenate([S[:, :nx, nx:], wiring.F @ S[:, nx:, nx:] + wiring.G], axis=1)

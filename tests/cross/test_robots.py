@@ -17,9 +17,9 @@ import pytest
 import mbdlft
 from benchmarks import ur5 as benchmark
 from benchmarks.cases.robots import Rest, by_mujoco, by_pinocchio, edited, robots
-from mbdlft.robot.description import RobotJoint
 from mbdlft.robot.load import RIGHT_ANGLE, read_robot
 from mbdlft.robot.make import AXIAL
+from mbdlft.robot.robot import RobotJoint
 from scenarios import ur5
 from tests.close import MUJOCO, PINOCCHIO, target
 

@@ -10,7 +10,7 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
-from mbdlft.robot.description import between
+from mbdlft.robot.robot import between
 from mbdlft.show.viewer.data import reach, view_data
 from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.looks import robot_looks

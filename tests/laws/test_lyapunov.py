@@ -18,7 +18,7 @@ from mbdlft.robust.bisect.characteristic import (
     polynomials,
     state_polynomials,
 )
-from mbdlft.robust.bisect.lyapunov import _at_nodes, _is_positive, _Part, _product, replayed, searched
+from mbdlft.robust.bisect.lyapunov import _at_nodes, _is_positive, _product, _Subbox, replayed, searched
 from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
@@ -169,7 +169,7 @@ def test_products_have_the_values_of_their_factors(
 
     def value(terms: Array) -> Array:
         values = np.concatenate([terms.reshape(*terms.shape[:q], -1), np.ones((*terms.shape[:q], 1))], -1)
-        return _at_nodes(_Part(values, values, 0, np.zeros(q), np.ones(q), n), point)[0].reshape(n, n)
+        return _at_nodes(_Subbox(values, values, 0, np.zeros(q), np.ones(q), n), point)[0].reshape(n, n)
 
     target(value(_product(P, N)), value(P) @ value(N), CLOSED_FORM)
 
@@ -224,7 +224,7 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
         model = Realization(
             ("d",), (1,), A, column, column.T, still, column[:, :0], none, column.T[:0], none.T, none[:0]
         )
-        part = _Part(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1), n)
+        part = _Subbox(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1), n)
         P = np.array([modes.T @ modes] * 2)
         assert not _is_positive(part, modes, P)
         assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))
@@ -332,7 +332,7 @@ def test_a_gain_of_one_is_not_below_one_however_products_are_rounded(n: int) -> 
         )
         states = random.standard_normal((n, n))
         P = lyapunov._beside(
-            part := _Part(*state_polynomials(model, 1.0, 1.0), 2, np.zeros(1), np.ones(1), n, n),
+            part := _Subbox(*state_polynomials(model, 1.0, 1.0), 2, np.zeros(1), np.ones(1), n, n),
             np.array([states.T @ G.T @ G @ states] * 2),
             1.0,
         )

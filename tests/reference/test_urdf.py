@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation as Turn
 import mbdlft
 from mbdlft import Angle, Parameter, SceneError, load_robot
 from mbdlft.robot import make as values_of
-from mbdlft.robot.description import RobotJoint, RobotLink, root_of
+from mbdlft.robot.robot import RobotJoint, RobotLink, root_of
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.robots import ROBOT, written
 from tests.errors.table import says

@@ -107,12 +107,12 @@ def _position(coupling: Coupling, scene: Scene, joints: Mapping[str, Joint], fol
     """(offset - the other terms)/coefficient as a text, of the coordinate of one term."""
     quantities, terms = coupling.quantities(scene.joints), coupling.terms()
     factors = [_text(quantities[term.label]) if term.label else "1" for term in terms]
-    total, own = _text(quantities["offset"]), f"{terms[follower].sign:g}*{factors[follower]}"
+    total, ratio = _text(quantities["offset"]), f"{terms[follower].sign:g}*{factors[follower]}"
     for k, (joint, freedom) in enumerate(coupling.freedoms(scene.joints)):
         place = joints[joint.name].quantities().get(coordinate_label("position", freedom))
         if k != follower and place is not None and place.source != 0.0:
             total += f" - ({terms[k].sign:g})*{factors[k]}*{_text(place)}"
-    return total if own == "1*1" else f"({total})/({own})"
+    return total if ratio == "1*1" else f"({total})/({ratio})"
 
 
 def _text(quantity: Expected) -> str:
@@ -168,11 +168,11 @@ def check_couplings(scene: Scene, view: View, symbols: Symbols) -> None:
     chosen = rigid(scene)
     if not chosen:
         return
-    found = modulo_prime(relations(scene, chosen, view), _SEED)
-    matrix: NDArray[np.int64] = found.residues.astype(np.int64)
+    residues = modulo_prime(relations(scene, chosen, view), _SEED)
+    matrix: NDArray[np.int64] = residues.residues.astype(np.int64)
     every, count = degrees(view.now.links), len(chosen)
     listed = ", ".join(coupling.name for coupling in chosen)
-    idle = null_space(matrix.T, found.prime)
+    idle = null_space(matrix.T, residues.prime)
     if idle.shape[1]:
         named = [coupling.name for coupling, row in zip(chosen, idle, strict=True) if np.any(row)]
         raise SceneError(
@@ -183,7 +183,7 @@ def check_couplings(scene: Scene, view: View, symbols: Symbols) -> None:
     locked = [
         degree.measure(0).name
         for k, degree in enumerate(every)
-        if rank(np.delete(matrix, k, axis=1), found.prime) < count
+        if rank(np.delete(matrix, k, axis=1), residues.prime) < count
     ]
     if locked:
         raise SceneError(
@@ -192,7 +192,7 @@ def check_couplings(scene: Scene, view: View, symbols: Symbols) -> None:
             "ratios. Correct the ratios, leave one out, or give one a stiffness."
         )
     imposed = [k for k, degree in enumerate(every) if degree.kind in ("imposed", "motion")]
-    if rank(np.delete(matrix, imposed, axis=1), found.prime) < count:
+    if rank(np.delete(matrix, imposed, axis=1), residues.prime) < count:
         raise SceneError(
             f"scene {scene.name!r}: the rigid couplings {listed} hold the imposed joints "
             f"{', '.join(every[k].name for k in imposed)} together, which move as their inputs say. "

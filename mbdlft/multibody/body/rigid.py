@@ -59,17 +59,17 @@ class Shape(Description):
 
     @model_validator(mode="after")
     def _is_one_of_positive_size(self) -> Self:
-        given = [kind for kind in _KINDS if getattr(self, kind) is not None]
-        if len(given) != 1:
+        kinds_given = [kind for kind in _KINDS if getattr(self, kind) is not None]
+        if len(kinds_given) != 1:
             raise SceneError(
-                f"expected one of {', '.join(_KINDS)}, got {' and '.join(given) or 'none'}. Write, for "
-                "example, shape = { box = [1.0, 0.5, 0.2] }."
+                f"expected one of {', '.join(_KINDS)}, got {' and '.join(kinds_given) or 'none'}. Write, "
+                "for example, shape = { box = [1.0, 0.5, 0.2] }."
             )
-        size = getattr(self, given[0])
-        if given == ["cylinder"] and len(size) != 2:
+        size = getattr(self, kinds_given[0])
+        if kinds_given == ["cylinder"] and len(size) != 2:
             raise SceneError(f"cylinder: expected a radius and a length (m), got {list(size)}.")
         if min(size if isinstance(size, tuple) else (size,)) <= 0.0:
-            raise SceneError(f"{given[0]}: expected sizes above zero (m), got {size}.")
+            raise SceneError(f"{kinds_given[0]}: expected sizes above zero (m), got {size}.")
         return self
 
 

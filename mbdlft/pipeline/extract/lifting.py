@@ -41,23 +41,23 @@ def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Ex
         maps,
     )
     z, r, held, y, loads = _places(both.lft.order, m.residual, t.residual, m.output, t.output)
-    w, u, efforts, x, lifts, one = _places(
+    w, u, efforts, x, lifts, constant = _places(
         both.lft.order, m.unknown, t.unknown, m.known, lifted.loads, t.known
     )
-    part = ExactLFT(both.lft.M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], both.lft.blocks)
-    trim = ExactLFT(both.lft.M[[*z, *held, *loads]][:, [*w, *efforts, *one]], both.lft.blocks)
+    relations = ExactLFT(both.lft.M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], both.lft.blocks)
+    trim = ExactLFT(both.lft.M[[*z, *held, *loads]][:, [*w, *efforts, *constant]], both.lft.blocks)
     signals = ca.vertcat(m.unknown, m.known)
     places = ca.jacobian_sparsity(lifted.displacements, signals).T.row()  # one for each load
     # what outputs do not see goes first: it is more than what inputs do not reach
-    part = transposed(reduce_exactly(transposed(part)))
-    lft = _with_loads(part, _loads(trim, len(held)), places, lifted.outputs)
+    relations = transposed(reduce_exactly(transposed(relations)))
+    lft = _with_loads(relations, _loads(trim, len(held)), places, lifted.outputs)
     return Extraction(lft, both.channels)
 
 
 def _places(channels: int, *signals: ca.SX) -> list[range]:
     """Places of channels, and of signals behind them."""
     counts = [channels, *(signal.numel() for signal in signals)]
-    return [range(part.start, part.stop) for part in consecutive(counts)]
+    return [range(span.start, span.stop) for span in consecutive(counts)]
 
 
 def _loads(trim: ExactLFT, held: int) -> ExactLFT:
@@ -69,8 +69,8 @@ def _loads(trim: ExactLFT, held: int) -> ExactLFT:
     if all(degrees[block.name] for block in loads.blocks if block.size):
         return loads
     n, channels = loads.order, range(loads.order)
-    parts = zip(loads.blocks, loads.parts, strict=True)
-    kept = [k for block, part in parts if degrees[block.name] for k in channels[part]]
+    pairs = zip(loads.blocks, loads.parts, strict=True)
+    kept = [k for block, span in pairs if degrees[block.name] for k in channels[span]]
     M = loads.M[[*kept, *range(n, loads.M.shape[0])]][:, [*kept, *range(n, loads.M.shape[1])]]
     blocks = tuple(Block(b.name, b.size if degrees[b.name] else 0) for b in loads.blocks)
     return reduce_exactly(ExactLFT(M, blocks))

@@ -121,10 +121,10 @@ def transposed(words: Words) -> Words:
     items: list[Item] = []
     for k in reversed(range(count)):
         letter, terms = words.items[k]
-        own = inputs + len(items)
+        channel = inputs + len(items)
         items.append(Item(letter, readers[words.inputs + k]))
         for factor, number in terms:
-            readers[number].append((factor, own))
+            readers[number].append((factor, channel))
     return Words(inputs, items, readers[: words.inputs], words.field)
 
 
@@ -216,9 +216,9 @@ def _add(row: Row, other: Row, ball: Any, residue: Any) -> list[int]:
             row[column] = Exact(ball * entry.ball, residue * entry.residue)
             new.append(column)
             continue
-        left = before.residue + residue * entry.residue
-        if left != 0:
-            row[column] = Exact(before.ball + ball * entry.ball, left)
+        residue_sum = before.residue + residue * entry.residue
+        if residue_sum != 0:
+            row[column] = Exact(before.ball + ball * entry.ball, residue_sum)
         else:
             del row[column]
     return new

@@ -145,16 +145,18 @@ def largest_singular(matrices: Values) -> Array:
     rounding = 4.0 * (sum(tall.shape[1:]) + 4) * n * EPS
     whole = np.sqrt(np.sum(np.abs(tall) ** 2, axis=(1, 2)))
     squares, lengths = (
-        _row_sums(np.conj(np.swapaxes(X, 1, 2)) @ X, one) for X, one in ((W, 0.0), (V, 1.0))
+        _row_sums(np.conj(np.swapaxes(X, 1, 2)) @ X, diagonal) for X, diagonal in ((W, 0.0), (V, 1.0))
     )
     bound = np.sqrt(squares + rounding * whole**2) + rounding * whole
     bound = bound * (1.0 + rounding) / np.sqrt(1.0 - np.minimum(lengths + rounding, 0.5))
     return np.asarray(np.where(lengths + rounding < 0.5, bound, whole * (1.0 + rounding)))
 
 
-def _row_sums(squares: Values, one: float) -> Array:
+def _row_sums(squares: Values, diagonal: float) -> Array:
     """The largest row sum of each of the matrices (N, n, n), less `one` times the identity."""
-    return np.asarray(np.max(np.sum(np.abs(squares - one * np.eye(squares.shape[1])), axis=2), axis=1))
+    return np.asarray(
+        np.max(np.sum(np.abs(squares - diagonal * np.eye(squares.shape[1])), axis=2), axis=1)
+    )
 
 
 def turn_of(piece: Piece, axis: int) -> int:
@@ -267,17 +269,17 @@ def prove(
             return first._replace(work=used, frequency=frequency)
         with after(used):
             tasks = [(model, k, scale, queue[i], share, is_wrong, gain) for i in places]
-            found: list[tuple[Outcome, _Rest | None]] = crew(_explored, tasks)
-        used += sum(outcome.work for outcome, _ in found)
-        for i, (outcome, rest) in reversed([*zip(places, found, strict=True)]):
+            outcomes: list[tuple[Outcome, _Rest | None]] = crew(_explored, tasks)
+        used += sum(outcome.work for outcome, _ in outcomes)
+        for i, (outcome, unproved) in reversed([*zip(places, outcomes, strict=True)]):
             if outcome.log is None:
                 first = outcome
-            if outcome.log is None and not rest:
+            if outcome.log is None and not unproved:
                 return outcome._replace(work=used)
             if not np.isnan(outcome.frequency):
                 frequency = outcome.frequency
-            queue[i : i + 1] = [rest[0], *reversed(rest[1])] if rest else [outcome.log]
-    log = tuple(step for part in queue for step in part)
+            queue[i : i + 1] = [unproved[0], *reversed(unproved[1])] if unproved else [outcome.log]
+    log = tuple(step for steps in queue for step in steps)
     return Outcome(log, None, first.open_box, used, frequency)
 
 

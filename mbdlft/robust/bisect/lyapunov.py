@@ -65,7 +65,7 @@ _ON_THE_WAY = 0.6  # of those that would be, if all took the same work
 _MIDDLE = np.array([0.5])
 
 
-class _Part(NamedTuple):
+class _Subbox(NamedTuple):
     """N and d as Bernstein coefficients (r_1 + 1, ..., n^2 + 1) on deltas c - h to c + h, of a unit box.
 
     Their errors are at most `steps` EPS of `sizes`, which has their shape. With a gain it is N_+.
@@ -114,35 +114,35 @@ def _cost(model: Realization, degrees: NDArray[Any] | None) -> float:
 def searched(model: Realization, ends: Ends, work: float, is_wrong: Check, gain: float = 0.0) -> Attempt:
     """Look for a proof that all models of the box |delta| <= ends are stable, of a gain below 1/gain."""
     waiting, log, states, degrees = [_whole(model, ends, gain)], list[int](), list[Array](), list[Any]()
-    used, proved, part = 0.0, 0.0, waiting[0]
+    used, proved, subbox = 0.0, 0.0, waiting[0]
     while waiting:
-        part = waiting.pop()
-        if is_wrong(part.center):
-            return Attempt(None, part.center, part.center, used)
-        modes = _modes(part)
-        tails = None if modes is None else _tails(part, modes)
-        wanted, axis = None, _largest_change(part)
+        subbox = waiting.pop()
+        if is_wrong(subbox.center):
+            return Attempt(None, subbox.center, subbox.center, used)
+        modes = _modes(subbox)
+        tails = None if modes is None else _tails(subbox, modes)
+        wanted, axis = None, _largest_change(subbox)
         if tails is not None:
             least = 1 + np.sum(tails > _TAIL / len(tails), axis=1)
             axis = int(np.argmax(least + tails[:, -1] / (1.0 + tails[:, -1])))
             wanted = least if np.max(least) <= _DEGREE and _cost(model, least) <= _DEAREST else None
         cost = _cost(model, wanted)
         is_slow = used > _EARLY * work and proved * work < _ON_THE_WAY * used
-        is_hopeless = is_slow or not part.half[axis] > _SMALLEST
+        is_hopeless = is_slow or not subbox.half[axis] > _SMALLEST
         if used + cost > work or is_hopeless:
-            return Attempt(None, None, part.center, used, is_hopeless)
+            return Attempt(None, None, subbox.center, used, is_hopeless)
         used += cost
         tell(used)
-        if modes is not None and wanted is not None and _proves(part, modes, wanted, _SLACK):
+        if modes is not None and wanted is not None and _proves(subbox, modes, wanted, _SLACK):
             log.append(0)
             states.append(modes)
             degrees.append(wanted)
-            proved += float(np.prod(part.half))
+            proved += float(np.prod(subbox.half))
         else:
             log.append(1 + axis)
-            waiting += reversed(_halves(part, axis))
+            waiting += reversed(_halves(subbox, axis))
     return Attempt(
-        LyapunovProof(tuple(log), np.array(degrees), np.array(states)), None, part.center, used
+        LyapunovProof(tuple(log), np.array(degrees), np.array(states)), None, subbox.center, used
     )
 
 
@@ -158,44 +158,44 @@ def replayed(model: Realization, ends: Ends, proof: LyapunovProof, gain: float =
     for step in proof.log:
         if not waiting or not 0 <= step <= q:
             return False
-        part = waiting.pop()
+        subbox = waiting.pop()
         if step:
-            waiting += reversed(_halves(part, step - 1))
+            waiting += reversed(_halves(subbox, step - 1))
             continue
         modes, degrees = next(leaves)
-        if not np.all(np.isfinite(modes)) or not _proves(part, modes, degrees):
+        if not np.all(np.isfinite(modes)) or not _proves(subbox, modes, degrees):
             return False
     return not waiting
 
 
-def _whole(model: Realization, ends: Ends, gain: float) -> _Part:
+def _whole(model: Realization, ends: Ends, gain: float) -> _Subbox:
     values, sizes = state_polynomials(model, ends, gain)
     (n, m), q = model.E.shape, len(model.sizes)
-    return _Part(values, sizes, 2, np.zeros(q), np.ones(q), n, m if gain else 0)
+    return _Subbox(values, sizes, 2, np.zeros(q), np.ones(q), n, m if gain else 0)
 
 
-def _halves(part: _Part, axis: int) -> list[_Part]:
+def _halves(subbox: _Subbox, axis: int) -> list[_Subbox]:
     """Both halves along a delta, the lower first (de Casteljau)."""
-    half = part.half.copy()
+    half = subbox.half.copy()
     half[axis] *= 0.5
-    steps = part.steps + part.values.shape[axis]
-    parts = []
-    halves = zip(split(part.values, axis), split(part.sizes, axis), strict=True)
+    steps = subbox.steps + subbox.values.shape[axis]
+    result = []
+    halves = zip(split(subbox.values, axis), split(subbox.sizes, axis), strict=True)
     for side, pair in zip((-1.0, 1.0), halves, strict=True):
-        center = part.center.copy()
+        center = subbox.center.copy()
         center[axis] += side * half[axis]
         values, sizes = pair
-        parts.append(part._replace(values=values, sizes=sizes, steps=steps, center=center, half=half))
-    return parts
+        result.append(subbox._replace(values=values, sizes=sizes, steps=steps, center=center, half=half))
+    return result
 
 
-def _modes(part: _Part) -> Array | None:
+def _modes(subbox: _Subbox) -> Array | None:
     """Columns (n, n) of the modes in the middle, in which -(A + A') is I; None if they are dependent.
 
     With a gain, they are larger: I is what the Riccati equation has in place of 0.
     """
-    n, middle = part.states, [_MIDDLE] * len(part.center)
-    N, d = _at_nodes(part, middle)
+    n, middle = subbox.states, [_MIDDLE] * len(subbox.center)
+    N, d = _at_nodes(subbox, middle)
     if not d.item() > 0.0:
         return None
     A = N.reshape(N.shape[-2:])[:n, :n] / d.item()
@@ -206,14 +206,14 @@ def _modes(part: _Part) -> Array | None:
     if columns.shape != A.shape or not (np.all(np.isfinite(columns)) and np.all(decay > 0.0)):
         return None
     modes = np.asarray(scale[:, None] * columns / decay)
-    if not part.inputs:
+    if not subbox.inputs:
         return modes
-    if (whole := _in_modes(part, modes, middle)) is None:
+    if (whole := _in_modes(subbox, modes, middle)) is None:
         return None
-    modes = modes / _weights(whole.reshape(N.shape[-2:]), decay, part.inputs, owner)
-    if (whole := _in_modes(part, modes, middle)) is None:
+    modes = modes / _weights(whole.reshape(N.shape[-2:]), decay, subbox.inputs, owner)
+    if (whole := _in_modes(subbox, modes, middle)) is None:
         return None
-    share = _largest_share(whole.reshape(N.shape[-2:]), n, part.inputs)
+    share = _largest_share(whole.reshape(N.shape[-2:]), n, subbox.inputs)
     return np.asarray(modes / np.sqrt(0.5 * share)) if share else None
 
 
@@ -238,9 +238,9 @@ def _largest_share(whole: Array, n: int, inputs: int) -> float:
     return low
 
 
-def _at_nodes(part: _Part, nodes: Sequence[Array]) -> tuple[Array, Array]:
+def _at_nodes(subbox: _Subbox, nodes: Sequence[Array]) -> tuple[Array, Array]:
     """N (..., n, n) and d (...) at nodes of each delta, which go from 0 to 1 on the part."""
-    values, n = part.values, part.rows
+    values, n = subbox.values, subbox.rows
     for axis, t in enumerate(nodes):
         basis = _basis(values.shape[axis] - 1, tuple(t.tolist()))
         values = np.moveaxis(np.tensordot(basis, values, (1, axis)), 0, axis)
@@ -255,39 +255,39 @@ def _basis(degree: int, nodes: tuple[float, ...]) -> Array:
     )
 
 
-def _proves(part: _Part, modes: Array, degrees: NDArray[Any], slack: float = 0.0) -> bool:
+def _proves(subbox: _Subbox, modes: Array, degrees: NDArray[Any], slack: float = 0.0) -> bool:
     """Whether P of these degrees, in these coordinates, proves a part."""
     nodes = [_chebyshev(int(e)) for e in degrees]
-    P = _solutions(part, modes, nodes)
+    P = _solutions(subbox, modes, nodes)
     if P is None:
         return False
     for axis, t in enumerate(nodes):
         inverse = np.linalg.inv(_basis(len(t) - 1, tuple(t.tolist())))
         P = np.moveaxis(np.tensordot(inverse, P, (1, axis)), 0, axis)
-    P = _beside(part, 0.5 * (P + P.mT), 1.0)
-    return bool(np.all(np.isfinite(P))) and _is_positive(part, modes, P, slack)
+    P = _beside(subbox, 0.5 * (P + P.mT), 1.0)
+    return bool(np.all(np.isfinite(P))) and _is_positive(subbox, modes, P, slack)
 
 
-def _tails(part: _Part, modes: Array) -> Array | None:
+def _tails(subbox: _Subbox, modes: Array) -> Array | None:
     """What terms of P beyond degrees 1, 2, ... add to S along each delta (q, _DEGREE); None without A.
 
     Where nodes have no P, it is how many.
     """
-    n, q, t = part.rows, len(part.center), _chebyshev(_DEGREE)
+    n, q, t = subbox.rows, len(subbox.center), _chebyshev(_DEGREE)
     terms = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * t - 1.0, _DEGREE))
-    A = _in_modes(part, modes, [_MIDDLE] * q)
+    A = _in_modes(subbox, modes, [_MIDDLE] * q)
     if A is None:
         return None
     tails = []
     for axis in range(q):
-        line = _in_modes(part, modes, [t if k == axis else _MIDDLE for k in range(q)])
+        line = _in_modes(subbox, modes, [t if k == axis else _MIDDLE for k in range(q)])
         rows: Any = () if line is None else line.reshape(-1, *A.shape[-2:])
-        found = [P for each in rows if (P := _equation(part, each)) is not None]
-        if missing := len(t) - len(found):  # cut first where most have none
+        solutions = [P for each in rows if (P := _equation(subbox, each)) is not None]
+        if missing := len(t) - len(solutions):  # cut first where most have none
             tails.append(np.full(_DEGREE, float(missing)))
             continue
-        series = np.tensordot(terms, np.array(found), 1)
-        half = _beside(part, series, 0.0) @ A.reshape(n, n)
+        series = np.tensordot(terms, np.array(solutions), 1)
+        half = _beside(subbox, series, 0.0) @ A.reshape(n, n)
         sizes = np.linalg.norm(half + half.mT, axis=(1, 2))
         tails.append(np.append(np.cumsum(sizes[::-1])[-3::-1], sizes[-1]))
     return np.array(tails) if np.all(np.isfinite(tails)) else None
@@ -298,9 +298,9 @@ def _chebyshev(degree: int) -> Array:
     return np.asarray(0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1)))
 
 
-def _beside(part: _Part, matrices: Array, one: float) -> Array:
+def _beside(subbox: _Subbox, matrices: Array, one: float) -> Array:
     """diag(X, one I, one I) for each of the matrices X of the states."""
-    n, more = part.states, part.rows - part.states
+    n, more = subbox.states, subbox.rows - subbox.states
     if not more:
         return matrices
     whole = np.zeros((*matrices.shape[:-2], n + more, n + more))
@@ -309,34 +309,34 @@ def _beside(part: _Part, matrices: Array, one: float) -> Array:
     return whole
 
 
-def _in_modes(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
+def _in_modes(subbox: _Subbox, modes: Array, nodes: Sequence[Array]) -> Array | None:
     """N/d (..., n, n) at nodes in coordinates; None if there is none."""
-    N, d = _at_nodes(part, nodes)
+    N, d = _at_nodes(subbox, nodes)
     if not np.all(d > 0.0):
         return None
     try:
-        modes = _beside(part, modes, 1.0)
+        modes = _beside(subbox, modes, 1.0)
         return np.asarray(np.linalg.solve(modes, N / d[..., None, None] @ modes))
     except np.linalg.LinAlgError:
         return None
 
 
-def _solutions(part: _Part, modes: Array, nodes: Sequence[Array]) -> Array | None:
+def _solutions(subbox: _Subbox, modes: Array, nodes: Sequence[Array]) -> Array | None:
     """Solutions P (..., n, n) at nodes, in coordinates; None if one has none."""
-    whole = _in_modes(part, modes, nodes)
+    whole = _in_modes(subbox, modes, nodes)
     if whole is None:
         return None
-    found = []
+    solutions = []
     for each in whole.reshape(-1, *whole.shape[-2:]):
-        if (P := _equation(part, each)) is None:
+        if (P := _equation(subbox, each)) is None:
             return None
-        found.append(P)
-    return np.array(found).reshape(*whole.shape[:-2], *modes.shape)
+        solutions.append(P)
+    return np.array(solutions).reshape(*whole.shape[:-2], *modes.shape)
 
 
-def _equation(part: _Part, whole: Array) -> Array | None:
+def _equation(subbox: _Subbox, whole: Array) -> Array | None:
     """The solution of Lyapunov's equation, or of Riccati's, of one matrix."""
-    return _riccati(whole, part.states, part.inputs, 1.0) if part.inputs else _solution(whole)
+    return _riccati(whole, subbox.states, subbox.inputs, 1.0) if subbox.inputs else _solution(whole)
 
 
 def _solution(A: Array, Q: Array | None = None) -> Array:
@@ -373,7 +373,7 @@ def _unsorted(*_: float) -> None:
     """Eigenvalues of Schur's form stay as they come."""
 
 
-def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> bool:
+def _is_positive(subbox: _Subbox, modes: Array, P: Array, slack: float = 0.0) -> bool:
     """Whether d > 0 and S > 0 on a part are proved, with a share of the diagonal of S to spare.
 
     With W near to the inverse of T, the modes, P stands for W'P W, and T'S T is the sum of -E'P (W N T)
@@ -381,17 +381,17 @@ def _is_positive(part: _Part, modes: Array, P: Array, slack: float = 0.0) -> boo
     Modes are scaled, by powers of two, until the diagonal of P is near to 1. Inputs and outputs of a gain
     stay as they are, so W and T have an exact I for them.
     """
-    n, states, q = part.rows, part.states, len(part.center)
-    shape, rounding = part.values.shape[:q], part.steps * EPS
-    if not np.all(part.values[..., -1] > 2.0 * rounding * part.sizes[..., -1]):
+    n, states, q = subbox.rows, subbox.states, len(subbox.center)
+    shape, rounding = subbox.values.shape[:q], subbox.steps * EPS
+    if not np.all(subbox.values[..., -1] > 2.0 * rounding * subbox.sizes[..., -1]):
         return False
     energies = np.mean(np.abs(np.diagonal(P, axis1=-2, axis2=-1)), axis=tuple(range(q)))
     scale = 2.0 ** np.round(0.5 * np.log2(np.maximum(energies, 1e-300)))
     P, modes = P / np.outer(scale, scale), modes / scale[:states]
-    W, modes = (_beside(part, np.asarray(each), 1.0) for each in (np.linalg.inv(modes), modes))
-    N = W @ part.values[..., :-1].reshape(*shape, n, n) @ modes
+    W, modes = (_beside(subbox, np.asarray(each), 1.0) for each in (np.linalg.inv(modes), modes))
+    N = W @ subbox.values[..., :-1].reshape(*shape, n, n) @ modes
     largest = np.outer(np.sum(np.abs(W), axis=0), np.sum(np.abs(modes), axis=1))
-    errors = part.sizes[..., :-1] @ largest.ravel()
+    errors = subbox.sizes[..., :-1] @ largest.ravel()
     near = W @ modes - np.eye(n)
     identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * EPS * (np.abs(W) @ np.abs(modes))))
     share = rounding + (6.0 * n + 2.0 * prod(P.shape[:q]) + 40.0) * EPS
@@ -455,9 +455,9 @@ def _binomials(shape: tuple[int, ...]) -> Array:
     return weights
 
 
-def _largest_change(part: _Part) -> int:
+def _largest_change(subbox: _Subbox) -> int:
     """The delta along which d and N change most."""
-    q = len(part.center)
-    largest = np.max(part.sizes, axis=tuple(range(q)))
-    rows = part.values / np.where(largest > 0.0, largest, 1.0)
+    q = len(subbox.center)
+    largest = np.max(subbox.sizes, axis=tuple(range(q)))
+    rows = subbox.values / np.where(largest > 0.0, largest, 1.0)
     return int(np.argmax([np.max(np.abs(np.diff(rows, axis=k)), initial=0.0) for k in range(q)]))

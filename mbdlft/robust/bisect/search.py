@@ -282,14 +282,14 @@ def attempted(
             proof = None if outcome.log is None else BoxProof(outcome.log)
             state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
             center = outcome.open_box.center
-            found = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
+            attempt = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
         else:
             with after(state.used):
-                found = searched(model, ends, work, is_wrong, gain)
-            state = state._replace(used=state.used + found.work)
-        if found.proof is not None or found.counterexample is not None or not found.is_hopeless:
+                attempt = searched(model, ends, work, is_wrong, gain)
+            state = state._replace(used=state.used + attempt.work)
+        if attempt.proof is not None or attempt.counterexample is not None or not attempt.is_hopeless:
             break
-    return state, found
+    return state, attempt
 
 
 def bounds_of(

@@ -90,7 +90,7 @@ def unstable_motion(
         return NONE, -1
 
     first = (smallest(share * most) for share in _LADDER)
-    best, place = next((found for found in first if found[1] >= 0), (NONE, -1))
+    best, place = next((smaller for smaller in first if smaller[1] >= 0), (NONE, -1))
     while place >= 0:
         motion, other = smallest(best.size, place)
         if not motion.size < best.size * (1.0 - _NEAR):

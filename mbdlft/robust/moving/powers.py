@@ -89,28 +89,32 @@ def widened(model: Realization, moves: Sequence[bool], order: int) -> Realizatio
     n, r = model.B.shape
     if not order or not any(moves):
         return model
-    parts = [slice(*ends) for ends in pairwise(np.cumsum([0, *model.sizes]).tolist())]
-    is_kept = [not m or bool(np.any(model.D[part])) for m, part in zip(moves, parts, strict=True)]
+    old_spans = [slice(*ends) for ends in pairwise(np.cumsum([0, *model.sizes]).tolist())]
+    is_kept = [
+        not m or bool(np.any(model.D[old_span])) for m, old_span in zip(moves, old_spans, strict=True)
+    ]
     of_old = [size * kept for size, kept in zip(model.sizes, is_kept, strict=True)]
     sizes = [old + order * n * m for old, m in zip(of_old, moves, strict=True)]
     total = sum(sizes)
     w, C = _nothing(model, r, total), _nothing(model, total, n)  # the old w by the new ones
     D = _nothing(model, total, total)
     rows = []
-    for start, old, part, m in zip(np.cumsum([0, *sizes[:-1]]), of_old, parts, moves, strict=True):
+    for start, old, old_span, m in zip(
+        np.cumsum([0, *sizes[:-1]]), of_old, old_spans, moves, strict=True
+    ):
         first = start + old
         if old:
-            w[part, start:first] = np.eye(old)
-            rows.append((slice(start, first), part))
+            w[old_span, start:first] = np.eye(old)
+            rows.append((slice(start, first), old_span))
         else:
-            w[part, first : first + n] = model.C[part]
+            w[old_span, first : first + n] = model.C[old_span]
         if m:
             C[first : first + n] = np.eye(n)
             for layer in range(1, order):
                 at = first + layer * n
                 D[at : at + n, at - n : at] = np.eye(n)
-    for new, part in rows:
-        C[new], D[new] = model.C[part], model.D[part] @ w
+    for new, old_span in rows:
+        C[new], D[new] = model.C[old_span], model.D[old_span] @ w
     return alone(model._replace(sizes=tuple(sizes), B=model.B @ w, C=C, D=D))
 
 

@@ -195,7 +195,7 @@ def _pencil(system: Channels, first: Any, mixed: Any, last: Any) -> Any:
     n, m = B.shape
     T = balls(np.block([[C, D], [np.zeros((m, n)), np.eye(m)]]).astype(complex))
     middle = [[first, mixed], [adjoint(mixed), -last]]
-    Q = entries(T.transpose() * joined([[entries(part) for part in row] for row in middle]) * T)
+    Q = entries(T.transpose() * joined([[entries(block) for block in row] for row in middle]) * T)
     Q11, Q12, Q21, R = Q[:n, :n], Q[:n, n:], Q[n:, :n], Q[n:, n:]
     return joined([[A, np.zeros((n, n)), B], [-Q11, -A.T, -Q12], [Q21, B.T, R]])
 
@@ -222,8 +222,8 @@ def _fine_eigenvectors(N: Any, n: int) -> tuple[list[Any], Any, Any] | None:
     """The same with the bits of balls."""
     whole = entries(N.mid())
     top, right, below, corner = (
-        joined([[part]])
-        for part in (
+        joined([[block]])
+        for block in (
             whole[: 2 * n, : 2 * n],
             whole[: 2 * n, 2 * n :],
             whole[2 * n :, : 2 * n],

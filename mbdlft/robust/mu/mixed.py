@@ -83,7 +83,7 @@ class Attempt(NamedTuple):
 
     # covers of all parts, and the blocks that these are cut along, depth first; None: one resisted, or is
     # unstable
-    parts: Sequence[tuple[Cover, int]] | None
+    covers: Sequence[tuple[Cover, int]] | None
     low: Array  # (number of blocks,), with `high`: a part that resisted
     high: Array
     at: float  # where it did (rad/s); NaN if none did
@@ -115,7 +115,7 @@ def attempt(
     """
     low, high = ends_of(loop, k)
     waiting = [_Node(Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE))]
-    parts: dict[tuple[int, ...], tuple[Cover, int]] = {}
+    covers: dict[tuple[int, ...], tuple[Cover, int]] = {}
     used, batches, widths = 0.0, 0, high - low
     real = np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
     while waiting:
@@ -127,7 +127,7 @@ def attempt(
             covers_of = crew(covered, [(loop, node.box) for node in batch])
         for node, cover in zip(batch, covers_of, strict=True):
             used += cover.work
-            parts[node.path] = cover, -1
+            covers[node.path] = cover, -1
         resisting = [pair for pair in zip(batch, covers_of, strict=True) if pair[1].todo]
         if not resisting:
             continue
@@ -141,7 +141,7 @@ def attempt(
             axis = _cut(loop, node, cover, real, widths)
             if axis < 0:
                 return Attempt(None, node.box.low, node.box.high, cover.at, used, state)
-            parts[node.path] = cover, axis
+            covers[node.path] = cover, axis
             inherited = node.box._replace(todo=cover.todo, at=cover.at, start=cover.last)
             rough = node.rough + (not cover.beta > 1.0)
             halves = [
@@ -149,7 +149,7 @@ def attempt(
                 for side, (a, b) in enumerate(_cut_in_two(node.box.low, node.box.high, axis))
             ]
             waiting += halves[::-1]
-    return Attempt([parts[path] for path in sorted(parts)], low, high, np.nan, used, state)
+    return Attempt([covers[path] for path in sorted(covers)], low, high, np.nan, used, state)
 
 
 def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
@@ -187,12 +187,12 @@ def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array]
     return (low, below), (above, high)
 
 
-def proof_of(loop: Loop, parts: Sequence[tuple[Cover, int]]) -> IntervalProof:
+def proof_of(loop: Loop, covers: Sequence[tuple[Cover, int]]) -> IntervalProof:
     """The proof of covers of parts, and the blocks that these are cut along, depth first."""
     return IntervalProof(
-        tuple(number for cover, axis in parts for number in (len(cover.intervals), axis + 1)),
-        tuple(interval for cover, _ in parts for interval in cover.intervals),
-        tuple(scaled(pair, 1.0 / loop.scale) for cover, _ in parts for pair in cover.multipliers),
+        tuple(number for cover, axis in covers for number in (len(cover.intervals), axis + 1)),
+        tuple(interval for cover, _ in covers for interval in cover.intervals),
+        tuple(scaled(pair, 1.0 / loop.scale) for cover, _ in covers for pair in cover.multipliers),
     )
 
 
@@ -393,8 +393,8 @@ def _tried(question: _Question, cover: Cover, state: State[Reached], k: float) -
     with after(state.used):
         outcome = attempt(loop, k, work, cover, reach, state, asked.crew)
     before, state = state.upper, outcome.state._replace(used=outcome.state.used + outcome.work)
-    if outcome.parts is not None:
-        proof = proof_of(loop, outcome.parts)
+    if outcome.covers is not None:
+        proof = proof_of(loop, outcome.covers)
         return state._replace(lower=k * _INSIDE, proof=proof)
     if not state.upper < before:
         return state._replace(reason=_resistance(question, outcome, k))

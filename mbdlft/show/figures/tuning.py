@@ -157,17 +157,17 @@ def _draw_steps(axes: Axes, tuning: Tuning, gains: Sequence[Reached]) -> None:
     pairs = [(r.goal.inputs[0], r.goal.outputs[0]) for r in gains]
     names = [s.name for s in tuning.loop.inputs], [s.name for s in tuning.loop.outputs]
     chosen = [(names[1].index(y), names[0].index(u)) for u, y in dict.fromkeys(pairs)][:_MOST_STEPS]
-    own = [_own(tuning.loop, point) for point in tuning.points]
-    times, rest = response_times(tuning.loop), np.zeros(0)
+    values_at = [_own(tuning.loop, point) for point in tuning.points]
+    times, settled = response_times(tuning.loop), np.zeros(0)
     for count in range(_LOOKS):  # slow modes that are hardly seen leave all others at the left edge
-        values = [step_response(tuning.loop, point, times).values[0] for point in own]
+        values = [step_response(tuning.loop, point, times).values[0] for point in values_at]
         curves = np.array([[value[:, row, column] for row, column in chosen] for value in values])
         sizes = np.maximum(np.max(np.abs(curves), axis=(0, 2)), np.finfo(float).tiny)
-        rest = rest if count else curves[:, :, -1:]
-        moving = np.abs(curves - rest) > _SETTLED * sizes[:, None]
+        settled = settled if count else curves[:, :, -1:]
+        moving = np.abs(curves - settled) > _SETTLED * sizes[:, None]
         end = times[min(int(np.max(np.nonzero(moving)[2], initial=0)) + 2, len(times) - 1)]
         times = np.linspace(0.0, end, len(times))
-    values = [step_response(tuning.loop, point, times).values[0] for point in own]
+    values = [step_response(tuning.loop, point, times).values[0] for point in values_at]
     for k, (row, column) in enumerate(chosen):
         for j, value in enumerate(values):
             label = f"{names[0][column]} to {names[1][row]}, over {sizes[k]:.3g}" if not j else None
@@ -189,14 +189,14 @@ def _draw_poles(axes: Axes, tuning: Tuning, seed: int) -> None:
             label=f"{count} samples",
         )  # fmt: skip
     for j, point in enumerate(tuning.points):
-        found = poles(loop, _own(loop, point))[0]
+        roots = poles(loop, _own(loop, point))[0]
         mark, color = ("x", "black") if not j else ("o", WORST)
         label = ("nominal", "worst points", None)[min(j, 2)]
         axes.plot(
-            found.real, found.imag, mark, color=color, markersize=5.0, fillstyle="none", label=label
+            roots.real, roots.imag, mark, color=color, markersize=5.0, fillstyle="none", label=label
         )
     axes.axvline(0.0, color="black", linewidth=0.8)
-    size = 10.0 ** round(float(np.log10(np.median(np.abs(found)) or 1.0)))
+    size = 10.0 ** round(float(np.log10(np.median(np.abs(roots)) or 1.0)))
     axes.set_xscale("symlog", linthresh=size)
     axes.set_yscale("symlog", linthresh=size)
     axes.set(xlabel="real part (rad/s)", ylabel="imaginary part (rad/s)", title="poles over the box")
@@ -208,8 +208,8 @@ def _draw_schedule(axes: Axes, controller: System, name: str, loop: System) -> N
     low, high = np.quantile(sizes, [0.1, 0.9])
     omega = np.geomspace(low, high, _MOST_GAINS - 2) if low > 0.0 else np.array([high or 1.0])
     values = grid(controller.parameters, {name: _VALUES})
-    found = singular_values(frequency_response(controller, values, omega))[:, :, 0]
+    gains = singular_values(frequency_response(controller, values, omega))[:, :, 0]
     for k, w in enumerate(omega):
-        axes.plot(values[name], found[:, k], color=COLORS[k], label=f"{w:.3g} rad/s")
+        axes.plot(values[name], gains[:, k], color=COLORS[k], label=f"{w:.3g} rad/s")
     unit = controller.parameters[name].unit
     axes.set(xlabel=f"{name} ({unit})", ylabel="largest gain", title=f"{controller.name} over {name}")

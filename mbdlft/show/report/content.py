@@ -93,11 +93,11 @@ def verdict_sentence(model: System) -> str:
     """The first thing that a reader wants to know of the order and of exactness."""
     if not isinstance(model, LFTModel):
         return f"The model has order {model.order}; it is stored without evidence."
-    c, text = model.certificate, model.provenance.scene
+    c, match = model.certificate, model.provenance.scene
     made = "the connection of its parts"
-    if _SCENE in text:
+    if _SCENE in match:
         made = "trimming and linearizing the nonlinear equations again"
-    elif _MATRIX in text:
+    elif _MATRIX in match:
         made = "the matrix"
     exact = "The model is an approximation."
     if c.exact:
@@ -236,8 +236,8 @@ def tuned_of(loop: System) -> list[str]:
 def goal_lines(model: System) -> list[str]:
     """What a controller was tuned for, and what was found, as `save_tuning` writes it; nothing else."""
     first, *lines = model.description.splitlines() or [""]
-    found = (re.match(r".*? \((hard|soft)\): tuned [^\s,;]+, worst found [^\s,;]+", x) for x in lines)
-    return [text[0] for text in found if text] if first == "tuned:" else []
+    matches = (re.match(r".*? \((hard|soft)\): tuned [^\s,;]+, worst found [^\s,;]+", x) for x in lines)
+    return [match[0] for match in matches if match] if first == "tuned:" else []
 
 
 def worst_cases(analyses: Sequence[tuple[str, System, Bounds]]) -> tuple[Worst, ...]:

@@ -253,11 +253,11 @@ def other_poles(other: Scene | System) -> dict[str, Any]:
     else:
         A, B, C, D = other.A, other.B_u, other.C_y, other.D_yu
         names = [s.name for s in other.inputs], [s.name for s in other.outputs]
-    found = spectrum(A).cleaned
+    eigenvalues = spectrum(A).cleaned
     return {
         "kind": "other",
         "title": f"poles of {other.name} at nominal",
-        "poles": [[float(pole.real), float(pole.imag)] for pole in found],
+        "poles": [[float(pole.real), float(pole.imag)] for pole in eigenvalues],
         **{key: matrix.tolist() for key, matrix in (("A", A), ("B", B), ("C", C), ("D", D))},
         "inputs": names[0],
         "outputs": names[1],

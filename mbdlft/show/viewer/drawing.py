@@ -33,7 +33,7 @@ from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.sensor import Sensor
 from mbdlft.multibody.spatial import column
 from mbdlft.problem.sx.constants import unit_vector
-from mbdlft.robot.description import between
+from mbdlft.robot.robot import between
 from mbdlft.show.viewer.looks import extent_of, placed
 from mbdlft.show.viewer.poses import Poses, load_wrenches
 
@@ -420,10 +420,10 @@ def add_solids(drawing: Drawing) -> None:
 
 def _given(shape: BodyShape) -> dict[str, Any]:
     """The geometry of a shape of the scene, as pages draw it."""
-    found = {kind: getattr(shape, kind) for kind in ("box", "cylinder", "sphere")}
+    solid = {kind: getattr(shape, kind) for kind in ("box", "cylinder", "sphere")}
     sizes = {
         kind: list(size) if isinstance(size, tuple) else size
-        for kind, size in found.items()
+        for kind, size in solid.items()
         if size is not None
     }
     place = placed(between(_UP, np.array(shape.axis, dtype=float)), np.array(shape.at, dtype=float))
@@ -463,9 +463,9 @@ def _solid(drawing: Drawing, body: RigidBody) -> dict[str, Any] | None:
     numbers = drawing.numbers(stacked)
     inertia, mass, r, p = numbers[:9].reshape(3, 3), float(numbers[9]), numbers[10:13], numbers[13:]
     d = r - p
-    found = solid_of(mass, inertia - mass * ((d @ d) * np.eye(3) - np.outer(d, d)))
-    if found is None:
+    solid = solid_of(mass, inertia - mass * ((d @ d) * np.eye(3) - np.outer(d, d)))
+    if solid is None:
         return None
-    sizes, axes = found
+    sizes, axes = solid
     place = placed(axes, r)
     return {**sizes, "place": place.ravel().tolist(), "extent": extent_of(sizes, place)}

@@ -16,9 +16,9 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import GROUND
-from mbdlft.robot.description import between, body_name, of_angles, of_quaternion
 from mbdlft.robot.load import top_of
 from mbdlft.robot.mjcf_model import Compiled, compiled
+from mbdlft.robot.robot import between, body_name, of_angles, of_quaternion
 from mbdlft.robot.sdf import chosen_model, version_of
 from mbdlft.robot.sdf_frames import frames_of, scopes
 from mbdlft.robot.urdf import (
@@ -193,8 +193,8 @@ def extruded(outline: Array, height: float) -> Array:
     after = np.roll(np.arange(len(outline)), -1)
     walls = [[low, low[after], high[after]], [low, high[after], high]]
     ends = _ears(outline)
-    parts = [np.stack(wall, axis=1) for wall in walls] + [low[ends], high[ends]]
-    return np.concatenate(parts)
+    triangles = [np.stack(wall, axis=1) for wall in walls] + [low[ends], high[ends]]
+    return np.concatenate(triangles)
 
 
 def _ears(outline: Array) -> Array:

@@ -182,11 +182,11 @@ def _library() -> tuple[str, str]:
 
 def three_of(bundle: str) -> str:
     """The modules of three.js out of a bundle, a third of it; all of a bundle of another form."""
-    parts = _WHOLE.fullmatch(bundle)
-    modules = _MODULE.split(parts[2])[1:] if parts else []
+    bundled = _WHOLE.fullmatch(bundle)
+    modules = _MODULE.split(bundled[2])[1:] if bundled else []
     texts = dict(zip(modules[::2], modules[1::2], strict=True))
     three = [key for key, text in texts.items() if _THREE in text]
-    if not parts or len(three) != 1:
+    if not bundled or len(three) != 1:
         return bundle
     kept, needed = {}, three.copy()
     while needed:
@@ -194,7 +194,7 @@ def three_of(bundle: str) -> str:
         if key in texts and key not in kept:
             kept[key] = texts[key]
             needed += _NEEDED.findall(texts[key])
-    return f"{parts[1]}{','.join(kept.values())}{parts[3]}{three[0]}{parts[5]}"
+    return f"{bundled[1]}{','.join(kept.values())}{bundled[3]}{three[0]}{bundled[5]}"
 
 
 def scene_of(model: object) -> Scene:

@@ -138,8 +138,8 @@ def _around(x: float, y: float, wide: float) -> Iterator[_Box]:
     """Boxes for a name of a width on rings about its point, the nearest first."""
     for ring in itertools.count():
         radius = 6.0 + 8.0 * ring
-        for part in _DIRECTIONS:
-            i, j = (max(-1.0, min(1.0, 1.5 * side(math.pi * part))) for side in (math.cos, math.sin))
+        for direction in _DIRECTIONS:
+            i, j = (max(-1.0, min(1.0, 1.5 * side(math.pi * direction))) for side in (math.cos, math.sin))
             left, top = x + i * (radius + 0.5 * wide) - 0.5 * wide, y + (radius + 0.5 * _LINE) * j
             yield _Box(left, top - 0.5 * _LINE, left + wide, top + 0.5 * _LINE)
 
