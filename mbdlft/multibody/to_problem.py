@@ -20,12 +20,11 @@ from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.multibody.scene.checks import weightless
 from mbdlft.multibody.scene.quantities import unused_names, unused_ports
-from mbdlft.problem.equations import Equations, Moved, rows_of
-from mbdlft.problem.needs import Need, all_states, needed_states, without_free_modes
+from mbdlft.problem.equations import Equations
+from mbdlft.problem.needs import Need, all_states, felt_inputs, needed_states, without_free_modes
 from mbdlft.problem.references import reference_of
 from mbdlft.problem.relations import (
     Form,
-    LinearModel,
     Nouns,
     Problem,
     Stage,
@@ -153,15 +152,16 @@ def _with_motions(
 
     A road moves a wheel through the tire: its springs feel the displacement of the patch under it, its
     dampers the rate, and what stands on the patch by a joint feels the acceleration. The three are one
-    motion. So a model has all of them that are felt: what lacks one answers another motion.
+    motion. So a model has all of them that are felt: what lacks one answers another motion. One whose
+    column of [B ; D] is zero is not felt, such as the rate of a steering angle where tires relax.
     """
     e, chosen = equations, list(inputs)
     if not e.moved:
         return chosen
     every = sorted({*chosen, *(k for moved in e.moved for k in moved.inputs)})
-    relations = linearize(e, every, outputs)
+    matter = set(np.array(every)[felt_inputs(linearize(e, every, outputs))].tolist())
     for moved in e.moved:
-        felt = [k for order, k in enumerate(moved.inputs) if _is_felt(e, relations, moved, order)]
+        felt = [k for k in moved.inputs if k in matter]
         if is_default:
             chosen += felt
             continue
@@ -176,20 +176,6 @@ def _with_motions(
                 "imposed = true, whose only input is the acceleration."
             )
     return chosen
-
-
-def _is_felt(e: Equations, relations: LinearModel, moved: Moved, order: int) -> bool:
-    """Whether anything but its own equations has the displacement (order 0) of a coordinate, its rate (1)
-    or its acceleration (2)."""
-    n, k = e.degrees_of_freedom, moved.coordinate
-    signal = (e.x[k], e.x[n + k], e.xdot[n + k])[order]
-    last = e.residual.numel() - 2 * len(e.moved) + 2 * e.moved.index(moved)
-    kinematic = {k, n + k, last, last + 1}
-    rows = [row for row in range(relations.residual.numel()) if row not in kinematic]
-    lifted = relations.lifted.displacements if relations.lifted else ca.SX(0, 1)
-    both = ca.vertcat(rows_of(relations.residual, rows), relations.output, lifted)
-    slopes = ca.jacobian(both, signal)
-    return bool(np.any(modulo_prime(slopes, _SEED).residues != 0))
 
 
 def _trim(equations: Equations, exact: Equations) -> TrimRelations:

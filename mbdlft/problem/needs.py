@@ -172,23 +172,41 @@ def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask
     return seen
 
 
+def felt_inputs(m: LinearModel) -> Mask:
+    """Whether the column of [B ; D] of each input is not exactly zero; of none if that is not determined."""
+    states = m.derivatives
+    try:
+        rates, outputs, _ = _dynamics(m, states, signals=m.known.numel())
+    except ZeroDivisionError:  # to be reported where they are solved
+        return np.zeros(m.known.numel() - states, dtype=bool)
+    return np.asarray(np.vstack([rates, outputs])[:, states:].any(axis=0))
+
+
 def _dynamics(
-    m: LinearModel, states: int, seed: int = _SEED, values_of: Mapping[int, int] = MappingProxyType({})
+    m: LinearModel,
+    states: int,
+    seed: int = _SEED,
+    values_of: Mapping[int, int] = MappingProxyType({}),
+    signals: int | None = None,
 ) -> tuple[Residues, Residues, int]:
-    """Residues of A and C, and the prime; a ZeroDivisionError if unknowns are not determined."""
-    n, (matrix, prime) = m.unknown.numel(), _slopes(m, states, seed, values_of)
+    """Residues of A and C, and the prime; a ZeroDivisionError if unknowns are not determined.
+
+    Of [A B] and [C D] with as many known signals, if not the states only.
+    """
+    columns = states if signals is None else signals
+    n, (matrix, prime) = m.unknown.numel(), _slopes(m, columns, seed, values_of)
     follow = solved(matrix[:n, :n], -matrix[:n, n:] % prime, prime)
     return follow[:states], (matrix[n:, n:] + multiplied(matrix[n:, :n], follow, prime)) % prime, prime
 
 
-def _slopes(m: LinearModel, states: int, seed: int, values_of: Mapping[int, int]) -> tuple[Residues, int]:
-    """Residues of the slopes of [residual ; output] by [unknown ; states], and the prime.
+def _slopes(m: LinearModel, known: int, seed: int, values_of: Mapping[int, int]) -> tuple[Residues, int]:
+    """Residues of the slopes of [residual ; output] by [unknown ; known], and the prime.
 
     Parameters are given by the hashes of their symbols, or random.
 
     Loads of the trim have their own residues: what they do cancels where the equilibrium says so.
     """
-    signals = ca.vertcat(m.unknown, rows_of(m.known, range(states)))
+    signals = ca.vertcat(m.unknown, rows_of(m.known, range(known)))
     both = ca.vertcat(m.residual, m.output)
     slopes = [ca.jacobian(both, signals)]
     if m.lifted:

@@ -160,6 +160,33 @@ def test_inputs_are_those_that_are_felt() -> None:
     assert _inputs(table(sensors=seen))[1:] == ["shake.velocity", "shake.acceleration"]
 
 
+def test_an_input_whose_column_is_zero_is_not_demanded() -> None:
+    """The rate of steering is in the slip of a tire, and cancels where its side force lags."""
+    tire = {"axis": (0, 1, 0), "radius": 0.3, "force": 0.0, "cornering": 9e4}
+
+    def steered(**law: float) -> Scene:
+        return Scene(
+            name="steered",
+            velocity=(20.0, 0, 0),
+            bodies=[
+                PointMass(name="car", mass=700.0, ports={"hub": (0, 0, 0.3)}),
+                PointMass(name="fork", mass=0.0),
+            ],
+            joints=[
+                Prismatic(name="side", parent="ground", child="car", axis=(0, 1, 0), preload=0.0),
+                Revolute(name="steer", parent="car.hub", child="fork", axis=(0, 0, 1), imposed="motion"),
+            ],
+            loads=[mbdlft.Tire(name="front", child="fork", **tire, **law)],
+            inputs=["steer.angle"],
+        )
+
+    scene = steered(relaxation=0.5)
+    assert _inputs(scene) == _inputs(scene.model_copy(update={"inputs": None}))[-1:] == ["steer.angle"]
+    both = scene.model_copy(update={"inputs": ("steer.angle", "steer.rate")})
+    zero = mbdlft.to_lft(both, search=0.0).at({})
+    assert zero.B[:, 0].any() and not np.vstack([zero.B, zero.D])[:, 1].any()
+
+
 def _inputs(scene: Scene) -> list[str]:
     return [signal.name for signal in mbdlft.to_lft(scene, search=0.0).inputs]
 
