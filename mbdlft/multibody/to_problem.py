@@ -23,15 +23,7 @@ from mbdlft.multibody.scene.quantities import unused_names, unused_ports
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.needs import Need, all_states, felt_inputs, needed_states, without_free_modes
 from mbdlft.problem.references import reference_of
-from mbdlft.problem.relations import (
-    Form,
-    Nouns,
-    Problem,
-    Stage,
-    TrimRelations,
-    linearize,
-    trim_relations,
-)
+from mbdlft.problem.relations import Form, Nouns, Problem, Stage, TrimRelations, linearize, trim_relations
 from mbdlft.problem.sx.constants import modulo_prime
 from mbdlft.problem.trim import solve_trim, trim_efforts
 
