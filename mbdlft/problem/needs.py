@@ -173,7 +173,7 @@ def _seen_exactly(m: LinearModel, states: int, ignorable: Sequence[int]) -> Mask
 
 
 def felt_inputs(m: LinearModel) -> Mask:
-    """Whether the column of [B ; D] of each input is not exactly zero; none where it is not determined."""
+    """Whether the column of [B ; D] of each input is not exactly zero; none if undetermined."""
     states = m.derivatives
     try:
         rates, outputs, _ = _dynamics(m, states, signals=m.known.numel())
