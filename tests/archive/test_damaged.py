@@ -103,7 +103,7 @@ def test_bytes_that_are_damaged(file):
     whole = file.read_bytes()
     random = np.random.default_rng(0)
     others = []
-    for position in (*range(0, 1200, 11), *random.integers(0, len(whole), 100)):
+    for position in (*range(0, 1200, 22), *random.integers(0, len(whole), 50)):
         damaged = bytearray(whole)
         damaged[position] ^= 0xFF
         file.write_bytes(damaged)

@@ -181,7 +181,7 @@ def coordinate(signal: str) -> str:
     return re.sub(r"\.(torque|force)$", "", signal).replace(".", "_")
 
 
-QUICK = ("ur5", "panda", "kinova", "anymal_free", "allegro", "so101")  # one of each kind
+QUICK = ("ur5", "anymal_free", "allegro", "so101")  # one of each kind
 
 
 def quick_first(names: Iterable[str]) -> list[Any]:

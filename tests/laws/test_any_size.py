@@ -1,5 +1,6 @@
 """Every scenario at any size: small motions are those of its model, and its forces keep its energy."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -121,10 +122,21 @@ _ELASTIC: list[Beam | FlexibleBody] = [
         name="modes", ports={"tip": (1, 0, 0)}, modes=[Mode(frequency=2.0, **_SIX)], **_FLEXIBLE
     ),
 ]
-_SCENES: list[str | Beam | FlexibleBody] = [*scenes(), *_ELASTIC]
+# the others have the same kinds of bodies, joints and loads
+_FIRST = {
+    *("ball_turntable", "bicycle", "control_moment_gyros", "driven", "half_car", "lander"),
+    *("launcher_bending", "motorcycle", "piezo_beam", "rolling_disk", "solar_arrays"),
+    *("spinning_satellite", "tower_crane", "wheelset"),
+}
 
 
-@pytest.mark.parametrize("item", _SCENES, ids=lambda item: getattr(item, "name", item))
+def _quick(names: Sequence[str]) -> list[Any]:
+    return [name if name in _FIRST else pytest.param(name, marks=pytest.mark.long) for name in names]
+
+
+@pytest.mark.parametrize(
+    "item", [*_quick(scenes()), *_ELASTIC], ids=lambda item: getattr(item, "name", item)
+)
 def test_inertia_does_no_work_and_forces_have_a_potential(item: str | Beam | FlexibleBody) -> None:
     """d/dt (v'H v/2) = v'(H a + h) anywhere; the slopes of what is left by q are symmetric."""
     loaded = load_scene(f"scenarios/{item}.toml") if isinstance(item, str) else with_tip(item)
@@ -145,21 +157,7 @@ def test_inertia_does_no_work_and_forces_have_a_potential(item: str | Beam | Fle
             assert np.max(np.abs(slopes - slopes.T)) <= CLOSED_FORM * max(size, np.max(np.abs(slopes)))
 
 
-# the others have the same kinds of bodies, joints and loads
-_FIRST = {
-    *("ball_turntable", "bicycle", "control_moment_gyros", "driven", "half_car", "lander"),
-    *("launcher_bending", "motorcycle", "piezo_beam", "rolling_disk", "solar_arrays"),
-    *("spinning_satellite", "tower_crane", "wheelset"),
-}
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        name if name in _FIRST else pytest.param(name, marks=pytest.mark.long)
-        for name in [*scenes(), "driven"]
-    ],
-)
+@pytest.mark.parametrize("name", _quick([*scenes(), "driven"]))
 def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) -> None:
     scene = driven_four_bar() if name == "driven" else load_scene(f"scenarios/{name}.toml")
     check_second_order(scene, mbdlft.to_lft(scene, search=0.0, prove=0.0), 0)
@@ -304,7 +302,9 @@ def test_a_tire_that_leans_pushes_along_the_ground() -> None:
     target(np.linalg.solve(slopes, -offset)[:, 0], np.array(expected), CLOSED_FORM)
 
 
-@pytest.mark.parametrize("name", ["motorcycle", "motorcycle without relaxation"])
+@pytest.mark.parametrize(
+    "name", ["motorcycle", pytest.param("motorcycle without relaxation", marks=pytest.mark.long)]
+)
 def test_tires_roll_in_any_direction(name: str) -> None:
     """The same motion with another heading: of the frame of the scene, which moves, it is far off."""
     scene = load_scene(f"scenarios/{name.partition(' ')[0]}.toml")

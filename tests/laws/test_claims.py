@@ -8,7 +8,7 @@ import pytest
 from mbdlft import Bounds, MbdlftError, System, verify
 from tests.claims import KINDS, analysis, changed, forged, is_true, misstated
 
-DRAWS = 24
+DRAWS = 12
 
 
 @pytest.mark.parametrize("kind", KINDS)
