@@ -251,9 +251,6 @@ def _print(system: "System", bounds: "Bounds", wrong: str) -> None:
         say(f"why not more: {bounds.reason}")
 
 
-_REACHED = 1.0 + 1e-3  # what is said to be reached: hard goals are constraints of a search
-
-
 def tune(
     file: Annotated[Path, typer.Argument(help="Task (TOML): model, connections, controllers, goals.")],
     output: Annotated[
@@ -295,7 +292,7 @@ def tune(
         show.save_tuning_figure(plot, tuning)
     if scene is not None and designed is not None:
         write_scene(scene, synthesis.designed_scene(designed, tuning.values))
-    is_reached = tuning.hard <= _REACHED
+    is_reached = all(reached.is_reached for reached in tuning.goals)
     if as_json:
         print_json(
             {
@@ -303,6 +300,7 @@ def tune(
                 "goals": [_entry(reached) for reached in tuning.goals],
                 "points": list(tuning.points),
                 "reached": is_reached,
+                "missing": tuning.missing,
                 "seconds": time.perf_counter() - start,
             }
         )
@@ -310,8 +308,8 @@ def tune(
         _print_tuning(tuning, output)
         if scene is not None:
             say(f"scene with the new design: {scene}")
-    if not is_reached:
-        raise typer.Exit(1)
+    if tuning.missing:
+        raise typer.Exit(3 if is_reached else 1)
 
 
 def _print_tuning(tuning: "synthesis.Tuning", output: Path | None) -> None:
@@ -329,8 +327,7 @@ def _print_tuning(tuning: "synthesis.Tuning", output: Path | None) -> None:
         say(*(f"{reached.goal.name}: {b.reason}" for b in reached.bounds if b.reason))
     if output is not None:
         say(f"controllers, loops and proofs: {output}")
-    if tuning.hard > _REACHED:
-        say(f"hard goals are not reached: the largest is {tuning.hard:.6g}")
+    say(*tuning.missing)
 
 
 _COLUMNS = {"tuned": "tuned", "worst": "worst found", "proved": "proved", "least": "no controller below"}

@@ -1,10 +1,10 @@
 from .box import Reached as Reached
 from .box import Tuning as Tuning
-from .box import save_tuning as save_tuning
 from .box import tune as tune
 from .codesign import designed_scene as designed_scene
 from .description import TuningTask as TuningTask
 from .description import load_tuning as load_tuning
+from .description import save_tuning as save_tuning
 from .description import tune_task as tune_task
 from .goals import Goal as Goal
 from .goals import acceleration_goal as acceleration_goal

@@ -12,13 +12,10 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mbdlft.archive.analysis import save_analysis
-from mbdlft.archive.archive import save
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.parameter import to_delta, to_physical
@@ -33,16 +30,18 @@ from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, network
 from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
-from mbdlft.synthesis.tuning import Tuned, Tuner, taken_on, tuned
+from mbdlft.synthesis.tuning import Tuned, Tuner, check_stabilizable, taken_on, tuned
 from mbdlft.system.model import System
 
 _ROUNDS, _GROWING_ROUNDS = 40, 6  # of the worst-case loop; of a part of the box
+_MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
 _MOST_POINTS = 45  # beyond which the idle ones leave
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
 _FIRST_CORNERS = 4  # of a part of the box
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
+_REACHED = 1.0 + 1e-3  # what is said to be reached: hard goals are constraints of a search
 _CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
@@ -84,6 +83,26 @@ class Reached:
         kind = "hard" if self.goal.hard else "soft"
         return f"{self.goal.name} ({kind}): tuned {self.tuned:.4g}, worst found {self.worst:.4g}"
 
+    @property
+    def is_reached(self) -> bool:
+        """Whether the worst value that was found is at most 1, or it is soft and finite."""
+        return self.worst <= _REACHED if self.goal.hard else np.isfinite(self.worst)
+
+    @property
+    def missing(self) -> str:
+        """What is not reached, or, of a hard goal, not proved to be below 1; else empty."""
+        about = f"{'hard ' * self.goal.hard}goal {self.goal.name!r}"
+        if not np.isfinite(self.worst):
+            place = self.bounds[0].worst if self.bounds else {}
+            point = ", ".join(f"{name} {value:.6g}" for name, value in (place or {}).items())
+            return f"{about}: the loop is unstable{point and ' at '}{point}"
+        if not self.is_reached:
+            return f"{about}: not reached, {self.worst:.6g} > 1"
+        if not (self.goal.hard and self.bounds) or self.proved <= 1.0:
+            return ""
+        ends = f"proved {self.proved:.4g}" if np.isfinite(self.proved) else "no proof"
+        return f"{about}: reached {self.worst:.4g}, {ends}: it is not proved below 1"
+
     def __str__(self) -> str:
         text = self.found
         if np.isfinite(self.proved):
@@ -124,8 +143,13 @@ class Tuning:
         """The same of hard goals, which are reached where it is at most 1."""
         return max((r.worst for r in self.goals if r.goal.hard), default=0.0)
 
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """What hard goals lack, reached or proved, and goals whose loops are unstable; else empty."""
+        return tuple(sentence for reached in self.goals if (sentence := reached.missing))
+
     def __repr__(self) -> str:
-        return "\n".join(map(str, self.goals))
+        return "\n".join((*map(str, self.goals), *self.missing))
 
 
 def tune(
@@ -193,10 +217,12 @@ def tune(
     net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
     with one_thread():
+        points = np.zeros((1, len(net.system.parameters)))
+        first = Tuner(net, sought, points)
+        first.check_fixed()
         least = least_values(net, goals, lambda: connected(as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
-        points = np.zeros((1, len(net.system.parameters)))
-        best = tuned(Tuner(net, sought, points), starts, seed, say, enough)
+        best = tuned(first, starts, seed, say, enough)
         with suppress(KeyboardInterrupt):  # the best that is known is proved
             best, points = _at_worst_points(net, sought, best, points, (starts, seed), say)
         return as_tuning(net, goals, best.x, points, least, (prove, gap, work), say)
@@ -251,12 +277,13 @@ def _at_worst_points(
         if not np.all(ends == 1.0):
             points = np.vstack([points, _corners(net, ends, seed)])
             best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
-        safe = (np.inf, best)
+        safe, lost = (np.inf, best), 0
         for count in range(_ROUNDS if np.all(ends == 1.0) else _GROWING_ROUNDS):
-            new, worst = _worst_points(net, goals, best, points, (ends, seed + count))
+            new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
+            lost = lost + 1 if worst == np.inf else 0
             safe = min(safe, (worst, best), key=lambda pair: pair[0])
             say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
-            if not len(new):
+            if not len(new) or lost > _MOST_LOST:
                 break
             if len(points) > _MOST_POINTS:
                 points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
@@ -321,15 +348,18 @@ def screened(ends: Array, seed: int) -> Array:
 
 
 def _worst_points(
-    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, where: tuple[Array, int]
+    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, where: tuple[Array, int, int]
 ) -> tuple[Array, float]:
     """Points of a part of the box that are worse than those known, and the worst value there.
 
-    They are the worst of each goal, or those at which the loop is least stable.
+    They are the worst of each goal, or those at which the loop is least stable; an AnalysisError names
+    one at which no values make it stable.
     """
-    ends, seed = where
+    ends, seed, starts = where
     some = Tuner(net, goals, screened(ends, seed))
     if len(unstable := some.least_stable(best.x)):
+        for delta in unstable:
+            check_stabilizable(Tuner(net, goals, delta[None]), best.x, starts, seed)
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
     loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
     is_whole = bool(np.all(ends == 1.0))
@@ -442,31 +472,3 @@ def _ratios(goal: Goal, bounds: Bounds) -> tuple[float, float]:
 
 def _over(wanted: float, has: float) -> float:
     return wanted / has if has > 0.0 else np.inf
-
-
-def save_tuning(path: str | Path, tuning: Tuning) -> None:
-    """Write controllers, loops and proofs into an archive; `mbdlft verify` checks the proofs.
-
-    `mbdlft report` of a controller has its goals.
-
-    Parameters
-    ----------
-    path : file, made if it does not exist
-    tuning : Tuning
-
-    Raises
-    ------
-    ArchiveError
-        As `save` and `save_analysis`.
-    """
-    said = "\n".join(["tuned:", *(reached.found for reached in tuning.goals)])
-    for controller in tuning.controllers:
-        save(path, replace(controller, description=said))
-    names = ", ".join(c.name for c in tuning.controllers) or "the design"
-    for reached in tuning.goals:
-        about = f"goal of {names}: {reached.goal.name}, limit {reached.goal.limit:.6g}"
-        loop = replace(reached.loop, description=about)
-        if reached.bounds:  # of an earlier loop of this name
-            save(path, loop)
-        for bounds in reached.bounds:
-            save_analysis(path, loop, bounds)

@@ -1,11 +1,11 @@
-"""A task for the tuner as a TOML file: model, connections, controllers, weights and goals.
+"""A task for the tuner as a TOML file: model, connections, controllers, weights and goals; and results.
 
 The format is `mbdlft-tuning/1`. Each controller and each goal is a table with a `kind`; its other keys
 are the arguments of the function that makes it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.archive.analysis import save_analysis
+from mbdlft.archive.archive import save
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
@@ -266,3 +268,31 @@ def _transfer(where: str, name: str, entry: Mapping[str, Any]) -> System:
     if len(lists[0]) > len(lists[1]):
         raise SceneError(f"{where}: the numerator has a higher power of s than the denominator.")
     return rational(name, *lists)
+
+
+def save_tuning(path: str | Path, tuning: Tuning) -> None:
+    """Write controllers, loops and proofs into an archive; `mbdlft verify` checks the proofs.
+
+    `mbdlft report` of a controller has its goals.
+
+    Parameters
+    ----------
+    path : file, made if it does not exist
+    tuning : Tuning
+
+    Raises
+    ------
+    ArchiveError
+        As `save` and `save_analysis`.
+    """
+    said = "\n".join(["tuned:", *(reached.found for reached in tuning.goals)])
+    for controller in tuning.controllers:
+        save(path, replace(controller, description=said))
+    names = ", ".join(c.name for c in tuning.controllers) or "the design"
+    for reached in tuning.goals:
+        about = f"goal of {names}: {reached.goal.name}, limit {reached.goal.limit:.6g}"
+        loop = replace(reached.loop, description=about)
+        if reached.bounds:  # of an earlier loop of this name
+            save(path, loop)
+        for bounds in reached.bounds:
+            save_analysis(path, loop, bounds)

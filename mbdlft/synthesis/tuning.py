@@ -24,6 +24,7 @@ from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
+from mbdlft.synthesis.fixed import fixed_poles
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
 from mbdlft.synthesis.pieces import in_modes
@@ -47,6 +48,10 @@ Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on pe
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
 _TAKEN_ON: Plan = [(sqp, 0.8), (sqp, 0.7)]  # of values that come from fewer points
 Told = Callable[[str], None]
+
+
+def _where(pole: complex, size: float) -> str:
+    return "on the right" if pole.real > AXIS * size else "on the axis"
 
 
 class Tuned(NamedTuple):
@@ -190,23 +195,44 @@ class Tuner:
         closed = self.family.closed(x)
         return closed is not None and is_hurwitz(closed.A[0])
 
+    def check_fixed(self) -> None:
+        """An AnalysisError names a pole on the right, or zero, at the first point that nothing moves."""
+        if len(poles := fixed_poles(self.family, self.first_scale)):
+            pole = complex(poles[np.argmax(poles.real)])
+            raise AnalysisError(
+                f"tune: no values of these controllers make the loop stable{self._at_point(0)}: the pole "
+                f"{pole_text(pole)} stays {_where(pole, 0.0)} for all of them (decided in exact "
+                f"numbers). {self._advice(0, pole)}"
+            )
+
     def unstable(self, x: Array) -> str:
         """Which pole no search brought to the left, and what hardly sees or moves it."""
         closed = self.family.closed(x)
         assert closed is not None, "a search has evaluated it"
-        n = self.family.states
         poles = np.linalg.eigvals(closed.A)
         i, k = np.unravel_index(np.argmax(poles.real), poles.shape)
+        pole = complex(poles[i, k])
+        numbers = zip(self.net.free, x, strict=True)
+        return (
+            f"tune: no values were found that make the loop stable{self._at_point(int(i))}: the pole "
+            f"{pole_text(pole)} stays {_where(pole, float(np.max(np.abs(poles[i]))))}, at best with the "
+            f"real part {pole.real:.3g}, at {', '.join(f'{v.name} {n:.4g}' for v, n in numbers)}. "
+            f"{self._advice(int(i), pole)}"
+        )
+
+    def _at_point(self, i: int) -> str:
+        """Such as `` at m 2``."""
         point = ", ".join(
             f"{p.name} {float(to_physical(p, d)):.6g}"
             for p, d in zip(self.net.system.parameters, self.points[i], strict=True)
         )
-        text = f"tune: no values were found that make the loop stable{point and ' at '}{point}: "
-        where = "right" if poles[i, k].real > AXIS * np.max(np.abs(poles[i])) else "axis"
-        text += f"the pole {pole_text(complex(poles[i, k]))} stays on the {where}. "
-        # how much of the direction of the mode of the open loop the channels see and move
+        return point and f" at {point}"
+
+    def _advice(self, i: int, pole: complex) -> str:
+        """How much of the direction of a mode of the open loop channels see and move, and what helps."""
+        n, system = self.family.states, self.net.system
         values, left, right = eigenvectors_of(self.family.X[i, :n, :n])
-        j = int(np.argmin(np.abs(values - poles[i, k])))
+        j = int(np.argmin(np.abs(values - pole)))
         moved, seen = (
             float(np.linalg.norm(matrix)) / max(float(np.linalg.norm(whole)), 1e-300)
             for matrix, whole in (
@@ -214,12 +240,11 @@ class Tuner:
                 (self.family.R[i, :, :n] @ right[:, j], self.family.R[i, :, :n]),
             )
         )
-        text += (
+        return (
             f"Of the open loop, the controllers see {seen:.2g} of this mode, and move {moved:.2g} of it. "
+            "Give a controller that measures or drives it (another sensor or actuator), more states, or "
+            f"other starts{or_left_out(system, range(len(system.outputs)))}."
         )
-        system = self.net.system
-        text += "Give a controller that measures or drives it, more order, or other starts"
-        return f"{text}{or_left_out(system, range(len(system.outputs)))}."
 
     def peaks_are_seen(self, tuned: Tuned) -> bool:
         """Whether the grid has the peak of every norm; if not, it has it from now on."""
@@ -292,6 +317,7 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
             x, real = tuner.stabilized(start)
             if real >= 0.0 or not tuner.is_hurwitz(x):
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
+                say(f"start {count + 1} of {starts}, not stable: real part {real:.3g}")
                 continue
             plans = _PLANS if not count else (_PLANS[count % 2],)
             found += [tuner.descended(x, plan, _STEPS, is_first=True) for plan in plans]
@@ -313,6 +339,21 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
                 "inputs to its outputs. Give a weight with more poles than zeros, before or after."
             )
     return best
+
+
+def check_stabilizable(tuner: Tuner, x: Array, starts: int, seed: int) -> None:
+    """An AnalysisError says that loops were made stable neither from values x nor from other starts.
+
+    What no values can move at the first point is said before.
+    """
+    tuner.check_fixed()
+    ends = []
+    for start in (x, *begun(tuner, starts, seed)):
+        values, real = tuner.stabilized(start)
+        if real < 0.0:
+            return
+        ends.append((real, values))
+    raise AnalysisError(tuner.unstable(min(ends, key=lambda end: end[0])[1]))
 
 
 def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:

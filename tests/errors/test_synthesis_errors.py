@@ -32,6 +32,26 @@ PLANT = state_space([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], inputs=["f"],
 BLIND = state_space(
     np.diag([2.0, -1]), [[0], [1]], [[1, 1]], [[0]], inputs=["f"], outputs=["y"], name="B"
 )
+# each controller has a channel that does not act on what it sees: x1 is fixed, but not for both together
+CROSSED = state_space(
+    np.diag([2.0, -1, -2]), [[1, 0], [0, 0], [0, 1]], [[0, 1, 0], [1, 0, 0]], np.zeros((2, 2)),
+    inputs=["f", "g"], outputs=["p", "q"], name="X",
+)  # fmt: skip
+ALONE = tunable_gain("K", "e", "u"), tunable_gain("L", "d", "v")
+TOGETHER = tunable_gain("K", "e", ["u", "v"])
+WIRED = (("f", "u"), ("g", "v"), ("e", "p"), ("d", "q"))
+DAMPED = mbdlft.Parameter("c", 0.5, low=-0.1, high=1.1)
+CORNER = mbdlft.realize(
+    [["0", "1", "0"], ["-1", "-c", "1"], ["1", "0", "0"]], [DAMPED], states=2, inputs=["f"],
+    outputs=["y"], search=0.0,
+)  # fmt: skip
+TO_PLACE = tunable_gain("K", "e", "u")
+# two masses, 3 and 7 kg, pushed apart and seen apart: where they are together stays at zero
+PUSHED = state_space(
+    np.block([[np.zeros((2, 2)), np.eye(2)], [np.outer([-1 / 3, 1 / 7], [1.1, -1.1]), np.zeros((2, 2))]]),
+    [[0], [0], [1 / 3], [-1 / 7]], [[1, -1, 0, 0]], [[0]], inputs=["f"], outputs=["y"],
+)  # fmt: skip
+LAG = state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], inputs=["f"], outputs=["y"])
 RATED = state_space(
     [[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)), inputs=["f"], outputs=["y", "v"]
 )
@@ -40,7 +60,7 @@ FAR = {"K.D[1,1]": 1e155, "K.D[1,2]": 1e80}
 UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
 PID = tunable_pid("K", "e", "u")
 SCHEDULED = mbdlft.scheduled(tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)])
-GOAL = gain_goal("f", "y")
+GOAL, THROUGH = gain_goal("f", "y"), gain_goal("f", "p")
 
 
 POLE, LOOP = pole_goal(decay=1.0), [["f", "u"], ["e", "-y"]]
@@ -66,9 +86,14 @@ made(systems=(PLANT, PLANT["y", "f"])) => nothing to be tuned
 made(goals=(gain_goal("g", "y"),)) => unknown input 'g'
 made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
 made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in no goal is one of `inputs`
-made(wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
+made(systems=(LAG, TO_PLACE), wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
-made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … stays on the right … move 0 of it
+made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it
+made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError: pole 2 rad/s stays
+made(systems=(PUSHED, PID)) => AnalysisError: the pole 0 rad/s stays on the axis for all of them
+made(goals=(THROUGH,), systems=(CROSSED, TOGETHER), wired=WIRED[:2] + (("e", "p", "q"),)) => accepted
+made(systems=(PLANT, TO_PLACE)) => AnalysisError: pole 0 rad/s stays on the axis, at best … K.D[1,1] 0
+made(systems=(CORNER, TO_PLACE)) => AnalysisError: at c -0.1: … on the right, at best … real part 0.05
 made(systems=(RATED, TWO), wired=FED, initial=FAR) => AnalysisError: K.D[1,1] has come to
 made(goals=(gain_goal("e", "u", norm="H2"),)) => AnalysisError: goal 'e to u': the H2 norm is infinite
 gain_goal("f", "y", limit=0.0) => expected a positive limit, got 0.0

@@ -83,7 +83,34 @@ def test_hard_goals_that_are_missed_are_an_exit_code(task: Path, call: Call) -> 
     task.write_text(text, encoding="utf-8")
     code, out, _ = call("tune", str(task), "--starts", "1", "--no-proof")
     assert code == 1
-    assert "hard goals are not reached" in out
+    assert "hard goal 'effort': not reached" in out
+
+
+def test_what_is_reached_and_not_proved_is_another_exit_code(task: Path, call: Call) -> None:
+    text = MODEL.replace('["-k", 1]', '["b", "k"]').replace(
+        "2.0, percent = 30", "0.5, low = 0.1, high = 1"
+    )
+    Path("model.toml").write_text(
+        text + "b = { nominal = -0.5, low = -1.0, high = 0.3 }\n", encoding="utf-8"
+    )
+    code, out, _ = call("tune", str(task), "--starts", "1")
+    assert code == 3
+    assert "hard goal 'effort': reached 1, proved 1.0" in out
+    code, out, _ = call("tune", str(task), "--starts", "1", "--no-proof", "--json")
+    assert (code, json.loads(out)["missing"]) == (0, [])
+
+
+def test_a_loop_that_stays_unstable_is_named_with_its_point(task: Path, call: Call) -> None:
+    """x' = b x + g u with a gain g of both signs: no controller is for both."""
+    text = MODEL.replace('["-k", 1]', '["b", "k"]').replace("percent = 30", "low = -0.5, high = 2.5")
+    Path("model.toml").write_text(
+        text + "b = { nominal = -0.5, low = -0.6, high = 0.3 }\n", encoding="utf-8"
+    )
+    text = TASK.replace('"PI"', '"P"').replace(", ki = [0.0, 50.0]", "").replace("[0.0,", "[-50.0,")
+    task.write_text(text, encoding="utf-8")
+    code, out, _ = call("tune", str(task), "--starts", "1")
+    assert code == 1
+    assert "goal 'tracking': the loop is unstable at b " in out
 
 
 @pytest.fixture
