@@ -34,7 +34,7 @@ def fixed_poles(family: Family, scale: Array) -> NDArray[np.complex128]:
     poles = here[np.argsort(moved)[: common.degree()]]
     zeros = next(k for k in range(common.degree() + 1) if common[k] != 0)
     poles[np.argsort(np.abs(poles))[:zeros]] = 0.0
-    return poles[(poles == 0.0) | (poles.real > AXIS * np.max(np.abs(here)))]
+    return np.asarray(poles[(poles == 0.0) | (poles.real > AXIS * np.max(np.abs(here)))])
 
 
 def _characteristic(family: Family, seed: int) -> Any:
