@@ -126,14 +126,7 @@ def _whole(text: str) -> int:
 
 
 def export(
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE[:MODEL]",
-            help="Archive (HDF5), with :MODEL if it has several; or a scene or a matrix (TOML), to be "
-            "linearized.",
-        ),
-    ],
+    source: options.Source,
     output: Annotated[
         Path,
         typer.Option(
@@ -150,25 +143,17 @@ def export(
             "this one, which may be repeated; the others are nominal.",
         ),
     ] = None,
+    model: options.Model = None,
     fmi: Annotated[int, typer.Option(min=2, max=3, help="Version of FMI of a .fmu.")] = 3,
     as_json: options.AsJson = False,
 ) -> None:  # fmt: skip
     """Write a model for another tool, or its matrices on a grid."""
     counts = _counts(grid)
     rooms.exports.check_suffix(output, grid=counts is not None)
-    file, name = _parts(source)
-    archive = file if options.is_archive(file) else None
-    model = options.load_system(file, name) if archive is None else archives.load(file, name)
-    files = rooms.exports.export_model(output, model, counts, archive, fmi)
+    is_stored = options.is_archive(source)
+    exported = archives.load(source, model) if is_stored else options.load_system(source, model)
+    files = rooms.exports.export_model(output, exported, counts, source if is_stored else None, fmi)
     print_files(*(("file", path) for path in files), as_json=as_json)
-
-
-def _parts(text: str) -> tuple[Path, str | None]:
-    """A file, and the name of a model behind a colon."""
-    file, colon, name = text.rpartition(":")
-    if colon and name and options.is_archive(Path(file)) and not Path(text).exists():
-        return Path(file), name
-    return Path(text), None
 
 
 def _counts(texts: options.Texts) -> "Counts | None":

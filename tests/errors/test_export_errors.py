@@ -10,7 +10,7 @@ import pytest
 import mbdlft
 from mbdlft import ComplexBlock, FullBlock, Parameter
 from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError
-from mbdlft.cli.files import _counts, _parts
+from mbdlft.cli.files import _counts
 from mbdlft.export import dataset, export_model, lpv_grid
 from mbdlft.lft import LFT
 from mbdlft.lft.lft import delta
@@ -150,22 +150,21 @@ def test_command_line(
 ) -> None:
     archive = tmp_path / "some.h5"
     mbdlft.save(archive, arm(), "first")
-    mbdlft.save(archive, numbers(), "second")
-    code, out, err = run(monkeypatch, capsys, "export", f"{archive}:second", "-o", str(tmp_path / "n.c"))
+    mbdlft.save(archive, numbers(), "pid: second")
+    command = ("export", str(archive), "--model", "pid: second", "-o", str(tmp_path / "n.c"))
+    code, out, err = run(monkeypatch, capsys, *command)
     assert (code, err) == (0, "")
     assert out.splitlines() == [f"file: {tmp_path / 'n.c'}", f"file: {tmp_path / 'n.h'}"]
-    assert "second_matrices" in (tmp_path / "n.h").read_text(encoding="utf-8")
+    assert "pid_second_matrices" in (tmp_path / "n.h").read_text(encoding="utf-8")
     code, _, err = run(monkeypatch, capsys, "export", str(archive), "-o", str(tmp_path / "n.c"))
     assert code == 2
     assert "first" in err
-    code, out, _ = run(monkeypatch, capsys, "export", f"{archive}:first", "-o", str(tmp_path / "a.jl"))
+    first = ("export", str(archive), "--model", "first")
+    code, out, _ = run(monkeypatch, capsys, *first, "-o", str(tmp_path / "a.jl"))
     assert code == 0
     assert out.count("file: ") == 1
     assert '"some.h5"' in (tmp_path / "a.jl").read_text(encoding="utf-8")
     grid = ("--grid", "m1=2", "--grid", "theta1=3", "-o", str(tmp_path / "g.csv"))
-    assert run(monkeypatch, capsys, "export", f"{archive}:first", *grid)[0] == 0
+    assert run(monkeypatch, capsys, *first, *grid)[0] == 0
     assert len((tmp_path / "g.csv").read_text(encoding="utf-8").splitlines()) == 7
     assert _counts(["4"]) == 4
-    odd = tmp_path / "a.h5:b"
-    odd.touch()
-    assert _parts(str(odd)) == (odd, None)
