@@ -77,7 +77,7 @@ LENGTH, 'ports.tip = [0, "m1", 0]'
     => scene 'two_link_arm', gravity.z = '-L2': the unit does not fit: expected m s^-2, got m.
 MASS, 'mass = "theta1"'
     => body 'link1', mass = 'theta1': 'theta1' has unit 'deg', which does not fit. An angle parameter
-        can be the position of a joint, or in an orientation.
+        can be the position of a joint, or in an orientation. Elsewhere … t = tan(theta1/2) in its place
 "stiffness = 0.1", 'stiffness = "0.1*theta2"'
     => joint 'shoulder', stiffness = '0.1*theta2': 'theta2' has unit 'deg', which does not fit.
 'position = "theta1"', 'position = "L2"'

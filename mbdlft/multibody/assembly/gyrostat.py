@@ -97,13 +97,13 @@ class _Finder:
                 f"{self.bodies[link.parent.name].joint.name!r} turns steadily already. Give the total "
                 "rate to a joint on the body that does not turn."
             )
-        self._check_body(link)
+        self._check_body(link, joint)
         self.bodies[link.child.name] = Turning(joint, joint.direction(), ca.SX(3, 1), link.child.name)
 
     def carry(self, link: Link) -> None:
         """A joint on a body that turns: fixed, or along and about the same axis."""
         before, joint, name = self.bodies[link.parent.name], link.joint, link.child.name
-        self._check_body(link)
+        self._check_body(link, before.joint)
         axis, off = before.axis, before.off + self.at_rest.arms[name]
         for move in self.at_rest.moves[name]:
             axis = move.in_child_axes(axis)
@@ -122,13 +122,15 @@ class _Finder:
             )
         self.bodies[name] = Turning(before.joint, joint.direction(), off, name)
 
-    def _check_body(self, link: Link) -> None:
+    def _check_body(self, link: Link, turning: Revolute) -> None:
         if not isinstance(link.child, RigidBody | PointMass):
             raise SceneError(
                 f"body {link.child.name!r}: a joint turns it at a steady rate, and it is of the kind "
                 f"{link.child.kind!r}: only 'rigid' and 'point_mass' bodies can be known to be symmetric "
-                f"about the axis. {_PERIODIC}. Take the shaft as rigid, or its twist as a revolute joint "
-                "with stiffness about the same axis."
+                f"about the axis. {_PERIODIC}. A round shaft without damping inside bends "
+                f"alike where it does not turn: leave the rate out of joint {turning.name!r}, and give "
+                f"it to the joint of each disc on it: kind = 'revolute', axis = {list(turning.axis)}, "
+                f"rate = {turning.rate!r}. Its twist is a revolute joint with stiffness about the axis."
             )
 
     # symmetry and momentum ------------------------------------------------------------------

@@ -150,7 +150,9 @@ def _check_quantities(
         for angle in (p for p in scene.parameters if p.is_angle and p.name in used):
             raise SceneError(
                 f"{place} = {expected.source!r}: {angle.name!r} has unit {angle.unit!r}, which does not "
-                "fit. An angle parameter can be the position of a joint, or in an orientation."
+                "fit. An angle parameter can be the position of a joint, or in an orientation. Elsewhere "
+                f"expressions are rational: declare a parameter t = tan({angle.name}/2) in its place, "
+                "with the cosine (1 - t^2)/(1 + t^2), the sine 2*t/(1 + t^2), and the angle 2*atan(t)."
             )
         sampled[label] = _checked(scene, place, expected, dimensions, samples)
     return sampled

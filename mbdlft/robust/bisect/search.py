@@ -370,7 +370,10 @@ def resistance(outcome: Outcome, k: float, model: Realization, ends: Array | Non
         f"{name} in [{size * (c - h):.3g}, {size * (c + h):.3g}]"
         for name, size, c, h in zip(model.names, sizes, box.center, box.half, strict=True)
     )
+    sought = (
+        "a bound of the gain nor a point beyond it" if len(model.J) else "stability nor a point without"
+    )
     return (
-        f"at {k:.4g} times the box, neither stability nor an unstable point was found with this work "
-        f"for deltas {where}, near {outcome.frequency:.4g} rad/s"
+        f"at {k:.4g} times the box, cuts of the characteristic polynomial found neither {sought} with "
+        f"this work for deltas {where}, near {outcome.frequency:.4g} rad/s"
     )
