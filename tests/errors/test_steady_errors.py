@@ -71,7 +71,7 @@ mbdlft.Spherical(name="tilt", parent="rotor", child="other")
 tilt(axis=(0, 0, 1), rate=3.0) => turns steadily already … total rate
 > mbdlft.assemble(scene(more=(BLADE,), joints=({},))) => SceneError: body 'blade' …
 mbdlft.Fixed(name="root", parent="rotor", child="blade")
-    => 'beam' … periodic … each disc on it: kind = 'revolute', axis = [0, 0, 1], rate = 'W'.
+    => 'beam' … periodic … each disc on it: kind = 'revolute', axis = [0.0, 0.0, 1.0], rate = 'W'.
 > mbdlft.assemble(scene().model_copy(update={"loads": ({},)})) => SceneError: load 'f' …
 mbdlft.Force(name="f", port="rotor.rim", direction=(0, 0, 1), magnitude=1.0)
     => 'wheel' … 'rotor.rim', which is not on the axis
