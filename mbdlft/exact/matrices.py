@@ -10,24 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError
-from mbdlft.exact.numbers import Exact
+from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, zero_of
 from mbdlft.exact.rounding import equilibrate
 
 Residues = NDArray[np.int64]
 Balls = NDArray[np.object_]
 
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
-_NOTHING = flint.arb(0)
 _LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
 _HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
 _FEW = 1000  # products, for which FLINT is faster
 _LARGE = 64  # rows, of which those with few entries are eliminated one by one
 _FILL, _SMALL = 16, 0.125  # most entries that a pivot may add; of the largest of its row
-
-
-class TooFewBitsError(AnalysisError):
-    """Balls have become too wide for doubles; they need more bits."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -203,7 +197,7 @@ def rough_values(a: ExactMatrix) -> Array:
 
 def zeros(n: int, m: int, prime: int) -> ExactMatrix:
     """A matrix of zeros."""
-    balls = np.full((n, m), _NOTHING, dtype=object)
+    balls = np.full((n, m), NOTHING, dtype=object)
     return ExactMatrix(np.zeros((n, m), dtype=np.int64), balls, prime)
 
 
@@ -425,5 +419,6 @@ def _powers(sizes: Array) -> Balls:
 
 
 def _cleared(residues: Residues, balls: Balls) -> Balls:
-    balls[residues == 0] = _NOTHING
+    zero = residues == 0
+    balls[zero] = [zero_of(ball) for ball in balls[zero]]
     return balls

@@ -8,19 +8,22 @@ The homomorphism is that of the numbers as they are written. Decimals are fracti
 360 10^9, so that there is an element of order 360 10^9: cosines and sines of angles of up to nine
 decimals of a degree are made of its powers, and all their relations hold, cos 60 deg = 1/2 among them.
 The exponential of i times a decimal is transcendental (Lindemann): cosines and sines of other angles are
-made of powers of any one element. Square roots: those of 2, 3 and 5 are sums of cosines; P is chosen
-such that the others of a problem exist, and any of their signs is a homomorphism. Where these would be
-too many, the directions with the longest decimals are taken as the rational unit vectors that agree with
-them in 70 digits.
+made of powers of any one element, that of the largest angle of which all of a problem are multiples.
+Square roots: those of 2, 3 and 5 are sums of cosines; P is chosen such that the others of a problem
+exist, and any of their signs is a homomorphism. Where these would be too many, the directions with the
+longest decimals are taken as the rational unit vectors that agree with them in 70 digits.
+
+A number whose residue is zero and whose ball is not around zero says that P does not tell the numbers
+of this problem apart. The next precision has another P.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
-from math import gcd, isqrt, pi
-from typing import Any, NamedTuple
+from math import gcd, isqrt, lcm, pi
+from typing import Any, NamedTuple, TypeVar
 
 import flint
 import numpy as np
@@ -28,11 +31,12 @@ import numpy as np
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.operators import Operators
 
+Made = TypeVar("Made")
+
 BITS = 384  # of balls, at first
 MOST_BITS = 5120
 
 _TURN = 360 * 10**9  # parts of a turn that have residues of their own
-_DECIMALS = 10**400  # no double has more decimals
 _FIRST = 2**60 // _TURN  # P is above 2^60
 _MOST_ROOTS = 12  # each doubles the number of primes that are tried
 _MOST_PRIMES = 2_000_000  # that are tried: for as many square roots as a problem can have
@@ -66,8 +70,8 @@ class Exact(Operators):
         return f"Exact({float(self.ball)!r})"
 
     def __add__(self, other: "Exact") -> "Exact":
-        residue = self.residue + other.residue
-        return Exact(self.ball + other.ball if residue != 0 else _NOTHING, residue)
+        residue, ball = self.residue + other.residue, self.ball + other.ball
+        return Exact(ball if residue != 0 else zero_of(ball), residue)
 
     def __neg__(self) -> "Exact":
         return Exact(-self.ball, -self.residue)
@@ -79,7 +83,18 @@ class Exact(Operators):
         return Exact(self.ball / other.ball, self.residue / other.residue)
 
 
-_NOTHING = flint.arb(0)
+NOTHING = flint.arb(0)
+
+
+class TooFewBitsError(AnalysisError):
+    """Balls have become too wide for doubles, or a prime does not tell: more bits, and another prime."""
+
+
+def zero_of(ball: Any) -> Any:
+    """Zero, for a ball of a number whose residue is; a TooFewBitsError if zero is not in the ball."""
+    if ball is not NOTHING and not ball.contains(NOTHING):
+        raise TooFewBitsError(f"{float(ball)!r} is zero modulo a prime.")
+    return NOTHING
 
 
 class Constant(NamedTuple):
@@ -146,6 +161,23 @@ def _degrees(angle: float) -> Fraction | None:
     return degrees if near else None
 
 
+def in_enough_bits(make: Callable[[], Made], owner: str) -> Made:
+    """What is made in as many bits as it takes."""
+    bits = BITS
+    while True:
+        try:
+            with precision(bits):
+                return make()
+        except TooFewBitsError:
+            if bits >= MOST_BITS:
+                raise AnalysisError(
+                    f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms "
+                    "cancel nearly, such as an axis that is nearly parallel to another one: make equal "
+                    "what is meant to be equal."
+                ) from None
+            bits *= 2
+
+
 @contextmanager
 def precision(bits: int) -> Iterator[None]:
     """Balls of so many bits in what is done inside."""
@@ -157,6 +189,7 @@ class Field:
     """The numbers of one problem: a prime, and residues and balls of its constants."""
 
     def __init__(self, constants: Iterable[Constant] = ()) -> None:
+        constants = tuple(constants)
         kinds = {(c.kind, r) for c in constants if (r := c.radicand) is not None}
         base = _coprime_base({r for _, r in kinds})
         # square roots of numbers have to exist, those of directions need not
@@ -167,7 +200,9 @@ class Field:
             if kind == "root" and r.numerator * r.denominator % factor == 0
         }
         self.base = sorted(needed | set(base[: max(0, _MOST_ROOTS - len(needed))]))
-        self.prime = _prime(tuple(self.base))
+        self.prime = _prime(tuple(self.base), (flint.ctx.prec // BITS // 2).bit_length())
+        # one over the largest angle (rad) of which all are multiples
+        self._parts_of_radian = lcm(*(c.argument.denominator for c in constants if c.in_radians))
 
     def residue(self, value: Fraction | int) -> Any:
         """The residue of a fraction."""
@@ -180,8 +215,8 @@ class Field:
         """A fraction as an exact number."""
         if value == 1:
             return self.one
-        ball = flint.arb(flint.fmpq(value.numerator, value.denominator))
-        return Exact(ball, self.residue(value))
+        ball, residue = flint.arb(flint.fmpq(value.numerator, value.denominator)), self.residue(value)
+        return Exact(ball if residue else zero_of(ball), residue)
 
     def decimals(self, values: Iterable[float]) -> list[Exact]:
         """Numbers as they are written."""
@@ -233,15 +268,16 @@ class Field:
         angle = flint.arb(flint.fmpq(constant.argument.numerator, constant.argument.denominator))
         of_sine = constant.kind == "sine"
         if constant.in_radians:
-            power = int(constant.argument * _DECIMALS) % (self.prime - 1)
-            z = pow(_SEED % self.prime, power, self.prime)
+            power = constant.argument * self._parts_of_radian
+            assert power.denominator == 1
+            z = pow(_SEED, power.numerator % (self.prime - 1), self.prime)
             residue = self._half_sum(z, of_sine=of_sine)
         else:
             angle = angle * flint.arb.pi() / 180
             residue = self._cosine(constant.argument, of_sine=of_sine)
         value = flint.nmod(residue, self.prime)
         ball = angle.sin() if of_sine else angle.cos()
-        return Exact(ball if residue else _NOTHING, value)
+        return Exact(ball if residue else zero_of(ball), value)
 
     def _unit(self, constant: Constant) -> Exact:
         radicand, k = constant.radicand, int(constant.argument)
@@ -321,12 +357,14 @@ def _rational_unit(direction: tuple[Fraction, ...]) -> tuple[Fraction, ...]:
 
 
 @lru_cache(maxsize=64)
-def _prime(base: Sequence[int]) -> int:
-    """A prime above 2^60, 1 modulo 360 10^9, modulo which all of the numbers are squares."""
+def _prime(base: Sequence[int], others: int) -> int:
+    """A prime above 2^60, 1 modulo 360 10^9, modulo which all numbers are squares, after some others."""
     for k in range(_FIRST + 1, _FIRST + _MOST_PRIMES):
         p = k * _TURN + 1
         if all(pow(number % p, (p - 1) // 2, p) == 1 for number in base) and flint.fmpz(p).is_prime():
-            return p
+            if not others:
+                return p
+            others -= 1
     raise AnalysisError(
         f"exact numbers: no prime was found modulo which {len(base)} square roots exist. Write some "
         "directions with lengths that are decimals, such as [0.6, 0.8, 0]."

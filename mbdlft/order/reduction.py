@@ -34,13 +34,13 @@ from mbdlft.base.running import one_thread
 from mbdlft.exact.matrices import (
     Balls,
     ExactMatrix,
-    TooFewBitsError,
     ball_matrix,
     balls_of,
     entries_of,
     middles_of,
     stacked,
 )
+from mbdlft.exact.numbers import TooFewBitsError
 from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one, product
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate

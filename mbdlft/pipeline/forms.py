@@ -6,12 +6,12 @@ compared with simple numbers near them (`near_relations`). If the problem with t
 smaller order, its certificate says which; the problem is not changed.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from math import pi
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,8 +19,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError
 from mbdlft.base.running import without_collection
-from mbdlft.exact.matrices import TooFewBitsError
-from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, MOST_BITS, Constant, precision
+from mbdlft.exact.numbers import LARGEST_ANGLE, Constant, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.reduction import (
     Closing,
@@ -41,7 +40,6 @@ from mbdlft.system.evidence import deltas_at
 _MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
-_Made = TypeVar("_Made")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +60,7 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     """A candidate of each form, the smallest first."""
     with without_collection():
         reduced = [
-            _in_enough_bits(partial(_candidate, problem, form), problem.nouns.owner) for form in forms
+            in_enough_bits(partial(_candidate, problem, form), problem.nouns.owner) for form in forms
         ]
     return sorted(reduced, key=lambda candidate: candidate.lft.order)
 
@@ -74,31 +72,14 @@ def reduced_relations(relations: LinearModel) -> LFT:
         n, opened = relations.unknown.numel(), reduce_exactly(extract(relations).lft)
         return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
 
-    return _in_enough_bits(solved, "trim")
-
-
-def _in_enough_bits(make: Callable[[], _Made], owner: str) -> _Made:
-    """What is made in as many bits as it takes."""
-    bits = BITS
-    while True:
-        try:
-            with precision(bits):
-                return make()
-        except TooFewBitsError:
-            if bits >= MOST_BITS:
-                raise AnalysisError(
-                    f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms "
-                    "cancel nearly, such as an axis that is nearly parallel to another one: make equal "
-                    "what is meant to be equal."
-                ) from None
-            bits *= 2
+    return in_enough_bits(solved, "trim")
 
 
 def restricted(problem: Problem, form: Form, steps: Sequence[Step]) -> Candidate | None:
     """A candidate with blocks restricted; None if that is not possible."""
     try:
         with without_collection():
-            return _in_enough_bits(partial(_candidate, problem, form, steps), problem.nouns.owner)
+            return in_enough_bits(partial(_candidate, problem, form, steps), problem.nouns.owner)
     except (AnalysisError, WellPosednessError):
         return None
 

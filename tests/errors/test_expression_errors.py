@@ -8,7 +8,7 @@ import pytest
 import mbdlft
 from mbdlft import AnalysisError, MatrixProblem, Parameter, SceneError, exact_lower_bound
 from mbdlft.base.expression import evaluate, parse
-from mbdlft.pipeline import forms
+from mbdlft.exact import numbers
 from tests.errors.scenes import arm
 from tests.errors.table import refused
 
@@ -113,7 +113,7 @@ def test_more_bits_tell_numbers_from_zero() -> None:
 
 
 def test_numbers_that_cannot_be_told_from_zero(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(forms, "MOST_BITS", 384)
+    monkeypatch.setattr(numbers, "MOST_BITS", 384)
     message = (
         r"matrix 'matrix': numbers that are not zero cannot be told from zero in 384 bits\. .*"
         "make equal what is meant to be equal"

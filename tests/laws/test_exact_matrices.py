@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 from mbdlft.exact import matrices as module
 from mbdlft.exact.matrices import (
     ExactMatrix,
-    TooFewBitsError,
     entrywise,
     identity,
     limbs,
@@ -30,7 +29,7 @@ from mbdlft.exact.matrices import (
     times,
     zeros,
 )
-from mbdlft.exact.numbers import BITS, Constant, Field, precision
+from mbdlft.exact.numbers import BITS, Constant, Field, TooFewBitsError, precision
 from mbdlft.lft.lft import LFT, Block, eliminate, transpose
 from mbdlft.lft.sampling import evaluate
 from mbdlft.order.reduction import ExactLFT, eliminated, transposed

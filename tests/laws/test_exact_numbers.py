@@ -20,17 +20,21 @@ from hypothesis import strategies as st
 
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact import numbers as module
+from mbdlft.exact.matrices import from_rows
 from mbdlft.exact.numbers import (
     BITS,
     Constant,
     Exact,
     Field,
+    TooFewBitsError,
     constant_of,
     cosine_of,
     decimal,
+    in_enough_bits,
     precision,
     sine_of,
 )
+from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.problem.sx.constants import double
 from tests.close import roundoff
 
@@ -210,17 +214,27 @@ def test_regular_polygons() -> None:
 
 @given(in_radians, in_radians)
 def test_angles_in_radians(a: Fraction, b: Fraction) -> None:
+    field = Field([Constant("cosine", angle, in_radians=True) for angle in (a, b)])
+
     def of(kind: str, angle: Fraction) -> Exact:
-        return FIELD.of(Constant(kind, angle, in_radians=True))
+        return field.of(Constant(kind, angle, in_radians=True))
 
     c, s = of("cosine", a), of("sine", a)
-    assert c * c + s * s == FIELD.one
+    assert c * c + s * s == field.one
     assert of("cosine", a + b) == c * of("cosine", b) - s * of("sine", b)
-    assert of("sine", 2 * a) == FIELD.rational(2) * s * c
+    assert of("sine", 2 * a) == field.rational(2) * s * c
     assert is_consistent(c - of("cosine", b))
     if a:
         assert s
-        assert c != cosine(Fraction(60))
+        assert c != cosine(Fraction(60), field)
+
+
+def test_many_angles_in_radians_are_different() -> None:
+    """Doubles beside short decimals, which are large multiples of what all are multiples of."""
+    doubles = np.random.default_rng(0).uniform(0.1, 3.1, 30_000).tolist()
+    constants = [Constant("cosine", decimal(x), in_radians=True) for x in (0.4, 0.35, *doubles)]
+    field = Field(constants)
+    assert len({int(field.of(constant).residue) for constant in constants}) == len(constants)
 
 
 @pytest.mark.parametrize("degrees", [30.0, -60.0, 12.345678901, 1e-9, 359.999999999, 720.5])
@@ -372,8 +386,31 @@ def test_no_prime(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("field", [FIELD, Field([Constant("root", Fraction(7))])])
 def test_whole_numbers_below_2_to_the_60_are_not_zero(field: Field) -> None:
-    """A multiple of the prime is taken for zero, so the least one is beyond: 1e-18 is the chance."""
+    """A multiple of the prime is zero modulo it, so the least one is beyond: 1e-18 is the chance."""
     whole = min(field.prime, 2**60 - 1)
     assert field.rational(whole)
-    assert not field.rational(field.prime)
     assert field.prime < 2**62  # the sum of two residues fits int64
+
+
+def test_a_prime_that_does_not_tell_is_replaced() -> None:
+    """A sum, a product of matrices, a constant of a graph that only a prime takes for zero, or equal."""
+    prime = FIELD.prime
+    rest = FIELD.rational(prime - 1)
+    row = from_rows([{0: rest, 1: FIELD.one}], 2, prime)
+    graph = SignalGraph(1, FIELD)
+    graph.constant(FIELD.one)
+    for make in (
+        lambda: FIELD.rational(prime),
+        lambda: rest + FIELD.one,
+        lambda: row @ from_rows([{0: FIELD.one}, {0: FIELD.one}], 1, prime),
+        lambda: row[:, :1] + row[:, 1:],
+        lambda: graph.constant(Exact(rest.ball + 2, FIELD.one.residue)),
+    ):
+        with pytest.raises(TooFewBitsError):
+            make()
+
+    def whole() -> Exact:
+        field = Field()
+        return field.rational(prime - 1) + field.one
+
+    assert float(in_enough_bits(whole, "")) == float(prime)

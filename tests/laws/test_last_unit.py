@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from mbdlft.exact.interval import Interval
-from mbdlft.exact.matrices import TooFewBitsError
+from mbdlft.exact.numbers import TooFewBitsError
 from mbdlft.exact.rounding import product
 from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import LFT, Block, constant

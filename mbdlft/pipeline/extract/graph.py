@@ -24,7 +24,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError, StructureError, WellPosednessError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.exact.numbers import Constant, Exact, Field, constant_of
+from mbdlft.exact.numbers import Constant, Exact, Field, constant_of, zero_of
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.pipeline.extract.noncommuting import Item, Term, Words, closed, reached, smallest
 from mbdlft.problem.relations import LinearModel
@@ -116,7 +116,9 @@ class SignalGraph:
             self._constants[residue] = len(self.nodes)
             one = self.field.one
             self.nodes.append(Coefficient("constant", (one if residue == 1 else value,)))
-        return self._constants[residue]
+        number = self._constants[residue]
+        zero_of(value.ball - self.nodes[number].arguments[0].ball)
+        return number
 
     def constant_value(self, number: int) -> Exact | None:
         """Value of a coefficient that is a constant, else None."""

@@ -23,7 +23,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError
-from mbdlft.exact.numbers import Constant, Field, constant_of, cosine_of, decimal, sine_of
+from mbdlft.exact.numbers import Constant, Field, constant_of, cosine_of, decimal, in_enough_bits, sine_of
 from mbdlft.problem.sx.tapes import Rules, fold, rules, term_sizes
 
 _PREFIX = "constant "
@@ -178,10 +178,13 @@ def _table(number: Callable[[float], Any]) -> Rules:
 def _vanishes(expression: ca.SX) -> bool:
     symbols, numbers = constants_in(expression)
     function = ca.Function("constant", [symbols], [ca.densify(expression)])
-    field = Field(numbers)
-    table = _table(lambda value: field.rational(constant_of(value)))
-    ((value,),) = fold(function, table, [field.of(number) for number in numbers])
-    return not value
+
+    def value() -> Any:
+        field = Field(numbers)
+        table = _table(lambda value: field.rational(constant_of(value)))
+        return fold(function, table, [field.of(number) for number in numbers])[0][0]
+
+    return not in_enough_bits(value, "a constant")
 
 
 def rational_of(expression: float | ca.SX) -> Fraction | None:
