@@ -169,7 +169,7 @@ def chosen_name(kind: str, names: tuple[str, ...], name: str | None) -> str:
     """The name itself, or the only one of `names` if it is None."""
     if name is None:
         if len(names) != 1:
-            raise ArchiveError(f"give the name of a {kind}. Existing: {', '.join(names) or 'none'}.")
+            raise ArchiveError(f"give the name of the {kind}. Existing: {', '.join(names) or 'none'}.")
         return names[0]
     if name not in names:
         raise ArchiveError(unknown_name(kind, name, names))

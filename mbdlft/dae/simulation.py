@@ -443,7 +443,8 @@ class _Integrator:
     def __init__(
         self, owner: str, dae: Mapping[str, Any], tolerance: float, hint: str = _DAE_ENDS
     ) -> None:
-        self.owner, self.dae, self.hint = owner, dae, hint
+        none = {} if dae["x"].numel() else {"x": ca.SX.sym("none"), "ode": ca.SX(1, 1)}
+        self.owner, self.dae, self.hint = owner, {**dae, **none}, hint
         self.options = {"abstol": tolerance, "reltol": tolerance}
         self.algebraic = "z" in dae
         self.methods = list(_METHODS[-1:] if self.algebraic else _METHODS)
@@ -452,7 +453,7 @@ class _Integrator:
     def __call__(self, grid: Array, states: Array, zs: Array, p: Array) -> None:
         """Fill in states and algebraic variables at the times, of which those at the first are known."""
         steps = tuple((grid[1:] - grid[0]).round(14).tolist())
-        arguments = {"x0": states[0], "p": p} | ({"z0": zs[0]} if self.algebraic else {})
+        arguments = {"p": p} | {name: v[0] for name, v in (("x0", states), ("z0", zs)) if v.size}
         while True:
             try:
                 result = self._run(steps)(**arguments)
@@ -463,9 +464,8 @@ class _Integrator:
                         f"{self.owner}: the integrator stopped: {str(error).splitlines()[-1]} {self.hint}"
                     ) from None
                 self.methods.pop(0)
-        states[1:] = result["xf"].full().T
-        if self.algebraic:
-            zs[1:] = result["zf"].full().T
+        for values, result_of in ((states, "xf"), (zs, "zf")):
+            values[1:] = result[result_of].full().T[:, : values.shape[1]]
         if not np.all(np.isfinite(states)):
             raise AnalysisError(f"{self.owner}: the simulation does not stay finite.")
 

@@ -52,7 +52,7 @@ def casadi_function(model: System) -> ca.Function:
     rows = ca.vertsplit(value.T, [0, len(model.states), model.lft.shape[0]])
     columns = [0, len(model.states), model.lft.shape[1]]
     blocks = [block for row in rows for block in ca.horzsplit(row, columns)]
-    nominal = {"default_in": [p.nominal for p in model.parameters]}
+    nominal = {"default_in": [p.nominal for p in model.parameters]} if names else {}
     return ca.Function(identifier(model.name), values, blocks, names, list("ABCD"), nominal)
 
 

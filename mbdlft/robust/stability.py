@@ -303,7 +303,7 @@ def check_stability(
         values, there, more = _searched(system, starts, (values, there))
         used += more
     verdict = _verdict(system, nominal, values, there, used)
-    if not (prove and parameters) or nominal.stability != "stable" or verdict.counterexample:
+    if not (prove and system.lft.order) or nominal.stability != "stable" or verdict.counterexample:
         return verdict
     return _proved(system, verdict, prove)
 

@@ -132,7 +132,7 @@ attributes("", format_version="10.1") => has format version 10.1, this mbdlft re
 attributes("", format_version="new") => 'format_version' is 'new', expected '1.1'.
 attributes("", format_version=None) => 'format_version' is None, expected '1.1'.
 instead("models", np.arange(3.0)) => models
-without("models"), load => give the name of a model. Existing: none.
+without("models"), load => give the name of the model. Existing: none.
 > kept(attributes(""), {}) => ArchiveError:
 lambda file: load(file, "two_link_am")
     => unknown model 'two_link_am'. Did you mean 'two_link_arm'? Existing: two_link_arm.
@@ -156,7 +156,7 @@ models.arm(), tmp_path / "arm.h5"
 
 def test_name_is_needed(file):
     save(file, models.arm(), "other")
-    with says(ArchiveError, f"{file}: give the name of a model. Existing: other, two_link_arm."):
+    with says(ArchiveError, f"{file}: give the name of the model. Existing: other, two_link_arm."):
         load(file)
 
 

@@ -145,7 +145,7 @@ def test_what_is_not_there_or_not_whole(tmp_path: Path) -> None:
         mbdlft.sweep_names(file)
     with h5py.File(file, "a") as found:
         del found["sweeps"]
-    with says(mbdlft.ArchiveError, f"{file}: give the name of a sweep. Existing: none."):
+    with says(mbdlft.ArchiveError, f"{file}: give the name of the sweep. Existing: none."):
         mbdlft.load_sweep(file)
     swept(file)
     with says(mbdlft.ArchiveError, f"{file}: ", "unknown sweep", "'x'", "s"):

@@ -41,6 +41,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "couplings": (16,),
     "contacts": (3,),
     "motions": (0,),
+    "empty": (7, 14, 31),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

@@ -206,3 +206,13 @@ def test_a_wrong_sign_in_the_wiring_is_caught(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(evidence, "wire", lambda parts, w, what: right(parts, w._replace(Ky=-w.Ky), what))
     with pytest.raises(mbdlft.AnalysisError):
         feedback(CART, CONTROLLER)
+
+
+def test_what_is_missing() -> None:
+    """Nothing moves without states, nothing varies without parameters or where they are not seen."""
+    still = realize([["p"]], [Parameter("p", 1.0, low=0.5, high=2.0)], inputs=["u"], outputs=["y"])
+    moved = mbdlft.dae.simulate(still, np.array([0.0, 1.0, 2.0]), inputs={"u": [1.0, 2.0, 3.0]})
+    assert moved.outputs.ravel().tolist() == [1.0, 2.0, 3.0]
+    assert "no states" in mbdlft.check_stability(still[[], []], prove=0.1).sentence
+    fixed = realize([["-1", "1"], ["2", "0"]], [], states=1, inputs=["u"], outputs=["y"])
+    assert float(mbdlft.export.casadi_function(fixed)()["C"]) == 2.0
