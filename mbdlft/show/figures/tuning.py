@@ -168,13 +168,13 @@ def _draw_steps(axes: Axes, tuning: Tuning, gains: Sequence[Reached]) -> None:
         end = times[min(int(np.max(np.nonzero(moving)[2], initial=0)) + 2, len(times) - 1)]
         times = np.linspace(0.0, end, len(times))
     values = [step_response(tuning.loop, point, times).values[0] for point in values_at]
-    for k, (row, column) in enumerate(chosen):
+    for k, (row, column) in enumerate(chosen):  # long dashes below shorter ones: equal curves are seen
+        style = "-" if not k else (0, (8.0 / k, 8.0 / k))
         for j, value in enumerate(values):
             label = f"{names[0][column]} to {names[1][row]}, over {sizes[k]:.3g}" if not j else None
             width = 0.6 if j else 1.4
-            axes.plot(
-                times, value[:, row, column] / sizes[k], color=COLORS[k], linewidth=width, label=label
-            )
+            curve = value[:, row, column] / sizes[k]
+            axes.plot(times, curve, color=COLORS[k], linewidth=width, linestyle=style, label=label)
     axes.set(xlim=(0.0, times[-1]), xlabel="time (s)", ylabel="step response over its largest value")
     axes.set_title("steps: nominal thick, worst points thin")
 
@@ -197,8 +197,11 @@ def _draw_poles(axes: Axes, tuning: Tuning, seed: int) -> None:
         )
     axes.axvline(0.0, color="black", linewidth=0.8)
     size = 10.0 ** round(float(np.log10(np.median(np.abs(roots)) or 1.0)))
-    axes.set_xscale("symlog", linthresh=size)
-    axes.set_yscale("symlog", linthresh=size)
+    for axis, set_scale in ((axes.xaxis, axes.set_xscale), (axes.yaxis, axes.set_yscale)):
+        low, high = axis.get_view_interval()
+        if max(-low, high) > size:  # else the ends of the axis would be its ticks
+            set_scale("symlog", linthresh=size)
+        axis.set_major_formatter("{x:.3g}")
     axes.set(xlabel="real part (rad/s)", ylabel="imaginary part (rad/s)", title="poles over the box")
 
 
