@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from mbdlft.robust.evidence import Bounds
     from mbdlft.system import System
 
+_EDGE = 1e-3  # of the ranges: a smaller margin is said to be none
 _WITH = " with "  # in the name of a loop
 _PRINTED = (
     *("kind", "lower", "upper", "frequency", "worst", "inputs", "outputs", "fixed", "rates"),
@@ -234,7 +235,13 @@ def _answer(
 
 def _print(system: "System", bounds: "Bounds", wrong: str) -> None:
     """What is proved, the worst case, and why not more is proved."""
-    say(f"{system.name}, {bounds.kind}:", "nothing is proved" if wrong else f"{bounds.claim}: proved")
+    is_empty = wrong or bounds.proof is None  # such as that no damping is below -1
+    say(f"{system.name}, {bounds.kind}:", "nothing is proved" if is_empty else f"{bounds.claim}: proved")
+    if bounds.kind == "robust stability" and bounds.upper < _EDGE:
+        say(
+            f"nominal is on the edge of stability: {bounds.upper:.2g} of the ranges brings a pole to the "
+            f"axis at {bounds.frequency:.6g} rad/s"
+        )
     if wrong and bounds.proof is not None:
         say(f"its proof is none: {wrong}")
     if bounds.motion is not None:

@@ -26,7 +26,7 @@ from mbdlft.cli.output import (
     signals_data,
 )
 from mbdlft.cli.responses import KINDS, OVER, draw, modes_data, print_poles
-from mbdlft.cli.scenes import efforts_data, print_efforts
+from mbdlft.cli.scenes import efforts_data, print_efforts, shortened_list
 
 if TYPE_CHECKING:
     from mbdlft.base.unit import Signal
@@ -108,9 +108,11 @@ def print_model(model: "System") -> None:
         _print_repetitions(model)
         say(*rooms.sentences.certificate_sentences(model))
         if model.trim.signals:
-            pairs = zip(model.trim.signals, model.trim.nominal, strict=True)
-            efforts = ", ".join(f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs)
-            say(f"trim at nominal: {efforts}")
+            pairs = list(zip(model.trim.signals, model.trim.nominal, strict=True))
+            nonzero = [f"{s.name} = {value:.6g} {s.unit}" for s, value in pairs if value]
+            zero = [s.name for s, value in pairs if not value]
+            nonzero += [f"zero: {shortened_list(zero)}"] if zero else []
+            say(f"trim at nominal: {', '.join(nonzero)}")
     else:
         blocks = ", ".join(f"{b.name} ({b.kind}, {b.outputs} x {b.inputs})" for b in model.lft.blocks)
         say(f"order {model.order}: {blocks or 'no blocks'}; stored without evidence")

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from mbdlft.multibody import EquilibriumPoint, Scene
     from mbdlft.problem.trim import TrimPoint
 
+_MOST_NAMES = 6  # of a list that is printed
 _GROWS = 1e-6  # a real part below this part of the largest eigenvalue is zero
 
 
@@ -66,7 +68,13 @@ def print_efforts(point: "TrimPoint") -> None:
     if rows := [(signal.name, f"{value:.10g}", signal.unit) for signal, value in pairs if value]:
         print_table("efforts that hold the equilibrium", "effort | value > | unit", rows)
     if zero := [signal.name for signal, value in pairs if not value]:
-        say(f"zero at equilibrium: {', '.join(zero)}")
+        say(f"zero at equilibrium: {shortened_list(zero)}")
+
+
+def shortened_list(names: Sequence[str]) -> str:
+    """The first names of a list, and how many more there are."""
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names[:_MOST_NAMES]) + (f" and {more} more (--json has all)" if more > 0 else "")
 
 
 def _print_equilibria(

@@ -158,7 +158,9 @@ def _behind(
     aim = _aim(kind)
     if aim is UNDAMPED and not -1.0 < goal < 0.0:
         why = (
-            "a damping of 0 or less is not proved; no damping is below -1, that of an unstable real pole"
+            "a damping of 0 or less is not proved: a pole comes to the axis or beyond, or too near to "
+            "tell; robust_stability says in how much of the ranges none does; no damping is below -1, "
+            "that of an unstable real pole"
         )
         return state._replace(reason=why, ended=True)
     shift, slope = (goal, 0.0) if aim is RIGHT else (0.0, slope_of(-goal))

@@ -102,6 +102,9 @@ def test_legends_of_a_tuning_cover_no_panel(
         save_tuning_figure(tmp_path / "made.png", tuned())
     (figure,) = figures
     figure.canvas.draw()
+    for ticks in (axes.get_xticklabels() + axes.get_yticklabels() for axes in figure.axes[2:3]):
+        assert not any("times" in tick.get_text() for tick in ticks)
+        assert len(ticks) > 4
     boxes = [box for axes in figure.axes for box in (axes.bbox, axes.xaxis.label.get_window_extent())]
     for legend in filter(None, (axes.get_legend() for axes in figure.axes)):
         box = legend.get_window_extent()

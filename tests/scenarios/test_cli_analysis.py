@@ -35,6 +35,17 @@ def small(tmp_path: Path) -> Path:
     return tmp_path / "a.h5"
 
 
+def test_a_nominal_model_on_the_edge_is_called_so(tmp_path: Path, call: Call) -> None:
+    damping = mbdlft.Parameter("c", 1e-8, low=-1.0, high=1.0)
+    matrix = [["0", "1", "0"], ["-2", "-c", "1"], ["1", "0", "0"]]
+    model = mbdlft.realize(matrix, [damping], states=2, inputs=["f"], outputs=["x"], name="edge")
+    mbdlft.save(tmp_path / "a.h5", model)
+    _, out, _ = call("margin", str(tmp_path / "a.h5"))
+    assert "nominal is on the edge of stability: 1e-08 of the ranges brings a pole to the axis" in out
+    _, out, _ = call("worst", str(tmp_path / "a.h5"), "--of", "damping")
+    assert "edge, smallest damping:\nnothing is proved" in out
+
+
 def test_margin_gain_and_their_proofs(archive: Path, call: Call) -> None:
     code, out, _ = call("margin", str(archive), "--json")
     assert code == 0

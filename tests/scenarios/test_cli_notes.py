@@ -151,3 +151,11 @@ def test_sweep_says_that_it_replaces_rows(tmp_path: Path, call: Call) -> None:
     assert "mbdlft: warning:" in err
     assert "the sweep 'pole' that is stored there is replaced" in err
     assert "is replaced" in json.loads(out)["warnings"][0]
+
+
+def test_long_lists_of_zeros_are_short(call: Call) -> None:
+    code, out, _ = call("check", "scenarios/solar_arrays.toml")
+    assert code == 0
+    (line,) = [line for line in out.splitlines() if line.startswith("zero at equilibrium")]
+    assert "more (--json has all)" in line
+    assert line.count(",") == 5

@@ -305,14 +305,14 @@ def _check_that_it_closes(loop: Loop, view: View, symbols: Symbols, explained: A
     if not np.max(excess) <= _GAP * reach:
         worst = 0 if not excess[0] <= _GAP * reach else int(np.argmax(excess))
         at, there = (
-            ", ".join(f"{x:.4g}" for x in evaluate(view.between_at_rest("ground", port))[worst][:, 0])
+            ", ".join(f"{x:.10g}" for x in evaluate(view.between_at_rest("ground", port))[worst][:, 0])
             for port in (loop.parent, loop.child)
         )
         where, advice = "at nominal", "Correct the positions of the joints: find_equilibrium finds some"
         if worst:
             of = zip(symbols.parameters, evaluate(symbols.p)[worst][:, 0], strict=True)
             seen = [p.name for p in symbols.parameters if symbols.is_in(at_rest, p.name)]
-            values = [f"{p.name} = {x:.4g} {p.unit}".strip() for p, x in of if p.name in seen]
+            values = [f"{p.name} = {x:.10g} {p.unit}".strip() for p, x in of if p.name in seen]
             where = f"at {', '.join(values)}"
             advice = (
                 "They meet at nominal: positions of joints must follow the parameters that change the "
