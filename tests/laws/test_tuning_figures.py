@@ -103,8 +103,7 @@ def test_legends_of_a_tuning_cover_no_panel(
     (figure,) = figures
     figure.canvas.draw()
     for ticks in (axes.get_xticklabels() + axes.get_yticklabels() for axes in figure.axes[2:3]):
-        assert not any("times" in tick.get_text() for tick in ticks)
-        assert len(ticks) > 4
+        assert not any("$" in tick.get_text() for tick in ticks)  # such as 7.11 times 10^1
     boxes = [box for axes in figure.axes for box in (axes.bbox, axes.xaxis.label.get_window_extent())]
     for legend in filter(None, (axes.get_legend() for axes in figure.axes)):
         box = legend.get_window_extent()
