@@ -280,7 +280,7 @@ def crossing_on_ray(
         return NONE
     grid = np.linspace(0.0, 1.0, 9).tolist()  # an earlier crossing is found, if it is long
     first = next(i for i, t in enumerate(grid) if i and (t == 1.0 or is_beyond(t)))
-    high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS)
+    high = bisected(is_beyond, grid[first - 1], grid[first], _BISECTIONS, below / size)
     if not high * size < below:
         return NONE
     if not is_unstable(high * _NEAR):
@@ -338,10 +338,17 @@ def _rightmost(model: Realization, delta: Array) -> complex:
     return complex(poles[int(np.argmax(poles.real))])
 
 
-def bisected(condition: Callable[[float], bool], low: float, high: float, halvings: int) -> float:
-    """A number where a condition holds, near one where it does not; it holds at `high`, not at `low`."""
+def bisected(
+    condition: Callable[[float], bool], low: float, high: float, halvings: int, most: float = np.inf
+) -> float:
+    """A number where a condition holds, near one where it does not; it holds at `high`, not at `low`.
+
+    The search ends where no double is between them, and where the number is above `most`.
+    """
     for _ in range(halvings):
         middle = 0.5 * (low + high)
+        if not low < middle < high or low >= most:
+            break
         low, high = (low, middle) if condition(middle) else (middle, high)
     return high
 
