@@ -1,5 +1,5 @@
 # make run        linearize the two-link arm into out/ and print its table
-# make test       all checks: style, types, import contracts, tests
+# make test       all checks: style, import contracts, tests, types among them
 # make test-long  tests that run for minutes, all tests as other processors would run them, planted bugs, attacks
 # make attack     damaged, hostile, absurd and random inputs: ATTACK="--minutes 30 --only archives,matrices"
 # make mutants    planted bugs: each must fail a test
@@ -30,7 +30,6 @@ run: .venv/run
 test: .venv/test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 	$(PYTEST)
 

@@ -23,10 +23,9 @@ ROOT = Path(__file__).parents[2]
 WALKS = [ROOT / "docs" / "tutorial.md", *sorted((ROOT / "docs").glob("task-*.md"))]
 PAGES = [ROOT / "README.md", *sorted({*(ROOT / "docs").glob("*.md")} - {*WALKS})]
 # of these the default run knows that their types are right and their commands are accepted
-SLOW = ("analysis", "command-line", "dae", "examples", "figures", "from-simscape-sdtlib",
-        "matrices", "poles-and-responses", "report", "robust", "tutorial",
-        "uncertain", "gain-scheduling",
-        "task-modelica", "task-nastran", "task-tune", "worst_case")  # fmt: skip
+SLOW = ("analysis", "bodies", "command-line", "dae", "examples", "export", "figures",
+        "from-simscape-sdtlib", "gain-scheduling", "matrices", "poles-and-responses", "report", "robust",
+        "task-modelica", "task-nastran", "task-tune", "tutorial", "uncertain", "worst_case")  # fmt: skip
 
 
 def quick_first(pages: list[Path]) -> list[Any]:
