@@ -47,6 +47,7 @@ _NEAR = 1.0 + 1e-6  # times a crossing: a model there is proved unstable, or sin
 _HALVINGS, _BITS = 6, 512  # of a ray in balls: of what is left of it, and of each ball
 _GAINED = 1e-3  # of a size: what is less is not looked for in balls
 _ENDS = 1e-7  # of a step: below this the search has arrived
+Condition = Callable[[float], bool]
 Look = Callable[[Array], tuple[float, Callable[[], Array]]]
 _GROWTH = 1e-9  # of the level at which the search for a peak ends
 _STARTS = 6  # random corners from which a gain is climbed
@@ -246,8 +247,7 @@ def _searched(
 
 def _better(best: Crossing, model: Realization, delta: Array, largest: float) -> Crossing:
     """The smaller of a crossing and of that on a ray."""
-    crossing = crossing_on_ray(model, delta, largest, below=best.size)
-    return crossing if crossing.size < best.size else best
+    return min(best, crossing_on_ray(model, delta, largest, below=best.size), key=lambda each: each.size)
 
 
 def crossing_on_ray(
@@ -335,21 +335,15 @@ def smallest_beside(
 def _rightmost(model: Realization, delta: Array) -> complex:
     A = state_matrices(model, delta)
     poles = np.zeros(1) if A is None or not len(A) else eigenvalues_of(A)
-    return complex(poles[int(np.argmax(poles.real))])
+    return complex(poles[np.argmax(poles.real)])
 
 
-def bisected(
-    condition: Callable[[float], bool], low: float, high: float, halvings: int, most: float = np.inf
-) -> float:
-    """A number where a condition holds, near one where it does not; it holds at `high`, not at `low`.
-
-    The search ends where no double is between them, and where the number is above `most`.
-    """
+def bisected(condition: Condition, low: float, high: float, halvings: int, most: float = np.inf) -> float:
+    """A number where a condition holds, near one where it does not, or above `most`: not at `low`."""
     for _ in range(halvings):
         middle = 0.5 * (low + high)
-        if not low < middle < high or low >= most:
-            break
-        low, high = (low, middle) if condition(middle) else (middle, high)
+        if low < middle < high and low < most:  # else the search has ended
+            low, high = (low, middle) if condition(middle) else (middle, high)
     return high
 
 
