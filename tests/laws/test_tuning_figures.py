@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import cache
 from html import escape
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from matplotlib.figure import Figure
 import mbdlft
 from mbdlft.base.errors import AnalysisError
 from mbdlft.show import model_report, save_tuning_figure
-from mbdlft.show.figures.tuning import tuning_figure
+from mbdlft.show.figures.tuning import _draw_poles, tuning_figure
 from mbdlft.synthesis import gain_goal, pole_goal, save_tuning, scheduled, tunable_gain, tune
 from tests.close import CLOSED_FORM, FITTED, target
 
@@ -102,11 +103,22 @@ def test_legends_of_a_tuning_cover_no_panel(
         save_tuning_figure(tmp_path / "made.png", tuned())
     (figure,) = figures
     figure.canvas.draw()
-    for ticks in (axes.get_xticklabels() + axes.get_yticklabels() for axes in figure.axes[2:3]):
-        assert not any("$" in tick.get_text() for tick in ticks)  # such as 7.11 times 10^1
     boxes = [box for axes in figure.axes for box in (axes.bbox, axes.xaxis.label.get_window_extent())]
     for legend in filter(None, (axes.get_legend() for axes in figure.axes)):
         box = legend.get_window_extent()
         assert not any(box.overlaps(other) for other in boxes)
         assert 0.0 <= box.x0 <= box.x1 <= figure.bbox.x1
         assert box.y0 >= 0.0
+
+
+def test_ticks_of_poles_are_plain_numbers() -> None:
+    """An axis inside of the linear part has even ticks, not its ends, such as 7.11 times 10^1."""
+    A = np.diag([-3.0, -71.1, -4.0, -0.5, -0.5])
+    A[3:, 3:] += 0.4 * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    loop = mbdlft.state_space(A, np.ones((5, 1)), np.ones((1, 5)), [[0.0]])
+    figure = Figure()
+    axes = figure.subplots()
+    _draw_poles(axes, SimpleNamespace(loop=loop, points=({},)), 0)
+    figure.canvas.draw()
+    assert (axes.get_xscale(), axes.get_yscale()) == ("symlog", "linear")
+    assert not any("$" in tick.get_text() for tick in axes.get_xticklabels() + axes.get_yticklabels())
