@@ -21,7 +21,7 @@ from mbdlft.robust.evidence import (
     Multipliers,
 )
 from mbdlft.robust.realization import physical
-from mbdlft.synthesis import gain_goal, pole_goal, tunable_gain, tune
+from mbdlft.synthesis import gain_goal, lpv_synthesis, pole_goal, tunable_gain, tune
 
 # the goal of a tuning, and whether the plant is chosen with the controller
 TUNED = {"tuned": (0, False), "tuned poles": (1, False), "co-design": (0, True)}
@@ -31,6 +31,7 @@ KINDS = (
     *("margin", "fixed", "moving", "slow", "mixed", "gain", "gain of one", "moving gain", "mixed gain"),
     *("performance", "real part", "damping", "disk margin", "double modes"),
     *("powers", "slow powers", "slow gain", "parts of a gain", "tuned", "tuned poles", "co-design"),
+    "scheduled",
 )
 
 
@@ -89,6 +90,16 @@ def tuned(*, designs: bool) -> mbdlft.Tuning:
     return tune([plant, K], goals, [["x", "plant.x"], ["u", "v"]], starts=1, gap=0.1)
 
 
+@cache
+def scheduled() -> tuple[System, Bounds]:
+    """x' = -a x + d + u, u scheduled by a: the loop of a synthesis, and its gain for any motion."""
+    a = Parameter("a", 1.0, low=0.2, high=1.8, role="scheduled")
+    plant = realize([["-a", "1", "1"], ["1", "0", "0"]], [a], states=1, inputs=["d", "u"], outputs=["x"])
+    wired = [["x", "matrix.x"], ["u", "v"]]
+    made = lpv_synthesis([plant, tunable_gain("K", "x", "v")], [gain_goal("d", "x")], wired, work=1.0)
+    return made.loop, made.motion
+
+
 def with_error(system: System) -> System:
     """The system from f to x with an uncertain gain of 0.3 in its input."""
     part: Any = system["x", "f"]
@@ -129,6 +140,8 @@ def analysis(kind: str) -> tuple[System, Bounds]:
         "slow gain": (plant, lambda s: mbdlft.worst_case_gain(s, "f", "x", rates={"k": 0.5}, gap=0.5)),
         "parts of a gain": (crossing(), lambda s: mbdlft.worst_case_gain(s, gap=0.95, work=1.0)),
     }
+    if kind == "scheduled":
+        return scheduled()
     for name, (goal, designs) in TUNED.items():
         if name == kind:
             reached = tuned(designs=designs).goals[goal]

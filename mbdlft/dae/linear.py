@@ -3,6 +3,7 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -18,6 +19,7 @@ from mbdlft.dae.text import column_of
 from mbdlft.dae.theta.arguments import Mixed
 from mbdlft.dae.theta.separation import Separation
 from mbdlft.dae.to_problem import problem_of
+from mbdlft.problem.digits import nonlinear_in_digits
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.references import column_of_entries, entry_scale, reference_of_relations
 from mbdlft.problem.relations import LinearModel, Problem, Reference, Stage, TrimRelations
@@ -86,9 +88,7 @@ class _Linear:
         symbols, values = self.s.symbols, _expressions(self.at)
         if not self.at.slopes:
             return ca.SX(ca.substitute(ca.jtimes(stacked, symbols, small), symbols, values))
-        J = ca.SX(ca.substitute(ca.jacobian(stacked, symbols), symbols, values))
-        for (i, j), value in self.at.slopes.items():
-            J[i, j] = value
+        J = ca.substitute(_slopes(self.at, stacked), symbols, values)
         return ca.SX(ca.mtimes(J, small))
 
     def trimmed(self) -> TrimRelations | None:
@@ -121,6 +121,14 @@ class _Linear:
             return is_zero(at_odd_parameters(dae, ca.SX(value)))
         except NotRationalError:  # a function of numbers
             return False
+
+
+def _slopes(at: DaeTrim, stacked: ca.SX) -> ca.SX:
+    """Slopes of expressions, those that are known at the equilibrium as functions of the parameters."""
+    J = ca.SX(ca.jacobian(stacked, at.structure.symbols))
+    for (i, j), value in at.slopes.items():
+        J[i, j] = value
+    return J
 
 
 def _linear(value: Mixed) -> ca.SX:
@@ -197,29 +205,59 @@ def _reference(
 ) -> Reference:
     """The nonlinear equations, trimmed and linearized again with numbers at every point.
 
-    Where the equilibrium is a fit, the relations at the fits; that they are near is looked at, too.
+    Where the equilibrium is a fit, they are linearized at it; that it is near is looked at, too.
     """
     s = at.structure
-    reference = reference_of_relations(relations, points, s.owner)
     z = trimmed_points(at, points)
-    values = linearized(s, z, points)
+    values, numbers, sizes = linearized(s, z, points), z, np.max(np.abs(z), axis=0, initial=0.0)
     scale = entry_scale(values, len(s.states))
     if at.fit_bound:
-        error = float(np.max(np.abs(reference.values - values) / scale, initial=0.0))
+        numbers, exact = _exact_values(at, points), values
+        values = linearized(s, numbers, points)
+        error = float(np.max(np.abs(values - exact) / scale, initial=0.0))
         if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
             raise TrimError(
                 f"{s.owner}: with fits within {at.fit_bound:.1e} the linear model is {error:.1e} from "
                 "that of the equations: it is nearly singular at this equilibrium. Take a smaller "
                 "tolerance (fit=...)."
             )
-        numbers, sizes = _exact_values(at, points), np.max(np.abs(z), axis=0, initial=0.0)
     else:
-        reference = replace(reference, values=values, scale=scale)
-        numbers, sizes = z, trim_sizes(at, points, z)
+        sizes = trim_sizes(at, points, z)
     names = [q.name for q in s.quantities]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
-    return replace(reference, trimmed=numbers[:, chosen], trim_scale=np.where(sizes > 0, sizes, 1.0))
+    return replace(
+        reference_of_relations(relations, points, s.owner),
+        values=values,
+        scale=entry_scale(values, len(s.states)),
+        trimmed=numbers[:, chosen],
+        trim_scale=np.where(sizes > 0, sizes, 1.0),
+        **_in_digits(at, points),
+    )
+
+
+def _in_digits(at: DaeTrim, points: Array) -> dict[str, Any]:
+    """Values and transfer functions of the nonlinear equations in 50 digits, for a reference.
+
+    No values where functions have no digits, and no kinks: doubles are compared with then.
+    """
+    s = at.structure
+    outputs = column_of([y.expression for y in s.dae.outputs])
+    J = _slopes(at, ca.vertcat(s.residual, outputs))
+    n, k = s.residual.numel(), len(s.states)
+    of_rates = ca.horzcat(ca.DM.eye(k), -ca.jacobian(column_of(s.rates), s.symbols))
+    slopes = ca.vertcat(of_rates, ca.horzcat(ca.SX(J.size1(), k), J))
+    counts = (n + k, s.symbols.numel() - n, k)
+    where = s.symbols, _expressions(at)
+    digits = nonlinear_in_digits(slopes, where, s.dae.p, s.dae.parameters, counts)
+    try:
+        digits.matrices(points[:1])
+    except (NotRationalError, WellPosednessError):
+        return {"in_digits": None}
+    return {
+        "in_digits": digits.matrices,
+        "transfers_in_digits": lambda some, w: digits.transfers(points[list(some)], w),
+    }
 
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:

@@ -80,13 +80,45 @@ def relations_in_digits(m: LinearModel, slopes: ca.SX) -> InDigits:
     return InDigits(at, m.unknown.numel(), m.known.numel(), m.derivatives)
 
 
-def _internal(parameter: Parameter, physical: float) -> Any:
-    """The internal value of a parameter, as a ball."""
+def nonlinear_in_digits(
+    slopes: ca.SX,
+    at: tuple[ca.SX, ca.SX],
+    p: ca.SX,
+    parameters: Sequence[Parameter],
+    sizes: Sequence[int],
+) -> InDigits:
+    """Nonlinear equations, by their slopes at values that are functions of p, those of angles in rad.
+
+    `at` are the symbols of the values and the values; `sizes` are numbers of unknowns, known signals and
+    states.
+    """
+    symbols, values = at
+    trim, tape = _tape(p, values), _tape(ca.vertcat(symbols, p), slopes)
+
+    def slopes_at(point: Array) -> Balls:
+        physical = [_radians(*pair) for pair in zip(parameters, point, strict=True)]
+        (J,) = tape.at([*trim.at(physical)[0][:, 0], *physical])
+        if not all(x.is_finite() for x in J.ravel()):
+            raise ZeroDivisionError
+        return J
+
+    return InDigits(slopes_at, *sizes)
+
+
+def _radians(parameter: Parameter, physical: float) -> Any:
+    """The value of a parameter as a ball, of angles in rad."""
     value = flint.arb(float(physical))
     if not parameter.is_angle:
         return value
-    radians = value * (flint.arb.pi() / 180 if parameter.unit == "deg" else parameter.factor)
-    return ((radians - parameter.reference) / DIVISORS[parameter.substitution]).tan()
+    return value * (flint.arb.pi() / 180 if parameter.unit == "deg" else parameter.factor)
+
+
+def _internal(parameter: Parameter, physical: float) -> Any:
+    """The internal value of a parameter, as a ball."""
+    value = _radians(parameter, physical)
+    if not parameter.is_angle:
+        return value
+    return ((value - parameter.reference) / DIVISORS[parameter.substitution]).tan()
 
 
 def transfers_of(matrices: Sequence[Balls], states: int, frequencies: Array) -> NDArray[np.complex128]:
@@ -206,14 +238,35 @@ def ball(value: Fraction) -> Any:
     return flint.arb(flint.fmpq(value.numerator, value.denominator))
 
 
+def _decided(compare: Callable[[Any, Any], bool]) -> Callable[[Any, Any], Any]:
+    """One or zero by the middles of two balls."""
+    return lambda a, b: flint.arb(int(compare(a.mid(), b.mid())))
+
+
+_METHODS = (
+    *("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "asinh", "acosh", "atanh"),
+    *("exp", "expm1", "log", "log1p", "sqrt"),
+)
+_OTHERS: dict[str, Callable[..., Any]] = {
+    **{name: operator.methodcaller(name) for name in _METHODS},
+    **{name: _decided(getattr(operator, name)) for name in ("lt", "le", "eq", "ne")},
+    **{"pow": operator.pow, "constpow": operator.pow, "fabs": abs},
+    **{
+        "not": lambda a: flint.arb(int(a == 0)),
+        "and": operator.mul,
+        "or": lambda a, b: b if a == 0 else a,
+    },
+    "if_else_zero": lambda a, b: a if a == 0 else b,
+    "sign": lambda a: flint.arb(int(a.mid() > 0) - int(a.mid() < 0)),
+    "fmin": lambda a, b: a if a.mid() <= b.mid() else b,
+    "fmax": lambda a, b: a if a.mid() >= b.mid() else b,
+}
 _RULES = rules(
     lambda value: ball(constant_of(value)),
     add=operator.add,
     mul=operator.mul,
     div=operator.truediv,
-    sin=lambda x: x.sin(),
-    cos=lambda x: x.cos(),
-    sqrt=lambda x: x.sqrt(),
+    **_OTHERS,
 )
 
 

@@ -1,6 +1,7 @@
 """Laws of Delta-Theta forms, equilibria and sectors."""
 
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -10,7 +11,16 @@ import mbdlft
 from mbdlft.analyze import sector_bounds
 from mbdlft.base import Angle, Parameter
 from mbdlft.base.formula import NUMPY, formula_value
-from mbdlft.dae import Dae, DaeDraft, evaluate_form, formula_function, reduce_index, simulate, trim
+from mbdlft.dae import (
+    Dae,
+    DaeDraft,
+    evaluate_form,
+    formula_function,
+    linear,
+    reduce_index,
+    simulate,
+    trim,
+)
 from mbdlft.dae.theta.separation import Arrange
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import DeltaThetaModel, ThetaFunction
@@ -387,3 +397,25 @@ def test_a_fit_has_its_bound_in_the_certificate() -> None:
     A = mbdlft.matrices_at(model, {"p": values}).A[:, 0, 0]
     assert np.max(np.abs(A + np.sqrt(values))) <= bound
     assert np.max(np.abs(A + np.sqrt(values))) > CROSS
+
+
+@pytest.mark.parametrize("asked", [{"at": {"x": 0.1}, "free": ["f"]}, {"fit": 1e-7}], ids=["free", "fit"])
+def test_slopes_that_are_not_those_of_the_equations(monkeypatch: pytest.MonkeyPatch, asked: Any) -> None:
+    """A derivation with one slope of 3e-5 too much is refused, also where the equilibrium is a fit."""
+    d = DaeDraft("spring")
+    m = d.parameter(mbdlft.Parameter("m", 2.0, percent=20))
+    k = d.parameter(mbdlft.Parameter("k", 50.0, percent=20))
+    x, v, f = d.variable("x", start=0.1), d.variable("v"), d.input("f")
+    d.equation(d.der(x), equals=v)
+    d.equation(m * d.der(v), equals=f - k * x * (1 + 4 * x * x) - 0.3 * v + 1.5 * m)
+    d.output("x")
+    dae, moved = d.dae(), linear._Linear._moved
+    assert mbdlft.linearize_dae(dae, search=0.0, **asked).certificate.rounding_ratio < 10.0
+
+    def wrong(self: Any, stacked: ca.SX, small: ca.SX) -> ca.SX:
+        rows = moved(self, stacked, small)
+        return rows + ca.vertcat(0, 1e-5 * small[3], *[0] * (rows.numel() - 2))
+
+    monkeypatch.setattr(linear._Linear, "_moved", wrong)
+    with pytest.raises(mbdlft.AnalysisError, match="Two derivations contradict each other"):
+        mbdlft.linearize_dae(dae, search=0.0, **asked)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import casadi as ca
+import flint
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from mbdlft.exact.rounding import cleaned
 from mbdlft.matrix.relations import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.graph import close, walk
+from mbdlft.problem import digits
 from mbdlft.problem.sx import tapes
 from mbdlft.problem.sx.tapes import MANY, arithmetic, evaluate_many, fold, rules, steps, vectors
 from tests.close import EPS, exact, roundoff
@@ -280,3 +282,17 @@ def test_linearizations_are_those_of_calls(name: str, monkeypatch: pytest.Monkey
     monkeypatch.setattr(tapes, "MANY", len(at) + 1)
     for part, expected in zip(found, source.rows(at), strict=True):
         roundoff(part, expected)
+
+
+def test_functions_in_digits() -> None:
+    """Functions, switches and kinks of balls are those of doubles."""
+    x, y = ca.SX.sym("x"), ca.SX.sym("y")
+    chosen = [ca.if_else(c, ca.exp(x), y) for c in (x < y, x <= y, x == y, x != y, x > y)]
+    logic = [ca.logic_or(x < y, x == y), ca.logic_and(x < y, x >= y), ca.logic_not(x < y)]
+    kinks = [ca.sign(x), ca.fabs(x), ca.fmin(x, y), ca.fmax(x, y)]
+    powers = [y**x, ca.log(y), ca.tanh(x), ca.asin(x), ca.acos(x), ca.atan(x), ca.log1p(x), ca.sinh(x)]
+    function = ca.Function("f", [x, y], [ca.vertcat(*chosen, *logic, *kinks, *powers)])
+    for at in ((0.3, 1.7), (-0.4, 0.2), (0.5, 0.5), (0.9, 0.1)):
+        with precision(BITS):
+            values = [float(b) for b in fold(function, digits._RULES, *([flint.arb(v)] for v in at))[0]]
+        roundoff(np.array(values), np.ravel(function(*at)), 10.0)
