@@ -14,7 +14,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-# name of the class (its file has underscores), and the seeds of `make test`: some tenths of a second
+# name of the class (its file has underscores), and the seeds of `make test`: some tenths of a second;
+# of claims tests/laws/test_claims.py has one change after another
 CLASSES: dict[str, Sequence[int]] = {
     "archives": range(2),
     "matrix-files": (1, 3),

@@ -10,6 +10,8 @@ import pytest
 from tests.attack import CLASSES
 from tests.attack.run import Attacker, Tally, command, once, tally
 
+SLOW = {"proofs": (66, 1488)}  # seeds that were wrong
+
 
 @pytest.fixture(scope="module")
 def attacker() -> Iterator[Attacker]:
@@ -18,7 +20,7 @@ def attacker() -> Iterator[Attacker]:
     process.end()
 
 
-@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("name", [*filter(CLASSES.get, CLASSES)])
 def test_attacks(name: str, attacker: Attacker) -> None:
     check(attacker, name, CLASSES[name])
 
@@ -26,7 +28,7 @@ def test_attacks(name: str, attacker: Attacker) -> None:
 @pytest.mark.long
 @pytest.mark.parametrize("name", CLASSES)
 def test_more_attacks(name: str, attacker: Attacker) -> None:
-    check(attacker, name, range(100, 120))
+    check(attacker, name, [*range(100, 120), *SLOW.get(name, ())])
 
 
 def check(attacker: Attacker, name: str, seeds: Sequence[int]) -> None:

@@ -119,7 +119,7 @@ CASES = {
     "three parameters": Case(twisted, [(4.0, 5.0, 6.0), (1.5, 2.0, 2.5), (0.1, 0.3, 0.5)], [0.1], 1e-4),
 }
 PEAK = Case(peak, [(0.0, 0.7, 1.0)], [0.6], 1e-3)
-POINTS = {2: 17, 3: 9}
+POINTS = {2: 13, 3: 5}
 
 
 def bound_holds(case: Case, fit: EquilibriumFit, points: Sequence[Sequence[float]]) -> np.ndarray:
