@@ -1,9 +1,11 @@
 """Errors of the description of a scene: fields, names, joints and the tree."""
 
+from itertools import pairwise
+
 import mbdlft
 from mbdlft import Parameter, PointMass, Prismatic
 from tests.errors.scenes import arm, cart
-from tests.errors.table import refused
+from tests.errors.table import refused, says
 
 M = Parameter("m", 1.0, percent=10, unit="kg")
 
@@ -152,3 +154,11 @@ joints=[rail("j.k", "ground", "b")] => the name 'j.k' has a dot;
 [1.0]
 """
 )
+
+
+def test_too_many_joints() -> None:
+    names = ["ground", *(f"b{k}" for k in range(251))]
+    rails = [rail(f"j{k}", *pair) for k, pair in enumerate(pairwise(names))]
+    scene = mbdlft.Scene(name="chain", bodies=[ball(name) for name in names[1:]], joints=rails)
+    with says(mbdlft.SceneError, "scene 'chain': its joints have 251 freedoms. 250 take minutes"):
+        mbdlft.to_lft(scene)
