@@ -89,7 +89,8 @@ class Description(BaseModel):
 
     noun: ClassVar[str] = ""  # what messages call it; its name follows, if it has one
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    # the validator of a kind is built when its first record is made: most scenes use few of the 70
+    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
 
     def __init__(self, **fields: Any) -> None:
         try:

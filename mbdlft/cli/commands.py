@@ -106,6 +106,8 @@ def warn(message: object) -> None:
 
 def main() -> None:
     """Run the command line; bad input is one message and exit code 2."""
+    # looking for plugins reads the metadata of all installed packages: 4 % of a linearization of the arm
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             # a letter that a terminal does not have is written as \\u
