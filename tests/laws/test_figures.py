@@ -136,7 +136,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return figures
 
 
-@pytest.mark.parametrize("width", [None, 8.5, 17.0])
+@pytest.mark.parametrize("width", [None, 8.5])
 @pytest.mark.parametrize("kind", KINDS)
 def test_legends_and_labels_have_room(
     kind: str, width: float | None, tmp_path: Path, drawn: list[Figure]

@@ -58,7 +58,7 @@ def test_same_transfer_for_less(
     assert sum(part.certificate.raw_order) <= sum(whole.certificate.raw_order)
 
 
-LARGE = ("four_bar", "solar_arrays")
+LARGE = ("balloon_gondola", "four_bar", "solar_arrays")
 
 
 @pytest.mark.parametrize(

@@ -251,7 +251,7 @@ def test_without_parameters() -> None:
 
 # What `gain.proved` says of multipliers is true in exact arithmetic, near the border too ------------
 
-DRAWS = 100
+DRAWS = 30
 SIDES = range(-6, 7)  # how many roundings g is away from the border
 
 Proved = Callable[[gain._Form, float, np.ndarray], bool]
