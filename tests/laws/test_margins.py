@@ -50,7 +50,7 @@ def arm_loop(stiff: float = 1.0) -> System:
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(4), *(pytest.param(k, marks=pytest.mark.long) for k in range(4, 16))]
+    "seed", [*range(6), *(pytest.param(k, marks=pytest.mark.long) for k in range(6, 16))]
 )
 def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
     system = random_system(seed)
