@@ -1,11 +1,12 @@
 """Static and first-order H-infinity controllers for plants of the literature.
 
 The plants are those of the report F. Leibfritz, COMPleib: COnstrained Matrix-optimization Problem
-library, University of Trier, 2004. The numbers were written down from memory and not compared with the
-report again; what speaks for them is that the norms which several tools have found are reached. HE1 and
-HE2 are helicopters, REA2 a chemical reactor, NN1 an academic plant, AC3 a transport aircraft. Where the
-report has no performance channels, w drives each state, and u is added to the last entries of z = x.
-Norms are the best of these tools.
+library, University of Trier, 2004; REA2 and NN1 were not compared with it again. HE1 and HE2 are
+helicopters, REA2 a chemical reactor, NN1 an academic plant, AC3 a transport aircraft, AC4 a missile
+(Fares, Apkarian, Noll, International Journal of Control 74, 2001), AC8 a transport aircraft in cruise
+(Gangsaas et al., IEEE Transactions on Automatic Control 31, 1986). Where the report has no performance
+channels, w drives each state, and u is added to the last entries of z = x. Norms are the best of several
+tools.
 """
 
 from typing import Any
@@ -20,7 +21,7 @@ from mbdlft.synthesis.loop import network
 from mbdlft.system import state_space
 
 R = np.sqrt(0.5)
-A, B, C, B1, C1, D12 = "A", "B", "C", "B1", "C1", "D12"
+A, B, C, B1, C1, D11, D12, D21 = "A", "B", "C", "B1", "C1", "D11", "D12", "D21"
 PLANTS: dict[str, dict[str, Any]] = {
     "HE1": {
         A: [
@@ -67,6 +68,51 @@ PLANTS: dict[str, dict[str, Any]] = {
         B: [[0, 0], [-0.744, -0.032], [0.337, -1.12], [0.02, 0], [0, 0]],
         C: [[0, 1, 0, 0, -1], [0, 0, 1, 0, 0], [0, 0, 0, 1, 0], [1, 0, 0, 0, 0]],
     },
+    "AC4": {
+        A: [[-0.876, 1, -0.1209, 0], [8.9117, 0, -130.75, 0], [0, 0, -150, 0], [-1, 0, 0, -0.05]],
+        B: [[0], [0], [150], [0]],
+        C: [[-1, 0, 0, 0], [0, -1, 0, 0]],
+        B1: [[0, 0], [0, 0], [0, 0], [0, 1]],
+        C1: [[-0.25, 0, 0, 3.487], [0, 0, -3, 0]],
+        D11: [[0, 0.25], [0, 0]],
+        D12: [[0], [3]],
+        D21: [[0, 1], [0.01, 0]],
+    },
+    "AC8": {
+        A: [
+            [-0.01365, 0.178, 0.00017, -0.561, -0.03726, 0, 0.01365, -0.01311, 0],
+            [-0.01516, -0.752, 1.001, 0.00127, -0.06311, 0, 0.01516, 0.05536, 0],
+            [0.00107, 0.07896, -0.8725, 0, -3.399, 0, -0.00107, -0.00581, 0],
+            [0, 0, 1, 0, 0, 0, 0, 0, 0],
+            [0, 0, 0, 0, -20, 10.72, 0, 0, 0],
+            [0, 0, 0, 0, 0, -50, 0, 0, 0],
+            [0, 0, 0, 0, 0, 0, -0.4447, 0, 0],
+            [0, 0, 0, 0, 0, 0, 0, -0.4447, 0.0044],
+            [0, 0, 0, 0, 0, 0, 0, -0.0044, -0.4447],
+        ],
+        B: [[0], [0], [0], [0], [0], [50], [0], [0], [0]],
+        C: [
+            [0.00646, 0.3203, -0.03358, 0, -0.1032, 0, -0.00646, -0.02358, 0],
+            [1, 0, 0, 0, 0, 0, -1, 0, 0],
+            [-0.01365, 0.178, 0.00017, -0.561, -0.03726, 0, 0.01365, -0.01311, 0],
+            [0, -13.58, 0, 13.58, 0, 0, 0, 0, 0],
+            [0, 0, 1, 0, 0, 0, 0, 0, 0],
+        ],
+        B1: [
+            [0, 0, 0, 1, 0, 0, 0, 0, 0, 0],
+            *([0] * 10 for _ in range(4)),
+            [0, 0, 0, 0, 50, 0, 0, 0, 0, 0],
+            [0.9431, *[0] * 9],
+            [0, 1.155, *[0] * 8],
+            [0, -48.82, *[0] * 8],
+        ],
+        C1: [
+            [0.00323, 0.16015, -0.01679, 0, -0.0516, 0, -0.00323, -0.01179, 0],
+            [0.5, 0, 0, 0, 0, 0, -0.5, 0, 0],
+        ],
+        D12: [[0.5], [0.5]],
+        D21: np.eye(10)[[7, 5, 6, 9, 8]],
+    },
 }
 
 
@@ -76,6 +122,7 @@ def problem(name: str, order: int) -> tuple[Any, ...]:
     n, nu, ny = len(data[A]), data[B].shape[1], len(data[C])
     data = {B1: np.eye(n), C1: np.eye(n), D12: np.eye(n)[:, n - nu :], **data}
     nw, nz = data[B1].shape[1], len(data[C1])
+    data = {D11: np.zeros((nz, nw)), D21: np.zeros((ny, nw)), **data}
     w, z, u, y = (
         [f"{label}{k}" for k in range(count)]
         for label, count in zip("wzuy", (nw, nz, nu, ny), strict=True)
@@ -84,7 +131,7 @@ def problem(name: str, order: int) -> tuple[Any, ...]:
         data[A],
         np.hstack([data[B1], data[B]]),
         np.vstack([data[C1], data[C]]),
-        np.block([[np.zeros((nz, nw)), data[D12]], [np.zeros((ny, nw + nu))]]),
+        np.block([[data[D11], data[D12]], [data[D21], np.zeros((ny, nu))]]),
         inputs=w + u,
         outputs=z + y,
         name="P",
@@ -120,7 +167,8 @@ def test_the_bound_of_a_direct_path() -> None:
     ("name", "order", "norm"),
     [
         *(("HE1", 0, 0.15382), ("HE1", 1, 0.10937), ("REA2", 0, 1.14894), ("NN1", 0, 13.8471)),
-        ("AC3", 0, 3.4027),
+        *(("AC3", 0, 3.4027), ("AC4", 0, 0.935467), ("AC4", 1, 0.557438)),
+        *(("AC8", 0, 2.00501), ("AC8", 1, 1.6503)),
     ],
 )
 def test_structured_norms(name: str, order: int, norm: float) -> None:
