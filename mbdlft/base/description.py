@@ -89,8 +89,8 @@ class Description(BaseModel):
 
     noun: ClassVar[str] = ""  # what messages call it; its name follows, if it has one
 
-    # the validator of a kind is built when its first record is made: most scenes use few of the 70
-    model_config = ConfigDict(frozen=True, extra="forbid", defer_build=True)
+    # built at once: what is built late (`defer_build`) shows its validators in `help`, not its types
+    model_config = ConfigDict(frozen=True, extra="forbid")
 
     def __init__(self, **fields: Any) -> None:
         try:
