@@ -14,6 +14,7 @@ primary     = number | text | "true" | "false" | name ["(" arguments ")"]
 
 import math
 import re
+import sys
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar
 
@@ -81,7 +82,7 @@ def _check_size(word: str, where: str) -> None:
     if len(word) > _MOST_DIGITS:
         raise SceneError(f"{where}: a number has at most {_MOST_DIGITS} characters.")
     digits = re.split("[eE]", word)[0].replace(".", "").strip("0")
-    if math.isinf(float(word)) or (digits and not float(word)):
+    if math.isinf(float(word)) or (digits and float(word) < sys.float_info.min):
         raise SceneError(f"{where}: expected a number that a double can be, got {word}.")
 
 

@@ -286,9 +286,21 @@ def _plain(value: Value, discrete: Discrete, name: str) -> Value:
 
     def of(x: Value) -> Value:
         number = v.number_of(x) if isinstance(x, ca.SX) else None
-        return x if number is None else bool(number) if kind == "Boolean" else number
+        x = x if number is None else bool(number) if kind == "Boolean" else number
+        return _of_type(x, kind, name)
 
     return v.each(of, value)
+
+
+def _of_type(value: Value, kind: str, name: str) -> Value:
+    """A value, which is no truth for a number, no number for a truth, and whole for an Integer."""
+    is_wrong = {
+        "Boolean": isinstance(value, Fraction),
+        "Integer": isinstance(value, bool) or (isinstance(value, Fraction) and value.denominator > 1),
+    }
+    if is_wrong.get(kind, False):
+        raise SceneError(f"{name} is of type {kind}, and its equation gives {v.described(value)}.")
+    return value
 
 
 def _is_open(value: Value) -> bool:
@@ -411,11 +423,11 @@ def found_at(discrete: Discrete, open_: Mapping[str, Value], point: Point) -> di
     for name, value in open_.items():
         whole = discrete.declared[name.partition("[")[0]]
 
-        def of(x: Value, kind: str = whole.type) -> Value:
+        def of(x: Value, kind: str = whole.type, name: str = name) -> Value:
             if not isinstance(x, ca.SX):
                 return x
             number = point.number(x)
-            return bool(number) if kind == "Boolean" else Fraction(number)
+            return bool(number) if kind == "Boolean" else _of_type(Fraction(number), kind, name)
 
         made[name] = v.each(of, value)
     return made

@@ -201,6 +201,7 @@ class _Reader:
             self._expression(item["condition"]),
             message.text if isinstance(message, tree.Text) else "",
             self.sources.line(item["span"]),
+            "warning" in str(item.get("level")),
         )
 
     def _algorithm(self, item: Mapping[str, Any], what: str) -> tree.Refused:

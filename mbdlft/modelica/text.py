@@ -15,6 +15,7 @@ from mbdlft.modelica.expression import ExpressionParser, Token
 from mbdlft.modelica.tree import Expression, write
 
 _TYPES = ("Real", "Integer", "Boolean", "String")
+_WARNING = tree.Reference("AssertionLevel.warning")
 _PREFIXES = ("flow", "stream", "inner", "outer", "each")
 _VARIABILITY = ("parameter", "constant", "discrete")
 _ADVICE = (
@@ -323,7 +324,7 @@ class _TextParser(ExpressionParser):
         arguments = self.listed(argument, ")")
         if name == "assert" and len(arguments) >= 2:
             message = arguments[1].text if isinstance(arguments[1], tree.Text) else ""
-            return tree.Check(arguments[0], message, line)
+            return tree.Check(arguments[0], message, line, _WARNING in arguments[2:])
         names = [a.name for a in arguments[:1] if isinstance(a, tree.Reference)]
         return tree.Refused(f"the call of {name}", tuple(names), line)
 

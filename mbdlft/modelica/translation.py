@@ -57,11 +57,14 @@ class ModelicaReport:
     notes : tuple of str
         Sentences: parameters that are numbers though they have limits, units that are not known, asserts
         that are not checked.
+    claims : tuple of (str, ca.SX)
+        Asserts on variables, with their conditions; `operating_point` decides them.
     """
 
     sources: tuple[str, ...]
     states: tuple[str, ...]
     notes: tuple[str, ...]
+    claims: tuple[tuple[str, ca.SX], ...] = ()
 
     def __str__(self) -> str:
         sources = (
@@ -147,6 +150,7 @@ class _Translation:
     ) -> None:
         self.model, self.table, self.discrete, self.modes = model, table, discrete, modes
         self.open: dict[str, Value] = {}  # modes that the equilibrium decides, as expressions
+        self.claims: list[tuple[str, ca.SX]] = []
         self.looked_up: set[int] = set()  # ids of equations that look a time up in a table
         self.parameters = read_values(model, table, self._of_declaration)
         symbols = column_of(self.parameters.symbols.values())
@@ -197,7 +201,9 @@ class _Translation:
             units_checked=True,
         )
         preferred = self._names(lambda d: d.attributes.get("stateSelect") in _PREFERRED)
-        return dae, ModelicaReport(tuple(sources), tuple(preferred), tuple(self.parameters.notes))
+        return dae, ModelicaReport(
+            tuple(sources), tuple(preferred), tuple(self.parameters.notes), tuple(self.claims)
+        )
 
     def _hold(self) -> None:
         """Give values to what is discrete."""
@@ -277,13 +283,17 @@ class _Translation:
         return equations
 
     def _check(self, check: tree.Check) -> None:
-        """A claim: it is evaluated where it is one on numbers, and noted otherwise."""
+        """A claim: it is evaluated where it is one on numbers, and at the operating point otherwise."""
         text = f"assert({shorter(write(check.condition))})"
         value = self._value(check.line, text, check.condition)
-        if value is False:
-            raise SceneError(self.place(check.line, f"{text} does not hold. {check.message}".strip()))
-        if value is not True:
-            self.parameters.notes.append(f"{text} in line {check.line} is not checked")
+        if check.warning:
+            if value is not True:
+                self.parameters.notes.append(f"{text} in line {check.line} is a warning: not checked")
+        elif value is not True:
+            claim = self.place(check.line, f"{text} does not hold. {check.message}".strip())
+            if not isinstance(value, ca.SX):
+                raise SceneError(claim)
+            self.claims.append((claim, value))
 
     def _choose(self, choice: tree.Choice) -> list[Equation]:
         """Equations of the branch whose condition holds, or choices between those of all branches."""
@@ -431,7 +441,7 @@ def operating_point(
     StructureError, TrimError, NotRationalError
         As `mbdlft.dae.reduce_index` and `mbdlft.dae.equilibria`.
     SceneError
-        The table asks for the start, and for what an equilibrium gives.
+        The table asks for the start, and for what an equilibrium gives; an assert does not hold.
     """
     table = table or ModelicaTable()
     structure = structure_of(dae, report, table)
@@ -440,8 +450,14 @@ def operating_point(
             raise SceneError(
                 f"{dae.owner}: free and moving are for an equilibrium; the point is the start."
             )
-        return start_point(structure, table.at, table.fit)
-    return trim(structure, table.at, table.free, table.moving, table.fit)
+        at = start_point(structure, table.at, table.fit)
+    else:
+        at = trim(structure, table.at, table.free, table.moving, table.fit)
+    point = Point(at, {p.name: p.nominal for p in dae.parameters})
+    for claim, condition in () if report is None else report.claims:
+        if not point.number(condition):
+            raise SceneError(f"{claim} At the operating point: choose another one.")
+    return at
 
 
 def notes_of_point(at: DaeTrim) -> list[str]:

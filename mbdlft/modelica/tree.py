@@ -200,6 +200,7 @@ class Check:
     condition: Expression
     message: str
     line: int
+    warning: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import math
 import operator as operators
 from collections.abc import Callable, Mapping
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -112,13 +113,13 @@ def binary(operator: str, left: Value, right: Value) -> Value:
     if operator in _RELATIONS:
         return _relation(operator, left, right)
     if operator in ("and", "or"):
-        return _logical(operator, left, right)
+        return each(partial(_logical, operator), left, right)
     return each(_SCALAR[operator.lstrip(".")], left, right)
 
 
 def opposite(value: Value) -> Value:
-    """not value."""
-    return not value if isinstance(value, bool) else ca.logic_not(_truth(value))
+    """not value, of each entry of an array."""
+    return each(lambda x: not x if isinstance(x, bool) else ca.logic_not(_truth(x)), value)
 
 
 def chosen(condition: Value, then: Value, otherwise: Value) -> Value:

@@ -370,6 +370,8 @@ class Variables:
         expression = v.to_sx(value)
         if ca.depends_on(expression, self.time):
             raise SceneError("der of a function of time is not supported.")
+        if ca.depends_on(expression, column_of(self.rates.values())):
+            raise SceneError("der of a derivative: write v = der(x), and der(v).")
         derivative: Value = Fraction(0)
         for x in self.of(expression):
             rate = self.rates.setdefault(x.name, ca.SX.sym(f"der({x.name})"))

@@ -264,6 +264,14 @@ f"x = {'*'.join(['x'] * 2000)};" => a product has at most 1000 factors
 > linear({}) => TrimError: model 'M' …
 "der(x) = u - x; y = log(x);" => no equilibrium was found; … 'y = log(x)' (line 4) (inf)
 "der(x) = u - x; y = if x == 0 then 1 else x;" => jumps from 0 to 1 … where eq(x, 0) switches
+> linear({}) => SceneError: m.mof …
+"der(x) = u - x; y = x; assert(x > 5, \"small\");" => line 4: assert(x > 5) does not hold. small At the
+"der(der(x)) = u - x; y = x;" => line 4: 'der(der(x)) = u - x': der of a derivative: write v = der(x)
+> model(text_of({})) => SceneError: …
+"Real x; Integer n = 1.5;" => n is of type Integer, and its equation gives 3/2
+"Real x; Boolean b = 1;" => b is of type Boolean, and its equation gives 1
+"Real x; Integer n = true;" => n is of type Integer, and its equation gives
+"Real x; Real z = 5e-324;" => m.mof, line 2, column 18: expected a number that a double can be
 > model(text_of(P), modelica_table_from_toml('format = "mbdlft-modelica/1"\n' + {})) => SceneError:
     m.mof …
 "[parameters]\naa = { low = 1, high = 3 }" => unknown parameter 'aa'. Did you mean 'a'

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import parse_unit
-from mbdlft.modelica import flat_model, flat_text, translate
+from mbdlft.modelica import flat_model, flat_text, operating_point, translate
 from mbdlft.modelica.evaluation import Evaluator, unit_of
 from mbdlft.modelica.expression import ExpressionParser
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary, write
@@ -342,3 +343,15 @@ def test_long_sums_are_read() -> None:
 def test_an_array_is_written_with_its_entries() -> None:
     e = Array((Number("1"), Unary("-", Number("2"))))
     assert write(e) == "{1, -2}"
+
+
+def test_modes_of_arrays_and_claims_on_variables_are_decided_at_the_equilibrium() -> None:
+    model = flat_model(
+        "model M\n Boolean b[2]; Boolean c[2];\n Real x[2](each start = 1); input Real u;\nequation\n"
+        ' c = not b;\n b = {x[1] > 0.5 and true, x[2] > 2};\n assert(x[1] < 5, "large");\n'
+        " der(x[1]) = 1 - x[1] + (if b[1] then u else 0);\n"
+        " der(x[2]) = 1 - x[2] + (if c[2] then 2*u else 0);\nend M;"
+    )
+    dae, report = translate(model)
+    linear = mbdlft.linearize_dae(operating_point(dae, report))
+    assert np.array_equal(np.ravel(mbdlft.matrices_at(linear, {})[1]), [1.0, 2.0])
