@@ -1,12 +1,12 @@
 """Static and first-order H-infinity controllers for plants of the literature.
 
-The plants are those of the report F. Leibfritz, COMPleib: COnstrained Matrix-optimization Problem
-library, University of Trier, 2004; REA2 and NN1 were not compared with it again. HE1 and HE2 are
-helicopters, REA2 a chemical reactor, NN1 an academic plant, AC3 a transport aircraft, AC4 a missile
-(Fares, Apkarian, Noll, International Journal of Control 74, 2001), AC8 a transport aircraft in cruise
-(Gangsaas et al., IEEE Transactions on Automatic Control 31, 1986). Where the report has no performance
-channels, w drives each state, and u is added to the last entries of z = x. Norms are the best of several
-tools.
+The plants are those of F. Leibfritz, COMPleib: COnstrained Matrix-optimization Problem library,
+University of Trier, 2004. The numbers of AC4 and AC8 were taken from a public copy of its data file, with
+which those of AC3, HE1 and HE2 agree; REA2 and NN1 were not compared. HE1 and HE2 are helicopters, REA2 a
+chemical reactor, NN1 an academic plant, AC3 a transport aircraft, AC4 a missile (Fares, Apkarian, Noll,
+International Journal of Control 74, 2001), AC8 a transport aircraft in cruise (Gangsaas et al., IEEE
+Transactions on Automatic Control 31, 1986). Where the library has no performance channels, w drives each
+state, and u is added to the last entries of z = x. Norms are the best of several tools.
 """
 
 from typing import Any
