@@ -13,6 +13,7 @@ transfer matrices from all inputs to the states and some other variables are equ
 import signal
 import sys
 import time
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,7 +26,7 @@ from scipy.sparse.linalg import splu
 
 import mbdlft
 from mbdlft.base.errors import MbdlftError, SceneError, TrimError
-from mbdlft.dae.dae import Output
+from mbdlft.dae.dae import Dae, Output
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.dae.text import column_of
 from mbdlft.modelica import FlatModel, ModelicaTable, operating_point, translate
@@ -44,7 +45,7 @@ def main() -> None:
     folder = Path(sys.argv[1])
     names = sorted((folder / "examples.txt").read_text().split())
     chosen = [name for name in names if not sys.argv[2:] or any(p in name for p in sys.argv[2:])]
-    signal.signal(signal.SIGALRM, _stop)
+    signal.signal(signal.SIGALRM, stop)
     print("| example | outcome | states | equations | s | error |\n|---|---|---|---|---|---|", flush=True)
     good = 0
     for name in chosen:
@@ -66,7 +67,8 @@ def main() -> None:
     print(f"\n{good} of {len(chosen)} are linear models that agree with the check.")
 
 
-def _stop(*_: Any) -> None:
+def stop(*_: Any) -> None:
+    """The time of an example is over."""
     raise TimeoutError
 
 
@@ -90,22 +92,30 @@ def _compared(flat: FlatModel, point: str) -> tuple[int, int, float]:
     table = ModelicaTable(delay=DELAY, point=point)
     dae, report = translate(flat, table)
     states = [q.name for q in operating_point(dae, report, table).structure.states]
-    others = [x.name for x in dae.variables if x.name not in states]
-    every = max(1, len(others) // OUTPUTS)
-    names = {*states, *others[::every]}
-    read = (Output(x.name, x.symbol, x.unit) for x in dae.variables if x.name in names)
-    dae = replace(dae, outputs=tuple(read))
-    at = operating_point(dae, report, table)
+    at = operating_point(with_outputs(dae, outputs_of(dae, states)), report, table)
     model = mbdlft.linearize_dae(at)
-    return len(at.structure.states), len(dae.equations), _error(at, model)
+    nominal = {p.name: p.nominal for p in dae.parameters}
+    return len(at.structure.states), len(dae.equations), error_of(model, nominal, at)
 
 
-def _error(at: DaeTrim, model: LFTModel) -> float:
-    """The largest relative error of the model at all frequencies."""
+def outputs_of(dae: Dae, states: Iterable[str]) -> set[str]:
+    """States and some other variables."""
+    others = [x.name for x in dae.variables if x.name not in states]
+    return {*states, *others[:: max(1, len(others) // OUTPUTS)]}
+
+
+def with_outputs(dae: Dae, names: Collection[str]) -> Dae:
+    """The equations with these variables as outputs."""
+    read = (Output(x.name, x.symbol, x.unit) for x in dae.variables if x.name in names)
+    return replace(dae, outputs=tuple(read))
+
+
+def error_of(model: LFTModel, values: Mapping[str, float], at: DaeTrim) -> float:
+    """The largest relative error of the model at values, against the equations at their point."""
     dae = at.structure.source
-    values = dict(at.nominal)
+    of = dict(at.nominal)
     for a in at.structure.aliases:
-        values[f"der({a.name})"] = float(a.factor) * values.get(f"der({a.of})", 0.0)
+        of[f"der({a.name})"] = float(a.factor) * of.get(f"der({a.of})", 0.0)
     z = column_of(x.symbol for x in dae.variables)
     rates = [(k, x) for k, x in enumerate(dae.variables) if x.derivative is not None]
     dz = column_of(x.derivative for _, x in rates)  # type: ignore[misc]
@@ -120,18 +130,16 @@ def _error(at: DaeTrim, model: LFTModel) -> float:
         ca.jacobian(y, u),
     ]
     at_values = ca.Function("parts", [z, dz, u, dae.p], [F, *parts])(
-        [values.get(x.name, 0.0) for x in dae.variables],
-        [values.get(f"der({x.name})", 0.0) for _, x in rates],
-        [values.get(x.name, 0.0) for x in dae.inputs],
+        [of.get(x.name, 0.0) for x in dae.variables],
+        [of.get(f"der({x.name})", 0.0) for _, x in rates],
+        [of.get(x.name, 0.0) for x in dae.inputs],
         [p.nominal for p in dae.parameters],
     )
     residual, Fz, Fd, Fu, Cz, Cu = (np.asarray(part.full()) for part in at_values)
     E = np.zeros_like(Fz)
     E[:, [k for k, _ in rates]] = Fd
-    nominal = {p.name: [p.nominal] for p in dae.parameters}
-    A, B, C, D = (
-        np.asarray(part).reshape(np.shape(part)[-2:]) for part in mbdlft.matrices_at(model, nominal)
-    )
+    matrices = mbdlft.matrices_at(model, {name: [value] for name, value in values.items()})
+    A, B, C, D = (np.asarray(part).reshape(np.shape(part)[-2:]) for part in matrices)
     ratios, error = [], float(np.max(np.abs(residual), initial=0.0)) * 1e-3
     for s in FREQUENCIES:
         pencil = s * E + Fz

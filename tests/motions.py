@@ -13,37 +13,44 @@ from tests.close import CLOSED_FORM
 
 
 def check_second_order(scene: Scene, model: LFTModel, seed: int) -> None:
-    """The rates of small motions differ from those of the model by what is of second order."""
+    """Rates and outputs of small motions differ from those of the model by what is of second order."""
     random = np.random.default_rng(seed)
     values = {p.name: 0.7 * p.nominal + 0.3 * p.high for p in scene.parameters}
-    (A, B, *_), m = mbdlft.matrices_at(model, values), equations_of_motion(scene, values)
+    (A, B, C, D), m = mbdlft.matrices_at(model, values), equations_of_motion(scene, values)
     x, u = (random.standard_normal(M.shape[1]) for M in (A, B))
+    rows = [k for k, y in enumerate(model.outputs) if y.name in [y.name for y in m.outputs]]
+    read = [[y.name for y in m.outputs].index(model.outputs[k].name) for k in rows]
     names, inputs = ([signal.name for signal in signals] for signals in (m.coordinates, m.inputs))
     chosen = [names.index(state.name) for state in model.states]  # without cyclic ones
     every, rates = np.zeros(len(inputs)), explicit(m)
+    u *= 100.0 / np.max(np.abs(B) @ np.abs(u), initial=1e-3)  # or what is of second order is rounding
     for signal, value in zip(model.inputs, u, strict=True):
         every[inputs.index(signal.name)] = value
-    for state, forces, M, v in ((x, 0.0 * every, A, x), (0.0 * x, every, B, u)):
-        expected, scale = M @ v, np.abs(M) @ np.abs(v)
-        if not np.any(scale):
-            continue
-        scale = np.maximum(scale, 1e-3 * np.max(scale))
-        errors = [
-            np.max(np.abs(rates(chosen, size * state, size * forces) / size - expected) / scale)
-            for size in (1e-3, 1e-4)
-        ]
-        assert errors[1] <= max(errors[0] / 8.0, 1e5 * CLOSED_FORM)
+    cases = ((x, 0.0 * every, (A, C[rows]), x), (0.0 * x, every, (B, D[rows]), u))
+    for state, forces, matrices, v in cases:
+        found = [rates(chosen, read, size * state, size * forces) for size in (1e-3, 1e-4)]
+        for M, *moved in zip(matrices, *found, strict=True):
+            expected, scale = M @ v, np.abs(M) @ np.abs(v)
+            if not np.any(scale):
+                continue
+            scale = np.maximum(scale, 1e-3 * np.max(scale))
+            errors = [
+                np.max(np.abs(now / size - expected) / scale)
+                for now, size in zip(moved, (1e-3, 1e-4), strict=True)
+            ]
+            assert errors[1] <= max(errors[0] / 8.0, 1e5 * CLOSED_FORM)
 
 
-def explicit(m: Motion) -> Callable[[list[int], Array, Array], Array]:
-    """Rates (k,) of states at positions (k,), by their values and inputs; the others fit."""
+def explicit(m: Motion) -> Callable[[list[int], list[int], Array, Array], tuple[Array, Array]]:
+    """Rates (k,) of states and outputs at positions, by values of the states and inputs; others fit."""
     still = np.tile([1.0, 0.0, 0.0, 0.0], len(m.balls))
     fitting = [m.constraints, ca.jacobian(m.constraints, m.x)]
     moving = [m.rates, ca.jacobian(m.rates, m.z), m.residual, ca.jacobian(m.residual, m.z)]
     fit = ca.Function("fit", [m.x, m.u, m.references], [ca.densify(y) for y in fitting])
+    read = ca.Function("y", [m.x, m.z, m.u, m.references], [ca.densify(m.y)])
     move = ca.Function("move", [m.x, m.z, m.u, m.references], [ca.densify(y) for y in moving])
 
-    def rates(chosen: list[int], values: Array, u: Array) -> Array:
+    def rates(chosen: list[int], outputs: list[int], values: Array, u: Array) -> tuple[Array, Array]:
         x = np.zeros(m.x.numel())
         others = list(m.followers)
         x[chosen] = values
@@ -52,6 +59,8 @@ def explicit(m: Motion) -> Callable[[list[int], Array, Array], Array]:
             x[others] -= np.linalg.solve(slopes[:, others], gaps[:, 0])
         at = move(x, 0.0, u, still)
         first, of_z, missing, slopes = (np.array(y.full()) for y in at)
-        return np.asarray((first - of_z @ np.linalg.solve(slopes, missing))[chosen, 0])
+        z = -np.linalg.solve(slopes, missing)
+        y = np.asarray(read(x, z, u, still).full())
+        return np.asarray((first + of_z @ z)[chosen, 0]), y[outputs, 0]
 
     return rates

@@ -32,7 +32,7 @@ from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.bisect.characteristic import Realization, is_unstable_at
+from mbdlft.robust.bisect.characteristic import Realization, is_unstable_at, nearness
 from mbdlft.robust.realization import realization
 from mbdlft.system.model import System
 from mbdlft.system.sampled import deltas_of
@@ -259,8 +259,7 @@ def crossing_on_ray(
 ) -> Crossing:
     """Where from 0 to delta a pole first is on or beyond the axis, if below a size; else `NONE`.
 
-    Deltas that are fixed are the same on all of the way. Where computed poles are nothing but rounding,
-    as near to singular models, balls say where a pole is.
+    Deltas that are fixed stay. Where computed poles are nothing but rounding, balls say where one is.
     """
     kept = np.zeros(len(delta), dtype=bool) if fixed is None else fixed
 
@@ -288,15 +287,16 @@ def crossing_on_ray(
         if not high < most or not is_unstable(most):
             return NONE
         high = bisected(is_unstable, high, most, _HALVINGS)
-    end = at(high)
     slope, frequency = np.zeros(len(delta)), np.inf
     with suppress(np.linalg.LinAlgError, WellPosednessError):
-        if state_matrices(model, at(high * _NEAR)) is not None:  # else it is singular there
-            there = moving_at(model, end)[0]
-            i = int(np.argmax(there.poles.real))
-            frequency, real = float(abs(there.poles[i].imag)), there.gradients[i].real
+        if state_matrices(model, at(high * _NEAR)) is not None:  # else singular
+            poles, gradients = moving_at(model, at(high))[0]
+            i = int(np.argmax(poles.real))
+            omega, real = float(abs(poles[i].imag)), gradients[i].real
             slope = real if np.all(np.isfinite(real)) else slope
-    return Crossing(high * size, end, frequency, slope)
+            is_near = poles[i].real <= nearness(omega, float(np.max(np.abs(poles))))
+            frequency = omega if is_near else np.inf  # it came through infinity
+    return Crossing(high * size, at(high), frequency, slope)
 
 
 def smallest_beside(

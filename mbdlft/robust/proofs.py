@@ -39,6 +39,7 @@ from mbdlft.robust.bisect.characteristic import (
     is_hurwitz,
     is_root_near,
     is_stable_at,
+    nearness,
     polynomials,
     straightened,
     verdict_of,
@@ -215,8 +216,8 @@ def _is_at(matrices: _Matrices, delta: Complex, frequency: float) -> bool:
     """Whether a pole at real deltas is near to a frequency; none is where the loop is ill posed."""
     if not np.isfinite(frequency):
         return True
-    polynomial, near = matrices.polynomial(delta), 1e-3 * frequency
-    near += _NEAR * _size(matrices, matrices.closed(delta)[0])
+    polynomial = matrices.polynomial(delta)
+    near = nearness(frequency, _size(matrices, matrices.closed(delta)[0]))
     return polynomial is None or is_root_near(polynomial, 1j * frequency, near)
 
 

@@ -1,6 +1,6 @@
 """Every scenario at any size: small motions are those of its model, and its forces keep its energy."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +29,7 @@ from mbdlft.dae import simulate
 from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin, Tire
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
 from tests.close import CLOSED_FORM, EPS, KEPT, target
+from tests.cross.mechanisms import closed_loop
 from tests.cross.planar_mechanisms import driven_four_bar
 from tests.motions import check_second_order
 
@@ -122,9 +123,11 @@ _ELASTIC: list[Beam | FlexibleBody] = [
         name="modes", ports={"tip": (1, 0, 0)}, modes=[Mode(frequency=2.0, **_SIX)], **_FLEXIBLE
     ),
 ]
+# the second has sensors that feel weight and the forces of a loop
+_MADE: dict[str, Callable[[], Scene]] = {"driven": driven_four_bar, "felt": lambda: closed_loop(5002)}
 # the others have the same kinds of bodies, joints and loads
 _FIRST = {
-    *("ball_turntable", "bicycle", "control_moment_gyros", "driven", "half_car", "lander"),
+    *("ball_turntable", "bicycle", "control_moment_gyros", "driven", "felt", "half_car", "lander"),
     *("launcher_bending", "motorcycle", "piezo_beam", "rolling_disk", "solar_arrays"),
     *("spinning_satellite", "tower_crane", "wheelset"),
 }
@@ -157,9 +160,9 @@ def test_inertia_does_no_work_and_forces_have_a_potential(item: str | Beam | Fle
             assert np.max(np.abs(slopes - slopes.T)) <= CLOSED_FORM * max(size, np.max(np.abs(slopes)))
 
 
-@pytest.mark.parametrize("name", _quick([*scenes(), "driven"]))
+@pytest.mark.parametrize("name", _quick([*scenes(), *_MADE]))
 def test_small_motions_are_those_of_the_linear_model_to_second_order(name: str) -> None:
-    scene = driven_four_bar() if name == "driven" else load_scene(f"scenarios/{name}.toml")
+    scene = _MADE[name]() if name in _MADE else load_scene(f"scenarios/{name}.toml")
     check_second_order(scene, mbdlft.to_lft(scene, search=0.0, prove=0.0), 0)
 
 

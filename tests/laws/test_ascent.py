@@ -10,6 +10,7 @@ from mbdlft.robust.ascent import (
     Peak,
     _path,
     at_delta,
+    bisected,
     crossing_on_ray,
     peak_at,
     push_right,
@@ -47,6 +48,31 @@ def test_computed_poles_that_are_rounding_are_not_believed(monkeypatch: pytest.M
     size = crossing_on_ray(model, end, 10.0).size
     assert 4.0 / 3.0 <= size <= 4.0 / 3.0 + 1.5 / 2**6
     assert crossing_on_ray(model, end, 10.0, below=1.0).size == np.inf
+
+
+def test_a_pole_that_comes_through_infinity_has_no_frequency(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poles -1/(1 - a/3) and -2/(1 - a/3), det(I - Delta D) > 0 beyond a = 3; doubles see it late."""
+    monkeypatch.setattr(ascent, "abscissa", lambda _, delta: float(np.max(delta)) - 7.50001)
+    matrix = [["-1/(1-a/3)", "0", "1"], ["0", "-2/(1-a/3)", "1"], ["1", "1", "0"]]
+    system = realize(
+        matrix, [Parameter("a", 0.0, low=-0.4, high=0.4)], states=2, inputs=["u"], outputs=["y"]
+    )
+    found = crossing_on_ray(realization(system), np.array([9.0]), 9.0)
+    target(found.size, 7.50001, CORES)
+    assert found.frequency == np.inf
+
+
+def test_a_search_on_a_ray_ends_where_nothing_better_is_left() -> None:
+    """Of 40 halvings two are made: then all of what is left is above 0.5."""
+    asked: list[float] = []
+
+    def is_beyond(t: float) -> bool:
+        asked.append(t)
+        return t > 0.9
+
+    bisected(is_beyond, 0.0, 1.0, 40, most=0.6)
+    exact(asked, [0.5, 0.75])
+    target(bisected(is_beyond, 0.0, 1.0, 40), 0.9, 1e-10)
 
 
 def test_the_slope_of_a_damping_ratio_is_its_difference() -> None:

@@ -419,3 +419,18 @@ def test_slopes_that_are_not_those_of_the_equations(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(linear._Linear, "_moved", wrong)
     with pytest.raises(mbdlft.AnalysisError, match="Two derivations contradict each other"):
         mbdlft.linearize_dae(dae, search=0.0, **asked)
+
+
+def test_a_quarter_turn_that_newton_finds_is_one() -> None:
+    """der(w) = g cos(phi) - w + u, x = sin(phi) at phi = pi/2: the slope of x is 0."""
+    d = DaeDraft("arm")
+    g, u = d.parameter(Parameter("g", 9.81, low=8.0, high=11.0)), d.input("u")
+    phi, w = d.variable("phi", start=1.4), d.variable("w")
+    d.equation(d.der(phi), equals=w)
+    d.equation(d.der(w), equals=g * ca.cos(phi) - w + u)
+    d.output("x", ca.sin(phi))
+    model = linearize_dae(trim(reduce_index(d.dae())))
+    A, B, C, _ = mbdlft.matrices_at(model, {"g": [8.0, 9.81, 11.0]})
+    exact(C, np.zeros((3, 1, 2)))
+    exact(A[:, 1, 0], [-8.0, -9.81, -11.0])
+    exact(B[:, :, 0], [[0.0, 1.0]] * 3)

@@ -48,6 +48,7 @@ from mbdlft.multibody.motion.rolling import guided, held
 from mbdlft.multibody.motion.space import LargeView
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
+from mbdlft.multibody.sensor import JointWrench
 from mbdlft.problem.equations import physical_symbols, rows_of
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.problem.trim import trim_efforts
@@ -58,7 +59,8 @@ _BACK = 10.0  # s (1/s): ten times faster than the slowest motions that are look
 class Motion(NamedTuple):
     """xdot = rates, 0 = residual(x, z, u), y = outputs: SX of x = [q ; v], z = [a ; lambda], u.
 
-    At x = 0, u = 0 the mechanism is in its equilibrium. `constraints` are the gaps and their rates.
+    At x = 0, u = 0 the mechanism is in its equilibrium, and y = 0: a sensor that feels weight, or turns
+    with its frame, shows what is added to that. `constraints` are the gaps and their rates.
     `shown` is x with the whole rotations of `balls`, whose q begin at the `references`, and with motions
     that are inputs, in place of their entries of x, which nothing uses.
     """
@@ -126,11 +128,13 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     for coordinate, entries in moved_coordinates(r.links, names):
         given |= {coordinate + order * len(every): u[entries[order]] for order in range(2)}
         rates[coordinate + len(every)] = 0.0
-    inputs = [k for k, e in enumerate(m.efforts) if e.is_input]
+    inputs, z = [k for k, e in enumerate(m.efforts) if e.is_input], ca.vertcat(a, multipliers)
     others = [k for k in range(len(names)) if k not in inputs]
     old = [rows_of(u, others), rows_of(r.symbols.x, list(given))]
     new = [ca.SX.zeros(len(others)), ca.vertcat(ca.SX(0, 1), *given.values())]
     shown, *made = ca.substitute(made, old, new)
+    shown, rates, residual, outputs, constraints = _at_numbers(r, [shown, rates, *made], point)
+    known = (r.symbols.x, rows_of(u, inputs), references)
     return Motion(
         coordinates,
         small.equations.states,
@@ -139,11 +143,24 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         tuple(signals[k] for k in chosen),
         tuple(balls),
         r.symbols.x,
-        ca.vertcat(a, multipliers),
+        z,
         rows_of(u, inputs),
         references,
-        *_at_numbers(r, [shown, rates, *made], point),
+        shown,
+        rates,
+        residual,
+        outputs - _at_rest(residual, outputs, z, known),
+        constraints,
     )
+
+
+def _at_rest(residual: ca.SX, outputs: ca.SX, z: ca.SX, known: tuple[ca.SX, ca.SX, ca.SX]) -> ca.DM:
+    """Outputs in the equilibrium: accelerations are zero there, multipliers what they have to be."""
+    still = [np.zeros(each.numel()) for each in known[:2]]
+    still.append(np.tile([1.0, 0.0, 0.0, 0.0], known[2].numel() // 4))
+    of_z = ca.Function("z", [z, *known], [ca.jacobian(residual, z), residual])
+    J, missing = (np.asarray(each.full()) for each in of_z(np.zeros(z.numel()), *still))
+    return ca.Function("y", [z, *known], [outputs])(-np.linalg.lstsq(J, missing[:, 0])[0], *still)
 
 
 def _constraints(m: Assembly, view: LargeView) -> tuple[ca.SX, ca.SX, ca.SX]:
@@ -268,11 +285,15 @@ def _density(spring: Spring, view: LargeView, values: Values, at_rest: float) ->
 
 
 def _chosen(scene: Scene, signals: Sequence[Signal], default: Sequence[int]) -> list[int]:
-    """Positions of the outputs: those of the scene, without forces of couplings and contacts."""
-    if scene.outputs is None:
-        return list(default)
+    """Positions of the outputs: those of the scene, without forces of couplings and contacts.
+
+    Nor are there wrenches of joints where loops or contacts push on what a joint carries.
+    """
+    wrenches = [s for s in scene.sensors if isinstance(s, JointWrench) and (scene.loops or scene.touches)]
+    left_out = {signal.name for sensor in wrenches for signal in sensor.signals()}
     names = [signal.name for signal in signals]
-    return [names.index(name) for name in scene.outputs if name in names]
+    asked = [names[k] for k in default] if scene.outputs is None else scene.outputs
+    return [names.index(name) for name in asked if name in names and name not in left_out]
 
 
 def _at_numbers(r: Resolved, expressions: Sequence[ca.SX], point: Array) -> list[ca.SX]:

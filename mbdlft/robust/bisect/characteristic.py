@@ -183,6 +183,11 @@ def verdict_of(coefficients: Callable[[], list[Any] | None], most_bits: int = _M
     return verdict
 
 
+def nearness(frequency: float, size: float) -> float:
+    """How near to j frequency a pole is that is called there, in rad/s; the largest pole is of a size."""
+    return 1e-3 * frequency + 1e-6 * size
+
+
 def is_root_near(coefficients: list[Any], s: complex, distance: float) -> bool:
     """Whether a polynomial has a root so near to s: one is within n |p/p'| (Laguerre)."""
     p = flint.acb_poly(coefficients)

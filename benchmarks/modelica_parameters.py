@@ -1,0 +1,160 @@
+"""Examples of the Modelica Standard Library with parameters left in, against the compiler elsewhere.
+
+Usage: ``python -m benchmarks.modelica_parameters FOLDER [PART OF A NAME ...]``; the folder is that of
+`benchmarks.modelica_library`. In each example up to three numbers, chosen at random from those that its
+linear model depends on, get +-20 %, and the model is made once. At all corners and at four random points
+the example is then translated again, with other numbers in the place of the parameters, and its operating
+point is found anew, from the nominal one; at one corner the compiler reads them as modifications. The
+model at the values is compared with these equations as `benchmarks.modelica_library` says.
+"""
+
+import itertools
+import random
+import signal
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import mbdlft
+from benchmarks.modelica_library import DELAY, LIMIT, error_of, outputs_of, stop, with_outputs
+from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.dae.equilibria import DaeTrim
+from mbdlft.modelica import FlatModel, ModelicaTable, operating_point, translate
+from mbdlft.modelica.loading import compiled_model
+from mbdlft.modelica.tree import Number
+from mbdlft.system.model import LFTModel
+
+SPREAD = 0.2
+PARAMETERS = 3
+TRIALS = 8  # models that are made until one depends on so many numbers
+
+
+def main() -> None:
+    """Print a line for each example, and counts."""
+    folder = Path(sys.argv[1])
+    names = sorted((folder / "examples.txt").read_text().split())
+    chosen = [name for name in names if not sys.argv[2:] or any(p in name for p in sys.argv[2:])]
+    signal.signal(signal.SIGALRM, stop)
+    print("| example | parameters | order | points | s | error |\n|---|---|---|---|---|---|", flush=True)
+    good = 0
+    for name in chosen:
+        begun = time.perf_counter()
+        signal.alarm(LIMIT)
+        try:
+            varied, order, points, error = _checked(folder, name)
+            good += error <= 1e-9
+            seconds = time.perf_counter() - begun
+            outcome = f"{', '.join(varied)} | {order} | {points} | {seconds:.0f} | {error:.0e}"
+        except MbdlftError as why:
+            text = str(why).replace("\n", " ").replace("|", "/")
+            outcome = f"{type(why).__name__}: {text[:300]} | | | {time.perf_counter() - begun:.0f} |"
+        except TimeoutError:
+            outcome = f"more than {LIMIT} s | | | |"
+        finally:
+            signal.alarm(0)
+        print(f"| {name.removeprefix('Modelica.')} | {outcome} |", flush=True)
+    print(f"\n{good} of {len(chosen)} agree with the check to 1e-9 at all points.")
+
+
+def _checked(folder: Path, name: str) -> tuple[list[str], int, int, float]:
+    """Parameters of an example, order of its LFT, number of points, error of its model there."""
+    starts = _starts(_compiled(folder, name, {}))
+    flat, draw = _compiled(folder, name, starts), random.Random(name)
+    model, outputs, table = _model(flat, draw)
+    named = {key.replace(".", "_"): key for key in table.parameters}
+    nominal = {p.name: (named[p.name], p.nominal) for p in model.parameters}
+    factors = [*itertools.product((1.0 - SPREAD, 1.0 + SPREAD), repeat=len(nominal))]
+    corner = draw.choice(factors)
+    factors += [tuple(draw.uniform(1.0 - SPREAD, 1.0 + SPREAD) for _ in nominal) for _ in range(4)]
+    error = 0.0
+    for at_factors in factors:
+        values = {
+            p: factor * value for (p, (_, value)), factor in zip(nominal.items(), at_factors, strict=True)
+        }
+        numbers = {key: values[p] for p, (key, _) in nominal.items()}
+        again = ModelicaTable(values=numbers, delay=DELAY, point=table.point)
+        error = max(error, error_of(model, values, _point(flat, again, outputs)))
+        if at_factors == corner:
+            plain = ModelicaTable(delay=DELAY, point=table.point)
+            modified = _point(_compiled(folder, name, starts | numbers), plain, outputs)
+            error = max(error, error_of(model, values, modified))
+    return list(table.parameters), model.order, len(factors), error
+
+
+def _starts(flat: FlatModel) -> dict[str, float]:
+    """Start values of positions at the equilibrium that is found: of several, all then find this one."""
+    dae, report = translate(flat, ModelicaTable(delay=DELAY))
+    try:
+        at = operating_point(dae, report)
+    except MbdlftError:
+        return {}
+    names = [q.name for q in at.structure.states if "[" not in q.name and "der(" not in q.name]
+    return {f"{name}.start": at.nominal[name] for name in names}
+
+
+def _model(flat: FlatModel, draw: random.Random) -> tuple[LFTModel, set[str], ModelicaTable]:
+    """A linear model with parameters that it depends on, its outputs, and its table."""
+    held = {f.name for f in flat.fixed}
+    numbers = [
+        d.name
+        for d in flat.declarations
+        if d.variability == "parameter" and d.type == "Real" and isinstance(d.binding, Number)
+        if float(d.binding.text) and d.name not in held and not d.final
+    ]
+    draw.shuffle(numbers)
+    why: MbdlftError = SceneError(f"{flat.name}: no number of its model can be varied.")
+    for point in ("equilibrium", "start"):
+        best: tuple[LFTModel, set[str], ModelicaTable] | None = None
+        for name in numbers[:TRIALS]:
+            kept = {} if best is None else best[2].parameters
+            try:
+                made = _with_parameters(flat, {**kept, name: {"percent": 100 * SPREAD}}, point)
+            except MbdlftError as error:
+                why = error
+                continue
+            sizes = {block.name: block.size for block in made[0].lft.blocks}
+            if all(sizes.values()):
+                best = made
+            if len(kept) == PARAMETERS - 1 and best is made:
+                break
+        if best is not None:
+            return best
+    raise why
+
+
+def _with_parameters(
+    flat: FlatModel, parameters: Mapping[str, Mapping[str, float]], point: str
+) -> tuple[LFTModel, set[str], ModelicaTable]:
+    """The linear model with parameters, its outputs, and its table."""
+    table = ModelicaTable(parameters=dict(sorted(parameters.items())), delay=DELAY, point=point)
+    dae, report = translate(flat, table)
+    states = [q.name for q in operating_point(dae, report, table).structure.states]
+    outputs = outputs_of(dae, states)
+    return mbdlft.linearize_dae(_point(flat, table, outputs)), outputs, table
+
+
+def _point(flat: FlatModel, table: ModelicaTable, outputs: set[str]) -> DaeTrim:
+    """The operating point that a table asks for, of the equations with these outputs."""
+    dae, report = translate(flat, table)
+    return operating_point(with_outputs(dae, outputs), report, table)
+
+
+def _compiled(folder: Path, name: str, values: Mapping[str, float]) -> FlatModel:
+    """An example that the compiler has read, with modifications of numbers."""
+    modified = ", ".join(_modification(key.split("."), value) for key, value in values.items())
+    with TemporaryDirectory() as own:
+        file = Path(own) / "one_example.mo"
+        file.write_text(f"model OneExample\n  extends {name}({modified});\nend OneExample;\n")
+        return compiled_model(file, "OneExample", [folder])
+
+
+def _modification(path: Sequence[str], value: float) -> str:
+    """``a(b(c = value))``"""
+    first, *rest = path
+    return f"{first}({_modification(rest, value)})" if rest else f"{first} = {value!r}"
+
+
+if __name__ == "__main__":
+    main()
