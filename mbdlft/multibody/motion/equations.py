@@ -134,7 +134,7 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     new = [ca.SX.zeros(len(others)), ca.vertcat(ca.SX(0, 1), *given.values())]
     shown, *made = ca.substitute(made, old, new)
     shown, rates, residual, outputs, constraints = _at_numbers(r, [shown, rates, *made], point)
-    known = (r.symbols.x, rows_of(u, inputs), references)
+    given_at = (r.symbols.x, rows_of(u, inputs), references)
     return Motion(
         coordinates,
         small.equations.states,
@@ -149,7 +149,7 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         shown,
         rates,
         residual,
-        outputs - _at_rest(residual, outputs, z, known),
+        outputs - _at_rest(residual, outputs, z, given_at),
         constraints,
     )
 
@@ -160,7 +160,10 @@ def _at_rest(residual: ca.SX, outputs: ca.SX, z: ca.SX, known: tuple[ca.SX, ca.S
     still.append(np.tile([1.0, 0.0, 0.0, 0.0], known[2].numel() // 4))
     of_z = ca.Function("z", [z, *known], [ca.jacobian(residual, z), residual])
     J, missing = (np.asarray(each.full()) for each in of_z(np.zeros(z.numel()), *still))
-    return ca.Function("y", [z, *known], [outputs])(-np.linalg.lstsq(J, missing[:, 0])[0], *still)
+    at_rest: ca.DM = ca.Function("y", [z, *known], [outputs])(
+        -np.linalg.lstsq(J, missing[:, 0])[0], *still
+    )
+    return at_rest
 
 
 def _constraints(m: Assembly, view: LargeView) -> tuple[ca.SX, ca.SX, ca.SX]:
