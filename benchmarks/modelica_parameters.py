@@ -13,9 +13,10 @@ import random
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import mbdlft
 from benchmarks.modelica_library import DELAY, LIMIT, error_of, outputs_of, stop, with_outputs
@@ -143,17 +144,26 @@ def _point(flat: FlatModel, table: ModelicaTable, outputs: set[str]) -> DaeTrim:
 
 def _compiled(folder: Path, name: str, values: Mapping[str, float]) -> FlatModel:
     """An example that the compiler has read, with modifications of numbers."""
-    modified = ", ".join(_modification(key.split("."), value) for key, value in values.items())
+    modified: dict[str, Any] = {}
+    for key, value in values.items():
+        inner, *path, last = modified, *key.split(".")
+        for part in path:
+            inner = inner.setdefault(part, {})
+        inner[last] = value
     with TemporaryDirectory() as own:
         file = Path(own) / "one_example.mo"
-        file.write_text(f"model OneExample\n  extends {name}({modified});\nend OneExample;\n")
+        file.write_text(
+            f"model OneExample\n  extends {name}({_modification(modified)});\nend OneExample;\n"
+        )
         return compiled_model(file, "OneExample", [folder])
 
 
-def _modification(path: Sequence[str], value: float) -> str:
-    """``a(b(c = value))``"""
-    first, *rest = path
-    return f"{first}({_modification(rest, value)})" if rest else f"{first} = {value!r}"
+def _modification(values: Mapping[str, Any]) -> str:
+    """``a(b(c = value)), d = value``"""
+    items = values.items()
+    return ", ".join(
+        f"{a}({_modification(x)})" if isinstance(x, dict) else f"{a} = {x!r}" for a, x in items
+    )
 
 
 if __name__ == "__main__":

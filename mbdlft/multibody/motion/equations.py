@@ -133,8 +133,9 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     old = [rows_of(u, others), rows_of(r.symbols.x, list(given))]
     new = [ca.SX.zeros(len(others)), ca.vertcat(ca.SX(0, 1), *given.values())]
     shown, *made = ca.substitute(made, old, new)
-    shown, rates, residual, outputs, constraints = _at_numbers(r, [shown, rates, *made], point)
-    given_at = (r.symbols.x, rows_of(u, inputs), references)
+    numbers = _at_numbers(r, [shown, rates, *made], point)
+    at = (r.symbols.x, z, rows_of(u, inputs), references)
+    numbers[3] -= _at_rest(numbers[2], numbers[3], *at)
     return Motion(
         coordinates,
         small.equations.states,
@@ -142,28 +143,19 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         tuple(m.efforts[k].signal for k in inputs),
         tuple(signals[k] for k in chosen),
         tuple(balls),
-        r.symbols.x,
-        z,
-        rows_of(u, inputs),
-        references,
-        shown,
-        rates,
-        residual,
-        outputs - _at_rest(residual, outputs, z, given_at),
-        constraints,
+        *at,
+        *numbers,
     )
 
 
-def _at_rest(residual: ca.SX, outputs: ca.SX, z: ca.SX, known: tuple[ca.SX, ca.SX, ca.SX]) -> ca.DM:
+def _at_rest(residual: ca.SX, y: ca.SX, x: ca.SX, z: ca.SX, u: ca.SX, references: ca.SX) -> ca.DM:
     """Outputs in the equilibrium: accelerations are zero there, multipliers what they have to be."""
-    still = [np.zeros(each.numel()) for each in known[:2]]
-    still.append(np.tile([1.0, 0.0, 0.0, 0.0], known[2].numel() // 4))
-    of_z = ca.Function("z", [z, *known], [ca.jacobian(residual, z), residual])
-    J, missing = (np.asarray(each.full()) for each in of_z(np.zeros(z.numel()), *still))
-    at_rest: ca.DM = ca.Function("y", [z, *known], [outputs])(
-        -np.linalg.lstsq(J, missing[:, 0])[0], *still
-    )
-    return at_rest
+    still = np.zeros(u.numel()), np.tile([1.0, 0.0, 0.0, 0.0], references.numel() // 4)
+    at, zero = [x, z, u, references], np.zeros(x.numel())
+    parts = ca.Function("z", at, [ca.jacobian(residual, z), residual])(zero, np.zeros(z.numel()), *still)
+    J, missing = (np.asarray(part.full()) for part in parts)
+    of_rest: ca.DM = ca.Function("y", at, [y])(zero, -np.linalg.lstsq(J, missing[:, 0])[0], *still)
+    return of_rest
 
 
 def _constraints(m: Assembly, view: LargeView) -> tuple[ca.SX, ca.SX, ca.SX]:
