@@ -70,7 +70,7 @@ _BASE = {
     for dimension, factors in _FACTORS.items()
     for symbol, factor in factors.items()
 }
-_PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
+_PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 _PREFIXED = (
     *("g", "m", "s", "Hz", "N", "Pa", "J", "W", "rad", "t"),
     *("A", "K", "C", "V", "Ohm", "S", "F", "H", "Wb", "T"),
@@ -99,7 +99,16 @@ _WORDS = {
     **{"volt": "V", "ampere": "A", "amp": "A", "kelvin": "K", "ohm": "Ohm", "kg": "kg", "percent": "%"},
     **{"newtonmeter": "N m", "kilo": "kg", "dimensionles": "1", "none": "1"},
 }
-_PREFIX_WORDS = {"": "", "kilo": "k", "mega": "M", "milli": "m", "micro": "u", "centi": "c", "nano": "n"}
+_PREFIX_WORDS = {
+    "": "",
+    "kilo": "k",
+    "mega": "M",
+    "milli": "m",
+    "micro": "u",
+    "centi": "c",
+    "nano": "n",
+    "giga": "G",
+}
 _MORE_DIGITS = 60  # those of factors, and of what has no end, such as 1/60
 ANGLE_UNITS = ("deg", "rad")
 

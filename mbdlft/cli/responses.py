@@ -374,14 +374,13 @@ def simulate(
     times = np.linspace(0.0, until, steps + 1)
     start = options.numbers_by_name("--initial", initial, "state=number, such as shoulder.angle=0.1.")
     factors = amplitudes or [1.0]
-    model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, float]]()
+    model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, Any]]()
     of_time = _of_time(inputs, times, scene, model)
     curves: dict[str, Array] = {}
     for factor in factors:
         moved, begun = ({name: factor * x for name, x in each.items()} for each in (of_time, start))
         run, beside = _both(scene, model, times, inputs=moved, parameters=values, initial=begun)
-        size, off = (float(np.max(np.abs(x), initial=0.0)) for x in (run.outputs, run.outputs - beside))
-        rows.append({"amplitude": factor, "largest": size, "linear_error": off / size if size else 0.0})
+        rows.append({"amplitude": factor, **_compared(run, beside)})
         label = f" at {factor:g}" if len(factors) > 1 else ""
         curves |= {f"motion{label}": run.outputs, f"linear model{label}": beside}
     files: list[tuple[str, Path]] = []
@@ -397,10 +396,24 @@ def simulate(
         written = [str(file) for _, file in files]
         print_json({"name": scene.name, "until": until, "runs": rows, "files": written})
         return
-    table = [(f"{r['amplitude']:g}", f"{r['largest']:.4g}", f"{r['linear_error']:.2g}") for r in rows]
+    units = {s.name: s.unit for s in model.outputs}
+    table = [_of_motion(row, units) for row in rows]
     title = f"{scene.name}: outputs until {until:g} s"
-    print_table(title, "amplitude > | largest > | linear model off by >", table)
+    print_table(title, "amplitude > | largest > | unit | output | linear model off by >", table)
     print_files(*files, as_json=False)
+
+
+def _compared(run: "Simulation", beside: "Array") -> dict[str, Any]:
+    """The largest value of all outputs, which it is, and the error of the linear model relative to it."""
+    sizes, off = (np.max(np.abs(x), axis=0).tolist() for x in (run.outputs, run.outputs - beside))
+    size, name = max(zip(sizes, run.output_names, strict=True), default=(0.0, ""))
+    return {"largest": size, "output": name, "linear_error": max(off) / size if size else 0.0}
+
+
+def _of_motion(row: Mapping[str, Any], units: Mapping[str, str]) -> tuple[str, ...]:
+    """The texts of a row of the table."""
+    name, numbers = row["output"], (f"{row['amplitude']:g}", f"{row['largest']:.4g}")
+    return (*numbers, units.get(name, ""), name, f"{row['linear_error']:.2g}")
 
 
 def _both(

@@ -126,14 +126,18 @@ def _chosen(
         if name not in index:
             raise SceneError(
                 f"scene {scene.name!r}, {what}: {unknown_name('signal', name, index)}"
-                f"{_of_a_body(scene, name) if what == 'outputs' else ''}"
+                f"{_instead(scene, name) if what == 'outputs' else ''}"
             )
     return list(default) if names is None else [index[name] for name in names]
 
 
-def _of_a_body(scene: Scene, name: str) -> str:
-    """What to do for an output that is named like a body or one of its ports."""
+def _instead(scene: Scene, name: str) -> str:
+    """What to do for an output that is named like a loop, a body or one of its ports."""
     item = name.partition(".")[0]
+    if item in [loop.name for loop in scene.loops]:
+        return (
+            " Loads of loops are no outputs; a sensor of the kind joint_wrench measures those of a joint."
+        )
     ports = [f"{body.name}.{port}" for body in scene.bodies for port in ("origin", *body.ports)]
     port = next((port for port in ports if item in port.split(".")), "")
     if not port:

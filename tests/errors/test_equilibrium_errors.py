@@ -103,6 +103,7 @@ assemble(cart(spin=Spin(axis=(1, 0, 0), rate='m'), parameters=[Parameter('m', 1.
     unit='kg')]))
     => spin.rate … rad/s
 assemble(four_bar()) => accepted
+to_lft(four_bar(outputs=["pin.force.x"])) => unknown signal 'pin.force.x' … kind joint_wrench
 assemble(four_bar(coupler=1.2))
     => loop 'pin': the ports 'coupler.tip' and 'right.tip' do not meet: they are 0.2 m apart … Correct
         the positions of the joints

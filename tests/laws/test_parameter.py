@@ -101,7 +101,7 @@ def test_units(text: str, factor: float, dimension: tuple[int, int, int]) -> Non
     assert unit.dimension == (*dimension, 0, 0)
 
 
-PREFIXES = {"": 0, "n": -9, "u": -6, "m": -3, "c": -2, "d": -1, "k": 3, "M": 6}
+PREFIXES = {"": 0, "n": -9, "u": -6, "m": -3, "c": -2, "d": -1, "k": 3, "M": 6, "G": 9}
 EXACT = {"m": 0, "g": -3, "t": 3, "N": 0, "Pa": 0, "J": 0, "s": 0, "rad": 0}
 
 

@@ -119,6 +119,7 @@ class _Finder:
                 f"{before.joint.name!r} turns at a steady rate, and its axis is not the same line. "
                 f"{_PERIODIC}. What turns may be held by joints 'fixed', 'revolute', 'prismatic' and "
                 "'cylindrical' along and about that axis; a gimbal stands before the joint with the rate."
+                " If all turns with it about an axis of the ground, give the rate to the scene (spin)."
             )
         self.bodies[name] = Turning(before.joint, joint.direction(), off, name)
 
