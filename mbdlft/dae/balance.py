@@ -26,7 +26,7 @@ from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.exact.numbers import decimal
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
-from mbdlft.problem.sx.constants import in_doubles, in_quarter_turns, is_constant, literal
+from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
 from mbdlft.problem.sx.tapes import steps, term_sizes
 
 _SMALL = Fraction(1, 8)
@@ -303,7 +303,7 @@ def _number(value: float) -> ca.SX:
     """A number with the digits that doubles carry."""
     short = decimal(float(f"{value:.14g}"))
     near = abs(float(short) - value) <= _ZERO * abs(value) and short.denominator < 10**9
-    return in_quarter_turns(ca.SX(literal(short if near else Fraction(repr(float(value))))))
+    return ca.SX(literal(short if near else Fraction(repr(float(value)))))
 
 
 _RATIONAL = {"input", "output", "const", "assign", "add", "sub", "mul", "div", "neg", "sq", "twice"}

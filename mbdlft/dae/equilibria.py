@@ -29,7 +29,7 @@ from mbdlft.dae.newton import Found, System, divided, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of, written_rates
 from mbdlft.dae.text import column_of
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.sx.constants import in_doubles, in_quarter_turns, literal
+from mbdlft.problem.sx.constants import in_doubles, literal
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +149,6 @@ def _solved(s: Structure, posed: Balance, fixed: Mapping[str, float | str], fit:
     if fit is not None:
         fits = fitted(s, problem, unsolved or [], points[0], values, fit)
         values |= fits.values
-    values = {name: in_quarter_turns(value) for name, value in values.items()}
     p = parameter_points(s.dae, 1)[0]
     numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
     missed = System(s.residual, s.symbols, s.dae.p).residual(numbers, p)

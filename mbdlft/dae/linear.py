@@ -25,10 +25,11 @@ from mbdlft.problem.references import column_of_entries, entry_scale, reference_
 from mbdlft.problem.relations import LinearModel, Problem, Reference, Stage, TrimRelations
 from mbdlft.problem.sparse import Entries, pseudo_inverse, solve
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero
-from mbdlft.problem.sx.tapes import evaluate_many
+from mbdlft.problem.sx.tapes import evaluate_many, felt_terms
 
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
+_SHAKES, _SHAKE = 4, 2.0**-30  # how often slopes are changed, and by which part of what they feel
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -226,10 +227,13 @@ def _reference(
     names = [q.name for q in s.quantities]
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
+    of_relations = reference_of_relations(relations, points, s.owner)
+    felt = felt_sizes(s, z[:1], points[:1])
     return replace(
-        reference_of_relations(relations, points, s.owner),
+        of_relations,
+        sizes=lambda: np.maximum(of_relations.sizes(), felt),
         values=values,
-        scale=entry_scale(values, len(s.states)),
+        scale=entry_scale(values, len(s.states), terms=felt),
         trimmed=numbers[:, chosen],
         trim_scale=np.where(sizes > 0, sizes, 1.0),
         **_in_digits(at, points),
@@ -262,23 +266,50 @@ def _in_digits(at: DaeTrim, points: Array) -> dict[str, Any]:
 
 def linearized(s: Structure, z: Array, points: Array) -> Array:
     """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs]."""
+    function, places = _of_slopes(s)
+    (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
+    return np.array([_solved(s, places.matrix(values[:, 0])) for values in every])
+
+
+def felt_sizes(s: Structure, z: Array, points: Array) -> Array:
+    """Sizes (., .) of entries of [A B ; C D] to which rounding is relative that the equations feel.
+
+    Numbers, those of the equilibrium too, are doubles: cos(1.5707963267948966) is 0 or 6e-17, as it is
+    read. So the slopes are moved by as much as rounding of each step and number moves them; none are
+    where equations have conditions.
+    """
+    function, places = _of_slopes(s)
+    p, random = in_symbols(s.dae, points), np.random.default_rng(0)
+    (every,), found = evaluate_many(function, z, p), list[Array]()
+    try:
+        terms = felt_terms(function, z, p).T
+    except NotRationalError:
+        terms = np.zeros(every.shape[:2])
+    for values, felt in zip(every[:, :, 0], terms, strict=True):
+        exact = _solved(s, places.matrix(values))
+        for _ in range(_SHAKES):
+            moved = values + _SHAKE * felt * random.uniform(-1.0, 1.0, len(values))
+            found.append(np.abs(_solved(s, places.matrix(moved)) - exact) / _SHAKE)
+    return np.asarray(np.max(found, axis=0))
+
+
+def _of_slopes(s: Structure) -> tuple[ca.Function, Entries]:
+    """Slopes of [residual ; outputs ; rates] that are not structural zeros, as a function of z and p."""
     outputs = column_of([y.expression for y in s.dae.outputs])
     stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))
     slopes = ca.sparsify(in_doubles(ca.jacobian(stacked, s.symbols)))
-    places, entries = Entries(slopes.sparsity()), ca.densify(column_of_entries(slopes))
-    function = ca.Function("slopes", [s.symbols, s.dae.p], [entries])
-    n = s.unknown.numel()
-    matrices = []
-    (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
-    for values in every:
-        J = places.matrix(values[:, 0])
-        try:
-            solved = -solve(J[:n, :n], J[:n, n:])
-        except np.linalg.LinAlgError:
-            raise WellPosednessError(
-                f"{s.owner}: the equations do not determine the unknowns at a point of the range."
-            ) from None
-        read = J[n:, n:] + J[n:, :n] @ solved
-        count = len(s.dae.outputs)
-        matrices.append(np.concatenate([read[count:], read[:count]]))
-    return np.array(matrices)
+    entries = ca.densify(column_of_entries(slopes))
+    return ca.Function("slopes", [s.symbols, s.dae.p], [entries]), Entries(slopes.sparsity())
+
+
+def _solved(s: Structure, J: Any) -> Array:
+    """[A B ; C D] of the slopes at a point."""
+    n, count = s.unknown.numel(), len(s.dae.outputs)
+    try:
+        solved = -solve(J[:n, :n], J[:n, n:])
+    except np.linalg.LinAlgError:
+        raise WellPosednessError(
+            f"{s.owner}: the equations do not determine the unknowns at a point of the range."
+        ) from None
+    read = J[n:, n:] + J[n:, :n] @ solved
+    return np.concatenate([read[count:], read[:count]])

@@ -30,7 +30,6 @@ from mbdlft.problem.sx.constants import (
     constants_in,
     cosine_sine,
     in_doubles,
-    in_quarter_turns,
     is_constant,
     is_zero,
     literal,
@@ -238,13 +237,3 @@ def test_large_terms_that_cancel_are_zero() -> None:
     tenths, large = literal(0.1) + literal(0.2) - literal(0.3), ca.SX(literal(1e13))
     assert is_zero(large * tenths)
     assert not is_zero(large * (tenths + literal(1e-17)))
-
-
-def test_quarter_turns_are_multiples_of_pi_and_other_numbers_stay() -> None:
-    for value in (math.pi / 2, -1.5 * math.pi, 3.0 * math.pi):
-        assert is_zero(
-            in_quarter_turns(ca.SX(value)) - module.pi_times(Fraction(round(2 * value / math.pi), 2))
-        )
-        assert not is_zero(ca.SX(value) - in_quarter_turns(ca.SX(value)))
-    for value in (1e-20, 1.5, math.pi / 3, 2.0 * math.pi * 1e30):
-        assert is_zero(in_quarter_turns(ca.SX(value)) - value)

@@ -219,17 +219,6 @@ def pi_times(factor: Fraction | int) -> ca.SX:
     return constant(Constant("pi", Fraction(factor)))
 
 
-def in_quarter_turns(value: ca.SX) -> ca.SX:
-    """A number of quarter turns to its last digit as these: cosines of such numbers are 0 or 1."""
-    is_leaf = value.is_symbolic() or value.is_constant()
-    number = float(numbers_of(value)[0, 0]) if is_leaf and is_constant(value) else 0.0
-    if not math.isfinite(number):
-        return value
-    quarters, cosine = round(number / (0.5 * math.pi)), cosine_of(number)
-    is_none = not quarters or cosine.in_radians or cosine.argument % 90
-    return value if is_none else pi_times(Fraction(quarters, 2))
-
-
 class ModuloPrime(NamedTuple):
     """Residues of a matrix, as an array of whole numbers of its shape, and their prime."""
 

@@ -306,11 +306,11 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
     for k, pair in enumerate(fold(tape, _SIZES, *arguments)[0]):
         values[k], sizes[k] = pair
     if np.any(sizes > _OUTGROWN * np.max(np.abs(values), axis=0, initial=0.0)):
-        sizes = np.fmin(sizes, np.maximum(np.abs(values), _felt(tape, *points)))
+        sizes = np.fmin(sizes, np.maximum(np.abs(values), felt_terms(tape, *points)))
     return sizes.T
 
 
-def _felt(tape: ca.Function, *points: Array) -> Array:
+def felt_terms(tape: ca.Function, *points: Array) -> Array:
     """How far results (entries, N) move when the result of each step does, in parts of its change."""
     random = np.random.default_rng(0)
 
