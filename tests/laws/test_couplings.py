@@ -201,3 +201,32 @@ def test_toml_is_lossless() -> None:
 @pytest.mark.parametrize("seed", range(30))
 def test_coupled_mechanisms_equal_maximal_coordinates(seed: int, tmp_path: Path) -> None:
     assert attack(seed, tmp_path) in ("right", "refused")
+
+
+@pytest.mark.parametrize(("stiffness", "spring"), [(None, 0.0), (1e6, 0.0), (1e6, 1e-3)])
+def test_what_a_screw_turns_turns_on(stiffness: float | None, spring: float) -> None:
+    """100 kg on 5 kN/m turn a screw of 10 mm pitch 19.6 times, against a weak spring or none."""
+    law = {} if stiffness is None else {"stiffness": stiffness, "preload": 0.0}
+    fields = {"parent": "ground", "axis": (0, 0, 1), "preload": 0.0}
+    scene = Scene(
+        name="jack",
+        gravity=(0, 0, -9.81),
+        bodies=[
+            mbdlft.PointMass(name="load", mass=100.0),
+            RigidBody(name="rotor", mass=1, inertia=ROUND),
+        ],
+        joints=[
+            Prismatic(name="s", child="load", stiffness=5e3, **fields),
+            Revolute(name="m", child="rotor", stiffness=spring, **fields),
+        ],
+        couplings=[KINDS["screw"](name="screw", joint="m", slider="s", pitch=0.01, **law)],
+    )
+    point, lead, soft = mbdlft.find_equilibrium(scene), 0.01 / (2.0 * np.pi), 1.0 / (stiffness or np.inf)
+    equations = [[5e3, 0.0, -1.0], [0.0, spring, lead], [-1.0, lead, -soft]]
+    way, angle, force = np.linalg.solve(equations, [-981.0, 0.0, 0.0])
+    close.target(point.positions["s.position"], way, close.CLOSED_FORM)
+    close.target(point.positions["m.angle"], angle, close.CLOSED_FORM)
+    there = mbdlft.at_equilibrium(scene, point)
+    if stiffness is not None:
+        assert abs(there.couplings[0].preload - force) <= close.CLOSED_FORM * 981.0
+    close.target(mbdlft.find_equilibrium(there).positions["s.position"], way, close.CLOSED_FORM)

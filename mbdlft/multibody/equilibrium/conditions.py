@@ -91,6 +91,7 @@ class Displaced:
     coordinates: tuple[JointCoordinate, ...]
     declared: ca.SX  # (n,) declared positions (rad, m), functions of p; zero for rotation vectors
     lengths: Mapping[str, ca.SX]  # of displaced springs (m), of struts along their direction, by name
+    relations: ca.SX  # (m, n) coefficients of all couplings by the coordinates
     arms: ca.SX  # (3, .) from port to port in bodies and joints (m); they tell the size of the scene
     parameters: tuple[Parameter, ...]  # sorted by name
 
@@ -105,9 +106,8 @@ def displace(scene: Scene) -> Displaced:
     every = every_constraint(scene)
     m = in_motion(r, view, every, laws)
     needed, u, listed = m.passed_as_displaced().efforts, m.u, m.efforts
-    kinds = [degree.kind for degree in degrees(links)]
-    elastic = {k for k, kind in enumerate(kinds) if kind == "elastic"}
-    entries = [k for k in range(len(kinds)) if k not in elastic]
+    elastic = {k for k, degree in enumerate(degrees(links)) if degree.kind == "elastic"}
+    entries = [k for k in range(symbols.q.numel()) if k not in elastic]
     coordinates = _coordinates(links, values)
     coupled = couplings(r, view, every, u, m.z, [effort.signal.name for effort in listed]).efforts
     unbalanced, row_signals = [ca.SX(0, 1)], list[Signal]()
@@ -142,6 +142,7 @@ def displace(scene: Scene) -> Displaced:
             ca.vertcat(*(position_of(scene, c.joint, c.freedom, symbols, values) for c in coordinates))
         ),
         lengths={load.name: in_doubles(_length(load, view)) for load in springs},
+        relations=ca.densify(in_doubles(relations(scene, scene.couplings, view)[:, entries])),
         arms=ca.densify(in_doubles(ca.horzcat(*view.now.arms.values(), *view.now.inboard.values()))),
         parameters=r.parameters,
     )
@@ -187,7 +188,6 @@ def _coordinates(links: tuple[Link, ...], values: Mapping[str, Values]) -> tuple
     coordinates = []
     for link in links:
         joint, quantities = link.joint, values.get(link.owner, {})
-        imposed = bool(getattr(joint, "imposed", False))
         for freedom in joint.freedoms:
             stiffness = ca.sparsify(ca.SX(quantity_of(quantities, "stiffness", freedom)))
             coordinates.append(
@@ -196,7 +196,7 @@ def _coordinates(links: tuple[Link, ...], values: Mapping[str, Values]) -> tuple
                     freedom,
                     freedom.measures[0].of(joint.name),
                     is_ball=coordinate_label("position", freedom) not in quantities,
-                    is_passive=not imposed
+                    is_passive=not getattr(joint, "imposed", False)
                     and "rate" not in quantities
                     and coordinate_label("preload", freedom) in quantities,
                     is_sprung=bool(stiffness.nnz()),

@@ -48,6 +48,7 @@ class Unknown:
     origin: float = 0.0  # position for the value 0
     is_parameter: bool = False
     is_ball: bool = False  # a component of a rotation vector
+    longest: float = 1.0  # step over its size, of the longest that all take: gears and screws turn on
     is_periodic: bool = False  # an angle of which a whole turn changes nothing
 
 
@@ -104,11 +105,12 @@ def equilibrium_equations(
     if d.unknown:
         u[list(d.unknown)] = w
     rows = ca.substitute(d.rows, d.u, u)
-    symbols, (*fixed, rows, alignment) = in_physical(d, [d.declared, d.arms, rows, d.alignment])
+    every = [d.declared, d.arms, d.relations, rows, d.alignment]
+    symbols, (*fixed, rows, alignment) = in_physical(d, every)
     point = np.array(list(at.values()))
-    declared, arms = (value.full() for value in ca.Function("fixed", [symbols], fixed)(point))
+    declared, arms, tied = (value.full() for value in ca.Function("fixed", [symbols], fixed)(point))
     reach = float(np.max(np.linalg.norm(arms.reshape(3, -1), axis=0), initial=0.0)) or 1.0
-    unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), reach)
+    unknowns = _choose(d, at, positions, bounds, declared.reshape(-1), _turns(d, tied, reach), reach)
 
     s = ca.SX.sym("s", len(unknowns))
     q, free = ca.SX(ca.DM.zeros(d.q.numel())), ca.SX(ca.DM(point))
@@ -188,6 +190,7 @@ def _choose(
     positions: Sequence[str] | None,
     bounds: Bounds,
     declared: Array,
+    turns: Array,
     reach: float,
 ) -> tuple[Unknown, ...]:
     """The entries of s, those of coordinates first; `reach` is the length of the longest arm (m)."""
@@ -217,7 +220,7 @@ def _choose(
                     + unknown_name("joint, coordinate or parameter", name, {*joints, *signals, *by_name})
                 )
         chosen = sorted(picked)
-    unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach) for k in chosen]
+    unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach, turns[k]) for k in chosen]
     for k in parameters:
         parameter = d.parameters[k]
         low, high = bounds.get(parameter.name, (parameter.low, parameter.high))
@@ -238,7 +241,19 @@ def _choose(
     return tuple(unknowns)
 
 
-def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: float) -> Unknown:
+def _turns(d: Displaced, relations: Array, reach: float) -> Array:
+    """How far (n,) angles go where couplings tie them to others, at least 1 rad; 0: nothing does."""
+    sizes = np.array([1.0 if c.freedom.turns else reach for c in d.coordinates])
+    turns = np.zeros(len(sizes))
+    for row in np.abs(relations) * sizes:
+        own = np.flatnonzero(row)
+        turns[own] = np.maximum(turns[own], np.maximum(1.0, np.max(row, initial=0.0) / row[own]))
+    return turns
+
+
+def _coordinate(
+    d: Displaced, k: int, bounds: Bounds, declared: float, reach: float, turn: float
+) -> Unknown:
     """Coordinate k as an unknown."""
     c = d.coordinates[k]
     name, where = c.signal.name, f"scene {d.name!r}, positions: joint {c.joint.name!r}"
@@ -257,10 +272,10 @@ def _coordinate(d: Displaced, k: int, bounds: Bounds, declared: float, reach: fl
     half = 2.0 if c.is_ball else np.pi if c.freedom.turns else 2.0 * reach
     low, high = (-half, half) if ends is None else (ends[0] - declared, ends[1] - declared)
     size, start = 1.0 if c.freedom.turns else reach, min(max(0.0, low), high)
-    periodic = c.freedom.turns and not c.is_ball and not c.is_sprung
+    periodic = c.freedom.turns and not c.is_ball and not c.is_sprung and not turn
     return Unknown(
         c.signal, k, low, high, ends is not None, size, start, declared,
-        is_ball=c.is_ball, is_periodic=periodic,
+        is_ball=c.is_ball, longest=max(1.0, turn), is_periodic=periodic,
     )  # fmt: skip
 
 
@@ -319,11 +334,11 @@ def solve_from(equations: EquilibriumEquations, start: Array) -> Attempt:
 
 def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
     """Newton's iteration from `start` (n_s,), with steps halved until the rows get smaller."""
-    sizes = equations.steps
+    sizes, limits = equations.steps, np.array([unknown.longest for unknown in equations.unknowns])
     s, at, count = start, project_at(equations, start), 1
     while count < _STEPS and np.isfinite(at.rows).all() and equations.unknowns:
         step = np.linalg.lstsq(at.slopes, -at.rows, rcond=_RANK)[0]
-        longest = float(np.max(np.abs(step)))
+        longest = float(np.max(np.abs(step) / limits))
         if longest == 0.0:
             break
         fraction = min(1.0, _LONGEST / longest)

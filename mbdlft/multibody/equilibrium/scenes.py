@@ -59,7 +59,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         The point is an equilibrium of another scene, or a parameter was found at an end of its range.
     """
     d = displace(scene)
-    declared, densities = _declared(d, scene, point)
+    declared, densities, preloads = _declared(d, scene, point)
     by_name = {c.signal.name: k for k, c in enumerate(d.coordinates)}
     if point.scene != scene.name or not set(point.positions) <= set(by_name):
         raise TrimError(
@@ -85,6 +85,10 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         for p in scene.parameters
     )
     update = {"joints": tuple(joints), "loads": tuple(loads), "parameters": parameters}
+    update["couplings"] = tuple(
+        c.model_copy(update={"preload": preloads[c.name]}) if c.name in preloads else c
+        for c in scene.couplings
+    )
     return scene.model_copy(update=update)
 
 
@@ -119,19 +123,22 @@ def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
     return scene.model_copy(update={"constants": constants, "parameters": ()})
 
 
-def _declared(d: Displaced, scene: Scene, point: EquilibriumPoint) -> tuple[Array, dict[str, Quantity]]:
-    """Declared positions (n,) (rad, m), and the force densities of springs at the point, by name."""
+def _declared(
+    d: Displaced, scene: Scene, point: EquilibriumPoint
+) -> tuple[Array, dict[str, Quantity], dict[str, Quantity]]:
+    """Declared positions (n,) (rad, m); at the point force densities of springs, forces of couplings."""
     springs = [
         load
         for load in scene.loads
         if isinstance(load, Spring | Guided) and getattr(load, load.magnitude_key) is not None
     ]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
-    symbols, expressions = in_physical(d, [d.declared, lengths])
+    symbols, expressions = in_physical(d, [d.declared, lengths, ca.mtimes(d.relations, d.q)])
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
-    declared, before = (value.full().reshape(-1) for value in function(values, 0.0))
-    _, after = (value.full().reshape(-1) for value in function(values, displacements(d, point, declared)))
+    declared, before, _ = (value.full().reshape(-1) for value in function(values, 0.0))
+    q = displacements(d, point, declared)
+    _, after, stretched = (value.full().reshape(-1) for value in function(values, q))
     efforts = {}
     for spring, a, b in zip(springs, before, after, strict=True):
         k, effort = spring.stiffness, getattr(spring, spring.magnitude_key)
@@ -139,7 +146,12 @@ def _declared(d: Displaced, scene: Scene, point: EquilibriumPoint) -> tuple[Arra
             efforts[spring.name] = _density(k, effort, float(a / b))
         else:
             efforts[spring.name] = _relaxed(effort, k, float(b - a), " [m]" if has_unit(scene, k) else "")
-    return declared, efforts
+    preloads = dict[str, Quantity]()
+    for c, e in zip(scene.couplings, stretched, strict=True):
+        if c.preload is not None and c.stiffness is not None:
+            unit = " [m]" if c.measured_in(scene.joints) == "m" and has_unit(scene, c.stiffness) else ""
+            preloads[c.name] = _relaxed(c.preload, c.stiffness, float(e), unit)
+    return declared, efforts, preloads
 
 
 def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
