@@ -37,6 +37,7 @@ _DEPENDENT = 1e8  # product of the norms of both vectors: beyond it modes lose t
 _STILL = 1e-12  # of the largest slope: a pole that moves by less is not moved by the values
 _NEAR = 0.05  # of the largest real part: poles as far left of it are pieces, too
 _FAR = 8.0  # times the decay that poles have to keep: nearer to the axis, they are pieces
+_FLAT = 8  # places at a point where a gain is flat
 STABLE = -1  # the goal of pieces that keep the loop stable
 
 
@@ -57,6 +58,7 @@ class Asked(NamedTuple):
     decay: float  # that poles have to keep (rad/s)
     extra: Array = np.zeros(0)  # more frequencies of the grid (rad/s)
     budgets: Mapping[int, Budget] = {}  # goals on design parameters, by their place
+    flat: float = 1.0  # part of the largest gain from which places of the grid are pieces, too
 
 
 class Look(NamedTuple):
@@ -244,6 +246,8 @@ def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
             for i in range(len(omega))
             if at_infinity[i] >= floor
         ]
+        if asked.flat < 1.0:
+            pieces += _flat_pieces(k, omega, gains, goal.limit, asked.flat)
     if not tops:
         return pieces
     points, at, best = (np.concatenate(parts) for parts in list(zip(*tops, strict=True))[1:])
@@ -268,6 +272,21 @@ def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
             )
             for j in _apart(top.points, frequencies, values)
         ]
+    return pieces
+
+
+def _flat_pieces(k: int, omega: Array, gains: Array, limit: float, share: float) -> list[Piece]:
+    """Places of the grid where a gain is nearly its largest, without slopes, a few at each point.
+
+    Where the gain is flat over frequency, as at many optima, peaks rise between those that are held.
+    """
+    pieces, level = list[Piece](), share * np.max(gains, initial=0.0)
+    for i, row in enumerate(gains):
+        near = np.flatnonzero(row >= level)
+        for j in (
+            near[np.unique(np.linspace(0, max(0, len(near) - 1), _FLAT).astype(int))] if len(near) else ()
+        ):
+            pieces.append(Piece(k, i, float(omega[i, j]), float(row[j]) / limit, np.zeros(0)))
     return pieces
 
 

@@ -37,6 +37,7 @@ _TOLERANCE, _ROUGH = 1e-7, 1e-5  # of the merit; while points are added
 _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
+_FLAT = 0.98  # part of the largest gain from which places of the grid are pieces, in every other round
 _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
 _UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
@@ -180,6 +181,7 @@ class Tuner:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         flat = 0
         for k in range(_ROUNDS):
+            self.asked = self.asked._replace(flat=_FLAT if k % 2 else 1.0)
             new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
@@ -188,6 +190,7 @@ class Tuner:
             best = new if not is_complete else min(best, new, key=Tuned.rank)
             if is_complete and flat >= 2:
                 break
+        self.asked = self.asked._replace(flat=1.0)
         return best
 
     def is_hurwitz(self, x: Array) -> bool:

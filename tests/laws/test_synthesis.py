@@ -173,6 +173,20 @@ def test_slopes_are_those_of_differences(name: str) -> None:
             assert abs(difference - piece.slope[k]) * abs(size) < 1e-4 * scale, piece
 
 
+def test_flat_places_are_pieces_with_the_gain_there() -> None:
+    """At most eight places of the grid at a point where a gain is half of the largest."""
+    _, loops, asked, _ = case(CONTROLLERS["pid"][0], GOALS[0], points=1)
+    x = np.array(CONTROLLERS["pid"][1])
+    few, many = (look(loops, asked._replace(flat=flat), x, 0.0).pieces for flat in (1.0, 0.5))
+    others = [piece for piece in many if piece.frequency not in [p.frequency for p in few]]
+    assert 1 < len(others) <= 8
+    A, B, C, D = (matrix[0] for matrix in loops.closed(x)[:4])
+    for piece in others:
+        assert 0.5 * max(p.value for p in few) <= piece.value <= max(p.value for p in few)
+        response = C @ np.linalg.solve(1j * piece.frequency * np.eye(len(A)) - A, B) + D
+        target(piece.value, np.linalg.norm(response, 2) / GOALS[0].limit, CROSS)
+
+
 @pytest.mark.parametrize("shape", [(1, 3), (2, 3), (4, 2), (3, 4)])
 def test_largest_singular_values(shape: tuple[int, int]) -> None:
     random = np.random.default_rng(0)
