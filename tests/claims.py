@@ -11,6 +11,7 @@ import mbdlft
 from mbdlft import Bounds, ComplexBlock, Parameter, System, realize
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
+from mbdlft.robust.ascent import abscissa
 from mbdlft.robust.evidence import (
     SENTENCES,
     BoxProof,
@@ -20,7 +21,7 @@ from mbdlft.robust.evidence import (
     MotionProof,
     Multipliers,
 )
-from mbdlft.robust.realization import physical
+from mbdlft.robust.realization import physical, realization
 from mbdlft.synthesis import gain_goal, lpv_synthesis, pole_goal, tunable_gain, tune
 
 # the goal of a tuning, and whether the plant is chosen with the controller
@@ -376,6 +377,12 @@ def misstated(system: System, bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
         if not _is_complex(bounds.delta):
             other = bounds.frequency * 1.2 + 1.0 if np.isfinite(bounds.frequency) else 1.0
             yield "another frequency", replace(bounds, frequency=other)
+    if bounds.kind == "largest real part":
+        names, there = list(bounds.worst), -1.5 * np.array([bounds.delta[n] for n in bounds.worst])
+        reached = abscissa(realization(system, leave_out=bounds.leave_out), there)
+        assert reached < bounds.upper
+        outside = replace(bounds, delta=dict(zip(names, there.tolist(), strict=True)), lower=reached)
+        yield "a point outside", replace(outside, worst=physical(system, names, there))
     if bounds.kind == "worst-case gain":
         yield "less than is reached", replace(bounds, lower=0.5 * bounds.lower)
         upper = max(bounds.upper, 1.1 * bounds.lower)
