@@ -13,7 +13,7 @@ transfer matrices from all inputs to the states and some other variables are equ
 import signal
 import sys
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -42,20 +42,35 @@ LIMIT = 600  # seconds for an example
 
 def main() -> None:
     """Print a line for each example, and counts."""
+
+    def checked(folder: Path, name: str) -> tuple[str, float]:
+        point, states, equations, error = _checked(folder, name)
+        return f"linear, at {point} | {states} | {equations}", error
+
+    good, count = run_examples("outcome | states | equations", checked, lambda error: error < 1e-6)
+    print(f"\n{good} of {count} are linear models that agree with the check.")
+
+
+def run_examples(
+    columns: str, checked: Callable[[Path, str], tuple[str, float]], is_good: Callable[[float], bool]
+) -> tuple[int, int]:
+    """Print a line for each example that the command names; how many are good, and of how many.
+
+    What checks an example gives its three columns, and its error.
+    """
     folder = Path(sys.argv[1])
     names = sorted((folder / "examples.txt").read_text().split())
     chosen = [name for name in names if not sys.argv[2:] or any(p in name for p in sys.argv[2:])]
-    signal.signal(signal.SIGALRM, stop)
-    print("| example | outcome | states | equations | s | error |\n|---|---|---|---|---|---|", flush=True)
+    signal.signal(signal.SIGALRM, _stop)
+    print(f"| example | {columns} | s | error |\n|---|---|---|---|---|---|", flush=True)
     good = 0
     for name in chosen:
         begun = time.perf_counter()
         signal.alarm(LIMIT)
         try:
-            point, states, equations, error = _checked(folder, name)
-            good += error < 1e-6
-            seconds = time.perf_counter() - begun
-            outcome = f"linear, at {point} | {states} | {equations} | {seconds:.0f} | {error:.0e}"
+            outcome, error = checked(folder, name)
+            good += is_good(error)
+            outcome += f" | {time.perf_counter() - begun:.0f} | {error:.0e}"
         except MbdlftError as why:
             text = str(why).replace("\n", " ").replace("|", "/")
             outcome = f"{type(why).__name__}: {text[:600]} | | | {time.perf_counter() - begun:.0f} |"
@@ -64,20 +79,24 @@ def main() -> None:
         finally:
             signal.alarm(0)
         print(f"| {name.removeprefix('Modelica.')} | {outcome} |", flush=True)
-    print(f"\n{good} of {len(chosen)} are linear models that agree with the check.")
+    return good, len(chosen)
 
 
-def stop(*_: Any) -> None:
-    """The time of an example is over."""
+def _stop(*_: Any) -> None:
     raise TimeoutError
+
+
+def compiled_example(folder: Path, name: str, modifications: str = "") -> FlatModel:
+    """An example that the compiler has read, with modifications such as ``(a(b = 1))``."""
+    with TemporaryDirectory() as own:
+        file = Path(own) / "one_example.mo"
+        file.write_text(f"model OneExample\n  extends {name}{modifications};\nend OneExample;\n")
+        return compiled_model(file, "OneExample", [folder])
 
 
 def _checked(folder: Path, name: str) -> tuple[str, int, int, float]:
     """Operating point, numbers of states and equations of an example, error of its linear model."""
-    with TemporaryDirectory() as own:
-        file = Path(own) / "one_example.mo"
-        file.write_text(f"model OneExample\n  extends {name};\nend OneExample;\n")
-        flat = compiled_model(file, "OneExample", [folder])
+    flat = compiled_example(folder, name)
     try:
         return ("equilibrium", *_compared(flat, "equilibrium"))
     except (SceneError, TrimError) as error:

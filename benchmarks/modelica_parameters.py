@@ -10,20 +10,22 @@ model at the values is compared with these equations as `benchmarks.modelica_lib
 
 import itertools
 import random
-import signal
-import sys
-import time
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import mbdlft
-from benchmarks.modelica_library import DELAY, LIMIT, error_of, outputs_of, stop, with_outputs
+from benchmarks.modelica_library import (
+    DELAY,
+    compiled_example,
+    error_of,
+    outputs_of,
+    run_examples,
+    with_outputs,
+)
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.dae.equilibria import DaeTrim
 from mbdlft.modelica import FlatModel, ModelicaTable, operating_point, translate
-from mbdlft.modelica.loading import compiled_model
 from mbdlft.modelica.tree import Number
 from mbdlft.system.model import LFTModel
 
@@ -34,29 +36,13 @@ TRIALS = 8  # models that are made until one depends on so many numbers
 
 def main() -> None:
     """Print a line for each example, and counts."""
-    folder = Path(sys.argv[1])
-    names = sorted((folder / "examples.txt").read_text().split())
-    chosen = [name for name in names if not sys.argv[2:] or any(p in name for p in sys.argv[2:])]
-    signal.signal(signal.SIGALRM, stop)
-    print("| example | parameters | order | points | s | error |\n|---|---|---|---|---|---|", flush=True)
-    good = 0
-    for name in chosen:
-        begun = time.perf_counter()
-        signal.alarm(LIMIT)
-        try:
-            varied, order, points, error = _checked(folder, name)
-            good += error <= 1e-9
-            seconds = time.perf_counter() - begun
-            outcome = f"{', '.join(varied)} | {order} | {points} | {seconds:.0f} | {error:.0e}"
-        except MbdlftError as why:
-            text = str(why).replace("\n", " ").replace("|", "/")
-            outcome = f"{type(why).__name__}: {text[:300]} | | | {time.perf_counter() - begun:.0f} |"
-        except TimeoutError:
-            outcome = f"more than {LIMIT} s | | | |"
-        finally:
-            signal.alarm(0)
-        print(f"| {name.removeprefix('Modelica.')} | {outcome} |", flush=True)
-    print(f"\n{good} of {len(chosen)} agree with the check to 1e-9 at all points.")
+
+    def checked(folder: Path, name: str) -> tuple[str, float]:
+        varied, order, points, error = _checked(folder, name)
+        return f"{', '.join(varied)} | {order} | {points}", error
+
+    good, count = run_examples("parameters | order | points", checked, lambda error: error <= 1e-9)
+    print(f"\n{good} of {count} agree with the check to 1e-9 at all points.")
 
 
 def _checked(folder: Path, name: str) -> tuple[list[str], int, int, float]:
@@ -150,12 +136,7 @@ def _compiled(folder: Path, name: str, values: Mapping[str, float]) -> FlatModel
         for part in path:
             inner = inner.setdefault(part, {})
         inner[last] = value
-    with TemporaryDirectory() as own:
-        file = Path(own) / "one_example.mo"
-        file.write_text(
-            f"model OneExample\n  extends {name}({_modification(modified)});\nend OneExample;\n"
-        )
-        return compiled_model(file, "OneExample", [folder])
+    return compiled_example(folder, name, f"({_modification(modified)})")
 
 
 def _modification(values: Mapping[str, Any]) -> str:

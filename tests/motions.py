@@ -18,8 +18,9 @@ def check_second_order(scene: Scene, model: LFTModel, seed: int) -> None:
     values = {p.name: 0.7 * p.nominal + 0.3 * p.high for p in scene.parameters}
     (A, B, C, D), m = mbdlft.matrices_at(model, values), equations_of_motion(scene, values)
     x, u = (random.standard_normal(M.shape[1]) for M in (A, B))
-    rows = [k for k, y in enumerate(model.outputs) if y.name in [y.name for y in m.outputs]]
-    read = [[y.name for y in m.outputs].index(model.outputs[k].name) for k in rows]
+    known = [y.name for y in m.outputs]
+    rows = [k for k, y in enumerate(model.outputs) if y.name in known]
+    read = [known.index(model.outputs[k].name) for k in rows]
     names, inputs = ([signal.name for signal in signals] for signals in (m.coordinates, m.inputs))
     chosen = [names.index(state.name) for state in model.states]  # without cyclic ones
     every, rates = np.zeros(len(inputs)), explicit(m)

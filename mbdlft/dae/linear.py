@@ -30,6 +30,7 @@ from mbdlft.problem.sx.tapes import evaluate_many, felt_terms
 _AMPLIFIED, _ROUNDING = 1e4, 1e-9  # how much larger than fits errors of the linear model may be
 _LOOKED_AT = 4  # points at which sizes of trimmed quantities are taken
 _SHAKES, _SHAKE = 4, 2.0**-30  # how often slopes are changed, and by which part of what they feel
+Slopes = tuple[ca.Function, Entries]
 
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
@@ -210,11 +211,12 @@ def _reference(
     """
     s = at.structure
     z = trimmed_points(at, points)
-    values, numbers, sizes = linearized(s, z, points), z, np.max(np.abs(z), axis=0, initial=0.0)
+    slopes, numbers, sizes = slopes_of(s), z, np.max(np.abs(z), axis=0, initial=0.0)
+    values = linearized(s, slopes, z, points)
     scale = entry_scale(values, len(s.states))
     if at.fit_bound:
         numbers, exact = _exact_values(at, points), values
-        values = linearized(s, numbers, points)
+        values = linearized(s, slopes, numbers, points)
         error = float(np.max(np.abs(values - exact) / scale, initial=0.0))
         if not error <= max(_AMPLIFIED * at.fit_bound, _ROUNDING):
             raise TrimError(
@@ -228,7 +230,7 @@ def _reference(
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
     of_relations = reference_of_relations(relations, points, s.owner)
-    felt = felt_sizes(s, z[:1], points[:1])
+    felt = felt_sizes(s, slopes, z[:1], points[:1])
     return replace(
         of_relations,
         sizes=lambda: np.maximum(of_relations.sizes(), felt),
@@ -264,36 +266,34 @@ def _in_digits(at: DaeTrim, points: Array) -> dict[str, Any]:
     }
 
 
-def linearized(s: Structure, z: Array, points: Array) -> Array:
+def linearized(s: Structure, slopes: Slopes, z: Array, points: Array) -> Array:
     """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs]."""
-    function, places = _of_slopes(s)
+    function, places = slopes
     (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
     return np.array([_solved(s, places.matrix(values[:, 0])) for values in every])
 
 
-def felt_sizes(s: Structure, z: Array, points: Array) -> Array:
-    """Sizes (., .) of entries of [A B ; C D] to which rounding is relative that the equations feel.
+def felt_sizes(s: Structure, slopes: Slopes, z: Array, point: Array) -> Array:
+    """Sizes (., .) of entries of [A B ; C D] at one point to which rounding that is felt is relative.
 
     Numbers, those of the equilibrium too, are doubles: cos(1.5707963267948966) is 0 or 6e-17, as it is
     read. So the slopes are moved by as much as rounding of each step and number moves them; none are
     where equations have conditions.
     """
-    function, places = _of_slopes(s)
-    p, random = in_symbols(s.dae, points), np.random.default_rng(0)
-    (every,), found = evaluate_many(function, z, p), list[Array]()
+    function, places = slopes
+    p, random = in_symbols(s.dae, point), np.random.default_rng(0)
+    values = evaluate_many(function, z, p)[0][0, :, 0]
+    exact = _solved(s, places.matrix(values))
     try:
-        terms = felt_terms(function, z, p).T
+        felt = felt_terms(function, z, p)[:, 0]
     except NotRationalError:
-        terms = np.zeros(every.shape[:2])
-    for values, felt in zip(every[:, :, 0], terms, strict=True):
-        exact = _solved(s, places.matrix(values))
-        for _ in range(_SHAKES):
-            moved = values + _SHAKE * felt * random.uniform(-1.0, 1.0, len(values))
-            found.append(np.abs(_solved(s, places.matrix(moved)) - exact) / _SHAKE)
-    return np.asarray(np.max(found, axis=0))
+        return np.zeros_like(exact)
+    changes = _SHAKE * felt * random.uniform(-1.0, 1.0, (_SHAKES, len(values)))
+    moved = np.array([_solved(s, places.matrix(values + change)) for change in changes])
+    return np.asarray(np.max(np.abs(moved - exact), axis=0) / _SHAKE)
 
 
-def _of_slopes(s: Structure) -> tuple[ca.Function, Entries]:
+def slopes_of(s: Structure) -> Slopes:
     """Slopes of [residual ; outputs ; rates] that are not structural zeros, as a function of z and p."""
     outputs = column_of([y.expression for y in s.dae.outputs])
     stacked = ca.vertcat(s.residual, outputs, column_of(s.rates))

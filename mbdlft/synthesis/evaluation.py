@@ -37,7 +37,7 @@ _DEPENDENT = 1e8  # product of the norms of both vectors: beyond it modes lose t
 _STILL = 1e-12  # of the largest slope: a pole that moves by less is not moved by the values
 _NEAR = 0.05  # of the largest real part: poles as far left of it are pieces, too
 _FAR = 8.0  # times the decay that poles have to keep: nearer to the axis, they are pieces
-_FLAT = 8  # places at a point where a gain is flat
+_MOST_FLAT = 8  # places at a point where a gain is flat
 STABLE = -1  # the goal of pieces that keep the loop stable
 
 
@@ -283,10 +283,10 @@ def _flat_pieces(k: int, omega: Array, gains: Array, limit: float, share: float)
     pieces, level = list[Piece](), share * np.max(gains, initial=0.0)
     for i, row in enumerate(gains):
         near = np.flatnonzero(row >= level)
-        for j in (
-            near[np.unique(np.linspace(0, max(0, len(near) - 1), _FLAT).astype(int))] if len(near) else ()
-        ):
-            pieces.append(Piece(k, i, float(omega[i, j]), float(row[j]) / limit, np.zeros(0)))
+        spread = np.linspace(0, len(near) - 1, min(len(near), _MOST_FLAT)).astype(int)
+        pieces += [
+            Piece(k, i, float(omega[i, j]), float(row[j]) / limit, np.zeros(0)) for j in near[spread]
+        ]
     return pieces
 
 

@@ -81,18 +81,18 @@ class Tuner:
         self.asked = Asked(self.goals, _DECAY * self.bandwidth, budgets=budgets(net, goals))
         self.has_states = any(controller.states for controller in net.controllers)
 
-    def problem(self, keep: float, price: float, unit: float) -> Problem:
+    def problem(self, keep: float, price: float, unit: float, flat: float = 1.0) -> Problem:
         """The goals, at scaled values."""
 
         def at(scaled: Array) -> Look:
-            return self._scaled(self.look(scaled * self.scale, keep))
+            return self._scaled(self.look(scaled * self.scale, keep, flat))
 
         return Problem(at, self.low / self.scale, self.high / self.scale, self._is_hard, price, unit)
 
-    def look(self, x: Array, keep: float | None) -> Look:
+    def look(self, x: Array, keep: float | None, flat: float = 1.0) -> Look:
         """The goals at values."""
         with self._in_doubles(x):
-            return look(self.family, self.asked, x, keep)
+            return look(self.family, self.asked._replace(flat=flat), x, keep)
 
     @contextmanager
     def _in_doubles(self, x: Array) -> Iterator[None]:
@@ -138,7 +138,14 @@ class Tuner:
         return Tuned(x, self.look(x, 1.0))
 
     def descended(
-        self, x: Array, plan: Plan, steps: int, *, is_first: bool = False, tolerance: float = _TOLERANCE
+        self,
+        x: Array,
+        plan: Plan,
+        steps: int,
+        *,
+        is_first: bool = False,
+        tolerance: float = _TOLERANCE,
+        flat: float = 1.0,
     ) -> Tuned:
         """The goals made small from stable values: rounds of descents, with scales of the size of values.
 
@@ -148,9 +155,9 @@ class Tuner:
         best = self.at(x)
         for k, (engine, keep) in enumerate(plan):
             unit = best.look.soft if 0.0 < best.look.soft < np.inf else 1.0
-            start = self._scaled_for(best, keep, unit, is_first=is_first and not k)
+            start = self._scaled_for(best, keep, unit, flat, is_first=is_first and not k)
             for price in _PRICES:
-                problem = self.problem(keep, price, unit)
+                problem = self.problem(keep, price, unit, flat)
                 x = engine(problem, start / self.scale, steps, tolerance).x * self.scale
                 best = min(best, self.at(x), key=Tuned.rank)
                 start = best.x
@@ -158,7 +165,7 @@ class Tuner:
                     break
         return best
 
-    def _scaled_for(self, best: Tuned, keep: float, unit: float, *, is_first: bool) -> Array:
+    def _scaled_for(self, best: Tuned, keep: float, unit: float, flat: float, *, is_first: bool) -> Array:
         """Values of the same loops, from which a descent is easy; the scale is theirs."""
         self.scale = self.first_scale
         if not self.has_states:
@@ -169,9 +176,9 @@ class Tuner:
         for controller in self.net.controllers:
             own = [names.index(value.name) for value in controller.free]
             x[own] = in_modes(controller, x[own])
-        seen = self.look(x, keep)
+        seen = self.look(x, keep, flat)
         if not seen.is_stable:
-            x, seen = best.x, self.look(best.x, keep)
+            x, seen = best.x, self.look(best.x, keep, flat)
         slopes = [np.abs(p.slope) / (1.0 if self._is_hard(p.goal) else unit) for p in seen.pieces]
         largest = np.max(slopes, axis=0, initial=0.0) * self.first_scale
         self.scale = self.first_scale / np.maximum(1.0, largest)
@@ -179,18 +186,17 @@ class Tuner:
 
     def polished(self, best: Tuned) -> Tuned:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
-        flat = 0
+        idle = 0
         for k in range(_ROUNDS):
-            self.asked = self.asked._replace(flat=_FLAT if k % 2 else 1.0)
-            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
+            plan = [(sqp, _KEEPS[k % len(_KEEPS)])]
+            new = self.descended(best.x, plan, _STEPS, flat=_FLAT if k % 2 else 1.0)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
             gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
-            flat = flat + 1 if max(gain[0], gain[1] / max(abs(new.look.soft), 1e-300)) < _GAIN else 0
+            idle = idle + 1 if max(gain[0], gain[1] / max(abs(new.look.soft), 1e-300)) < _GAIN else 0
             best = new if not is_complete else min(best, new, key=Tuned.rank)
-            if is_complete and flat >= 2:
+            if is_complete and idle >= 2:
                 break
-        self.asked = self.asked._replace(flat=1.0)
         return best
 
     def is_hurwitz(self, x: Array) -> bool:

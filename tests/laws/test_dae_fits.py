@@ -8,7 +8,7 @@ import mbdlft
 from mbdlft.base import Angle, NotRationalError, Parameter, SceneError, TrimError
 from mbdlft.dae import Dae, DaeDraft, reduce_index, trim
 from mbdlft.dae.balance import solved_linear
-from mbdlft.dae.linear import linearized, trim_sizes, trimmed_points
+from mbdlft.dae.linear import linearized, slopes_of, trim_sizes, trimmed_points
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import in_doubles
@@ -52,7 +52,7 @@ def test_fits_of_an_equilibrium_and_of_slopes_there_are_within_the_bound(toleran
     assert np.max(found) <= at.fit_bound * nominal * (1 + 1e-9)
     assert np.max(found) > 1e-5 * at.fit_bound
     A, _, C, _ = mbdlft.matrices_at(model, values)
-    truth = linearized(s, z, points)
+    truth = linearized(s, slopes_of(s), z, points)
     slope = 0.25 / np.sqrt(nominal) + 0.1 * nominal  # of what flows out, at nominal
     assert np.max(np.abs(A[:, 0, 0] - truth[:, 0, 0])) <= 4.0 * at.fit_bound * slope
     assert np.max(np.abs(C[:, 1, 0] - truth[:, 2, 0])) <= at.fit_bound

@@ -8,7 +8,7 @@ import mbdlft
 from mbdlft.base import Parameter
 from mbdlft.base.errors import SceneError
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, trim
-from mbdlft.dae.linear import linearized, trimmed_points
+from mbdlft.dae.linear import linearized, slopes_of, trimmed_points
 from mbdlft.dae.newton import System, follow_all
 from mbdlft.pipeline import linearize_dae
 from tests.close import CLOSED_FORM, CROSS, finite_difference, target
@@ -120,7 +120,7 @@ def test_linearization_is_of_second_order_in_the_step() -> None:
     at = trim(s)
     points = np.array([[p.nominal for p in dae.parameters]])
     z, p = trimmed_points(at, points), points[0]
-    exact = linearized(s, z, points)[0]
+    exact = linearized(s, slopes_of(s), z, points)[0]
     model = linearize_dae(s, search=0.0)
     M = mbdlft.matrices_at(model, {})
     target(np.block([[M.A, M.B], [M.C, M.D]]), exact, CROSS)

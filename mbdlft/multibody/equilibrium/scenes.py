@@ -84,12 +84,12 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         _with_nominal(p, point.parameters[p.name]) if p.name in point.found else p
         for p in scene.parameters
     )
-    update = {"joints": tuple(joints), "loads": tuple(loads), "parameters": parameters}
-    update["couplings"] = tuple(
+    couplings = tuple(
         c.model_copy(update={"preload": preloads[c.name]}) if c.name in preloads else c
         for c in scene.couplings
     )
-    return scene.model_copy(update=update)
+    update = {"joints": tuple(joints), "loads": tuple(loads), "couplings": couplings}
+    return scene.model_copy(update={**update, "parameters": parameters})
 
 
 def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
@@ -145,11 +145,11 @@ def _declared(
         if isinstance(spring, Spring):
             efforts[spring.name] = _density(k, effort, float(a / b))
         else:
-            efforts[spring.name] = _relaxed(effort, k, float(b - a), " [m]" if has_unit(scene, k) else "")
+            efforts[spring.name] = _relaxed(effort, k, float(b - a), _length_unit(scene, k))
     preloads = dict[str, Quantity]()
     for c, e in zip(scene.couplings, stretched, strict=True):
         if c.preload is not None and c.stiffness is not None:
-            unit = " [m]" if c.measured_in(scene.joints) == "m" and has_unit(scene, c.stiffness) else ""
+            unit = _length_unit(scene, c.stiffness, turns=c.measured_in(scene.joints) == "rad")
             preloads[c.name] = _relaxed(c.preload, c.stiffness, float(e), unit)
     return declared, efforts, preloads
 
@@ -193,7 +193,7 @@ def _moved(
         joint = with_entry(joint, "position", c.freedom, place)
         if c.is_sprung and c.is_passive:
             preload, stiffness = c.quantity("preload"), c.quantity("stiffness")
-            unit = length_unit(scene, c, stiffness)
+            unit = _length_unit(scene, stiffness, turns=c.freedom.turns)
             relaxed = _relaxed(preload, stiffness, float(position - declared[k]), unit)
             joint = with_entry(joint, "preload", c.freedom, relaxed)
     vector = np.array([position for k, position in positions.items() if coordinates[k].is_ball])
@@ -210,9 +210,9 @@ def within_a_turn(angle: float) -> float:
     return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
-def length_unit(scene: Scene, c: JointCoordinate, stiffness: Quantity) -> str:
+def _length_unit(scene: Scene, stiffness: Quantity, *, turns: bool = False) -> str:
     """What stands behind the number of a displacement that a stiffness with a unit multiplies."""
-    return " [m]" if not c.freedom.turns and has_unit(scene, stiffness) else ""
+    return " [m]" if not turns and has_unit(scene, stiffness) else ""
 
 
 def _relaxed(preload: Quantity, stiffness: Quantity, q: float, unit: str) -> Quantity:
@@ -353,7 +353,7 @@ def _fitted(
             error = width[count + system.angles.index(k)]
         stiffness = c.quantity("stiffness")
         displaced = f"{float(nominal[k] - declared[k])!r} + 2*({half})"
-        if unit := length_unit(scene, c, stiffness):
+        if unit := _length_unit(scene, stiffness, turns=c.freedom.turns):
             displaced = f"1.0{unit}*({displaced})"
         text = f"({c.quantity('preload')}) - ({stiffness})*({displaced})"
         joints[c.joint.name] = with_entry(joints[c.joint.name], "preload", c.freedom, text)
