@@ -2,8 +2,6 @@
 
 Only the description of the scene is read. Every joint becomes joints of pinocchio, one for each of its
 coordinates (a ball: one of three), at the configuration of the equilibrium; fixed joints are placements.
-A joint whose wrench is measured is followed by a free joint that never moves: the efforts of
-that one are the wrench, and pinocchio differentiates them as any other.
 """
 
 from dataclasses import dataclass, field
@@ -38,8 +36,6 @@ class Tree:
     q: list[float] = field(default_factory=list)
     place: dict[str, Place] = field(default_factory=lambda: {"ground": Place(0, pin.SE3.Identity())})
     coordinates: dict[str, list[int]] = field(default_factory=dict)
-    cuts: dict[str, slice] = field(default_factory=dict)
-    reflected: dict[int, float] = field(default_factory=dict)
 
     def value(self, source: float | str) -> float:
         return float(evaluate(parse(source), self.values))
@@ -63,22 +59,18 @@ class Tree:
 
     # joints ----------------------------------------------------------------------------------
 
-    def turn(self, place: Place, axis: np.ndarray, angle: float, inertia: float) -> Place:
-        """One rotation; the actuator is a body without mass that turns with the child."""
+    def turn(self, place: Place, axis: np.ndarray, angle: float) -> Place:
+        """One rotation."""
         joint = self._add(place, pin.JointModelRevoluteUnaligned(axis), [angle])
-        actuator = pin.Inertia(0.0, np.zeros(3), inertia * np.outer(axis, axis))
-        self.model.appendBodyToJoint(joint, actuator, pin.SE3.Identity())
         return Place(joint, pin.SE3.Identity())
 
-    def slide(self, place: Place, axis: np.ndarray, position: float, inertia: float) -> Place:
-        """One translation; the actuator's inertia resists the relative acceleration."""
-        self.reflected[self.model.nv] = inertia
+    def slide(self, place: Place, axis: np.ndarray, position: float) -> Place:
+        """One translation."""
         joint = self._add(place, pin.JointModelPrismaticUnaligned(axis), [position])
         return Place(joint, pin.SE3.Identity())
 
-    def ball(self, place: Place, inertia: np.ndarray) -> Place:
-        """Three rotations; the actuator's inertia resists the relative acceleration."""
-        self.reflected |= {self.model.nv + k: value for k, value in enumerate(inertia)}
+    def ball(self, place: Place) -> Place:
+        """Three rotations."""
         joint = self._add(place, pin.JointModelSpherical(), [0.0, 0.0, 0.0, 1.0])
         return Place(joint, pin.SE3.Identity())
 
@@ -87,15 +79,10 @@ class Tree:
         name = f"joint {self.model.njoints}"
         return self.model.addJoint(place.joint, kind, place.frame, name)
 
-    def join(self, joint: Joint, *, cut: bool) -> None:
+    def join(self, joint: Joint) -> None:
         first = self.model.nv
         place = self._moved(joint, self.at_port(joint.parent))
         self.coordinates[joint.name] = list(range(first, self.model.nv))
-        if cut:
-            first = self.model.nv
-            cut_off = self._add(place, pin.JointModelFreeFlyer(), [0.0] * 6 + [1.0])
-            place = Place(cut_off, pin.SE3.Identity())
-            self.cuts[joint.name] = slice(first, self.model.nv)
         child, position = self.port(joint.child)
         self.place[child] = place.then(pin.SE3(np.eye(3), -position))
         at = self.place[child]
@@ -109,20 +96,18 @@ class Tree:
         tilted = pin.SE3(tilt, np.zeros(3))
         if joint.kind == "free":
             for axis, position in zip(np.eye(3), self.vector(joint.position), strict=True):
-                place = self.slide(place, axis, position, 0.0)
-            return self.ball(place.then(tilted), np.zeros(3))
+                place = self.slide(place, axis, position)
+            return self.ball(place.then(tilted))
         place = place.then(tilted)
         if joint.kind == "fixed":
             turn = rotation_about(unit_vector(joint.axis), self.value(joint.position))
             return place.then(pin.SE3(turn, np.zeros(3)))
-        inertia = self.each(joint.actuator_inertia)
         if joint.kind == "spherical":
-            return self.ball(place, inertia)
+            return self.ball(place)
         position = self.each(joint.position)
         axes, turns = coordinate_axes(joint)
-        for axis, turning, at, added in zip(axes, turns, position, inertia, strict=True):
-            move = self.turn if turning else self.slide
-            place = move(place, axis, at, added)
+        for axis, turning, at in zip(axes, turns, position, strict=True):
+            place = (self.turn if turning else self.slide)(place, axis, at)
         return place
 
     def each(self, given: float | str | tuple[float | str, ...]) -> np.ndarray:
@@ -179,13 +164,12 @@ def plant(scene: mbdlft.Scene, point: dict[str, float]) -> Tree:
     for p in scene.parameters:
         values[p.name] = float(point[p.name]) * parse_unit(p.unit).factor
     tree = Tree(values, {body.name: body for body in scene.bodies})
-    measured = {sensor.joint for sensor in scene.sensors if sensor.kind == "joint_wrench"}
     # pinocchio wants depth first: everything that a joint carries stands right behind it
     pending = ["ground"]
     while pending:
         body = pending.pop()
         for joint in (j for j in scene.joints if j.child.partition(".")[0] == body):
-            tree.join(joint, cut=joint.name in measured)
+            tree.join(joint)
         pending += [
             joint.child.partition(".")[0]
             for joint in scene.joints
