@@ -46,6 +46,7 @@ CORNER = mbdlft.realize(
     outputs=["y"], search=0.0,
 )  # fmt: skip
 TO_PLACE = tunable_gain("K", "e", "u")
+UP_TO_TWO = tunable_gain("K", "e", "u", ranges={"D[1,1]": (0.0, 2.0)})
 # two masses, 3 and 7 kg, pushed apart and seen apart: where they are together stays at zero
 PUSHED = state_space(
     np.block([[np.zeros((2, 2)), np.eye(2)], [np.outer([-1 / 3, 1 / 7], [1.1, -1.1]), np.zeros((2, 2))]]),
@@ -86,7 +87,7 @@ made(systems=(PLANT, PLANT["y", "f"])) => nothing to be tuned
 made(goals=(gain_goal("g", "y"),)) => unknown input 'g'
 made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
 made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in no goal is one of `inputs`
-made(systems=(LAG, TO_PLACE), wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
+made(systems=(LAG, UP_TO_TWO), wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it
 made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError: pole 2 rad/s stays

@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-import control
 import numpy as np
 
 import mbdlft
@@ -55,7 +54,7 @@ def test_a_budget_and_a_size_meet() -> None:
 def test_the_spacecraft_is_designed_with_its_controllers(tmp_path: Path, call: Call) -> None:
     """Table 8.1 of the thesis, and the design in finer elements behind a wheel and an amplifier."""
     task, scene, archive = FOLDER / "rotatory_spacecraft.toml", tmp_path / "new.toml", tmp_path / "new.h5"
-    how = ("-o", str(archive), "--scene", str(scene), "--starts", "2", "--no-proof", "--json")
+    how = ("-o", str(archive), "--scene", str(scene), "--starts", "1", "--no-proof", "--json")
     code, text, _ = call("tune", str(task), *how)
     assert code == 0
     out = json.loads(text)
@@ -87,6 +86,6 @@ def test_the_spacecraft_is_designed_with_its_controllers(tmp_path: Path, call: C
     A, B, C, _ = mbdlft.matrices_at(opened, {})
     assert np.max(np.linalg.eigvals(A + B @ C).real) < -1e-3
     omega = np.geomspace(0.05, 100.0, 100_000)
-    L = -np.squeeze(control.frequency_response(control.ss(A, B, C, 0.0), omega).complex)
+    L = -np.squeeze(mbdlft.frequency_response(opened, {}, omega))
     crossed = np.flatnonzero(np.diff(np.sign(np.abs(L) - 1.0)))
     assert np.degrees(np.min(np.abs(np.angle(-L[crossed])))) >= 60.0
