@@ -94,7 +94,7 @@ made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError:
 made(systems=(PUSHED, PID)) => AnalysisError: the pole 0 rad/s stays on the axis for all of them
 made(goals=(THROUGH,), systems=(CROSSED, TOGETHER), wired=WIRED[:2] + (("e", "p", "q"),)) => accepted
 made(systems=(PLANT, TO_PLACE)) => AnalysisError: pole 0 rad/s stays on the axis, at best … K.D[1,1] 0
-made(systems=(CORNER, TO_PLACE)) => AnalysisError: at c -0.1: … on the right, at best … real part 0.05
+made(systems=(CORNER, UP_TO_TWO)) => AnalysisError: at c -0.1: … on the right, at best … real part 0.05
 made(systems=(RATED, TWO), wired=FED, initial=FAR) => AnalysisError: K.D[1,1] has come to
 made(goals=(gain_goal("e", "u", norm="H2"),)) => AnalysisError: goal 'e to u': the H2 norm is infinite
 gain_goal("f", "y", limit=0.0) => expected a positive limit, got 0.0
