@@ -166,8 +166,9 @@ test_messages = refused(
 "shift_jis"
 "none"
 "utf-7"
-> worker.arrays_of("tests.dying:read", {"what": {}}, seconds=1, memory=2**28, error=SceneError)
+> worker.arrays_of("tests.dying:read", {"what": {}}, seconds=0, memory=2**28, error=SceneError)
 "loop" => its reader did not end as it should
+> worker.arrays_of("tests.dying:read", {"what": {}}, seconds=1, memory=2**28, error=SceneError)
 "memory" => cannot be read: Unable to allocate
 "die" => its reader did not end as it should (exit code 3)
 "error" => cannot be read: lost
@@ -180,7 +181,7 @@ def test_readers_apart_that_do_not_end_or_start(tmp_path: Path, monkeypatch: pyt
     target = "tests.dying:read"
     found = worker.arrays_of(target, {"what": "print"}, seconds=5, memory=2**28, error=SceneError)
     assert found["a"].tolist() == [0, 1, 2]
-    (tmp_path / "slow_to_import.py").write_text("import time\nwhile time.process_time() < 2.0: pass\n")
+    (tmp_path / "slow_to_import.py").write_text("import time\nwhile time.process_time() < 1.2: pass\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     limits: dict[str, Any] = {"seconds": 0, "memory": 2**28, "libraries": ("slow_to_import",)}
     assert worker.arrays_of(target, {"what": "library"}, **limits, error=SceneError)["a"].size == 3
