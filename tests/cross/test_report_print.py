@@ -1,9 +1,10 @@
 """A report as it is printed in Chromium: four lines and the scene on the first page, nothing cut."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import mbdlft
-from tests.browser import browser
+from tests.browser import Loaded
 from tests.cross.test_viewer import scene_called
 
 _MM = 96 / 25.4  # pixels
@@ -16,15 +17,16 @@ MEASURED = """() => {
 }"""  # noqa: E501
 
 
-def test_the_first_printed_page_has_four_lines_and_the_scene(tmp_path: Path) -> None:
+def test_the_first_printed_page_has_four_lines_and_the_scene(
+    load: Callable[..., Loaded], tmp_path: Path
+) -> None:
     model = mbdlft.to_lft(scene_called("crane"), search=0.0)
     file = mbdlft.model_report(model).save(tmp_path / "report.html")
-    with browser() as load:
-        loaded = load(file)
-        loaded.page.set_viewport_size({"width": int(_WIDE), "height": int(_HIGH)})
-        loaded.page.emulate_media(media="print")
-        measured = loaded.run(MEASURED)
-        assert loaded.complaints == []
+    loaded = load(file)
+    loaded.page.set_viewport_size({"width": int(_WIDE), "height": int(_HIGH)})
+    loaded.page.emulate_media(media="print")
+    measured = loaded.run(MEASURED)
+    assert loaded.complaints == []
     assert measured["lines"] == 4
     assert measured["bottom"] < _HIGH
     assert measured["cut"] == 0

@@ -1,7 +1,7 @@
 """Pages of scenes in a real browser: bodies are where pinocchio has them, loads are those of the trim."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import pytest
 import mbdlft
 from mbdlft.multibody.assembly import assemble
 from mbdlft.problem.trim import solve_trim
-from tests.browser import Loaded, browser
+from tests.browser import Loaded
 from tests.close import PAGE, target
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import Tree, plant
@@ -33,12 +33,6 @@ OTHERS = [  # what pinocchio's trees do not have
 ]
 _LARGEST = 6_000_000  # bytes of a page
 _DRAWN = 300  # triangles: something is in the picture
-
-
-@pytest.fixture(scope="module")
-def load() -> Iterator[Callable[[Path], Loaded]]:
-    with browser() as load:
-        yield load
 
 
 def scene_called(name: str) -> mbdlft.Scene:
@@ -190,7 +184,6 @@ def test_pages_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp_p
         rows.nth(k).click()
         assert "Shown at" in loaded.run("() => document.getElementById('moving').textContent")
     assert loaded.complaints == []
-    loaded.page.close()
 
 
 @pytest.mark.long
@@ -214,4 +207,3 @@ def test_reports_of_all_scenarios(name: str, load: Callable[[Path], Loaded], tmp
     first = loaded.page.locator(".verdict").bounding_box()
     assert first["y"] + first["height"] < 1000
     assert loaded.complaints == []
-    loaded.page.close()

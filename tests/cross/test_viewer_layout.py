@@ -1,6 +1,6 @@
 """Pages of scenes on screens of two widths, light and dark: nothing is covered or cut, keys reach all."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from scipy.linalg import expm
 import mbdlft
 from mbdlft.robot import load_robot
 from mbdlft.show.viewer.data import view_data
-from tests.browser import Loaded, browser
+from tests.browser import Loaded
 from tests.close import PAGE, target
 from tests.cross.test_viewer import ELASTIC, OTHERS, RIGID, ROOT, scene_called
 
@@ -29,12 +29,6 @@ COVERED = """() => {
   const beyond = document.documentElement.scrollWidth > window.innerWidth;
   return { count: names.length, over, cut: cut.map((one) => one.id || one.value || one.textContent), beyond };
 }"""  # noqa: E501
-
-
-@pytest.fixture(scope="module")
-def load() -> Iterator[Callable[..., Loaded]]:
-    with browser() as load:
-        yield load
 
 
 def tabbed(loaded: Loaded, count: int) -> list[str]:
@@ -87,7 +81,6 @@ def test_tab_stops_at_no_empty_part(load: Callable[..., Loaded], tmp_path: Path)
     loaded = load(mbdlft.view(load_robot(file)[0]).save(tmp_path / "page.html"))
     check_keys(loaded)
     assert loaded.complaints == []
-    loaded.page.close()
 
 
 def test_solids_hide_nothing(load: Callable[..., Loaded], tmp_path: Path) -> None:
@@ -97,7 +90,6 @@ def test_solids_hide_nothing(load: Callable[..., Loaded], tmp_path: Path) -> Non
     assert len(cover) > 3
     assert 1.0 - np.prod([1.0 - each for each in sorted(cover)[:3]]) < 1.0 / 3.0
     assert outside == 0
-    loaded.page.close()
 
 
 @pytest.mark.long
@@ -125,7 +117,6 @@ def test_a_page_on_a_phone(load: Callable[..., Loaded], tmp_path: Path) -> None:
             assert field.get_attribute("aria-invalid") == "true"
             loaded.page.keyboard.press("Escape")
             assert field.input_value() == "430"
-    loaded.page.close()
 
 
 def test_numbers_have_units_of_their_size(load: Callable[..., Loaded], tmp_path: Path) -> None:
@@ -191,7 +182,6 @@ def test_poles_and_steps_are_those_of_the_model(
     assert same.get_attribute("class") == "drawn beside"
     assert same.get_attribute("points") == own.get_attribute("points")
     assert loaded.complaints == []
-    loaded.page.close()
 
 
 def test_pictures_films_and_distances(load: Callable[..., Loaded], tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Shapes of SDF and MJCF models in pages: they stand where pinocchio and MuJoCo have them."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.looks import robot_looks
 from mbdlft.show.viewer.poses import scene_poses
 from tests import random_mjcf
-from tests.browser import browser
+from tests.browser import Loaded
 from tests.close import CROSS, PAGE, target
 from tests.cross.test_viewer_meshes import corners
 from tests.laws.test_viewer import interpret
@@ -156,7 +157,9 @@ def shapes_file(folder: Path) -> Path:
     return file
 
 
-def test_shapes_in_the_browser_are_as_large_as_the_file_says(tmp_path: Path) -> None:
+def test_shapes_in_the_browser_are_as_large_as_the_file_says(
+    load: Callable[..., Loaded], tmp_path: Path
+) -> None:
     """Boxes about the drawn triangles; a dot in the name of a link is none in that of its body."""
     package = tmp_path / "pack"
     package.mkdir()
@@ -164,24 +167,23 @@ def test_shapes_in_the_browser_are_as_large_as_the_file_says(tmp_path: Path) -> 
     scene, _ = load_robot(file)
     page = mbdlft.view(scene, robot=file).save(tmp_path / "page.html")
     extents = robot_looks(file).shapes
-    with browser() as load:
-        loaded = load(page)
-        for k, half in enumerate(SHAPES.values()):
-            low, high = np.array(loaded.run("(name) => mbdlft.box(name)", f"l_{k}"))
-            middle = np.array([1.0, 2.0, 3.0 + 10 * k])
-            if half is None:  # y becomes z, and z becomes -y
-                middle += np.array([1.0, -6.0, 2.0])
-                half = (1.0, 2.0, 6.0)
-            around = np.array([half[0], half[2], half[1]])
-            target(low, middle - around, PAGE, 1.0)
-            target(high, middle + around, PAGE, 1.0)
-            place = np.array(extents[f"l_{k}"][0]["place"]).reshape(4, 4)
-            if "plane" in extents[f"l_{k}"][0]:
-                target(place[:3, 2], [1.0, 0.0, 0.0], CROSS)  # its normal
-            own = extents[f"l_{k}"][0].get("extent")
-            if own:
-                target(own, [low - [0, 0, 10 * k], high - [0, 0, 10 * k]], PAGE, 1.0)
-        assert loaded.complaints == []
+    loaded = load(page)
+    for k, half in enumerate(SHAPES.values()):
+        low, high = np.array(loaded.run("(name) => mbdlft.box(name)", f"l_{k}"))
+        middle = np.array([1.0, 2.0, 3.0 + 10 * k])
+        if half is None:  # y becomes z, and z becomes -y
+            middle += np.array([1.0, -6.0, 2.0])
+            half = (1.0, 2.0, 6.0)
+        around = np.array([half[0], half[2], half[1]])
+        target(low, middle - around, PAGE, 1.0)
+        target(high, middle + around, PAGE, 1.0)
+        place = np.array(extents[f"l_{k}"][0]["place"]).reshape(4, 4)
+        if "plane" in extents[f"l_{k}"][0]:
+            target(place[:3, 2], [1.0, 0.0, 0.0], CROSS)  # its normal
+        own = extents[f"l_{k}"][0].get("extent")
+        if own:
+            target(own, [low - [0, 0, 10 * k], high - [0, 0, 10 * k]], PAGE, 1.0)
+    assert loaded.complaints == []
 
 
 def test_a_scene_is_as_large_as_its_shapes(tmp_path: Path) -> None:
