@@ -120,8 +120,9 @@ def traced(function: Callable[..., ca.SX]) -> Callable[..., ca.SX]:
 
     @wraps(function)
     def called(*arguments: Any) -> ca.SX:
-        entries = [ca.SX(argument) for argument in arguments]
-        return ca.SX(made(*(entry.shape for entry in entries))(*entries))
+        # a copy of an SX takes as long as many operations: CasADi tries what else it could be
+        entries = [a if isinstance(a, ca.SX) else ca.SX(a) for a in arguments]
+        return made(*(entry.shape for entry in entries))(*entries)
 
     return called
 
