@@ -33,6 +33,7 @@ from mbdlft.problem.relations import Form, LinearModel
 from mbdlft.problem.sx.constants import literal
 
 _MOST_TERMS, _MOST_DEGREE = 1000, 128  # of a polynomial that is made from a text
+_MOST_ENTRIES = 300_000  # coefficients over one denominator, zeros too: 3 s from the values of more
 _SWEEPS = 10  # of balancing
 _WORK = 6.0  # units, for the recovery, for relations of rows, and for those of columns
 
@@ -134,7 +135,10 @@ def least_forms(
         for row, r in zip(entries, rows.tolist(), strict=True)
     ]
     q = ca.SX.sym("q", len(problem.parameters))
-    N, d = _over_one_denominator(divided)
+    fraction = _over_one_denominator(divided)
+    if fraction is None:
+        return
+    N, d = fraction
     shifts = _simple_point(d, problem)
     lft = recovered(_about(N, d, shifts), Work(_WORK))
     if lft is not None:
@@ -149,11 +153,13 @@ def least_forms(
             yield Form(_implicit(form, q, problem), None, is_transposed, is_from_values=True)
 
 
-def _over_one_denominator(entries: Sequence[Sequence[Ratio]]) -> tuple[list[list[Any]], Any]:
-    """N and d, polynomials of FLINT."""
-    d = entries[0][0].d
+def _over_one_denominator(entries: Sequence[Sequence[Ratio]]) -> tuple[list[list[Any]], Any] | None:
+    """N and d, polynomials of FLINT; None if they are too large."""
+    d, count = entries[0][0].d, len(entries) * len(entries[0])
     for x in itertools.chain(*entries):
         d = divmod(d * x.d, d.gcd(x.d))[0]
+        if count * math.prod(1 + degree for degree in d.degrees()) > _MOST_ENTRIES:
+            return None
     return [[x.n * divmod(d, x.d)[0] for x in row] for row in entries], d
 
 

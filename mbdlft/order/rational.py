@@ -28,6 +28,8 @@ Fractions = NDArray[np.object_]
 _FIRST = 2**31 - 1  # primes from here down
 _MOST_PRIMES, _MOST_UNLUCKY = 200, 2  # primes; primes without a result
 _MOST_UNKNOWNS, _MOST_DEGREE = 1600, 4  # of relations
+_AT_ONCE = 2**22  # coefficients times points: what is in memory
+_VALUE = 150.0  # operations for each coefficient and point
 _EXTRA = 10  # equations beyond the number of unknowns
 
 
@@ -98,6 +100,9 @@ class Polynomials(NamedTuple):
     def at(self, a: Residues, points: Residues, kept: int | None = None) -> Residues:
         """Values (points, ...) of polynomials (..., D_1 + 1, ...), or coefficients in one parameter."""
         prime, K = self.field.prime, self.d.ndim
+        if len(points) > 1 and len(points) * a.size > _AT_ONCE:
+            halves = np.array_split(points, 2)
+            return np.concatenate([self.at(a, half, kept) for half in halves])
         values = np.broadcast_to(a, (len(points), *a.shape))
         for k in range(K - 1, -1, -1):
             if k == kept:
@@ -197,6 +202,7 @@ def _null_rows(f: "Polynomials", monomials: Sequence[tuple[int, ...]]) -> Residu
     (p, q), prime = f.N.shape[:2], f.field.prime
     unknowns = len(monomials) * (p + q)
     points = f.field.points((unknowns + _EXTRA) // q + 1, f.d.ndim)
+    f.field.work.add(_VALUE * len(points) * f.N.size)
     N, d = f.at(f.N, points), f.at(f.d, points)
     inverse = np.array([pow(x, -1, prime) for x in d.tolist()])
     minus = np.broadcast_to(-np.eye(q, dtype=np.int64) % prime, (len(points), q, q))

@@ -65,6 +65,12 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     return sorted(reduced, key=lambda candidate: candidate.lft.order)
 
 
+def further_candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
+    """Candidates of more forms; those that cannot be solved, of their own making, are left out."""
+    found = [restricted(problem, form) for form in forms]
+    return [candidate for candidate in found if candidate is not None]
+
+
 def reduced_relations(relations: LinearModel) -> LFT:
     """Relations solved for all of their unknown signals, reduced and rounded."""
 
@@ -75,8 +81,8 @@ def reduced_relations(relations: LinearModel) -> LFT:
     return in_enough_bits(solved, "trim")
 
 
-def restricted(problem: Problem, form: Form, steps: Sequence[Step]) -> Candidate | None:
-    """A candidate with blocks restricted; None if that is not possible."""
+def restricted(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate | None:
+    """A candidate with blocks restricted by steps; None if that is not possible."""
     try:
         with without_collection():
             return in_enough_bits(partial(_candidate, problem, form, steps), problem.nouns.owner)

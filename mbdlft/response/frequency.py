@@ -10,7 +10,7 @@ around each pole.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,8 @@ from mbdlft.system.sampled import StateMatrices
 
 Complex = NDArray[np.complex128]
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
-_SAME = 1e-9  # of the largest entry of a row: rows that differ by less are one, but for rounding
+_SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
+_AT_REST = 100.0 * EPS  # of terms: what is left of them is nothing
 _CANCELED = 0.1  # of D: where less is left, a digit is lost
 _SIX_DIGITS = 1e-6
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
@@ -153,7 +154,8 @@ def frequency_response(
     complex array (N, F, ny, nu)
         Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers. The acceleration
         of a state is -omega^2 times its position far below the modes, where the sum of D and the rest
-        has lost its digits; that of a sensor elsewhere on an elastic body is not.
+        has lost its digits; that of a sensor elsewhere on an elastic body is not, and the report says
+        from which frequency it has six digits.
 
     Raises
     ------
@@ -210,7 +212,7 @@ def with_positions(matrices: StateMatrices) -> tuple[StateMatrices, dict[int, in
             unit = measured[0, i, largest] / (derivatives[0, v, largest] or 1.0)
             unit = np.copysign(np.exp2(np.round(np.log2(np.abs(unit)))), unit)
             apart = np.abs(measured[:, i] - unit * derivatives[:, v])
-            if np.all(apart <= _SAME * np.max(np.abs(measured[:, i]), axis=1, keepdims=True)):
+            if np.all(apart <= _SAME * np.abs(measured[:, i])):
                 rows[i] = np.eye(states)[p] * unit / A[0, p, v]
     if not rows:
         return matrices, {}
@@ -235,26 +237,35 @@ def from_positions(
     return response[:, :, : response.shape[2] - len(accelerations)]
 
 
-def carried_from(system: System) -> dict[str, float]:
+class Carried(NamedTuple):
+    """From which frequency the sum has six digits of an acceleration; whether a position has all below."""
+
+    omega: float  # rad/s
+    has_position: bool
+
+
+def carried_from(system: System) -> dict[str, Carried]:
     """Frequencies (rad/s) from which D + C (s I - A)^-1 B has six digits of an acceleration, by output.
 
-    At nominal. Far below its modes a structure that is held has the acceleration -w^2 x, with the
-    displacement x = C_x (-A)^-1 B at rest; the terms of D + C (-A)^-1 B = 0 are rounded by 2.2e-16.
+    At nominal. Outputs are accelerations, of states or of other places, if at rest nothing is left of
+    their terms D and C (-A)^-1 B. Far below its modes a structure that is held has the acceleration
+    s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
     """
-    both, places = with_positions(samples_at(system))
-    A, B, C, D = (matrix[0] for matrix in both)
+    whole = samples_at(system)
+    places = with_positions(whole)[1]
+    A, B, C, D = (matrix[0] for matrix in whole)
     try:
         at_rest = np.linalg.solve(A, B)
+        moved = np.linalg.solve(A, np.linalg.solve(A, at_rest))
     except np.linalg.LinAlgError:  # nothing holds it
         return {}
     late = {}
-    for i, k in places.items():
-        terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[k] @ at_rest)
+    for i in np.flatnonzero(np.any(D != 0.0, axis=1)).tolist():
+        terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[i] @ moved)
         some = x > 0.0
-        if np.any(some):
-            late[system.outputs[i].name] = float(
-                np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS)
-            )
+        if np.any(some) and np.all(np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms):
+            omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
+            late[system.outputs[i].name] = Carried(omega, i in places)
     return late
 
 

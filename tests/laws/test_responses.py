@@ -132,7 +132,8 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
         :, :, 0, 0
     ]
     assert np.max(np.abs(plain_sum / expected - 1.0)) > 1e-6, "what the sum in doubles carries"
-    (omega_6,) = frequency.carried_from(model).values()
+    ((omega_6, has_position),) = frequency.carried_from(model).values()
+    assert has_position
     omega = omega_6 * np.array([[1.0, 0.01]])
     whole = frequency.resolvent(samples_at(model), 1j * omega).ravel()
     errors = np.abs(whole / mbdlft.frequency_response(model, {}, omega).ravel() - 1.0)
@@ -141,6 +142,46 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
     monkeypatch.setattr(sentences, "_EARLY", 0.0)
     (said,) = (text for text in sentences.checked_beside(model) if "accelerations" in text)
     assert f"six digits of beam.bending_y.3.acceleration from {omega_6:.2g} rad/s on" in said
+
+
+def short_beam(g: float, **sensor: object) -> mbdlft.LFTModel:
+    """A steel beam of 0.2 m, held at its root, below gravity along it; a push and a sensor at its tip."""
+    beam = mbdlft.Beam(
+        name="beam", length=0.2, density=7800.0, area=1e-3, modulus=210e9, I_z=1e-7, elements=8,
+        deformations=("bending_y",),
+    )  # fmt: skip
+    scene = mbdlft.Scene(
+        name="short",
+        gravity=(-g, 0.0, 0.0),
+        bodies=[beam],
+        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
+        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 1, 0), magnitude=0.0)],
+        sensors=[sensor["tip"], mbdlft.SmallRotation(name="turn", port="beam.tip")],
+        inputs=["push.force"],
+        outputs=[sensor["output"], "turn.z"],
+    )
+    return mbdlft.to_lft(scene, search=0.0)
+
+
+def test_an_accelerometer_feels_gravity_far_below_the_modes_of_a_stiff_beam() -> None:
+    """g in a row of 3e12 1/s^2 makes it no acceleration; at 0.01 rad/s nothing else is left."""
+    model = short_beam(9.81, tip=mbdlft.Accelerometer(name="tip", port="beam.tip"), output="tip.y")
+    felt, turn = frequency_response(model, {}, [0.01])[0, 0, :, 0]
+    assert abs(felt / (-9.81 * turn) - 1.0) < 1e-4  # of 1e-6 m/s^2; the terms of the sum are near 1
+
+
+def test_accelerations_without_a_position_have_digits_from_where_the_certificate_says() -> None:
+    """The turn of the tip is no coordinate, so its acceleration is the sum at all frequencies."""
+    tip = mbdlft.AngularAcceleration(name="tip", port="beam.tip")
+    model = short_beam(0.0, tip=tip, output="tip.z")
+    omega_6, has_position = frequency.carried_from(model)["tip.z"]
+    assert not has_position
+    omega = omega_6 * np.array([1.0, 0.01])
+    found, turn = frequency_response(model, {}, omega)[0, :, :, 0].T
+    errors = np.abs(found / (-(omega**2) * turn) - 1.0)
+    assert errors[0] < 1e-6 < errors[1]
+    said = [text for text in sentences.checked_beside(model) if text.startswith("accelerations")]
+    assert said[0].endswith("below, it has fewer: take -w^2 times a position of the same place")
 
 
 def test_an_entry_far_below_its_row_is_named() -> None:

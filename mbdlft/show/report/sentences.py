@@ -14,6 +14,10 @@ from mbdlft.system.sampled import matrices_at
 _EPS = sys.float_info.epsilon
 _MOST_BOXES = 4  # that are listed
 _EARLY = 0.01  # of the slowest pole: from there on, an acceleration should have its digits
+_BELOW = {  # what is below it, with a position among the states and without
+    True: "frequency responses are -w^2 times the position",
+    False: "it has fewer: take -w^2 times a position of the same place",
+}
 _SIX_DIGITS, _SOME_DIGITS = 1e-6, 1e-3  # shares of an entry that rounding may change
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
@@ -82,13 +86,15 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
             f"at {len(certificate.frequencies)} frequencies, {low:.3g} to {high:.3g} rad/s"
         )
     slowest = np.min(np.abs(np.linalg.eigvals(model.A)), initial=np.inf)
-    late = {name: w for name, w in carried_from(model).items() if w > _EARLY * slowest}
-    if late:
-        name = max(late, key=lambda each: late[each])
-        yield (
-            f"accelerations: the sum D + C (s I - A)^-1 B has six digits of {name} from {late[name]:.2g} "
-            "rad/s on; below, frequency responses are -w^2 times the position"
-        )
+    carried = carried_from(model)
+    for has_position, below in _BELOW.items():
+        late = {name: w for name, (w, has) in carried.items() if has is has_position}
+        name = max(late, key=lambda each: late[each], default="")
+        if name and late[name] > _EARLY * slowest:
+            yield (
+                "accelerations: the sum D + C (s I - A)^-1 B has six digits of "
+                f"{name} from {late[name]:.2g} rad/s on; below, {below}"
+            )
     yield from _small_entries(model)
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
