@@ -238,7 +238,7 @@ def from_positions(
 
 
 class Carried(NamedTuple):
-    """From which frequency the sum has six digits of an acceleration; whether a position has all below."""
+    """From where the sum has six digits of an acceleration; whether a position has them below."""
 
     omega: float  # rad/s
     has_position: bool

@@ -7,6 +7,7 @@
 5. what is stored is read back
 """
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -193,3 +194,45 @@ def test_long_sums_and_deep_texts() -> None:
     model = realize([[text]], [A, B], search=0.0)
     total = sum(k % 7 for k in range(1, 1501))
     target(value(model, SAMPLES)[:, 0, 0], total * SAMPLES["a"] * SAMPLES["b"], CLOSED_FORM)
+
+
+def test_a_way_to_write_a_matrix_that_is_singular_at_nominal_is_left_out() -> None:
+    """Relations of low degree can have a factor d, which is zero there; the matrix is regular."""
+    parameters = [
+        Parameter("a", 0.5, percent=20),
+        Parameter("b", 0.75, percent=20),
+        Parameter("c", 0.15, percent=20),
+        Parameter("d", 0.0, low=-1.0, high=1.0),
+    ]
+    first, second, third = "(1 - 0.25*b)", "(1 + d/8 - c*d/8)", "(1 - d/16 - b^2/8)"
+    entries = [
+        f"c*d/{first} - 1/{second} - 5/{third}",
+        f"-6*a*b/{second} + 84/{third} + 1/{first}",
+        f"-d*c/{second} - 1/{third}",
+        f"1/{third}",
+    ]
+    model = realize([entries], parameters)
+    a, b, c, d = 0.5, 0.8, 0.16, -0.5
+    under = [1 - 0.25 * b, 1 + d / 8 - c * d / 8, 1 - d / 16 - b**2 / 8]
+    expected = [
+        c * d / under[0] - 1 / under[1] - 5 / under[2],
+        -6 * a * b / under[1] + 84 / under[2] + 1 / under[0],
+        -d * c / under[1] - 1 / under[2],
+        1 / under[2],
+    ]
+    target(model.at(a=a, b=b, c=c, d=d).D[0], expected, CLOSED_FORM)
+
+
+def test_entries_that_share_no_denominator_do_not_take_minutes() -> None:
+    """Twenty nested fractions over one denominator have millions of coefficients."""
+    names = "abcde"
+    parameters = [Parameter(name, 0.1 * (k + 1), percent=20) for k, name in enumerate(names)]
+    of = [[(names[(i + j) % 5], names[(i + 2 * j) % 5], names[(2 * i + j + 1) % 5]) for j in range(4)]
+          for i in range(5)]  # fmt: skip
+    rows = [[f"{x}/(3 + {y}/(2 + {z}/3))" for x, y, z in row] for row in of]
+    start = time.process_time()
+    model = realize(rows, parameters, search=0.0)
+    assert time.process_time() - start < 20.0  # 0.3 s; all of them took minutes and gigabytes
+    nominal = {p.name: p.nominal for p in parameters}
+    expected = [[nominal[x] / (3 + nominal[y] / (2 + nominal[z] / 3)) for x, y, z in row] for row in of]
+    target(model.at().D, expected, CLOSED_FORM)
