@@ -42,6 +42,7 @@ T = TypeVar("T")
 _MOST_TURNS = 16
 _OPERATION = re.compile(r"[-+*/^]+")
 _MOST_OPERATIONS, _MOST_IN_ALL = 50_000, 200_000  # of an entry and of a matrix: some 10 s and 40 s
+_MOST_ENTRIES = 100_000  # numbers, too: some 15 s of zeros, a minute of others
 _LEAST, _MOST = 1e-150, 1e150  # their squares are floats
 
 
@@ -131,6 +132,11 @@ class _Resolver:
         self.place = ""
 
     def run(self) -> Resolved:
+        if (count := sum(map(len, self.problem.matrix))) > _MOST_ENTRIES:
+            raise SceneError(
+                f"matrix {self.problem.name!r} has {count} entries, and {_MOST_ENTRIES} is the most. "
+                "Leave out rows and columns that depend on no parameter."
+            )
         texts = chain(self.problem.expressions.values(), *self.problem.matrix)
         if (total := sum(map(_operations, texts))) > _MOST_IN_ALL:
             raise SceneError(

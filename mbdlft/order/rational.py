@@ -28,8 +28,8 @@ Fractions = NDArray[np.object_]
 _FIRST = 2**31 - 1  # primes from here down
 _MOST_PRIMES, _MOST_UNLUCKY = 200, 2  # primes; primes without a result
 _MOST_UNKNOWNS, _MOST_DEGREE = 1600, 4  # of relations
-_AT_ONCE = 2**22  # coefficients times points: what is in memory
-_VALUE = 150.0  # operations for each coefficient and point
+_VALUE = 150.0  # operations for a monomial at a point, and a fifth of them for each entry
+_RESIDUE = 2e4  # operations for that of a fraction; half of them for each prime that lifts it
 _EXTRA = 10  # equations beyond the number of unknowns
 
 
@@ -52,6 +52,7 @@ class RationalMatrix(NamedTuple):
     def modulo(self, prime: int, work: Work) -> "Polynomials":
         """The same modulo a prime."""
         box = self.box
+        work.add(_RESIDUE * (len(self.d) + sum(map(len, itertools.chain(*self.N)))))
         N = np.array([[_residues(terms, box, prime) for terms in row] for row in self.N])
         return Polynomials(N, _residues(self.d, box, prime), Field(prime, work))
 
@@ -100,9 +101,6 @@ class Polynomials(NamedTuple):
     def at(self, a: Residues, points: Residues, kept: int | None = None) -> Residues:
         """Values (points, ...) of polynomials (..., D_1 + 1, ...), or coefficients in one parameter."""
         prime, K = self.field.prime, self.d.ndim
-        if len(points) > 1 and len(points) * a.size > _AT_ONCE:
-            halves = np.array_split(points, 2)
-            return np.concatenate([self.at(a, half, kept) for half in halves])
         values = np.broadcast_to(a, (len(points), *a.shape))
         for k in range(K - 1, -1, -1):
             if k == kept:
@@ -151,9 +149,10 @@ def low_relations(F: RationalMatrix, work: Work) -> list[list[Terms]] | None:
     """
     p, q = len(F.N), len(F.N[0])
     chosen: list[tuple[int, int]] | None = None  # degree, row of the null space of that degree
+    monomials: list[tuple[int, ...]] = []  # those of a lower degree are the last ones
 
     def modulo(prime: int) -> Residues | None:
-        nonlocal chosen
+        nonlocal chosen, monomials
         f = F.modulo(prime, work)
         most = _MOST_DEGREE if chosen is None else max(degree for degree, _ in chosen)
         point, rows, numbers = f.field.points(1, F.parameters), [], []
@@ -171,16 +170,18 @@ def low_relations(F: RationalMatrix, work: Work) -> list[list[Terms]] | None:
                 if f.field.rank(np.vstack([values, at_point])) > len(values):
                     values = np.vstack([values, at_point])
                     numbers.append((degree, number))
-                    rows.append(_in_box(null[number], monomials, F.box))
+                    rows.append(null[number])
             if len(rows) == p:
                 chosen = numbers if chosen is None else chosen
-                return np.array(rows)
+                return np.array([np.pad(row, ((len(monomials) - len(row), 0), (0, 0))) for row in rows])
         return None
 
     entries = lifted(modulo, work)
     if entries is None:
         return None
-    return [[{e: x for e, x in np.ndenumerate(entry) if x} for entry in row] for row in entries]
+    return [
+        [{e: x for e, x in zip(monomials, entry, strict=True) if x} for entry in row.T] for row in entries
+    ]
 
 
 def _monomials(box: Sequence[int], most: int) -> list[tuple[int, ...]]:
@@ -189,7 +190,7 @@ def _monomials(box: Sequence[int], most: int) -> list[tuple[int, ...]]:
     return sorted((e for e in inside if sum(e) <= most), key=lambda e: (-sum(e), e))
 
 
-def _values(monomials: Sequence[tuple[int, ...]], points: Residues, prime: int) -> Residues:
+def _values(monomials: Sequence[tuple[int, ...]] | Residues, points: Residues, prime: int) -> Residues:
     """(points, monomials)."""
     values = np.ones((len(points), len(monomials)), dtype=np.int64)
     for k, exponents in enumerate(np.array(monomials).T):
@@ -197,13 +198,24 @@ def _values(monomials: Sequence[tuple[int, ...]], points: Residues, prime: int) 
     return values
 
 
+def _at_points(f: "Polynomials", a: Residues, points: Residues) -> Residues:
+    """Values (points, entries) of polynomials (..., D_1 + 1, ...) with few coefficients but zeros."""
+    flat, prime = a.reshape(-1, f.d.size), f.field.prime
+    used = np.flatnonzero(np.any(flat, axis=0))
+    if not len(used):
+        return np.zeros((len(points), len(flat)), dtype=np.int64)
+    f.field.work.add(_VALUE * len(points) * len(used) * (1.0 + 0.2 * len(flat)))
+    monomials = np.stack(np.unravel_index(used, f.d.shape), axis=1)
+    return multiplied(_values(monomials, points, prime), flat[:, used].T, prime)
+
+
 def _null_rows(f: "Polynomials", monomials: Sequence[tuple[int, ...]]) -> Residues:
     """Polynomial rows c (rows, monomials, p + q) with c [F ; -I] = 0, in echelon form."""
     (p, q), prime = f.N.shape[:2], f.field.prime
     unknowns = len(monomials) * (p + q)
     points = f.field.points((unknowns + _EXTRA) // q + 1, f.d.ndim)
-    f.field.work.add(_VALUE * len(points) * f.N.size)
-    N, d = f.at(f.N, points), f.at(f.d, points)
+    N, d = (_at_points(f, a, points) for a in (f.N, f.d[None]))
+    N, d = N.reshape(-1, p, q), d[:, 0]
     inverse = np.array([pow(x, -1, prime) for x in d.tolist()])
     minus = np.broadcast_to(-np.eye(q, dtype=np.int64) % prime, (len(points), q, q))
     F = np.concatenate([N * inverse[:, None, None] % prime, minus], axis=1).swapaxes(1, 2)
@@ -217,20 +229,12 @@ def _cost(row: Residues, monomials: Sequence[tuple[int, ...]]) -> tuple[int, int
     return sum(sum(monomials[k]) for k in used), len(used)
 
 
-def _in_box(row: Residues, monomials: Sequence[tuple[int, ...]], box: Sequence[int]) -> Residues:
-    """A row (monomials, entries) as arrays by exponents: (entries, 2 or D_1 + 1, ...)."""
-    arrays: Residues = np.zeros((row.shape[1], *(max(size, 2) for size in box)), dtype=np.int64)
-    for k, exponents in enumerate(monomials):
-        np.moveaxis(arrays, 0, -1)[exponents] = row[k]
-    return arrays
-
-
 def lifted(modulo: Callable[[int], Residues | None], work: Work) -> Fractions | None:
     """Fractions whose residues a computation has modulo every prime; None if they do not come out."""
     modulus, unlucky = 1, 0
     residues: list[int] = []
     fractions: list[Fraction] | None = None
-    for prime in itertools.islice(primes(), _MOST_PRIMES):
+    for count, prime in enumerate(itertools.islice(primes(), _MOST_PRIMES)):
         result = modulo(prime)
         if result is None:
             unlucky += 1
@@ -238,6 +242,7 @@ def lifted(modulo: Callable[[int], Residues | None], work: Work) -> Fractions | 
                 return None
             continue
         new = result.ravel().tolist()
+        work.add(0.5 * _RESIDUE * count * len(new))
         if fractions is not None and all(
             (x.denominator * r - x.numerator) % prime == 0 for x, r in zip(fractions, new, strict=True)
         ):

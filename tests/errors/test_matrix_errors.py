@@ -30,6 +30,7 @@ realize(mbdlft.MatrixProblem(matrix=[['a']], parameters=[A]), [A], search=0.0)
     => matrix 'matrix' has 599999 operations, and 200000 is the most. Write a part
 [["+".join(f"{k}*a^{k%5}" for k in range(50_000))]]
     => entry (0, 0) has 149999 operations, and 50000 is the most. Collect equal powers
+[["a"], *[[0]] * 100_000] => matrix 'matrix' has 100001 entries, and 100000 is the most. Leave out
 [[]] => the matrix is empty
 "a" => expected rows of numbers or expressions, got 'a'
 ["a", "b"] => expected rows of numbers or expressions

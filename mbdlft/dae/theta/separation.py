@@ -180,7 +180,7 @@ class Separation:
             raise NotRationalError(
                 f"{self.owner}, {self.place}: {text} changes its branch inside of the range of "
                 f"{', '.join(names)}, or no enclosure shows that it does not. A model has one branch: "
-                "narrow the range so that it ends where the branch does, and make a model of each."
+                "narrow the range so that it ends before the branch does, and make a model of each."
             )
         raise NotRationalError(
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
