@@ -192,3 +192,18 @@ def test_figure_that_cannot_be_written(model, tmp_path):
     folder.mkdir()
     with says(AnalysisError, f"{folder}: the figure cannot be written: ", "Is a directory"):
         save_singular_values(folder, model)
+
+
+def test_a_figure_stays_if_a_new_one_cannot_be_written(model, tmp_path, monkeypatch):
+    file = tmp_path / "figure.png"
+    save_singular_values(file, model)
+    before = file.read_bytes()
+
+    def full(handle: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with says(AnalysisError, f"{file}: the figure cannot be written: No space left", "is unchanged."):
+        save_singular_values(file, model)
+    assert file.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [file]

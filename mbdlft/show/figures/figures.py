@@ -4,6 +4,7 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -15,8 +16,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from mbdlft.archive.archive import put, target_of
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, check_known
+from mbdlft.base.errors import AnalysisError, ArchiveError, check_known
 from mbdlft.base.samples import random
 from mbdlft.response.frequency import response_frequencies, unbounded_frequencies
 from mbdlft.response.modes import Names, chosen
@@ -101,21 +103,26 @@ def check_parameter(model: System, parameter: str | None) -> None:
 
 
 def write_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure into a file; names of a user are shown as they are."""
+    """Write a figure into a file, beside an old one first; names of a user are shown as they are."""
+    file = Path(path)
     figure.set_dpi(_DOTS)
     if (width := _WIDTH.get()) is not None:
         before, height = figure.get_size_inches()
         share = (width / _INCH / before) ** _HEIGHT
         figure.set_size_inches(width / _INCH, height * share + _legend_height(figure))
     _show_dollars(figure)
-    engine = figure.get_layout_engine()
+    engine, image = figure.get_layout_engine(), BytesIO()
     try:
         if engine is not None:  # once, instead of a drawing that nobody sees
             engine.execute(figure)
             figure.set_layout_engine("none")
-        figure.savefig(path, dpi=_DOTS)
-    except (OSError, ValueError) as error:
-        raise AnalysisError(f"{path}: the figure cannot be written: {error}.") from None
+        ending = file.suffix[1:] or figure.canvas.get_default_filetype()
+        figure.savefig(image, dpi=_DOTS, format=ending)
+        file = target_of(file if file.suffix else Path(f"{file}.{ending}"))
+        put({file: image.getvalue()})
+    except (OSError, ValueError, ArchiveError) as error:
+        reason = str(error).removeprefix(f"{file}: cannot be written: ").rstrip(".")
+        raise AnalysisError(f"{path}: the figure cannot be written: {reason}.") from None
 
 
 def add_legend(axes: Axes, *, columns: int = 2, where: str = "lower center") -> None:
