@@ -11,14 +11,22 @@ import pytest
 import mbdlft
 from mbdlft import Parameter, System, realize, robust_stability, verify
 from mbdlft.base.array import Array
-from mbdlft.robust.bisect import boxes, lyapunov
+from mbdlft.robust.bisect import boxes, lyapunov, search
 from mbdlft.robust.bisect.characteristic import (
     Realization,
     is_unstable_at,
     polynomials,
     state_polynomials,
 )
-from mbdlft.robust.bisect.lyapunov import _at_nodes, _is_positive, _product, _Subbox, replayed, searched
+from mbdlft.robust.bisect.lyapunov import (
+    Attempt,
+    _at_nodes,
+    _is_positive,
+    _product,
+    _Subbox,
+    replayed,
+    searched,
+)
 from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
@@ -96,6 +104,46 @@ def test_the_declared_box_is_tried_soon() -> None:
     assert sizes_tried(1.5)[:2] == [1.5 * 0.95, 1.0]
     assert sizes_tried(np.inf).index(1.0) <= 5
     assert max(size for size in sizes_tried(1.5) if size <= 1.1) > 1.08
+
+
+@pytest.mark.parametrize("proved", ["by functions", "by cuts", "late", "never"])
+def test_long_cuts_of_a_large_box_wait_for_the_declared_box(
+    proved: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2.4 times the box is tried soon, then 1 in all ways; if that is proved, 2.4 with what was left."""
+    tried = list[tuple[str, float, float]]()
+    still, open_box = np.zeros(2), boxes.Box(np.zeros(2), np.ones(2), ())
+
+    def is_proved(way: str, k: float, work: float) -> bool:
+        is_late = ("functions", 1.0) in [each[:2] for each in tried]
+        tried.append((way, round(k, 1), work))
+        return k == 1.0 and proved == ("late" if is_late and way == "cuts" else f"by {way}")
+
+    def cuts(_: Realization, ends: Array, __: object, work: float, *___: object) -> boxes.Outcome:
+        log = (0,) if is_proved("cuts", ends[0], work) else None
+        return boxes.Outcome(log, None, open_box, 0.1, 1.0)
+
+    def functions(_: Realization, ends: Array, work: float, *__: object) -> Attempt:
+        proof = LyapunovProof((0,), np.zeros((1, 2), dtype=int), np.eye(4)[None])
+        found = proof if is_proved("functions", ends[0], work) else None
+        return Attempt(found, None, still, 0.1, is_hopeless=ends[0] != 1.0)
+
+    monkeypatch.setattr(search, "prove", cuts)
+    monkeypatch.setattr(search, "searched", functions)
+    robust_stability(crossing(), gap=0.1, work=10.0)
+    first, declared = [("cuts", 2.4), ("functions", 2.4)], [("cuts", 1.0), ("functions", 1.0)]
+    between, large = [("functions", 2.0), ("cuts", 2.0)], [("cuts", 2.4)]
+    orders = {
+        "by functions": [*first, *declared, *between, *large],
+        "by cuts": [*first, *declared[:1], *large],
+        "late": [*first, *declared, *declared[:1], *large],
+        "never": [*first, *declared, *declared[:1]],
+    }
+    sizes = [each[:2] for each in tried]
+    assert sizes[: len(orders[proved])] == orders[proved]
+    assert sizes.count(("cuts", 2.4)) == 1 + (proved != "never")
+    assert sizes.count(("functions", 2.0)) <= 1
+    assert all(each[2] == 0.5 * tried[1][2] for each in tried[2:] if each[:2] == ("cuts", 2.4))
 
 
 def test_boxes_that_wait_for_work_are_proved_in_their_order(monkeypatch: pytest.MonkeyPatch) -> None:

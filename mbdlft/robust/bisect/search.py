@@ -127,6 +127,7 @@ class State(NamedTuple, Generic[Worst]):
     used: float = 0.0  # units of work
     reason: str = ""  # why no more is proved
     ended: bool = False  # whether no work would prove more
+    later: tuple[float, float] = (0.0, 0.0)  # a size whose longest try waits for a proof of 1; its work
 
     def left(self, asked: Asked) -> float:
         """Units of work that are left."""
@@ -179,11 +180,13 @@ def enlarged(
 ) -> Search[Worst]:
     """Prove sizes of the box nearer and nearer to `upper`; each costs at least so much work.
 
-    `resisted` is the smallest size that was not proved. While none is, the declared box is next.
+    `resisted` is the smallest size that was not proved. While none is, the declared box is next. Cuts of
+    a larger one that wait for it are due when cuts have proved it, or the next size has resisted.
     """
     while not state.is_closed(asked):
         k = min(state.upper, asked.largest) * (1.0 - 0.5 * asked.gap)
-        if not k < resisted:
+        is_due = isinstance(state.proof, BoxProof) or resisted < k
+        if not (k < resisted or (k == state.later[0] and is_due)):
             k, least = state.lower + _LOWER * (resisted - state.lower), max(state.lower, 1.0)
             k = sqrt(least * resisted) if resisted > _FAR * least else k
             is_next = not state.lower or _ABOUT_1 < k < 1.0 / _ABOUT_1
@@ -192,7 +195,7 @@ def enlarged(
             return state.spent(asked)
         before, state = state, tried(state, k)
         if state.lower == before.lower and state.upper == before.upper:
-            resisted = k
+            resisted = min(resisted, k)
         yield state
     return state
 
@@ -269,12 +272,18 @@ def attempted(
 
     The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
     smaller box, Lyapunov functions are tried before it. If only work was missing, no more is tried.
+    While nothing is proved, the longest try of a size above 1 waits (`State.later`), 1 is tried in all
+    ways, and what waits is given up if 1 is not proved.
     """
     k, ends, polynomials = box
-    tries = [work]  # of the polynomial; 0: Lyapunov functions
-    if not model.slope and is_small(model):
+    waiting, state = state.later, state._replace(later=(0.0, 0.0))
+    tries, waits = [work], False  # of the polynomial; 0: Lyapunov functions
+    if k == waiting[0]:
+        tries = [waiting[1]]
+    elif not model.slope and is_small(model):
         soon = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
-        tries = [*soon, 0.0] if gain else [*soon, 0.0, 0.5 * work]
+        waits = k > 1.0 and not (state.lower or gain)
+        tries = [*soon, 0.0] if gain or waits else [*soon, 0.0, 0.5 * work]
     for most in tries:
         if most:
             most = min(most, work)
@@ -287,9 +296,14 @@ def attempted(
             with after(state.used):
                 attempt = searched(model, ends, work, is_wrong, gain)
             state = state._replace(used=state.used + attempt.work)
-        if attempt.proof is not None or attempt.counterexample is not None or not attempt.is_hopeless:
+        is_done = attempt.proof is not None or attempt.counterexample is not None
+        if is_done or not (attempt.is_hopeless or (k < waiting[0] and not state.lower)):
             break
-    return state, attempt
+    if k < waiting[0] and (state.lower or attempt.proof is not None):
+        later = waiting
+    else:
+        later = (k, 0.5 * work) if waits and attempt.is_hopeless and not is_done else state.later
+    return state._replace(later=later), attempt
 
 
 def bounds_of(
