@@ -3,9 +3,9 @@
 The reduction of a linear fractional transformation [M11 M12 ; M21 M22] of deltas keeps, for each of them,
 the smallest subspace S_k with range(M12_k) in S_k and M11_kj S_j in S_k, and then the same of the
 transpose. It is exact, and minimal if the deltas did not commute: D'Andrea, Khatri (1997); Beck, Doyle
-(1999). The subspaces are found on residues. The candidates that are kept there are kept in balls, too; in
-these, a basis of S_k is the identity in some channels, w = T w[chosen]. No vector is made orthonormal:
-balls have the bits.
+(1999). The subspaces are found on residues. A basis of S_k is the identity in some channels,
+w = T w[chosen]. Residues say which of its other entries are zero, as most are; the rest are found in
+balls, row by row. No vector is made orthonormal: balls have the bits.
 """
 
 from collections.abc import Sequence
@@ -32,6 +32,9 @@ from mbdlft.exact.matrices import (
 from mbdlft.exact.rounding import channel_scales
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
+# channels: of fewer, doubles of powers of M11 choose rows first. Of equal factors they take others than
+# exact numbers do: a search finds order 30 of the gimbal then, and 31 otherwise
+_MOST_GUESSED = 200
 
 
 def reduced(M: ExactMatrix, sizes: Sequence[int]) -> tuple[ExactMatrix, list[int]]:
@@ -68,9 +71,15 @@ def _compressed(M: ExactMatrix, sizes: list[int]) -> tuple[ExactMatrix, list[int
         return M, sizes
     rough = rough_values(M)
     scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
+    bases = _bases(M, blocks, spaces)
+    guesses: list[Array | None]
+    if n <= _MOST_GUESSED:
+        guesses = [_guess(*pair) for pair in zip(spaces, _krylov(M, blocks, spaces), strict=True)]
+    else:
+        guesses = [None] * len(bases)
     graphs = [
-        _graph(space, krylov, scale[block])
-        for space, krylov, block in zip(spaces, _krylov(M, blocks, spaces), blocks, strict=True)
+        _graph(space, basis, scale[block], guess)
+        for space, basis, guess, block in zip(spaces, bases, guesses, blocks, strict=True)
     ]
     kept = [block.start + row for block, g in zip(blocks, graphs, strict=True) for row in g.chosen]
     rows = M[[*kept, *range(n, M.shape[0])]]
@@ -162,6 +171,102 @@ def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[Ex
     return bases
 
 
+class _Basis:
+    """A basis (n, d) of a space, the identity in its pivots, of which balls are found row by row.
+
+    A row is a sum of the rows of the pivots where it has entries, in all vectors of the space: of so many
+    entries, as many of the vectors give the balls. Rows with entries in the same columns are a group.
+    """
+
+    def __init__(self, space: Space, vectors: ExactMatrix) -> None:
+        self.vectors, self.pivots = vectors, np.array(space.pivots, dtype=np.int64)
+        self.balls = zeros(space.size, len(self.pivots), space.prime)
+        self.balls.residues[:] = space.basis.T
+        self.balls.balls[self.pivots] = identity(len(self.pivots), space.prime).balls
+        some, groups = self.balls.residues != 0, dict[bytes, list[int]]()
+        for row in np.setdiff1d(np.flatnonzero(some.any(axis=1)), self.pivots).tolist():
+            groups.setdefault(some[row].tobytes(), []).append(row)
+        self.waiting = list(groups.values())
+
+    def is_solved(self) -> bool:
+        """Whether the vectors give all rows; those that they do are found."""
+        self.waiting = [rows for rows in self.waiting if not self._are_solved(rows)]
+        return not self.waiting
+
+    def _are_solved(self, group: list[int]) -> bool:
+        rows = np.array(group)
+        residues, prime = self.vectors.residues, self.vectors.prime
+        columns = np.flatnonzero(self.balls.residues[rows[0]])
+        chosen = self.pivots[columns]
+        some = np.flatnonzero(residues[chosen].any(axis=0))
+        taken = some[pivot_columns(residues[np.ix_(chosen, some)], prime)]
+        if len(taken) < len(columns):
+            return False
+        solution = self.vectors[np.ix_(chosen, taken)].T.solve(self.vectors[np.ix_(rows, taken)].T)
+        self.balls.balls[np.ix_(rows, columns)] = solution.balls.T
+        return True
+
+    @property
+    def unknown(self) -> NDArray[np.int64]:
+        """The rows that are not found."""
+        return np.array([row for rows in self.waiting for row in rows], dtype=np.int64)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """The columns (d,) whose balls are all found."""
+        return np.asarray(~self.balls.residues[self.unknown].any(axis=0))
+
+    def times(self, left: ExactMatrix, columns: NDArray[np.bool_]) -> ExactMatrix:
+        """A matrix (m, n) times some columns, but for the rows of these that are not found."""
+        found = np.setdiff1d(np.arange(left.shape[1]), [*self.pivots, *self.unknown])
+        return left[:, self.pivots[columns]] + left[:, found] @ self.balls[found][:, columns]
+
+
+def _bases(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
+    """The basis (n_k, d_k) of each space, the identity in its pivots.
+
+    Vectors of a space are the columns of M12 and what M11 makes of columns of the bases that are known:
+    most of these have a one only, and give columns of M11. Powers of M11 are left for rows that need
+    each other.
+    """
+    bases = [
+        _Basis(space, M[block, blocks[-1].stop :]) for space, block in zip(spaces, blocks, strict=True)
+    ]
+    known = [np.zeros(len(basis.pivots), dtype=bool) for basis in bases]
+    while not all([basis.is_solved() for basis in bases]):
+        before, known = known, [basis.known for basis in bases]
+        fresh = [now & ~old for now, old in zip(known, before, strict=True)]
+        if not any(columns.any() for columns in fresh):
+            _solve_together(M, blocks, bases)
+            break
+        for basis, block in zip(bases, blocks, strict=True):
+            images = [
+                other.times(M[block, inner], columns)
+                for other, inner, columns in zip(bases, blocks, fresh, strict=True)
+            ]
+            basis.vectors = stacked([[basis.vectors, *images]])
+    return [basis.balls for basis in bases]
+
+
+def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) -> None:
+    """The rows that are not found, of M11 in the coordinates that these and their columns need."""
+    kept = [np.append(basis.pivots[~basis.known], basis.unknown) for basis in bases]
+    rows_of = []
+    for basis, block, rows in zip(bases, blocks, kept, strict=True):
+        parts = []
+        for other, inner in zip(bases, blocks, strict=True):
+            of_rows = M[block, inner][rows]
+            parts += [other.times(of_rows, ~other.known), of_rows[:, other.unknown]]
+        rows_of.append([*parts, basis.vectors[rows]])
+    left, sizes = stacked(rows_of), [len(rows) for rows in kept]
+    n = sum(sizes)
+    spaces = reachable_bases(left.residues[:, :n], left.residues[:, n:], sizes, M.prime)
+    for basis, rows, vectors in zip(bases, kept, _krylov(left, _parts(sizes), spaces), strict=True):
+        basis.vectors = zeros(len(basis.balls.residues), vectors.shape[1], M.prime)
+        basis.vectors.residues[rows], basis.vectors.balls[rows] = vectors.residues, vectors.balls
+        basis.is_solved()
+
+
 class _Graph(NamedTuple):
     """A basis (n_k, d) that is the identity in the rows `chosen`, sorted."""
 
@@ -176,27 +281,37 @@ def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
     return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
 
 
-def _graph(space: Space, krylov: ExactMatrix, scale: Array) -> _Graph:
+def _guess(space: Space, krylov: ExactMatrix) -> Array:
+    """The basis of a space, the identity in its pivots, in doubles."""
+    rough = rough_values(krylov)
+    with np.errstate(all="ignore"):
+        return np.asarray(rough @ np.linalg.pinv(rough[space.pivots]))
+
+
+def _graph(space: Space, basis: ExactMatrix, scale: Array, guess: Array | None = None) -> _Graph:
     """A basis of a subspace in coordinates that are channels of a size (n,), with moderate factors."""
-    n, d = krylov.shape
+    n, d = basis.shape
     if d in (0, n):
         return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
-    first = np.array(space.pivots)
-    rough = rough_values(krylov)
-    with np.errstate(all="ignore"):  # doubles choose rows before anything is solved in balls
-        guess = rough @ np.linalg.pinv(rough[first])
-    near = _best_rows(scale[:, None] * guess / scale[first], first)
-    try:
-        basis = _over_rows(krylov, near)
-    except ZeroDivisionError:  # doubles chose rows that depend on each other
-        near, basis = first, _over_rows(krylov, first)
-    rows = _best_rows(scale[:, None] * rough_values(basis) / scale[near], near)
-    try:
-        other = basis if np.array_equal(rows, near) else _over_rows(basis, rows)
-    except ZeroDivisionError:
-        rows, other = near, basis
+    rows = np.array(space.pivots)
+    if guess is not None:
+        basis, rows = _exchanged(basis, rows, _best_rows(scale[:, None] * guess / scale[rows], rows))
+    rough = scale[:, None] * rough_values(basis) / scale[rows]
+    basis, rows = _exchanged(basis, rows, _best_rows(rough, rows))
     order = np.argsort(rows)
-    return _Graph(rows[order], other[:, order])
+    return _Graph(rows[order], basis[:, order])
+
+
+def _exchanged(
+    basis: ExactMatrix, rows: NDArray[np.int64], others: NDArray[np.int64]
+) -> tuple[ExactMatrix, NDArray[np.int64]]:
+    """A basis that is the identity in other rows, and these; as it is if these depend on each other."""
+    if np.array_equal(rows, others):
+        return basis, rows
+    try:
+        return _over_rows(basis, others), others
+    except ZeroDivisionError:  # doubles chose them
+        return basis, rows
 
 
 def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:

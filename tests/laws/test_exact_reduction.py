@@ -220,6 +220,29 @@ def test_a_basis_over_other_rows_spans_the_same(seed: int) -> None:
             module._over_rows(basis, np.array([0, 0, 5, 6, 7]))
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_bases_are_found_row_by_row(seed: int) -> None:
+    """Their balls are those of all Krylov vectors over the pivots; some rows need each other."""
+    large = exactly(turned(coarse(seed), seed))
+    M, sizes = large.M, [block.size for block in large.blocks]
+    n, blocks = sum(sizes), module._parts(sizes)
+    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME)
+    found, krylov = module._bases(M, blocks, spaces), module._krylov(M, blocks, spaces)
+    for space, basis, vectors in zip(spaces, found, krylov, strict=True):
+        expected = module._over_rows(vectors, np.array(space.pivots))
+        assert 0 < basis.shape[1] < basis.shape[0]
+        assert np.array_equal(basis.residues, expected.residues)
+        roundoff(rough_values(basis), rough_values(expected), 1e3)
+
+
+def test_a_row_that_needs_a_power_of_the_matrix() -> None:
+    """(1, 0, 1) and (0, 1, 2) are reached, and no column of the basis has a one only."""
+    M = exact_matrix([[-1, -1, 1, 1], [0, -1, 1, 0], [1, 1, 1, 1]])
+    spaces = module.reachable_bases(M.residues[:, :3], M.residues[:, 3:], [3], PRIME)
+    (found,) = module._bases(M, [slice(0, 3)], spaces)
+    assert np.array_equal(rough_values(found), [[1.0, 0.0], [0.0, 1.0], [1.0, 2.0]])
+
+
 def test_rows_that_doubles_take_for_independent() -> None:
     """Row 4 is 7/10 of row 3, of size 1e25: doubles choose both, by what rounding leaves of row 4."""
     far = [Fraction(10**25), Fraction(10**25, 3)]
