@@ -6,20 +6,27 @@ SQP: with the pieces s_i (soft) and h_j (hard) near the largest, a step d solves
 
 within the ranges of the values; H is a Powell-damped BFGS matrix of the Lagrangian, whose pieces are
 matched from step to step by goal, point and frequency (Fletcher, Practical Methods of Optimization, 1987,
-chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces). BFGS on the
-largest itself, whose slope is that of the largest piece, needs steps of the weak Wolfe kind only (Lewis,
-Overton, Mathematical Programming 141, 2013). Values are divided by their scales.
+chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces).
+
+Where a step is refused, H is made anew, of differences of slopes at fixed frequencies. The places where
+gains are largest after this step are *held*: gains there are pieces from now on, as in exchange methods
+for semi-infinite programs (Hettich, Kortanek, SIAM Review 35, 1993). At many optima a gain is flat over
+frequency: without them, new peaks rise between those that are pieces.
+
+BFGS on the largest itself, whose slope is that of the largest piece, needs steps of the weak Wolfe kind
+only (Lewis, Overton, Mathematical Programming 141, 2013). Values are divided by their scales.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Sequence
+from math import log
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.robust.moving.variation import conic_solution
-from mbdlft.synthesis.evaluation import STABLE, Look
+from mbdlft.synthesis.evaluation import STABLE, Look, Place
 
 _PIECES = 120  # in one step; more are those that matter least
 _TRIES = 12  # steps that are refused before a descent ends
@@ -30,7 +37,17 @@ _ALIKE = 0.7  # logarithm of the ratio of frequencies of one piece at two steps
 _ARMIJO, _WOLFE = 1e-4, 0.9
 _QP_ITERATIONS = 60
 _FIRST_SIZE = 1e-2  # of H before anything is known of it
-Evaluate = Callable[[Array], Look]
+_ACTIVE = 1e-6  # multipliers of pieces that count
+_DIFFERENCE, _LEAST_CURVED = 1e-7, 1e-6  # of scaled values; the smallest eigenvalue of H
+_HELD, _RISEN = 60, 0.98  # places at most; part of the largest gain from which on they are held
+_BESIDE = 0.01  # logarithm of the ratio of frequencies of places that are one
+_REFUSED, _RISING = 0.3, 0.5  # what a step that is refused leaves of the radius; where places are added
+
+
+class Evaluate(Protocol):
+    """The goals at scaled values, with gains at places that are held."""
+
+    def __call__(self, scaled: Array, held: Sequence[Place] = (), /) -> Look: ...
 
 
 class Problem(NamedTuple):
@@ -42,6 +59,12 @@ class Problem(NamedTuple):
     hard: Callable[[int], bool]  # whether a goal is one
     price: float  # c
     unit: float = 1.0  # of soft values
+    slopes: Callable[[Array, Sequence[Place]], Array | None] | None = None  # of gains at places
+    gains: frozenset[int] = frozenset()  # goals that are some
+
+    def is_gain(self, goal: int) -> bool:
+        """Whether pieces of a goal are gains at frequencies."""
+        return goal in self.gains
 
     def merit(self, look: Look) -> float:
         """t + c e."""
@@ -84,7 +107,7 @@ def _pieces(problem: Problem, look: Look) -> _Pieces:
 
 def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
     """Trust-region SQP from a stable start; it ends below a merit `goal`."""
-    H, radius, slow = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0
+    H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0, list[Place]()
     here = problem.evaluate(x)
     merit, evaluations, is_first = problem.merit(here), 1, True
     if not np.isfinite(merit):
@@ -94,18 +117,26 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
         if not pieces.keys:  # nothing is moved
             break
         there, least = None, tolerance * max(1e-3, abs(merit))
-        for _ in range(_TRIES):
+        for count in range(_TRIES):
             step = _step(problem, H, pieces, x, radius)
             if step is None or merit - step[2] <= least:
                 break
             d, multipliers, predicted = step
-            there = problem.evaluate(x + d)
+            if held:
+                held = _joined(held, _active(problem, pieces, multipliers))
+            there = problem.evaluate(x + d, held)
             evaluations += 1
             new = problem.merit(there)
             share = (merit - new) / (merit - predicted) if np.isfinite(new) else -1.0
             if share > _ACCEPTED:
                 break
-            there, radius = None, max(0.3 * min(radius, float(np.max(np.abs(d)))), 1e-12)
+            radius = max(_REFUSED * min(radius, float(np.max(np.abs(d)))), 1e-12)
+            if problem.slopes is not None:
+                H = _second_differences(problem, x, pieces, multipliers, H)
+            if count and len(more := _joined(held, _risen(problem, there))) > len(held):
+                held, radius = more, radius * _RISING / _REFUSED
+                pieces = _pieces(problem, problem.evaluate(x, held))
+            there = None
         if there is None:
             break
         H = _curved(H, pieces, _pieces(problem, there), multipliers, d, is_first=is_first)
@@ -152,6 +183,56 @@ def _step(
     return d, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1])
 
 
+def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place, float]:
+    """Places of gains with their multipliers."""
+    places = dict[Place, float]()
+    for i in np.flatnonzero(multipliers > _ACTIVE):
+        goal, point = pieces.keys[i]
+        if problem.is_gain(goal):
+            place = (goal, point, float(pieces.frequencies[i]))
+            places[place] = places.get(place, 0.0) + float(multipliers[i])
+    return places
+
+
+def _risen(problem: Problem, look: Look) -> list[Place]:
+    """Places where gains are nearly the largest."""
+    gains = [p for p in look.pieces if problem.is_gain(p.goal)]
+    largest = max((p.value for p in gains), default=0.0)
+    return [(p.goal, p.point, p.frequency) for p in gains if p.value >= _RISEN * largest]
+
+
+def _joined(held: Sequence[Place], more: Iterable[Place]) -> list[Place]:
+    """Places with more of them; the oldest leave."""
+    places = list(held)
+    for goal, point, frequency in more:
+        size = log(min(max(frequency, 1e-9), 1e9))
+        known = (f for k, i, f in places if (k, i) == (goal, point))
+        if all(abs(log(min(max(f, 1e-9), 1e9)) - size) > _BESIDE for f in known):
+            places.append((goal, point, frequency))
+    return places[-_HELD:]
+
+
+def _second_differences(
+    problem: Problem, x: Array, pieces: _Pieces, multipliers: Array, H: Array
+) -> Array:
+    """The second derivative of the Lagrangian at fixed frequencies, made positive; H if it has none.
+
+    A second singular value that is nearly as large counts as the first.
+    """
+    places = _active(problem, pieces, multipliers)
+    weights = np.array(list(places.values()))
+    assert problem.slopes is not None
+    slopes = [
+        problem.slopes(x + _DIFFERENCE * e, list(places)) for e in np.vstack([0.0 * x, np.eye(len(x))])
+    ]
+    if not places or any(s is None for s in slopes):
+        return H
+    first, *others = (weights @ s for s in slopes)
+    second = (np.array(others) - first) / _DIFFERENCE
+    values, vectors = np.linalg.eigh(0.5 * (second + second.T))
+    return np.asarray(vectors * np.maximum(np.abs(values), _LEAST_CURVED) @ vectors.T)
+
+
 def _curved(
     H: Array, old: _Pieces, new: _Pieces, multipliers: Array, d: Array, *, is_first: bool
 ) -> Array:
@@ -182,7 +263,7 @@ def _curved(
     return np.asarray(0.5 * (H + H.T))
 
 
-def bfgs(problem: Problem, x: Array, steps: int, tolerance: float) -> Descended:
+def bfgs(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
     """BFGS with weak Wolfe steps on the merit; values outside of their ranges count as at the ends."""
 
     def at(x: Array) -> tuple[float, Array]:
@@ -222,7 +303,7 @@ def bfgs(problem: Problem, x: Array, steps: int, tolerance: float) -> Descended:
             V = np.eye(len(x)) - np.outer(s, y) / sy
             inverse = V @ inverse @ V.T + np.outer(s, s) / sy
         gain, x, merit, slope = merit - line.merit, x + s, line.merit, line.slope
-        if gain < tolerance * abs(merit) and step > 20:
+        if merit <= goal or (gain < tolerance * abs(merit) and step > 20):
             break
     return Descended(np.clip(x, problem.low, problem.high), merit, evaluations)
 

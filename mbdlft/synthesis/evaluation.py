@@ -37,7 +37,6 @@ _DEPENDENT = 1e8  # product of the norms of both vectors: beyond it modes lose t
 _STILL = 1e-12  # of the largest slope: a pole that moves by less is not moved by the values
 _NEAR = 0.05  # of the largest real part: poles as far left of it are pieces, too
 _FAR = 8.0  # times the decay that poles have to keep: nearer to the axis, they are pieces
-_MOST_FLAT = 8  # places at a point where a gain is flat
 STABLE = -1  # the goal of pieces that keep the loop stable
 
 
@@ -51,6 +50,9 @@ class Piece(NamedTuple):
     slope: Array  # (number of values,)
 
 
+Place = tuple[int, int, float]  # goal, point, frequency (rad/s)
+
+
 class Asked(NamedTuple):
     """What an evaluation needs to know beside the loops."""
 
@@ -58,7 +60,6 @@ class Asked(NamedTuple):
     decay: float  # that poles have to keep (rad/s)
     extra: Array = np.zeros(0)  # more frequencies of the grid (rad/s)
     budgets: Mapping[int, Budget] = {}  # goals on design parameters, by their place
-    flat: float = 1.0  # part of the largest gain from which places of the grid are pieces, too
 
 
 class Look(NamedTuple):
@@ -123,17 +124,19 @@ def abscissas(family: Family, x: Array, near: float) -> Look:
     top = float(np.max(real, initial=-np.inf))
     chosen = moved & (real > top - max(near, _NEAR * abs(top))) & (found.poles.imag >= 0.0)
     pieces = tuple(
-        Piece(STABLE, int(i), float(found.poles[i, k].imag), float(real[i, k]), found.slopes[i, k].real)
+        Piece(0, int(i), float(found.poles[i, k].imag), float(real[i, k]), found.slopes[i, k].real)
         for i, k in np.argwhere(chosen)
     )
     return Look(top, 0.0, pieces, top)
 
 
-def look(family: Family, asked: Asked, x: Array, keep: float | None = 0.8) -> Look:
+def look(
+    family: Family, asked: Asked, x: Array, keep: float | None = 0.8, held: Sequence[Place] = ()
+) -> Look:
     """Goals at values, with pieces that are at least a part `keep` of the largest, soft or hard.
 
     Everything is infinite where a loop is not stable. A part of 1 or more leaves pieces out; None has
-    all of them, without slopes of peaks.
+    all of them, without slopes of peaks. Gains at the places `held` are pieces, too.
     """
     closed = family.closed(x)
     if closed is None:
@@ -164,8 +167,20 @@ def look(family: Family, asked: Asked, x: Array, keep: float | None = 0.8) -> Lo
             hard = asked.goals[p.goal].hard
             if not keep or p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
                 pieces += [p] if len(p.slope) else _with_slope(family, closed, asked.goals, p)
+        for place in held:
+            pieces += _with_slope(family, closed, asked.goals, Piece(*place, 0.0, np.zeros(0)))
         pieces += _stable_pieces(found, moved, asked.decay)
     return Look(largest[False], largest[True], tuple(pieces), abscissa)
+
+
+def slopes_at(family: Family, goals: Sequence[Goal], x: Array, places: Sequence[Place]) -> Array | None:
+    """Slopes (k, number of values) of gains at places; None where a loop is singular."""
+    points = sorted({point for _, point, _ in places})
+    few = family.at(points)
+    if (closed := few.closed(x)) is None:
+        return None
+    pieces = (Piece(goal, points.index(point), f, 0.0, np.zeros(0)) for goal, point, f in places)
+    return np.array([_with_slope(few, closed, goals, piece)[0].slope for piece in pieces])
 
 
 def _stable_pieces(found: _Poles, moved: Flags, decay: float) -> list[Piece]:
@@ -246,8 +261,6 @@ def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
             for i in range(len(omega))
             if at_infinity[i] >= floor
         ]
-        if asked.flat < 1.0:
-            pieces += _flat_pieces(k, omega, gains, goal.limit, asked.flat)
     if not tops:
         return pieces
     points, at, best = (np.concatenate(parts) for parts in list(zip(*tops, strict=True))[1:])
@@ -271,21 +284,6 @@ def _peaks(closed: Closed, found: _Poles, asked: Asked) -> list[Piece]:
                 top.goal, int(top.points[j]), float(frequencies[j]), float(values[j]) / limit, np.zeros(0)
             )
             for j in _apart(top.points, frequencies, values)
-        ]
-    return pieces
-
-
-def _flat_pieces(k: int, omega: Array, gains: Array, limit: float, share: float) -> list[Piece]:
-    """Places of the grid where a gain is nearly its largest, without slopes, a few at each point.
-
-    Where the gain is flat over frequency, as at many optima, peaks rise between those that are held.
-    """
-    pieces, level = list[Piece](), share * np.max(gains, initial=0.0)
-    for i, row in enumerate(gains):
-        near = np.flatnonzero(row >= level)
-        spread = np.linspace(0, len(near) - 1, min(len(near), _MOST_FLAT)).astype(int)
-        pieces += [
-            Piece(k, i, float(omega[i, j]), float(row[j]) / limit, np.zeros(0)) for j in near[spread]
         ]
     return pieces
 

@@ -290,6 +290,11 @@ class Family:
     base: Array  # and `moves`: of the network
     moves: Array
 
+    def at(self, points: Sequence[int]) -> "Family":
+        """At some of the points."""
+        X, L, R, D22 = (matrix[points] for matrix in (self.X, self.L, self.R, self.D22))
+        return replace(self, X=X, L=L, R=R, D22=D22)
+
     def closed(self, x: Array) -> Closed | None:
         """The loops with values x; None if one is singular."""
         S, n = self.base + np.tensordot(x, self.moves, 1), self.states

@@ -1,9 +1,9 @@
 """The tuner: free values of controllers for goals at the nominal point, or at several points of the box.
 
-From each start the loop is made stable, by SQP on the real parts of its poles; SQP on the goals follows,
-and BFGS from the same place. The best of all starts is taken on with other numbers of pieces until that
-gains nothing. Each variable is divided by a scale: that of its value, changed where its slopes are small
-or large beside those of others.
+From each start the loop is made stable, by SQP on the real parts of its poles, or by BFGS, which goes on
+where poles that meet have no slopes. SQP or BFGS on the goals follows, roughly. The best of all starts
+are taken on with other numbers of pieces until that gains nothing. Each variable is divided by a scale:
+that of its value, changed where its slopes are small or large beside those of others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ from mbdlft.robust.bisect.characteristic import is_hurwitz
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
-from mbdlft.synthesis.evaluation import STABLE, Asked, Look, abscissas, look
+from mbdlft.synthesis.evaluation import STABLE, Asked, Look, Place, abscissas, look, slopes_at
 from mbdlft.synthesis.fixed import fixed_poles
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
@@ -37,7 +37,6 @@ _TOLERANCE, _ROUGH = 1e-7, 1e-5  # of the merit; while points are added
 _PRICES = (10.0, 100.0, 1000.0)  # of hard goals, until they are reached
 _REACHED = 1e-4  # above 1: a hard goal that is no larger is reached
 _SMALL = 0.1  # of the first scale of a value: it is not divided by less
-_FLAT = 0.98  # part of the largest gain from which places of the grid are pieces, in every other round
 _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
 _UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
@@ -79,20 +78,27 @@ class Tuner:
         seen = sizes[sizes > 1e-6 * np.max(sizes, initial=0.0)]
         self.bandwidth = float(np.median(seen)) if len(seen) else 1.0
         self.asked = Asked(self.goals, _DECAY * self.bandwidth, budgets=budgets(net, goals))
+        self.gains = frozenset(k for k, g in enumerate(goals) if g.kind in (HINF, MARGIN))
         self.has_states = any(controller.states for controller in net.controllers)
 
-    def problem(self, keep: float, price: float, unit: float, flat: float = 1.0) -> Problem:
+    def problem(self, keep: float, price: float, unit: float) -> Problem:
         """The goals, at scaled values."""
 
-        def at(scaled: Array) -> Look:
-            return self._scaled(self.look(scaled * self.scale, keep, flat))
+        def at(scaled: Array, held: Sequence[Place] = ()) -> Look:
+            return self._scaled(self.look(scaled * self.scale, keep, held))
 
-        return Problem(at, self.low / self.scale, self.high / self.scale, self._is_hard, price, unit)
+        def slopes(scaled: Array, held: Sequence[Place]) -> Array | None:
+            found = slopes_at(self.family, self.goals, scaled * self.scale, held)
+            units = np.array([1.0 if self._is_hard(goal) else unit for goal, _, _ in held])
+            return None if found is None else found * self.scale / units[:, None]
 
-    def look(self, x: Array, keep: float | None, flat: float = 1.0) -> Look:
+        low, high = self.low / self.scale, self.high / self.scale
+        return Problem(at, low, high, self._is_hard, price, unit, slopes, self.gains)
+
+    def look(self, x: Array, keep: float | None, held: Sequence[Place] = ()) -> Look:
         """The goals at values."""
         with self._in_doubles(x):
-            return look(self.family, self.asked._replace(flat=flat), x, keep)
+            return look(self.family, self.asked, x, keep, held)
 
     @contextmanager
     def _in_doubles(self, x: Array) -> Iterator[None]:
@@ -119,7 +125,7 @@ class Tuner:
         """Values near x with which all loops are stable, and the largest real part of a pole there."""
         near, self.scale = _NEAR * self.bandwidth, self.first_scale
 
-        def at(scaled: Array) -> Look:
+        def at(scaled: Array, held: Sequence[Place] = ()) -> Look:
             return self._scaled(abscissas(self.family, scaled * self.scale, near))
 
         problem = Problem(
@@ -129,7 +135,7 @@ class Tuner:
         if found.merit >= 0.0:  # multiple poles, such as without any gain, have no slopes
             beside = x / self.scale + _BESIDE * np.random.default_rng(0).standard_normal(len(x))
             beside = np.clip(beside, problem.low, problem.high)
-            again = sqp(problem, beside, _STABLE_STEPS, 1e-6, -_STABLE)
+            again = bfgs(problem, beside, _STABLE_STEPS, 1e-6, -_STABLE)
             found = min(found, again, key=lambda descended: descended.merit)
         return found.x * self.scale, found.merit * self.bandwidth
 
@@ -138,14 +144,7 @@ class Tuner:
         return Tuned(x, self.look(x, 1.0))
 
     def descended(
-        self,
-        x: Array,
-        plan: Plan,
-        steps: int,
-        *,
-        is_first: bool = False,
-        tolerance: float = _TOLERANCE,
-        flat: float = 1.0,
+        self, x: Array, plan: Plan, steps: int, *, is_first: bool = False, tolerance: float = _TOLERANCE
     ) -> Tuned:
         """The goals made small from stable values: rounds of descents, with scales of the size of values.
 
@@ -155,9 +154,9 @@ class Tuner:
         best = self.at(x)
         for k, (engine, keep) in enumerate(plan):
             unit = best.look.soft if 0.0 < best.look.soft < np.inf else 1.0
-            start = self._scaled_for(best, keep, unit, flat, is_first=is_first and not k)
+            start = self._scaled_for(best, keep, unit, is_first=is_first and not k)
             for price in _PRICES:
-                problem = self.problem(keep, price, unit, flat)
+                problem = self.problem(keep, price, unit)
                 x = engine(problem, start / self.scale, steps, tolerance).x * self.scale
                 best = min(best, self.at(x), key=Tuned.rank)
                 start = best.x
@@ -165,7 +164,7 @@ class Tuner:
                     break
         return best
 
-    def _scaled_for(self, best: Tuned, keep: float, unit: float, flat: float, *, is_first: bool) -> Array:
+    def _scaled_for(self, best: Tuned, keep: float, unit: float, *, is_first: bool) -> Array:
         """Values of the same loops, from which a descent is easy; the scale is theirs."""
         self.scale = self.first_scale
         if not self.has_states:
@@ -176,9 +175,9 @@ class Tuner:
         for controller in self.net.controllers:
             own = [names.index(value.name) for value in controller.free]
             x[own] = in_modes(controller, x[own])
-        seen = self.look(x, keep, flat)
+        seen = self.look(x, keep)
         if not seen.is_stable:
-            x, seen = best.x, self.look(best.x, keep, flat)
+            x, seen = best.x, self.look(best.x, keep)
         slopes = [np.abs(p.slope) / (1.0 if self._is_hard(p.goal) else unit) for p in seen.pieces]
         largest = np.max(slopes, axis=0, initial=0.0) * self.first_scale
         self.scale = self.first_scale / np.maximum(1.0, largest)
@@ -188,8 +187,7 @@ class Tuner:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         idle = 0
         for k in range(_ROUNDS):
-            plan = [(sqp, _KEEPS[k % len(_KEEPS)])]
-            new = self.descended(best.x, plan, _STEPS, flat=_FLAT if k % 2 else 1.0)
+            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
             gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
@@ -304,12 +302,17 @@ class Tuner:
 
 
 def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
-    """Where searches begin: the initial values, then random ones of their scales, in their ranges."""
+    """Where searches begin: the initial values, then random ones in their ranges.
+
+    Their sizes are those of the scales, up to a factor of ten either way for each value: scales are
+    guesses, and other minima often lie where some values are much larger than others.
+    """
     random = np.random.default_rng(seed)
     initial = np.array([value.initial for value in tuner.net.free])
     yield initial
     for _ in range(starts - 1):
-        x = initial + tuner.first_scale * random.standard_normal(len(initial))
+        sizes = tuner.first_scale * 10.0 ** random.uniform(-1.0, 1.0, len(initial))
+        x = initial + sizes * random.standard_normal(len(initial))
         yield np.clip(x, tuner.low, tuner.high)
 
 
@@ -329,7 +332,7 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
                 say(f"start {count + 1} of {starts}, not stable: real part {real:.3g}")
                 continue
             plans = _PLANS if not count else (_PLANS[count % 2],)
-            found += [tuner.descended(x, plan, _STEPS, is_first=True) for plan in plans]
+            found += [tuner.descended(x, p, _STEPS, is_first=True, tolerance=_ROUGH) for p in plans]
             best = min(found, key=Tuned.rank)
             say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
             if best.rank() <= (0.0, enough):

@@ -43,6 +43,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "contacts": (3,),
     "motions": (0,),
     "empty": (7, 14, 31),
+    "tunings": (20,),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

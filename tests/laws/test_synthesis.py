@@ -26,11 +26,13 @@ from mbdlft.synthesis import (
     tune,
 )
 from mbdlft.synthesis.box import _begun_at, _on_the_way
-from mbdlft.synthesis.evaluation import Asked, _largest, look
+from mbdlft.synthesis.descent import _pieces, _second_differences
+from mbdlft.synthesis.evaluation import Asked, Look, Piece, _largest, look, slopes_at
 from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
 from mbdlft.synthesis.pieces import in_modes
-from mbdlft.synthesis.tuning import Tuner
+from mbdlft.synthesis.tuning import Tuner, begun
 from mbdlft.system import state_space
+from tests.attack.tunings import task
 from tests.close import CLOSED_FORM, CROSS, FITTED, target
 
 RANGES = [
@@ -173,18 +175,42 @@ def test_slopes_are_those_of_differences(name: str) -> None:
             assert abs(difference - piece.slope[k]) * abs(size) < 1e-4 * scale, piece
 
 
-def test_flat_places_are_pieces_with_the_gain_there() -> None:
-    """At most eight places of the grid at a point where a gain is half of the largest."""
-    _, loops, asked, _ = case(CONTROLLERS["pid"][0], GOALS[0], points=1)
-    x = np.array(CONTROLLERS["pid"][1])
-    few, many = (look(loops, asked._replace(flat=flat), x, 0.0).pieces for flat in (1.0, 0.5))
-    others = [piece for piece in many if piece.frequency not in [p.frequency for p in few]]
-    assert 1 < len(others) <= 8
-    A, B, C, D = (matrix[0] for matrix in loops.closed(x)[:4])
-    for piece in others:
-        assert 0.5 * max(p.value for p in few) <= piece.value <= max(p.value for p in few)
-        response = C @ np.linalg.solve(1j * piece.frequency * np.eye(len(A)) - A, B) + D
+def test_gains_at_places_that_are_held_are_pieces() -> None:
+    _, loops, asked, _ = case(CONTROLLERS["pid"][0], GOALS[0], points=2)
+    x, held = np.array(CONTROLLERS["pid"][1]), [(0, 1, 0.3), (0, 0, 7.0), (0, 1, np.inf)]
+    pieces = look(loops, asked, x, 0.0, held).pieces
+    slopes = slopes_at(loops, asked.goals, x, held)
+    for (goal, point, omega), slope in zip(held, slopes, strict=True):
+        piece, *_ = (p for p in pieces if p[:3] == (goal, point, omega))
+        A, B, C, D = (matrix[point] for matrix in loops.closed(x)[:4])
+        response = D if np.isinf(omega) else C @ np.linalg.solve(1j * omega * np.eye(len(A)) - A, B) + D
         target(piece.value, np.linalg.norm(response, 2) / GOALS[0].limit, CROSS)
+        target(slope, piece.slope, CROSS)
+
+
+def test_a_flat_gain_has_the_curvature_of_its_values() -> None:
+    """H is x'(d2 gain)x at a fixed frequency; eigenvalues below zero are turned over."""
+    net, _, _, _ = case(CONTROLLERS["pid"][0], GOALS[0])
+    tuner, x = Tuner(net, GOALS[:1], np.zeros((1, 3))), np.array(CONTROLLERS["pid"][1])
+    tuner.scale = np.abs(x)
+    problem, place, step = tuner.problem(0.9, 1.0, 2.0), (0, 0, 1.5), 1e-3
+    one = _pieces(problem, Look(0.0, 0.0, (Piece(*place, 0.0, 0.0 * x),), -1.0))
+    H = _second_differences(problem, x / tuner.scale, one, np.array([0.6]), np.eye(len(x)))
+
+    def slope(d: np.ndarray) -> np.ndarray:
+        return np.asarray(0.3 * slopes_at(tuner.family, tuner.goals, x + d * x, [place])[0] * x)
+
+    moves = step * np.eye(len(x))
+    values, vectors = np.linalg.eigh([(slope(d) - slope(-d)) / (2.0 * step) for d in moves])
+    target(H, vectors * np.maximum(np.abs(values), 1e-6) @ vectors.T, FITTED)
+
+
+def test_loops_are_made_stable_beyond_poles_that_meet() -> None:
+    """SQP ends there, from each of these starts."""
+    systems, goals, wired, *_ = task(7)
+    tuner = Tuner(network(systems, wired, goals), goals, np.zeros((1, 2)))
+    starts = [*begun(tuner, 4, 0)]
+    assert [tuner.stabilized(start)[1] < 0.0 for start in starts].count(True) >= 2
 
 
 @pytest.mark.parametrize("shape", [(1, 3), (2, 3), (4, 2), (3, 4)])
