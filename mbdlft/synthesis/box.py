@@ -7,7 +7,7 @@ exact slopes. It proves nothing: at the end each goal is bounded for all values 
 `worst_case_gain` and `worst_case`, and `verify` checks what is stored.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,7 +30,7 @@ from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, network
 from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
-from mbdlft.synthesis.tuning import Tuned, Tuner, check_stabilizable, taken_on, tuned
+from mbdlft.synthesis.tuning import Tuned, Tuner, begun_again, check_stabilizable, taken_on, tuned
 from mbdlft.system.model import System
 
 _ROUNDS, _GROWING_ROUNDS = 40, 6  # of the worst-case loop; of a part of the box
@@ -38,6 +38,7 @@ _MOST_LOST = 12  # rounds in a row that leave a point of the box without stabili
 _MOST_POINTS = 45  # beyond which the idle ones leave
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
+_COSTLY = 1.1  # times what is tuned at nominal: where the box has more, searches begin anew
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
 _FIRST_CORNERS = 4  # of a part of the box
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
@@ -224,7 +225,8 @@ def tune(
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
         best = tuned(first, starts, seed, say, enough)
         with suppress(KeyboardInterrupt):  # the best that is known is proved
-            best, points = _at_worst_points(net, sought, best, points, (starts, seed), say)
+            for later in _at_worst_points(net, sought, best, points, (starts, seed), say):
+                best, points = later
         return as_tuning(net, goals, best.x, points, least, (prove, gap, work), say)
 
 
@@ -266,32 +268,56 @@ def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
 
 def _at_worst_points(
     net: Network, goals: Sequence[Goal], best: Tuned, points: Array, how: tuple[int, int], say: Progress
-) -> tuple[Tuned, Array]:
+) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more and more of the worst points of the box, and these points.
 
     Where the loop is far from what is tuned, the box grows from its middle, first along the parameters
-    that are scheduled. Each part of it begins at some of its corners.
+    that are scheduled. Each part of it begins at some of its corners. Where the box costs much beside
+    nominal, searches begin anew at the points that were found: other minima may cost less.
     """
-    starts, seed = how
+    (starts, seed), nominal = how, best.look.soft
     for ends in _growing(net, goals, best):
         if not np.all(ends == 1.0):
             points = np.vstack([points, _corners(net, ends, seed)])
             best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
-        safe, lost = (np.inf, best), 0
-        for count in range(_ROUNDS if np.all(ends == 1.0) else _GROWING_ROUNDS):
-            new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
-            lost = lost + 1 if worst == np.inf else 0
-            safe = min(safe, (worst, best), key=lambda pair: pair[0])
-            say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
-            if not len(new) or lost > _MOST_LOST:
-                break
-            if len(points) > _MOST_POINTS:
-                points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
-            points = np.vstack([points, new])
-            best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
-        else:
-            best = safe[1]
-    return best, points
+        for later in _until_none_is_worse(net, goals, best, points, (ends, seed, starts), say):
+            best, points = later
+            yield later
+    if _COSTLY * nominal < best.look.soft < np.inf and starts > 1:
+        other = begun_again(Tuner(net, goals, points), starts, seed)
+        if other is not None and other.rank() < best.rank():
+            say(f"{len(points)} points, other starts, {_said(other.look)}")
+            where = np.ones(points.shape[1]), seed, starts
+            *_, (other, more) = _until_none_is_worse(net, goals, other, points, where, say)
+            if other.rank() < best.rank():
+                yield other, more
+
+
+def _until_none_is_worse(
+    net: Network,
+    goals: Sequence[Goal],
+    best: Tuned,
+    points: Array,
+    where: tuple[Array, int, int],
+    say: Progress,
+) -> Iterator[tuple[Tuned, Array]]:
+    """Values tuned at more points of a part of the box, until no worse one is found."""
+    ends, seed, starts = where
+    safe, lost = (np.inf, best), 0
+    for count in range(_ROUNDS if np.all(ends == 1.0) else _GROWING_ROUNDS):
+        new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
+        lost = lost + 1 if worst == np.inf else 0
+        safe = min(safe, (worst, best), key=lambda pair: pair[0])
+        say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
+        if not len(new) or lost > _MOST_LOST:
+            yield best, points
+            return
+        if len(points) > _MOST_POINTS:
+            points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
+        points = np.vstack([points, new])
+        best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+        yield best, points
+    yield safe[1], points
 
 
 def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:

@@ -131,8 +131,7 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
             if share > _ACCEPTED:
                 break
             radius = max(_REFUSED * min(radius, float(np.max(np.abs(d)))), 1e-12)
-            if problem.slopes is not None:
-                H = _second_differences(problem, x, pieces, multipliers, H)
+            H = _second_differences(problem, x, pieces, multipliers, H)
             if count and len(more := _joined(held, _risen(problem, there))) > len(held):
                 held, radius = more, radius * _RISING / _REFUSED
                 pieces = _pieces(problem, problem.evaluate(x, held))
@@ -221,11 +220,12 @@ def _second_differences(
     """
     places = _active(problem, pieces, multipliers)
     weights = np.array(list(places.values()))
-    assert problem.slopes is not None
+    if problem.slopes is None or not places:
+        return H
     slopes = [
         problem.slopes(x + _DIFFERENCE * e, list(places)) for e in np.vstack([0.0 * x, np.eye(len(x))])
     ]
-    if not places or any(s is None for s in slopes):
+    if any(s is None for s in slopes):
         return H
     first, *others = (weights @ s for s in slopes)
     second = (np.array(others) - first) / _DIFFERENCE

@@ -374,3 +374,13 @@ def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:
     if real >= 0.0:
         return tuned(tuner, starts, seed, lambda text: None)
     return tuner.descended(stable, _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
+
+
+def begun_again(tuner: Tuner, starts: int, seed: int) -> Tuned | None:
+    """The best from all starts but the first; None if no loop became stable."""
+    found = list[Tuned]()
+    for start in [*begun(tuner, starts, seed)][1:]:
+        x, real = tuner.stabilized(start)
+        if real < 0.0:
+            found.append(tuner.descended(x, _PLANS[0], _STEPS, is_first=True, tolerance=_ROUGH))
+    return tuner.polished(min(found, key=Tuned.rank)) if found else None

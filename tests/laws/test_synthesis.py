@@ -315,6 +315,19 @@ def test_margins_in_decibels_and_degrees() -> None:
         target([margin_goal("plant.f", **given).limit], [1.0 / alpha], CLOSED_FORM)
 
 
+def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
+    said = []
+
+    def interrupted(text: str) -> None:
+        said.append(text)
+        if text.startswith("2 points"):
+            raise KeyboardInterrupt
+
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False, progress=interrupted)
+    assert len(made.points) == 2, said
+
+
 def test_a_hard_goal_stops_the_others() -> None:
     """Of u = -k y, y/w = 1/(s + 1 + k), and |u/w| = k/(1 + k) is at most a half: k = 1."""
     names = {"inputs": ["w", "u"], "outputs": ["y"], "name": "P"}
