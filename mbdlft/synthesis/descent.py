@@ -8,8 +8,8 @@ within the ranges of the values; H is a Powell-damped BFGS matrix of the Lagrang
 matched from step to step by goal, point and frequency (Fletcher, Practical Methods of Optimization, 1987,
 chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces).
 
-Where a step is refused, H is made anew, of differences of slopes at fixed frequencies. The places where
-gains are largest after this step are *held*: gains there are pieces from now on, as in exchange methods
+Where steps are refused, H is made anew, of differences of slopes at fixed frequencies. The places where
+gains are largest after these steps are *held*: gains there are pieces from now on, as in exchange methods
 for semi-infinite programs (Hettich, Kortanek, SIAM Review 35, 1993). At many optima a gain is flat over
 frequency: without them, new peaks rise between those that are pieces.
 
@@ -40,6 +40,7 @@ _FIRST_SIZE = 1e-2  # of H before anything is known of it
 _ACTIVE = 1e-6  # multipliers of pieces that count
 _DIFFERENCE, _LEAST_CURVED = 1e-7, 1e-6  # of scaled values; the smallest eigenvalue of H
 _HELD, _RISEN = 60, 0.98  # places at most; part of the largest gain from which on they are held
+_PATIENCE = 4  # many values have few pieces: what BFGS has learnt is worth more than second differences
 _BESIDE = 0.01  # logarithm of the ratio of frequencies of places that are one
 _REFUSED, _RISING = 0.3, 0.5  # what a step that is refused leaves of the radius; where places are added
 
@@ -105,8 +106,18 @@ def _pieces(problem: Problem, look: Look) -> _Pieces:
     )
 
 
-def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
-    """Trust-region SQP from a stable start; it ends below a merit `goal`."""
+def sqp(
+    problem: Problem,
+    x: Array,
+    steps: int,
+    tolerance: float,
+    goal: float = -np.inf,
+    patience: int = _PATIENCE,
+) -> Descended:
+    """Trust-region SQP from a stable start; it ends below a merit `goal`.
+
+    So many steps are refused with the BFGS matrix before it is made anew.
+    """
     H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0, list[Place]()
     here = problem.evaluate(x)
     merit, evaluations, is_first = problem.merit(here), 1, True
@@ -131,8 +142,9 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
             if share > _ACCEPTED:
                 break
             radius = max(_REFUSED * min(radius, float(np.max(np.abs(d)))), 1e-12)
-            H = _second_differences(problem, x, pieces, multipliers, H)
-            if count and len(more := _joined(held, _risen(problem, there))) > len(held):
+            if count >= patience:
+                H = _second_differences(problem, x, pieces, multipliers, H)
+            if count > patience and len(more := _joined(held, _risen(problem, there))) > len(held):
                 held, radius = more, radius * _RISING / _REFUSED
                 pieces = _pieces(problem, problem.evaluate(x, held))
             there = None

@@ -8,6 +8,7 @@ that of its value, changed where its slopes are small or large beside those of o
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +47,7 @@ Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
+_POLISH: Engine = partial(sqp, patience=0)
 _TAKEN_ON: Plan = [(sqp, 0.8), (sqp, 0.7)]  # of values that come from fewer points
 Told = Callable[[str], None]
 
@@ -187,7 +189,7 @@ class Tuner:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         idle = 0
         for k in range(_ROUNDS):
-            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
+            new = self.descended(best.x, [(_POLISH, _KEEPS[k % len(_KEEPS)])], _STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
             gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
