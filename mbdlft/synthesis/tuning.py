@@ -20,7 +20,6 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
-from mbdlft.robust.bisect.characteristic import is_hurwitz
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
@@ -199,11 +198,6 @@ class Tuner:
                 break
         return best
 
-    def is_hurwitz(self, x: Array) -> bool:
-        """Whether the loop at the first point is stable in exact arithmetic: no pole is at zero."""
-        closed = self.family.closed(x)
-        return closed is not None and is_hurwitz(closed.A[0])
-
     def check_fixed(self) -> None:
         """An AnalysisError names a pole on the right, or zero, at the first point that nothing moves."""
         if len(poles := fixed_poles(self.family, self.first_scale)):
@@ -329,7 +323,7 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
     try:
         for count, start in enumerate(begun(tuner, starts, seed)):
             x, real = tuner.stabilized(start)
-            if real >= 0.0 or not tuner.is_hurwitz(x):
+            if real >= 0.0:
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
                 say(f"start {count + 1} of {starts}, not stable: real part {real:.3g}")
                 continue

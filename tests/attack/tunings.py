@@ -86,6 +86,6 @@ def compared(seed: int, starts: int) -> tuple[str, float]:
     others = rivals(loop(plant, of.states, some), of, random, starts)[:3]
     best = min((everywhere.largest_gain(other) for _, other in others), default=np.inf)
     assert worst <= ABOVE * best, (worst, best)
-    if proved is None:
-        return "refused", 1.0
+    if not np.isfinite(worst):
+        return "refused" if proved is None else "unstable", 1.0
     return ("proved" if np.isfinite(proved) else "open"), worst / best
