@@ -130,11 +130,11 @@ class Loop(NamedTuple):
         """The largest real part of all poles at all points."""
         return float(np.max(np.linalg.eigvals(self.closed(K)[:, : self.states, : self.states]).real))
 
-    def largest_gain(self, K: Array) -> float:
+    def largest_gain(self, K: Array, grid: int = GRID) -> float:
         """Of all points and frequencies; infinite where a loop is not stable."""
-        return float(np.max(self.gains(K)[0])) if self.abscissa(K) < 0.0 else np.inf
+        return float(np.max(self.gains(K, grid)[0])) if self.abscissa(K) < 0.0 else np.inf
 
-    def gains(self, K: Array) -> tuple[Array, Array]:
+    def gains(self, K: Array, grid: int = GRID) -> tuple[Array, Array]:
         """The largest gain (m,) over frequency, and where; of loops that are stable."""
         T, n = self.closed(K), self.states
         poles, V = np.linalg.eig(T[:, :n, :n])
@@ -147,7 +147,7 @@ class Loop(NamedTuple):
             return np.asarray(np.sqrt(np.linalg.eigvalsh(squares)[..., -1]))
 
         sizes = np.abs(poles)
-        even = np.geomspace(1e-2 * np.min(sizes), 1e2 * np.max(sizes), GRID)
+        even = np.geomspace(1e-2 * np.min(sizes), 1e2 * np.max(sizes), grid)
         of_poles = [np.abs(poles.imag), sizes, np.abs(poles.imag) + np.abs(poles.real)]
         every = np.hstack([np.zeros((len(T), 1)), np.tile(even, (len(T), 1)), *of_poles])
         line, omega = np.arange(len(T)), np.sort(every, axis=1)
