@@ -65,12 +65,6 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     return sorted(reduced, key=lambda candidate: candidate.lft.order)
 
 
-def further_candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
-    """Candidates of more forms; those that cannot be solved, of their own making, are left out."""
-    found = [restricted(problem, form) for form in forms]
-    return [candidate for candidate in found if candidate is not None]
-
-
 def reduced_relations(relations: LinearModel) -> LFT:
     """Relations solved for all of their unknown signals, reduced and rounded."""
 

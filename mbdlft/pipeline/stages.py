@@ -33,7 +33,6 @@ from mbdlft.pipeline.forms import (
     Candidate,
     candidates,
     closing,
-    further_candidates,
     near_relations,
     reduced_relations,
     restricted,
@@ -65,7 +64,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     order_bound = sum(degrees.values())
     if order_bound < reduced[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
-            more = [c for c in further_candidates(problem, forms) if not _is_singular(c, prove)]
+            found = (restricted(problem, form) for form in forms)
+            more = [c for c in found if c is not None and not _is_singular(c, prove)]
             reduced = sorted([*reduced, *more], key=lambda candidate: candidate.lft.order)
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)

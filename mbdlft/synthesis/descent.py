@@ -61,11 +61,7 @@ class Problem(NamedTuple):
     price: float  # c
     unit: float = 1.0  # of soft values
     slopes: Callable[[Array, Sequence[Place]], Array | None] | None = None  # of gains at places
-    gains: frozenset[int] = frozenset()  # goals that are some
-
-    def is_gain(self, goal: int) -> bool:
-        """Whether pieces of a goal are gains at frequencies."""
-        return goal in self.gains
+    gains: frozenset[int] = frozenset()  # goals whose pieces are gains at frequencies
 
     def merit(self, look: Look) -> float:
         """t + c e."""
@@ -76,11 +72,10 @@ class Problem(NamedTuple):
 
 
 class Descended(NamedTuple):
-    """Where a descent ended, and the evaluations that it took."""
+    """Where a descent ended."""
 
     x: Array
     merit: float
-    evaluations: int
 
 
 class _Pieces(NamedTuple):
@@ -120,11 +115,11 @@ def sqp(
     """
     H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0, list[Place]()
     here = problem.evaluate(x)
-    merit, evaluations, is_first = problem.merit(here), 1, True
+    merit, is_first = problem.merit(here), True
     if not np.isfinite(merit):
-        return Descended(x, np.inf, 1)
+        return Descended(x, np.inf)
+    pieces = _pieces(problem, here)
     for _ in range(steps):
-        pieces = _pieces(problem, here)
         if not pieces.keys:  # nothing is moved
             break
         there, least = None, tolerance * max(1e-3, abs(merit))
@@ -136,7 +131,6 @@ def sqp(
             if held:
                 held = _joined(held, _active(problem, pieces, multipliers))
             there = problem.evaluate(x + d, held)
-            evaluations += 1
             new = problem.merit(there)
             share = (merit - new) / (merit - predicted) if np.isfinite(new) else -1.0
             if share > _ACCEPTED:
@@ -150,17 +144,18 @@ def sqp(
             there = None
         if there is None:
             break
-        H = _curved(H, pieces, _pieces(problem, there), multipliers, d, is_first=is_first)
+        before, pieces = pieces, _pieces(problem, there)
+        H = _curved(H, before, pieces, multipliers, d, is_first=is_first)
         is_first = False
         if share > _GOOD and np.max(np.abs(d)) > 0.9 * radius:
             radius = min(2.5 * radius, _LARGEST)
         elif share < _POOR:
             radius *= 0.5
         slow = slow + 1 if merit - new < _SMALL * least else 0
-        x, here, merit = x + d, there, new
+        x, merit = x + d, new
         if merit <= goal or slow >= _SLOW:
             break
-    return Descended(x, merit, evaluations)
+    return Descended(x, merit)
 
 
 def _step(
@@ -199,7 +194,7 @@ def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place
     places = dict[Place, float]()
     for i in np.flatnonzero(multipliers > _ACTIVE):
         goal, point = pieces.keys[i]
-        if problem.is_gain(goal):
+        if goal in problem.gains:
             place = (goal, point, float(pieces.frequencies[i]))
             places[place] = places.get(place, 0.0) + float(multipliers[i])
     return places
@@ -207,20 +202,24 @@ def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place
 
 def _risen(problem: Problem, look: Look) -> list[Place]:
     """Places where gains are nearly the largest."""
-    gains = [p for p in look.pieces if problem.is_gain(p.goal)]
+    gains = [p for p in look.pieces if p.goal in problem.gains]
     largest = max((p.value for p in gains), default=0.0)
-    return [(p.goal, p.point, p.frequency) for p in gains if p.value >= _RISEN * largest]
+    return [p[:3] for p in gains if p.value >= _RISEN * largest]
 
 
 def _joined(held: Sequence[Place], more: Iterable[Place]) -> list[Place]:
     """Places with more of them; the oldest leave."""
     places = list(held)
     for goal, point, frequency in more:
-        size = log(min(max(frequency, 1e-9), 1e9))
         known = (f for k, i, f in places if (k, i) == (goal, point))
-        if all(abs(log(min(max(f, 1e-9), 1e9)) - size) > _BESIDE for f in known):
+        if all(_apart(f, frequency) > _BESIDE for f in known):
             places.append((goal, point, frequency))
     return places[-_HELD:]
+
+
+def _apart(one: float, other: float) -> float:
+    """|log| of the ratio of two frequencies; what is outside of 1e-9 to 1e9 rad/s counts as these."""
+    return abs(log(min(max(one, 1e-9), 1e9) / min(max(other, 1e-9), 1e9)))
 
 
 def _second_differences(
@@ -253,9 +252,9 @@ def _curved(
     by_key: dict[tuple[int, int], list[int]] = {}
     for k, key in enumerate(new.keys):
         by_key.setdefault(key, []).append(k)
-    finite = [np.clip(p.frequencies, 1e-9, 1e9) for p in (old, new)]
-    for i in np.flatnonzero(multipliers > 1e-6):
-        distances = [(abs(np.log(finite[1][j] / finite[0][i])), j) for j in by_key.get(old.keys[i], ())]
+    for i in np.flatnonzero(multipliers > _ACTIVE):
+        alike = by_key.get(old.keys[i], ())
+        distances = [(_apart(new.frequencies[j], old.frequencies[i]), j) for j in alike]
         if distances and min(distances)[0] < _ALIKE:
             y += multipliers[i] * (new.slopes[min(distances)[1]] - old.slopes[i])
             matched += multipliers[i]
@@ -292,7 +291,7 @@ def bfgs(problem: Problem, x: Array, steps: int, tolerance: float, goal: float =
         return merit, np.where(x == inside, slope, 0.0)
 
     merit, slope = at(x)
-    inverse, evaluations = np.eye(len(x)), 1
+    inverse = np.eye(len(x))
     for step in range(steps if np.isfinite(merit) else 0):
         d = -inverse @ slope
         if not slope @ d < 0.0:
@@ -304,7 +303,6 @@ def bfgs(problem: Problem, x: Array, steps: int, tolerance: float, goal: float =
                 * min(1.0, 0.05 * float(np.linalg.norm(x)) + 1e-3)
             )
         line = _weak_wolfe(at, x, merit, float(slope @ d), d)
-        evaluations += line.evaluations
         if not line.merit < merit:
             break
         s, y = line.length * d, line.slope - slope
@@ -317,14 +315,13 @@ def bfgs(problem: Problem, x: Array, steps: int, tolerance: float, goal: float =
         gain, x, merit, slope = merit - line.merit, x + s, line.merit, line.slope
         if merit <= goal or (gain < tolerance * abs(merit) and step > 20):
             break
-    return Descended(np.clip(x, problem.low, problem.high), merit, evaluations)
+    return Descended(np.clip(x, problem.low, problem.high), merit)
 
 
 class _Line(NamedTuple):
     length: float
     merit: float
     slope: Array
-    evaluations: int
 
 
 def _weak_wolfe(
@@ -332,17 +329,17 @@ def _weak_wolfe(
 ) -> _Line:
     """A step along d that descends enough, and at whose end the descent is less steep, by bisection."""
     low, high, length = 0.0, np.inf, 1.0
-    best = _Line(0.0, merit, np.zeros(len(x)), 0)
-    for count in range(1, 41):
+    best = _Line(0.0, merit, np.zeros(len(x)))
+    for _ in range(40):
         value, slope = at(x + length * d)
         if not value <= merit + _ARMIJO * length * rate:
             high = length
         else:
-            best = _Line(length, value, slope, count)
+            best = _Line(length, value, slope)
             if slope @ d >= _WOLFE * rate:
                 return best
             low = length
         length = 0.5 * (low + high) if np.isfinite(high) else 2.0 * low
         if high - low < 1e-14:
             break
-    return best._replace(evaluations=count)
+    return best

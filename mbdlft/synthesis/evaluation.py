@@ -114,7 +114,7 @@ def _poles(family: Family, closed: Closed) -> _Poles:
 
 
 def abscissas(family: Family, x: Array, near: float) -> Look:
-    """The largest real part of the poles, with those not far left of it as pieces."""
+    """The largest real part of the poles, with those not far left of it as pieces of one goal, 0."""
     closed = family.closed(x)
     if closed is None:
         return UNSTABLE
