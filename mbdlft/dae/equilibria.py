@@ -13,16 +13,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.errors import SceneError, TrimError, check_known
-from mbdlft.dae.balance import (
-    POINTS,
-    SAME,
-    Balance,
-    Fitted,
-    at_points,
-    fitted,
-    no_solution,
-    solved_exactly,
-)
+from mbdlft.dae import balance
 from mbdlft.dae.index import independent
 from mbdlft.dae.kinks import near_points
 from mbdlft.dae.newton import Found, System, divided, solve, values_of
@@ -133,27 +124,29 @@ def start_point(
     return replace(_solved(s, _initial(s, fixed), fixed, fit), at_rest=False)
 
 
-def _solved(s: Structure, posed: Balance, fixed: Mapping[str, float | str], fit: float | None) -> DaeTrim:
+def _solved(
+    s: Structure, posed: balance.Balance, fixed: Mapping[str, float | str], fit: float | None
+) -> DaeTrim:
     """What solves a balance, parameters left in, and what is held."""
     problem = _square(s, posed, fixed)
-    points = at_points(s, problem, fixed)
+    points = balance.at_points(s, problem, fixed)
     problem = problem._replace(residual=near_points(s, problem.residual, problem.quantities, points))
     unsolved: list[tuple[int, int]] | None = None if fit is None else []
-    values: dict[str, ca.SX] = solved_exactly(s, problem, points, unsolved)
+    values: dict[str, ca.SX] = balance.solved_exactly(s, problem, points, unsolved)
     open_ = {problem.quantities[j].name for _, j in unsolved or ()}
     for q in s.quantities:
         if q.name not in values and q.name not in open_:
             rate = posed.rates.get(q.name, ca.SX(0))
             values[q.name] = rate if q.order else _given_value(s, q, fixed)
-    fits = Fitted({}, {}, 0.0)
+    fits = balance.Fitted({}, {}, 0.0)
     if fit is not None:
-        fits = fitted(s, problem, unsolved or [], points[0], values, fit)
+        fits = balance.fitted(s, problem, unsolved or [], points[0], values, fit)
         values |= fits.values
     p = parameter_points(s.dae, 1)[0]
     numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
     missed = System(s.residual, s.symbols, s.dae.p).residual(numbers, p)
     if not np.all(np.isfinite(missed)):  # such as log(x) at zero, where any number is near a solution
-        raise no_solution(s, posed, Found(numbers, np.abs(missed)), fixed)
+        raise balance.no_solution(s, posed, Found(numbers, np.abs(missed)), fixed)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
@@ -197,10 +190,10 @@ def _check_moving(s: Structure, moving: Sequence[str], values: Mapping[str, ca.S
     size = np.max(np.abs(values_of(rates, s.dae.p, parameter_points(s.dae, 1)[0])), initial=1.0)
     function = ca.Function("changes", [moving_symbols, s.dae.p], [ca.densify(remaining)])
     drawn = np.random.default_rng(0)
-    for p in parameter_points(s.dae, POINTS):
+    for p in parameter_points(s.dae, balance.POINTS):
         change = function(drawn.standard_normal(len(moving)), p).full()[:, 0]
         worst = int(np.argmax(np.abs(change))) if len(change) else 0
-        if len(change) and abs(change[worst]) > SAME * size:
+        if len(change) and abs(change[worst]) > balance.SAME * size:
             raise TrimError(
                 f"{s.owner}: {', '.join(moving)} cannot move in an equilibrium: equation "
                 f"{s.equations[worst][0]} changes."
@@ -219,7 +212,7 @@ def _given_value(s: Structure, q: Quantity, fixed: Mapping[str, float | str]) ->
 
 def _posed(
     s: Structure, fixed: Mapping[str, float | str], free: Sequence[str], moving: Sequence[str]
-) -> Balance:
+) -> balance.Balance:
     """Equations with rates of zero and what is given, and what is unknown in them."""
     posed = {*fixed, *(q.name for q in s.inputs if q.name not in free)}
     unknown, old, new = [], [], []
@@ -231,7 +224,7 @@ def _posed(
         old.append(q.symbol)
         new.append(ca.SX(0) if at_rest else _given_value(s, q, fixed))
     residual = ca.substitute(s.residual, column_of(old), column_of(new))
-    return Balance(residual, tuple(place for place, _ in s.equations), tuple(unknown))
+    return balance.Balance(residual, tuple(place for place, _ in s.equations), tuple(unknown))
 
 
 _NO_START = (
@@ -240,7 +233,7 @@ _NO_START = (
 )
 
 
-def _initial(s: Structure, fixed: Mapping[str, float | str]) -> Balance:
+def _initial(s: Structure, fixed: Mapping[str, float | str]) -> balance.Balance:
     """Equations with what is fixed and given, initial equations, and what is unknown in them."""
     known = {*fixed, *(q.name for q in s.inputs)}
     known |= {q.name for q in s.quantities if q.variable.fixed and not q.order}
@@ -255,10 +248,10 @@ def _initial(s: Structure, fixed: Mapping[str, float | str]) -> Balance:
     for name, rate in written_rates(s.dae).items():
         v = of_name[name]
         rates[rate] = ca.SX(literal(v.start or 0.0)) if v.start_of is None else v.start_of
-    return Balance(residual, places, unknown, _NO_START, rates)
+    return balance.Balance(residual, places, unknown, _NO_START, rates)
 
 
-def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> Balance:
+def _square(s: Structure, posed: balance.Balance, fixed: Mapping[str, float | str]) -> balance.Balance:
     """As many equations as unknowns: what is not determined is held, what holds anyway is left out."""
     residual, places, unknown, *_ = posed
     point = parameter_points(s.dae, 1)[0]
@@ -266,7 +259,7 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     system = System(residual, posed.z, s.dae.p)
     at = solve(system, start, point, sizes, partial(s.near_start, unknown))
     if not at.is_solution:
-        raise no_solution(s, posed, at, fixed)
+        raise balance.no_solution(s, posed, at, fixed)
     J = system.jacobian(at.values, point) * np.maximum(sizes, np.abs(at.values))
     J = divided(J, np.max(np.abs(J), axis=1, keepdims=True, initial=0.0))
     # states are held before other variables are
@@ -283,6 +276,6 @@ def _square(s: Structure, posed: Balance, fixed: Mapping[str, float | str]) -> B
     near = dict(zip((q.name for q in unknown), map(float, at.values), strict=True))
     posed = posed._replace(near=near)
     if len(kept) < len(places):  # the equations that are left out have to hold as well
-        at_points(s, posed._replace(residual=residual, quantities=chosen), fixed)
+        balance.at_points(s, posed._replace(residual=residual, quantities=chosen), fixed)
     left = tuple(places[i] for i in kept)
     return posed._replace(residual=rows_of(residual, kept), places=left, quantities=chosen)

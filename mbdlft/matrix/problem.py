@@ -15,16 +15,8 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.scene import Constant
+from mbdlft.multibody.scene import Constant, toml
 from mbdlft.multibody.scene.scene import check_constants, check_unique, check_value_names
-from mbdlft.multibody.scene.toml import (
-    check_keys,
-    read_constants,
-    read_file,
-    read_parameters,
-    read_table,
-    values_table,
-)
 
 
 @final
@@ -189,7 +181,7 @@ def load_matrix(path: str | Path) -> MatrixProblem:
     SceneError
         The file cannot be read or is not a matrix problem; the message names the file.
     """
-    return read_file(path, matrix_from_toml)
+    return toml.read_file(path, matrix_from_toml)
 
 
 def matrix_from_toml(text: str) -> MatrixProblem:
@@ -200,7 +192,7 @@ def matrix_from_toml(text: str) -> MatrixProblem:
     SceneError
         The text is not TOML (with the line), or not a matrix problem.
     """
-    return read_table(text, _problem)
+    return toml.read_table(text, _problem)
 
 
 def matrix_to_toml(problem: MatrixProblem) -> str:
@@ -212,13 +204,13 @@ def matrix_to_toml(problem: MatrixProblem) -> str:
         if getattr(problem, key):
             table[key] = list(getattr(problem, key))
     table["matrix"] = [list(row) for row in problem.matrix]
-    table |= values_table(problem.constants, problem.parameters)
+    table |= toml.values_table(problem.constants, problem.parameters)
     if problem.expressions:
         table["expressions"] = dict(problem.expressions)
     return tomli_w.dumps(table)
 
 
 def _problem(table: dict[str, Any]) -> MatrixProblem:
-    check_keys(table, FORMAT, ("format", *MatrixProblem.model_fields))
-    values = {"constants": read_constants(table), "parameters": read_parameters(table)}
+    toml.check_keys(table, FORMAT, ("format", *MatrixProblem.model_fields))
+    values = {"constants": toml.read_constants(table), "parameters": toml.read_parameters(table)}
     return MatrixProblem(**{key: table[key] for key in table if key != "format"} | values)

@@ -18,14 +18,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
-from mbdlft.response.modes import (
-    Names,
-    eigenvalues,
-    samples_at,
-    spectrum,
-    transfers_at,
-    without_integrators,
-)
+from mbdlft.response import modes
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
@@ -168,7 +161,7 @@ def frequency_response(
         raise AnalysisError(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )
-    matrices = samples_at(model, values)
+    matrices = modes.samples_at(model, values)
     matrices, accelerations = with_positions(matrices)
     count = len(matrices.A)
     frequencies = np.atleast_1d(frequencies)
@@ -251,7 +244,7 @@ def carried_from(system: System) -> dict[str, Carried]:
     their terms D and C (-A)^-1 B. Far below its modes a structure that is held has the acceleration
     s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
     """
-    whole = samples_at(system)
+    whole = modes.samples_at(system)
     places = with_positions(whole)[1]
     A, B, C, D = (matrix[0] for matrix in whole)
     try:
@@ -325,8 +318,8 @@ def response_frequencies(
     StructureError, WellPosednessError
         As `matrices_at`.
     """
-    A = samples_at(system, values).A
-    poles = eigenvalues(A, system.name)
+    A = modes.samples_at(system, values).A
+    poles = modes.eigenvalues(A, system.name)
     first, last = frequency_range(system, poles, low, high)
     if not isinstance(points, int | np.integer) or points < 2:
         raise AnalysisError(
@@ -344,7 +337,7 @@ def frequency_range(
     system: System, poles: NDArray[np.complex128], low: float | None, high: float | None
 ) -> tuple[float, float]:
     """Lowest and highest frequency, rad/s; those that are not given by the poles (N, nx)."""
-    sizes = np.abs(without_integrators(system, poles))
+    sizes = np.abs(modes.without_integrators(system, poles))
     first = float(np.min(sizes)) / _DECADE if low is None and len(sizes) else low
     last = float(np.max(sizes)) * _DECADE if high is None and len(sizes) else high
     if first is None:
@@ -368,8 +361,8 @@ def unbounded_frequencies(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,
     *,
-    outputs: Names = None,
-    inputs: Names = None,
+    outputs: modes.Names = None,
+    inputs: modes.Names = None,
 ) -> tuple[Array, ...]:
     """Frequencies at which a response is infinite: those of poles on the axis that the channels see.
 
@@ -388,10 +381,10 @@ def unbounded_frequencies(
     AnalysisError, StructureError, WellPosednessError
         As `zeros`.
     """
-    matrices = transfers_at(system, values, outputs, inputs, "responses")
+    matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
     frequencies = []
     for A, B, C, D in zip(*matrices, strict=True):
-        seen = spectrum(A)
+        seen = modes.spectrum(A)
         largest = float(np.max(np.abs(seen.poles), initial=0.0))
         sizes = np.unique(np.abs(seen.cleaned.imag[seen.on_axis]))
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)

@@ -12,15 +12,7 @@ import numpy as np
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import is_finite
-from mbdlft.response.modes import (
-    Names,
-    balancing,
-    chosen,
-    eigenvalues,
-    samples_at,
-    transfers_at,
-    without_integrators,
-)
+from mbdlft.response import modes
 from mbdlft.system.model import System
 
 _POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here
@@ -50,8 +42,8 @@ def step_response(
     values: Mapping[str, ArrayLike] | None = None,
     times: ArrayLike | None = None,
     *,
-    outputs: Names = None,
-    inputs: Names = None,
+    outputs: modes.Names = None,
+    inputs: modes.Names = None,
 ) -> TimeResponse:
     """Outputs after each input goes from 0 to 1 at t = 0: D + C times the integral of exp(A s) B.
 
@@ -75,7 +67,7 @@ def step_response(
     StructureError, WellPosednessError
         As `matrices_at`.
     """
-    A, B, C, D = transfers_at(system, values, outputs, inputs, "responses")
+    A, B, C, D = modes.transfers_at(system, values, outputs, inputs, "responses")
     t = _times(system, A, times)
     n, m = B.shape[1:]
     below = np.zeros((len(A), m, n + m))
@@ -89,15 +81,15 @@ def impulse_response(
     values: Mapping[str, ArrayLike] | None = None,
     times: ArrayLike | None = None,
     *,
-    outputs: Names = None,
-    inputs: Names = None,
+    outputs: modes.Names = None,
+    inputs: modes.Names = None,
 ) -> TimeResponse:
     """Outputs after an impulse of area 1 at each input: C exp(A t) B; that of D at t = 0 is left out.
 
     Parameters, returns and errors are those of `step_response`; `system`, `values`, `times`, `outputs`,
     `inputs`.
     """
-    A, B, C, _ = transfers_at(system, values, outputs, inputs, "responses")
+    A, B, C, _ = modes.transfers_at(system, values, outputs, inputs, "responses")
     t = _times(system, A, times)
     return TimeResponse(t, _moved(system, A, B, C, t))
 
@@ -108,7 +100,7 @@ def initial_response(
     values: Mapping[str, ArrayLike] | None = None,
     times: ArrayLike | None = None,
     *,
-    outputs: Names = None,
+    outputs: modes.Names = None,
 ) -> TimeResponse:
     """Outputs from an initial state without inputs: C exp(A t) x(0).
 
@@ -140,10 +132,10 @@ def initial_response(
                 f"model {system.name!r}: state {name}: expected a finite number, got {value!r}."
             )
         x[names.index(name)] = value
-    rows = chosen(system.name, "output", outputs, system.outputs, "responses")
-    A, _, C, _ = samples_at(system, values)
+    rows = modes.chosen(system.name, "output", outputs, system.outputs, "responses")
+    A, _, C, _ = modes.samples_at(system, values)
     t = _times(system, A, times)
-    start = np.broadcast_to((x / balancing(system.A))[:, None], (len(A), len(x), 1))
+    start = np.broadcast_to((x / modes.balancing(system.A))[:, None], (len(A), len(x), 1))
     return TimeResponse(t, _moved(system, A, start, C[:, rows], t)[..., 0])
 
 
@@ -157,13 +149,13 @@ def response_times(system: System, values: Mapping[str, ArrayLike] | None = None
     system : System or LFTModel
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
     """
-    return _times(system, samples_at(system, values).A, None)
+    return _times(system, modes.samples_at(system, values).A, None)
 
 
 def _times(system: System, A: Array, times: ArrayLike | None) -> Array:
     """Checked times, or those that suit the poles of A (N, nx, nx)."""
     if times is None:
-        poles = without_integrators(system, eigenvalues(A, system.name))
+        poles = modes.without_integrators(system, modes.eigenvalues(A, system.name))
         size, real, turning = np.abs(poles), np.abs(poles.real), np.abs(poles.imag)
         with np.errstate(divide="ignore"):
             periods = np.where(turning > 0.5 * size, 2.0 * np.pi * _PERIODS / turning, np.inf)

@@ -31,6 +31,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, check_known
+from mbdlft.robot import robot
 from mbdlft.robot.mjcf_model import (
     Compiled,
     compiled,
@@ -39,20 +40,6 @@ from mbdlft.robot.mjcf_model import (
     mimics_of,
     sensors_of,
     sites_of,
-)
-from mbdlft.robot.robot import (
-    WORLD,
-    ZERO,
-    Robot,
-    RobotCoupling,
-    RobotJoint,
-    RobotLink,
-    angles_of,
-    first_of,
-    of_quaternion,
-    said,
-    three,
-    unused,
 )
 from mbdlft.robot.urdf import Element
 
@@ -93,7 +80,7 @@ def ignored(model: Compiled) -> tuple[str, ...]:
         if getattr(model.arrays, count):
             says.append(f"{getattr(model.arrays, count)} {what}: there are no contacts")
     off = [k for k in range(model.arrays.neq) if not model.arrays.eq_active0[k]]
-    says += said("equalities that do not act at first: {}", [_names(model, "EQUALITY", off)])
+    says += robot.said("equalities that do not act at first: {}", [_names(model, "EQUALITY", off)])
     if model.arrays.opt.viscosity or (model.arrays.opt.density and np.any(model.arrays.opt.wind)):
         says.append("forces of the medium (density, viscosity, wind)")
     nonlinear = {"springs": model.arrays.jnt_stiffnesspoly, "dampers": model.arrays.dof_dampingpoly}
@@ -105,7 +92,7 @@ def ignored(model: Compiled) -> tuple[str, ...]:
 
 def _names(model: Compiled, kind: str, numbers: Iterable[int]) -> str:
     """Names of objects, the first of many."""
-    return first_of([model.name_of(kind, number) for number in numbers])
+    return robot.first_of([model.name_of(kind, number) for number in numbers])
 
 
 class Drive(NamedTuple):
@@ -141,8 +128,8 @@ def driven(model: Compiled) -> tuple[dict[str, Drive], list[str], list[str]]:
         if not known:
             lawless.append(name)
     ignored = [
-        *said("actuators that do not act on one hinge or slide: {}", left_out),
-        *said("laws and states of the actuators {}: what they exert is an input", lawless),
+        *robot.said("actuators that do not act on one hinge or slide: {}", left_out),
+        *robot.said("laws and states of the actuators {}: what they exert is an input", lawless),
     ]
     return joints, says, ignored
 
@@ -172,7 +159,7 @@ def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
     return Drive(stiffness, damping, inertia), gain, known
 
 
-def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
+def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> robot.Robot:
     """Read a robot from an MJCF file; `top` are its elements, `keyframe` gives the positions."""
     model = compiled(file, top)
     for problem in _problems(model):
@@ -192,11 +179,11 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     sensors, rates, unused_sensors = sensors_of(model)
     servos = (name for name, drive in drives.items() if drive.stiffness or drive.damping)
     assumed = [f"mujoco says: {text}" for text in model.warnings]
-    assumed += said("servos act as springs and dampers of {}", servos)
+    assumed += robot.said("servos act as springs and dampers of {}", servos)
     assumed += [f"inputs: {'; '.join(acts)}"] if acts else []
     loads = loads_of(model, sites)
     inputs = (*drives, *(load.name for load in loads if load.kind != "buoyancy"))
-    return Robot(
+    return robot.Robot(
         name=model.name,
         links=links,
         joints={name: joint._replace(mimic=mimics_of(model).get(name)) for name, joint in joints.items()},
@@ -212,21 +199,21 @@ def read_mjcf(file: Path, top: Element, keyframe: str | None = None) -> Robot:
     )
 
 
-def _links(model: Compiled) -> dict[str, RobotLink]:
+def _links(model: Compiled) -> dict[str, robot.RobotLink]:
     """The links of all bodies but the world, and those between the joints of one body."""
     links = {}
     for body in range(1, model.arrays.nbody):
         for name in model.between(body):
-            links[name] = RobotLink(name, 0, inertial=True)
-        turned = of_quaternion(model.arrays.body_iquat[body])
+            links[name] = robot.RobotLink(name, 0, inertial=True)
+        turned = robot.of_quaternion(model.arrays.body_iquat[body])
         moments = model.arrays.body_inertia[body]
-        links[model.body(body)] = RobotLink(
+        links[model.body(body)] = robot.RobotLink(
             name=model.body(body),
             line=0,
             inertial=True,
             mass=float(model.arrays.body_mass[body]),
-            center=three(model.arrays.body_ipos[body]),
-            rpy=angles_of(turned),
+            center=robot.three(model.arrays.body_ipos[body]),
+            rpy=robot.angles_of(turned),
             inertia={
                 **dict.fromkeys(("xy", "xz", "yz"), 0.0),
                 **{2 * axis: float(moment) for axis, moment in zip("xyz", moments, strict=True)},
@@ -235,18 +222,22 @@ def _links(model: Compiled) -> dict[str, RobotLink]:
     return links
 
 
-def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> dict[str, RobotJoint]:
+def _joints(
+    model: Compiled, positions: Array, drives: Mapping[str, Drive]
+) -> dict[str, robot.RobotJoint]:
     """The joints of all bodies; a body without joints is welded to its parent."""
-    joints: dict[str, RobotJoint] = {}
+    joints: dict[str, robot.RobotJoint] = {}
     for body in range(1, model.arrays.nbody):
         parent = model.arrays.body_parentid[body]
         at = model.arrays.body_pos[body]
-        R = of_quaternion(model.arrays.body_quat[body])
-        outer = model.body(parent) if parent else WORLD
+        R = robot.of_quaternion(model.arrays.body_quat[body])
+        outer = model.body(parent) if parent else robot.WORLD
         numbers = model.joints(body)
         if not numbers:
-            name = unused(f"weld_{model.body(body)}", {*joints, *model.joint_names})
-            joints[name] = RobotJoint(name, 0, "fixed", outer, model.body(body), three(at), angles_of(R))
+            name = robot.unused(f"weld_{model.body(body)}", {*joints, *model.joint_names})
+            joints[name] = robot.RobotJoint(
+                name, 0, "fixed", outer, model.body(body), robot.three(at), robot.angles_of(R)
+            )
         inner = [*model.between(body), model.body(body)]
         for number, child in zip(numbers, inner, strict=False):
             made = _joint(model, number, outer, child, positions)
@@ -254,13 +245,13 @@ def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> d
             start = positions[model.arrays.jnt_qposadr[number] :]
             turned = R
             if made.kind == "floating":  # its coordinates are the place of the body in the world
-                at, turned = start[:3], of_quaternion(start[3:7])
+                at, turned = start[:3], robot.of_quaternion(start[3:7])
             elif made.kind == "spherical":
-                turned = R @ of_quaternion(start[:4])
+                turned = R @ robot.of_quaternion(start[:4])
             drive = drives.get(made.name, Drive())
             joints[made.name] = made._replace(
-                xyz=three(at + R @ anchor),
-                rpy=angles_of(turned),
+                xyz=robot.three(at + R @ anchor),
+                rpy=robot.angles_of(turned),
                 stiffness=made.stiffness + drive.stiffness,
                 damping=made.damping + drive.damping,
                 reflected_inertia=made.reflected_inertia + drive.inertia,
@@ -269,7 +260,7 @@ def _joints(model: Compiled, positions: Array, drives: Mapping[str, Drive]) -> d
     return joints
 
 
-def _joint(model: Compiled, number: int, outer: str, child: str, positions: Array) -> RobotJoint:
+def _joint(model: Compiled, number: int, outer: str, child: str, positions: Array) -> robot.RobotJoint:
     """A joint without its place in its parent; positions are counted from the reference of the file."""
     kind = model.kind(number)
     address, dof = model.arrays.jnt_qposadr[number], model.arrays.jnt_dofadr[number]
@@ -283,14 +274,14 @@ def _joint(model: Compiled, number: int, outer: str, child: str, positions: Arra
             lower, upper = (float(end) - reference for end in model.arrays.jnt_range[number])
     if model.arrays.jnt_actfrclimited[number]:
         effort = float(np.max(np.abs(model.arrays.jnt_actfrcrange[number])))
-    return RobotJoint(
+    return robot.RobotJoint(
         name=model.joint(number),
         line=0,
         kind="continuous" if kind == "revolute" and lower is None else kind,
         parent=outer,
         child=child,
-        anchor=ZERO if kind == "floating" else three(model.arrays.jnt_pos[number]),
-        axis=three(model.arrays.jnt_axis[number]),
+        anchor=robot.ZERO if kind == "floating" else robot.three(model.arrays.jnt_pos[number]),
+        axis=robot.three(model.arrays.jnt_axis[number]),
         position=position,
         lower=lower,
         upper=upper,
@@ -308,13 +299,13 @@ _FORCES = ("stiffness", "damping", "armature", "frictionloss")
 
 def couplings_of(
     model: Compiled, positions: Array, driven: Mapping[str, object]
-) -> tuple[tuple[RobotCoupling, ...], tuple[str, ...]]:
+) -> tuple[tuple[robot.RobotCoupling, ...], tuple[str, ...]]:
     """Couplings of fixed tendons at `positions` (nq,), and sentences on what is left out of tendons.
 
     `driven` are the joints with actuators. Of the joints of a rigid coupling the first without one is
     held by the tendon.
     """
-    made: list[RobotCoupling] = []
+    made: list[robot.RobotCoupling] = []
     for k in model.active("TENDON"):
         made.append(_rigid(model, k, {*driven, *(coupling.held for coupling in made)}))
     left_out = []
@@ -328,9 +319,9 @@ def couplings_of(
             left_out.append(f"{name} with its {', '.join(lost)}" if lost else name)
     names: list[str] = []
     for coupling in made:
-        names.append(unused(coupling.name, (*model.joint_names, *names)))
+        names.append(robot.unused(coupling.name, (*model.joint_names, *names)))
     named = tuple(c._replace(name=name) for c, name in zip(made, names, strict=True))
-    return named, (f"tendons {first_of(left_out)}",) if left_out else ()
+    return named, (f"tendons {robot.first_of(left_out)}",) if left_out else ()
 
 
 def _factors(model: Compiled, tendon: int) -> dict[str, float] | None:
@@ -345,7 +336,7 @@ def _factors(model: Compiled, tendon: int) -> dict[str, float] | None:
     return factors
 
 
-def _rigid(model: Compiled, equality: int, taken: set[str]) -> RobotCoupling:
+def _rigid(model: Compiled, equality: int, taken: set[str]) -> robot.RobotCoupling:
     """The relation of an equality of one tendon or two."""
     first, second = int(model.arrays.eq_obj1id[equality]), int(model.arrays.eq_obj2id[equality])
     constant, slope, *higher = (float(entry) for entry in model.arrays.eq_data[equality][:5])
@@ -372,10 +363,10 @@ def _rigid(model: Compiled, equality: int, taken: set[str]) -> RobotCoupling:
             "does not move is a fixed one; make it so in the file."
         )
     held = next((name for name in factors if name not in taken), next(iter(factors)))
-    return RobotCoupling(model.name_of("EQUALITY", equality), factors, held=held, offset=constant)
+    return robot.RobotCoupling(model.name_of("EQUALITY", equality), factors, held=held, offset=constant)
 
 
-def _sprung(model: Compiled, tendon: int, positions: Array) -> RobotCoupling | None:
+def _sprung(model: Compiled, tendon: int, positions: Array) -> robot.RobotCoupling | None:
     """The spring and the damper of a fixed tendon over two or more joints; None without them."""
     k, d = (
         0.0 if model.disabled(flag) else float(getattr(model.arrays, f"tendon_{key}")[tendon])
@@ -397,7 +388,9 @@ def _sprung(model: Compiled, tendon: int, positions: Array) -> RobotCoupling | N
         k = k if length > high or length < low else 0.0
     # positions of the scene are counted from the reference of the file, where the tendon has length0
     slack = (low if length < low else high) - float(model.arrays.tendon_length0[tendon])
-    return RobotCoupling(model.name_of("TENDON", tendon), factors, stiffness=k, damping=d, offset=slack)
+    return robot.RobotCoupling(
+        model.name_of("TENDON", tendon), factors, stiffness=k, damping=d, offset=slack
+    )
 
 
 def _is_in_equality(model: Compiled, tendon: int) -> bool:

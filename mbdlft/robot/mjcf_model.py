@@ -15,22 +15,8 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.base.worker import arrays_of
+from mbdlft.robot import robot
 from mbdlft.robot.compiling import MEMORY
-from mbdlft.robot.robot import (
-    WORLD,
-    ZERO,
-    Mimic,
-    RobotLoad,
-    RobotLoop,
-    RobotSensor,
-    Side,
-    Triple,
-    aligned,
-    of_quaternion,
-    three,
-    unused,
-    welded,
-)
 from mbdlft.robot.urdf import Element
 
 _MOST = 10_000  # copies that a file may ask for
@@ -42,7 +28,7 @@ _MEASURED: Mapping[str, str] = {
     "body_ipos": "body", "body_iquat": "body", "jnt_pos": "joint", "jnt_axis": "joint",
     "jnt_stiffness": "joint", "jnt_range": "joint",
 }  # fmt: skip
-Sites = dict[int, Side]
+Sites = dict[int, robot.Side]
 _INERTIAL = {"ACCELEROMETER": "accelerometer", "GYRO": "gyro"}
 
 
@@ -76,8 +62,8 @@ class Compiled:
         return bytes(self.arrays.names).split(b"\0", 1)[0].decode("utf-8", "replace")
 
     @property
-    def gravity(self) -> Triple:
-        return ZERO if self.disabled("GRAVITY") else three(self.arrays.opt.gravity)
+    def gravity(self) -> robot.Triple:
+        return robot.ZERO if self.disabled("GRAVITY") else robot.three(self.arrays.opt.gravity)
 
     def name_of(self, kind: str, number: int) -> str:
         """The name that the file gives to an object, or its kind with its number."""
@@ -88,7 +74,7 @@ class Compiled:
         """The names of all objects of a kind, all different."""
         names: list[str] = []
         for number in range(getattr(self.arrays, count)):
-            names.append(unused(self.name_of(kind, number), names))
+            names.append(robot.unused(self.name_of(kind, number), names))
         return names
 
     @cached_property
@@ -125,7 +111,7 @@ class Compiled:
     def between(self, body: int) -> list[str]:
         """Names of the links without mass after each joint of a body but the last."""
         return [
-            unused(f"{self.body(body)}_after_{self.joint(number)}", self.body_names)
+            robot.unused(f"{self.body(body)}_after_{self.joint(number)}", self.body_names)
             for number in self.joints(body)[:-1]
         ]
 
@@ -171,9 +157,9 @@ def sites_of(model: Compiled) -> Sites:
     sites = {}
     for number in sorted(used):
         name, body = site_link(model, number), model.body(int(model.arrays.site_bodyid[number]))
-        weld = unused(f"weld_{name}", model.joint_names)
-        R = of_quaternion(model.arrays.site_quat[number])
-        sites[number] = welded(name, weld, body, model.arrays.site_pos[number], R)
+        weld = robot.unused(f"weld_{name}", model.joint_names)
+        R = robot.of_quaternion(model.arrays.site_quat[number])
+        sites[number] = robot.welded(name, weld, body, model.arrays.site_pos[number], R)
     return sites
 
 
@@ -200,10 +186,10 @@ def _thrusters(model: Compiled) -> list[int]:
 
 def site_link(model: Compiled, number: int) -> str:
     """The name of the link at a site."""
-    return unused(f"{model.name_of('SITE', number)}_site", model.body_names)
+    return robot.unused(f"{model.name_of('SITE', number)}_site", model.body_names)
 
 
-def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...], tuple[str, ...]]:
+def sensors_of(model: Compiled) -> tuple[tuple[robot.RobotSensor, ...], tuple[str, ...], tuple[str, ...]]:
     """Inertial sensors, joints whose rate is measured, and a sentence on the other sensors."""
     sensors, rates, others = [], [], []
     inertial = _inertial(model)
@@ -212,9 +198,9 @@ def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...
         kind = model.word("mjtSensor", model.arrays.sensor_type[k])
         number = int(model.arrays.sensor_objid[k])
         if k in inertial:
-            name = unused(model.name_of("SENSOR", k), taken)
+            name = robot.unused(model.name_of("SENSOR", k), taken)
             taken.append(name)
-            sensors.append(RobotSensor(name, _INERTIAL[kind], site_link(model, number)))
+            sensors.append(robot.RobotSensor(name, _INERTIAL[kind], site_link(model, number)))
         elif kind == "JOINTVEL":
             rates.append(model.joint(number))
         elif kind != "JOINTPOS":
@@ -223,29 +209,29 @@ def sensors_of(model: Compiled) -> tuple[tuple[RobotSensor, ...], tuple[str, ...
     return tuple(sensors), tuple(dict.fromkeys(rates)), said
 
 
-def loads_of(model: Compiled, sites: Sites) -> tuple[RobotLoad, ...]:
+def loads_of(model: Compiled, sites: Sites) -> tuple[robot.RobotLoad, ...]:
     """Thrusters at sites, and the forces that balance a part of the weight of bodies."""
     loads = []
     taken = [*model.joint_names, *(sensor.name for sensor in sensors_of(model)[0])]
     for k in _thrusters(model):
         site = int(model.arrays.actuator_trnid[k][0])
         gear = model.arrays.actuator_gear[model.arrays.actuator_outadr[k]]
-        name = unused(model.name_of("ACTUATOR", k), taken)
+        name = robot.unused(model.name_of("ACTUATOR", k), taken)
         taken.append(name)
         for kind, direction in (("force", gear[:3]), ("torque", gear[3:])):
             if np.any(direction):
                 both = np.any(gear[:3]) and np.any(gear[3:])
                 label = f"{name}_{kind}" if both else name
-                loads.append(RobotLoad(label, kind, sites[site][0].name, three(direction)))
+                loads.append(robot.RobotLoad(label, kind, sites[site][0].name, robot.three(direction)))
     for body in range(1, model.arrays.nbody):
         displaced = float(model.arrays.body_gravcomp[body] * model.arrays.body_mass[body])
         if displaced and any(model.gravity):
-            name = unused(f"{model.body(body)}_gravity_compensation", taken)
-            loads.append(RobotLoad(name, "buoyancy", model.body(body), displaced=displaced))
+            name = robot.unused(f"{model.body(body)}_gravity_compensation", taken)
+            loads.append(robot.RobotLoad(name, "buoyancy", model.body(body), displaced=displaced))
     return tuple(loads)
 
 
-def mimics_of(model: Compiled) -> dict[str, Mimic]:
+def mimics_of(model: Compiled) -> dict[str, robot.Mimic]:
     """The joints that an equality couples linearly with another one, by name."""
     mimics = {}
     for k in model.active("JOINT"):
@@ -257,21 +243,21 @@ def mimics_of(model: Compiled) -> dict[str, Mimic]:
                 f"{where}: expected a linear coupling of two joints, polycoef = 'a b'. A scene has no "
                 "others; take it out of the file, or make the joint a fixed one."
             )
-        mimics[model.joint(first)] = Mimic(model.joint(second), slope, constant)
+        mimics[model.joint(first)] = robot.Mimic(model.joint(second), slope, constant)
     return mimics
 
 
-def loops_of(model: Compiled) -> tuple[tuple[RobotLoop, ...], tuple[Side, ...]]:
+def loops_of(model: Compiled) -> tuple[tuple[robot.RobotLoop, ...], tuple[robot.Side, ...]]:
     """The loops that equalities of the types connect and weld close, and the links that they stand on."""
-    loops: list[RobotLoop] = []
-    sides: list[Side] = []
+    loops: list[robot.RobotLoop] = []
+    sides: list[robot.Side] = []
     for word, kind in (("CONNECT", "spherical"), ("WELD", "fixed")):
         for k in model.active(word):
-            name = unused(model.name_of("EQUALITY", k), model.joint_names)
+            name = robot.unused(model.name_of("EQUALITY", k), model.joint_names)
             (a, at_a), (b, at_b), R = _ends(model, k, word)
-            parent, child = (model.body(number) if number else WORLD for number in (a, b))
-            loop = RobotLoop(name, kind, parent, child, three(at_a), three(at_b))
-            loop, carriers = aligned(loop, R, model.body_names)
+            parent, child = (model.body(number) if number else robot.WORLD for number in (a, b))
+            loop = robot.RobotLoop(name, kind, parent, child, robot.three(at_a), robot.three(at_b))
+            loop, carriers = robot.aligned(loop, R, model.body_names)
             loops.append(loop)
             sides += carriers
     return tuple(loops), tuple(sides)
@@ -282,7 +268,7 @@ def _ends(model: Compiled, k: int, word: str) -> tuple[tuple[int, Array], tuple[
     first, second = int(model.arrays.eq_obj1id[k]), int(model.arrays.eq_obj2id[k])
     data = np.asarray(model.arrays.eq_data[k])
     if model.arrays.eq_objtype[k] == model.code("mjtObj", "SITE"):
-        quats = [of_quaternion(model.arrays.site_quat[s]) for s in (first, second)]
+        quats = [robot.of_quaternion(model.arrays.site_quat[s]) for s in (first, second)]
         a, b = (
             (int(model.arrays.site_bodyid[s]), np.asarray(model.arrays.site_pos[s]))
             for s in (first, second)
@@ -290,5 +276,5 @@ def _ends(model: Compiled, k: int, word: str) -> tuple[tuple[int, Array], tuple[
         return a, b, np.asarray(quats[0] @ quats[1].T)
     if word == "CONNECT":
         return (first, data[:3]), (second, data[3:6]), np.eye(3)
-    R = of_quaternion(data[6:10])
+    R = robot.of_quaternion(data[6:10])
     return (first, data[3:6] + R @ data[:3]), (second, data[:3]), R

@@ -10,22 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbdlft.base.errors import SceneError, check_known
+from mbdlft.robot import robot
 from mbdlft.robot.make import AXIAL
-from mbdlft.robot.robot import (
-    WORLD,
-    Robot,
-    RobotJoint,
-    RobotLink,
-    RobotLoad,
-    RobotSensor,
-    Side,
-    angles_of,
-    said,
-    three,
-    unique,
-    unused,
-    welded,
-)
 from mbdlft.robot.sdf_frames import Frames, flag, frames_of, joints_of, scopes
 from mbdlft.robot.urdf import Element, child_numbers, content_numbers, name_of, others
 
@@ -41,14 +27,14 @@ _REFUSED = {
 }
 
 
-def read_sdf(top: Element, model: str | None = None) -> Robot:
+def read_sdf(top: Element, model: str | None = None) -> robot.Robot:
     """Read a robot from the elements of an SDF file; `model` says which one of several."""
     version = version_of(top)
     chosen, world = chosen_model(top, model)
     frames = frames_of(chosen, version)
     elements = [(scope, link) for scope, owner in scopes(chosen) for link in owner.named("link")]
     _refuse(chosen)
-    links = unique("link", [_link(scope, element, frames) for scope, element in elements])
+    links = robot.unique("link", [_link(scope, element, frames) for scope, element in elements])
     if not links:
         raise SceneError(f"line {chosen.line}: model {name_of(chosen)!r} has no links.")
     closed = joints_of(chosen, frames, links, version)
@@ -62,21 +48,21 @@ def read_sdf(top: Element, model: str | None = None) -> Robot:
         links[link.name], bases[joint.name] = link, joint
     weighed = zip(elements, links.values(), strict=False)
     unweighed = (link.name for (_, element), link in weighed if element.only("inertial") is None)
-    assumed = said("links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {}", unweighed)
+    assumed = robot.said("links without <inertial> have 1 kg and 1 kg m^2, as SDF says: {}", unweighed)
     if static:
         assumed.append("the model is static: none of its joints moves")
     # the joints with a drive, if others say that they have none: their largest effort is zero
     passive = [joint.name for joint in joints.values() if joint.effort == 0.0]
     driven = tuple(j.name for j in joints.values() if j.kind in AXIAL and j.name not in passive)
     gravity = child_numbers(world, "gravity", "world", 3)
-    return Robot(
+    return robot.Robot(
         name=name_of(chosen),
         links=links,
         joints={**bases, **joints},
         loads=_weightless(elements, links),
         sensors=sensors,
         loops=closed.loops,
-        gravity=three(np.array(gravity)) if gravity else None,
+        gravity=robot.three(np.array(gravity)) if gravity else None,
         inputs=driven if passive and driven else None,
         others=others(chosen, _USED),
         assumed=tuple(assumed),
@@ -135,13 +121,13 @@ def _acts(element: Element) -> bool:
         return True
 
 
-def _link(scope: str, element: Element, frames: Frames) -> RobotLink:
+def _link(scope: str, element: Element, frames: Frames) -> robot.RobotLink:
     name = f"{scope}{name_of(element)}"
     where = f"inertial of link {name!r}"
     inertial = element.only("inertial")
     ones = {"xx": 1.0, "yy": 1.0, "zz": 1.0, "xy": 0.0, "xz": 0.0, "yz": 0.0}
     if inertial is None:
-        return RobotLink(name, element.line, inertial=True, mass=1.0, inertia=ones)
+        return robot.RobotLink(name, element.line, inertial=True, mass=1.0, inertia=ones)
     if inertial.attributes.get("auto", "false") in ("true", "1"):
         raise SceneError(
             f"line {inertial.line}: {where}: auto = 'true' asks for the mass of its shapes, which are "
@@ -155,62 +141,64 @@ def _link(scope: str, element: Element, frames: Frames) -> RobotLink:
     for child in inertia.children if inertia else ():
         if child.tag.removeprefix("i") in entries:
             (entries[child.tag.removeprefix("i")],) = content_numbers(child, where, 1)
-    return RobotLink(
+    return robot.RobotLink(
         name=name,
         line=element.line,
         inertial=True,
         mass=content_numbers(mass, where, 1)[0] if mass else 1.0,
-        center=three(pose.p),
-        rpy=angles_of(pose.R),
+        center=robot.three(pose.p),
+        rpy=robot.angles_of(pose.R),
         inertia=entries,
     )
 
 
 def _sensors(
     elements: Sequence[tuple[str, Element]], frames: Frames
-) -> tuple[list[Side], tuple[RobotSensor, ...]]:
+) -> tuple[list[robot.Side], tuple[robot.RobotSensor, ...]]:
     """An accelerometer and a gyro for each sensor of the type imu, each on a link of its own."""
-    places: list[Side] = []
-    sensors: list[RobotSensor] = []
+    places: list[robot.Side] = []
+    sensors: list[robot.RobotSensor] = []
     taken: list[str] = []
     for scope, element in elements:
         for sensor in element.named("sensor"):
             if sensor.attributes.get("type") != "imu":
                 continue
-            name = unused(scope + name_of(sensor), taken)
+            name = robot.unused(scope + name_of(sensor), taken)
             taken.append(name)
             at = frames.own(sensor, f"sensor {name!r}")
             link, parent = f"{name}_site", scope + name_of(element)
-            places.append(welded(link, f"weld_{link}", parent, at.p, at.R, sensor.line))
-            sensors.append(RobotSensor(f"{name}_acceleration", "accelerometer", link))
-            sensors.append(RobotSensor(f"{name}_rate", "gyro", link))
+            places.append(robot.welded(link, f"weld_{link}", parent, at.p, at.R, sensor.line))
+            sensors.append(robot.RobotSensor(f"{name}_acceleration", "accelerometer", link))
+            sensors.append(robot.RobotSensor(f"{name}_rate", "gyro", link))
     return places, tuple(sensors)
 
 
 def _bases(
-    links: dict[str, RobotLink],
-    joints: dict[str, RobotJoint],
+    links: dict[str, robot.RobotLink],
+    joints: dict[str, robot.RobotJoint],
     frames: Frames,
     static: bool,  # noqa: FBT001
-) -> dict[str, RobotJoint]:
+) -> dict[str, robot.RobotJoint]:
     """Joints from the ground to links that no joint carries: free ones, unless the model is static."""
     carried = {joint.child for joint in joints.values()}
     roots = [name for name in links if name not in carried]
-    bases: dict[str, RobotJoint] = {}
+    bases: dict[str, robot.RobotJoint] = {}
     for root in roots:
-        name = unused("root_joint" if len(roots) == 1 else f"root_joint_{root}", {*joints, *bases})
+        name = robot.unused("root_joint" if len(roots) == 1 else f"root_joint_{root}", {*joints, *bases})
         at, kind = frames.in_world(root), "fixed" if static else "floating"
-        bases[name] = RobotJoint(name, 0, kind, WORLD, root, three(at.p), angles_of(at.R))
+        bases[name] = robot.RobotJoint(
+            name, 0, kind, robot.WORLD, root, robot.three(at.p), robot.angles_of(at.R)
+        )
     return bases
 
 
 def _weightless(
-    elements: list[tuple[str, Element]], links: dict[str, RobotLink]
-) -> tuple[RobotLoad, ...]:
+    elements: list[tuple[str, Element]], links: dict[str, robot.RobotLink]
+) -> tuple[robot.RobotLoad, ...]:
     """Loads that hold the links on which gravity does not act."""
     names = (f"{scope}{name_of(e)}" for scope, e in elements if not flag(e, "gravity", default=True))
     return tuple(
-        RobotLoad(f"{name}_weightless", "buoyancy", name, displaced=links[name].mass)
+        robot.RobotLoad(f"{name}_weightless", "buoyancy", name, displaced=links[name].mass)
         for name in names
         if links[name].mass
     )

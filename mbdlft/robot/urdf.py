@@ -14,19 +14,7 @@ from dataclasses import dataclass, field
 from xml.parsers import expat
 
 from mbdlft.base.errors import SceneError, unknown_name
-from mbdlft.robot.robot import (
-    ENTRIES,
-    WORLD,
-    ZERO,
-    Mimic,
-    Robot,
-    RobotJoint,
-    RobotLink,
-    Triple,
-    root_of,
-    unique,
-    unused,
-)
+from mbdlft.robot import robot
 
 NO_LIMIT = 1e16  # SDF: a limit of this size is none
 XACRO = "This is a xacro file or a part of one. Expand it first: xacro robot.urdf.xacro > robot.urdf"
@@ -136,7 +124,7 @@ def needed(element: Element, key: str, where: str, count: int = 1) -> Sequence[f
     return numbers
 
 
-def checked_axis(direction: Sequence[float], axis: Element, where: str) -> Triple:
+def checked_axis(direction: Sequence[float], axis: Element, where: str) -> robot.Triple:
     """The direction of an axis, which has a length."""
     x, y, z = direction
     if not any(direction):
@@ -158,7 +146,7 @@ def others(element: Element, used: Mapping[str, Sequence[str]]) -> Counter[str]:
     return counts
 
 
-def mimic_of(owner: Element, read: Reader, where: str, scope: str = "") -> Mimic | None:
+def mimic_of(owner: Element, read: Reader, where: str, scope: str = "") -> robot.Mimic | None:
     """The contents of an element <mimic>: multiplier (leader - reference) + offset."""
     mimic = owner.only("mimic")
     if mimic is None:
@@ -169,7 +157,7 @@ def mimic_of(owner: Element, read: Reader, where: str, scope: str = "") -> Mimic
         read(mimic, key, where) or (default,)
         for key, default in (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
     )
-    return Mimic(scope + mimic.attributes["joint"], multiplier, offset - multiplier * reference)
+    return robot.Mimic(scope + mimic.attributes["joint"], multiplier, offset - multiplier * reference)
 
 
 def check_range(lower: float | None, upper: float | None, owner: Element, where: str) -> None:
@@ -204,7 +192,7 @@ _USED = {
 }
 
 
-def read_urdf(top: Element) -> Robot:
+def read_urdf(top: Element) -> robot.Robot:
     """Read a robot from the elements of a URDF file; its root is fixed on the ground."""
     for element in (top, *top.children):
         if element.tag.startswith("xacro:"):
@@ -214,9 +202,15 @@ def read_urdf(top: Element) -> Robot:
     if not links:
         advice = f" {XACRO}" if any(name.startswith("xmlns:xacro") for name in top.attributes) else ""
         raise SceneError(f"line {top.line}: the robot has no links.{advice}")
-    by_name, joints_by_name = unique("link", links), unique("joint", joints)
-    base = RobotJoint(unused("root_joint", joints_by_name), 0, "fixed", WORLD, root_of(by_name, joints))
-    return Robot(
+    by_name, joints_by_name = robot.unique("link", links), robot.unique("joint", joints)
+    base = robot.RobotJoint(
+        robot.unused("root_joint", joints_by_name),
+        0,
+        "fixed",
+        robot.WORLD,
+        robot.root_of(by_name, joints),
+    )
+    return robot.Robot(
         name=top.attributes.get("name", ""),
         links=by_name,
         joints={base.name: base, **joints_by_name},
@@ -224,29 +218,29 @@ def read_urdf(top: Element) -> Robot:
     )
 
 
-def _link(element: Element) -> RobotLink:
+def _link(element: Element) -> robot.RobotLink:
     name = name_of(element)
     inertial = element.only("inertial")
     if inertial is None:
-        return RobotLink(name, element.line, inertial=False)
+        return robot.RobotLink(name, element.line, inertial=False)
     where = f"inertial of link {name!r}"
     mass, inertia = inertial.only("mass"), inertial.only("inertia")
     if mass is None or inertia is None:
         missing = "mass" if mass is None else "inertia"
         raise SceneError(f"line {inertial.line}: {where}: <{missing}> is missing.")
     center, rpy = origin_of(inertial, where)
-    return RobotLink(
+    return robot.RobotLink(
         name=name,
         line=element.line,
         inertial=True,
         mass=needed(mass, "value", where)[0],
         center=center,
         rpy=rpy,
-        inertia={entry: needed(inertia, f"i{entry}", where)[0] for entry in ENTRIES},
+        inertia={entry: needed(inertia, f"i{entry}", where)[0] for entry in robot.ENTRIES},
     )
 
 
-def _joint(element: Element) -> RobotJoint:
+def _joint(element: Element) -> robot.RobotJoint:
     name = name_of(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
@@ -269,7 +263,7 @@ def _joint(element: Element) -> RobotJoint:
     else:  # if only one is given, the other is zero, as URDF says
         lower, upper = lower or 0.0, upper or 0.0
         check_range(lower, upper, limit, where)
-    return RobotJoint(
+    return robot.RobotJoint(
         name=name,
         line=element.line,
         kind=kind,
@@ -292,8 +286,8 @@ def _number(owner: Element | None, key: str, where: str) -> float | None:
     return (attribute_numbers(owner, key, where) or (None,))[0]
 
 
-def origin_of(element: Element, where: str) -> tuple[Triple, Triple]:
+def origin_of(element: Element, where: str) -> tuple[robot.Triple, robot.Triple]:
     """Position xyz (m) and rotation rpy (rad) of the element's origin; zero if the file gives none."""
     origin = element.only("origin")
-    xyz, rpy = (attribute_numbers(origin, key, where, 3) or ZERO for key in ("xyz", "rpy"))
+    xyz, rpy = (attribute_numbers(origin, key, where, 3) or robot.ZERO for key in ("xyz", "rpy"))
     return (xyz[0], xyz[1], xyz[2]), (rpy[0], rpy[1], rpy[2])

@@ -24,16 +24,8 @@ from mbdlft.dae.theta import arguments as args
 from mbdlft.dae.theta.arguments import NOTHING, ONE_KEY, Mixed, coefficient, number, plus, term, times
 from mbdlft.exact.numbers import constant_of
 from mbdlft.problem.equations import cosines_sines
+from mbdlft.problem.sx import constants
 from mbdlft.problem.sx.constants import FUNCTIONS as EXACT_FUNCTIONS
-from mbdlft.problem.sx.constants import (
-    in_doubles,
-    is_constant,
-    literal,
-    modulo_prime,
-    numbers_of,
-    rational_of,
-    root,
-)
 from mbdlft.problem.sx.tapes import fold, rules
 
 Arrange = Literal["fewest", "blocks"]
@@ -122,7 +114,7 @@ class Separation:
     def _solved(self, residual: ca.SX, unknown: ca.SX, place: str, name: str) -> Mixed | None:
         """The unknown by its equation, if its factor is a number and the value has no parameters."""
         slope = ca.SX(ca.jacobian(residual, unknown))
-        if not is_constant(slope) or rational(slope) == 0:
+        if not constants.is_constant(slope) or rational(slope) == 0:
             return None
         number = self.follow(slope, place, name).constant  # of a function of numbers, too
         assert number is not None
@@ -133,7 +125,7 @@ class Separation:
 
     def _element(self, symbol: ca.SX) -> Mixed:
         key = symbol.element_hash()
-        if is_constant(symbol) or key in self.coefficients:
+        if constants.is_constant(symbol) or key in self.coefficients:
             return coefficient(symbol)
         return self.values.get(key) or args.signal(symbol)
 
@@ -150,8 +142,8 @@ class Separation:
                 condition = operands[0].constant
                 if condition is None:
                     return NOTHING
-                if is_constant(condition):
-                    return operands[1] if numbers_of(condition)[0, 0] else NOTHING
+                if constants.is_constant(condition):
+                    return operands[1] if constants.numbers_of(condition)[0, 0] else NOTHING
             case "div" if operands[1].is_coefficient:
                 if operands[1].constant is None:
                     raise NotRationalError(f"{self.owner}, {self.place}: divides by zero.")
@@ -163,18 +155,18 @@ class Separation:
     def _of_coefficients(self, operation: str, *operands: Mixed) -> Mixed:
         """A function of parameters and numbers."""
         values = [ca.SX(0) if m.constant is None else m.constant for m in operands]
-        if all(map(is_constant, values)):
+        if all(map(constants.is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
-            near = numbers_of(_OPERATIONS[operation](*values))
-            return coefficient(ca.SX(literal(float(near[0, 0]))))
+            near = constants.numbers_of(_OPERATIONS[operation](*values))
+            return coefficient(ca.SX(constants.literal(float(near[0, 0]))))
         if operation in ("sin", "cos") and values[0].is_symbolic():
             pair = self.angles.get(values[0].element_hash())
             if pair is not None:
                 return coefficient(pair[operation == "sin"])
         if operation == "sqrt" and (of_square := self._root(values[0])) is not None:
             return coefficient(of_square)
-        text = f"{operation}({', '.join(str(in_doubles(value)) for value in values)})"
+        text = f"{operation}({', '.join(str(constants.in_doubles(value)) for value in values)})"
         names = sorted({s.name() for value in values for s in free_symbols(value)})
         if operation in SWITCHING:
             raise NotRationalError(
@@ -195,7 +187,7 @@ class Separation:
         ones = column_of(ca.SX(1) for _ in free)
         for symbol in free:
             parameter = known.get(symbol.element_hash())
-            slope = in_doubles(symbol * ca.jacobian(value, symbol) / value)
+            slope = constants.in_doubles(symbol * ca.jacobian(value, symbol) / value)
             degree = ca.evalf(ca.substitute(slope, column_of(free), ones))
             if parameter is None or not math.isfinite(float(degree)):
                 return None
@@ -203,11 +195,11 @@ class Separation:
             if parameter.low <= 0.0 <= parameter.high or abs(power) > _MOST_POWER:
                 return None
             made = made * (symbol if parameter.low > 0.0 else -symbol) ** power
-        number = rational_of(ca.substitute(value, column_of(free), ones))
+        number = constants.rational_of(ca.substitute(value, column_of(free), ones))
         if number is None or number < 0:
             return None
-        difference, _ = modulo_prime(value - literal(number) * made**2, _SEED)
-        return None if np.any(difference) else root(number) * made
+        difference, _ = constants.modulo_prime(value - constants.literal(number) * made**2, _SEED)
+        return None if np.any(difference) else constants.root(number) * made
 
     def _check_angles(self, value: Mixed) -> None:
         coefficients = [term.coefficient for term in value.linear.values()]
@@ -245,7 +237,7 @@ class Separation:
     def _expression(self, value: Mixed) -> tuple[ca.SX, ca.SX | None]:
         """A value as an expression of arguments; the factor is that of one that is nothing else."""
         registry = self.registry
-        inside = {k: c for k, c in value.terms.items() if is_constant(c)}
+        inside = {k: c for k, c in value.terms.items() if constants.is_constant(c)}
         expression = ca.SX(0)
         for k, c in inside.items():
             expression = expression + c * registry.functions[k].expression
@@ -253,7 +245,7 @@ class Separation:
         if self.arrange == "blocks" and ONE_KEY in linear:
             expression = expression + self._of_signals(linear.pop(ONE_KEY).form)
         constant = value.constant
-        if constant is not None and is_constant(constant):
+        if constant is not None and constants.is_constant(constant):
             expression, constant = expression + constant, None
         outside = {k: c for k, c in value.terms.items() if k not in inside}
         remainder = Mixed(linear, constant, outside)

@@ -23,29 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.lft.program.tape import (
-    ADD,
-    COSINE,
-    DIVIDE,
-    LOST,
-    MAXIMUM,
-    MULTIPLY,
-    ROOT,
-    SINE,
-    SIZE,
-    SUBTRACT,
-    Instruction,
-    Operand,
-    Program,
-    needed,
-    registers,
-    results,
-)
+from mbdlft.lft.program import tape
 
 _LENGTH = 400  # instructions of a function
 _WRITTEN = 1000  # entries that a function writes
-_BINARY = {ADD: "fadd", SUBTRACT: "fsub", MULTIPLY: "fmul", DIVIDE: "fdiv"}
-_CALLED = {SIZE: "fabs", ROOT: "sqrt", MAXIMUM: "maximum"}
+_BINARY = {tape.ADD: "fadd", tape.SUBTRACT: "fsub", tape.MULTIPLY: "fmul", tape.DIVIDE: "fdiv"}
+_CALLED = {tape.SIZE: "fabs", tape.ROOT: "sqrt", tape.MAXIMUM: "maximum"}
 _SLOTS = "ptr noalias readonly %slots"
 
 _FARTHEST = float.fromhex("0x1.9p+20")  # argument of a cosine: k is below 2^20
@@ -87,12 +70,12 @@ class Code(NamedTuple):
     lanes: int
 
 
-def code(program: Program, size: int, lanes: int) -> Code:
+def code(program: tape.Program, size: int, lanes: int) -> Code:
     """The text of a program for vectors of `lanes` samples.
 
     Its entries have places (0, k): in rows if k < size, and in the column k - size otherwise.
     """
-    kept = needed(program)
+    kept = tape.needed(program)
     pieces = [kept[start : start + _LENGTH] for start in range(0, len(kept), _LENGTH)]
     numbers: dict[str, int] = {}
     slots = _slots(program, pieces)
@@ -116,15 +99,15 @@ def code(program: Program, size: int, lanes: int) -> Code:
     )
 
 
-def _slots(program: Program, pieces: Sequence[Sequence[Instruction]]) -> dict[int, int]:
+def _slots(program: tape.Program, pieces: Sequence[Sequence[tape.Instruction]]) -> dict[int, int]:
     """A slot for each input, and each register that another function reads, free after the last one."""
     final = len(pieces)
     last: dict[int, int] = {}
     for k, piece in enumerate(pieces):
         for instruction in piece:
-            for operand in registers(instruction):
+            for operand in tape.registers(instruction):
                 last[operand] = k
-    for register in results(program):
+    for register in tape.results(program):
         last[register] = final
     slots = {k: k for k in range(program.inputs)}
     free: list[int] = []
@@ -217,14 +200,17 @@ def _reader(inputs: int, lanes: int) -> _Body:
 
 
 def _part(
-    instructions: Sequence[Instruction], slots: Mapping[int, int], numbers: dict[str, int], lanes: int
+    instructions: Sequence[tape.Instruction],
+    slots: Mapping[int, int],
+    numbers: dict[str, int],
+    lanes: int,
 ) -> _Body:
     """Some instructions. A constant is known by its bits, as 0.0 is not -0.0."""
     body = _Body("ptr noalias readonly %numbers, ptr noalias %slots", lanes)
-    known: dict[Operand | str, str] = {}
-    circles: dict[Operand, tuple[str, str]] = {}
+    known: dict[tape.Operand | str, str] = {}
+    circles: dict[tape.Operand, tuple[str, str]] = {}
 
-    def value(operand: Operand) -> str:
+    def value(operand: tape.Operand) -> str:
         key = operand if isinstance(operand, int) else operand.hex()
         if key not in known:
             if isinstance(key, int):
@@ -237,12 +223,12 @@ def _part(
     for operation, target, left, right in instructions:
         if operation in _BINARY:
             vector = body.operation(_BINARY[operation], value(left), value(right))
-        elif operation in (COSINE, SINE):
+        elif operation in (tape.COSINE, tape.SINE):
             if left not in circles:
                 circles[left] = _circle(body, value(left))
-            vector = circles[left][operation == SINE]
+            vector = circles[left][operation == tape.SINE]
         else:
-            both = (left, right) if operation == MAXIMUM else (left,)
+            both = (left, right) if operation == tape.MAXIMUM else (left,)
             vector = body.call(_CALLED[operation], *map(value, both))
         known[target] = vector
         if target in slots:
@@ -370,13 +356,13 @@ def _transposed(body: _Body, vectors: Sequence[str]) -> list[str]:
     return some
 
 
-def _check(program: Program, slots: Mapping[int, int], lanes: int) -> _Body:
+def _check(program: tape.Program, slots: Mapping[int, int], lanes: int) -> _Body:
     """Tell at which samples a pivot is too small."""
     body = _Body(f"{_SLOTS}, ptr noalias %lost", lanes)
     bits, good = f"<{lanes} x i1>", "splat (i1 true)"
     for pivot in program.pivots:
         size = body.call("fabs", body.slot(slots[pivot.value]))
-        least = body.operation("fmul", body.slot(slots[pivot.size]), _constant(LOST))
+        least = body.operation("fmul", body.slot(slots[pivot.size]), _constant(tape.LOST))
         enough = body.operation("fcmp oge", size, least)
         good = body.put(f"and {bits} {good}, {enough}")
     bad = body.put(f"xor {bits} {good}, splat (i1 true)")

@@ -19,14 +19,7 @@ import numpy as np
 
 from mbdlft.base.description import Values
 from mbdlft.base.errors import SceneError
-from mbdlft.multibody.assembly.kinematics import (
-    Placed,
-    inertial_wrenches,
-    motions,
-    pass_inward,
-    place,
-    port_arm,
-)
+from mbdlft.multibody.assembly import kinematics
 from mbdlft.multibody.assembly.tree import Link, PatchJoint, Symbols, all_bodies
 from mbdlft.multibody.body import PointMass, RigidBody
 from mbdlft.multibody.body.rigid import DIAGONAL, PRODUCTS, unseen_name
@@ -63,7 +56,7 @@ def steady_momenta(
         owner: Coordinate(*(ca.SX(at.q.numel(), 1) for _ in range(3)))
         for owner, at in symbols.coordinates(links).items()
     }
-    find = _Finder(scene, symbols, place(links, all_bodies(scene), values, still))
+    find = _Finder(scene, symbols, kinematics.place(links, all_bodies(scene), values, still))
     for link in links:
         if "rate" in values[link.owner]:
             find.turn(link)
@@ -81,7 +74,7 @@ def steady_momenta(
 class _Finder:
     """The search, from the ground outward."""
 
-    def __init__(self, scene: Scene, symbols: Symbols, at_rest: Placed) -> None:
+    def __init__(self, scene: Scene, symbols: Symbols, at_rest: kinematics.Placed) -> None:
         self.scene, self.symbols, self.at_rest = scene, symbols, at_rest
         self.bodies: dict[str, Turning] = {}
         self.momenta: dict[str, Values] = {}
@@ -180,9 +173,9 @@ class _Finder:
         )
         alpha = ca.SX.sym("alpha", 3)
         turned = ca.horzcat(ca.SX(3, 1), alpha, ca.SX(3, 1))
-        moving = motions(alone, ca.SX(3, 3), {parent: turned})
-        needed = {**inertial_wrenches(alone, moving), parent: ca.SX(3, 2)}
-        wrench = pass_inward(alone, moving, needed).joints[name]
+        moving = kinematics.motions(alone, ca.SX(3, 3), {parent: turned})
+        needed = {**kinematics.inertial_wrenches(alone, moving), parent: ca.SX(3, 2)}
+        wrench = kinematics.pass_inward(alone, moving, needed).joints[name]
         return ca.jacobian(wrench[:, 1], alpha), ca.jacobian(wrench[:, 0], alpha)
 
     def _check_symmetry(self, link: Link, axis: ca.SX, J: ca.SX, first: ca.SX) -> None:
@@ -241,7 +234,9 @@ class _Finder:
 
     def _is_on_axis(self, body: str, port: str) -> bool:
         turning = self.bodies[body]
-        return self._vanishes(ca.cross(turning.axis, turning.off + port_arm(self.at_rest, body, port)))
+        return self._vanishes(
+            ca.cross(turning.axis, turning.off + kinematics.port_arm(self.at_rest, body, port))
+        )
 
     def _turning(self, *ports: str) -> Iterator[tuple[str, Turning, str, bool]]:
         """Ports at which something turns: what it is, the name of its body, whether it is on the axis."""

@@ -21,18 +21,10 @@ from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
+from mbdlft.multibody.assembly import kinematics
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.coupled import check_couplings
 from mbdlft.multibody.assembly.gyrostat import body_momenta
-from mbdlft.multibody.assembly.kinematics import (
-    Passed,
-    Placed,
-    View,
-    inertial_wrenches,
-    motions,
-    pass_inward,
-    place,
-)
 from mbdlft.multibody.assembly.resolved import (
     Effort,
     Resolved,
@@ -77,7 +69,7 @@ class Assembly:
     """A resolved scene in motion, before wrenches are passed inward; and the equations made of it."""
 
     resolved: Resolved
-    view: View
+    view: kinematics.View
     closure: Closure  # rows of the loops that are kept
     efforts: tuple[Effort, ...]  # entries of u
     u: ca.SX
@@ -95,17 +87,17 @@ class Assembly:
         return self.field.nnz() > 0 and not (scene.spin or scene.loops or scene.touches)
 
     @cached_property
-    def _passed(self) -> Passed:
+    def _passed(self) -> kinematics.Passed:
         """Inward pass of the inertial wrenches and the loads."""
         now, moving = self.view.now, self.view.motions
         if self._has_weights:
             return Weights(now, self.field).passed(moving, self.inertial, self.loads)
         return self.passed_as_displaced()
 
-    def passed_as_displaced(self) -> Passed:
+    def passed_as_displaced(self) -> kinematics.Passed:
         """The same for displacements of any size."""
         total = {name: self.inertial[name] + self.loads[name] for name in self.inertial}
-        return pass_inward(self.view.now, self.view.motions, total)
+        return kinematics.pass_inward(self.view.now, self.view.motions, total)
 
     @cached_property
     def exact(self) -> Equations:
@@ -144,7 +136,7 @@ class Assembly:
             owner: Coordinate(zero := ca.SX(at.q.numel(), 1), zero, at.a)
             for owner, at in self.view.coordinates.items()
         }
-        at_rest = place(now.links, now.bodies, now.values, coordinates)
+        at_rest = kinematics.place(now.links, now.bodies, now.values, coordinates)
         for link in at_rest.links:
             if link.joint.freedoms and not getattr(link.joint, "imposed", False):
                 efforts = in_doubles(_efforts_alone(at_rest, link))
@@ -191,7 +183,7 @@ def assembly(scene: Scene) -> Assembly:
     return in_motion(r, view, closure, {s.name: force_density(s, view) for s in springs})
 
 
-def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
+def in_motion(r: Resolved, view: kinematics.View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
     """The bodies of a view in motion; `laws` are magnitudes of springs by name (None: unknown)."""
     scene, uniform = r.scene, r.values[f"scene {r.scene.name!r}"]
     base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
@@ -205,15 +197,15 @@ def in_motion(r: Resolved, view: View, closure: Closure, laws: Mapping[str, Any]
 
 
 def body_wrenches(
-    r: Resolved, view: View, ground: ca.SX, loads: Sequence[BodyWrench]
+    r: Resolved, view: kinematics.View, ground: ca.SX, loads: Sequence[BodyWrench]
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Wrenches (3, 2) by body that the motions need, and those of loads with the other sign.
 
     The motions, for a motion (3, 3) of the `ground`, and the momenta become those of the view.
     """
     view.momenta = body_momenta(r.links, r.values)
-    view.motions = motions(view.now, ground)
-    inertial = inertial_wrenches(view.now, view.motions)
+    view.motions = kinematics.motions(view.now, ground)
+    inertial = kinematics.inertial_wrenches(view.now, view.motions)
     for name, momentum in view.momenta.items():
         inertial[name] += turning_along(view.motions.bodies[name], momentum)
     against = {name: ca.SX(3, 2) for name in inertial}
@@ -223,7 +215,7 @@ def body_wrenches(
     return inertial, against
 
 
-def _equations(m: Assembly, passed: Passed) -> Equations:
+def _equations(m: Assembly, passed: kinematics.Passed) -> Equations:
     r, view, symbols = m.resolved, m.view, m.resolved.symbols
     scene, links = r.scene, r.links
     view.passed = passed
@@ -301,7 +293,7 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
-def dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
+def dynamics(r: Resolved, view: kinematics.View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
     """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
     needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(r.links)))
     rows: list[ca.SX] = []
@@ -318,7 +310,7 @@ def dynamics(r: Resolved, view: View, acting_efforts: ca.SX, of_couplings: ca.SX
     return ca.vertcat(*rows)
 
 
-def _carried(links: tuple[Link, ...], view: View) -> tuple[ca.SX, tuple[str, ...]]:
+def _carried(links: tuple[Link, ...], view: kinematics.View) -> tuple[ca.SX, tuple[str, ...]]:
     """Loads through the ports of elastic bodies whose effect on these is neither known nor neglected."""
     wrenches: list[ca.SX] = []
     names: list[str] = []
@@ -414,7 +406,7 @@ def _has_energy(values: Values, symbols: Symbols) -> bool:
     return not entries or _keeps_positive(ca.vertcat(*entries), symbols)
 
 
-def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
+def _efforts_alone(at_rest: kinematics.Placed, link: Link) -> ca.SX:
     """Efforts (n,) of a joint that moves its child, and what is fixed to it, alone."""
     group, links = {link.child.name}, [link]
     for other in at_rest.links:
@@ -422,9 +414,11 @@ def _efforts_alone(at_rest: Placed, link: Link) -> ca.SX:
             group.add(other.child.name)
             links.append(other)
     alone = replace(at_rest, links=tuple(links))
-    moving = motions(alone, ca.SX(3, 3), {link.parent.name: ca.SX(3, 3)})
-    needed = inertial_wrenches(alone, moving)
-    return pass_inward(alone, moving, {**needed, link.parent.name: ca.SX(3, 2)}).efforts[link.owner]
+    moving = kinematics.motions(alone, ca.SX(3, 3), {link.parent.name: ca.SX(3, 3)})
+    needed = kinematics.inertial_wrenches(alone, moving)
+    return kinematics.pass_inward(alone, moving, {**needed, link.parent.name: ca.SX(3, 2)}).efforts[
+        link.owner
+    ]
 
 
 def _pivots(H: ca.SX) -> ca.SX:

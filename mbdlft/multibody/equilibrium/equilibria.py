@@ -8,17 +8,8 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
+from mbdlft.multibody.equilibrium import newton
 from mbdlft.multibody.equilibrium.conditions import displace
-from mbdlft.multibody.equilibrium.newton import (
-    Attempt,
-    Bounds,
-    EquilibriumEquations,
-    equilibrium_equations,
-    project_at,
-    random_start,
-    solve_from,
-    whole_slopes,
-)
 from mbdlft.multibody.scene.scene import Scene
 
 _SAME = 1e-6  # two equilibria that are nearer, relative to the size of each unknown, are one
@@ -69,7 +60,7 @@ def find_equilibrium(
     scene: Scene,
     values: Mapping[str, float] | None = ...,
     positions: Sequence[str] | None = ...,
-    bounds: Bounds | None = ...,
+    bounds: newton.Bounds | None = ...,
     starts: int = ...,
     seed: int = ...,
     every: Literal[False] = ...,
@@ -79,7 +70,7 @@ def find_equilibrium(
     scene: Scene,
     values: Mapping[str, float] | None = ...,
     positions: Sequence[str] | None = ...,
-    bounds: Bounds | None = ...,
+    bounds: newton.Bounds | None = ...,
     starts: int = ...,
     seed: int = ...,
     *,
@@ -89,7 +80,7 @@ def find_equilibrium(
     scene: Scene,
     values: Mapping[str, float] | None = None,
     positions: Sequence[str] | None = None,
-    bounds: Bounds | None = None,
+    bounds: newton.Bounds | None = None,
     starts: int = 30,
     seed: int = 0,
     every: bool = False,  # noqa: FBT001, FBT002
@@ -136,12 +127,12 @@ def find_equilibrium(
     if starts < 1:
         raise TrimError(f"scene {scene.name!r}: starts: expected at least 1, got {starts}.")
     rng = np.random.default_rng(seed)
-    equations = equilibrium_equations(displace(scene), values or {}, positions, bounds or {}, rng)
-    attempts: list[Attempt] = []
-    solved: list[Attempt] = []
+    equations = newton.equilibrium_equations(displace(scene), values or {}, positions, bounds or {}, rng)
+    attempts: list[newton.Attempt] = []
+    solved: list[newton.Attempt] = []
     for k in range(starts):
         first = np.array([u.start for u in equations.unknowns])
-        attempt = solve_from(equations, random_start(equations, rng) if k else first)
+        attempt = newton.solve_from(equations, newton.random_start(equations, rng) if k else first)
         attempts.append(attempt)
         if attempt.solved and not any(_same(equations, attempt.s, other.s) for other in solved):
             solved.append(attempt)
@@ -156,7 +147,7 @@ def find_equilibrium(
     return points if every else points[0]
 
 
-def _same(equations: EquilibriumEquations, s: Array, other: Array) -> bool:
+def _same(equations: newton.EquilibriumEquations, s: Array, other: Array) -> bool:
     """Whether two equilibria s, other (n_s,) are one, with angles modulo 2 pi."""
     for unknown, difference in zip(equations.unknowns, s - other, strict=True):
         apart = np.remainder(difference + np.pi, 2 * np.pi) - np.pi if unknown.is_periodic else difference
@@ -165,9 +156,11 @@ def _same(equations: EquilibriumEquations, s: Array, other: Array) -> bool:
     return True
 
 
-def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -> EquilibriumPoint:
+def _point(
+    equations: newton.EquilibriumEquations, attempt: newton.Attempt, iterations: int
+) -> EquilibriumPoint:
     d = equations.displaced
-    w = project_at(equations, attempt.s).w
+    w = newton.project_at(equations, attempt.s).w
     efforts = {
         d.u_signals[k]: float(value)
         for k, value in zip(d.unknown, w, strict=True)
@@ -190,13 +183,13 @@ def _point(equations: EquilibriumEquations, attempt: Attempt, iterations: int) -
     )
 
 
-def _parameters(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
+def _parameters(equations: newton.EquilibriumEquations, s: Array) -> dict[str, float]:
     """Values by name of the parameters among the unknowns s (n_s,)."""
     both = zip(equations.unknowns, s, strict=True)
     return {unknown.signal.name: float(value) for unknown, value in both if unknown.is_parameter}
 
 
-def _positions(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
+def _positions(equations: newton.EquilibriumEquations, s: Array) -> dict[str, float]:
     """Positions by coordinate (rad, m) for the unknowns s (n_s,).
 
     An angle without spring and bounds is given between minus and plus half a turn.
@@ -217,12 +210,12 @@ def _positions(equations: EquilibriumEquations, s: Array) -> dict[str, float]:
     return values
 
 
-def _undetermined(equations: EquilibriumEquations, s: Array, w: Array) -> tuple[str, ...]:
+def _undetermined(equations: newton.EquilibriumEquations, s: Array, w: Array) -> tuple[str, ...]:
     """Names of unknowns that change in some direction in which no equation changes, to first order.
 
     Multipliers of loops are left out: those of redundant closures never are determined.
     """
-    slopes = whole_slopes(equations, s, w)
+    slopes = newton.whole_slopes(equations, s, w)
     if not slopes.shape[1]:
         return ()
     _, values, right = np.linalg.svd(slopes)
@@ -234,7 +227,7 @@ def _undetermined(equations: EquilibriumEquations, s: Array, w: Array) -> tuple[
     return tuple(name for name, size in zip(names, share, strict=True) if name and size > _IDLE)
 
 
-def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]) -> str:
+def _no_equilibrium(equations: newton.EquilibriumEquations, attempts: Sequence[newton.Attempt]) -> str:
     """The message for a search without success: the nearest point, what is unbalanced there, and why."""
     d = equations.displaced
     sound = [attempt for attempt in attempts if np.isfinite(attempt.rows).all()]
@@ -267,7 +260,7 @@ def _no_equilibrium(equations: EquilibriumEquations, attempts: Sequence[Attempt]
     )
 
 
-def _where(equations: EquilibriumEquations, attempt: Attempt) -> str:
+def _where(equations: newton.EquilibriumEquations, attempt: newton.Attempt) -> str:
     """The positions of an attempt, in words."""
     positions = _positions(equations, attempt.s) | _parameters(equations, attempt.s)
     units = {unknown.signal.name: unknown.signal.unit for unknown in equations.unknowns}
@@ -275,9 +268,9 @@ def _where(equations: EquilibriumEquations, attempt: Attempt) -> str:
     return f"at {listed}" if listed else "at the declared positions"
 
 
-def _why(equations: EquilibriumEquations, attempt: Attempt) -> str:
+def _why(equations: newton.EquilibriumEquations, attempt: newton.Attempt) -> str:
     """A sentence that says why no step brings the attempt nearer to an equilibrium."""
-    at = project_at(equations, attempt.s)
+    at = newton.project_at(equations, attempt.s)
     held = [
         unknown.signal.name
         for unknown, value in zip(equations.unknowns, attempt.s, strict=True)

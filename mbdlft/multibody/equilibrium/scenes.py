@@ -20,14 +20,7 @@ from mbdlft.base.unit import dimension_name, parse_unit
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.equilibrium.conditions import (
-    Conditions,
-    Displaced,
-    JointCoordinate,
-    displace,
-    fit_conditions,
-    in_physical,
-)
+from mbdlft.multibody.equilibrium import conditions
 from mbdlft.multibody.equilibrium.equilibria import EquilibriumPoint, find_equilibrium
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.multibody.force import Guided, Spring
@@ -58,7 +51,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     TrimError
         The point is an equilibrium of another scene, or a parameter was found at an end of its range.
     """
-    d = displace(scene)
+    d = conditions.displace(scene)
     declared, densities, preloads = _declared(d, scene, point)
     by_name = {c.signal.name: k for k, c in enumerate(d.coordinates)}
     if point.scene != scene.name or not set(point.positions) <= set(by_name):
@@ -124,7 +117,7 @@ def at_values(scene: Scene, point: EquilibriumPoint) -> Scene:
 
 
 def _declared(
-    d: Displaced, scene: Scene, point: EquilibriumPoint
+    d: conditions.Displaced, scene: Scene, point: EquilibriumPoint
 ) -> tuple[Array, dict[str, Quantity], dict[str, Quantity]]:
     """Declared positions (n,) (rad, m); at the point force densities of springs, forces of couplings."""
     springs = [
@@ -133,7 +126,7 @@ def _declared(
         if isinstance(load, Spring | Guided) and getattr(load, load.magnitude_key) is not None
     ]
     lengths = ca.SX(ca.vertcat(*(d.lengths[spring.name] for spring in springs)))
-    symbols, expressions = in_physical(d, [d.declared, lengths, ca.mtimes(d.relations, d.q)])
+    symbols, expressions = conditions.in_physical(d, [d.declared, lengths, ca.mtimes(d.relations, d.q)])
     function = ca.Function("declared", [symbols, d.q], expressions)
     values = [point.parameters[parameter.name] for parameter in d.parameters]
     declared, before, _ = (value.full().reshape(-1) for value in function(values, 0.0))
@@ -154,7 +147,7 @@ def _declared(
     return declared, efforts, preloads
 
 
-def displacements(d: Displaced, point: EquilibriumPoint, declared: Array) -> Array:
+def displacements(d: conditions.Displaced, point: EquilibriumPoint, declared: Array) -> Array:
     """Displacements q (n,) of a point from the declared positions; 2 tan(angle/2) axis for rotations."""
     q = np.zeros(len(d.coordinates))
     for k, c in enumerate(d.coordinates):
@@ -180,7 +173,7 @@ def _density(k: Quantity, h: Quantity, ratio: float) -> Quantity:
 def _moved(
     scene: Scene,
     joint: Joint,
-    coordinates: tuple[JointCoordinate, ...],
+    coordinates: tuple[conditions.JointCoordinate, ...],
     positions: dict[int, float],
     declared: Array,
 ) -> Joint:
@@ -277,7 +270,7 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     for name in joints:
         if name not in names:
             raise TrimError(f"{what}: {unknown_name('joint', name, names)}")
-    before = displace(scene)
+    before = conditions.displace(scene)
     chosen = [k for k, c in enumerate(before.coordinates) if c.joint.name in joints]
     for k in chosen:
         c = before.coordinates[k]
@@ -301,7 +294,7 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
             )
         }
     )
-    system = fit_conditions(scene, before, displace(symbolic), tangents, nominal)
+    system = conditions.fit_conditions(scene, before, conditions.displace(symbolic), tangents, nominal)
     if not system.names:
         raise TrimError(
             f"{what}: these positions do not depend on parameters. at_equilibrium(scene, "
@@ -326,8 +319,8 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
 
 def _fitted(
     scene: Scene,
-    before: Displaced,
-    system: Conditions,
+    before: conditions.Displaced,
+    system: conditions.Conditions,
     nominal: Mapping[int, float],
     fit: EquilibriumFit,
     tolerance: float,
@@ -340,7 +333,7 @@ def _fitted(
     width = 2.0 * fit.bound
     bounds = {before.coordinates[k].signal.name: float(width[i]) for i, k in enumerate(system.tangents)}
     moved = _with_positions(scene, before, nominal, tangents)
-    symbols, expressions = in_physical(before, [before.declared])
+    symbols, expressions = conditions.in_physical(before, [before.declared])
     at_nominal = ca.Function("declared", [symbols], expressions)([p.nominal for p in before.parameters])
     declared = at_nominal.full()[:, 0]
     joints = {joint.name: joint for joint in moved.joints}
@@ -394,7 +387,7 @@ def _fresh(scene: Scene, k: int) -> str:
 
 
 def _with_positions(
-    scene: Scene, d: Displaced, nominal: Mapping[int, float], expressions: Mapping[int, str]
+    scene: Scene, d: conditions.Displaced, nominal: Mapping[int, float], expressions: Mapping[int, str]
 ) -> Scene:
     """The scene with positions theta0 + 2*atan(expression) or x0 + 2*(expression)."""
     joints = {joint.name: joint for joint in scene.joints}

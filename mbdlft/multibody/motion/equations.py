@@ -27,17 +27,9 @@ from mbdlft.base.description import Values
 from mbdlft.base.errors import TrimError
 from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
-from mbdlft.multibody.assembly import assembly
+from mbdlft.multibody.assembly import assembly, resolved
 from mbdlft.multibody.assembly.kinematics import pass_inward
 from mbdlft.multibody.assembly.newton_euler import Assembly, dynamics, in_motion
-from mbdlft.multibody.assembly.resolved import (
-    Resolved,
-    body_channels,
-    couplings,
-    measures,
-    moved_coordinates,
-    static_deflections,
-)
 from mbdlft.multibody.assembly.tree import Degree, PortJoint, degrees
 from mbdlft.multibody.body import ElasticBody
 from mbdlft.multibody.equilibrium.conditions import gaps_of
@@ -105,14 +97,17 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
         if isinstance(load, Spring):
             law = small.resolved.values[owner_name(load)]
             total[k] = u[k] + _density(load, view, law, float(at_rest[0, k]))
-    coupled = couplings(r, view, m.closure, m.u, m.z, names).efforts
-    channels, (acting, _) = body_channels(r, view, m.u, names), static_deflections(r, m.closure, m.u)
+    coupled = resolved.couplings(r, view, m.closure, m.u, m.z, names).efforts
+    channels, (acting, _) = (
+        resolved.body_channels(r, view, m.u, names),
+        resolved.static_deflections(r, m.closure, m.u),
+    )
     multipliers = ca.SX.sym("lambda", len(m.closure.rows))
     constraints, fitting, J = _constraints(m, view)
     # what imposes the acceleration of a joint carries the multipliers
     J[:, [k for k, degree in enumerate(every) if degree.kind in ("imposed", "motion")]] = 0.0
     efforts = dynamics(r, view, acting, coupled) - channels.forces - ca.mtimes(J.T, multipliers)
-    measured, signals, default = measures(r, view, channels)
+    measured, signals, default = resolved.measures(r, view, channels)
     chosen = _chosen(scene, signals, default)
     coordinates = tuple(degree.measure(order) for order in range(2) for degree in every)
     residual = ca.vertcat(efforts, fitting)
@@ -125,7 +120,7 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
     known = [total, ca.SX.zeros(m.z.numel()), ca.SX(m.base.nz[:])]
     made = ca.substitute(made, [m.u, m.z, ca.SX(m.load.nz[:])], known)
     rates, given = ca.vertcat(qdot, a), dict[int, ca.SX]()
-    for coordinate, entries in moved_coordinates(r.links, names):
+    for coordinate, entries in resolved.moved_coordinates(r.links, names):
         given |= {coordinate + order * len(every): u[entries[order]] for order in range(2)}
         rates[coordinate + len(every)] = 0.0
     inputs, z = [k for k, e in enumerate(m.efforts) if e.is_input], ca.vertcat(a, multipliers)
@@ -291,7 +286,7 @@ def _chosen(scene: Scene, signals: Sequence[Signal], default: Sequence[int]) -> 
     return [names.index(name) for name in asked if name in names and name not in left_out]
 
 
-def _at_numbers(r: Resolved, expressions: Sequence[ca.SX], point: Array) -> list[ca.SX]:
+def _at_numbers(r: resolved.Resolved, expressions: Sequence[ca.SX], point: Array) -> list[ca.SX]:
     """Expressions in doubles at physical values (1, n_p)."""
     symbols, p, cosine, sine = physical_symbols(r.parameters)
     old, new = [r.symbols.p, r.symbols.cosine, r.symbols.sine], [p, cosine, sine]

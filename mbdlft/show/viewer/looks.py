@@ -16,20 +16,12 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.body import GROUND
+from mbdlft.robot import urdf
 from mbdlft.robot.load import top_of
 from mbdlft.robot.mjcf_model import Compiled, compiled
 from mbdlft.robot.robot import between, body_name, of_angles, of_quaternion
 from mbdlft.robot.sdf import chosen_model, version_of
 from mbdlft.robot.sdf_frames import frames_of, scopes
-from mbdlft.robot.urdf import (
-    Element,
-    Reader,
-    attribute_numbers,
-    child_numbers,
-    content_numbers,
-    name_of,
-    origin_of,
-)
 
 _FINEST, _FINER = 256, 0.8  # cells along a mesh at most, and by what they get fewer
 _MOST = 36_000  # triangles of a page: some 2 MB
@@ -124,7 +116,7 @@ def thinned(corners: Array, most: int) -> Array:
     return np.asarray(kept, dtype=float)
 
 
-def mjcf_looks(file: Path, top: Element, notes: list[str]) -> list[Look]:
+def mjcf_looks(file: Path, top: urdf.Element, notes: list[str]) -> list[Look]:
     """The geoms of all bodies and of the world; `notes` gets sentences on what is not shown.
 
     Geoms of the groups 0, 1 and 2 are shown, or all of them if these have none; transparent ones are
@@ -240,34 +232,34 @@ def _triangles(model: Compiled, geom: int) -> Array | None:
     return np.asarray(points[faces], dtype=float)
 
 
-def sdf_looks(file: Path, top: Element, model: str | None, notes: list[str]) -> list[Look]:
+def sdf_looks(file: Path, top: urdf.Element, model: str | None, notes: list[str]) -> list[Look]:
     """The shapes of all links of a model; `notes` gets sentences on what is not shown."""
     chosen, _ = chosen_model(top, model)
     frames = frames_of(chosen, version_of(top))
     looks: list[Look] = []
     for scope, owner in scopes(chosen):
         for link in owner.named("link"):
-            name = f"{scope}{name_of(link)}"
+            name = f"{scope}{urdf.name_of(link)}"
             for visual in link.named("visual"):
                 pose = frames.inside(visual, name, scope, f"visual of link {name!r}")
                 place = placed(pose.R, pose.p)
-                looks += _looks_of(file, name, visual, place, child_numbers, notes)
+                looks += _looks_of(file, name, visual, place, urdf.child_numbers, notes)
     return looks
 
 
-def urdf_looks(file: Path, robot: Element, notes: list[str]) -> list[Look]:
+def urdf_looks(file: Path, robot: urdf.Element, notes: list[str]) -> list[Look]:
     """The shapes of all links; `notes` gets sentences on what is not shown."""
     looks: list[Look] = []
     for link in robot.named("link"):
         for visual in link.named("visual"):
-            xyz, rpy = origin_of(visual, "origin of a visual")
+            xyz, rpy = urdf.origin_of(visual, "origin of a visual")
             place = placed(of_angles(rpy), np.array(xyz))
-            looks += _looks_of(file, name_of(link), visual, place, attribute_numbers, notes)
+            looks += _looks_of(file, urdf.name_of(link), visual, place, urdf.attribute_numbers, notes)
     return looks
 
 
 def _looks_of(
-    file: Path, link: str, visual: Element, place: Array, read: Reader, notes: list[str]
+    file: Path, link: str, visual: urdf.Element, place: Array, read: urdf.Reader, notes: list[str]
 ) -> Iterator[Look]:
     """The shapes of a visual, which stands at `place` (4, 4) in its link; none for what is not shown."""
     geometry = visual.only("geometry")
@@ -290,14 +282,14 @@ def _looks_of(
             numbers = [number for size in sizes.values() for number in size or ()]
             yield Look(link, place, {shape.tag: numbers if len(numbers) > 1 else numbers[0]})
         elif shape.tag == "polyline" and shape.named("point"):
-            points = np.array([content_numbers(point, where, 2) for point in shape.named("point")])
+            points = np.array([urdf.content_numbers(point, where, 2) for point in shape.named("point")])
             (height,) = read(shape, "height", where) or (1.0,)
             yield Look(link, place, {}, extruded(points, height))
         elif shape.tag != "empty":
             notes.append(f"Shapes <{shape.tag}> are not shown.")
 
 
-def _mesh_corners(file: Path, mesh: Element, read: Reader, notes: list[str]) -> Array | None:
+def _mesh_corners(file: Path, mesh: urdf.Element, read: urdf.Reader, notes: list[str]) -> Array | None:
     """Corners (n, 3, 3) of the triangles of a mesh, scaled; None for one that is not shown."""
     uri = mesh.only("uri")
     name = uri.text.strip() if uri else mesh.attributes.get("filename", "")
