@@ -55,9 +55,11 @@ def motion(scene: Scene) -> Motion:
 
 
 def beam(name: str = "beam", elements: int = 3, **given: object) -> Beam:
-    """One meter, one kilogram per meter, 1 000 N m^2."""
+    """One meter, one kilogram per meter, 1 000 N m^2; elements, or modes with or without stations."""
     data = {"length": 1.0, "density": 1.0, "area": 1.0, "modulus": 1e3, "I_y": 1.0, "I_z": 1.0}
-    return Beam(**{"name": name, "elements": elements, "deformations": ("bending_z",), **data, **given})
+    if not given.get("modes") or "stations" in given:
+        data["elements"] = elements
+    return Beam(**{"name": name, "deformations": ("bending_z",), **data, **given})
 
 
 def lever(angle: float, prestress: str | None = "neglected", **given: object) -> Scene:

@@ -85,8 +85,8 @@ class Beam(ElasticBody):
     `mass_damping` M + `stiffness_damping` K.
 
     With `modes` each deformation has that many polynomials over the whole beam in place of elements, and
-    `elements` only numbers the nodes of stations. They do not depend on parameters. A beam with a
-    `shear_coefficient` has rotary inertia too.
+    `elements` only numbers the nodes of `stations`: without these, both together are an error. Modes do
+    not depend on parameters. A beam with a `shear_coefficient` has rotary inertia too.
     """
 
     kind: ClassVar[str] = "beam"
@@ -127,6 +127,11 @@ class Beam(ElasticBody):
             raise SceneError(
                 "modes: the modes of a beam with a shear_coefficient change with its parameters. Give "
                 "`elements` in place of modes; 4 have four frequencies to 0.3 %."
+            )
+        if self.modes is not None and "elements" in self.model_fields_set and not self.stations:
+            raise SceneError(
+                f"got elements = {self.elements} and modes = {self.modes}, in the place of elements; "
+                "these number the nodes of stations, and there are none. Leave one of both out."
             )
         if self.ports:
             raise SceneError("a beam has 'tip' and `stations` (names of nodes) in place of ports.")
