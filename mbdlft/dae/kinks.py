@@ -9,13 +9,14 @@ two slopes.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
+from mbdlft.dae.branches import SWITCHES, Side, ranges_of, side_on
 from mbdlft.dae.newton import values_of
 from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, unsupported
@@ -24,35 +25,14 @@ from mbdlft.exact.interval import Interval, decimal, find_zero
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, numbers_of
 from mbdlft.problem.sx.tapes import Rules, arithmetic, fold
 
-Side = Literal["below", "above", "at", "open"]
 _RANGES = arithmetic(decimal, OF_INTERVALS)
 _ROUNDING = 1e-12  # of the terms of a value in doubles: less is zero, as in solutions of equilibria
 
 
-class _Switch(NamedTuple):
-    """What decides, as a function of the operands, and the values below and above its zero."""
-
-    argument: Callable[..., ca.SX]
-    below: Callable[..., ca.SX]
-    above: Callable[..., ca.SX]
-
-
-def _difference(a: ca.SX, b: ca.SX) -> ca.SX:
-    return a - b
-
-
-_SWITCHES: Mapping[str, _Switch] = {
-    "fabs": _Switch(lambda a: a, lambda a: -a, lambda a: a),
-    "sign": _Switch(lambda a: a, lambda a: ca.SX(-1), lambda a: ca.SX(1)),
-    "fmin": _Switch(_difference, lambda a, b: a, lambda a, b: b),
-    "fmax": _Switch(_difference, lambda a, b: b, lambda a, b: a),
-    "lt": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
-    "le": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
-    # at the zero, and on both sides of it
-    "eq": _Switch(_difference, lambda a, b: ca.SX(1), lambda a, b: ca.SX(0)),
-    "ne": _Switch(_difference, lambda a, b: ca.SX(0), lambda a, b: ca.SX(1)),
-}
 _LOGIC = ("and", "or", "not")
+
+
+_SideOf = Callable[[ca.SX, Sequence[Side]], Side]  # of an argument, and of branches at its zero
 
 
 class _Decided(NamedTuple):
@@ -71,7 +51,7 @@ def near_points(s: Structure, stacked: ca.SX, unknown: Sequence[Quantity], point
     p = parameter_points(s.dae, len(points))
     symbols = column_of(q.symbol for q in unknown)
 
-    def side(argument: ca.SX) -> Side:
+    def side(argument: ca.SX, at_zero: Sequence[Side]) -> Side:
         function = ca.Function("argument", [symbols, s.dae.p], [ca.densify(in_doubles(argument))])
         values = np.array([float(function(*at)) for at in zip(points, p, strict=True)])
         return "above" if np.all(values > 0.0) else "below" if np.all(values < 0.0) else "open"
@@ -80,14 +60,20 @@ def near_points(s: Structure, stacked: ca.SX, unknown: Sequence[Quantity], point
 
 
 def without_switches(
-    s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX, places: Sequence[str]
+    s: Structure,
+    values: Mapping[str, ca.SX],
+    stacked: ca.SX,
+    places: Sequence[str],
+    *,
+    slopes: bool = False,
 ) -> ca.SX:
     """Expressions (n, 1) near an equilibrium, with a branch in place of each function that switches.
 
     `values` are those of all quantities at the equilibrium, and `places` (n,) name the expressions.
-    Functions whose argument may change its sign in the range of the parameters stay as they are.
+    Functions whose argument may change its sign in the range of the parameters stay as they are. In
+    `slopes`, a comparison that changes at an end of the range is a kink there.
     """
-    near = _Equilibrium(s, values)
+    near = _Equilibrium(s, values, slopes=slopes)
     decided: list[_Decided] = []
     smooth = _branches(stacked, near.side, decided, {})
     for k, switch in enumerate(decided):
@@ -98,16 +84,16 @@ def without_switches(
 
 
 def _branches(
-    stacked: ca.SX, side_of: Callable[[ca.SX], Side], decided: list[_Decided], chosen: Mapping[int, Side]
+    stacked: ca.SX, side_of: _SideOf, decided: list[_Decided], chosen: Mapping[int, Side]
 ) -> ca.SX:
     """The expressions with branches; those at a zero are below it, unless `chosen` says otherwise."""
 
     def switched(name: str, *operands: ca.SX) -> ca.SX:
-        switch, entries = _SWITCHES[name], [ca.SX(x) for x in operands]
+        switch, entries = SWITCHES[name], [ca.SX(x) for x in operands]
         argument = switch.argument(*entries)
         if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
             return ca.SX(0)  # on either side
-        side = side_of(argument)
+        side = side_of(argument, switch.at_zero)
         side = "above" if side == "below" and name in ("eq", "ne") else side
         decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side))
         side = chosen.get(len(decided) - 1, decided[-1].side)
@@ -127,7 +113,7 @@ def _branches(
     operations: dict[str, Callable[..., ca.SX]] = {
         **FUNCTIONS,
         **ARITHMETIC_OF_SX,
-        **{name: partial(switched, name) for name in _SWITCHES},
+        **{name: partial(switched, name) for name in SWITCHES},
         **{name: partial(logical, name) for name in _LOGIC},
         "if_else_zero": chosen_value,
     }
@@ -141,7 +127,8 @@ def _branches(
 class _Equilibrium:
     """Where arguments of functions are at an equilibrium, for all values of the parameters."""
 
-    def __init__(self, s: Structure, values: Mapping[str, ca.SX]) -> None:
+    def __init__(self, s: Structure, values: Mapping[str, ca.SX], *, slopes: bool) -> None:
+        self.ranges = {} if slopes else ranges_of(s.dae)
         self.quantities, self.dae, self.symbols = s.quantities, s.dae, s.symbols
         self.values = column_of(values[q.name] for q in s.quantities)
         ends = np.array([[p.low, p.high] for p in self.dae.parameters]).reshape(-1, 2).T
@@ -154,13 +141,18 @@ class _Equilibrium:
         """An expression at the equilibrium, in terms of the parameters."""
         return ca.SX(ca.substitute(expression, self.symbols, self.values))
 
-    def side(self, argument: ca.SX) -> Side:
-        """On which side of zero an argument is: decided exactly, or by an enclosure of its range."""
+    def side(self, argument: ca.SX, at_zero: Sequence[Side]) -> Side:
+        """On which side of zero an argument is: decided exactly, or by an enclosure of its range.
+
+        One of parameters alone may be zero where the branch is one of those `at_zero`.
+        """
         value = self.there(argument)
         if self.vanishes(argument):
             return "at"
         if is_constant(value):
             return "above" if numbers_of(value)[0, 0] > 0.0 else "below"
+        if (side := side_on(argument, self.ranges)) in at_zero:
+            return side
         function = ca.Function("argument", [self.dae.p], [ca.densify(in_doubles(value))])
 
         def enclosed(box: Mapping[str, Interval]) -> Interval:

@@ -21,6 +21,7 @@ from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
+from mbdlft.dae.branches import with_roots_of_squares
 from mbdlft.dae.dae import Dae, Variable, check_units
 from mbdlft.dae.index import (
     Block,
@@ -168,6 +169,7 @@ def reduce_index(
     """
     if not dae.units_checked:
         check_units(dae)
+    dae = with_roots_of_squares(dae)
     reduced, aliases = eliminate_aliases(dae)
     d = differentiated(reduced)
     if d.input_rates and input_rates == "refused":

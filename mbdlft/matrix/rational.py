@@ -13,7 +13,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
-from typing import Any, Self
+from typing import Any
 
 import casadi as ca
 import flint
@@ -23,7 +23,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import MbdlftError
 from mbdlft.base.parameter import cosine_sine_parts, exact_cosine_sine
 from mbdlft.exact.numbers import decimal
-from mbdlft.exact.operators import Operators
+from mbdlft.exact.ratio import NotFractionError, Polynomial, Ratio, flint_rational
 from mbdlft.matrix.expressions import Resolved, matrix_values, parts
 from mbdlft.matrix.problem import MatrixProblem
 from mbdlft.order.rational import Fractions, RationalMatrix, Terms, low_relations
@@ -32,61 +32,9 @@ from mbdlft.order.work import Work
 from mbdlft.problem.relations import Form, LinearModel
 from mbdlft.problem.sx.constants import literal
 
-_MOST_TERMS, _MOST_DEGREE = 1000, 128  # of a polynomial that is made from a text
 _MOST_ENTRIES = 300_000  # coefficients over one denominator, zeros too: 3 s from the values of more
 _SWEEPS = 10  # of balancing
 _WORK = 6.0  # units, for the recovery, for relations of rows, and for those of columns
-
-
-class NotFractionError(Exception):
-    """A number that is no fraction, a division by zero, or a polynomial that is too large."""
-
-
-class Ratio(Operators):
-    """n / d in lowest terms, polynomials of FLINT; ``+ - * /`` as for numbers."""
-
-    __slots__ = ("d", "n")
-
-    def __init__(self, n: Any, d: Any) -> None:
-        shared = n.gcd(d) * d.leading_coefficient()  # so the one of the denominator is 1
-        self.n, self.d = divmod(n, shared)[0], divmod(d, shared)[0]
-        for polynomial in (self.n, self.d):
-            if len(polynomial) > _MOST_TERMS or polynomial.total_degree() > _MOST_DEGREE:
-                raise NotFractionError
-
-    def __add__(self, other: "Ratio | Fraction | float") -> Self:
-        b = self.of(other)
-        return type(self)(self.n * b.d + b.n * self.d, self.d * b.d)
-
-    def __neg__(self) -> Self:
-        return type(self)(-self.n, self.d)
-
-    def __mul__(self, other: "Ratio | Fraction | float") -> Self:
-        b = self.of(other)
-        return type(self)(self.n * b.n, self.d * b.d)
-
-    def __truediv__(self, other: "Ratio | Fraction | float") -> Self:
-        b = self.of(other)
-        if b.n == 0:
-            raise NotFractionError
-        return type(self)(self.n * b.d, self.d * b.n)
-
-    def of(self, number: "Ratio | Fraction | float") -> Self:
-        if isinstance(number, Ratio):
-            return type(self)(number.n, number.d)
-        context, exact = self.n.context(), number if isinstance(number, Fraction) else decimal(number)
-        return type(self)(context.constant(_rational(exact)), context.constant(1))
-
-
-class Polynomial(Ratio):
-    """A `Ratio` that is divided by numbers only."""
-
-    __slots__ = ()
-
-    def __init__(self, n: Any, d: Any) -> None:
-        if not d.is_constant():
-            raise NotFractionError
-        super().__init__(n, d)
 
 
 def fractions(
@@ -168,14 +116,14 @@ def _simple_point(d: Any, problem: MatrixProblem) -> list[Fraction]:
     nominal = [parameter.map.b0 for parameter in problem.parameters]
     for digits in range(18):
         point = [decimal(f"{x:.{digits - 1}e}") if digits else Fraction(0) for x in nominal]
-        if d(*map(_rational, point)) != 0:
+        if d(*map(flint_rational, point)) != 0:
             break
     return point
 
 
 def _about(N: Sequence[Sequence[Any]], d: Any, point: Sequence[Fraction]) -> RationalMatrix:
     """N / d in the distances of the parameters from a point."""
-    moved = [symbol + _rational(x) for symbol, x in zip(d.context().gens(), point, strict=True)]
+    moved = [symbol + flint_rational(x) for symbol, x in zip(d.context().gens(), point, strict=True)]
     terms = [[_terms(x.compose(*moved)) for x in row] for row in N]
     return RationalMatrix(terms, _terms(d.compose(*moved)), len(point))
 
@@ -250,7 +198,3 @@ def _horner(terms: Terms, q: ca.SX, order: Sequence[int]) -> ca.SX:
 
 def _terms(polynomial: Any) -> Terms:
     return {tuple(map(int, e)): Fraction(int(x.p), int(x.q)) for e, x in polynomial.to_dict().items()}
-
-
-def _rational(x: Fraction) -> Any:
-    return flint.fmpq(x.numerator, x.denominator)

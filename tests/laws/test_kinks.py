@@ -66,6 +66,49 @@ def test_branches_that_are_one_function_or_stay_in_the_range(force, start, slope
         target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[slope(k)]]), CLOSED_FORM)
 
 
+@pytest.mark.parametrize(
+    ("factor", "value"),
+    [
+        (lambda k: ca.fabs(k - 0.8), lambda k: k - 0.8),
+        (lambda k: ca.fabs(k - 1.2), lambda k: 1.2 - k),
+        (lambda k: ca.fmax(k, 0.8) - ca.fmin(1.2, k * k / 1.2), lambda k: k - k * k / 1.2),
+        (lambda k: ca.if_else(k >= 0.8, k, 7), lambda k: k),
+        (lambda k: ca.if_else(k < 0.8, 7, k), lambda k: k),
+        (lambda k: ca.fabs((k - 0.8) * (1.2 - k)), lambda k: (k - 0.8) * (1.2 - k)),
+        (lambda k: ca.sqrt(k * k - 1.6 * k + 0.64), lambda k: k - 0.8),
+        (lambda k: ca.sqrt(2 * k * k - 8 * k + 8), lambda k: np.sqrt(2) * (2 - k)),
+        (lambda k: ca.sqrt((k**4 - 2 * k * k + 1) / (4 * k * k + 4 * k + 1)) * 0 + k, lambda k: k),
+        (
+            lambda k: ca.sqrt((k**2 + 2 * k + 1) / (4 * k * k + 4 * k + 1)),
+            lambda k: (k + 1) / (2 * k + 1),
+        ),
+    ],
+)
+def test_what_is_one_rational_function_up_to_the_ends_of_the_range(factor, value) -> None:
+    linear = model(lambda k, x: factor(k) * x, 0.5)
+    assert linear.certificate.exact
+    for k in (0.8, 1.0, 1.13, 1.2):
+        target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[-value(k)]]), CLOSED_FORM)
+
+
+@pytest.mark.parametrize(
+    ("force", "at"),
+    [
+        *((lambda k, x: ca.fabs(x - k), at) for at in (0.8, 1.2)),
+        *((lambda k, x: ca.fmax(x, k), at) for at in (0.8, 1.2)),
+        *((lambda k, x: ca.if_else(x >= k, 2 * x, x + k), at) for at in (0.8, 1.2)),
+        *((lambda k, x: ca.sqrt(x * x - 2 * k * x + k * k), at) for at in (0.8, 1.2)),
+        *((lambda k, x: ca.sqrt(2 * x * x - 4 * k * x + 2 * k * k), at) for at in (0.8, 1.2)),
+        (lambda k, x: ca.sign(k - 0.8) * x, 1.0),
+        (lambda k, x: ca.if_else(k > 0.8, k, 7) * x, 1.0),
+    ],
+)
+def test_a_kink_at_the_end_of_the_range_is_refused(force, at: float) -> None:
+    """Of a state that is at the end of a range, or of a function that jumps there."""
+    with pytest.raises(mbdlft.base.NotRationalError, match=r"changes its branch .* range of k"):
+        model(force, at)
+
+
 @pytest.mark.parametrize("switch", [lambda k: ca.fmax(k, 1.1), lambda k: ca.if_else(k < 1.1, k, 1.1)])
 def test_a_switch_inside_the_range_is_refused(switch) -> None:
     with pytest.raises(mbdlft.base.NotRationalError, match=r"1.1\) changes its branch .* range of k"):
@@ -88,6 +131,19 @@ def test_an_equilibrium_that_depends_on_the_parameters_stays_on_its_branch(force
     linear = mbdlft.linearize_dae(draft.dae())
     for k in (0.8, 1.0, 1.13, 1.2):
         target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[right(k)]]), CLOSED_FORM)
+
+
+def test_a_root_that_is_a_cosine_at_the_equilibrium() -> None:
+    draft = DaeDraft("slope")
+    angle, k = draft.parameter(mbdlft.Angle("angle", 0, -60, 60)), draft.parameter(K)
+    x, z, u = draft.variable("x"), draft.variable("z", start=1.0), draft.input("u")
+    draft.equation(z, equals=(k * ca.cos(angle)) ** 2)
+    draft.equation(draft.der(x), equals=u - ca.sqrt(z) * x)
+    draft.output("x")
+    linear = mbdlft.linearize_dae(draft.dae())
+    for degrees, k in ((-50.0, 0.8), (0.0, 1.0), (60.0, 1.13)):
+        A = mbdlft.matrices_at(linear, {"angle": degrees, "k": k})[0]
+        target(A, np.array([[-k * np.cos(np.deg2rad(degrees))]]), CLOSED_FORM)
 
 
 def test_decisions_do_not_depend_on_the_scale_of_an_equation() -> None:

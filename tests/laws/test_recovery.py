@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from mbdlft import Parameter, realize
-from mbdlft.matrix.rational import NotFractionError, Polynomial, Ratio
+from mbdlft.exact.ratio import NotFractionError, Polynomial, Ratio, sign_on, square_root
 from mbdlft.order.rational import RationalMatrix, Terms, low_relations
 from mbdlft.order.recovery import Recovered, recovered
 from mbdlft.order.work import Work
@@ -65,6 +65,37 @@ def test_ratios(operation: Callable[[Any, Any], Any], seed: int) -> None:
     product = operation(a, b)
     assert product.d.leading_coefficient() == 1
     assert product.n.gcd(product.d).is_constant()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_roots_of_squares(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    a = ratio(random) + 1
+    number, r = square_root(a * a * 2)
+    assert (r * r * number - a * a * 2).n == 0
+    assert square_root(a * a * -2) is None
+    assert square_root(a * a * Ratio(CONTEXT.gens()[0], a.d.context().constant(1))) is None
+    zero = a - a
+    assert square_root(zero)[1].n == 0
+    assert sign_on(zero, [(Fraction(0), Fraction(1))] * 2) == 1
+
+
+def test_signs_on_a_box() -> None:
+    """Zeros at corners, edges and inside; a curve that leaves no corner on its other side."""
+    x, y = (Ratio(symbol, CONTEXT.constant(1)) for symbol in CONTEXT.gens())
+    box = [(Fraction(1), Fraction(2)), (Fraction(3), Fraction(4))]
+    cases = [
+        (x - 1, 1), (1 - x, -1), (x - 2, -1), ((x - 1) * (y - 4), -1), (x * y - 3, 1), (x * x * y - 3, 1),
+        ((x - y) * (x - y), 1), (x - 1.5, 0), (x * y - 4, 0), (x * x + y - 4, 1),
+        (x * x - 2.5 * x + 1.5625, 1), ((x - 1.25) * (x * x - 2.5 * x + 1.5625), 0),
+        ((x - 1.1) * (x - 1.1) - 0.001, 0), ((x - 1.9) * (x - 1.9) - 0.001, 0),
+        ((x - 1.5) * (x - 1.5) + 0.1 - 0.1 * (y - 3), 1), (y * y * y - 27 * x * x + 90, 1),
+        ((x - 1.5) * (x - 1.5) - 0.1, 0), ((x - 1.5) * (x - 1.5) - 0.001, 0), (1 / (x - 3), -1),
+        ((x - 1) / (1 - y), -1), ((x - 1.5) * (x - 1.5) + (y - 3.5) * (y - 3.5) + 1e-3, 1),
+    ]  # fmt: skip
+    for k, (function, sign) in enumerate(cases):
+        assert sign_on(function, box) == sign, k
+        assert sign_on(-function, box) == -sign, k
 
 
 def test_polynomials_are_not_divided_by_polynomials() -> None:

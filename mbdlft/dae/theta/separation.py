@@ -8,15 +8,14 @@ becomes an argument of its own.
 Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 """
 
-import math
 from functools import partial
 from typing import Literal, NamedTuple
 
 import casadi as ca
-import numpy as np
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.alias import rational
+from mbdlft.dae.branches import SWITCHES, ranges_of, root_of_square, side_on
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
@@ -31,7 +30,6 @@ from mbdlft.problem.sx.tapes import fold, rules
 Arrange = Literal["fewest", "blocks"]
 _PRODUCTS, _NOT_LINEAR = ("mul", "div"), ("mul", "div", "pow", "constpow")
 SWITCHING = ("fabs", "sign", "floor", "ceil", "fmin", "fmax", "lt", "le", "eq", "ne")
-_MOST_POWER, _SEED = 8, 20230917  # of a parameter in a root; of residues
 _OPERATIONS = {**ARITHMETIC_OF_SX, **FUNCTIONS}
 
 
@@ -47,7 +45,7 @@ class Separation:
         self.internal = ca.SX(dae.p)
         for k in angles:
             self.internal[k] = ca.SX.sym(f"tan({dae.parameters[k].name})")
-        self.plain = [(dae.p[k], p) for k, p in enumerate(dae.parameters) if not p.is_angle]
+        self.ranges = ranges_of(dae)
         cosine, sine = cosines_sines(dae.parameters, self.internal)
         self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
         p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
@@ -164,8 +162,8 @@ class Separation:
             pair = self.angles.get(values[0].element_hash())
             if pair is not None:
                 return coefficient(pair[operation == "sin"])
-        if operation == "sqrt" and (of_square := self._root(values[0])) is not None:
-            return coefficient(of_square)
+        if (branch := self._one_branch(operation, *values)) is not None:
+            return coefficient(branch)
         text = f"{operation}({', '.join(str(constants.in_doubles(value)) for value in values)})"
         names = sorted({s.name() for value in values for s in free_symbols(value)})
         if operation in SWITCHING:
@@ -181,25 +179,19 @@ class Separation:
             "guaranteed bound (DaeDraft.fit, fit_coefficient)."
         )
 
-    def _root(self, value: ca.SX) -> ca.SX | None:
-        """The square root of a number times even powers of parameters that keep their signs."""
-        known, free, made = {p.element_hash(): q for p, q in self.plain}, free_symbols(value), ca.SX(1)
-        ones = column_of(ca.SX(1) for _ in free)
-        for symbol in free:
-            parameter = known.get(symbol.element_hash())
-            slope = constants.in_doubles(symbol * ca.jacobian(value, symbol) / value)
-            degree = ca.evalf(ca.substitute(slope, column_of(free), ones))
-            if parameter is None or not math.isfinite(float(degree)):
-                return None
-            power = round(float(degree) / 2.0)
-            if parameter.low <= 0.0 <= parameter.high or abs(power) > _MOST_POWER:
-                return None
-            made = made * (symbol if parameter.low > 0.0 else -symbol) ** power
-        number = constants.rational_of(ca.substitute(value, column_of(free), ones))
-        if number is None or number < 0:
+    def _one_branch(self, operation: str, *values: ca.SX) -> ca.SX | None:
+        """What a function that has no jumps is in the whole range, if it is one rational function there.
+
+        Comparisons may be slopes of one that has a kink at the end of the range.
+        """
+        if operation == "sqrt":
+            square = root_of_square(values[0])
+            return None if square is None else self._one_branch("fabs", square)
+        switch = SWITCHES.get(operation)
+        if switch is None or len(switch.at_zero) < 2:
             return None
-        difference, _ = constants.modulo_prime(value - constants.literal(number) * made**2, _SEED)
-        return None if np.any(difference) else constants.root(number) * made
+        side = side_on(switch.argument(*values), self.ranges)
+        return None if side == "open" else (switch.above if side == "above" else switch.below)(*values)
 
     def _check_angles(self, value: Mixed) -> None:
         coefficients = [term.coefficient for term in value.linear.values()]
