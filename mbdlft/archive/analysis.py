@@ -66,13 +66,7 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
 
 
 def analysis_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the analyses in the archive at `path`, sorted.
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, foreign or newer.
-    """
+    """Names of the analyses in the archive at `path`, sorted."""
     return archives.names_in(Path(path), "analyses")
 
 
@@ -88,16 +82,6 @@ def load_analysis(
         May be left out if the archive has one analysis.
     limit : int
         Most bytes that its arrays may need.
-
-    Returns
-    -------
-    System or LFTModel, Bounds
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, changed, foreign or newer, or the analysis is missing or
-        incomplete, or its model has been replaced.
     """
     file = Path(path)
 

@@ -185,12 +185,6 @@ def load(path: str | Path, name: str | None = None, *, limit: int = LIMIT, isola
     Returns
     -------
     LFTModel; or System, if it was stored without evidence; or DeltaThetaModel
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, changed, foreign or newer, or the model is missing or incomplete,
-        or its numbers do not agree.
     """
     request = hdf5.Request("read", "models", "model", name, KINDS, limit)
     return read_one(
@@ -212,13 +206,7 @@ def read_one(
 
 
 def model_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the models in the archive at `path`, sorted.
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, foreign or newer, or its models cannot be listed.
-    """
+    """Names of the models in the archive at `path`, sorted."""
     return names_in(Path(path), "models")
 
 

@@ -340,13 +340,7 @@ def finish_sweep(
 
 
 def sweep_names(path: str | Path) -> tuple[str, ...]:
-    """Names of the sweeps in the archive at `path`, sorted.
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, foreign or newer.
-    """
+    """Names of the sweeps in the archive at `path`, sorted."""
     return names_in(Path(path), "sweeps")
 
 
@@ -369,11 +363,6 @@ def load_sweep(
     start, stop : int
         The rows to read, as in a slice; by default all.
     limit, isolated : as in `load`
-
-    Raises
-    ------
-    ArchiveError
-        The file is missing, truncated, changed, foreign or newer, or the sweep is missing or incomplete.
     """
 
     def make(part: Part, key: str) -> Sweep:

@@ -73,11 +73,6 @@ class Parameter:
         The map to the internal value; `Angle` chooses it for angles.
     reference : float
         The angle (rad) at which the internal value of an angle is zero.
-
-    Raises
-    ------
-    SceneError
-        The range, the unit or the role is not usable.
     """
 
     name: str

@@ -27,11 +27,6 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
     Returns
     -------
     dict of names to arrays (N,), in the units of the parameters
-
-    Raises
-    ------
-    AnalysisError
-        `parameters` are not parameters, or `count` is not a number of points.
     """
     _check_parameters("random", parameters)
     if not isinstance(count, int | np.integer) or count < 0:

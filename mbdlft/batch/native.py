@@ -187,18 +187,6 @@ def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled
         are taken instead, if they have the same values (`Compiled.computes` says which).
     threads : int, optional
         Threads of a call; by default as many as there are cores.
-
-    Returns
-    -------
-    Compiled
-        A function of samples.
-
-    Raises
-    ------
-    SceneError
-        `source` is neither, or the scene cannot be assembled.
-    AnalysisError
-        The number of threads is not one.
     """
     if not isinstance(source, Scene | LFTModel):
         raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(source).__name__}.")

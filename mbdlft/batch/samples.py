@@ -142,15 +142,6 @@ def read_samples(path: str | Path) -> dict[str, Array]:
     Parameters
     ----------
     path : file
-
-    Returns
-    -------
-    dict of names to arrays (N,)
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be read, or a line is not one number for each name.
     """
     file = Path(path)
     try:

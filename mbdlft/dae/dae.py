@@ -123,12 +123,6 @@ class Dae:
         Whether it is known that its units fit, as of a text in which every number has its unit.
     fit_error_bound : float
         Guaranteed bound of the error of coefficients that are fits, in their units; 0.0 for none.
-
-    Raises
-    ------
-    SceneError
-        A name occurs twice, a unit is not known, an expression has a symbol that is not one of these, a
-        start value is not a number.
     """
 
     name: str
@@ -177,13 +171,7 @@ class Dae:
         return column_of(v.derivative for v in self.variables if v.derivative is not None)
 
     def variable(self, name: str) -> Variable:
-        """The variable or input of a name.
-
-        Raises
-        ------
-        SceneError
-            There is none.
-        """
+        """The variable or input of a name."""
         by_name = {v.name: v for v in (*self.variables, *self.inputs)}
         if name not in by_name:
             raise SceneError(f"{self.owner}: " + unknown_name("variable", name, by_name))

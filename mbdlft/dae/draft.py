@@ -113,13 +113,7 @@ class DaeDraft:
         return table_expression(argument, breakpoints, values, interpolation, beyond)
 
     def der(self, variable: ca.SX | str) -> ca.SX:
-        """The symbol of the derivative of a variable, in its unit per second.
-
-        Raises
-        ------
-        SceneError
-            It is no variable, but an input, a parameter or an expression.
-        """
+        """The symbol of the derivative of a variable, in its unit per second."""
         name = variable if isinstance(variable, str) else _name_of(variable)
         known = self._variables.get(name)
         if known is None or not (isinstance(variable, str) or ca.is_equal(known.symbol, variable)):
@@ -161,13 +155,7 @@ class DaeDraft:
         self._outputs.append(Output(name, with_literals(ca.SX(expression)), unit))
 
     def dae(self) -> Dae:
-        """The description.
-
-        Raises
-        ------
-        SceneError
-            As `Dae`.
-        """
+        """The description."""
         pairs = [self._parameters[name] for name in sorted(self._parameters)]
         return Dae(
             self.name,

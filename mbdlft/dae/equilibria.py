@@ -113,11 +113,6 @@ def start_point(
         In the place of start values.
     fit
         As in `trim`.
-
-    Raises
-    ------
-    SceneError, TrimError, NotRationalError
-        As `trim`.
     """
     fixed = _of_aliases(s, dict(at or {}))
     _check_names(s, fixed, ())

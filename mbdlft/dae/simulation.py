@@ -319,13 +319,6 @@ def evaluate_form(
     model : DeltaThetaModel
     states, inputs, parameters : mappings of names to numbers, in their units
         The other states are those at the start, other inputs zero, other parameters nominal.
-
-    Raises
-    ------
-    SceneError
-        A name is not known.
-    AnalysisError
-        Theta has no value there, or an argument is outside of its range.
     """
     m = _theta_form(model, _Asked(np.zeros(1), inputs or {}, parameters or {}, states or {}))
     read = ca.Function("read", [m.x, m.u, m.z], [*map(ca.densify, (m.rates, m.y, m.omega))])

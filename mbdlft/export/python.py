@@ -69,11 +69,6 @@ def frequency_data(
     -------
     list of control.FrequencyResponseData
         One for each sample, with the names of the signals, dots as underscores.
-
-    Raises
-    ------
-    AnalysisError, StructureError
-        As `frequency_response`.
     """
     import control  # here because it is slow to import
 

@@ -40,11 +40,6 @@ class LFT:
     M22 : array (n_out, n_in)
     blocks : tuple of Block
         One for each delta, sorted by name; a size may be 0. `ComplexBlock` and `FullBlock` are kinds.
-
-    Raises
-    ------
-    StructureError
-        The shapes do not fit, an entry is not finite, or the blocks are not sorted and unique.
     """
 
     M11: Array

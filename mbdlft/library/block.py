@@ -59,15 +59,6 @@ def low_pass(
     parameters : sequence of Parameter
         Those of the expressions, each with its unit, for example Hz.
     name : str
-
-    Returns
-    -------
-    LFTModel with one input and one output, for `series`
-
-    Raises
-    ------
-    SceneError
-        A quantity is not positive, or its unit does not fit.
     """
     quantities = {"bandwidth": Expected(bandwidth, "rad/s")}
     if damping is not None:
@@ -99,15 +90,6 @@ def band_pass(
     damping : number or expression, xi [1] of both
     parameters : sequence of Parameter
     name : str
-
-    Returns
-    -------
-    LFTModel with one input and one output, for `series`
-
-    Raises
-    ------
-    SceneError
-        A quantity is not positive, or its unit does not fit.
     """
     quantities = {
         "low": Expected(low, "rad/s"),
@@ -148,11 +130,6 @@ def delay(
     Returns
     -------
     LFTModel with one input and one output, for `series`
-
-    Raises
-    ------
-    SceneError
-        The time is not positive or the order is not such a number.
     """
     if isinstance(order, bool) or not isinstance(order, int) or not 1 <= order <= _MOST:
         raise SceneError(f"{name}, order: expected a whole number from 1 to {_MOST}, got {order!r}.")
@@ -219,11 +196,6 @@ def imbalance(
         Static; inputs ``NAME.cosine`` and ``NAME.sine`` [1], which are cos w t and sin w t; outputs
         ``force.x``, ``force.y`` (N), ``torque.x``, ``torque.y`` (N m). To be put in series with
         the inputs of two forces and two torques of magnitude 0 at the port of the wheel.
-
-    Raises
-    ------
-    SceneError
-        The speed is not positive, an imbalance is negative, or a unit does not fit.
     """
 
     def matrix(v: Mapping[str, Any]) -> list[list[Any]]:
@@ -337,11 +309,6 @@ def two_port(
         piezoelectric patches come last. Its states are those of the
         deformations. Its ``at(...)`` gives a `control.StateSpace`, and `invert_channels` other boundary
         conditions.
-
-    Raises
-    ------
-    SceneError
-        A port or an axis is unknown, a port is named twice or cannot hold the body.
     """
     ports = _ports(body, children, parent)
     check_known("axis", map(str, axes), DIRECTIONS, f"two_port of body {body.name!r}")

@@ -81,11 +81,6 @@ def array_drive(
     -------
     ArrayDrive
         `body`, `motor`, `shaft`: for the bodies and joints of a `Scene`.
-
-    Raises
-    ------
-    SceneError
-        As of the joints.
     """
     between = f"{name}_gear"
     return ArrayDrive(
@@ -159,11 +154,6 @@ def wheel_cluster(
     -------
     WheelCluster
         `bodies` and `joints`, for those of a `Scene`.
-
-    Raises
-    ------
-    SceneError
-        The arrangement is unknown, or there are not as many ports or rates as wheels.
     """
     if isinstance(axes, str) and axes not in WHEEL_AXES:
         raise SceneError(
@@ -232,13 +222,7 @@ class SloshTank(NamedTuple):
 
 
 def slosh_data(radius: float, height: float) -> SloshData:
-    """Mechanical analogy of the first mode in a cylinder of a radius filled to a height (m).
-
-    Raises
-    ------
-    SceneError
-        One of them is not positive.
-    """
+    """Mechanical analogy of the first mode in a cylinder of a radius filled to a height (m)."""
     if not (radius > 0.0 and height > 0.0):
         raise SceneError(
             f"slosh: expected a radius and a height that are positive, got {radius:g} m and {height:g} m."
@@ -282,11 +266,6 @@ def slosh_tank(
     -------
     SloshTank
         `bodies` and `joints`, for those of a `Scene`.
-
-    Raises
-    ------
-    SceneError
-        A size is not positive.
     """
     data = slosh_data(radius, height)
     mass, acceleration = _with_unit(mass, "kg"), acceleration and _with_unit(acceleration, "m/s^2")

@@ -174,24 +174,12 @@ FORMAT = "mbdlft-matrix/1"
 
 
 def load_matrix(path: str | Path) -> MatrixProblem:
-    """Matrix problem of the TOML file at `path`.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or is not a matrix problem; the message names the file.
-    """
+    """Matrix problem of the TOML file at `path`."""
     return toml.read_file(path, matrix_from_toml)
 
 
 def matrix_from_toml(text: str) -> MatrixProblem:
-    """Matrix problem of a TOML text.
-
-    Raises
-    ------
-    SceneError
-        The text is not TOML (with the line), or not a matrix problem.
-    """
+    """Matrix problem of a TOML text."""
     return toml.read_table(text, _problem)
 
 

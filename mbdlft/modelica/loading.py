@@ -41,16 +41,6 @@ def load_modelica(
         only one.
     roots : folders of libraries, optional
         By default those of the environment variable MODELICAPATH.
-
-    Returns
-    -------
-    dae : Dae
-    report : ModelicaReport
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or compiled, or `translate` raises an error.
     """
     table = table or ModelicaTable()
     file = Path(path)

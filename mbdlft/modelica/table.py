@@ -118,24 +118,12 @@ class ModelicaTable:
 
 
 def load_modelica_table(path: str | Path) -> ModelicaTable:
-    """The table of the TOML file at `path`.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or is not such a table; the message names the file.
-    """
+    """The table of the TOML file at `path`."""
     return read_file(path, modelica_table_from_toml)
 
 
 def modelica_table_from_toml(text: str) -> ModelicaTable:
-    """The table of a TOML text.
-
-    Raises
-    ------
-    SceneError
-        The text is not TOML, or not such a table.
-    """
+    """The table of a TOML text."""
     return read_table(text, _table)
 
 

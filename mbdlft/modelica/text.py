@@ -34,11 +34,6 @@ def flat_model(text: str, source: str = "flat Modelica") -> tree.FlatModel:
     text : str
     source : str
         What messages call the text, such as the name of its file.
-
-    Raises
-    ------
-    SceneError
-        The text is not flat Modelica; the message gives the line and the column.
     """
     try:
         return _TextParser(text, source).model()

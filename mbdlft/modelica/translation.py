@@ -83,11 +83,6 @@ def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tupl
     table : ModelicaTable, optional
         Which parameters stay, and what else is said beside the model.
 
-    Returns
-    -------
-    dae : Dae
-    report : ModelicaReport
-
     Raises
     ------
     SceneError

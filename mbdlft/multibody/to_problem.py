@@ -214,11 +214,6 @@ def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[
     scene : Scene
     trimmed : mapping, optional
         The unknowns of the trim with their nominal values (SI), where they are known already.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError, TrimError
-        The scene cannot be used.
     """
     if trimmed is None:
         point = solve_trim(assemble(scene))

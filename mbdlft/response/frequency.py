@@ -310,13 +310,6 @@ def response_frequencies(
     -------
     array (N, F), rad/s
         Rows rise, and some numbers stand twice where a pole has none to add; for `frequency_response`.
-
-    Raises
-    ------
-    AnalysisError
-        `low` and `high` are not positive, finite and rising, or `points` is less than 2.
-    StructureError, WellPosednessError
-        As `matrices_at`.
     """
     A = modes.samples_at(system, values).A
     poles = modes.eigenvalues(A, system.name)
@@ -375,11 +368,6 @@ def unbounded_frequencies(
     Returns
     -------
     tuple of N arrays, rad/s, each rising; 0 for integrators
-
-    Raises
-    ------
-    AnalysisError, StructureError, WellPosednessError
-        As `zeros`.
     """
     matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
     frequencies = []

@@ -185,13 +185,6 @@ def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDAr
     -------
     complex array (N, nx), rad/s
         Of each sample by size; a pair has its positive frequency first. N = 1 for numbers.
-
-    Raises
-    ------
-    StructureError, WellPosednessError
-        As `matrices_at`.
-    AnalysisError
-        The eigenvalues were not found.
     """
     return eigenvalues(samples_at(system, values).A, system.name)
 
@@ -361,13 +354,7 @@ class DampingTable:
         return spectrum(self.A[self._checked(sample)]).stability
 
     def rows(self, sample: int = 0) -> tuple[ModeRow, ...]:
-        """Real poles and pairs of one sample, slowest first.
-
-        Raises
-        ------
-        AnalysisError
-            There is no such sample.
-        """
+        """Real poles and pairs of one sample, slowest first."""
         modes = spectrum(self.A[self._checked(sample)])
         kept = (modes.cleaned.imag >= 0.0) | ~np.isin(modes.cleaned.conj(), modes.cleaned)
         table = replace(self, poles=modes.cleaned[kept])
@@ -397,11 +384,6 @@ def damping_table(system: System, values: Mapping[str, ArrayLike] | None = None)
     system : System or LFTModel
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
         Such as `random`, `corners` or `grid` of mbdlft.base make them. Without values: nominal.
-
-    Raises
-    ------
-    StructureError, WellPosednessError, AnalysisError
-        As `poles`.
     """
     A = samples_at(system, values).A
     return DampingTable(system.name, A, eigenvalues(A, system.name))

@@ -91,20 +91,13 @@ def hinf_norm(
     system : System or LFTModel
     values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
     outputs, inputs : names of channels; all by default
-    tolerance : float [1]
+    tolerance : float [1], from 1e-10 to 1
         Relative distance of the bounds, unless rounding needs more.
 
     Returns
     -------
     PeakGain
         Infinite with a pole on or right of the axis that the inputs reach and the outputs see.
-
-    Raises
-    ------
-    AnalysisError
-        There are no inputs or no outputs, or the tolerance is not between 1e-10 and 1.
-    StructureError, WellPosednessError
-        As `matrices_at`.
     """
     if not 1e-10 <= tolerance < 1.0:
         raise AnalysisError(
@@ -127,9 +120,8 @@ def h2_norm(
 
     Parameters
     ----------
-    system : System or LFTModel
-    values : mapping of names to physical values, numbers or arrays (N,); the others are nominal
-    outputs, inputs : names of channels; all by default
+    system, values, outputs, inputs
+        As of `hinf_norm`.
 
     Returns
     -------
@@ -140,9 +132,7 @@ def h2_norm(
     Raises
     ------
     AnalysisError
-        There are no inputs or no outputs, or the two ways to compute it differ by a thousandth.
-    StructureError, WellPosednessError
-        As `matrices_at`.
+        The two ways to compute it differ by a thousandth.
     """
     norms = []
     for each in zip(*transfers_at(system, values, outputs, inputs, "norms"), strict=True):

@@ -57,13 +57,6 @@ def zeros(
     -------
     tuple of N complex arrays, rad/s, each sorted by size
         The number of zeros may differ between samples. It is empty for a G that is zero.
-
-    Raises
-    ------
-    StructureError, WellPosednessError
-        As `matrices_at`; a name of a channel is unknown.
-    AnalysisError
-        There are no inputs or no outputs.
     """
     finite: list[NDArray[np.complex128]] = []
     for A, B, C, D in zip(*transfers_at(system, values, outputs, inputs, "zeros"), strict=True):

@@ -55,17 +55,10 @@ def step_response(
         By default some 400 until the slowest mode has decayed, or 12 of its periods.
     outputs, inputs : names of channels; all by default
 
-    Returns
-    -------
-    TimeResponse
-        `values` (N, T, ny, nu).
-
     Raises
     ------
     AnalysisError
-        Times do not rise or are negative; there are no inputs or no outputs; it grows beyond all numbers.
-    StructureError, WellPosednessError
-        As `matrices_at`.
+        It grows beyond all numbers.
     """
     A, B, C, D = modes.transfers_at(system, values, outputs, inputs, "responses")
     t = _times(system, A, times)
@@ -86,8 +79,7 @@ def impulse_response(
 ) -> TimeResponse:
     """Outputs after an impulse of area 1 at each input: C exp(A t) B; that of D at t = 0 is left out.
 
-    Parameters, returns and errors are those of `step_response`; `system`, `values`, `times`, `outputs`,
-    `inputs`.
+    `system`, `values`, `times`, `outputs` and `inputs` are those of `step_response`.
     """
     A, B, C, _ = modes.transfers_at(system, values, outputs, inputs, "responses")
     t = _times(system, A, times)
@@ -109,18 +101,6 @@ def initial_response(
     system : System or LFTModel
     state : mapping of names of states to numbers, in their units; the others are zero
     values, times, outputs : as of `step_response`
-
-    Returns
-    -------
-    TimeResponse
-        `values` (N, T, ny), in the units of the outputs.
-
-    Raises
-    ------
-    AnalysisError
-        As `step_response`; a state is unknown or not a finite number.
-    StructureError, WellPosednessError
-        As `matrices_at`.
     """
     names = [signal.name for signal in system.states]
     x = np.zeros(len(names))

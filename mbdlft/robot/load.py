@@ -222,11 +222,6 @@ def load_robot(
     keyframe : str, optional
         The keyframe of an MJCF file whose positions are taken.
 
-    Returns
-    -------
-    scene : Scene
-    report : ImportReport
-
     Raises
     ------
     SceneError

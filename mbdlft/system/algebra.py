@@ -103,11 +103,6 @@ def append(*items: Any) -> System:
     Returns
     -------
     System, or LFTModel where all items with parameters are
-
-    Raises
-    ------
-    StructureError
-        There are none, or a name of an input or of an output stands twice.
     """
     if not items:
         raise StructureError("append: expected one system or more.")

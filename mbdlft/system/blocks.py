@@ -165,12 +165,6 @@ def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
         `plant` has the inputs of the model and then ``NAME.w.1`` ... of each parameter, its outputs and
         then ``NAME.z.1`` ..., and the other parameters. Where the trim depends on what was taken out, the
         plant has no LFT of it: ask the model. Lower bounds of the others stay.
-
-    Raises
-    ------
-    StructureError
-        The model is truncated, a parameter is unknown or named twice, none has the role ``design``, or
-        a signal has the name of a new one.
     """
     check_exact(model, "tunable")
     where = f"model {model.name!r}"

@@ -52,11 +52,6 @@ def as_system(
     Returns
     -------
     System, or LFTModel if the item is one
-
-    Raises
-    ------
-    StructureError
-        The item is something else or not continuous, or the names do not fit.
     """
     made = _converted(item)
     names = {"inputs": inputs, "outputs": outputs, "states": states}
@@ -85,11 +80,6 @@ def state_space(
     D : array (ny, nu), or a number that all its entries have
     name : str
     inputs, outputs, states : as in `as_system`
-
-    Raises
-    ------
-    StructureError
-        The shapes or the names do not fit.
     """
     a, b, c, d = (np.atleast_2d(np.asarray(matrix)) for matrix in (A, B, C, D))
     if np.ndim(D) == 0:

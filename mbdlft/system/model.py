@@ -86,11 +86,6 @@ class System:
         As an attribute it also finds them by name: ``system.parameters["m1"]``.
     description : str
 
-    Raises
-    ------
-    StructureError
-        The real blocks of the LFT are not the parameters, or the shape is not that of the signals.
-
     Notes
     -----
     With other systems, python-control systems, numbers and matrices: ``a + b``, ``a - b``, ``-a``,
@@ -329,11 +324,6 @@ class Certificate:
     open_boxes : tuple of boxes
         Where that proof is open: for each box the lowest and the highest physical value of every
         parameter, in their order. Empty if it is proved, or if no proof was tried.
-
-    Raises
-    ------
-    StructureError
-        `order_bound` is below the sum of the lower bounds.
     """
 
     order: tuple[int, ...]

@@ -118,11 +118,6 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     Returns
     -------
     array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
-
-    Raises
-    ------
-    StructureError
-        The model has no trim LFT; or as `matrices_at`.
     """
     if not isinstance(model, LFTModel):
         raise StructureError(f"model {model.name!r} is a system without evidence, and has no trim.")
@@ -291,11 +286,6 @@ def computed_by(model: System, count: int) -> str:
         ``"dense matrices"``; ``"program of the LFT"``, which is made of the LFT when it is needed; or
         ``"stored program"``, which the model carries. With ``", native"`` behind it where it is compiled.
         Should samples of a program differ from dense matrices, those compute after all.
-
-    Raises
-    ------
-    StructureError
-        The number is not one.
     """
     if not isinstance(count, int) or count < 0:
         raise StructureError(f"computed_by: expected a number of samples, got {count!r}.")

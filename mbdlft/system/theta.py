@@ -39,11 +39,6 @@ class Table:
         The slopes before the first and behind the last breakpoint.
     slopes : tuple of (left, right) (n - 1,), or empty
         Of cubic polynomials between the breakpoints, their slopes at both ends; lines without.
-
-    Raises
-    ------
-    StructureError
-        Sizes do not agree, a number is not finite, or breakpoints do not increase.
     """
 
     breakpoints: tuple[float, ...]

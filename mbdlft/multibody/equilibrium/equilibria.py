@@ -112,10 +112,6 @@ def find_equilibrium(
     every : bool
         Return all equilibria to which any of the starts led, distinct modulo 2 pi.
 
-    Returns
-    -------
-    EquilibriumPoint, or a tuple of them if `every` is true
-
     Raises
     ------
     TrimError

@@ -52,14 +52,7 @@ _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters
 
 
 def load_scene(path: str | Path) -> Scene:
-    """Read the scene of the TOML file at `path`.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or is not a scene; the message names the file and, if it is known, the
-        line.
-    """
+    """Read the scene of the TOML file at `path`."""
     if str(path).endswith((".mo", ".mof")):
         raise SceneError(
             f"{path}: it is a Modelica model, whose equations have no bodies: no scene, and nothing to "
@@ -69,13 +62,7 @@ def load_scene(path: str | Path) -> Scene:
 
 
 def scene_from_toml(text: str) -> Scene:
-    """Read the scene of a TOML text.
-
-    Raises
-    ------
-    SceneError
-        The text is not TOML, or not a scene; the message names the line if it is known.
-    """
+    """Read the scene of a TOML text."""
     return read_table(text, _scene)
 
 

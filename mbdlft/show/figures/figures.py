@@ -60,15 +60,10 @@ def for_paper(width: float = 8.5, *, fonts: Literal["sans", "latex"] = "sans") -
 
     Parameters
     ----------
-    width : float, cm
+    width : float, cm, from 5 to 60
         Such as 8.5 for one column and 17 for two; the height follows.
     fonts : {"sans", "latex"}
         Computer Modern for "latex". A file .pgf has the fonts of the document, where LaTeX is installed.
-
-    Raises
-    ------
-    AnalysisError
-        The width is not from 5 to 60 cm.
     """
     if not _WIDTHS[0] <= width <= _WIDTHS[1]:
         raise AnalysisError(f"a width of {width:g} cm: expected {_WIDTHS[0]:g} to {_WIDTHS[1]:g} cm.")

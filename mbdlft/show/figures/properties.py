@@ -69,12 +69,6 @@ def save_pole_map(
         Its name; the color of a pole is its value. Without it: random samples of all parameters.
     seed, most_samples : int
         Seed of the random samples, and how many there are at most.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, there are no states, or the
-        parameter is unknown.
     """
     check_figure(path)
     if not model.states:
@@ -151,12 +145,6 @@ def save_growth(
         Of `robust_stability`, drawn as lines.
     gap, work, leave_out
         As for `worst_case_gain`, for each size.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, sizes do not rise from above 0, or
-        as `worst_case`.
     """
     check_figure(path)
     end = 0.98 * margin.lower if margin is not None and margin.lower > 0.0 else 1.0
@@ -232,11 +220,6 @@ def save_mu(
         reached.
     gap, leave_out
         As for `mu_bands`.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, or as `mu_bands`.
     """
     check_figure(path)
     sizes = np.abs(eigenvalues_of(model.A)) if len(model.A) else np.ones(1)
@@ -286,12 +269,6 @@ def save_orders(path: str | Path, model: System) -> None:
     ----------
     path : file, whose ending is that of a figure, such as .png
     model : LFTModel
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, or the model has no certificate or
-        no parameters.
     """
     check_figure(path)
     if not isinstance(model, LFTModel):
@@ -352,12 +329,6 @@ def save_trims(path: str | Path, model: System, parameter: str | None = None, se
         Its name; by default the one that changes the trim most, the others nominal.
     seed : int
         Seed of the samples.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, the model has no trim or no
-        parameters, or the parameter is unknown.
     """
     check_figure(path)
     trimmed = _checked(model, parameter)

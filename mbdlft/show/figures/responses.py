@@ -111,15 +111,9 @@ def save_bode(
     model : System or LFTModel
     seed, most_samples : int
         Seed of the random samples, and how many there are at most.
-    outputs, inputs : names of channels; all by default
+    outputs, inputs : names of channels, up to 16; all by default
     worst : mapping of names to physical values, optional
         A worst case to draw, such as `Bounds.worst`.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, there is nothing to draw, there
-        are more than 16 channels, or a name is unknown.
     """
     check_figure(path)
     channels = channel_panels(model, outputs, inputs, _MOST_BODE, 3.6, (2, 1))
@@ -169,7 +163,7 @@ def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any)
     Parameters
     ----------
     path, model, seed, **options
-        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst, and its errors.
+        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst.
     """
     _save_loops(path, model, seed, _nyquist, "real part", **options)
 
@@ -182,7 +176,7 @@ def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any)
     Parameters
     ----------
     path, model, seed, **options
-        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst, and its errors.
+        As for `save_bode`, with its keywords most_samples, outputs, inputs, worst.
     """
     _save_loops(path, model, seed, _nichols, "phase (deg)", **options)
 
@@ -305,11 +299,6 @@ def save_singular_values(
         A worst case to draw, that is known from elsewhere; by default the sample of the highest peak.
     bound : float, optional
         A guaranteed bound of the gain over the whole range, in its unit, to draw as a line.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, or there is nothing to draw.
     """
     check_figure(path)
     if not (model.inputs and model.outputs):
@@ -380,7 +369,7 @@ def save_step(
     Parameters
     ----------
     path, model, seed, outputs, inputs, worst
-        As for `save_bode`, with its errors, for up to 25 channels.
+        As for `save_bode`; up to 25 channels.
     """
     check_figure(path)
     channels = channel_panels(model, outputs, inputs, _MOST_STEPS, 2.4)
@@ -425,15 +414,9 @@ def save_motions(
     path : file, whose ending is that of a figure, such as .png
     name : of what moves
     times : array (N,), s
-    outputs : sequence of n Signal
+    outputs : sequence of n Signal, at most 25
     runs : mapping of labels to arrays (N, n)
         The second, fourth, ... is drawn with dashes, in the color of the one before it.
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, or there are no outputs, or more
-        than 25.
     """
     check_figure(path)
     if not 0 < len(outputs) <= _MOST_STEPS:

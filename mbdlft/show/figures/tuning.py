@@ -69,11 +69,6 @@ def save_tuning_figure(path: str | Path, tuning: Tuning, *, seed: int = 0) -> No
     path : file, whose ending is that of a figure, such as .png
     tuning : Tuning
     seed : int, of the random samples
-
-    Raises
-    ------
-    AnalysisError
-        The file cannot be written, its ending is not that of a figure, or no goal has a gain or a pole.
     """
     check_figure(path)
     write_figure(tuning_figure(tuning, seed), path)

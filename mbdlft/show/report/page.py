@@ -40,13 +40,6 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
     -------
     Page
         ``model_report(model).save("report.html")`` writes it; a notebook shows it.
-
-    Raises
-    ------
-    AnalysisError
-        `model` is none.
-    ArchiveError
-        The archive cannot be read.
     """
     if not isinstance(model, System):
         raise AnalysisError(
