@@ -11,16 +11,8 @@ import mbdlft
 from mbdlft import Bounds, ComplexBlock, Parameter, System, realize
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
+from mbdlft.robust import evidence
 from mbdlft.robust.ascent import abscissa
-from mbdlft.robust.evidence import (
-    SENTENCES,
-    BoxProof,
-    Interval,
-    IntervalProof,
-    LyapunovProof,
-    MotionProof,
-    Multipliers,
-)
 from mbdlft.robust.realization import physical, realization
 from mbdlft.synthesis import gain_goal, lpv_synthesis, pole_goal, tunable_gain, tune
 
@@ -167,7 +159,7 @@ def changed(bounds: Bounds, random: np.random.Generator) -> tuple[Bounds, str]:
 def _other(name: str, value: Any, random: np.random.Generator) -> Any:
     """Another value of a field of its kind."""
     if name == "kind":
-        return str(random.choice([kind for kind in SENTENCES if kind != value]))
+        return str(random.choice([kind for kind in evidence.SENTENCES if kind != value]))
     if name == "log":
         return _log(value, random)
     if name == "rates":
@@ -185,7 +177,7 @@ def _other(name: str, value: Any, random: np.random.Generator) -> Any:
     if isinstance(value, np.ndarray):
         return _array(value, random)
     if name == "intervals":
-        return _item(value, lambda i: Interval(*_array(np.array(i), random).tolist()), random)
+        return _item(value, lambda i: evidence.Interval(*_array(np.array(i), random).tolist()), random)
     if name == "multipliers":
         return _item(value, lambda m: _multipliers(m, random), random)
     return np.ones((4, 3)) if value is None else value
@@ -229,7 +221,7 @@ def _array(array: Array, random: np.random.Generator) -> Array:
     return other
 
 
-def _multipliers(multipliers: Multipliers, random: np.random.Generator) -> Multipliers:
+def _multipliers(multipliers: evidence.Multipliers, random: np.random.Generator) -> evidence.Multipliers:
     """Other ones: a matrix with an entry and its conjugate changed, or one row and column less."""
     name = str(random.choice(["D", "G"]))
     matrix = getattr(multipliers, name).copy()
@@ -322,7 +314,7 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
     yield "not a number", replace(bounds, lower=np.nan)
     yield "no proof", replace(bounds, proof=None)
     yield "no signals, or some", replace(bounds, inputs=() if bounds.inputs else ("f",), outputs=())
-    for kind in SENTENCES:
+    for kind in evidence.SENTENCES:
         if kind != bounds.kind:
             size = 1e-3 if kind == "worst-case gain" else 1e3
             yield (
@@ -341,18 +333,18 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
     else:
         yield "constant", replace(bounds, rates={})
     proof = bounds.proof
-    if isinstance(proof, BoxProof):
-        yield "no cuts", replace(bounds, proof=BoxProof(()))
-    elif isinstance(proof, IntervalProof):
+    if isinstance(proof, evidence.BoxProof):
+        yield "no cuts", replace(bounds, proof=evidence.BoxProof(()))
+    elif isinstance(proof, evidence.IntervalProof):
         small = tuple(m._replace(D=m.D[:1, :1], G=m.G[:1, :1]) for m in proof.multipliers)
         yield (
             "multipliers that are too small",
             replace(bounds, proof=replace(proof, multipliers=small[:0])),
         )
         yield "multipliers of one channel", replace(bounds, proof=replace(proof, multipliers=small))
-    elif isinstance(proof, MotionProof):
+    elif isinstance(proof, evidence.MotionProof):
         yield "no form", replace(bounds, proof=replace(proof, P=0.0 * proof.P))
-    elif isinstance(proof, LyapunovProof):
+    elif isinstance(proof, evidence.LyapunovProof):
         whole = replace(proof, log=(0,), states=proof.states[:1])
         yield "one function", replace(bounds, proof=whole)
         yield "no functions", replace(bounds, proof=replace(proof, states=0.0 * proof.states))

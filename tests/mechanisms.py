@@ -12,18 +12,7 @@ import mbdlft
 from mbdlft.base.expression import names, parse
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.joint.kinds import Rotation
-from tests.strategies import (
-    FORCE,
-    INERTIA,
-    LENGTH,
-    MASS,
-    SLIDE_DAMPING,
-    SLIDE_STIFFNESS,
-    TORQUE,
-    TURN_DAMPING,
-    TURN_STIFFNESS,
-    Draft,
-)
+from tests import strategies
 
 EDGES = (
     "none",
@@ -73,7 +62,7 @@ def random_mechanism(seed: int, bodies: int | None = None, edge: str | None = No
     return _Mechanism(seed, bodies, edge or EDGES[seed % len(EDGES)]).scene()
 
 
-class _Mechanism(Draft):
+class _Mechanism(strategies.Draft):
     """A random mechanism in the making."""
 
     def __init__(self, seed: int, bodies: int | None, edge: str) -> None:
@@ -170,24 +159,30 @@ class _Mechanism(Draft):
         return (x, y, z)
 
     def stiffness(self, turn: bool) -> Entry:
-        kind, low, high = (TURN_STIFFNESS, 1.0, 50.0) if turn else (SLIDE_STIFFNESS, 10.0, 500.0)
+        kind, low, high = (
+            (strategies.TURN_STIFFNESS, 1.0, 50.0) if turn else (strategies.SLIDE_STIFFNESS, 10.0, 500.0)
+        )
         return self.strength(self.number(low, high), kind)
 
     def damping(self, turn: bool) -> Entry:
-        kind, low, high = (TURN_DAMPING, 0.1, 2.0) if turn else (SLIDE_DAMPING, 1.0, 20.0)
+        kind, low, high = (
+            (strategies.TURN_DAMPING, 0.1, 2.0) if turn else (strategies.SLIDE_DAMPING, 1.0, 20.0)
+        )
         return self.strength(self.number(low, high), kind)
 
     def actuator(self, turn: bool) -> Entry:
         if turn and isinstance(self.bodies[-1], mbdlft.PointMass):
             return self.number(0.1, 0.5)  # a point mass does not resist a rotation about itself
-        kind, low, high = (INERTIA, 0.01, 0.5) if turn else (MASS, 0.1, 2.0)
+        kind, low, high = (strategies.INERTIA, 0.01, 0.5) if turn else (strategies.MASS, 0.1, 2.0)
         return self.strength(self.number(low, high), kind)
 
     def place(self) -> Entry:
-        return self.quantity(self.number(-0.5, 0.5), LENGTH, rate=0.3).source
+        return self.quantity(self.number(-0.5, 0.5), strategies.LENGTH, rate=0.3).source
 
     def effort(self, turn: bool) -> Entry:
-        return self.quantity(self.number(-5.0, 5.0), TORQUE if turn else FORCE, rate=0.3).source
+        return self.quantity(
+            self.number(-5.0, 5.0), strategies.TORQUE if turn else strategies.FORCE, rate=0.3
+        ).source
 
     # loads -----------------------------------------------------------------------------------
 
@@ -236,13 +231,13 @@ class _Mechanism(Draft):
         kind = self.one_of("force", "torque", "buoyancy")
         frame = self.one_of("body", "ground")
         if kind == "buoyancy":
-            body, mass = self.bodies[-1], self.quantity(self.number(0.1, 2.0), MASS, rate=0.4)
+            body, mass = self.bodies[-1], self.quantity(self.number(0.1, 2.0), strategies.MASS, rate=0.4)
             port = self.one_of(body.name, *(f"{body.name}.{p}" for p in body.port_names()))
             name = f"l{len(self.loads) + 1}"
             self.loads.append(mbdlft.Buoyancy(name=name, port=port, displaced_mass=mass.source))
             return
         value = 0.0 if self.chance(0.3) else self.number(-8.0, 8.0)
-        units = TORQUE if kind == "torque" else FORCE
+        units = strategies.TORQUE if kind == "torque" else strategies.FORCE
         magnitude = self.quantity(value, units, rate=0.4).source
         self.load(kind == "torque", np.array(self.axis()), frame, magnitude)
 

@@ -7,20 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from mbdlft import (
-    LFT,
-    Block,
-    Certificate,
-    LFTModel,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Scene,
-    Signal,
-    scene_from_toml,
-    to_lft,
-    with_program,
-)
+import mbdlft
 from mbdlft.system.model import Provenance, Trim
 from tests.close import exact
 
@@ -29,19 +16,19 @@ MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
 
 
 @cache
-def arm() -> LFTModel:
+def arm() -> mbdlft.LFTModel:
     """The two-link arm: seven parameters, two of them angles."""
-    return to_lft(scene_from_toml(ARM), search=0.0)
+    return mbdlft.to_lft(mbdlft.scene_from_toml(ARM), search=0.0)
 
 
 @cache
-def carried() -> LFTModel:
+def carried() -> mbdlft.LFTModel:
     """The arm with the straight-line program of its equations."""
-    return replace(with_program(arm()), name="carried")
+    return replace(mbdlft.with_program(arm()), name="carried")
 
 
 @cache
-def turned_arm() -> LFTModel:
+def turned_arm() -> mbdlft.LFTModel:
     """The arm with a quarter-angle, a reference away from the nominal, and an angle in rad."""
     text = ARM.replace("low = 45.0, high = 90.0, unit", "low = -170.0, high = 200.0, unit")
     text = text.replace('unit = "deg", role', 'unit = "deg", substitution = "quarter-angle", role', 1)
@@ -49,25 +36,27 @@ def turned_arm() -> LFTModel:
         'nominal = 90.0, low = 45.0, high = 135.0, unit = "deg"',
         'nominal = 1.5, low = 0.8, high = 2.4, reference = 0.3, unit = "rad"',
     )
-    return to_lft(scene_from_toml(text.replace("two_link_arm", "turned_arm")), search=0.0)
+    return mbdlft.to_lft(mbdlft.scene_from_toml(text.replace("two_link_arm", "turned_arm")), search=0.0)
 
 
 @cache
-def unused() -> LFTModel:
+def unused() -> mbdlft.LFTModel:
     """The arm with a parameter that no quantity uses, so it has zero repetitions."""
     text = ARM.replace("[parameters]", "[parameters]\nidle = { nominal = 1.0, percent = 5 }")
-    return to_lft(scene_from_toml(text), search=0.0)
+    return mbdlft.to_lft(mbdlft.scene_from_toml(text), search=0.0)
 
 
 @cache
-def numbers() -> LFTModel:
+def numbers() -> mbdlft.LFTModel:
     """A scene without parameters."""
-    rail = Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0), stiffness=0.1)
-    cart = PointMass(name="cart", mass=0.7)
-    return to_lft(Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]), search=0.0)
+    rail = mbdlft.Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0), stiffness=0.1)
+    cart = mbdlft.PointMass(name="cart", mass=0.7)
+    return mbdlft.to_lft(
+        mbdlft.Scene(name="numbers", gravity=(0, -9.81, 0), bodies=[cart], joints=[rail]), search=0.0
+    )
 
 
-def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
+def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> mbdlft.LFTModel:
     """Random matrices with numbers of every size, and texts of every script; made by hand."""
     random = np.random.default_rng(seed)
 
@@ -76,27 +65,27 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
 
     n, nx, nu, ny, nt = sum(sizes), *random.integers(1, 4, 4)
     names = [f"p{k}_µ" for k in range(len(sizes))]
-    blocks = tuple(Block(*block) for block in zip(names, sizes, strict=True))
+    blocks = tuple(mbdlft.Block(*block) for block in zip(names, sizes, strict=True))
 
-    def signals(what: str, count: int) -> tuple[Signal, ...]:
-        return tuple(Signal(f"{what} θ₁ {k} \"'\\\n日本", "µm/s^2") for k in range(count))
+    def signals(what: str, count: int) -> tuple[mbdlft.Signal, ...]:
+        return tuple(mbdlft.Signal(f"{what} θ₁ {k} \"'\\\n日本", "µm/s^2") for k in range(count))
 
-    return LFTModel(
+    return mbdlft.LFTModel(
         name=f"strange model {seed}: λ",
-        lft=LFT(some(n, n), some(n, nx + nu), some(nx + ny, n), some(nx + ny, nx + nu), blocks),
+        lft=mbdlft.LFT(some(n, n), some(n, nx + nu), some(nx + ny, n), some(nx + ny, nx + nu), blocks),
         states=signals("x", nx),
         inputs=signals("u", nu),
         outputs=signals("", ny),
         parameters=tuple(
-            Parameter(name, 0.1 + 0.2, 0.05 * k, 1.0 / 3.0 + k, unit="kg", role="design")
+            mbdlft.Parameter(name, 0.1 + 0.2, 0.05 * k, 1.0 / 3.0 + k, unit="kg", role="design")
             for k, name in enumerate(names)
         ),
         trim=Trim(
             signals("effort", nt),
             tuple(float(value) for value in some(nt)),
-            LFT(some(n, n), some(n, 1), some(nt, n), some(nt, 1), blocks),
+            mbdlft.LFT(some(n, n), some(n, 1), some(nt, n), some(nt, 1), blocks),
         ),
-        certificate=Certificate(
+        certificate=mbdlft.Certificate(
             order=sizes,
             lower_bound=tuple(max(0, size - 1) for size in sizes),
             raw_order=tuple(size + 5 for size in sizes),
@@ -120,13 +109,13 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> LFTModel:
     )
 
 
-def bare() -> LFTModel:
+def bare() -> mbdlft.LFTModel:
     """The smallest model: no parameters, no inputs, no outputs, no trim."""
     full = strange(0, ())
     return replace(
         full,
         name="bare",
-        lft=LFT(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-0.5]]),
+        lft=mbdlft.LFT(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[-0.5]]),
         states=full.states[:1],
         inputs=(),
         outputs=(),
@@ -134,14 +123,14 @@ def bare() -> LFTModel:
     )
 
 
-def same(a: LFTModel, b: LFTModel) -> None:
+def same(a: mbdlft.LFTModel, b: mbdlft.LFTModel) -> None:
     """Equal in every bit of every field."""
     for part in ("M11", "M12", "M21", "M22"):
         _same_bits(getattr(a.lft, part), getattr(b.lft, part))
     for name in MATRICES:
         _same_bits(getattr(a, name), getattr(b, name))
     assert a.lft.blocks == b.lft.blocks
-    for item in fields(LFTModel):
+    for item in fields(mbdlft.LFTModel):
         if item.name not in ("lft", "trim", "program"):
             assert getattr(a, item.name) == getattr(b, item.name), item.name
     assert (a.program is None) == (b.program is None)

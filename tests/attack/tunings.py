@@ -10,16 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import mbdlft
+from mbdlft import synthesis
 from mbdlft.base.errors import AnalysisError
-from mbdlft.synthesis import (
-    Goal,
-    gain_goal,
-    tunable_gain,
-    tunable_pid,
-    tunable_state_space,
-    tunable_transfer,
-    tune,
-)
 from tests.tuned import FILTER, KINDS, Plant, Structure, controller, loop, random_plant, rivals, structure
 
 STARTS, POINTS = 4, 2000
@@ -37,7 +29,7 @@ class Task(NamedTuple):
     """What `tune` takes, and the same as own plant and structure."""
 
     systems: list[Any]
-    goals: list[Goal]
+    goals: list[synthesis.Goal]
     connections: list[tuple[str, str]]
     kind: str
     plant: Plant
@@ -57,14 +49,14 @@ def task(seed: int) -> Task:
     system = mbdlft.realize(plant.texts(), ranges, states=n, inputs=w + u, outputs=z + y, name="plant")
     read, drive = ([f"k{name}" for name in some] for some in (y, u))
     K = {
-        "gain": lambda: tunable_gain("K", read, drive),
-        "PID": lambda: tunable_pid("K", read[0], drive[0], filter=FILTER),
-        "transfer": lambda: tunable_transfer("K", read[0], drive[0], order),
-        "states": lambda: tunable_state_space("K", read, drive, order),
+        "gain": lambda: synthesis.tunable_gain("K", read, drive),
+        "PID": lambda: synthesis.tunable_pid("K", read[0], drive[0], filter=FILTER),
+        "transfer": lambda: synthesis.tunable_transfer("K", read[0], drive[0], order),
+        "states": lambda: synthesis.tunable_state_space("K", read, drive, order),
     }[kind]()
     wired = [*zip(read, y, strict=True), *zip(u, drive, strict=True)]
     of = structure(kind, order, nu, ny)
-    return Task([system, K], [gain_goal(w, z)], wired, kind, plant, of, random)
+    return Task([system, K], [synthesis.gain_goal(w, z)], wired, kind, plant, of, random)
 
 
 def compared(seed: int, starts: int) -> tuple[str, float]:
@@ -73,7 +65,7 @@ def compared(seed: int, starts: int) -> tuple[str, float]:
     points = plant.points(random, POINTS)
     some, everywhere = points[:FEW], loop(plant, of.states, points)
     try:
-        made = tune(systems, goals, wired)
+        made = synthesis.tune(systems, goals, wired)
     except AnalysisError as error:
         if "stable" not in str(error):
             raise

@@ -19,24 +19,9 @@ import flint
 import numpy as np
 
 import mbdlft
+from tests.cross import poses
 from tests.cross.links import Coupling, Link
 from tests.cross.maximal import Bodies
-from tests.cross.poses import (
-    AXES,
-    BITS,
-    STEP,
-    Motion,
-    Values,
-    array,
-    cross,
-    dot,
-    independent,
-    rows_of,
-    skew,
-    times,
-    vector,
-    zeros,
-)
 from tests.cross.sizes import Sized, Sum, plain, sized
 from tests.cross.touches import Touch
 
@@ -73,7 +58,7 @@ def fault(scene: mbdlft.Scene, point: dict[str, float]) -> str:
 def _in_bits(made: Callable[[], Any]) -> Any:
     """What is made in 512 bits; in twice as many where differences have lost too many of them."""
     before = flint.ctx.prec
-    for bits in (BITS, 2 * BITS, 4 * BITS):
+    for bits in (poses.BITS, 2 * poses.BITS, 4 * poses.BITS):
         flint.ctx.prec = bits
         try:
             return made()
@@ -103,20 +88,22 @@ class _Around:
         self.bent: dict[str, np.ndarray] = {}  # slopes of the Jacobian, (rows, n, n)
         for link in [*b.links, *b.touches]:
             here = b.motion(link.parent), b.motion(link.child)
-            rows = rows_of([b.spread(link, row) for row in link.jacobian(*here)], b.n)
+            rows = poses.rows_of([b.spread(link, row) for row in link.jacobian(*here)], b.n)
             self.jacobian[link.name] = rows
 
-            def bent(P: Motion, C: Motion, link: Link = link) -> Values:
+            def bent(P: poses.Motion, C: poses.Motion, link: Link = link) -> poses.Values:
                 return [x for row in link.jacobian(P, C) for x in b.spread(link, row)]
 
             self.bent[link.name] = self.slopes(bent, link, orders=1).reshape(len(rows), b.n, b.n)
             self.moving[link.name] = self.slopes(link.in_time, link)
 
-    def slopes(self, f: Callable[[Motion, Motion], Values], link: Any, orders: int = 3) -> np.ndarray:
+    def slopes(
+        self, f: Callable[[poses.Motion, poses.Motion], poses.Values], link: Any, orders: int = 3
+    ) -> np.ndarray:
         """Slopes of a function of the motions of the two bodies of a link."""
         P, C = self.bodies.motion(link.parent), self.bodies.motion(link.child)
         before = f(P, C)
-        whole = zeros(len(before), orders * self.n)
+        whole = poses.zeros(len(before), orders * self.n)
         for order in range(orders):
             for k in range(6):
                 column = order * self.n + k
@@ -128,7 +115,7 @@ class _Around:
                     whole[:, column + 6 * link.child] = _quotients(before, after)
         return whole
 
-    def of_body(self, f: Callable[[Motion], Values], k: int) -> np.ndarray:
+    def of_body(self, f: Callable[[poses.Motion], poses.Values], k: int) -> np.ndarray:
         """Slopes of a function of the motion of one body."""
         alone = Link("", -1, k, lambda P, C: [])
         return self.slopes(lambda P, C: f(C), alone)
@@ -136,16 +123,16 @@ class _Around:
     def rows(self, order: int, sums: list[Terms]) -> list[np.ndarray]:
         """Slopes (rows, n) of derivatives of some order by displacements, rates and accelerations."""
         rows = [self.of_sum(self.moving, terms, order) for terms in sums]
-        return np.split(rows_of(rows, 3 * self.n), 3, axis=1)
+        return np.split(poses.rows_of(rows, 3 * self.n), 3, axis=1)
 
     def of_sum(self, slopes: dict[str, np.ndarray], terms: Terms, order: int = 0) -> np.ndarray:
         """A combination of the rows of some order."""
         return sum(c * slopes[x.name][order * len(self.jacobian[x.name]) + i] for c, x, i in terms)
 
 
-def _quotients(before: Values, after: Values) -> Values:
+def _quotients(before: poses.Values, after: poses.Values) -> poses.Values:
     # balls would grow in what is solved with them: numbers go on, whose errors are those of the step
-    quotients = [(y - x) / STEP for x, y in zip(before, after, strict=True)]
+    quotients = [(y - x) / poses.STEP for x, y in zip(before, after, strict=True)]
     if any(float(x.rad()) > LOST * (1.0 + abs(float(x.mid()))) for x in quotients):
         raise _TooFewBitsError
     return [flint.arb(x.mid()) for x in quotients]
@@ -180,14 +167,14 @@ class _Solved:
         sums += [
             [(flint.arb(1), x, i)] for x in bodies.touches for i in range(len(self.at.jacobian[x.name]))
         ]
-        G = rows_of([self.at.of_sum(self.at.jacobian, terms) for terms in sums], self.n)
-        self.every, kept = (sums, G), independent(G)
+        G = poses.rows_of([self.at.of_sum(self.at.jacobian, terms) for terms in sums], self.n)
+        self.every, kept = (sums, G), poses.independent(G)
         self.G, self.held = G[kept], [sums[k] for k in kept]
         self.imposed = [(x, i) for x in bodies.joints if x.imposed for i in range(len(x.laws))]
         self.rotors = [(x, rotor) for x in bodies.joints for rotor in x.rotors]
         self.rotor_slopes = [self.at.slopes(self._needs(x, rotor), x) for x, rotor in self.rotors]
 
-    def _needs(self, link: Link, rotor: Any) -> Callable[[Motion, Motion], Values]:
+    def _needs(self, link: Link, rotor: Any) -> Callable[[poses.Motion, poses.Motion], poses.Values]:
         return lambda P, C: self.b.rotor_needs(link, rotor, P, C)
 
     def _rotor_part(self, link: Link, rotor: Any) -> slice:
@@ -206,11 +193,11 @@ class _Solved:
         for soft in self.soft:
             acting[soft.force] = self.at.of_sum(self.at.jacobian, soft.combination)
         for load in self.loads.values():
-            k, push = b.port(getattr(load, "port", None) or load.child)[0], zeros(self.n)
+            k, push = b.port(getattr(load, "port", None) or load.child)[0], poses.zeros(self.n)
             if k >= 0:
                 push[6 * k : 6 * k + 6] = b.pushed(load, b.motions[k])
             acting[f"{load.name}.{load.signal.name}"] = push
-        for axis, name in zip(AXES, "xyz", strict=True):
+        for axis, name in zip(poses.AXES, "xyz", strict=True):
             pull = [
                 x - y
                 for k, m in enumerate(b.motions)
@@ -247,12 +234,12 @@ class _Solved:
         for name, size in known.items():
             if size is not None:
                 left.add(slice(None), -self.acting[name] * size)
-        columns = np.vstack([rows_of([self.acting[name] for name in unknown], self.n), self.G]).T
-        chosen, rows = independent(columns.T), independent(columns)
-        solution, sizes = zeros(columns.shape[1], 1), np.zeros((columns.shape[1], 1))
+        columns = np.vstack([poses.rows_of([self.acting[name] for name in unknown], self.n), self.G]).T
+        chosen, rows = poses.independent(columns.T), poses.independent(columns)
+        solution, sizes = poses.zeros(columns.shape[1], 1), np.zeros((columns.shape[1], 1))
         right = left.value[rows, None], left.size[rows, None]
         solution[chosen], sizes[chosen] = sized(columns[np.ix_(rows, chosen)], right, [])
-        missed = (left.value[:, None] - times(columns, solution)).astype(float)
+        missed = (left.value[:, None] - poses.times(columns, solution)).astype(float)
         size = {name: abs(float(x)) for name, x in known.items() if x is not None}
         size |= dict(zip(unknown, sizes[:, 0], strict=False))
         known |= dict(zip(unknown, solution[:, 0], strict=False))
@@ -293,14 +280,14 @@ class _Solved:
         names: tuple[list[str], list[str]] = [], []
         for k, ((_, x, i), *_) in enumerate(sums):
             if isinstance(x, Touch):
-                is_shared = len(independent(np.delete(G, k, axis=0))) == len(self.held)
+                is_shared = len(poses.independent(np.delete(G, k, axis=0))) == len(self.held)
                 names[is_shared].append(x.names[i])
         return names
 
     def fault(self) -> str:
         at, driven = self.equilibrium, [pair for pair in self.imposed if pair[0].imposed == "motion"]
-        rows = rows_of([self.at.jacobian[x.name][i] for x, i in driven], self.n)
-        if len(independent(np.vstack([self.G, rows]))) < len(self.G) + len(driven):
+        rows = poses.rows_of([self.at.jacobian[x.name][i] for x, i in driven], self.n)
+        if len(poses.independent(np.vstack([self.G, rows]))) < len(self.G) + len(driven):
             return "motions that are imposed contradict closures"
         if at.undetermined:
             return "loads are redundant"
@@ -310,7 +297,7 @@ class _Solved:
     def falling(self) -> Bodies:
         """The bodies, once what is unknown of the acceleration of the frame is known."""
         known = self.equilibrium.loads
-        self.b.fall = self.b.fall + vector([known[f"ground.acceleration.{axis}"] for axis in "xyz"])
+        self.b.fall = self.b.fall + poses.vector([known[f"ground.acceleration.{axis}"] for axis in "xyz"])
         return self.b
 
     def law_slopes(self, link: Link, i: int) -> np.ndarray:
@@ -340,7 +327,7 @@ class _Solved:
             force = self.soft_force(soft)
             slopes.add(slice(None), self.at.of_sum(self.at.jacobian, soft.combination)[:, None] * -force)
         for (name, i), (force, size) in at.forces.items():
-            bent = np.hstack([self.at.bent[name][i], zeros(self.n, 2 * self.n)])
+            bent = np.hstack([self.at.bent[name][i], poses.zeros(self.n, 2 * self.n)])
             slopes.add(slice(None), -bent * force, np.abs(bent.astype(float)) * size)
         for load in self.loads.values():
             k, name = (
@@ -360,7 +347,7 @@ class _Solved:
         b, k = self.b, self.b.port(load.child)[0]
         wheel, held = b.wheels[load.name], b.motions[k]
 
-        def law(m: Motion) -> Values:
+        def law(m: poses.Motion) -> poses.Values:
             force, creep = wheel.carried(m, held), wheel.creep(m, held)
             return [force, *creep[:2]] if what else wheel.pushed(m, force, creep)
 
@@ -375,7 +362,7 @@ class _Solved:
 
     def unit(self, name: str) -> np.ndarray:
         """The row of a state or input among all of them; zeros for another name."""
-        row = zeros(len(self.place))
+        row = poses.zeros(len(self.place))
         if name in self.place:
             row[self.place[name]] = flint.arb(1)
         return row
@@ -391,27 +378,27 @@ class _Solved:
             for i, law in enumerate(x.laws)
             if law.measures[1] in states or x.imposed == "motion"
         ]
-        nz, none = len(self.place), zeros(len(self.held), len(self.place))
-        top = rows_of([self.unit(x.laws[i].measures[1]) for x, i in chosen], nz)
+        nz, none = len(self.place), poses.zeros(len(self.held), len(self.place))
+        top = poses.rows_of([self.unit(x.laws[i].measures[1]) for x, i in chosen], nz)
         turning = self.at.rows(1, self.held + [_single(pair) for pair in chosen])
         x = self._displaced(chosen, nz)
         v = sized(turning[1], plain(np.vstack([none, top])), [(*plain(turning[0]), x)])
         K, D, M = np.split(self.slopes.value, 3, axis=1)
         K_size, D_size, _ = np.split(self.slopes.size, 3, axis=1)
         by_x, by_v, by_a = self.at.rows(2, self.held + [_single(pair) for pair in self.imposed])
-        pushes = rows_of([self.at.jacobian[x.name][i] for x, i in self.imposed], self.n)
-        corner = zeros(len(by_a), len(by_a))
+        pushes = poses.rows_of([self.at.jacobian[x.name][i] for x, i in self.imposed], self.n)
+        corner = poses.zeros(len(by_a), len(by_a))
         matrix = np.block([[M, -self.G.T, -pushes.T], [by_a, corner]])
-        acting = zeros(self.n, nz)
+        acting = poses.zeros(self.n, nz)
         for signal in self.inputs:
             if signal.name in self.acting and signal.name not in self._efforts_imposed():
                 acting[:, self.place[signal.name]] = self.acting[signal.name]
-        given = rows_of([self.unit(x.laws[i].measures[2]) for x, i in self.imposed], nz)
+        given = poses.rows_of([self.unit(x.laws[i].measures[2]) for x, i in self.imposed], nz)
         right = plain(np.vstack([acting, none, given]))
         of_x, of_v = (np.vstack([K_size, plain(by_x)[1]]), np.vstack([D_size, plain(by_v)[1]]))
         less = [(np.vstack([K, by_x]), of_x, x), (np.vstack([D, by_v]), of_v, v)]
         a = sized(matrix, right, less)
-        z = rows_of([self.unit(name) for name in self.place], nz)
+        z = poses.rows_of([self.unit(name) for name in self.place], nz)
         return np.vstack([x[0], v[0], a[0], z]), np.vstack([x[1], v[1], a[1], z.astype(float)])
 
     def _displaced(self, chosen: list[Pair], nz: int) -> Sized:
@@ -423,11 +410,11 @@ class _Solved:
         rows, kept = [_single(pair) for pair in chosen], list(held)
         for terms in rows:
             by_x = self.at.rows(0, [*kept, terms])[0]
-            if not self.b.touches or len(independent(by_x)) == len(by_x):
+            if not self.b.touches or len(poses.independent(by_x)) == len(by_x):
                 kept.append(terms)
         names = [x.laws[i].measures[0] for ((_, x, i),) in kept[len(held) :]]
-        tops = rows_of([self.unit(name) for name in names], nz)
-        return sized(self.at.rows(0, kept)[0], plain(np.vstack([zeros(len(held), nz), tops])), [])
+        tops = poses.rows_of([self.unit(name) for name in names], nz)
+        return sized(self.at.rows(0, kept)[0], plain(np.vstack([poses.zeros(len(held), nz), tops])), [])
 
     def _efforts_imposed(self) -> set[str]:
         return {x.laws[i].effort for x, i in self.imposed}
@@ -468,10 +455,10 @@ class _Solved:
         for signal in self.outputs:
             is_measure = signal.name in measures
             rows.append(self._measured(*measures[signal.name]) if is_measure else sensed[signal.name])
-        whole = rows_of(rows, len(moves))
+        whole = poses.rows_of(rows, len(moves))
         asked, at = {s.name for s in self.asked}, self.equilibrium
         trim = {name: float(size) for name, size in at.loads.items() if name in asked}
-        doubles, values = np.abs(whole.astype(float)), times(whole, moves)
+        doubles, values = np.abs(whole.astype(float)), poses.times(whole, moves)
         assert all(x.rad() < BALL for x in values.ravel()), "too few bits"
         matrix, terms = (
             np.where(np.abs(x) > NOTHING, x, 0.0) for x in (values.astype(float), doubles @ sizes)
@@ -481,7 +468,7 @@ class _Solved:
     # rows of outputs by [x ; v ; a ; lambda ; e ; z] ---------------------------------------
 
     def _row(self, count: int) -> np.ndarray:
-        return zeros(count, len(self.moves[0]))
+        return poses.zeros(count, len(self.moves[0]))
 
     def _measured(self, link: Link, i: int, order: int) -> np.ndarray:
         row = self._row(1)[0]
@@ -506,19 +493,19 @@ class _Solved:
             rows[:, : 3 * n] = self.at.of_body(
                 lambda m: (m.turn.transpose() * m.felt(r, b.spin, load)).entries(), k
             )
-            shaken = rows_of(
+            shaken = poses.rows_of(
                 [self.unit(f"ground.acceleration.{axis}") for axis in "xyz"], len(self.place)
             )
-            rows[:, -len(self.place) :] = times(array(m.turn.transpose()), shaken)
+            rows[:, -len(self.place) :] = poses.times(poses.array(m.turn.transpose()), shaken)
         elif k >= 0:
             order = {"position": 0, "rotation": 0, "velocity": 1, "angular_rate": 1}.get(kind, 2)
-            turn = array(b.motion(b.index[sensor.frame]).turn.transpose())
+            turn = poses.array(b.motion(b.index[sensor.frame]).turn.transpose())
             place = order * n + 6 * k
             if kind in ("rotation", "angular_rate", "angular_acceleration"):
                 rows[:, place + 3 : place + 6] = turn
             else:
                 rows[:, place : place + 3] = turn
-                rows[:, place + 3 : place + 6] = -times(turn, array(skew(m.turn * r)))
+                rows[:, place + 3 : place + 6] = -poses.times(turn, poses.array(poses.skew(m.turn * r)))
         return rows
 
     def _of_all(self, kind: str) -> np.ndarray:
@@ -527,24 +514,26 @@ class _Solved:
         rows = self._row(6)
         for k, (mass, center, inertia) in enumerate(b.masses):
 
-            def moved(m: Motion, k: int = k) -> Values:
+            def moved(m: poses.Motion, k: int = k) -> poses.Values:
                 mass, center, inertia = b.masses[k]
                 c = m.turn * center
                 if kind == "center_of_mass":
                     return [*((m.place + c) * mass).entries(), 0, 0, 0]
-                linear = (m.velocity + cross(m.omega, c)) * mass
+                linear = (m.velocity + poses.cross(m.omega, c)) * mass
                 spun = m.turn * inertia * m.turn.transpose() * m.omega
-                return [*linear.entries(), *(cross(m.place + c, linear) + spun).entries()]
+                return [*linear.entries(), *(poses.cross(m.place + c, linear) + spun).entries()]
 
             rows[:, : 3 * n] += self.at.of_body(moved, k)
         if kind == "center_of_mass":
             return rows[:3] / sum(mass for mass, _, _ in b.masses)
         for link, rotor in self.rotors:
 
-            def spun(P: Motion, C: Motion, link: Link = link, rotor: Any = rotor) -> Values:
+            def spun(
+                P: poses.Motion, C: poses.Motion, link: Link = link, rotor: Any = rotor
+            ) -> poses.Values:
                 m, count = P if rotor.on_parent else C, len(self.at.jacobian[link.name])
                 axis, rate = m.turn * rotor.axis, link.in_time(P, C)[count + rotor.coordinate]
-                return (axis * (rotor.inertia * (dot(axis, m.omega) + rotor.more * rate))).entries()
+                return (axis * (rotor.inertia * (poses.dot(axis, m.omega) + rotor.more * rate))).entries()
 
             rows[3:, : 3 * n] += self.at.slopes(spun, link)
         return rows
@@ -553,7 +542,7 @@ class _Solved:
         """Force and torque (6, .) of a joint on its child about the port, in the child's axes."""
         b, n, part = self.b, self.n, slice(6 * link.child, 6 * link.child + 6)
         J, bent = self.at.jacobian[link.name], self.at.bent[link.name]
-        rows, start = self._row(6), zeros(6)
+        rows, start = self._row(6), poses.zeros(6)
         for (name, i), (force, _) in self.equilibrium.forces.items():
             if name == link.name:
                 start += J[i][part] * force
@@ -582,12 +571,17 @@ class _Solved:
                 rows[3:, : 3 * n] -= by[1:]
         # the arm to the port turns with the child, and so do the axes
         eta, arm = slice(part.start + 3, part.stop), C.turn * link.at
-        force, torque = vector(start[:3]), vector(start[3:]) - cross(arm, vector(start[:3]))
-        rows[3:] -= times(array(skew(arm)), rows[:3])
-        rows[3:, eta] += array(skew(torque)) - array(skew(force) * skew(arm))
-        rows[:3, eta] += array(skew(force))
-        back = array(C.turn.transpose())
-        return np.vstack([times(back, rows[:3]), times(back, rows[3:])])
+        force, torque = (
+            poses.vector(start[:3]),
+            poses.vector(start[3:]) - poses.cross(arm, poses.vector(start[:3])),
+        )
+        rows[3:] -= poses.times(poses.array(poses.skew(arm)), rows[:3])
+        rows[3:, eta] += poses.array(poses.skew(torque)) - poses.array(
+            poses.skew(force) * poses.skew(arm)
+        )
+        rows[:3, eta] += poses.array(poses.skew(force))
+        back = poses.array(C.turn.transpose())
+        return np.vstack([poses.times(back, rows[:3]), poses.times(back, rows[3:])])
 
 
 class _Equilibrium(NamedTuple):

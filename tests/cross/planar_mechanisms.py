@@ -4,58 +4,48 @@ from collections.abc import Callable
 from typing import Any
 
 import mbdlft
-from mbdlft import (
-    Angle,
-    Ground,
-    Inertia,
-    Loop,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spin,
-    Spring,
-)
 
-M = Parameter("m", 3.0, percent=20, unit="kg")
-K = Parameter("k", 50.0, percent=40, unit="N/m")
-LENGTH = Parameter("L", 0.8, low=0.6, high=1.1, unit="m")
-RATE = Parameter("rate", 1.5, low=0.5, high=3.0, unit="rad/s")
+M = mbdlft.Parameter("m", 3.0, percent=20, unit="kg")
+K = mbdlft.Parameter("k", 50.0, percent=40, unit="N/m")
+LENGTH = mbdlft.Parameter("L", 0.8, low=0.6, high=1.1, unit="m")
+RATE = mbdlft.Parameter("rate", 1.5, low=0.5, high=3.0, unit="rad/s")
 DOWN = (0.0, 0.0, -9.81)
 
 
-def link(name: str, length: float | str = 1.0, mass: float | str = 1.0, **ports: Any) -> RigidBody:
+def link(name: str, length: float | str = 1.0, mass: float | str = 1.0, **ports: Any) -> mbdlft.RigidBody:
     """A bar along y that moves in the plane across x."""
-    return RigidBody(
+    return mbdlft.RigidBody(
         name=name,
         mass=mass,
         center_of_mass=(0.0, 0.4, 0.1),
-        inertia=Inertia(xx=0.1, yy=0.08, zz=0.06, yz=0.01),
+        inertia=mbdlft.Inertia(xx=0.1, yy=0.08, zz=0.06, yz=0.01),
         ports={"tip": (0.0, length, 0.0), **ports},
     )
 
 
-def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any) -> Revolute:
-    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
+def pin(
+    name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any
+) -> mbdlft.Revolute:
+    return mbdlft.Revolute(
+        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
+    )
 
 
-def closed(name: str, parent: str, child: str, kind: str = "revolute") -> Loop:
+def closed(name: str, parent: str, child: str, kind: str = "revolute") -> mbdlft.Loop:
     axis = (1, 0, 0) if kind == "revolute" else None
-    return Loop(name=name, kind=kind, parent=parent, child=child, axis=axis)
+    return mbdlft.Loop(name=name, kind=kind, parent=parent, child=child, axis=axis)
 
 
-def four_bar(driven: str = "jl", kind: str = "revolute") -> Scene:
+def four_bar(driven: str = "jl", kind: str = "revolute") -> mbdlft.Scene:
     """A parallelogram whose angle is a parameter, with a spring across; one joint is held."""
     free = {"jl": {}, "jc": {}, "jr": {}}
     free = {name: {} if name == driven else {"preload": 0.3} for name in free}
-    return Scene(
+    return mbdlft.Scene(
         name=f"four_{driven}_{kind}",
         gravity=DOWN,
-        parameters=[M, Angle("th", 30.0, low=10.0, high=80.0), K, LENGTH],
+        parameters=[M, mbdlft.Angle("th", 30.0, low=10.0, high=80.0), K, LENGTH],
         bodies=[
-            Ground(ports={"right": (0, "1.2*L", 0), "wall": (0, -1, 0.5)}),
+            mbdlft.Ground(ports={"right": (0, "1.2*L", 0), "wall": (0, -1, 0.5)}),
             link("left", "L"),
             link("coupler", "1.2*L", "m"),
             link("right", "L", 0.7),
@@ -67,7 +57,7 @@ def four_bar(driven: str = "jl", kind: str = "revolute") -> Scene:
         ],
         loops=[closed("close", "coupler.tip", "right.tip", kind)],
         loads=[
-            Spring(
+            mbdlft.Spring(
                 name="s",
                 parent="coupler.tip",
                 child="ground.wall",
@@ -83,18 +73,18 @@ def four_bar(driven: str = "jl", kind: str = "revolute") -> Scene:
     )
 
 
-def slider_crank() -> Scene:
+def slider_crank() -> mbdlft.Scene:
     """Crank, connecting rod of the same length, slider on a rail along y."""
     length, cosine = 0.8, 0.5  # of 60 degrees
-    return Scene(
+    return mbdlft.Scene(
         name="slider_crank",
         gravity=DOWN,
         parameters=[M, K],
-        bodies=[link("crank", length), link("rod", length), RigidBody(name="slider", mass="m")],
+        bodies=[link("crank", length), link("rod", length), mbdlft.RigidBody(name="slider", mass="m")],
         joints=[
             pin("jc", "ground", "crank", "60*deg"),
             pin("jr", "crank.tip", "rod", "-120*deg", preload=0, damping=0.2),
-            Prismatic(
+            mbdlft.Prismatic(
                 name="rail",
                 parent="ground",
                 child="slider",
@@ -110,18 +100,18 @@ def slider_crank() -> Scene:
     )
 
 
-def watt() -> Scene:
+def watt() -> mbdlft.Scene:
     """Watt's linkage: two long levers and a short coupler; a carriage in the middle on a spring."""
-    return Scene(
+    return mbdlft.Scene(
         name="watt",
         gravity=DOWN,
         parameters=[M, K, LENGTH],
         bodies=[
-            Ground(ports={"right": (0, "2*L", 0.5), "below": (0, "L", -2)}),
+            mbdlft.Ground(ports={"right": (0, "2*L", 0.5), "below": (0, "L", -2)}),
             link("left", "L"),
             link("coupler", 0.5, middle=(0, 0.25, 0)),
             link("right", "L", 0.7),
-            PointMass(name="carriage", mass="m"),
+            mbdlft.PointMass(name="carriage", mass="m"),
         ],
         joints=[
             pin("jl", "ground", "left"),
@@ -131,7 +121,7 @@ def watt() -> Scene:
         ],
         loops=[closed("pin", "coupler.tip", "right.tip")],
         loads=[
-            Spring(
+            mbdlft.Spring(
                 name="s",
                 parent="coupler.middle",
                 child="ground.below",
@@ -142,15 +132,15 @@ def watt() -> Scene:
     )
 
 
-def two_loops() -> Scene:
+def two_loops() -> mbdlft.Scene:
     """Two parallelograms in a row, closed by a hinge and a ball; the mass of the end varies."""
     bars = [link("a", "L"), link("b", 1.0, "m"), link("c", "L", 0.5), link("d", 1.0, 2.0)]
     bars += [link("e", "L", 0.8)]
-    return Scene(
+    return mbdlft.Scene(
         name="two_loops",
         gravity=DOWN,
-        parameters=[M, LENGTH, Angle("th", 50.0, low=20.0, high=80.0)],
-        bodies=[Ground(ports={"c": (0, 1, 0), "e": (0, 2, 0)}), *bars],
+        parameters=[M, LENGTH, mbdlft.Angle("th", 50.0, low=20.0, high=80.0)],
+        bodies=[mbdlft.Ground(ports={"c": (0, 1, 0), "e": (0, 2, 0)}), *bars],
         joints=[
             pin("ja", "ground", "a", "th"),
             pin("jb", "a.tip", "b", "-th", preload=0),
@@ -162,43 +152,45 @@ def two_loops() -> Scene:
     )
 
 
-def guyed_mast() -> Scene:
+def guyed_mast() -> mbdlft.Scene:
     """An inverted pendulum between two pretensioned stays, the tension found by the trim."""
     stay = {"parent": "mast.tip", "stiffness": "k", "damping": 1.5}
-    return Scene(
+    return mbdlft.Scene(
         name="guyed_mast",
         gravity=DOWN,
         parameters=[M, K, LENGTH],
         bodies=[
-            Ground(ports={"left": (0, -1, 0), "right": (0, 0.7, 0.1)}),
-            PointMass(name="mast", mass="m", ports={"foot": (0, 0, "-L"), "tip": (0, 0.1, 0)}),
+            mbdlft.Ground(ports={"left": (0, -1, 0), "right": (0, 0.7, 0.1)}),
+            mbdlft.PointMass(name="mast", mass="m", ports={"foot": (0, 0, "-L"), "tip": (0, 0.1, 0)}),
         ],
         joints=[pin("foot", "ground", "mast.foot", preload=0, actuator_inertia=0.1)],
         loads=[
-            Spring(name="left", child="ground.left", force_density=8.0, **stay),
-            Spring(name="right", child="ground.right", **stay),
+            mbdlft.Spring(name="left", child="ground.left", force_density=8.0, **stay),
+            mbdlft.Spring(name="right", child="ground.right", **stay),
         ],
     )
 
 
-def boom_on_a_hub() -> Scene:
+def boom_on_a_hub() -> mbdlft.Scene:
     """Hub free to turn, boom that flaps and lags, as a rotor blade."""
-    return Scene(
+    return mbdlft.Scene(
         name="boom",
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
         gravity=(0, 0, -3.0),
         parameters=[M, RATE, LENGTH],
         bodies=[
-            RigidBody(name="hub", mass=10.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"e": (0.3, 0, 0)}),
-            RigidBody(
+            mbdlft.RigidBody(
+                name="hub", mass=10.0, inertia=mbdlft.Inertia(xx=1, yy=1, zz=2), ports={"e": (0.3, 0, 0)}
+            ),
+            mbdlft.RigidBody(
                 name="blade",
                 mass="m",
                 center_of_mass=("0.5*L", 0, 0),
-                inertia=Inertia(xx=0.05, yy=0.2, zz=0.25),
+                inertia=mbdlft.Inertia(xx=0.05, yy=0.2, zz=0.25),
             ),
         ],
         joints=[
-            Revolute(name="base", parent="ground", child="hub", axis=(0, 0, 1), preload=0),
+            mbdlft.Revolute(name="base", parent="ground", child="hub", axis=(0, 0, 1), preload=0),
             mbdlft.Universal(
                 name="flap", parent="hub.e", child="blade", axis1=(0, -1, 0), axis2=(0, 0, 1)
             ),
@@ -207,37 +199,37 @@ def boom_on_a_hub() -> Scene:
     )
 
 
-def slider_in_a_slot() -> Scene:
+def slider_in_a_slot() -> mbdlft.Scene:
     """A mass in two slots of a turntable, with springs: Coriolis couples them."""
-    return Scene(
+    return mbdlft.Scene(
         name="slot",
-        spin=Spin(axis=(0, 0, 2), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 2), rate="rate"),
         parameters=[M, RATE, K],
-        bodies=[PointMass(name="carriage", mass=0.5), PointMass(name="bead", mass="m")],
+        bodies=[mbdlft.PointMass(name="carriage", mass=0.5), mbdlft.PointMass(name="bead", mass="m")],
         joints=[
-            Prismatic(
+            mbdlft.Prismatic(
                 name="x", parent="ground", child="carriage", axis=(1, 0, 0), position=0.4, stiffness="k"
             ),
-            Prismatic(
+            mbdlft.Prismatic(
                 name="y", parent="carriage", child="bead", axis=(0, 1, 0), position=0.2, stiffness="k"
             ),
         ],
     )
 
 
-def free_satellite() -> Scene:
+def free_satellite() -> mbdlft.Scene:
     """A body that spins freely about a principal axis, with a flexible appendage."""
-    return Scene(
+    return mbdlft.Scene(
         name="satellite",
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, RATE, K],
         bodies=[
-            RigidBody(name="hub", mass=20.0, inertia=Inertia(xx=3, yy=4, zz=6)),
-            PointMass(name="tip", mass="0.1*m"),
+            mbdlft.RigidBody(name="hub", mass=20.0, inertia=mbdlft.Inertia(xx=3, yy=4, zz=6)),
+            mbdlft.PointMass(name="tip", mass="0.1*m"),
         ],
         joints=[
             mbdlft.Free(name="base", parent="ground", child="hub"),
-            Prismatic(
+            mbdlft.Prismatic(
                 name="boom", parent="hub", child="tip", axis=(0, 0, 1), position=0.5, stiffness="k"
             ),
         ],
@@ -245,18 +237,18 @@ def free_satellite() -> Scene:
     )
 
 
-def shaken_cart() -> Scene:
+def shaken_cart() -> mbdlft.Scene:
     """A pendulum on a cart whose acceleration is imposed, on a shaking ground."""
-    return Scene(
+    return mbdlft.Scene(
         name="shaken",
         gravity=DOWN,
         parameters=[M, LENGTH],
         bodies=[
-            RigidBody(name="cart", mass=2.0),
-            PointMass(name="bob", mass="m", ports={"o": (0, 0, "L")}),
+            mbdlft.RigidBody(name="cart", mass=2.0),
+            mbdlft.PointMass(name="bob", mass="m", ports={"o": (0, 0, "L")}),
         ],
         joints=[
-            Prismatic(name="x", parent="ground", child="cart", axis=(0, 1, 0), imposed=True),
+            mbdlft.Prismatic(name="x", parent="ground", child="cart", axis=(0, 1, 0), imposed=True),
             pin("j", "cart", "bob.o", preload=0, damping=0.1),
         ],
         inputs=["x.acceleration", "j.torque", "ground.acceleration.y", "ground.acceleration.z"],
@@ -265,7 +257,7 @@ def shaken_cart() -> Scene:
     )
 
 
-def driven_four_bar() -> Scene:
+def driven_four_bar() -> mbdlft.Scene:
     """The crank is driven, so nothing is free: states of the crank, the bars follow."""
     scene = four_bar("jc")
     fields = {name: getattr(scene, name) for name in type(scene).model_fields}
@@ -274,10 +266,10 @@ def driven_four_bar() -> Scene:
         pin("jc", "left.tip", "coupler", "-th", preload=0),
         pin("jr", "ground.right", "right", "th", preload=0),
     ]
-    return Scene(**{**fields, "name": "driven", "joints": joints})
+    return mbdlft.Scene(**{**fields, "name": "driven", "joints": joints})
 
 
-PLANAR: dict[str, Callable[[], Scene]] = {
+PLANAR: dict[str, Callable[[], mbdlft.Scene]] = {
     "four-bar": four_bar,
     "four-bar, coupler held": lambda: four_bar("jc"),
     "four-bar, rocker held": lambda: four_bar("jr"),

@@ -4,45 +4,31 @@ from typing import Any
 
 import pytest
 
-from mbdlft import (
-    Free,
-    Inertia,
-    MbdlftWarning,
-    Parameter,
-    Planar,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spin,
-    assemble,
-    find_equilibrium,
-    notes,
-    to_lft,
-)
+import mbdlft
 from mbdlft.multibody.contact import KINDS
 from mbdlft.multibody.coupling import Gear
 from mbdlft.multibody.force import KINDS as KINDS_OF_LOADS
 from tests.errors.table import refused
 
 
-def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields: Any) -> Scene:
+def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields: Any) -> mbdlft.Scene:
     """A wheel of 0.5 m that rolls at 3 m/s along x below a frame."""
     touch = (
         {"port": "wheel", "axis": (0, 1, 0), "radius": 0.5} if kind == "rolling" else {"port": "frame"}
     )
     height = fields.pop("height", 0.5)
-    return Scene(
+    return mbdlft.Scene(
         **{
             "name": "cart",
             "velocity": (3.0, 0.0, 0.0),
             "gravity": (0.0, 0.0, 0.0),
             "bodies": [
-                RigidBody(name="frame", mass=2.0, inertia=Inertia(xx=0.1, yy=0.1, zz=0.1)),
-                RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1)),
+                mbdlft.RigidBody(name="frame", mass=2.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1)),
+                mbdlft.RigidBody(name="wheel", mass=1.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1)),
             ],
             "joints": [
-                Free(name="base", parent="ground", child="frame", position=(0, 0, height)),
-                Revolute(
+                mbdlft.Free(name="base", parent="ground", child="frame", position=(0, 0, height)),
+                mbdlft.Revolute(
                     name="axle",
                     parent="frame",
                     child="wheel",
@@ -56,37 +42,37 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
     )
 
 
-def on_tire(speed: float | str = 3.0, **law: Any) -> Scene:
+def on_tire(speed: float | str = 3.0, **law: Any) -> mbdlft.Scene:
     """A wheel of 0.5 m on a tire, without a joint that turns it."""
     given = {"child": "wheel", "axis": (0, 1, 0), "radius": 0.5, "cornering": 1e4, **law}
-    return Scene(
+    return mbdlft.Scene(
         name="cart",
         velocity=(speed, 0.0, 0.0),
         gravity=(0.0, 0.0, 0.0),
-        parameters=[Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s")],
-        bodies=[RigidBody(name="wheel", mass=1.0, inertia=Inertia(xx=0.1, yy=0.2, zz=0.1))],
-        joints=[Free(name="base", parent="ground", child="wheel", position=(0, 0, 0.5))],
+        parameters=[mbdlft.Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s")],
+        bodies=[mbdlft.RigidBody(name="wheel", mass=1.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1))],
+        joints=[mbdlft.Free(name="base", parent="ground", child="wheel", position=(0, 0, 0.5))],
         loads=[KINDS_OF_LOADS["tire"](name="tire", **given)],
     )
 
 
-def trolley(outputs: list[str], aside: float = 0.0, gears: tuple[Gear, ...] = ()) -> Scene:
+def trolley(outputs: list[str], aside: float = 0.0, gears: tuple[Gear, ...] = ()) -> mbdlft.Scene:
     """Two wheels on one axle, at rest: what holds them along it is the sum of two forces; or in a row,
     where gears between them, and the ground, hold the same."""
     wheels = {"left": (0, 0.3, 0), "right": (0, -0.3, 0)}
     if gears:
         wheels = {"left": (0.3, 0, 0), "right": (-0.3, 0, 0)}
-    round_ = Inertia(xx=0.1, yy=0.2, zz=0.1)
-    bodies = [RigidBody(name="frame", mass=2.0, inertia=round_, ports=wheels)]
-    bodies += [RigidBody(name=name, mass=1.0, inertia=round_) for name in wheels]
-    joints = [Free(name="base", parent="ground", child="frame", position=(0, 0, 0.5))]
+    round_ = mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1)
+    bodies = [mbdlft.RigidBody(name="frame", mass=2.0, inertia=round_, ports=wheels)]
+    bodies += [mbdlft.RigidBody(name=name, mass=1.0, inertia=round_) for name in wheels]
+    joints = [mbdlft.Free(name="base", parent="ground", child="frame", position=(0, 0, 0.5))]
     held = {"preload": 0.0} if gears else {}
     joints += [
-        Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0), **held)
+        mbdlft.Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0), **held)
         for name in wheels
     ]
     contacts = [KINDS["rolling"](name=name, port=name, axis=(0, 1, 0), radius=0.5) for name in wheels]
-    return Scene(
+    return mbdlft.Scene(
         name="trolley",
         bodies=bodies,
         joints=joints,
@@ -152,15 +138,17 @@ def test_gravity_that_a_tire_or_a_wheel_would_carry_is_missed_once() -> None:
     for scene in (wheel(), on_tire()):
         forgotten = scene.model_copy(deep=True)
         forgotten.model_fields_set.discard("gravity")
-        with pytest.warns(MbdlftWarning, match="there is no gravity, and (contact 'touch'|load 'tire')"):
-            assemble(forgotten)
-        assert not [text for text in notes(scene) if "gravity" in text]
+        with pytest.warns(
+            mbdlft.MbdlftWarning, match="there is no gravity, and (contact 'touch'|load 'tire')"
+        ):
+            mbdlft.assemble(forgotten)
+        assert not [text for text in mbdlft.notes(scene) if "gravity" in text]
     planar = on_tire(force=0.0)
     planar.model_fields_set.discard("gravity")
-    assert [text for text in notes(planar) if "no gravity" in text]
+    assert [text for text in mbdlft.notes(planar) if "no gravity" in text]
 
 
 def test_a_note_says_which_forces_are_known_as_a_sum() -> None:
-    (note,) = [x for x in notes(trolley(["left.force.1"])) if "known as sums only" in x]
+    (note,) = [x for x in mbdlft.notes(trolley(["left.force.1"])) if "known as sums only" in x]
     assert "the forces left.force.2, right.force.2, as contacts" in note
-    assert not [x for x in notes(wheel()) if "known as sums only" in x]
+    assert not [x for x in mbdlft.notes(wheel()) if "known as sums only" in x]

@@ -5,39 +5,26 @@ from typing import Any
 import numpy as np
 
 import mbdlft
-from mbdlft import (
-    Angle,
-    Ground,
-    Inertia,
-    Loop,
-    Parameter,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spring,
-    assemble,
-    solve_trim,
-    to_lft,
-)
 from tests.errors.scenes import cart
 from tests.errors.table import refused
 
-OMEGA = Parameter("omega", 2.0, percent=50, unit="rad/s")
+OMEGA = mbdlft.Parameter("omega", 2.0, percent=50, unit="rad/s")
 
 
-def link(name: str, length: float | str = 1.0) -> RigidBody:
-    return RigidBody(
+def link(name: str, length: float | str = 1.0) -> mbdlft.RigidBody:
+    return mbdlft.RigidBody(
         name=name,
         mass=1.0,
         center_of_mass=(0.0, 0.5, 0.0),
-        inertia=Inertia(xx=0.1, yy=0.1, zz=0.1),
+        inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1),
         ports={"tip": (0.0, length, 0.0)},
     )
 
 
 def hinge(name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any):
-    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
+    return mbdlft.Revolute(
+        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
+    )
 
 
 def four_bar(
@@ -45,16 +32,16 @@ def four_bar(
     angle: float | str = "th",
     loop: dict[str, Any] | None = None,
     **fields: Any,
-) -> Scene:
+) -> mbdlft.Scene:
     """A parallelogram between two pivots 1 m apart on the ground, in the plane across x."""
     pin = {"kind": "revolute", "axis": (1, 0, 0), "parent": "coupler.tip", "child": "right.tip"}
-    return Scene(
+    return mbdlft.Scene(
         **{
             "name": "four",
             "gravity": (0, 0, -9.81),
-            "parameters": [Angle("th", 30.0, low=10.0, high=80.0)],
+            "parameters": [mbdlft.Angle("th", 30.0, low=10.0, high=80.0)],
             "bodies": [
-                Ground(ports={"pivot": (0, 1, 0)}),
+                mbdlft.Ground(ports={"pivot": (0, 1, 0)}),
                 link("left"),
                 link("coupler", coupler),
                 link("right"),
@@ -64,7 +51,7 @@ def four_bar(
                 hinge("jc", "left.tip", "coupler", f"-({angle})", preload=0),
                 hinge("jr", "ground.pivot", "right", angle, preload=0),
             ],
-            "loops": [Loop(name="pin", **{**pin, **(loop or {})})],
+            "loops": [mbdlft.Loop(name="pin", **{**pin, **(loop or {})})],
             **fields,
         }
     )
@@ -73,13 +60,13 @@ def four_bar(
 # springs and loads ---------------------------------------------------------------------------
 
 
-def stayed(port: tuple[Any, ...] = (0, 2, 1), **fields: Any) -> Scene:
-    return Scene(
+def stayed(port: tuple[Any, ...] = (0, 2, 1), **fields: Any) -> mbdlft.Scene:
+    return mbdlft.Scene(
         name="stayed",
-        parameters=[Parameter("L", 1.0, percent=10, unit="m")],
-        bodies=[Ground(ports={"wall": port}), link("arm", "L")],
+        parameters=[mbdlft.Parameter("L", 1.0, percent=10, unit="m")],
+        bodies=[mbdlft.Ground(ports={"wall": port}), link("arm", "L")],
         joints=[hinge("j", "ground", "arm")],
-        loads=[Spring(**{"name": "s", "parent": "arm.tip", "child": "ground.wall", **fields})],
+        loads=[mbdlft.Spring(**{"name": "s", "parent": "arm.tip", "child": "ground.wall", **fields})],
     )
 
 
@@ -178,15 +165,15 @@ to_lft(cart(joint={'imposed': True}, inputs=['rail.force']), search=0.0)
 
 
 def test_trim_of_a_held_joint_is_its_weight():
-    model = to_lft(cart(gravity=(0, -9.81, 0)), search=0.0)
+    model = mbdlft.to_lft(cart(gravity=(0, -9.81, 0)), search=0.0)
     assert np.sign(mbdlft.trim_at(model, {})) == 1.0
-    assert solve_trim(assemble(cart(gravity=(0, -9.81, 0)))).signals[0].name == "rail.force"
+    assert mbdlft.solve_trim(mbdlft.assemble(cart(gravity=(0, -9.81, 0)))).signals[0].name == "rail.force"
 
 
 def test_imposed_prismatic_is_driven():
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="driven",
         bodies=[link("arm")],
-        joints=[Prismatic(name="x", parent="ground", child="arm", axis=(0, 1, 0), imposed=True)],
+        joints=[mbdlft.Prismatic(name="x", parent="ground", child="arm", axis=(0, 1, 0), imposed=True)],
     )
-    assert [s.name for s in to_lft(scene, search=0.0).inputs] == ["x.acceleration"]
+    assert [s.name for s in mbdlft.to_lft(scene, search=0.0).inputs] == ["x.acceleration"]

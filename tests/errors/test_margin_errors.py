@@ -3,31 +3,22 @@
 import numpy as np
 
 import mbdlft
-from mbdlft import (
-    Block,
-    Parameter,
-    realize,
-    robust_performance,
-    robust_stability,
-    verify,
-    worst_case_gain,
-)
 from mbdlft.robust.bisect.characteristic import is_hurwitz
 from tests.errors.table import refused
 from tests.reference.robust_cases import of_matrices, static
 
-K = Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m")
+K = mbdlft.Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m")
 
 
 def cart(damping: str = "1") -> mbdlft.LFTModel:
     matrix = [["0", "1", "0"], [f"-k*({damping})", f"-({damping})", "1"], ["1", "0", "0"]]
-    return realize(matrix, [K], states=2, inputs=["force"], outputs=["position"], search=0.0)
+    return mbdlft.realize(matrix, [K], states=2, inputs=["force"], outputs=["position"], search=0.0)
 
 
 FIXED = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-ALONE = realize([["-k"]], [K], states=1, inputs=[], outputs=[], search=0.0)
+ALONE = mbdlft.realize([["-k"]], [K], states=1, inputs=[], outputs=[], search=0.0)
 DRIFT = [["0", "1", "0"], ["-k", "-1", "0"], ["1", "0", "0"]]
-DRIFTING = realize(DRIFT, [K], states=3, inputs=[], outputs=[], search=0.0)
+DRIFTING = mbdlft.realize(DRIFT, [K], states=3, inputs=[], outputs=[], search=0.0)
 test_messages = refused(
     r"""
 > {} => AnalysisError:
@@ -75,36 +66,39 @@ True
 
 
 def test_a_gain_needs_nothing_uncertain() -> None:
-    assert 1.0 <= worst_case_gain(FIXED).upper <= 1.01
+    assert 1.0 <= mbdlft.worst_case_gain(FIXED).upper <= 1.01
 
 
 def test_too_little_work_is_said() -> None:
     """What the norm proves takes no search, and is never nothing."""
-    found = robust_stability(cart(), work=1e-6)
-    assert 0.0 < found.lower <= robust_stability(cart()).upper
-    assert verify(cart(), found) == ""
+    found = mbdlft.robust_stability(cart(), work=1e-6)
+    assert 0.0 < found.lower <= mbdlft.robust_stability(cart()).upper
+    assert mbdlft.verify(cart(), found) == ""
     assert "the work of 1e-06 units was used up" in found.reason
-    for gain in (worst_case_gain(cart(), work=1e-6), worst_case_gain(cart(), progress=_interrupt)):
+    for gain in (
+        mbdlft.worst_case_gain(cart(), work=1e-6),
+        mbdlft.worst_case_gain(cart(), progress=_interrupt),
+    ):
         assert gain.lower <= gain.upper < np.inf
-        assert verify(cart(), gain) == ""
-    margin = robust_performance(cart(), progress=_interrupt)
-    assert 0.0 < margin.lower <= robust_performance(cart()).upper
-    assert verify(cart(), margin) == ""
+        assert mbdlft.verify(cart(), gain) == ""
+    margin = mbdlft.robust_performance(cart(), progress=_interrupt)
+    assert 0.0 < margin.lower <= mbdlft.robust_performance(cart()).upper
+    assert mbdlft.verify(cart(), margin) == ""
     assert margin.reason == "it was interrupted"
     light = cart("0.1")  # a range of k for which the norm is 2
-    gain = worst_case_gain(light, work=1e-6)
+    gain = mbdlft.worst_case_gain(light, work=1e-6)
     assert not gain.proved
-    assert verify(light, gain) == f"there is no proof: {gain.reason}"
+    assert mbdlft.verify(light, gain) == f"there is no proof: {gain.reason}"
     assert "the work of 1e-06 units was used up" in gain.reason
 
 
 def test_blocks_that_are_fixed_have_a_ball_too() -> None:
     """A stays in its range, where the norm proves stability, and b grows by what is left."""
-    own = [Parameter("a", 0.0, low=-0.5, high=0.5), Parameter("b", 0.0, low=-0.5, high=0.5)]
-    decay = realize([["-1+a", "3"], ["b", "-1"]], own, states=2, inputs=[], outputs=[], search=0.0)
-    found = robust_stability(decay, fixed=["a"], progress=_interrupt)  # (1 - a) > 3 b
+    own = [mbdlft.Parameter("a", 0.0, low=-0.5, high=0.5), mbdlft.Parameter("b", 0.0, low=-0.5, high=0.5)]
+    decay = mbdlft.realize([["-1+a", "3"], ["b", "-1"]], own, states=2, inputs=[], outputs=[], search=0.0)
+    found = mbdlft.robust_stability(decay, fixed=["a"], progress=_interrupt)  # (1 - a) > 3 b
     assert 0.05 < found.lower <= 1.0 / 3.0
-    assert verify(decay, found) == ""
+    assert mbdlft.verify(decay, found) == ""
 
 
 def _interrupt(lower: float, upper: float) -> None:
@@ -114,12 +108,12 @@ def _interrupt(lower: float, upper: float) -> None:
 def test_too_many_repetitions_are_said() -> None:
     """Neither a polynomial nor full multipliers are carried; what was reached is returned."""
     random = np.random.default_rng(0)
-    blocks = tuple(Block(f"d{k}", 14) for k in range(8))
+    blocks = tuple(mbdlft.Block(f"d{k}", 14) for k in range(8))
     B, C = random.standard_normal((4, 112)), random.standard_normal((112, 4))
     system = of_matrices(-10.0 * np.eye(4), 0.01 * B, C, np.zeros((112, 112)), *blocks)
-    found = robust_stability(system, work=0.1)
+    found = mbdlft.robust_stability(system, work=0.1)
     assert 0.0 < found.lower <= found.upper  # what the norm proves
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     assert "multipliers would have 1568 entries, and are zero between pieces" in found.reason
     assert np.isfinite(found.upper)
 
@@ -133,14 +127,14 @@ def test_stability_of_the_nominal_is_proved_and_not_seen() -> None:
 
 
 def test_no_rates_are_those_of_constants() -> None:
-    mixed = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), Block("d", 1))
-    assert robust_stability(mixed, rates=0.0).rates == {}
+    mixed = of_matrices(-np.eye(1), np.eye(1), np.eye(1), np.zeros((1, 1)), mbdlft.Block("d", 1))
+    assert mbdlft.robust_stability(mixed, rates=0.0).rates == {}
 
 
 def test_more_states_than_the_inequality_carries_are_said() -> None:
     random, n = np.random.default_rng(0), 24
     B, C = random.standard_normal((n, 1)), random.standard_normal((1, n))
-    system = of_matrices(-np.diag(np.arange(1.0, n + 1)), B, C, np.zeros((1, 1)), Block("d", 1))
-    found = robust_stability(system, rates=np.inf, work=0.1)
+    system = of_matrices(-np.diag(np.arange(1.0, n + 1)), B, C, np.zeros((1, 1)), mbdlft.Block("d", 1))
+    found = mbdlft.robust_stability(system, rates=np.inf, work=0.1)
     assert (found.lower, found.proved) == (0.0, False)
     assert "a matrix inequality of 24 states and 25 signals" in found.reason

@@ -9,17 +9,6 @@ import pytest
 import scipy.sparse as sp
 
 import mbdlft
-from mbdlft import (
-    FiniteElements,
-    Nodes,
-    StructureError,
-    every_dof,
-    load_body,
-    load_matrices,
-    load_nastran,
-    modal_model,
-    save_matrices,
-)
 from tests.errors.table import refused, says
 from tests.reference.frames import frame, straight, tee
 
@@ -33,7 +22,7 @@ def broken(
     change: Callable[[Any, Any], None] | None = None,
     parent: Any = 10,
     ports: Any = None,
-    nodes: Nodes | None = None,
+    nodes: mbdlft.Nodes | None = None,
     **options: Any,
 ) -> Any:
     """Modal model of a beam of four elements with its matrices changed."""
@@ -41,7 +30,7 @@ def broken(
     if change:
         change(mass, stiffness)
     chosen = {"modes": 3} if not set(options) & {"modes", "frequency", "effective_mass"} else {}
-    return modal_model(
+    return mbdlft.modal_model(
         mass, stiffness, nodes or table, parent, {"tip": 50} if ports is None else ports,
         **chosen, **options,
     )  # fmt: skip
@@ -99,14 +88,14 @@ def cut(_: Any, stiffness: Any) -> None:
 
 
 def of(mass: Any, stiffness: Any) -> Any:
-    return modal_model(mass, stiffness, straight(4).nodes, 10, {"tip": 50}, modes=3)
+    return mbdlft.modal_model(mass, stiffness, straight(4).nodes, 10, {"tip": 50}, modes=3)
 
 
 def lumped(*masses: float) -> Any:
     """Three nodes in a row with these masses: a rotation has none in any motion that is kept."""
-    nodes = Nodes([1, 2, 3], np.zeros((3, 3)), every_dof([1, 2, 3], (1,)))
+    nodes = mbdlft.Nodes([1, 2, 3], np.zeros((3, 3)), mbdlft.every_dof([1, 2, 3], (1,)))
     stiffness = np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])
-    return modal_model(np.diag(masses), stiffness, nodes, 1, {"tip": 3}, modes=1)
+    return mbdlft.modal_model(np.diag(masses), stiffness, nodes, 1, {"tip": 3}, modes=1)
 
 
 MASS, STIFFNESS = straight(4)[:2]
@@ -222,15 +211,17 @@ def test_interface_nodes_that_do_not_hold() -> None:
     mass, stiffness, nodes = tee(3)
     dof = np.asarray(nodes.dof)
     kept = (dof[:, 1] <= 3) | (dof[:, 0] != 10)
-    model = FiniteElements(
+    model = mbdlft.FiniteElements(
         mass[np.ix_(kept, kept)],
         stiffness[np.ix_(kept, kept)],
-        Nodes(nodes.numbers, nodes.coordinates, dof[kept]),
+        mbdlft.Nodes(nodes.numbers, nodes.coordinates, dof[kept]),
     )
-    with says(StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"):
-        modal_model(*model, 10, {"p": 70}, modes=3)
-    with says(StructureError, "no displacements that tell where its center of mass is along x"):
-        modal_model(*model, 10, {}, modes=3)
+    with says(
+        mbdlft.StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"
+    ):
+        mbdlft.modal_model(*model, 10, {"p": 70}, modes=3)
+    with says(mbdlft.StructureError, "no displacements that tell where its center of mass is along x"):
+        mbdlft.modal_model(*model, 10, {}, modes=3)
     corners = np.vstack([np.zeros(3), np.eye(3)])
     truss = np.zeros((12, 12))
     for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
@@ -239,44 +230,44 @@ def test_interface_nodes_that_do_not_hold() -> None:
         stretch[3 * a : 3 * a + 3], stretch[3 * b : 3 * b + 3] = -along, along
         truss += 1e3 * np.outer(stretch, stretch)
     numbers = [1, 2, 3, 4]
-    table = Nodes(numbers, corners, every_dof(numbers, (1, 2, 3)))
-    with says(StructureError, "stiffness matrix: singular although the structure is held"):
-        modal_model(np.eye(12), truss, table, 1, {}, method="effective-mass", modes=3)
-    held = modal_model(np.eye(12), truss, table, (1, 2, 3), {}, method="effective-mass", modes=3)
+    table = mbdlft.Nodes(numbers, corners, mbdlft.every_dof(numbers, (1, 2, 3)))
+    with says(mbdlft.StructureError, "stiffness matrix: singular although the structure is held"):
+        mbdlft.modal_model(np.eye(12), truss, table, 1, {}, method="effective-mass", modes=3)
+    held = mbdlft.modal_model(np.eye(12), truss, table, (1, 2, 3), {}, method="effective-mass", modes=3)
     assert len(held.frequencies) == 3
-    with says(StructureError, "port 'p': its nodes have no rx and no ry and no rz"):
-        modal_model(*model, 70, {"p": 10}, modes=3)
+    with says(mbdlft.StructureError, "port 'p': its nodes have no rx and no ry and no rz"):
+        mbdlft.modal_model(*model, 70, {"p": 10}, modes=3)
     numbers = [1, 2, 3]
-    line = Nodes(numbers, [[0, 0, 0], [1, 1, 0], [2, 2, 0]], every_dof(numbers, (1, 2, 3)))
-    with says(StructureError, "parent: its nodes do not determine all of the motions"):
-        modal_model(np.eye(9), np.eye(9), line, (1, 2, 3), {}, modes=1)
-    bare = Nodes([1, 2], [[0, 0, 0], [1, 0, 0]], every_dof([1]))
-    with says(StructureError, "port 'tip': node 2 has no coordinate in the matrices."):
-        modal_model(np.eye(6), np.eye(6), bare, 1, {"tip": 2}, modes=1)
+    line = mbdlft.Nodes(numbers, [[0, 0, 0], [1, 1, 0], [2, 2, 0]], mbdlft.every_dof(numbers, (1, 2, 3)))
+    with says(mbdlft.StructureError, "parent: its nodes do not determine all of the motions"):
+        mbdlft.modal_model(np.eye(9), np.eye(9), line, (1, 2, 3), {}, modes=1)
+    bare = mbdlft.Nodes([1, 2], [[0, 0, 0], [1, 0, 0]], mbdlft.every_dof([1]))
+    with says(mbdlft.StructureError, "port 'tip': node 2 has no coordinate in the matrices."):
+        mbdlft.modal_model(np.eye(6), np.eye(6), bare, 1, {"tip": 2}, modes=1)
 
 
 def test_plane_models_that_do_not_tell_enough() -> None:
     line = straight(3)
     at = np.asarray(line.nodes.dof)[:, 1] == 4
-    with says(StructureError, "the structure has no displacements at its parent"):
-        modal_model(
+    with says(mbdlft.StructureError, "the structure has no displacements at its parent"):
+        mbdlft.modal_model(
             line.mass_matrix[np.ix_(at, at)], line.stiffness_matrix[np.ix_(at, at)],
-            Nodes(line.nodes.numbers, line.nodes.coordinates, np.asarray(line.nodes.dof)[at]),
+            mbdlft.Nodes(line.nodes.numbers, line.nodes.coordinates, np.asarray(line.nodes.dof)[at]),
             10, {}, modes=1,
         )  # fmt: skip
     bent = frame(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.5]]), [(0, 1), (1, 2)])
     kept = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2, 4, 6))
-    model = modal_model(
+    model = mbdlft.modal_model(
         bent.mass_matrix[np.ix_(kept, kept)], bent.stiffness_matrix[np.ix_(kept, kept)],
-        Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[kept]),
+        mbdlft.Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[kept]),
         10, {}, method="effective-mass", modes=2,
     )  # fmt: skip
     assert np.isnan(model.rigid.inertia[1, 1])
     sheared = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2,))
-    with says(StructureError, "no displacements that tell where its center of mass is along x"):
-        modal_model(
+    with says(mbdlft.StructureError, "no displacements that tell where its center of mass is along x"):
+        mbdlft.modal_model(
             sp.eye_array(3), sp.csr_array(np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])),
-            Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[sheared]),
+            mbdlft.Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[sheared]),
             10, {}, method="effective-mass", modes=1,
         )  # fmt: skip
 
@@ -293,33 +284,35 @@ def results(**changes: Any) -> Any:
 
 
 def test_files_of_matrices(tmp_path: Path) -> None:
-    with says(StructureError, "x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx."):
-        load_matrices(tmp_path / "x.mat")
+    with says(
+        mbdlft.StructureError, "x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx."
+    ):
+        mbdlft.load_matrices(tmp_path / "x.mat")
     for name in ("x.npz", "x.h5"):
-        with says(StructureError, f"{name}: cannot be read"):
-            load_matrices(tmp_path / name)
-    with says(StructureError, "x.mass.mtx: ", "x.nodes.txt: cannot be read"):
-        load_matrices(tmp_path / "x.mass.mtx")
+        with says(mbdlft.StructureError, f"{name}: cannot be read"):
+            mbdlft.load_matrices(tmp_path / name)
+    with says(mbdlft.StructureError, "x.mass.mtx: ", "x.nodes.txt: cannot be read"):
+        mbdlft.load_matrices(tmp_path / "x.mass.mtx")
     (tmp_path / "x.npz").write_text("no archive")
-    with says(StructureError, "x.npz: cannot be read"):
-        load_matrices(tmp_path / "x.npz")
-    with says(StructureError, "x.txt: expected a name that ends in .npz, .h5 or .hdf5."):
-        save_matrices(tmp_path / "x.txt", straight(2))
+    with says(mbdlft.StructureError, "x.npz: cannot be read"):
+        mbdlft.load_matrices(tmp_path / "x.npz")
+    with says(mbdlft.StructureError, "x.txt: expected a name that ends in .npz, .h5 or .hdf5."):
+        mbdlft.save_matrices(tmp_path / "x.txt", straight(2))
     fields = {"numbers": [1], "coordinates": [[0, 0, 0.0]], "dof": [[1, 1]], "mass": [[1.0]]}
     np.savez(tmp_path / "a.npz", **{"numbers": [1]})
-    with says(StructureError, "a.npz: 'coordinates' is missing. There are: numbers."):
-        load_matrices(tmp_path / "a.npz")
+    with says(mbdlft.StructureError, "a.npz: 'coordinates' is missing. There are: numbers."):
+        mbdlft.load_matrices(tmp_path / "a.npz")
     np.savez(tmp_path / "b.npz", **fields)
-    with says(StructureError, "b.npz: 'stiffness' (dense) or 'stiffness.row' is missing."):
-        load_matrices(tmp_path / "b.npz")
+    with says(mbdlft.StructureError, "b.npz: 'stiffness' (dense) or 'stiffness.row' is missing."):
+        mbdlft.load_matrices(tmp_path / "b.npz")
     fields |= {"dof": [[1, 1], [1, 2]], "mass": np.eye(2), "stiffness.row": [0]}
     np.savez(tmp_path / "c.npz", **fields, **{"stiffness.column": [1], "stiffness.value": [1.0]})
-    with says(StructureError, "c.npz: stiffness: expected the lower triangle"):
-        load_matrices(tmp_path / "c.npz")
+    with says(mbdlft.StructureError, "c.npz: stiffness: expected the lower triangle"):
+        mbdlft.load_matrices(tmp_path / "c.npz")
     for line in ("1 0.0 0.0", "1 a b c 1", "1.5 0 0 0 1"):
         (tmp_path / "d.nodes.txt").write_text(f"# nodes\n{line}\n")
-        with says(StructureError, "d.nodes.txt, line 2: expected the number of a node", line):
-            load_matrices(tmp_path / "d.mass.mtx")
+        with says(mbdlft.StructureError, "d.nodes.txt, line 2: expected the number of a node", line):
+            mbdlft.load_matrices(tmp_path / "d.mass.mtx")
 
 
 def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,22 +321,22 @@ def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bulk = tmp_path / "nodes.bdf"
     bulk.write_text("GRID    10              0.      0.      0.\n")
     op4.write(str(tmp_path / "x.op4"), {"maa": np.eye(6), "kbb": np.eye(6), "kcc": np.eye(5)})
-    with says(StructureError, "x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa."):
-        load_nastran(tmp_path / "x.op4", bulk)
-    with says(StructureError, "x.op4: kcc is 5 x 5", "has 6 coordinates"):
-        load_nastran(tmp_path / "x.op4", bulk, stiffness="kcc")
+    with says(mbdlft.StructureError, "x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa."):
+        mbdlft.load_nastran(tmp_path / "x.op4", bulk)
+    with says(mbdlft.StructureError, "x.op4: kcc is 5 x 5", "has 6 coordinates"):
+        mbdlft.load_nastran(tmp_path / "x.op4", bulk, stiffness="kcc")
     whole = (tmp_path / "x.op4").read_bytes()
     for end in (30, 40):
         (tmp_path / "cut.op4").write_bytes(whole[:end])
-        with says(StructureError, "cut.op4: cannot be read as NASTRAN matrices", "cut off"):
-            load_nastran(tmp_path / "cut.op4", bulk)
-    with says(StructureError, "y.op4: cannot be read: No such file"):
-        load_nastran(tmp_path / "y.op4", bulk)
-    with says(StructureError, "none.bdf: cannot be read: No such file"):
-        load_nastran(tmp_path / "x.op4", tmp_path / "none.bdf")
+        with says(mbdlft.StructureError, "cut.op4: cannot be read as NASTRAN matrices", "cut off"):
+            mbdlft.load_nastran(tmp_path / "cut.op4", bulk)
+    with says(mbdlft.StructureError, "y.op4: cannot be read: No such file"):
+        mbdlft.load_nastran(tmp_path / "y.op4", bulk)
+    with says(mbdlft.StructureError, "none.bdf: cannot be read: No such file"):
+        mbdlft.load_nastran(tmp_path / "x.op4", tmp_path / "none.bdf")
     monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
-    with says(StructureError, "pyYeti, which cannot be imported", "mbdlft[nastran]"):
-        load_nastran(tmp_path / "x.op4", bulk)
+    with says(mbdlft.StructureError, "pyYeti, which cannot be imported", "mbdlft[nastran]"):
+        mbdlft.load_nastran(tmp_path / "x.op4", bulk)
 
 
 def body_of(folder: Path, text: str) -> Path:
@@ -352,4 +345,4 @@ def body_of(folder: Path, text: str) -> Path:
 
 
 def test_a_body_of_a_file_has_its_name(tmp_path: Path) -> None:
-    assert load_body(body_of(tmp_path, POINT)) == mbdlft.PointMass(name="box", mass=2)
+    assert mbdlft.load_body(body_of(tmp_path, POINT)) == mbdlft.PointMass(name="box", mass=2)

@@ -6,21 +6,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from mbdlft import (
-    AnalysisError,
-    Angle,
-    Fixed,
-    FlexibleBody,
-    Mode,
-    Parameter,
-    PointMass,
-    Prismatic,
-    RigidBody,
-    Scene,
-    assemble,
-    scene_from_toml,
-    to_lft,
-)
+import mbdlft
 from mbdlft.export import lpv_grid
 from mbdlft.multibody.body import Inertia
 from mbdlft.problem.linearization import relinearize
@@ -29,23 +15,23 @@ from mbdlft.show import save_singular_values
 from tests.errors.scenes import ARM, cart
 from tests.errors.table import refused, says
 
-MASSES = [Parameter("mass", 1, 0.5, 2, unit="kg"), Parameter("load", 1, 0.5, 2, unit="kg")]
+MASSES = [mbdlft.Parameter("mass", 1, 0.5, 2, unit="kg"), mbdlft.Parameter("load", 1, 0.5, 2, unit="kg")]
 
 
 @pytest.fixture(scope="module")
 def model():
-    return to_lft(cart("mass + load", MASSES), search=0.0)
+    return mbdlft.to_lft(cart("mass + load", MASSES), search=0.0)
 
 
 @pytest.fixture(scope="module")
 def equations():
-    return assemble(cart("mass + load", MASSES, gravity=(0, -9.81, 0)))
+    return mbdlft.assemble(cart("mass + load", MASSES, gravity=(0, -9.81, 0)))
 
 
 # the mass matrix over the range -------------------------------------------------------------------
 
 
-TWO_LINKS = assemble(scene_from_toml(ARM))
+TWO_LINKS = mbdlft.assemble(mbdlft.scene_from_toml(ARM))
 
 test_messages = refused(
     r"""
@@ -147,21 +133,21 @@ realize([['1']], [], search='long')
 )
 
 
-def two_rails(low: float) -> Scene:
+def two_rails(low: float) -> mbdlft.Scene:
     """A mass on two rails at an angle theta: det M = m^2 sin(theta)^2."""
     along_y = {"axis": (0, 1, 0), "stiffness": 1.0}
-    return Scene(
+    return mbdlft.Scene(
         name="two_rails",
-        parameters=[Angle("theta", 10, low, 40)],
+        parameters=[mbdlft.Angle("theta", 10, low, 40)],
         bodies=[
-            RigidBody(name="a", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0)),
-            RigidBody(name="b", mass=0.0),
-            PointMass(name="c", mass=2.0),
+            mbdlft.RigidBody(name="a", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0)),
+            mbdlft.RigidBody(name="b", mass=0.0),
+            mbdlft.PointMass(name="c", mass=2.0),
         ],
         joints=[
-            Prismatic(name="first", parent="ground", child="a", **along_y),
-            Fixed(name="turn", parent="a", child="b", axis=(1, 0, 0), position="theta"),
-            Prismatic(name="second", parent="b", child="c", **along_y),
+            mbdlft.Prismatic(name="first", parent="ground", child="a", **along_y),
+            mbdlft.Fixed(name="turn", parent="a", child="b", axis=(1, 0, 0), position="theta"),
+            mbdlft.Prismatic(name="second", parent="b", child="c", **along_y),
         ],
     )
 
@@ -171,26 +157,30 @@ def test_state_space_of_a_name_with_a_dot(model):
 
 
 def test_figure_of_a_model_without_inputs(tmp_path):
-    clamp = Fixed(name="clamp", parent="ground", child="mast")
-    mode = Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
+    clamp = mbdlft.Fixed(name="clamp", parent="ground", child="mast")
+    mode = mbdlft.Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
     inertia = Inertia(xx=1, yy=1, zz=1)
-    mast = FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
-    alone = to_lft(Scene(name="mode", bodies=[mast], joints=[clamp]), search=0.0)
-    with says(AnalysisError, "model 'mode': without inputs or outputs there are no singular values"):
+    mast = mbdlft.FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
+    alone = mbdlft.to_lft(mbdlft.Scene(name="mode", bodies=[mast], joints=[clamp]), search=0.0)
+    with says(
+        mbdlft.AnalysisError, "model 'mode': without inputs or outputs there are no singular values"
+    ):
         save_singular_values(tmp_path / "figure.png", alone)
     assert not (tmp_path / "figure.png").exists()
 
 
 def test_figure_that_cannot_be_written(model, tmp_path):
     file = tmp_path / "figure.abc"
-    with says(AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
+    with says(mbdlft.AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
         save_singular_values(file, model)
     file = tmp_path / "none" / "figure.png"
-    with says(AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."):
+    with says(
+        mbdlft.AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."
+    ):
         save_singular_values(file, model)
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    with says(AnalysisError, f"{folder}: the figure cannot be written: ", "Is a directory"):
+    with says(mbdlft.AnalysisError, f"{folder}: the figure cannot be written: ", "Is a directory"):
         save_singular_values(folder, model)
 
 
@@ -203,7 +193,9 @@ def test_a_figure_stays_if_a_new_one_cannot_be_written(model, tmp_path, monkeypa
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
-    with says(AnalysisError, f"{file}: the figure cannot be written: No space left", "is unchanged."):
+    with says(
+        mbdlft.AnalysisError, f"{file}: the figure cannot be written: No space left", "is unchanged."
+    ):
         save_singular_values(file, model)
     assert file.read_bytes() == before
     assert list(tmp_path.iterdir()) == [file]

@@ -9,17 +9,9 @@ from typing import Any
 import pytest
 
 import mbdlft
+from mbdlft import modelica
 from mbdlft.base.errors import SceneError
 from mbdlft.cli.models import check
-from mbdlft.modelica import (
-    ModelicaTable,
-    flat_model,
-    load_modelica,
-    load_modelica_table,
-    modelica_table_from_toml,
-    operating_point,
-    translate,
-)
 from mbdlft.modelica.rumoca import model_of_tables
 from mbdlft.modelica.sources import Sources
 from tests.errors.table import refused
@@ -31,14 +23,14 @@ def text_of(declarations: str, equations: str = "x = 1;") -> str:
     return f"model M\n{declarations}\nequation\n{equations}\nend M;"
 
 
-def model(text: str, table: ModelicaTable | None = None) -> object:
-    return translate(flat_model(text, "m.mof"), table)
+def model(text: str, table: modelica.ModelicaTable | None = None) -> object:
+    return modelica.translate(modelica.flat_model(text, "m.mof"), table)
 
 
 def linear(equations: str) -> object:
     declared = "Real x; input Real u; output Real y;"
-    dae, report = translate(flat_model(text_of(declared, equations), "m.mof"))
-    return mbdlft.linearize_dae(operating_point(dae, report))
+    dae, report = modelica.translate(modelica.flat_model(text_of(declared, equations), "m.mof"))
+    return mbdlft.linearize_dae(modelica.operating_point(dae, report))
 
 
 DOUBT = """package P
@@ -335,8 +327,8 @@ def test_parameters_that_have_chosen_equations_cannot_stay(tmp_path: Path) -> No
         " if p > 2.5 then x = 1; y = 2; else y = x; x = 3; end if;\nend M;"
     )
     with pytest.raises(SceneError, match=r"m.mo, line 5: equations are chosen by the value of 'p'"):
-        load_modelica(file)
+        modelica.load_modelica(file)
     with pytest.raises(SceneError, match="'p', which cannot stay or change then"):
-        load_modelica(file, ModelicaTable(parameters={"p": False}, values={"p": 2.7}))
-    dae, _ = load_modelica(file, ModelicaTable(parameters={"p": False}))
+        modelica.load_modelica(file, modelica.ModelicaTable(parameters={"p": False}, values={"p": 2.7}))
+    dae, _ = modelica.load_modelica(file, modelica.ModelicaTable(parameters={"p": False}))
     assert [str(e.residual) for e in dae.equations] == ["(y-x)", "(x-3)"]

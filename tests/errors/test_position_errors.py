@@ -5,42 +5,29 @@ from typing import Any
 import numpy as np
 
 import mbdlft
-from mbdlft import (
-    Force,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    Scene,
-    Spherical,
-    Spring,
-    TrimError,
-    at_equilibrium,
-    find_equilibrium,
-)
 from tests.errors.table import refused, says
 from tests.laws.test_arctangent import TANGENT, arm
 from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
 
 
-def faller(**fields: Any) -> Scene:
+def faller(**fields: Any) -> mbdlft.Scene:
     """A mass on a vertical slide that nothing holds."""
     slide = {"name": "slide", "parent": "ground", "child": "bob", "axis": (0, 0, 1)}
-    return Scene(
+    return mbdlft.Scene(
         name="faller",
         gravity=(0, 0, -9.81),
-        bodies=[PointMass(name="bob", mass=2.0)],
-        joints=[Prismatic(**{**slide, "preload": 0.0, **fields})],
+        bodies=[mbdlft.PointMass(name="bob", mass=2.0)],
+        joints=[mbdlft.Prismatic(**{**slide, "preload": 0.0, **fields})],
     )
 
 
-def ball(stiffness: float, **fields: Any) -> Scene:
-    return Scene(
+def ball(stiffness: float, **fields: Any) -> mbdlft.Scene:
+    return mbdlft.Scene(
         name="ball",
         gravity=(0, 0, -9.81),
-        bodies=[PointMass(name="bob", mass=1.0, ports={"top": (0, 0, 1)})],
+        bodies=[mbdlft.PointMass(name="bob", mass=1.0, ports={"top": (0, 0, 1)})],
         joints=[
-            Spherical(
+            mbdlft.Spherical(
                 name="ball",
                 parent="ground",
                 child="bob.top",
@@ -143,25 +130,25 @@ chain(1).model_copy(update={"gravity": (0, 0, 0)}), ["j0"]
 
 
 def test_ball_with_springs_and_bounds() -> None:
-    with says(TrimError, "joint 'ball' has a stiffness against rotations about all axes"):
-        find_equilibrium(ball(5.0), positions=["ball"])
-    assert find_equilibrium(ball(5.0)).positions == {}
-    with says(TrimError, "bounds: a rotation vector such as ball.rotation.x has none."):
-        find_equilibrium(ball(0.0), bounds={"ball.rotation.x": (0.0, 1.0)})
+    with says(mbdlft.TrimError, "joint 'ball' has a stiffness against rotations about all axes"):
+        mbdlft.find_equilibrium(ball(5.0), positions=["ball"])
+    assert mbdlft.find_equilibrium(ball(5.0)).positions == {}
+    with says(mbdlft.TrimError, "bounds: a rotation vector such as ball.rotation.x has none."):
+        mbdlft.find_equilibrium(ball(0.0), bounds={"ball.rotation.x": (0.0, 1.0)})
 
 
 # fits ------------------------------------------------------------------------------------------
 
 
-def column(**fields: Any) -> Scene:
+def column(**fields: Any) -> mbdlft.Scene:
     """A mass on top of a rod with a spring at its foot: k theta = m g sin(theta), critical at k = m g."""
-    return Scene(
+    return mbdlft.Scene(
         name="column",
         gravity=(0, 0, -9.81),
-        parameters=[Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad")],
-        bodies=[PointMass(name="bob", mass=2.0, ports={"foot": (0, 0, -1)})],
+        parameters=[mbdlft.Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad")],
+        bodies=[mbdlft.PointMass(name="bob", mass=2.0, ports={"foot": (0, 0, -1)})],
         joints=[
-            Revolute(
+            mbdlft.Revolute(
                 **{
                     "name": "foot",
                     "parent": "ground",
@@ -181,14 +168,16 @@ def column(**fields: Any) -> Scene:
 
 def test_loads_are_too_many_unknowns() -> None:
     """Two unknown forces for one slide: one of them is not determined, by name."""
-    loads = [Force(name=name, port="bob", direction=(0, 0, 1), frame="ground") for name in ("a", "b")]
-    point = find_equilibrium(faller().model_copy(update={"loads": tuple(loads)}))
+    loads = [
+        mbdlft.Force(name=name, port="bob", direction=(0, 0, 1), frame="ground") for name in ("a", "b")
+    ]
+    point = mbdlft.find_equilibrium(faller().model_copy(update={"loads": tuple(loads)}))
     assert set(point.undetermined) == {"slide.position", "a.force", "b.force"}
 
 
 def test_unused_spring_keeps_its_rest_length() -> None:
     """A spring with no stiffness and no force density does nothing."""
-    spring = Spring(name="s", parent="ground", child="bob", stiffness=0.0, force_density=0.0)
+    spring = mbdlft.Spring(name="s", parent="ground", child="bob", stiffness=0.0, force_density=0.0)
     scene = faller(position=-1.0, stiffness=30.0).model_copy(update={"loads": (spring,)})
-    moved = at_equilibrium(scene, find_equilibrium(scene))
+    moved = mbdlft.at_equilibrium(scene, mbdlft.find_equilibrium(scene))
     assert moved.loads[0] == spring

@@ -7,31 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbdlft import (
-    Fixed,
-    Force,
-    Ground,
-    Inertia,
-    Loop,
-    MbdlftError,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spherical,
-    Spring,
-    WellPosednessError,
-    assemble,
-    feedback,
-    frequency_response,
-    matrices_at,
-    realize,
-    solve_trim,
-    to_lft,
-    trim_at,
-)
+import mbdlft
 from mbdlft.base.errors import MbdlftWarning
 from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
@@ -43,43 +19,43 @@ from tests.errors.scenes import cart
 from tests.errors.table import refused, says
 
 
-def lever(low: float, high: float, nominal: float = 0.2) -> Scene:
+def lever(low: float, high: float, nominal: float = 0.2) -> mbdlft.Scene:
     """A bar that a force at x holds: F = 0.3 m g/x."""
-    return Scene(
+    return mbdlft.Scene(
         name="lever",
         gravity=(0.0, 0.0, -9.81),
-        parameters=[Parameter("x", nominal, low=low, high=high, unit="m")],
+        parameters=[mbdlft.Parameter("x", nominal, low=low, high=high, unit="m")],
         bodies=[
-            RigidBody(
+            mbdlft.RigidBody(
                 name="a",
                 mass=1.0,
                 center_of_mass=(0.0, 0.3, 0.0),
-                inertia=Inertia(xx=1, yy=1, zz=1),
+                inertia=mbdlft.Inertia(xx=1, yy=1, zz=1),
                 ports={"q": (0.0, "x", 0.0)},
             )
         ],
-        joints=[Revolute(name="j", parent="ground", child="a", axis=(1.0, 0.0, 0.0), preload=0.0)],
-        loads=[Force(name="F", port="a.q", direction=(0.0, 0.0, 1.0), frame="body")],
+        joints=[mbdlft.Revolute(name="j", parent="ground", child="a", axis=(1.0, 0.0, 0.0), preload=0.0)],
+        loads=[mbdlft.Force(name="F", port="a.q", direction=(0.0, 0.0, 1.0), frame="body")],
     )
 
 
 def test_trim_that_is_singular_inside() -> None:
-    with says(WellPosednessError, "scene 'lever':", "x = ", "Narrow the ranges"):
-        to_lft(lever(-0.1, 0.4), search=0.0)
-    model = to_lft(lever(0.01, 0.4), search=0.0)
+    with says(mbdlft.WellPosednessError, "scene 'lever':", "x = ", "Narrow the ranges"):
+        mbdlft.to_lft(lever(-0.1, 0.4), search=0.0)
+    model = mbdlft.to_lft(lever(0.01, 0.4), search=0.0)
     assert model.certificate.well_posed == "proved"
-    assert abs(trim_at(model, {"x": 0.01})[0] - 0.3 * 9.81 / 0.01) < 1e-9
+    assert abs(mbdlft.trim_at(model, {"x": 0.01})[0] - 0.3 * 9.81 / 0.01) < 1e-9
 
 
 def test_matrix_that_is_singular_in_a_small_ball() -> None:
     """Found by steps down the slope of the determinant: no sample is near."""
-    parameters = [Parameter(name, 0.5, 0.0, 1.0) for name in "ab"]
+    parameters = [mbdlft.Parameter(name, 0.5, 0.0, 1.0) for name in "ab"]
     row = "((a - 0.3137)^2 + (b - 0.7219)^2 - 0.001^2)"
     matrix = [["0", "1"], ["1", row]]  # has an inverse everywhere
-    assert realize(matrix, parameters, search=0.0).certificate.well_posed == "proved"
-    static = realize([[row + " - 1"]], parameters, search=0.0)
-    with says(WellPosednessError, "is singular at a = 0.31", "b = 0.72", "vanishes there"):
-        feedback(static, np.eye(1), sign=-1)
+    assert mbdlft.realize(matrix, parameters, search=0.0).certificate.well_posed == "proved"
+    static = mbdlft.realize([[row + " - 1"]], parameters, search=0.0)
+    with says(mbdlft.WellPosednessError, "is singular at a = 0.31", "b = 0.72", "vanishes there"):
+        mbdlft.feedback(static, np.eye(1), sign=-1)
 
 
 test_messages = refused(
@@ -122,10 +98,12 @@ def test_values_at_points_that_are_singular_to_working_precision() -> None:
     eps = float(np.finfo(float).eps)
     inner = np.array([[0.0, -1.0], [-1.0, -eps]])
     a = LFT(inner, np.ones((2, 1)), np.ones((1, 2)), np.eye(1), (Block("p", 1), Block("q", 1)))
-    parameters = [Parameter(name, 0.0, -2.0, 2.0, unit="m") for name in "pq"]
+    parameters = [mbdlft.Parameter(name, 0.0, -2.0, 2.0, unit="m") for name in "pq"]
     deltas = np.array([[0.5, 0.5], [1.0, 1.0]])
     with says(
-        WellPosednessError, "singular to working precision (condition ", "e+16) at p = 2 m, q = 2 m"
+        mbdlft.WellPosednessError,
+        "singular to working precision (condition ",
+        "e+16) at p = 2 m, q = 2 m",
     ):
         check_regular_at(a, deltas, parameters, "model 'm'")
     check_regular_at(a, deltas[:1], parameters, "model 'm'")
@@ -133,18 +111,18 @@ def test_values_at_points_that_are_singular_to_working_precision() -> None:
 
 def test_a_model_says_where_it_is_singular() -> None:
     """A model whose proof is taken away is looked at where it is asked for."""
-    parameters = [Parameter("p", 0.0, -1.0, 1.0)]
-    model = realize([["1/(3 - 2*p)"]], parameters, search=0.0)
+    parameters = [mbdlft.Parameter("p", 0.0, -1.0, 1.0)]
+    model = mbdlft.realize([["1/(3 - 2*p)"]], parameters, search=0.0)
     assert model.is_proved_regular
     doubtful = replace(model, lft=halves(), certificate=replace(model.certificate, well_posed="sampled"))
     for ask in (
-        lambda: matrices_at(doubtful, {"p": [0.0, 0.5]}),
+        lambda: mbdlft.matrices_at(doubtful, {"p": [0.0, 0.5]}),
         lambda: doubtful.at(p=0.5),
-        lambda: frequency_response(doubtful, {"p": 0.5}, [1.0]),
+        lambda: mbdlft.frequency_response(doubtful, {"p": 0.5}, [1.0]),
     ):
-        with says(WellPosednessError, "model ", "it is singular at p = 0.5,"):
+        with says(mbdlft.WellPosednessError, "model ", "it is singular at p = 0.5,"):
             ask()
-    assert matrices_at(doubtful, {"p": 0.25}).D[0, 0] == 2.0
+    assert mbdlft.matrices_at(doubtful, {"p": 0.25}).D[0, 0] == 2.0
 
 
 # units of numbers -----------------------------------------------------------------------------
@@ -170,94 +148,103 @@ def test_a_number_with_a_unit() -> None:
     ],
 )
 def test_what_gains_energy_is_a_warning(joint: dict[str, Any], message: str) -> None:
-    scene = cart(2.0, [Parameter("k", 2.0, 1.0, 3.0, unit="N/m")], joint)
+    scene = cart(2.0, [mbdlft.Parameter("k", 2.0, 1.0, 3.0, unit="N/m")], joint)
     with pytest.warns(MbdlftWarning) as found:
-        assemble(scene)
+        mbdlft.assemble(scene)
     assert [str(one.message) for one in found] == [message]
 
 
 def test_a_spring_that_pushes_is_a_warning() -> None:
-    spring = Spring(name="stay", parent="ground.wall", child="cart", stiffness=-3.0, force_density=1.0)
-    whole = Scene(
+    spring = mbdlft.Spring(
+        name="stay", parent="ground.wall", child="cart", stiffness=-3.0, force_density=1.0
+    )
+    whole = mbdlft.Scene(
         name="pushed",
-        bodies=[Ground(ports={"wall": (0.0, 1.0, 0.0)}), PointMass(name="cart", mass=1.0)],
-        joints=[Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0))],
+        bodies=[mbdlft.Ground(ports={"wall": (0.0, 1.0, 0.0)}), mbdlft.PointMass(name="cart", mass=1.0)],
+        joints=[mbdlft.Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0))],
         loads=[spring],
     )
     with pytest.warns(MbdlftWarning, match="load 'stay': stiffness is negative in the range: -3 N/m."):
-        assemble(whole)
+        mbdlft.assemble(whole)
 
 
 def test_a_mass_that_is_open_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     right = checks.check_positive
 
-    def in_two_parts(scene: Scene) -> tuple[checks.Outcome, ...]:
+    def in_two_parts(scene: mbdlft.Scene) -> tuple[checks.Outcome, ...]:
         return right(scene, 2)
 
     monkeypatch.setattr(checks, "check_positive", in_two_parts)
-    parameters = [Parameter(n, 0.5, 0.0, 1.0) for n in "ab"]
+    parameters = [mbdlft.Parameter(n, 0.5, 0.0, 1.0) for n in "ab"]
     mass = "(a - 0.31)*(a - 0.31) + (b - 0.72)*(b - 0.72) + 0.01*(1 + a)"
     with pytest.warns(MbdlftWarning, match="not proved: whether mass .kg. is negative is open in"):
-        assemble(cart(f"3.0*({mass})", parameters))
+        mbdlft.assemble(cart(f"3.0*({mass})", parameters))
 
 
 # refusals that were wrong ---------------------------------------------------------------------
 
 
-def hinged(axis: tuple[float, float, float]) -> Scene:
+def hinged(axis: tuple[float, float, float]) -> mbdlft.Scene:
     """A body on a hinge, closed on the ground by another hinge at the same place."""
-    body = RigidBody(name="b", mass=1.0, inertia=Inertia(xx=1, yy=1, zz=1), ports={"p": (0, 0, 0)})
-    return Scene(
+    body = mbdlft.RigidBody(
+        name="b", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1), ports={"p": (0, 0, 0)}
+    )
+    return mbdlft.Scene(
         name="two hinges",
-        bodies=[body, PointMass(name="tip", mass=0.5)],
+        bodies=[body, mbdlft.PointMass(name="tip", mass=0.5)],
         joints=[
-            Revolute(name="j", parent="ground", child="b", axis=(0.0, 0.0, 0.8)),
-            Fixed(name="weld", parent="b.p", child="tip"),
+            mbdlft.Revolute(name="j", parent="ground", child="b", axis=(0.0, 0.0, 0.8)),
+            mbdlft.Fixed(name="weld", parent="b.p", child="tip"),
         ],
-        loops=[Loop(name="loop", kind="revolute", parent="ground", child="b.p", axis=axis)],
+        loops=[mbdlft.Loop(name="loop", kind="revolute", parent="ground", child="b.p", axis=axis)],
     )
 
 
 def test_a_loop_of_one_coordinate() -> None:
     """A hinge across the first one lets nothing move, and the one along it changes nothing."""
-    with pytest.raises(MbdlftError):
-        to_lft(hinged((1.0, 0.0, 0.0)), search=0.0)
-    along = to_lft(hinged((0.0, 0.0, 1.0)), search=0.0)
+    with pytest.raises(mbdlft.MbdlftError):
+        mbdlft.to_lft(hinged((1.0, 0.0, 0.0)), search=0.0)
+    along = mbdlft.to_lft(hinged((0.0, 0.0, 1.0)), search=0.0)
     assert len(along.states) == 2
 
 
 def test_ports_of_a_loop_at_the_origin_of_the_scene() -> None:
     """The port is there by lengths that cancel up to rounding."""
-    body = {"mass": 1.0, "inertia": Inertia(xx=1, yy=1, zz=1)}
+    body = {"mass": 1.0, "inertia": mbdlft.Inertia(xx=1, yy=1, zz=1)}
     far = (0.1 + 0.2, 0.0, 0.0)
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="back",
         bodies=[
-            RigidBody(name="a", ports={"p": far}, **body),
-            RigidBody(name="b", ports={"q": (-0.3, 0.0, 0.0)}, **body),
+            mbdlft.RigidBody(name="a", ports={"p": far}, **body),
+            mbdlft.RigidBody(name="b", ports={"q": (-0.3, 0.0, 0.0)}, **body),
         ],
         joints=[
-            Revolute(name="i", parent="ground", child="a", axis=(0, 0, 1), stiffness=1.0),
-            Revolute(name="j", parent="a.p", child="b", axis=(0, 0, 1), preload=0.0),
+            mbdlft.Revolute(name="i", parent="ground", child="a", axis=(0, 0, 1), stiffness=1.0),
+            mbdlft.Revolute(name="j", parent="a.p", child="b", axis=(0, 0, 1), preload=0.0),
         ],
-        loops=[Loop(name="loop", kind="spherical", parent="ground", child="b.q")],
+        loops=[mbdlft.Loop(name="loop", kind="spherical", parent="ground", child="b.q")],
     )
-    assert len(to_lft(scene, search=0.0).states) == 2
+    assert len(mbdlft.to_lft(scene, search=0.0).states) == 2
 
 
 def test_a_spring_through_a_hinge() -> None:
     """Its torque is exactly zero, and what rounding makes of that is judged beside its stiffness."""
-    body = RigidBody(name="b", mass=0.0, inertia=Inertia(yy=0.1), ports={"p": (0.0, 0.0, 0.462)})
-    scene = Scene(
+    body = mbdlft.RigidBody(
+        name="b", mass=0.0, inertia=mbdlft.Inertia(yy=0.1), ports={"p": (0.0, 0.0, 0.462)}
+    )
+    scene = mbdlft.Scene(
         name="through",
-        bodies=[body, RigidBody(name="c", mass=0.0, inertia=Inertia(xx=0.4, yy=0.5, zz=0.4))],
-        joints=[
-            Revolute(name="j", parent="ground", child="b", axis=(0, 1, 0)),
-            Spherical(name="k", parent="b.p", child="c"),
+        bodies=[
+            body,
+            mbdlft.RigidBody(name="c", mass=0.0, inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.4)),
         ],
-        loads=[Spring(name="l", parent="ground", child="c", force_density=19.124)],
+        joints=[
+            mbdlft.Revolute(name="j", parent="ground", child="b", axis=(0, 1, 0)),
+            mbdlft.Spherical(name="k", parent="b.p", child="c"),
+        ],
+        loads=[mbdlft.Spring(name="l", parent="ground", child="c", force_density=19.124)],
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert max(map(abs, solve_trim(assemble(scene)).values)) < 1e-14
-        assert to_lft(scene, search=0.0).certificate.max_relative_error < 1e-11
+        assert max(map(abs, mbdlft.solve_trim(mbdlft.assemble(scene)).values)) < 1e-14
+        assert mbdlft.to_lft(scene, search=0.0).certificate.max_relative_error < 1e-11

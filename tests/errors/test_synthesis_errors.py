@@ -3,27 +3,7 @@
 import numpy as np
 
 import mbdlft
-from mbdlft.synthesis import (
-    acceleration_feedback,
-    acceleration_goal,
-    design_goal,
-    designed_scene,
-    fitted_values,
-    gain_goal,
-    inertia_pd,
-    integral_force_feedback,
-    lpv_synthesis,
-    margin_goal,
-    pole_goal,
-    positive_position_feedback,
-    reduced_structure,
-    rolloff_goal,
-    tracking_goal,
-    tunable_gain,
-    tunable_pid,
-    tunable_system,
-    tune,
-)
+from mbdlft import synthesis
 from mbdlft.system import state_space
 from tests.errors.table import refused
 from tests.scenarios.test_codesign import DESIGNED
@@ -37,16 +17,16 @@ CROSSED = state_space(
     np.diag([2.0, -1, -2]), [[1, 0], [0, 0], [0, 1]], [[0, 1, 0], [1, 0, 0]], np.zeros((2, 2)),
     inputs=["f", "g"], outputs=["p", "q"], name="X",
 )  # fmt: skip
-ALONE = tunable_gain("K", "e", "u"), tunable_gain("L", "d", "v")
-TOGETHER = tunable_gain("K", "e", ["u", "v"])
+ALONE = synthesis.tunable_gain("K", "e", "u"), synthesis.tunable_gain("L", "d", "v")
+TOGETHER = synthesis.tunable_gain("K", "e", ["u", "v"])
 WIRED = (("f", "u"), ("g", "v"), ("e", "p"), ("d", "q"))
 DAMPED = mbdlft.Parameter("c", 0.5, low=-0.1, high=1.1)
 CORNER = mbdlft.realize(
     [["0", "1", "0"], ["-1", "-c", "1"], ["1", "0", "0"]], [DAMPED], states=2, inputs=["f"],
     outputs=["y"], search=0.0,
 )  # fmt: skip
-TO_PLACE = tunable_gain("K", "e", "u")
-UP_TO_TWO = tunable_gain("K", "e", "u", ranges={"D[1,1]": (0.0, 2.0)})
+TO_PLACE = synthesis.tunable_gain("K", "e", "u")
+UP_TO_TWO = synthesis.tunable_gain("K", "e", "u", ranges={"D[1,1]": (0.0, 2.0)})
 # two masses, 3 and 7 kg, pushed apart and seen apart: where they are together stays at zero
 PUSHED = state_space(
     np.block([[np.zeros((2, 2)), np.eye(2)], [np.outer([-1 / 3, 1 / 7], [1.1, -1.1]), np.zeros((2, 2))]]),
@@ -56,24 +36,26 @@ LAG = state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], inputs=["f"], outputs=["y
 RATED = state_space(
     [[0, 1], [0, 0]], [[0], [1]], np.eye(2), np.zeros((2, 1)), inputs=["f"], outputs=["y", "v"]
 )
-TWO, FED = tunable_gain("K", ["e", "w"], "u"), (("f", "u"), ("e", "-y"), ("w", "-v"))
+TWO, FED = synthesis.tunable_gain("K", ["e", "w"], "u"), (("f", "u"), ("e", "-y"), ("w", "-v"))
 FAR = {"K.D[1,1]": 1e155, "K.D[1,2]": 1e80}
 UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
-PID = tunable_pid("K", "e", "u")
-SCHEDULED = mbdlft.scheduled(tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)])
-GOAL, THROUGH = gain_goal("f", "y"), gain_goal("f", "p")
+PID = synthesis.tunable_pid("K", "e", "u")
+SCHEDULED = mbdlft.scheduled(
+    synthesis.tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)]
+)
+GOAL, THROUGH = synthesis.gain_goal("f", "y"), synthesis.gain_goal("f", "p")
 
 
-POLE, LOOP = pole_goal(decay=1.0), [["f", "u"], ["e", "-y"]]
-STATIC = tunable_gain("K", "e", "u").with_values({})
+POLE, LOOP = synthesis.pole_goal(decay=1.0), [["f", "u"], ["e", "-y"]]
+STATIC = synthesis.tunable_gain("K", "e", "u").with_values({})
 
 
 def lpv(goals=(GOAL,), systems=(BLIND, PID), wired=(("f", "u"), ("e", "-y")), **how):
-    return lpv_synthesis(list(systems), list(goals), list(wired), prove=False, **how)
+    return synthesis.lpv_synthesis(list(systems), list(goals), list(wired), prove=False, **how)
 
 
 def made(goals=(GOAL,), systems=(PLANT, PID), wired=(("f", "u"), ("e", "-y")), **how):
-    return tune(list(systems), list(goals), list(wired), starts=1, prove=False, **how)
+    return synthesis.tune(list(systems), list(goals), list(wired), starts=1, prove=False, **how)
 
 
 RULE = {"frequency": 1.0, "damping": 0.1}

@@ -5,24 +5,8 @@ import numpy as np
 import pytest
 
 import mbdlft
+from benchmarks.cases import hard
 from benchmarks.cases.digits import DIGITS
-from benchmarks.cases.hard import (
-    CASES,
-    GRAVITY,
-    LARGE,
-    NEAR,
-    Case,
-    absorber,
-    bifurcation,
-    collinear,
-    half_angle,
-    long_chain,
-    mass_ratio,
-    oscillator,
-    sagging,
-    sizes,
-    wide,
-)
 from benchmarks.cases.measure import measure
 from mbdlft.order.reduction import ExactLFT, reduce_order
 from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
@@ -30,8 +14,8 @@ from tests.extracted import eliminated_in_doubles, exactly
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
-def test_entries_against_50_digits(case: Case) -> None:
+@pytest.mark.parametrize("case", hard.CASES, ids=lambda case: case.name)
+def test_entries_against_50_digits(case: hard.Case) -> None:
     found = measure(case)
     assert found.lft_factor <= HARD, found
     assert found.numeric_factor <= HARD_NUMERIC, found
@@ -41,26 +25,26 @@ def test_entries_against_50_digits(case: Case) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", LARGE, ids=lambda case: case.name)
-def test_large_cases(case: Case) -> None:
+@pytest.mark.parametrize("case", hard.LARGE, ids=lambda case: case.name)
+def test_large_cases(case: hard.Case) -> None:
     test_entries_against_50_digits(case)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("inverted", [False, True])
 def test_long_chains_keep_the_digits_of_their_data(inverted: bool) -> None:
-    assert measure(long_chain(20, inverted=inverted)).lft_factor <= HARD_CHAIN
+    assert measure(hard.long_chain(20, inverted=inverted)).lft_factor <= HARD_CHAIN
 
 
 @pytest.mark.long
 def test_a_chain_that_is_solved_in_double_precision_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
     monkeypatch.setattr("mbdlft.pipeline.forms.eliminated", eliminated_in_doubles)
-    assert measure(long_chain(20)).lft_factor > HARD_CHAIN
+    assert measure(hard.long_chain(20)).lft_factor > HARD_CHAIN
 
 
-@pytest.mark.parametrize("case", [collinear(1e-12), wide(99.99)], ids=lambda case: case.name)
-def test_a_condition_that_is_not_stated_is_seen(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("case", [hard.collinear(1e-12), hard.wide(99.99)], ids=lambda case: case.name)
+def test_a_condition_that_is_not_stated_is_seen(case: hard.Case, monkeypatch: pytest.MonkeyPatch) -> None:
     """Planted bug: the certificate takes every problem for well conditioned."""
     monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *_: (1.0, 0))
     found = measure(case)
@@ -71,7 +55,7 @@ def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyP
     """Planted bug: entries that change their sign are not counted."""
     right = mbdlft.pipeline.certification.conditioning
     monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *p: (right(*p)[0], 0))
-    found = measure(bifurcation(1e-9))
+    found = measure(hard.bifurcation(1e-9))
     assert found.condition > HARD * found.stated
 
 
@@ -86,7 +70,7 @@ def test_a_reduction_that_loses_digits_is_seen(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("mbdlft.pipeline.certification.ACCEPTED", np.inf)
     monkeypatch.setattr("mbdlft.pipeline.certification.MOST_ROUNDINGS", 1e300)
     monkeypatch.setattr("mbdlft.pipeline.forms.reduce_exactly", in_few_digits)
-    assert measure(mass_ratio(1.0, 1e9)).lft_factor > HARD
+    assert measure(hard.mass_ratio(1.0, 1e9)).lft_factor > HARD
 
 
 def test_a_wrong_digit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,24 +79,24 @@ def test_a_wrong_digit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
         "mbdlft.system.sampled.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
     )
-    assert measure(mass_ratio(1e9, 1.0)).lft_factor > HARD
+    assert measure(hard.mass_ratio(1e9, 1.0)).lft_factor > HARD
 
 
 def test_a_mass_matrix_that_double_precision_does_not_carry_is_solved_with() -> None:
     """Links of a micrometer at one of a kilometer: the certificate states the condition of the data."""
-    found = measure(sizes(1e-6, 1.0))
+    found = measure(hard.sizes(1e-6, 1.0))
     assert found.lft < 1e-14, found
     assert found.stated * EPS > 1.0, found
 
 
 def test_a_range_to_the_singular_point_is_refused() -> None:
     with pytest.raises(mbdlft.SceneError, match="substitution = 'quarter-angle'"):
-        half_angle(NEAR)
+        hard.half_angle(hard.NEAR)
 
 
-@pytest.mark.parametrize("distance", [1e-2, NEAR, 0.0, -NEAR])
+@pytest.mark.parametrize("distance", [1e-2, hard.NEAR, 0.0, -hard.NEAR])
 def test_the_quarter_angle_passes_the_singular_point_of_the_half_angle(distance: float) -> None:
-    found = measure(half_angle(distance, "quarter-angle"))
+    found = measure(hard.half_angle(distance, "quarter-angle"))
     assert found.lft_factor <= HARD, found
 
 
@@ -120,7 +104,7 @@ def test_the_quarter_angle_passes_the_singular_point_of_the_half_angle(distance:
 def test_nearly_defective_poles(distance: float) -> None:
     """s^2 + c s + k with c near 2 sqrt(k): the condition of the poles is 1/|y'x|."""
     damping = 2.0 * (1.0 + distance)
-    model = mbdlft.to_lft(oscillator(damping), search=0.0)
+    model = mbdlft.to_lft(hard.oscillator(damping), search=0.0)
     A = mbdlft.matrices_at(model, {"m": 1.0}).A
     poles = np.sort_complex(np.linalg.eigvals(A))
     with mp.workdps(DIGITS):
@@ -135,7 +119,7 @@ def test_nearly_defective_poles(distance: float) -> None:
 @pytest.mark.parametrize("mass", [1e-3, 1e-6, 1e-9, 1e-12])
 def test_a_pole_that_a_zero_nearly_cancels_stays(mass: float) -> None:
     """A light absorber: at its own frequency the transfer has a zero beside a pole."""
-    model = mbdlft.to_lft(absorber(mass), search=0.0)
+    model = mbdlft.to_lft(hard.absorber(mass), search=0.0)
     assert len(model.states) == 4
     omega = 1.0 + 1e-7
     at = {"m": 1.07}
@@ -158,10 +142,10 @@ def test_a_pole_that_a_zero_nearly_cancels_stays(mass: float) -> None:
 @pytest.mark.parametrize("imperfection", [1e-3, 1e-6, 1e-9])
 def test_an_equilibrium_close_to_a_bifurcation(imperfection: float) -> None:
     """k (q - e) = m g sin q with k = m g: q - sin q = e, of condition e/(q (1 - cos q)) and more."""
-    point = mbdlft.find_equilibrium(sagging(imperfection))
+    point = mbdlft.find_equilibrium(hard.sagging(imperfection))
     found = point.positions["pivot.angle"]
     with mp.workdps(DIGITS):
-        k, load, e = mp.mpf(-GRAVITY[2]), mp.mpf(-GRAVITY[2]), mp.mpf(imperfection)
+        k, load, e = mp.mpf(-hard.GRAVITY[2]), mp.mpf(-hard.GRAVITY[2]), mp.mpf(imperfection)
         start = mp.cbrt(6 * e)
         q = mp.findroot(lambda t: k * (t - e) - load * mp.sin(t), start)
         kappa = float((abs(k * (q - e)) * 2 + abs(k * e)) / abs(q * (k - load * mp.cos(q))))

@@ -5,23 +5,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from mbdlft import (
-    Beam,
-    CenterOfMass,
-    Fixed,
-    FlexibleBody,
-    Force,
-    Free,
-    Inertia,
-    Mode,
-    Momentum,
-    Parameter,
-    PointMass,
-    Revolute,
-    RigidBody,
-    Scene,
-    assemble,
-)
+import mbdlft
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.problem.equations import equation_function, load_value, physical_symbols
@@ -38,9 +22,9 @@ class Motion(NamedTuple):
     K: np.ndarray
 
 
-def motion(scene: Scene) -> Motion:
+def motion(scene: mbdlft.Scene) -> Motion:
     """Slopes of the residual at the nominal equilibrium, by automatic differentiation."""
-    e = assemble(scene)
+    e = mbdlft.assemble(scene)
     points = np.array([[p.nominal for p in e.parameters]])
     efforts, _ = trim_efforts(e, points)
     symbols, p, cosine, sine = physical_symbols(e.parameters)
@@ -54,34 +38,34 @@ def motion(scene: Scene) -> Motion:
     return Motion(M, D, K)
 
 
-def beam(name: str = "beam", elements: int = 3, **given: object) -> Beam:
+def beam(name: str = "beam", elements: int = 3, **given: object) -> mbdlft.Beam:
     """One meter, one kilogram per meter, 1 000 N m^2; elements, or modes with or without stations."""
     data = {"length": 1.0, "density": 1.0, "area": 1.0, "modulus": 1e3, "I_y": 1.0, "I_z": 1.0}
     if not given.get("modes") or "stations" in given:
         data["elements"] = elements
-    return Beam(**{"name": name, "deformations": ("bending_z",), **data, **given})
+    return mbdlft.Beam(**{"name": name, "deformations": ("bending_z",), **data, **given})
 
 
-def lever(angle: float, prestress: str | None = "neglected", **given: object) -> Scene:
+def lever(angle: float, prestress: str | None = "neglected", **given: object) -> mbdlft.Scene:
     """A beam with a mass at its tip on a hinge about y, held at an angle (deg) from the horizontal."""
-    return Scene(
+    return mbdlft.Scene(
         name="lever",
         gravity=(0, 0, -GRAVITY),
-        bodies=[beam(prestress=prestress, **given), PointMass(name="bob", mass=1.0)],
+        bodies=[beam(prestress=prestress, **given), mbdlft.PointMass(name="bob", mass=1.0)],
         joints=[
-            Revolute(
+            mbdlft.Revolute(
                 name="hinge",
                 parent="ground",
                 child="beam",
                 axis=(0, 1, 0),
                 position=float(np.radians(angle)),
             ),
-            Fixed(name="end", parent="beam.tip", child="bob"),
+            mbdlft.Fixed(name="end", parent="beam.tip", child="bob"),
         ],
     )
 
 
-def beside_the_tip() -> Scene:
+def beside_the_tip() -> mbdlft.Scene:
     """A clamped beam that bends and twists, and carries a body whose center is beside its tip."""
     every = beam(
         deformations=("torsion", "bending_y", "bending_z"),
@@ -89,24 +73,24 @@ def beside_the_tip() -> Scene:
         torsion_constant=1.0,
         prestress="neglected",
     )
-    weight = RigidBody(
+    weight = mbdlft.RigidBody(
         name="weight",
         mass=2.0,
         center_of_mass=(0.3, 0.5, 0.4),
-        inertia=Inertia(xx=0.2, yy=0.3, zz=0.25, about="center_of_mass"),
+        inertia=mbdlft.Inertia(xx=0.2, yy=0.3, zz=0.25, about="center_of_mass"),
     )
-    return Scene(
+    return mbdlft.Scene(
         name="beside the tip",
         gravity=(0.0, 2.0, -GRAVITY),
         bodies=[every, weight],
         joints=[
-            Fixed(name="root", parent="ground", child="beam"),
-            Fixed(name="end", parent="beam.tip", child="weight"),
+            mbdlft.Fixed(name="root", parent="ground", child="beam"),
+            mbdlft.Fixed(name="end", parent="beam.tip", child="weight"),
         ],
     )
 
 
-def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
+def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> mbdlft.Scene:
     """The lever as rigid rods on springs of EI/h, held by their preloads.
 
     The first rod and the last are half as long, so that the springs stand in the middle of what they
@@ -118,16 +102,16 @@ def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
     joints: list[Joint] = []
     for k, length in enumerate(lengths):
         bodies.append(
-            RigidBody(
+            mbdlft.RigidBody(
                 name=f"rod{k}",
                 mass=length,
                 center_of_mass=(length / 2, 0, 0),
-                inertia=Inertia(yy=length**3 / 12.0),
+                inertia=mbdlft.Inertia(yy=length**3 / 12.0),
                 ports={"tip": (length, 0, 0)},
             )
         )
         joints.append(
-            Revolute(
+            mbdlft.Revolute(
                 name=f"j{k}",
                 parent=f"rod{k - 1}.tip" if k else "ground",
                 child=f"rod{k}",
@@ -136,46 +120,46 @@ def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> Scene:
                 stiffness=bending / h if k else 0.0,
             )
         )
-    bodies.append(PointMass(name="bob", mass=1.0))
-    joints.append(Fixed(name="end", parent=f"rod{count}.tip", child="bob"))
-    return Scene(name="rods", gravity=(0, 0, -GRAVITY), bodies=bodies, joints=joints)
+    bodies.append(mbdlft.PointMass(name="bob", mass=1.0))
+    joints.append(mbdlft.Fixed(name="end", parent=f"rod{count}.tip", child="bob"))
+    return mbdlft.Scene(name="rods", gravity=(0, 0, -GRAVITY), bodies=bodies, joints=joints)
 
 
 PANEL_PARAMETERS = [
-    Parameter("f", 4.0, percent=20, unit="rad/s"),
-    Parameter("xi", 0.02, percent=50, unit="1"),
-    Parameter("p", 1.5, percent=20),
-    Parameter("s", 0.4, percent=30),
-    Parameter("m", 9.0, percent=20, unit="kg"),
-    Parameter("c", 0.8, percent=20, unit="m"),
-    Parameter("J", 6.0, percent=20, unit="kg m^2"),
-    Parameter("mt", 0.7, percent=40, unit="kg"),
+    mbdlft.Parameter("f", 4.0, percent=20, unit="rad/s"),
+    mbdlft.Parameter("xi", 0.02, percent=50, unit="1"),
+    mbdlft.Parameter("p", 1.5, percent=20),
+    mbdlft.Parameter("s", 0.4, percent=30),
+    mbdlft.Parameter("m", 9.0, percent=20, unit="kg"),
+    mbdlft.Parameter("c", 0.8, percent=20, unit="m"),
+    mbdlft.Parameter("J", 6.0, percent=20, unit="kg m^2"),
+    mbdlft.Parameter("mt", 0.7, percent=40, unit="kg"),
 ]
 
 
-def panel() -> Scene:
+def panel() -> mbdlft.Scene:
     """A flexible body on a hinge about z with a mass at its tip: every quantity is a parameter."""
     zero = (0.0, 0.0, 0.0)
     first = (0.0, "p", 0.0, 0.0, 0.0, "1.2*p")
     second = (0.0, 0.6, 0.0, 0.0, 0.0, -0.3)
-    return Scene(
+    return mbdlft.Scene(
         name="panel",
         parameters=PANEL_PARAMETERS,
         bodies=[
-            FlexibleBody(
+            mbdlft.FlexibleBody(
                 name="panel",
                 mass="m",
                 center_of_mass=("c", 0, 0),
-                inertia=Inertia(zz="J"),
+                inertia=mbdlft.Inertia(zz="J"),
                 ports={"tip": (2.0, 0, 0)},
                 modes=(
-                    Mode(
+                    mbdlft.Mode(
                         frequency="f",
                         damping="xi",
                         participation=first,
                         shapes={"tip": (0.0, "s", 0.0, 0.0, 0.0, 0.3)},
                     ),
-                    Mode(
+                    mbdlft.Mode(
                         frequency=31.0,
                         damping=0.01,
                         participation=second,
@@ -183,11 +167,11 @@ def panel() -> Scene:
                     ),
                 ),
             ),
-            PointMass(name="bob", mass="mt"),
+            mbdlft.PointMass(name="bob", mass="mt"),
         ],
         joints=[
-            Revolute(name="hinge", parent="ground", child="panel", axis=(0, 0, 1)),
-            Fixed(name="end", parent="panel.tip", child="bob"),
+            mbdlft.Revolute(name="hinge", parent="ground", child="panel", axis=(0, 0, 1)),
+            mbdlft.Fixed(name="end", parent="panel.tip", child="bob"),
         ],
         outputs=("hinge.angle",),
     )
@@ -212,7 +196,7 @@ def panel_matrices(v: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     return A, B
 
 
-def free_beam() -> Scene:
+def free_beam() -> mbdlft.Scene:
     """A beam that bends in two planes and twists, on a free rigid body, pushed at its tip."""
     slender = beam(
         area=1.0,
@@ -224,15 +208,22 @@ def free_beam() -> Scene:
         deformations=("axial", "torsion", "bending_y", "bending_z"),
         stiffness_damping=1e-3,
     )
-    return Scene(
+    return mbdlft.Scene(
         name="free_beam",
-        bodies=[RigidBody(name="hub", mass=2.0, inertia=Inertia(xx=1.0, yy=1.5, zz=2.0)), slender],
-        joints=[
-            Free(name="flight", parent="ground", child="hub"),
-            Fixed(name="root", parent="hub", child="beam", axis=(0, 0, 1), position=0.4),
+        bodies=[
+            mbdlft.RigidBody(name="hub", mass=2.0, inertia=mbdlft.Inertia(xx=1.0, yy=1.5, zz=2.0)),
+            slender,
         ],
-        loads=[Force(name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0)],
-        sensors=[Momentum(name="momentum"), CenterOfMass(name="center")],
+        joints=[
+            mbdlft.Free(name="flight", parent="ground", child="hub"),
+            mbdlft.Fixed(name="root", parent="hub", child="beam", axis=(0, 0, 1), position=0.4),
+        ],
+        loads=[
+            mbdlft.Force(
+                name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0
+            )
+        ],
+        sensors=[mbdlft.Momentum(name="momentum"), mbdlft.CenterOfMass(name="center")],
         inputs=("push.force",),
         outputs=tuple(
             f"{name}.{axis}"

@@ -12,17 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft.base.expression import (
-    Binary,
-    Call,
-    Expression,
-    Name,
-    Negative,
-    Number,
-    Power,
-    evaluate,
-    parse,
-)
+from mbdlft.base import expression
 from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import FUNCTIONS, Interval
 from tests.close import EPS, roundoff
@@ -34,21 +24,21 @@ ends = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),
 )
 boxes = st.fixed_dictionaries({name: st.tuples(ends, ends).map(sorted) for name in "xy"})
-atoms = st.one_of(st.sampled_from("xy").map(Name), st.floats(0.0, 1e3).map(Number))
-trees: st.SearchStrategy[Expression] = st.recursive(
+atoms = st.one_of(st.sampled_from("xy").map(expression.Name), st.floats(0.0, 1e3).map(expression.Number))
+trees: st.SearchStrategy[expression.Expression] = st.recursive(
     atoms,
     lambda inner: st.one_of(
-        st.builds(Binary, st.sampled_from("+-*/"), inner, inner),
-        st.builds(Negative, inner),
-        st.builds(Power, inner, st.integers(-3, 4)),
-        st.builds(Call, st.sampled_from(["sqrt", "sin", "cos", "atan"]), inner),
+        st.builds(expression.Binary, st.sampled_from("+-*/"), inner, inner),
+        st.builds(expression.Negative, inner),
+        st.builds(expression.Power, inner, st.integers(-3, 4)),
+        st.builds(expression.Call, st.sampled_from(["sqrt", "sin", "cos", "atan"]), inner),
     ),
     max_leaves=6,
 )
 
 
-def enclosure(tree: Expression, box: dict[str, Any]) -> Interval:
-    found = evaluate(tree, box, Interval.of, FUNCTIONS)
+def enclosure(tree: expression.Expression, box: dict[str, Any]) -> Interval:
+    found = expression.evaluate(tree, box, Interval.of, FUNCTIONS)
     assert isinstance(found, Interval)
     return found
 
@@ -70,7 +60,7 @@ DIGITS: dict[str, Callable[..., Any]] = {
 }
 
 
-def law_values_are_inside(tree: Expression, box: dict[str, list[float]]) -> None:
+def law_values_are_inside(tree: expression.Expression, box: dict[str, list[float]]) -> None:
     """At the ends, in the middle and at zero, in 50 digits."""
     try:
         found = enclosure(tree, {name: Interval(*ends) for name, ends in box.items()})
@@ -85,25 +75,25 @@ def law_values_are_inside(tree: Expression, box: dict[str, list[float]]) -> None
         for point in itertools.product(*points.values()):
             values = {n: mpmath.mpf(x) for n, x in zip(box, point, strict=True)}
             try:
-                value = real(evaluate(tree, values, mpmath.mpf, DIGITS))
+                value = real(expression.evaluate(tree, values, mpmath.mpf, DIGITS))
             except (ValueError, ZeroDivisionError):
                 continue
             assert found.low <= value <= found.high, f"{value} is not in {found}"
 
 
 @given(trees, boxes)
-def test_values_are_inside(tree: Expression, box: dict[str, list[float]]) -> None:
+def test_values_are_inside(tree: expression.Expression, box: dict[str, list[float]]) -> None:
     law_values_are_inside(tree, box)
 
 
 def test_quotients_of_what_overflows() -> None:
     """Their ends are infinity over infinity."""
-    tree, huge = parse("(0 - 1e200*x)/(0 - 1e200*x)"), {"x": [1e200, 1e200]}
+    tree, huge = expression.parse("(0 - 1e200*x)/(0 - 1e200*x)"), {"x": [1e200, 1e200]}
     law_values_are_inside(tree, huge)
 
 
 @given(trees, ends)
-def test_values_at_a_point_are_inside(tree: Expression, at: float) -> None:
+def test_values_at_a_point_are_inside(tree: expression.Expression, at: float) -> None:
     law_values_are_inside(tree, {"x": [at, at], "y": [at, at]})
 
 
@@ -124,13 +114,13 @@ def test_values_at_a_point_are_inside(tree: Expression, at: float) -> None:
 )
 def test_last_units_and_turns_are_inside(text: str, x: list[float], y: list[float]) -> None:
     """The rounding of each operation decides, and so does the largest value inside of a range."""
-    law_values_are_inside(parse(text), {"x": list(x), "y": list(y)})
+    law_values_are_inside(expression.parse(text), {"x": list(x), "y": list(y)})
 
 
 def test_a_library_may_be_wrong_in_the_last_digits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sine that is wrong by three units in the last place; the planted bug trusts it."""
     monkeypatch.setattr(interval.math, "sin", lambda x: float(np.sin(x)) * (1.0 + 3.0 * EPS))
-    case = parse("sin(x)"), {"x": [0.7, 0.7], "y": [0.0, 0.0]}
+    case = expression.parse("sin(x)"), {"x": [0.7, 0.7], "y": [0.0, 0.0]}
     law_values_are_inside(*case)
     monkeypatch.setattr(interval, "_LIBRARY", 0.0)
     with pytest.raises(AssertionError):
@@ -152,9 +142,9 @@ def test_ends_are_near() -> None:
         ("sin(x)", np.sin(-1.0), 1.0),
         ("0*(1/x)", 0.0, 0.0),
     ):
-        found = enclosure(parse(text), box)
+        found = enclosure(expression.parse(text), box)
         roundoff([found.low, found.high], [low, high], scale=max(1.0, high))
-    assert enclosure(parse("1/x"), box) == interval.UNKNOWN
+    assert enclosure(expression.parse("1/x"), box) == interval.UNKNOWN
 
 
 def test_numbers_of_a_text_are_its_decimals() -> None:

@@ -13,22 +13,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbdlft.exact import matrices
 from mbdlft.exact import matrices as module
-from mbdlft.exact.matrices import (
-    ExactMatrix,
-    entrywise,
-    identity,
-    limbs,
-    multiplied,
-    null_space,
-    pivot_columns,
-    rank,
-    rough_values,
-    row_echelon,
-    stacked,
-    times,
-    zeros,
-)
 from mbdlft.exact.numbers import BITS, Constant, Field, TooFewBitsError, precision
 from mbdlft.lft.lft import LFT, Block, eliminate, transpose
 from mbdlft.lft.sampling import evaluate
@@ -69,8 +55,8 @@ def fractions(seed: int, n: int, m: int, most_rank: int = 5) -> Fractions:
     return some(n, m).tolist()
 
 
-def from_fractions(a: Fractions, m: int) -> ExactMatrix:
-    return exact_matrix(a) if a else zeros(0, m, PRIME)
+def from_fractions(a: Fractions, m: int) -> matrices.ExactMatrix:
+    return exact_matrix(a) if a else matrices.zeros(0, m, PRIME)
 
 
 def in_flint(a: Fractions, m: int) -> flint.fmpq_mat:
@@ -78,7 +64,7 @@ def in_flint(a: Fractions, m: int) -> flint.fmpq_mat:
     return flint.fmpq_mat(len(a), m, entries)
 
 
-def is_matrix(found: ExactMatrix, expected: flint.fmpq_mat) -> None:
+def is_matrix(found: matrices.ExactMatrix, expected: flint.fmpq_mat) -> None:
     """Residues and balls are those of a matrix of fractions."""
     assert found.shape == (expected.nrows(), expected.ncols())
     for i, j in np.ndindex(*found.shape):
@@ -97,7 +83,7 @@ def test_arithmetic(seed: int, n: int, k: int, m: int) -> None:
     is_matrix((a @ b) + -c, p * q - r)
     is_matrix(c + -c, r - r)
     is_matrix(a.T, p.transpose())
-    both = stacked([[c, a], [a @ b, a]])
+    both = matrices.stacked([[c, a], [a @ b, a]])
     assert both.shape == (2 * n, m + k)
     is_matrix(both[n:, :m], p * q)
     is_matrix(both[:n][:, m:], p)
@@ -113,7 +99,7 @@ def test_solve(seed: int, n: int, m: int) -> None:
                 a.solve(b)
         return
     is_matrix(a.solve(b), in_flint(A, n).solve(in_flint(B, m)))
-    exact((a @ a.solve(identity(n, PRIME))).residues, np.eye(n))
+    exact((a @ a.solve(matrices.identity(n, PRIME))).residues, np.eye(n))
 
 
 @given(st.integers(0, 10**6), sides, sides, st.integers(0, 5))
@@ -121,19 +107,19 @@ def test_ranks(seed: int, n: int, m: int, most: int) -> None:
     A = fractions(seed, n, m, most)
     a, truth = from_fractions(A, m), in_flint(A, m)
     echelon, count = truth.rref()
-    assert rank(a.residues, PRIME) == count
-    rows, pivots = row_echelon(a.residues, PRIME)
+    assert matrices.rank(a.residues, PRIME) == count
+    rows, pivots = matrices.row_echelon(a.residues, PRIME)
     expected = [
         [int(FIELD.residue(Fraction(int(echelon[i, j].p), int(echelon[i, j].q)))) for j in range(m)]
         for i in range(count)
     ]
     assert rows.tolist() == expected
     assert pivots == [next(j for j in range(m) if echelon[i, j] != 0) for i in range(count)]
-    assert pivot_columns(a.residues, PRIME) == pivots
-    nothing = null_space(a.residues, PRIME)
+    assert matrices.pivot_columns(a.residues, PRIME) == pivots
+    nothing = matrices.null_space(a.residues, PRIME)
     assert nothing.shape == (m, m - count)
-    assert not multiplied(a.residues, nothing, PRIME).any()
-    assert rank(nothing, PRIME) == m - count
+    assert not matrices.multiplied(a.residues, nothing, PRIME).any()
+    assert matrices.rank(nothing, PRIME) == m - count
 
 
 # values --------------------------------------------------------------------------------------------
@@ -155,8 +141,8 @@ def test_rough_values_never_fail() -> None:
     third = FIELD.rational(Fraction(1, 3))
     left = third - FIELD.rational(Fraction(10**120 // 3, 10**120))
     a = module.from_rows([{0: left, 2: third}], 3, PRIME)
-    assert rough_values(a).tolist()[0][1] == 0.0
-    roundoff(rough_values(a)[0, 2], 1.0 / 3.0)
+    assert matrices.rough_values(a).tolist()[0][1] == 0.0
+    roundoff(matrices.rough_values(a)[0, 2], 1.0 / 3.0)
 
 
 def test_balls_that_are_too_wide_to_solve_with() -> None:
@@ -164,10 +150,10 @@ def test_balls_that_are_too_wide_to_solve_with() -> None:
     rows = [{0: FIELD.one, 1: FIELD.one}, {0: FIELD.one, 1: FIELD.one + tiny}]
     a = module.from_rows(rows, 2, PRIME)
     with pytest.raises(TooFewBitsError, match="contain a singular one"):
-        a.solve(identity(2, PRIME))
+        a.solve(matrices.identity(2, PRIME))
     with precision(4 * BITS):
         rows[1][1] = FIELD.one + tiny
-        found = module.from_rows(rows, 2, PRIME).solve(identity(2, PRIME)).values()
+        found = module.from_rows(rows, 2, PRIME).solve(matrices.identity(2, PRIME)).values()
     exact(found, np.array([[1.0, -1.0], [-1.0, 1.0]]) * 2.0**400 + [[1.0, 0.0], [0.0, 0.0]])
 
 
@@ -175,7 +161,7 @@ def test_equations_of_many_sizes_keep_bits() -> None:
     """Powers of 1 to 45, as those of a matrix times a vector: up to 1e72 beside 1."""
     n = 45
     rows = [{j: FIELD.rational(Fraction(j + 1) ** i) for j in range(n)} for i in range(n)]
-    found = module.from_rows(rows, n, PRIME).solve(identity(n, PRIME))
+    found = module.from_rows(rows, n, PRIME).solve(matrices.identity(n, PRIME))
     assert min(ball.rel_accuracy_bits() for ball in found.balls.ravel()) > BITS // 3
 
 
@@ -184,9 +170,9 @@ def test_zeros_of_irrational_numbers() -> None:
     field = Field([Constant("root", Fraction(2))])
     root = field.of(Constant("root", Fraction(2)))
     a = module.from_rows([{0: field.rational(2), 1: root}, {0: root, 1: field.one}], 2, field.prime)
-    assert rank(a.residues, field.prime) == 1
+    assert matrices.rank(a.residues, field.prime) == 1
     with pytest.raises(ZeroDivisionError):
-        a.solve(identity(2, field.prime))
+        a.solve(matrices.identity(2, field.prime))
 
 
 # LFTs ----------------------------------------------------------------------------------------------
@@ -207,7 +193,7 @@ def test_elimination(a: LFT, count: int) -> None:
 
 
 def test_parts_of_an_lft() -> None:
-    a = ExactLFT(zeros(7, 6, PRIME), (Block("a", 2), Block("b", 0), Block("c", 3)))
+    a = ExactLFT(matrices.zeros(7, 6, PRIME), (Block("a", 2), Block("b", 0), Block("c", 3)))
     assert a.order == 5
     assert a.parts == [slice(0, 2), slice(2, 2), slice(2, 5)]
     assert a.rounded().shape == (2, 1)
@@ -230,8 +216,8 @@ def test_products_of_residues(shape: tuple[int, int, int]) -> None:
         (ones, np.resize(ones, (k, m))),
     ):
         expected = (a.astype(object) @ b.astype(object)) % prime
-        exact(multiplied(a, b, prime), expected.astype(np.int64))
-        exact(times(a, limbs(b), prime), expected.astype(np.int64))
+        exact(matrices.multiplied(a, b, prime), expected.astype(np.int64))
+        exact(matrices.times(a, matrices.limbs(b), prime), expected.astype(np.int64))
 
 
 @pytest.mark.parametrize("most", [1, PRIME - 1])
@@ -239,4 +225,7 @@ def test_products_of_entries(most: int) -> None:
     """Against integers of any size: any residues, and the largest ones."""
     a, b = PRIME - 1 - np.random.default_rng(most).integers(0, most, (2, 200), dtype=np.int64)
     for x, y in ((a, b), (a[:, None], b[:3])):
-        exact(entrywise(x, y, PRIME), (x.astype(object) * y.astype(object) % PRIME).astype(np.int64))
+        exact(
+            matrices.entrywise(x, y, PRIME),
+            (x.astype(object) * y.astype(object) % PRIME).astype(np.int64),
+        )

@@ -6,59 +6,49 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.base.expression import (
-    Binary,
-    Expression,
-    Name,
-    Negative,
-    Number,
-    Power,
-    evaluate,
-    names,
-    parse,
-    write,
-)
+from mbdlft.base import expression
 from tests.close import roundoff
 
 VALUES = {"a": Fraction(3, 7), "b": Fraction(-5, 2), "c": Fraction(11, 4)}
 
 atoms = st.one_of(
-    st.sampled_from(list(VALUES)).map(Name), st.integers(1, 9).map(lambda n: Number(float(n)))
+    st.sampled_from(list(VALUES)).map(expression.Name),
+    st.integers(1, 9).map(lambda n: expression.Number(float(n))),
 )
-trees: st.SearchStrategy[Expression] = st.recursive(
+trees: st.SearchStrategy[expression.Expression] = st.recursive(
     atoms,
     lambda inner: st.one_of(
-        st.builds(Binary, st.sampled_from("+-*/"), inner, inner),
-        st.builds(Negative, inner),
-        st.builds(Power, inner, st.integers(1, 3)),
+        st.builds(expression.Binary, st.sampled_from("+-*/"), inner, inner),
+        st.builds(expression.Negative, inner),
+        st.builds(expression.Power, inner, st.integers(1, 3)),
     ),
     max_leaves=12,
 )
 
 
-def text_of(tree: Expression, spaces: str) -> str:
+def text_of(tree: expression.Expression, spaces: str) -> str:
     """A text with as few parentheses as precedence needs, written independently of `write`."""
     match tree:
-        case Number(value):
+        case expression.Number(value):
             return str(int(value))
-        case Name(name):
+        case expression.Name(name):
             return name
-        case Negative(operand):
+        case expression.Negative(operand):
             return f"(-{_guard(operand, spaces)})"
-        case Power(base, exponent):
+        case expression.Power(base, exponent):
             return f"{_guard(base, spaces)}^{exponent}"
-        case Binary(operator, left, right):
+        case expression.Binary(operator, left, right):
             return f"({text_of(left, spaces)}{spaces}{operator}{spaces}{text_of(right, spaces)})"
     raise AssertionError(tree)
 
 
-def _guard(tree: Expression, spaces: str) -> str:
+def _guard(tree: expression.Expression, spaces: str) -> str:
     inner = text_of(tree, spaces)
-    return inner if isinstance(tree, Name | Number) else f"({inner})"
+    return inner if isinstance(tree, expression.Name | expression.Number) else f"({inner})"
 
 
 @given(trees, st.sampled_from(["", " ", "  "]))
-def test_value_is_that_of_python(tree: Expression, spaces: str) -> None:
+def test_value_is_that_of_python(tree: expression.Expression, spaces: str) -> None:
     text = text_of(tree, spaces)
     python = text.replace("^", "**")
     for digit in "0123456789":
@@ -68,23 +58,23 @@ def test_value_is_that_of_python(tree: Expression, spaces: str) -> None:
         expected = eval("".join(_fractions(python)), {"Fraction": Fraction, **exact})
     except ZeroDivisionError:
         return
-    assert names(parse(text)) <= set(VALUES)
+    assert expression.names(expression.parse(text)) <= set(VALUES)
     # on fractions too: the same tree in another number system; numbers of the text are floats
-    actual = evaluate(_exact(parse(text)), VALUES)
+    actual = expression.evaluate(_exact(expression.parse(text)), VALUES)
     assert actual == expected
 
 
-def _exact(tree: Expression) -> Expression:
+def _exact(tree: expression.Expression) -> expression.Expression:
     """The tree with its numbers as fractions."""
     match tree:
-        case Number(value):
-            return Number(Fraction(value))  # type: ignore[arg-type]
-        case Binary(operator, left, right):
-            return Binary(operator, _exact(left), _exact(right))
-        case Negative(operand):
-            return Negative(_exact(operand))
-        case Power(base, exponent):
-            return Power(_exact(base), exponent)
+        case expression.Number(value):
+            return expression.Number(Fraction(value))  # type: ignore[arg-type]
+        case expression.Binary(operator, left, right):
+            return expression.Binary(operator, _exact(left), _exact(right))
+        case expression.Negative(operand):
+            return expression.Negative(_exact(operand))
+        case expression.Power(base, exponent):
+            return expression.Power(_exact(base), exponent)
     return tree
 
 
@@ -105,8 +95,10 @@ def _fractions(text: str) -> list[str]:
 
 
 @given(trees)
-def test_written_text_is_read_back(tree: Expression) -> None:
-    assert parse(write(parse(write(tree)))) == parse(write(tree))
+def test_written_text_is_read_back(tree: expression.Expression) -> None:
+    assert expression.parse(
+        expression.write(expression.parse(expression.write(tree)))
+    ) == expression.parse(expression.write(tree))
 
 
 @pytest.mark.parametrize(
@@ -128,7 +120,7 @@ def test_written_text_is_read_back(tree: Expression) -> None:
 def test_precedence(text: str, value: float) -> None:
     from mbdlft.base.expression import BUILTIN_CONSTANTS
 
-    roundoff(evaluate(parse(text), BUILTIN_CONSTANTS), value)
+    roundoff(expression.evaluate(expression.parse(text), BUILTIN_CONSTANTS), value)
 
 
 def test_nothing_is_run_as_code() -> None:
@@ -136,4 +128,4 @@ def test_nothing_is_run_as_code() -> None:
 
     for text in ("__import__('os')", "().__class__", "a if b else c", "a[0]", "lambda: 1", "a;b"):
         with pytest.raises(SceneError):
-            evaluate(parse(text), {})
+            expression.evaluate(expression.parse(text), {})

@@ -5,33 +5,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import (
-    Free,
-    Inertia,
-    Parameter,
-    Revolute,
-    RigidBody,
-    Scene,
-    array_drive,
-    assemble,
-    matrices_at,
-    to_lft,
-)
 from tests.close import CLOSED_FORM, target
 
-N = Parameter("n", 60.0, low=40.0, high=90.0)
-J = Parameter("J", 2e-4, percent=40, unit="kg m^2")
-K = Parameter("k", 900.0, percent=30, unit="N m/rad")
+N = mbdlft.Parameter("n", 60.0, low=40.0, high=90.0)
+J = mbdlft.Parameter("J", 2e-4, percent=40, unit="kg m^2")
+K = mbdlft.Parameter("k", 900.0, percent=30, unit="N m/rad")
 HUB, ARRAY, DAMPING, FRICTION = 7.0, 3.0, 0.4, 0.2
 
 
-def wheel(name: str, inertia: float) -> RigidBody:
-    return RigidBody(name=name, mass=2.0, inertia=Inertia(xx=5.0, yy=5.0, zz=inertia))
+def wheel(name: str, inertia: float) -> mbdlft.RigidBody:
+    return mbdlft.RigidBody(name=name, mass=2.0, inertia=mbdlft.Inertia(xx=5.0, yy=5.0, zz=inertia))
 
 
-def spacecraft() -> Scene:
+def spacecraft() -> mbdlft.Scene:
     """A hub on a free axis, and an array that a drive turns about the same axis."""
-    drive = array_drive(
+    drive = mbdlft.array_drive(
         "drive",
         "hub",
         "array",
@@ -42,12 +30,12 @@ def spacecraft() -> Scene:
         damping=DAMPING,
         friction=FRICTION,
     )
-    return Scene(
+    return mbdlft.Scene(
         name="spacecraft",
         parameters=[N, J, K],
         bodies=[wheel("hub", HUB), wheel("array", ARRAY), drive.body],
         joints=[
-            Revolute(name="spin", parent="ground", child="hub", axis=(0, 0, 1)),
+            mbdlft.Revolute(name="spin", parent="ground", child="hub", axis=(0, 0, 1)),
             drive.motor,
             drive.shaft,
         ],
@@ -69,13 +57,13 @@ def lagrange(n: float, J: float, k: float) -> np.ndarray:
 
 
 def check_drive(model: mbdlft.LFTModel, n: float, J: float, k: float) -> None:
-    A, B, _, _ = matrices_at(model, {"n": n, "J": J, "k": k})
+    A, B, _, _ = mbdlft.matrices_at(model, {"n": n, "J": J, "k": k})
     expected = lagrange(n, J, k)
     rows = np.max(np.abs(expected), axis=1, keepdims=True)
     target(np.hstack([A, B]) / rows, expected / rows, CLOSED_FORM)
 
 
-MODEL = to_lft(spacecraft(), search=0.0)
+MODEL = mbdlft.to_lft(spacecraft(), search=0.0)
 
 
 @settings(max_examples=20, deadline=None)
@@ -87,22 +75,25 @@ def test_drive_is_that_of_lagrange(n: float, J: float, k: float) -> None:
 
 def test_the_rotor_conserves_momentum() -> None:
     """A free body with a geared arm on a tilted axis: internal torque changes no angular momentum."""
-    hub = RigidBody(
+    hub = mbdlft.RigidBody(
         name="hub",
         mass=8.0,
         center_of_mass=(0.1, 0.2, -0.1),
-        inertia=Inertia(xx=2.0, yy=3.0, zz=2.5, xy=0.2),
+        inertia=mbdlft.Inertia(xx=2.0, yy=3.0, zz=2.5, xy=0.2),
         ports={"side": (0.5, 0.1, 0.3)},
     )
-    arm = RigidBody(
-        name="arm", mass=1.5, center_of_mass=(0.4, 0.0, 0.1), inertia=Inertia(xx=0.1, yy=0.3, zz=0.3)
+    arm = mbdlft.RigidBody(
+        name="arm",
+        mass=1.5,
+        center_of_mass=(0.4, 0.0, 0.1),
+        inertia=mbdlft.Inertia(xx=0.1, yy=0.3, zz=0.3),
     )
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="geared",
         bodies=[hub, arm],
         joints=[
-            Free(name="base", parent="ground", child="hub"),
-            Revolute(
+            mbdlft.Free(name="base", parent="ground", child="hub"),
+            mbdlft.Revolute(
                 name="gear",
                 parent="hub.side",
                 child="arm",
@@ -115,15 +106,15 @@ def test_the_rotor_conserves_momentum() -> None:
         inputs=["gear.torque"],
         outputs=["gear.acceleration"],
     )
-    model = to_lft(scene)
-    _, B, _, D = matrices_at(model, {})
+    model = mbdlft.to_lft(scene)
+    _, B, _, D = mbdlft.matrices_at(model, {})
     rates = B[7:, 0]  # accelerations of the base and of the gear for a torque of 1 N m
     rotor = 2e-3 * np.array([0.0, 0.6, 0.8])
     # the same without an actuator: its momentum change is minus that of the rotor
     bare = scene.model_copy(
         update={"joints": (scene.joints[0], scene.joints[1].model_copy(update={"actuator_inertia": 0.0}))}
     )
-    mass = np.linalg.inv(matrices_at(to_lft(_with_all_inputs(bare)), {}).B[7:])
+    mass = np.linalg.inv(mbdlft.matrices_at(mbdlft.to_lft(_with_all_inputs(bare)), {}).B[7:])
     turned = np.array([0.0, 0.6, 0.8]) @ rates[3:6] - 25.0 * rates[6]
     forces = mass @ rates
     expected = np.zeros(7)
@@ -133,19 +124,21 @@ def test_the_rotor_conserves_momentum() -> None:
     target(D[0, 0], rates[6], CLOSED_FORM)
 
 
-def _with_all_inputs(scene: Scene) -> Scene:
+def _with_all_inputs(scene: mbdlft.Scene) -> mbdlft.Scene:
     names = [f"base.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
     return scene.model_copy(update={"inputs": (*names, "gear.torque")})
 
 
 def test_without_a_gear_nothing_changes() -> None:
     """A ratio of 1 is the actuator that turns with the child."""
-    one = Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), actuator_inertia=0.3)
+    one = mbdlft.Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), actuator_inertia=0.3)
     geared = one.model_copy(update={"gear_ratio": 1.0})
     body = wheel("b", 2.0)
     for joint in (one, geared):
-        model = to_lft(Scene(name="s", bodies=[body], joints=[joint]))
+        model = mbdlft.to_lft(mbdlft.Scene(name="s", bodies=[body], joints=[joint]))
         target(model.B_u[1, 0], 1.0 / 2.3, CLOSED_FORM)
-    assert assemble(Scene(name="s", bodies=[body], joints=[one])).degrees_of_freedom == 1
-    model = to_lft(Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})]))
+    assert mbdlft.assemble(mbdlft.Scene(name="s", bodies=[body], joints=[one])).degrees_of_freedom == 1
+    model = mbdlft.to_lft(
+        mbdlft.Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})])
+    )
     target(model.B_u[1, 0], 1.0 / (2.0 + 100.0 * 0.3), CLOSED_FORM)

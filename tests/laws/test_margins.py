@@ -10,19 +10,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    AnalysisError,
-    Block,
-    Bounds,
-    Parameter,
-    System,
-    check_stability,
-    realize,
-    robust_performance,
-    robust_stability,
-    verify,
-    worst_case_gain,
-)
 from mbdlft.robust import stability
 from mbdlft.robust.ascent import NONE, peak_at
 from mbdlft.robust.bisect.boxes import _is_left, largest_singular
@@ -42,7 +29,7 @@ from tests.reference.robust_cases import of_matrices
 from tests.seeds import some
 
 
-def arm_loop(stiff: float = 1.0) -> System:
+def arm_loop(stiff: float = 1.0) -> mbdlft.System:
     arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
     stiffness, damping, lag = stiff * np.diag([600.0, 300.0]), np.diag([100.0, 40.0]), 0.01
     A, C, D = -np.eye(2) / lag, -damping / lag, stiffness + damping / lag
@@ -54,7 +41,7 @@ def arm_loop(stiff: float = 1.0) -> System:
 )
 def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
     system = random_system(seed)
-    found = robust_stability(system, work=3.0, largest=10.0)
+    found = mbdlft.robust_stability(system, work=3.0, largest=10.0)
     assert 0.0 < found.lower <= reached(system, 40, 10.0, seed), KINDS[seed % len(KINDS)]
     if np.isfinite(found.upper):
         assert found.lower <= found.upper
@@ -64,7 +51,7 @@ def test_no_model_inside_a_proved_margin_is_unstable(seed: int) -> None:
         poles = np.linalg.eigvals(A)
         assert np.max(poles.real) >= -STABLE * np.max(np.abs(poles))
         assert np.min(np.abs(poles - 1j * found.frequency)) <= 1e-3 * np.max(np.abs(poles))
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 5, 7])
@@ -73,12 +60,12 @@ def test_no_model_is_unstable_where_some_parameters_stay_in_their_ranges(seed: i
     system, random = random_system(seed), np.random.default_rng(seed)
     names = system.parameters.names
     fixed = names[::2] if len(names) > 1 else ()
-    found = robust_stability(system, fixed=fixed, work=2.0, largest=10.0)
+    found = mbdlft.robust_stability(system, fixed=fixed, work=2.0, largest=10.0)
     assert found.lower <= found.upper
     if found.lower == 0.0:
         return
-    assert verify(system, found) == ""
-    assert verify(system, replace(found, lower=found.upper, upper=found.upper)) or found.gap <= 0.0
+    assert mbdlft.verify(system, found) == ""
+    assert mbdlft.verify(system, replace(found, lower=found.upper, upper=found.upper)) or found.gap <= 0.0
     is_fixed = np.array([name in fixed for name in names])
     ends = np.where(is_fixed, 1.0, found.lower)
     deltas = ends * np.clip(random.uniform(-1.5, 1.5, (2000, len(names))), -1.0, 1.0)
@@ -88,26 +75,26 @@ def test_no_model_is_unstable_where_some_parameters_stay_in_their_ranges(seed: i
 def test_a_cart_whose_damping_grows_alone_is_stable_until_it_is_zero() -> None:
     """Twice the range of c, which is half of it, leads to 0: for any mass and spring in their ranges."""
     own = [
-        Parameter("k", 2.0, low=1.0, high=3.0),
-        Parameter("m", 1.0, low=0.8, high=1.2),
-        Parameter("c", 1e-4, percent=50),
+        mbdlft.Parameter("k", 2.0, low=1.0, high=3.0),
+        mbdlft.Parameter("m", 1.0, low=0.8, high=1.2),
+        mbdlft.Parameter("c", 1e-4, percent=50),
     ]
-    cart = realize([["0", "1"], ["-k/m", "-c/m"]], own, states=2, inputs=[], outputs=[])
-    found = robust_stability(cart, fixed=["m", "k"], work=3.0)
+    cart = mbdlft.realize([["0", "1"], ["-k/m", "-c/m"]], own, states=2, inputs=[], outputs=[])
+    found = mbdlft.robust_stability(cart, fixed=["m", "k"], work=3.0)
     assert 2.0 * 0.99 <= found.lower <= 2.0 * (1.0 + BOUND)
     assert abs(found.upper - 2.0) <= BOUND
-    assert verify(cart, found) == ""
-    assert verify(cart, replace(found, lower=2.5, upper=2.5))
+    assert mbdlft.verify(cart, found) == ""
+    assert mbdlft.verify(cart, replace(found, lower=2.5, upper=2.5))
     roundoff(found.worst["c"], 0.0, scale=1.0)
 
 
 def test_fixed_parameters_have_their_whole_ranges(monkeypatch: pytest.MonkeyPatch) -> None:
     """xdot = (-1 + f/2 + g/4) x is stable for |f| <= 1 and |g| < 2; no search says where it is not."""
-    unit = [Parameter(name, 0.0, low=-1.0, high=1.0) for name in "fg"]
-    system = realize([["-1 + f/2 + g/4"]], unit, states=1, inputs=[], outputs=[])
+    unit = [mbdlft.Parameter(name, 0.0, low=-1.0, high=1.0) for name in "fg"]
+    system = mbdlft.realize([["-1 + f/2 + g/4"]], unit, states=1, inputs=[], outputs=[])
     monkeypatch.setattr(stability, "smallest_beside", lambda *_: NONE)
     monkeypatch.setattr(stability, "crossing_on_ray", lambda *_: NONE)
-    assert 1.0 <= robust_stability(system, fixed=["f"], work=1.0, largest=10.0).lower <= 2.0
+    assert 1.0 <= mbdlft.robust_stability(system, fixed=["f"], work=1.0, largest=10.0).lower <= 2.0
 
 
 @pytest.mark.long
@@ -118,10 +105,10 @@ def test_no_model_inside_a_proved_margin_of_300_systems_is_unstable(first: int) 
     for seed in range(first, first + 10):
         most = (8, 30, 60)[seed % 3]
         system = random_system(seed, most, 4 if most == 8 else 3)
-        found = robust_stability(system, work=10.0, largest=10.0, gap=0.02)
+        found = mbdlft.robust_stability(system, work=10.0, largest=10.0, gap=0.02)
         assert found.lower <= reached(system, 40, 10.0, seed)
         closed += found.lower >= 0.98 * min(found.upper, 10.0)
-    mixed = robust_stability(mixed_system(first), gap=0.05)
+    mixed = mbdlft.robust_stability(mixed_system(first), gap=0.05)
     assert 0.0 < mixed.lower <= mixed.upper
     assert closed >= 9
 
@@ -150,29 +137,29 @@ def test_coefficients_are_those_of_the_determinant(seed: int) -> None:
 
 def test_a_system_without_states_has_a_margin_of_its_loop() -> None:
     """I - 0.5 d is singular at d = 2; as fast as d may be, too."""
-    system = robust_cases.static([[0.5]], Block("d", 1))
+    system = robust_cases.static([[0.5]], mbdlft.Block("d", 1))
     for rates in (None, np.inf, 1.0):
-        found = robust_stability(system, rates=rates)
+        found = mbdlft.robust_stability(system, rates=rates)
         roundoff(found.upper, 2.0, kappa=1e3)
         assert 0.99 * 2.0 <= found.lower <= 2.0
-        assert verify(system, found) == ""
+        assert mbdlft.verify(system, found) == ""
 
 
 def test_a_face_is_enough_only_if_poles_turn_to_it() -> None:
     """The pole -1 + 2 d crosses at d = 1/2; the lower face says nothing of it, the upper one does."""
-    d = Parameter("d", 0.0, low=-1.0, high=1.0)
-    system = realize([["-1+2*d"]], [d], states=1, inputs=[], outputs=[])
-    found = robust_stability(system)
-    assert verify(system, found) == ""
+    d = mbdlft.Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = mbdlft.realize([["-1+2*d"]], [d], states=1, inputs=[], outputs=[])
+    found = mbdlft.robust_stability(system)
+    assert mbdlft.verify(system, found) == ""
     lower, upper, leaf = 3 * 0 + 2, 3 * 0 + 3, 0
     for k, log in ((0.9, (lower, leaf)), (0.9, (upper, leaf)), (0.9, (leaf,))):
         claim = replace(found, lower=k, proof=BoxProof(log))
-        assert verify(system, claim)
+        assert mbdlft.verify(system, claim)
     for log in ((leaf,), (lower, leaf)):  # without zeros, any model speaks for all
-        assert verify(system, replace(found, lower=0.4, proof=BoxProof(log))) == ""
+        assert mbdlft.verify(system, replace(found, lower=0.4, proof=BoxProof(log))) == ""
 
 
-def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bounds:
+def by_multipliers(system: mbdlft.System, gap: float = 0.02, work: float = 30.0) -> mbdlft.Bounds:
     """The margin as blocks of all kinds are done."""
     loop = loop_of(system, range(len(system.states)))
     asked = Asked(system, gap, work, largest=10.0)
@@ -180,7 +167,7 @@ def by_multipliers(system: System, gap: float = 0.02, work: float = 30.0) -> Bou
 
 
 @cache
-def with_multipliers(seed: int) -> tuple[System, Bounds]:
+def with_multipliers(seed: int) -> tuple[mbdlft.System, mbdlft.Bounds]:
     system = random_system(seed, most_parameters=3)
     return system, by_multipliers(system)
 
@@ -189,8 +176,8 @@ def with_multipliers(seed: int) -> tuple[System, Bounds]:
 def test_multipliers_prove_no_more_than_there_is(seed: int) -> None:
     system, found = with_multipliers(seed)
     assert 0.0 < found.lower <= reached(system, 40, 10.0, seed)
-    assert found.lower <= robust_stability(system, largest=10.0).upper
-    assert verify(system, found) == ""
+    assert found.lower <= mbdlft.robust_stability(system, largest=10.0).upper
+    assert mbdlft.verify(system, found) == ""
     loop = loop_of(system, range(len(system.states)))
     assert isinstance(found.proof, IntervalProof)
     assert found.proof.log == (len(found.proof.intervals), 0)
@@ -215,14 +202,14 @@ def test_bands_of_mu_hold_between_their_ends() -> None:
         inside = mbdlft.structured_singular_value(system, low * (high / low) ** 0.8)
         assert np.max(inside.upper) <= bound * (1.0 + BOUND)
         assert np.max(inside.lower) <= bound
-    with pytest.raises(AnalysisError, match="expected 0 < low < high"):
+    with pytest.raises(mbdlft.AnalysisError, match="expected 0 < low < high"):
         mbdlft.mu_bands(system, 1.0, 1.0)
 
 
 @pytest.mark.parametrize("seed", some(range(1), range(2)))
 def test_blocks_of_all_kinds(seed: int) -> None:
     system = mixed_system(seed)
-    found = robust_stability(system, gap=0.02)
+    found = mbdlft.robust_stability(system, gap=0.02)
     assert 0.0 < found.lower <= found.upper < np.inf
     sizes = [np.linalg.norm(np.atleast_2d(delta), 2) for delta in found.delta.values()]
     assert max(sizes) <= found.upper * (1.0 + STABLE)
@@ -237,24 +224,24 @@ def test_blocks_of_all_kinds(seed: int) -> None:
         delta[rows, system.lft.slices()[block.name]] = part
     singular = np.linalg.svd(np.eye(len(M)) - M @ delta, compute_uv=False)
     assert singular[-1] <= STABLE * singular[0]
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
 
 
-def ball(count: int, seed: int, radius: float) -> tuple[System, np.ndarray]:
+def ball(count: int, seed: int, radius: float) -> tuple[mbdlft.System, np.ndarray]:
     """A system that is unstable in a ball inside its box, and nowhere else; and the middle of it."""
     middle = np.round(np.random.default_rng(seed).uniform(-0.8, 0.8, count), 3)
     names = [f"d{k}" for k in range(count)]
     terms = [f"({name}-({c}))^2" for name, c in zip(names, middle.tolist(), strict=True)]
     damping = f"-({'+'.join(terms)}-{radius**2!r})"
-    own = [Parameter(name, 0.0, low=-1.0, high=1.0) for name in names]
+    own = [mbdlft.Parameter(name, 0.0, low=-1.0, high=1.0) for name in names]
     matrix = [[damping, "1"], ["-1", damping]]
-    return realize(matrix, own, states=2, inputs=[], outputs=[], search=0.0), middle
+    return mbdlft.realize(matrix, own, states=2, inputs=[], outputs=[], search=0.0), middle
 
 
 @pytest.mark.parametrize(("count", "seed"), [(2, 0), (4, 2)])
 def test_a_small_region_that_is_unstable_is_found(count: int, seed: int) -> None:
     system, middle = ball(count, seed, 1e-3)
-    found = robust_stability(system, largest=1.0, work=20.0)
+    found = mbdlft.robust_stability(system, largest=1.0, work=20.0)
     distance = np.array(list(found.delta.values())) - middle
     assert np.linalg.norm(distance) <= 1e-3 * (1.0 + STABLE)
     assert found.lower <= np.max(np.abs(middle)) <= found.upper + 1e-3
@@ -264,7 +251,7 @@ def test_a_small_region_that_is_unstable_is_found(count: int, seed: int) -> None
 def test_gains_of_samples_and_corners_are_below_the_bound() -> None:
     loop, outputs = arm_loop(), ["shoulder.angle", "elbow.angle"]
     inputs = ["shoulder.torque", "elbow.torque"]
-    found = worst_case_gain(loop, inputs, outputs, gap=0.02)
+    found = mbdlft.worst_case_gain(loop, inputs, outputs, gap=0.02)
     assert found.gap <= 0.02
     assert found.proved
     channel, omega = loop[outputs, inputs], np.geomspace(0.5, 50.0, 30)
@@ -278,19 +265,19 @@ def test_gains_of_samples_and_corners_are_below_the_bound() -> None:
 
 def test_a_proof_of_a_gain_is_checked() -> None:
     loop = random_loop_with_channels()
-    found = worst_case_gain(loop)
-    assert verify(loop, found) == ""
-    assert verify(loop, replace(found, upper=0.99 * found.upper))
-    assert verify(loop, replace(found, lower=0.9 * found.lower, upper=0.99 * found.lower))
-    assert "is not reached" in verify(loop, replace(found, lower=1.0001 * found.lower))
+    found = mbdlft.worst_case_gain(loop)
+    assert mbdlft.verify(loop, found) == ""
+    assert mbdlft.verify(loop, replace(found, upper=0.99 * found.upper))
+    assert mbdlft.verify(loop, replace(found, lower=0.9 * found.lower, upper=0.99 * found.lower))
+    assert "is not reached" in mbdlft.verify(loop, replace(found, lower=1.0001 * found.lower))
 
 
 def random_loop_with_channels() -> mbdlft.LFTModel:
     """A mass on a spring, with two inputs and outputs."""
-    own = [Parameter("k", 2.0, low=1.0, high=3.0), Parameter("m", 1.0, low=0.8, high=1.3)]
+    own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0), mbdlft.Parameter("m", 1.0, low=0.8, high=1.3)]
     matrix = [["0", "1", "0", "0"], ["-k/m", "-0.4/m", "1/m", "k"], ["1", "0", "0", "0"]]
     matrix.append(["0", "m", "0", "0.1"])
-    return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"])
+    return mbdlft.realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"])
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -315,7 +302,7 @@ def test_a_small_delta_makes_the_loop_singular(seed: int) -> None:
     """Real deltas and a complex matrix: most eigenvalues of M Delta are not real."""
     random = np.random.default_rng(seed)
     M = random.standard_normal((6, 6)) + 1j * random.standard_normal((6, 6))
-    blocks = (Block("a", 1), Block("b", 2), Block("c", 3))
+    blocks = (mbdlft.Block("a", 1), mbdlft.Block("b", 2), mbdlft.Block("c", 3))
     found = small_delta(M, blocks)
     assert found.bound > 0.0
     assert not np.any(found.delta.imag)
@@ -328,7 +315,7 @@ def test_a_small_delta_makes_the_loop_singular(seed: int) -> None:
 
 def test_a_gain_of_an_unstable_range_is_infinite() -> None:
     loop = arm_loop(0.2)
-    found = worst_case_gain(loop)
+    found = mbdlft.worst_case_gain(loop)
     assert found.lower == found.upper == np.inf
     assert not found.proved
     A = mbdlft.matrices_at(loop, found.worst).A
@@ -337,7 +324,7 @@ def test_a_gain_of_an_unstable_range_is_infinite() -> None:
 
 def test_robust_performance_is_between_its_bounds() -> None:
     loop = 0.2 * random_loop_with_channels()
-    found = robust_performance(loop, gap=0.05)
+    found = mbdlft.robust_performance(loop, gap=0.05)
     assert found.gap <= 0.05
     model = realization(loop, [0, 1], [0, 1])
     worst = np.array([found.delta[name] for name in model.names])
@@ -345,10 +332,10 @@ def test_robust_performance_is_between_its_bounds() -> None:
     random = np.random.default_rng(0)
     for delta in random.uniform(-found.lower, found.lower, (40, len(worst))):
         assert peak_at(model, delta).gain * found.lower <= 1.0
-    assert verify(loop, found) == ""
+    assert mbdlft.verify(loop, found) == ""
 
 
-def damaged(found: Bounds) -> list[Bounds]:
+def damaged(found: mbdlft.Bounds) -> list[mbdlft.Bounds]:
     """Bounds with proofs that are not proofs, or that say more than they prove."""
     proof = found.proof
     more = replace(found, lower=found.upper * 1.001, upper=found.upper * 1.001)
@@ -382,15 +369,15 @@ def damaged(found: Bounds) -> list[Bounds]:
 
 def test_no_damaged_proof_is_accepted() -> None:
     carts, (loop, multipliers) = robust_cases.two_carts(), with_multipliers(0)
-    boxes = robust_stability(carts, gap=1e-5)
+    boxes = mbdlft.robust_stability(carts, gap=1e-5)
     for system, found in ((carts, boxes), (loop, multipliers)):
-        assert verify(system, found) == ""
+        assert mbdlft.verify(system, found) == ""
         for other in damaged(found):
-            assert verify(system, other)
-    assert verify(carts, replace(boxes, proof=None))
+            assert mbdlft.verify(system, other)
+    assert mbdlft.verify(carts, replace(boxes, proof=None))
     # the same claims of another system
     lighter = carts.with_range(k=(0.9, 1.2))
-    assert verify(lighter, boxes)
+    assert mbdlft.verify(lighter, boxes)
 
 
 def test_no_value_is_left_of_a_direction_where_only_rounding_says_so() -> None:
@@ -449,16 +436,16 @@ def test_the_best_bounds_so_far_are_returned_at_an_interrupt() -> None:
             raise KeyboardInterrupt
 
     system = robust_cases.two_carts()
-    found = robust_stability(system, gap=1e-5, progress=stop)
+    found = mbdlft.robust_stability(system, gap=1e-5, progress=stop)
     assert seen[-1] == (0.0, found.upper)
     assert 0.0 < found.lower < found.upper  # what a norm proves at once
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     assert found.reason == "it was interrupted"
 
 
 def test_the_same_work_gives_the_same_numbers() -> None:
     system = random_system(11)
-    first, second = (robust_stability(system, work=0.05, gap=1e-3) for _ in range(2))
+    first, second = (mbdlft.robust_stability(system, work=0.05, gap=1e-3) for _ in range(2))
     assert (first.lower, first.upper, first.work) == (second.lower, second.upper, second.work)
     assert first.proof is not None
     assert second.proof is not None
@@ -466,21 +453,21 @@ def test_the_same_work_gives_the_same_numbers() -> None:
 
 def test_more_work_never_makes_a_bound_worse() -> None:
     system = random_system(7)
-    less, more = (robust_stability(system, work=work, gap=1e-3).lower for work in (0.01, 0.02))
+    less, more = (mbdlft.robust_stability(system, work=work, gap=1e-3).lower for work in (0.01, 0.02))
     assert 0.0 < less < more
 
 
 def test_states_on_which_nothing_depends_can_be_left_out() -> None:
-    own = [Parameter("k", 2.0, low=1.0, high=3.0)]
+    own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0)]
     matrix = [["0", "1", "0"], ["-k", "-1", "0"], ["1", "0", "0"]]
-    drifting = realize(matrix, own, states=3, inputs=[], outputs=[])
-    found = robust_stability(drifting, leave_out="cyclic")
+    drifting = mbdlft.realize(matrix, own, states=3, inputs=[], outputs=[])
+    found = mbdlft.robust_stability(drifting, leave_out="cyclic")
     assert found.leave_out == (drifting.states[2].name,)
-    inner = realize([row[:2] for row in matrix[:2]], own, states=2, inputs=[], outputs=[])
-    other = robust_stability(inner)
+    inner = mbdlft.realize([row[:2] for row in matrix[:2]], own, states=2, inputs=[], outputs=[])
+    other = mbdlft.robust_stability(inner)
     roundoff([found.lower, found.upper], [other.lower, other.upper])
     roundoff(found.upper, 2.0, kappa=1e3)  # k = 0
-    assert verify(drifting, found) == ""
+    assert mbdlft.verify(drifting, found) == ""
 
 
 # Laws of analyses of systems that are small, empty, or badly scaled; all were found by chance -------
@@ -493,31 +480,31 @@ def test_a_second_face_may_have_no_zeros_left() -> None:
     B = 0.41802266 * np.vstack([B, [[0, 0, 1, 0, -2, 0, -1]]])
     C = [[0, 0, -1, 0], [0, -1, -1, -1], [0, -1, 2, -1], [-1, 1, -1, 0]]
     C = np.array([*C, [2, 0, 0, 0], [-1, 2, 0, -1], [0, 1, -1, 1.0]])
-    blocks = Block("d0", 3), Block("d1", 2), Block("d2", 2)
+    blocks = mbdlft.Block("d0", 3), mbdlft.Block("d1", 2), mbdlft.Block("d2", 2)
     system = of_matrices(A, B, C, np.zeros((7, 7)), *blocks)
-    found = robust_stability(system)
+    found = mbdlft.robust_stability(system)
     assert isinstance(found.proof, BoxProof)
     assert found.proof.log == (6, 9, 0)  # d1 and d2 are largest, then nothing is cut
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     wrong = replace(found, proof=replace(found.proof, log=(5, 9, 0)))
-    assert verify(system, wrong)
+    assert mbdlft.verify(system, wrong)
 
 
-K = Parameter("k", 2.0, low=1.0, high=3.0)
+K = mbdlft.Parameter("k", 2.0, low=1.0, high=3.0)
 
 
 def test_a_gain_that_is_zero_is_proved_with_little_work() -> None:
     """One over a bound of zero is not tried for ever."""
     matrix = [["0", "1", "0"], ["-k", "-1", "1"], ["0", "0", "0"]]
-    system = realize(matrix, [K], states=2, inputs=["force"], outputs=["nothing"], search=0.0)
-    found = worst_case_gain(system)
+    system = mbdlft.realize(matrix, [K], states=2, inputs=["force"], outputs=["nothing"], search=0.0)
+    found = mbdlft.worst_case_gain(system)
     assert found.lower == 0.0
     assert found.upper < 1e-299
     assert found.work < 0.1
     assert found.reason == ""
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
 
 
 def test_a_system_without_states_is_stable() -> None:
-    system = realize([["k/(k + 1)"]], [K], inputs=["u"], outputs=["y"], search=0.0)
-    assert check_stability(system).sentence == "stable: it has no states"
+    system = mbdlft.realize([["k/(k + 1)"]], [K], inputs=["u"], outputs=["y"], search=0.0)
+    assert mbdlft.check_stability(system).sentence == "stable: it has no states"

@@ -10,21 +10,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    AnalysisError,
-    Block,
-    Bounds,
-    ComplexBlock,
-    FullBlock,
-    Parameter,
-    System,
-    realize,
-    robust_performance,
-    robust_stability,
-    structured_singular_value,
-    verify,
-    worst_case_gain,
-)
 from mbdlft.base.array import Array
 from mbdlft.exact.matrices import middles_of
 from mbdlft.lft.lft import LFT
@@ -42,7 +27,7 @@ from tests.laws.test_margins import random_loop_with_channels
 from tests.reference.robust_cases import of_matrices
 
 
-def smallest_of_scalars(system: System, omegas: Array, count: int) -> float:
+def smallest_of_scalars(system: mbdlft.System, omegas: Array, count: int) -> float:
     """The margin of one complex scalar or full block over a grid of real deltas: no proof, no search.
 
     For real deltas of size t, I - M Delta is singular for a full block of norm 1/sigma: the margin on
@@ -76,22 +61,22 @@ def smallest_of_scalars(system: System, omegas: Array, count: int) -> float:
 def test_a_margin_of_mixed_blocks_is_that_of_brute_force() -> None:
     """One block that is not real: its smallest norm is a singular value, or a spectral radius."""
     system = blocks_system(0, 5)
-    found = robust_stability(system)
+    found = mbdlft.robust_stability(system)
     assert found.gap <= 0.01
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     peak = found.frequency if np.isfinite(found.frequency) else 1e6
     tried = smallest_of_scalars(system, np.array([0.0, 0.5, 0.9, 1.0, 1.1, 2.0, 1e6]) * peak, 20)
     assert found.lower <= tried
 
 
-def cut_system() -> System:
+def cut_system() -> mbdlft.System:
     """Multipliers of the whole box prove 5 % less than there is: the box has to be cut."""
     return blocks_system(2)
 
 
 @cache
-def cut_bounds() -> Bounds:
-    return robust_stability(cut_system())
+def cut_bounds() -> mbdlft.Bounds:
+    return mbdlft.robust_stability(cut_system())
 
 
 def test_a_box_is_cut_where_multipliers_do_not_suffice() -> None:
@@ -99,10 +84,10 @@ def test_a_box_is_cut_where_multipliers_do_not_suffice() -> None:
     assert found.gap <= 0.01
     assert isinstance(found.proof, IntervalProof)
     assert len(found.proof.log) > 2
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
 
 
-def wrong_parts(found: Bounds) -> list[Bounds]:
+def wrong_parts(found: mbdlft.Bounds) -> list[mbdlft.Bounds]:
     """Proofs with parts that are missing, of other places, or of other sizes."""
     proof = found.proof
     assert isinstance(proof, IntervalProof)
@@ -122,21 +107,21 @@ def wrong_parts(found: Bounds) -> list[Bounds]:
 def test_no_damaged_proof_of_parts_is_accepted() -> None:
     system, found = cut_system(), cut_bounds()
     for other in wrong_parts(found):
-        assert verify(system, other)
+        assert mbdlft.verify(system, other)
     whole = blocks_system(3)
-    bounds = robust_stability(whole, gap=0.05)
+    bounds = mbdlft.robust_stability(whole, gap=0.05)
     assert isinstance(bounds.proof, IntervalProof)
     count, zero = bounds.proof.log
     assert zero == 0
     full = len(whole.lft.blocks)  # the last one, which nothing can cut
     cut = replace(bounds.proof, log=(count, full, 0, 0, 0, 0))
-    assert "a block that is not real" in verify(whole, replace(bounds, proof=cut))
+    assert "a block that is not real" in mbdlft.verify(whole, replace(bounds, proof=cut))
 
 
 @pytest.mark.long
 def test_the_number_of_workers_does_not_change_a_bound() -> None:
     system = blocks_system(2)
-    one, two = (robust_stability(system, gap=1e-2, workers=workers) for workers in (1, 2))
+    one, two = (mbdlft.robust_stability(system, gap=1e-2, workers=workers) for workers in (1, 2))
     assert (one.lower, one.upper, one.work) == (two.lower, two.upper, two.work)
     assert isinstance(one.proof, IntervalProof)
     assert isinstance(two.proof, IntervalProof)
@@ -145,16 +130,16 @@ def test_the_number_of_workers_does_not_change_a_bound() -> None:
         assert np.array_equal(a.D, b.D)
 
 
-def servo() -> System:
+def servo() -> mbdlft.System:
     """A mass on a spring with a gain that is uncertain at all frequencies: input and output are left."""
-    own = [Parameter("k", 2.0, low=1.0, high=3.0), Parameter("m", 1.0, low=0.8, high=1.3)]
+    own = [mbdlft.Parameter("k", 2.0, low=1.0, high=3.0), mbdlft.Parameter("m", 1.0, low=0.8, high=1.3)]
     matrix = [["0", "1", "0"], ["-k/m", "-0.4/m", "1/m"], ["1", "0", "0"]]
-    cart = realize(matrix, own, states=2, inputs=["f"], outputs=["x"])
+    cart = mbdlft.realize(matrix, own, states=2, inputs=["f"], outputs=["x"])
     lft = LFT(
         np.array([[0.0]]), np.array([[1.0]]), np.array([[0.3]]), np.array([[1.0]]),
-        (ComplexBlock("e", 1),),
+        (mbdlft.ComplexBlock("e", 1),),
     )  # fmt: skip
-    error = System("error", lft, (), cart.inputs, cart.inputs, mbdlft.Parameters(()))
+    error = mbdlft.System("error", lft, (), cart.inputs, cart.inputs, mbdlft.Parameters(()))
     return mbdlft.series(error, cart)
 
 
@@ -171,37 +156,37 @@ def worst_of_servo(count: int) -> float:
 def test_a_gain_of_mixed_blocks_is_known() -> None:
     """Found in closed form over a grid that has the worst corner."""
     system = servo()
-    found = worst_case_gain(system, "f", "x")
+    found = mbdlft.worst_case_gain(system, "f", "x")
     expected = worst_of_servo(21)
     target(found.lower, expected, STABLE)
     assert expected <= found.upper <= 1.011 * expected
     target(found.worst["k"], 1.0, STABLE)
     roundoff(abs(found.delta["e"]), 1.0, kappa=1e8)
-    assert verify(system, found) == ""
-    assert verify(system, replace(found, upper=0.99 * found.upper))
-    performance = robust_performance(0.5 * system, "f", "x")
+    assert mbdlft.verify(system, found) == ""
+    assert mbdlft.verify(system, replace(found, upper=0.99 * found.upper))
+    performance = mbdlft.robust_performance(0.5 * system, "f", "x")
     assert performance.gap <= 0.01
-    assert verify(0.5 * system, performance) == ""
-    assert verify(0.5 * system, replace(performance, kind="robust stability"))
+    assert mbdlft.verify(0.5 * system, performance) == ""
+    assert mbdlft.verify(0.5 * system, replace(performance, kind="robust stability"))
     k = performance.upper
     rest = mbdlft.worst_case_gain(0.5 * scaled_box(system, k), "f", "x")
     target(rest.lower * k, 1.0, BOUND)
 
 
-def scaled_box(system: System, k: float) -> System:
+def scaled_box(system: mbdlft.System, k: float) -> mbdlft.System:
     """The system whose box is k times as large: z is k times as large."""
     lft = system.lft
     rows = k * lft.M11, k * lft.M12
     return replace(system, lft=LFT(*rows, lft.M21, lft.M22, lft.blocks))
 
 
-def with_gain_block(system: System) -> System:
+def with_gain_block(system: mbdlft.System) -> mbdlft.System:
     """The system with a full block between its outputs and inputs."""
     lft = system.lft
     n, nx = lft.order, len(system.states)
     B, C = lft.M21, lft.M12
     D = np.block([[lft.M11, C[:, nx:]], [B[nx:], lft.M22[nx:, nx:]]])
-    blocks = (*lft.blocks, FullBlock("~", len(system.outputs), len(system.inputs)))
+    blocks = (*lft.blocks, mbdlft.FullBlock("~", len(system.outputs), len(system.inputs)))
     whole = LFT(
         D,
         np.vstack([C[:, :nx], lft.M22[nx:, :nx]]),
@@ -210,26 +195,26 @@ def with_gain_block(system: System) -> System:
         blocks,
     )
     assert whole.order == n + len(system.outputs)
-    return System("closed", whole, system.states, (), (), system.parameters)
+    return mbdlft.System("closed", whole, system.states, (), (), system.parameters)
 
 
 def test_skew_mu_is_the_worst_case_gain() -> None:
     """With a block between outputs and inputs that alone grows, at the frequency of the worst case."""
     system = random_loop_with_channels()
-    gain = worst_case_gain(system, gap=1e-4)
+    gain = mbdlft.worst_case_gain(system, gap=1e-4)
     closed = with_gain_block(system)
     names = [block.name for block in system.lft.blocks]
-    skew = structured_singular_value(closed, gain.frequency, fixed=names)
+    skew = mbdlft.structured_singular_value(closed, gain.frequency, fixed=names)
     target(skew.lower[0], gain.lower, MU)
     assert skew.lower[0] <= skew.upper[0]
     target(skew.upper[0], gain.lower, MU)
     gap = 1e-3
-    margin = robust_stability(closed, fixed=names, gap=gap)
+    margin = mbdlft.robust_stability(closed, fixed=names, gap=gap)
     assert margin.fixed == tuple(names)
     target(1.0 / margin.upper, gain.lower, MU)
     assert gain.lower <= 1.0 / margin.lower <= gain.lower * (1.0 + 2.0 * gap)
-    assert verify(closed, margin) == ""
-    assert verify(closed, replace(margin, fixed=()))
+    assert mbdlft.verify(closed, margin) == ""
+    assert mbdlft.verify(closed, replace(margin, fixed=()))
 
 
 def test_skew_mu_of_numbers() -> None:
@@ -238,17 +223,17 @@ def test_skew_mu_of_numbers() -> None:
     M = [[a, b], [c, d]]
     system = of_matrices(
         np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.array(M),
-        ComplexBlock("p", 1), ComplexBlock("q", 1),
+        mbdlft.ComplexBlock("p", 1), mbdlft.ComplexBlock("q", 1),
     )  # fmt: skip
-    found = structured_singular_value(system, 0.0, fixed=["p"])
+    found = mbdlft.structured_singular_value(system, 0.0, fixed=["p"])
     turns = np.exp(1j * np.linspace(0.0, 2.0 * np.pi, 100001))
     sizes = np.abs(d + c * turns * b / (1.0 - a * turns))
     expected = float(np.max(sizes))
     target([found.lower[0], found.upper[0]], [expected] * 2, STABLE)
-    large = structured_singular_value(
+    large = mbdlft.structured_singular_value(
         of_matrices(
             np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), 3.0 * np.array(M),
-            ComplexBlock("p", 1), ComplexBlock("q", 1),
+            mbdlft.ComplexBlock("p", 1), mbdlft.ComplexBlock("q", 1),
         ),
         0.0,
         fixed=["p"],
@@ -277,7 +262,9 @@ def test_a_matrix_beside_a_pole_is_in_its_balls(seed: int) -> None:
 def test_bands_hold_between_their_frequencies() -> None:
     """1/(s^2 + 0.1 s + 1) and a complex delta: mu is the gain, whose peak is narrow."""
     A, B, C = np.array([[0.0, 1.0], [-1.0, -0.1]]), np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]])
-    bands = mbdlft.mu_bands(of_matrices(A, B, C, np.zeros((1, 1)), ComplexBlock("d", 1)), 0.1, 10.0)
+    bands = mbdlft.mu_bands(
+        of_matrices(A, B, C, np.zeros((1, 1)), mbdlft.ComplexBlock("d", 1)), 0.1, 10.0
+    )
     omega = np.geomspace(0.1, 10.0, 3000)
     gain = 1.0 / np.abs(1.0 - omega**2 + 0.1j * omega)
     k = np.clip(np.searchsorted(bands.edges, omega) - 1, 0, len(bands.upper) - 1)
@@ -287,10 +274,10 @@ def test_bands_hold_between_their_frequencies() -> None:
 
 def test_sizes_of_a_gain_and_pieces_of_a_large_block() -> None:
     """|delta| < 2 where M = 1/2; a block of 40 has 1,600 multipliers, and its pieces at most 250."""
-    unit = of_matrices(*np.array([[[-1.0]], [[1.0]], [[0.0]], [[0.5]]]), Block("d", 1))
+    unit = of_matrices(*np.array([[[-1.0]], [[1.0]], [[0.0]], [[0.5]]]), mbdlft.Block("d", 1))
     size, _ = loops.largest_size(loop_of(unit, [0]), np.array([[0.5 + 0j]]), 10.0, None, 1e-3)
     assert 2.0 * (1.0 - 1e-2) <= size <= 2.0 * (1.0 + BOUND)
-    pieces = loops._pieces([Block("d", 40)])
+    pieces = loops._pieces([mbdlft.Block("d", 40)])
     assert sum(piece.size for piece in pieces) == 40
     assert len(structure_of(pieces).rows) <= 250
 
@@ -335,7 +322,7 @@ def test_slopes_of_a_small_delta_are_those_of_differences(seed: int) -> None:
 def test_a_mixed_box_that_is_unstable_has_no_gain() -> None:
     system = servo()
     wide = scaled_box(system, 4.0)
-    found = worst_case_gain(wide, "f", "x")
+    found = mbdlft.worst_case_gain(wide, "f", "x")
     assert found.lower == found.upper == np.inf
     assert not found.proved
     assert "unstable at the worst case" in found.reason
@@ -351,11 +338,11 @@ def test_interrupted_bounds_are_the_best_so_far(stop_at: int) -> None:
         if len(seen) == stop_at:
             raise KeyboardInterrupt
 
-    found = robust_stability(system, gap=1e-3, progress=stop)
+    found = mbdlft.robust_stability(system, gap=1e-3, progress=stop)
     assert (found.lower, found.upper) == seen[-1]
     assert found.reason == "it was interrupted"
     assert found.proved == (found.lower > 0.0)
-    assert (verify(system, found) == "") == found.proved
+    assert (mbdlft.verify(system, found) == "") == found.proved
     assert all(a[0] <= b[0] and a[1] >= b[1] for a, b in pairwise(seen))
 
 
@@ -365,7 +352,7 @@ def test_ctrl_c_within_a_gain_and_poles() -> None:
     def stop(lower: float, upper: float) -> None:
         raise KeyboardInterrupt
 
-    for function in (worst_case_gain, lambda *a, **k: mbdlft.worst_case(a[0], "damping", **k)):
+    for function in (mbdlft.worst_case_gain, lambda *a, **k: mbdlft.worst_case(a[0], "damping", **k)):
         found = function(loop, gap=1e-6, progress=stop)
         assert found.reason == "it was interrupted"
         assert not found.proved
@@ -382,7 +369,7 @@ def test_many_repetitions_have_multipliers_in_pieces(monkeypatch: pytest.MonkeyP
         monkeypatch.setattr(loops, "_MOST_ENTRIES", most)
         loop = loop_of(system, stay)
         found.append(by_multipliers(asked, loop, "robust stability"))
-        assert verify(system, found[-1]) == ""
+        assert mbdlft.verify(system, found[-1]) == ""
     whole, pieces = found
     assert len(loop.structure.rows) == system.order
     assert 0.0 < pieces.lower <= whole.upper
@@ -391,13 +378,13 @@ def test_many_repetitions_have_multipliers_in_pieces(monkeypatch: pytest.MonkeyP
 
 def test_crews_are_checked() -> None:
     for workers in (0, -1, True):
-        with pytest.raises(AnalysisError, match="expected at least 1 worker"):
-            robust_stability(cut_system(), workers=workers)
+        with pytest.raises(mbdlft.AnalysisError, match="expected at least 1 worker"):
+            mbdlft.robust_stability(cut_system(), workers=workers)
     with crew_of(None, None, "test") as crew:
         assert crew(divmod, [(7, 2), (9, 4)]) == [(3, 1), (2, 1)]
 
 
-def singular_size(system: System, seed: int) -> float:
+def singular_size(system: mbdlft.System, seed: int) -> float:
     """The smallest size of random Deltas of all kinds with a pole beyond the axis: no margin is above."""
     random, best, lft = np.random.default_rng(seed), np.inf, system.lft
     for _ in range(300):
@@ -429,9 +416,9 @@ def test_no_mixed_model_inside_a_proved_margin_is_unstable(first: int) -> None:
     closed = 0
     for seed in range(first, first + 20):
         system = blocks_system(seed, (8, 8, 30)[seed % 3])
-        found = robust_stability(system, gap=0.02, largest=100.0)
+        found = mbdlft.robust_stability(system, gap=0.02, largest=100.0)
         assert found.lower <= singular_size(system, seed)
         assert found.lower <= found.upper
-        assert not found.proved or verify(system, found) == ""
+        assert not found.proved or mbdlft.verify(system, found) == ""
         closed += found.lower >= 0.98 * min(found.upper, 100.0)
     assert closed >= 19

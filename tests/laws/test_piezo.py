@@ -4,25 +4,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Beam,
-    Fixed,
-    Momentum,
-    Parameter,
-    PiezoBeam,
-    PiezoPatch,
-    Planar,
-    Position,
-    Scene,
-    SmallRotation,
-    Torque,
-    frequency_response,
-    matrices_at,
-    scene_from_toml,
-    scene_to_toml,
-    to_lft,
-    two_port,
-)
 from tests.close import BALANCE, CLOSED_FORM, FREQUENCY_RESPONSE, LAMINATE, target
 
 # a strip bonded to an aluminum beam, as published, with the permittivity of its erratum
@@ -31,18 +12,18 @@ D31, EPS = -150e-12, 1.59e-8
 MATERIAL = {"density": RHOP, "modulus": EP, "d31": D31, "permittivity": EPS}
 PLANE = ("x", "y", "rz")
 PARAMETERS = [
-    Parameter("E", E, percent=20, unit="Pa"),
-    Parameter("d31", D31, low=-2e-10, high=-1e-10),
-    Parameter("h", 2.0, percent=30, unit="mm"),
+    mbdlft.Parameter("E", E, percent=20, unit="Pa"),
+    mbdlft.Parameter("d31", D31, low=-2e-10, high=-1e-10),
+    mbdlft.Parameter("h", 2.0, percent=30, unit="mm"),
 ]
 
 
-def patch(start: int = 0, end: int = 3, side: str = "top", **fields) -> PiezoPatch:
+def patch(start: int = 0, end: int = 3, side: str = "top", **fields) -> mbdlft.PiezoPatch:
     given = {"width": W, "thickness": H} | MATERIAL | fields
-    return PiezoPatch(start=start, end=end, side=side, **given)
+    return mbdlft.PiezoPatch(start=start, end=end, side=side, **given)
 
 
-def strip(*patches: PiezoPatch, **fields) -> PiezoBeam:
+def strip(*patches: mbdlft.PiezoPatch, **fields) -> mbdlft.PiezoBeam:
     given = {
         "name": "boom",
         "length": L,
@@ -55,18 +36,21 @@ def strip(*patches: PiezoPatch, **fields) -> PiezoBeam:
         "deformations": ("axial", "bending_y"),
         "patches": patches,
     }
-    return PiezoBeam(**(given | fields))
+    return mbdlft.PiezoBeam(**(given | fields))
 
 
-def clamped(body: mbdlft.PiezoBeam | Beam, parameters=()) -> mbdlft.LFTModel:
+def clamped(body: mbdlft.PiezoBeam | mbdlft.Beam, parameters=()) -> mbdlft.LFTModel:
     """Its static gains are displacements of the tip, and charges."""
-    return to_lft(
-        Scene(
+    return mbdlft.to_lft(
+        mbdlft.Scene(
             name="clamped",
             parameters=parameters,
             bodies=[body],
-            joints=[Fixed(name="wall", parent="ground", child="boom")],
-            sensors=[Position(name="tip", port="boom.tip"), SmallRotation(name="turn", port="boom.tip")],
+            joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")],
+            sensors=[
+                mbdlft.Position(name="tip", port="boom.tip"),
+                mbdlft.SmallRotation(name="turn", port="boom.tip"),
+            ],
         ),
         search=0.0,
     )
@@ -74,7 +58,7 @@ def clamped(body: mbdlft.PiezoBeam | Beam, parameters=()) -> mbdlft.LFTModel:
 
 def static(model: mbdlft.LFTModel, **values: float) -> dict[str, np.ndarray]:
     """Static gains by output."""
-    A, B, C, D = matrices_at(model, values)
+    A, B, C, D = mbdlft.matrices_at(model, values)
     gains = D - C @ np.linalg.solve(A, B)
     return {signal.name: row for signal, row in zip(model.outputs, gains, strict=True)}
 
@@ -127,8 +111,8 @@ def test_two_sides_against_each_other_are_both() -> None:
     pair = clamped(strip(patch(side="top"), patch(side="bottom")))
     both = clamped(strip(patch(side="both")))
     drive = np.array([1.0, -1.0])
-    A, B, C, D = matrices_at(pair, {})
-    E_, F, G, J = matrices_at(both, {})
+    A, B, C, D = mbdlft.matrices_at(pair, {})
+    E_, F, G, J = mbdlft.matrices_at(both, {})
     target(A, E_, CLOSED_FORM)
     target(B @ drive, F[:, 0], CLOSED_FORM)
     charge = [s.name for s in pair.outputs].index("boom.charge.1")
@@ -141,7 +125,7 @@ def test_without_voltage_it_is_the_laminated_beam() -> None:
     body = strip(patch(side="both"), deformations=("bending_y",))
     EI = E * W * T**3 / 12 + 2 * EP * W * ((0.5 * T + H) ** 3 - (0.5 * T) ** 3) / 3
     line = RHO * W * T + 2 * RHOP * W * H
-    same = Beam(
+    same = mbdlft.Beam(
         name="boom",
         length=L,
         density=line,
@@ -151,39 +135,39 @@ def test_without_voltage_it_is_the_laminated_beam() -> None:
         elements=3,
         deformations=("bending_y",),
     )
-    found = two_port(body, axes=PLANE, search=0.0)
-    expected = two_port(same, axes=PLANE, search=0.0)
+    found = mbdlft.two_port(body, axes=PLANE, search=0.0)
+    expected = mbdlft.two_port(same, axes=PLANE, search=0.0)
     n, m = len(expected.states), len(expected.inputs)
-    A, B, C, D = matrices_at(found, {})
-    for a, b in zip((A, B[:, :m], C[:m], D[:m, :m]), matrices_at(expected, {}), strict=True):
+    A, B, C, D = mbdlft.matrices_at(found, {})
+    for a, b in zip((A, B[:, :m], C[:m], D[:m, :m]), mbdlft.matrices_at(expected, {}), strict=True):
         target(a, b, BALANCE)
     assert n == len(found.states)
 
 
 def test_the_neutral_axis_moves() -> None:
     """A moment at the tip of a unimorph: its stiffness is EI - ES^2/EA."""
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="bent",
         bodies=[strip(patch())],
-        joints=[Fixed(name="wall", parent="ground", child="boom")],
-        loads=[Torque(name="bend", port="boom.tip", direction=(0, 0, 1), magnitude=0.0)],
-        sensors=[SmallRotation(name="turn", port="boom.tip")],
+        joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")],
+        loads=[mbdlft.Torque(name="bend", port="boom.tip", direction=(0, 0, 1), magnitude=0.0)],
+        sensors=[mbdlft.SmallRotation(name="turn", port="boom.tip")],
         inputs=["bend.torque"],
     )
     lower, upper = 0.5 * T, 0.5 * T + H
     EA, ES = E * W * T + EP * W * H, EP * W * (upper**2 - lower**2) / 2
     EI = E * W * T**3 / 12 + EP * W * (upper**3 - lower**3) / 3
-    found = static(to_lft(scene, search=0.0))["turn.z"]
+    found = static(mbdlft.to_lft(scene, search=0.0))["turn.z"]
     target(found, [L / (EI - ES**2 / EA)], FREQUENCY_RESPONSE)
 
 
-def floating(body: PiezoBeam) -> mbdlft.LFTModel:
-    return to_lft(
-        Scene(
+def floating(body: mbdlft.PiezoBeam) -> mbdlft.LFTModel:
+    return mbdlft.to_lft(
+        mbdlft.Scene(
             name="floating",
             bodies=[body],
-            joints=[Planar(name="base", parent="ground", child="boom", axis=(0, 0, 1))],
-            sensors=[Momentum(name="momentum")],
+            joints=[mbdlft.Planar(name="base", parent="ground", child="boom", axis=(0, 0, 1))],
+            sensors=[mbdlft.Momentum(name="momentum")],
             inputs=["boom.voltage.1"],
             outputs=["momentum.linear.x", "momentum.linear.y", "momentum.angular.z"],
         ),
@@ -211,13 +195,13 @@ def test_actuation_is_in_equilibrium_with_itself() -> None:
     """A voltage gives a free beam no momentum, and the clamped one no load but that of what moves."""
     body = strip(patch(1, 2), stiffness_damping=1e-5, stations={"a": 1, "b": 2})
     model = floating(body)
-    _, B, C, _ = matrices_at(model, {})
+    _, B, C, _ = mbdlft.matrices_at(model, {})
     size = np.max(np.abs(C) @ np.abs(B))  # of the momentum that the parts have, for 1 V
     target(C @ B, np.zeros((3, 1)), BALANCE, scale=float(size))
-    held = two_port(body, children=["a", "b", "tip"], axes=("y", "rz"), search=0.0)
+    held = mbdlft.two_port(body, children=["a", "b", "tip"], axes=("y", "rz"), search=0.0)
     names = [s.name for s in held.outputs]
     for omega in (0.0, 100.0, 900.0):
-        A, B, C, D = matrices_at(held, {})
+        A, B, C, D = mbdlft.matrices_at(held, {})
         found = (C @ np.linalg.solve(1j * omega * np.eye(len(A)) - A, B) + D)[:, -1]
         by_name = dict(zip(names, found, strict=True))
         moved = [0.0, *(by_name[f"{port}.acceleration.y"] for port in ("a", "b", "tip"))]
@@ -229,7 +213,7 @@ def test_actuation_is_in_equilibrium_with_itself() -> None:
 
 def power(model: mbdlft.LFTModel, omega: float) -> np.ndarray:
     """Hermitian matrix of the mean power into a two-port with voltages: loads, accelerations, volts."""
-    G = frequency_response(model, {}, [omega])[0, 0]
+    G = mbdlft.frequency_response(model, {}, [omega])[0, 0]
     names = [s.name for s in model.inputs]
     children = [k for k, name in enumerate(names) if name.startswith("tip.")]
     parent = [k for k, name in enumerate(names) if name.startswith("origin.")]
@@ -245,17 +229,17 @@ def power(model: mbdlft.LFTModel, omega: float) -> np.ndarray:
 def test_patches_are_passive(damping: float) -> None:
     """No power comes out over a period; the free capacitance is larger than the clamped one."""
     body = strip(patch(0, 1), patch(2, 3, "bottom"), stiffness_damping=damping)
-    model = two_port(body, axes=PLANE, search=0.0)
+    model = mbdlft.two_port(body, axes=PLANE, search=0.0)
     for omega in (20.0, 190.0, 1300.0, 9000.0):
         found = power(model, omega)
-        G = np.abs(frequency_response(model, {}, [omega])[0, 0])
+        G = np.abs(mbdlft.frequency_response(model, {}, [omega])[0, 0])
         size = np.sqrt(np.max(np.abs(found), axis=0)) if damping else np.sqrt(np.max(G, axis=0))
         smallest = np.min(np.linalg.eigvalsh(found / np.outer(size, size)))
         assert smallest > -BALANCE
         if not damping:
             target(found / np.outer(size, size), np.zeros_like(found), BALANCE, scale=1.0)
     charge = static(model)["boom.charge.1"][-2]
-    clamped_one = matrices_at(model, {}).D[-2, -2]
+    clamped_one = mbdlft.matrices_at(model, {}).D[-2, -2]
     assert charge > clamped_one > 0.0
 
 
@@ -268,7 +252,7 @@ def test_one_voltage_is_the_sum_of_separate_ones() -> None:
     assert [s.name for s in common.outputs][-1] == "boom.charge.1"
     assert common.outputs[-1].unit == "C"
     values = {"d31": -1.1e-10, "h": 1.6}
-    apart, one = (frequency_response(m, values, [30.0, 700.0])[0] for m in (separate, common))
+    apart, one = (mbdlft.frequency_response(m, values, [30.0, 700.0])[0] for m in (separate, common))
     n = len(common.outputs) - 1
     target(apart[:, :n].sum(axis=2), one[:, :n, 0], BALANCE)
     target(apart[:, n:].sum(axis=(1, 2)), one[:, n, 0], BALANCE)
@@ -276,16 +260,16 @@ def test_one_voltage_is_the_sum_of_separate_ones() -> None:
 
 def test_the_strip_next_to_the_clamp_holds_it_most() -> None:
     """Published for three voltages: v1 has the largest effect on the load at P, v3 the smallest."""
-    model = two_port(strip(patch(0, 1), patch(1, 2), patch(2, 3)), axes=PLANE, search=0.0)
-    torque = np.abs(frequency_response(model, {}, [150.0])[0, 0, 5, 6:])
+    model = mbdlft.two_port(strip(patch(0, 1), patch(1, 2), patch(2, 3)), axes=PLANE, search=0.0)
+    torque = np.abs(mbdlft.frequency_response(model, {}, [150.0])[0, 0, 5, 6:])
     assert torque[0] > torque[1] > torque[2]
 
 
 def test_a_quintic_beam_with_all_its_numbers_as_parameters() -> None:
     many = [
-        Parameter("L", L, percent=5, unit="m"),
-        Parameter("t", T, percent=5, unit="m"),
-        Parameter("w", W, percent=5, unit="m"),
+        mbdlft.Parameter("L", L, percent=5, unit="m"),
+        mbdlft.Parameter("t", T, percent=5, unit="m"),
+        mbdlft.Parameter("w", W, percent=5, unit="m"),
     ]
     body = strip(
         patch(0, 1, width="w"),
@@ -311,16 +295,18 @@ def test_a_quintic_beam_with_all_its_numbers_as_parameters() -> None:
         )
     )
     target(
-        frequency_response(model, values, [40.0, 800.0]),
-        frequency_response(fixed, {}, [40.0, 800.0]),
+        mbdlft.frequency_response(model, values, [40.0, 800.0]),
+        mbdlft.frequency_response(fixed, {}, [40.0, 800.0]),
         LAMINATE,
     )
 
 
 def test_a_scene_file_has_patches() -> None:
     body = strip(patch(0, 1), patch(1, 3, "both"), common_voltage=True)
-    scene = Scene(name="s", bodies=[body], joints=[Fixed(name="wall", parent="ground", child="boom")])
-    text = scene_to_toml(scene)
+    scene = mbdlft.Scene(
+        name="s", bodies=[body], joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")]
+    )
+    text = mbdlft.scene_to_toml(scene)
     assert "[[bodies.boom.patches]]" in text
-    assert scene_from_toml(text) == scene
-    assert [s.name for s in to_lft(scene, search=0.0).inputs] == ["boom.voltage.1"]
+    assert mbdlft.scene_from_toml(text) == scene
+    assert [s.name for s in mbdlft.to_lft(scene, search=0.0).inputs] == ["boom.voltage.1"]

@@ -6,16 +6,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Parameter,
-    System,
-    check_stability,
-    damping_table,
-    pole_gradients,
-    poles,
-    realize,
-    zeros,
-)
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import spectrum
 from tests.close import CLOSED_FORM, ZEROS, exact, finite_difference, roundoff, target
@@ -25,7 +15,7 @@ from tests.oscillators import matrices, oscillator, plain, random_system, spring
 def test_poles_and_table_of_an_oscillator() -> None:
     zeta, omega = 0.03, 5.0
     expected = complex(-zeta * omega, omega * np.sqrt(1.0 - zeta**2))
-    found = damping_table(oscillator(zeta, omega))
+    found = mbdlft.damping_table(oscillator(zeta, omega))
     target(found.poles, [[expected, expected.conjugate()]], CLOSED_FORM)
     (row,) = found.rows()
     target(row.pole, expected, CLOSED_FORM)
@@ -43,22 +33,22 @@ def test_poles_and_table_of_an_oscillator() -> None:
 def test_poles_of_samples_are_those_of_each_alone() -> None:
     model = spring_and_mass()
     values = mbdlft.random(model.parameters, 20, seed=2)
-    found = poles(model, values)
+    found = mbdlft.poles(model, values)
     assert found.shape == (20, 2)
     for k in range(20):
         k_over_m = values["k"][k] / values["m"][k]
         half = 0.01 / values["m"][k]
         target(found[k, 0], -half + 1j * np.sqrt(k_over_m - half**2), CLOSED_FORM)
         alone = {name: float(column[k]) for name, column in values.items()}
-        exact(poles(model, alone)[0], found[k])
-    exact(damping_table(model, values).poles, found)
+        exact(mbdlft.poles(model, alone)[0], found[k])
+    exact(mbdlft.damping_table(model, values).poles, found)
 
 
 def test_gradients_are_those_of_the_closed_form() -> None:
     """p = -c/2m + j sqrt(k/m - (c/2m)^2), by normalized k and m at a point off nominal."""
     model = spring_and_mass()
     at = {"k": 5.0, "m": 1.2}
-    found = pole_gradients(model, at)
+    found = mbdlft.pole_gradients(model, at)
     half, root = 0.01 / 1.2, np.sqrt(5.0 / 1.2 - (0.01 / 1.2) ** 2)
     target(found.poles, [-half + 1j * root, -half - 1j * root], CLOSED_FORM)
     by_k = 1j / (2.0 * root * 1.2)
@@ -76,12 +66,12 @@ def test_gradients_of_the_arm_are_differences() -> None:
     """Repeated parameters, D_zw that is not zero, a point that is not nominal."""
     arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
     at = {"m1": 3.3, "theta1": 60.0, "L2": 0.9, "rho1": 0.31}
-    found = pole_gradients(arm, at)
+    found = mbdlft.pole_gradients(arm, at)
     h = 1e-6
     for k, parameter in enumerate(arm.parameters):
         delta = float(mbdlft.to_delta(parameter, at.get(parameter.name, parameter.nominal)))
         moved = {**at, parameter.name: mbdlft.to_physical(parameter, [delta - h, delta + h])}
-        below, above = poles(arm, moved)
+        below, above = mbdlft.poles(arm, moved)
         finite_difference(found.gradients[:, k], (above - below) / (2.0 * h), scale=1.0)
 
 
@@ -122,18 +112,18 @@ def test_integrators_are_at_zero_and_slow_undamped_modes_are_not() -> None:
 
 def test_free_masses_are_marginal_and_have_one_mode() -> None:
     masses = two_masses([2.0, 3.0], 50.0, 0.1)
-    rows = damping_table(masses).rows()
+    rows = mbdlft.damping_table(masses).rows()
     assert [row.on_axis for row in rows] == [True, True, False]
     omega = np.sqrt(50.0 * (1.0 / 2.0 + 1.0 / 3.0))
     target(rows[2].natural_frequency, omega, CLOSED_FORM)
     target(rows[2].damping, 0.1 / 50.0 * omega / 2.0, CLOSED_FORM)
-    verdict = check_stability(masses)
+    verdict = mbdlft.check_stability(masses)
     assert (verdict.nominal, verdict.counterexample) == ("marginal", {})
     assert "marginal at nominal; on the axis: 0 rad/s" in str(verdict)
 
 
 def test_stable_box_is_not_called_proved() -> None:
-    verdict = check_stability(spring_and_mass(), samples=50)
+    verdict = mbdlft.check_stability(spring_and_mass(), samples=50)
     assert verdict.nominal == "stable"
     assert not verdict.is_counterexample_found
     assert verdict.proof == ""
@@ -144,15 +134,15 @@ def test_stable_box_is_not_called_proved() -> None:
 
 
 def test_a_proof_is_one_of_the_whole_box() -> None:
-    verdict = check_stability(spring_and_mass(), samples=0, prove=5.0)
+    verdict = mbdlft.check_stability(spring_and_mass(), samples=0, prove=5.0)
     assert "stable for all values in the ranges, and up to 1.0" in str(verdict)
     # unstable in a disc of a hundredth of the box that nothing was seen of, or too near to it
     for width in (0.02, 0.002):
-        verdict = check_stability(narrow(width), samples=0, prove=1.0)
+        verdict = mbdlft.check_stability(narrow(width), samples=0, prove=1.0)
         assert verdict.nominal == "stable"
         assert verdict.proof == ""
-    barely = realize([["a - 1"]], [Parameter("a", 0.0, -1.0, 1.0)], states=1, search=0.0)
-    verdict = check_stability(barely, samples=0, prove=1.0)
+    barely = mbdlft.realize([["a - 1"]], [mbdlft.Parameter("a", 0.0, -1.0, 1.0)], states=1, search=0.0)
+    verdict = mbdlft.check_stability(barely, samples=0, prove=1.0)
     assert verdict.proof == ""
     assert "a pole is on the axis at a = 1" in str(verdict)
 
@@ -160,51 +150,51 @@ def test_a_proof_is_one_of_the_whole_box() -> None:
 def narrow(width: float) -> mbdlft.LFTModel:
     """Unstable only near a = 0.6, b = -0.7: inside of the box, off its corners."""
     bump = f"1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/{width}^2)"
-    return realize(
-        [[f"-({bump})"]], [Parameter(name, 0.0, -1.0, 1.0) for name in "ab"], states=1, search=0.0
+    return mbdlft.realize(
+        [[f"-({bump})"]], [mbdlft.Parameter(name, 0.0, -1.0, 1.0) for name in "ab"], states=1, search=0.0
     )
 
 
 def test_counterexample_inside_the_box_is_found_by_the_search_alone() -> None:
     """No corner is unstable and no sample is tried; the gradient leads from nominal to it."""
-    verdict = check_stability(narrow(0.5), samples=0)
+    verdict = mbdlft.check_stability(narrow(0.5), samples=0)
     assert verdict.nominal == "stable"
     assert verdict.is_counterexample_found
     a, b = verdict.counterexample["a"], verdict.counterexample["b"]
     assert (a - 0.6) ** 2 + (b + 0.7) ** 2 < 0.05 * 0.5**2
-    assert poles(narrow(0.5), verdict.counterexample)[0, 0].real > 0.0
+    assert mbdlft.poles(narrow(0.5), verdict.counterexample)[0, 0].real > 0.0
     assert "stable at nominal, unstable in the range" in str(verdict)
 
 
 def test_search_follows_modes_that_are_not_the_rightmost() -> None:
     """A pole that nothing moves is farther right than the one that the search has to move."""
     bump = "1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/0.25)"
-    model = realize(
+    model = mbdlft.realize(
         [["-0.001", "0"], ["0", f"-({bump})"]],
-        [Parameter(name, 0.0, -1.0, 1.0) for name in "ab"],
+        [mbdlft.Parameter(name, 0.0, -1.0, 1.0) for name in "ab"],
         states=2,
         search=0.0,
     )
-    verdict = check_stability(model, samples=0)
+    verdict = mbdlft.check_stability(model, samples=0)
     assert verdict.nominal == "stable"
     assert verdict.is_counterexample_found
 
 
 def test_unstable_nominal_names_the_pole() -> None:
     arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
-    verdict = check_stability(arm, samples=10)
+    verdict = mbdlft.check_stability(arm, samples=10)
     assert verdict.nominal == "unstable"
     assert "unstable at nominal: pole 3.1048 rad/s" in str(verdict)
-    sampled = poles(arm, mbdlft.random(arm.parameters, 2000, seed=8))
+    sampled = mbdlft.poles(arm, mbdlft.random(arm.parameters, 2000, seed=8))
     assert verdict.worst_pole.real >= np.max(sampled.real)
 
 
 def test_system_without_states_or_parameters() -> None:
     static = plain(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), [[2.0]])
-    assert poles(static).shape == (1, 0)
-    assert damping_table(static).rows() == ()
-    assert "no states" in str(check_stability(static))
-    assert check_stability(oscillator(0.1)).points == 1
+    assert mbdlft.poles(static).shape == (1, 0)
+    assert mbdlft.damping_table(static).rows() == ()
+    assert "no states" in str(mbdlft.check_stability(static))
+    assert mbdlft.check_stability(oscillator(0.1)).points == 1
 
 
 # Transmission zeros against closed forms, python-control, and 50 digits -----------------------------
@@ -214,12 +204,12 @@ def test_two_masses_have_the_zeros_of_the_clamped_ones() -> None:
     """Where the force acts: m2 s^2 + c s + k = 0. At the other mass: c s + k = 0. At both: none."""
     m, k, c = [2.0, 3.0], 1e6, 0.1
     masses = two_masses(m, k, c)
-    (first,) = zeros(masses, outputs="y0", inputs="u0")
+    (first,) = mbdlft.zeros(masses, outputs="y0", inputs="u0")
     expected = -c / 6.0 + 1j * np.sqrt(k / 3.0 - (c / 6.0) ** 2)
     target(first, [expected, np.conj(expected)], CLOSED_FORM)
-    (other,) = zeros(masses, outputs=["y1"])
+    (other,) = mbdlft.zeros(masses, outputs=["y1"])
     target(other, [-k / c], ZEROS)
-    assert zeros(masses)[0].size == 0
+    assert mbdlft.zeros(masses)[0].size == 0
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e6, 1e-6])
@@ -232,7 +222,7 @@ def test_random_square_systems_against_python_control(scale: float, direct: bool
         units = np.array([scale, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0 / scale])
         other = plain(A * units[:, None] / units, B * units[:, None] * scale, C / units, D * scale)
         assert len(expected) == (7 if direct else 5)
-        found = zeros(other)[0]
+        found = mbdlft.zeros(other)[0]
         apart = np.abs(found[:, None] - expected)
         target(found[np.argmin(apart, axis=0)], expected, ZEROS)
         assert len(set(np.argmin(apart, axis=0))) == len(found) == len(expected)
@@ -241,9 +231,9 @@ def test_random_square_systems_against_python_control(scale: float, direct: bool
 def test_wide_systems_have_the_zeros_that_were_put_in() -> None:
     """Behind a filter with a zero, in all its inputs, every transfer has that zero."""
     system = random_system(1, 5, 2, 3)
-    assert zeros(system)[0].size == 0
+    assert mbdlft.zeros(system)[0].size == 0
     filtered = mbdlft.series(control.tf([1.0, -3.0], [1.0, 4.0]) * np.eye(1), random_system(2, 4, 2, 1))
-    found = zeros(filtered)[0]
+    found = mbdlft.zeros(filtered)[0]
     assert found.size == 1
     target(found, [3.0], ZEROS)
 
@@ -252,18 +242,18 @@ def test_hidden_modes_are_no_zeros() -> None:
     """A mode that the input does not reach, one that the output does not see, and a zero at -5."""
     A = np.diag([-1.0, -2.0, -3.0, -4.0])
     hidden = plain(A, [[1.0], [0.0], [1.0], [1.0]], [[2.0, 1.0, 0.0, -1.0]])
-    (found,) = zeros(hidden)  # 2/(s+1) - 1/(s+4) = (s + 7)/((s+1)(s+4))
+    (found,) = mbdlft.zeros(hidden)  # 2/(s+1) - 1/(s+4) = (s + 7)/((s+1)(s+4))
     target(found, [-7.0], CLOSED_FORM)
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]
     B, C = matrices(hidden)[1:3]
-    target(zeros(plain(turn @ A @ turn.T, turn @ B, C @ turn.T))[0], [-7.0], ZEROS)
+    target(mbdlft.zeros(plain(turn @ A @ turn.T, turn @ B, C @ turn.T))[0], [-7.0], ZEROS)
 
 
 def test_zeros_are_where_the_pencil_loses_rank_in_50_digits() -> None:
     model = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
     values = mbdlft.corners(model.parameters)
     some = {name: column[::17] for name, column in values.items()}
-    found = zeros(model, some, outputs="shoulder.angle", inputs="shoulder.torque")
+    found = mbdlft.zeros(model, some, outputs="shoulder.angle", inputs="shoulder.torque")
     A, B, C, _ = mbdlft.matrices_at(model, some)
     assert len(found) == 8
     with mp.workdps(50):
@@ -287,9 +277,9 @@ def _refined(A: np.ndarray, B: np.ndarray, C: np.ndarray, start: complex) -> mp.
 
 
 def test_systems_without_zeros() -> None:
-    assert zeros(oscillator(0.1))[0].size == 0
-    nothing: System = plain([[-1.0]], [[0.0]], [[1.0]])
-    assert zeros(nothing)[0].size == 0
+    assert mbdlft.zeros(oscillator(0.1))[0].size == 0
+    nothing: mbdlft.System = plain([[-1.0]], [[0.0]], [[1.0]])
+    assert mbdlft.zeros(nothing)[0].size == 0
 
 
 @pytest.mark.parametrize("coupling", ["1e-14", "3e-14"])

@@ -9,24 +9,12 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import mbdlft
-from mbdlft import (
-    Beam,
-    FlexibleBody,
-    Inertia,
-    Mode,
-    Parameter,
-    PointMass,
-    RigidBody,
-    invert_channels,
-    matrices_at,
-    two_port,
-)
 from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, roundoff, target
 from tests.extracted import lower_bound
 
-E = Parameter("E", 70e9, percent=20, unit="Pa")
-L = Parameter("L", 1.2, percent=20, unit="m")
-M = Parameter("m", 5.0, percent=30, unit="kg")
+E = mbdlft.Parameter("E", 70e9, percent=20, unit="Pa")
+L = mbdlft.Parameter("L", 1.2, percent=20, unit="m")
+M = mbdlft.Parameter("m", 5.0, percent=30, unit="kg")
 PLANE = ("y", "rz")
 LOAD, MOTION = ["tip"], ["origin"]
 
@@ -45,7 +33,7 @@ def rigid_mass(mass: float, center: np.ndarray, about_center: np.ndarray) -> np.
     return transport(center).T @ inner @ transport(center)
 
 
-def beam(**fields) -> Beam:
+def beam(**fields) -> mbdlft.Beam:
     given = {
         "name": "beam",
         "length": 1.2,
@@ -58,29 +46,29 @@ def beam(**fields) -> Beam:
         "torsion_constant": 1.5e-9,
         "elements": 2,
     }
-    return Beam(**(given | fields))
+    return mbdlft.Beam(**(given | fields))
 
 
-def bending(**fields) -> Beam:
+def bending(**fields) -> mbdlft.Beam:
     plane = {"deformations": ("bending_y",), "shape_functions": "quintic"}
     return beam(**(plane | fields))
 
 
-def panel() -> FlexibleBody:
-    return FlexibleBody(
+def panel() -> mbdlft.FlexibleBody:
+    return mbdlft.FlexibleBody(
         name="panel",
         mass="m",
         center_of_mass=(0.7, 0.1, -0.2),
-        inertia=Inertia(xx=1.0, yy=3.0, zz=2.5, xy=0.1, yz=0.2),
+        inertia=mbdlft.Inertia(xx=1.0, yy=3.0, zz=2.5, xy=0.1, yz=0.2),
         ports={"tip": (1.5, 0.2, 0.1), "side": (0.4, -0.6, 0.0)},
         modes=(
-            Mode(
+            mbdlft.Mode(
                 frequency=9.0,
                 damping=0.01,
                 participation=(0.1, 0.2, 1.2, 0.2, -1.0, 0.1),
                 shapes={"tip": (0, 0.1, 0.9, 0.1, -0.4, 0), "side": (0, 0, 0.3, 0.2, 0, 0)},
             ),
-            Mode(
+            mbdlft.Mode(
                 frequency=31.0,
                 damping=0.02,
                 participation=(0.0, 1.0, 0.1, 0.1, 0.0, 0.8),
@@ -90,18 +78,18 @@ def panel() -> FlexibleBody:
     )
 
 
-def box() -> RigidBody:
-    return RigidBody(
+def box() -> mbdlft.RigidBody:
+    return mbdlft.RigidBody(
         name="box",
         mass="m",
         center_of_mass=(0.3, -0.2, 0.1),
-        inertia=Inertia(xx=1.0, yy=2.0, zz=1.5, xz=0.2),
+        inertia=mbdlft.Inertia(xx=1.0, yy=2.0, zz=1.5, xz=0.2),
         ports={"tip": (0.5, 0.5, 0.0), "side": (-1.0, 0.2, 0.3)},
     )
 
 
 def static_gain(model: mbdlft.LFTModel, **values: float) -> np.ndarray:
-    A, B, C, D = matrices_at(model, values)
+    A, B, C, D = mbdlft.matrices_at(model, values)
     return D - C @ np.linalg.solve(A, B) if len(A) else D
 
 
@@ -117,18 +105,18 @@ def test_statics_of_modes() -> None:
     for m in (3.7, 5.0, 6.5):
         mass = rigid_mass(m, np.array([0.7, 0.1, -0.2]), tensor)
         expected = expected_statics(mass, (1.5, 0.2, 0.1), (0.4, -0.6, 0.0))
-        target(static_gain(two_port(panel(), [M], search=0.0), m=m), expected, CLOSED_FORM)
+        target(static_gain(mbdlft.two_port(panel(), [M], search=0.0), m=m), expected, CLOSED_FORM)
 
 
 def test_statics_of_a_rigid_body_and_a_point_mass() -> None:
     tensor = np.array([[1.0, 0.0, 0.2], [0.0, 2.0, 0.0], [0.2, 0.0, 1.5]])
     mass = rigid_mass(4.2, np.array([0.3, -0.2, 0.1]), tensor)
-    model = two_port(box(), [M])
+    model = mbdlft.two_port(box(), [M])
     assert not model.states
     target(
         static_gain(model, m=4.2), expected_statics(mass, (0.5, 0.5, 0.0), (-1.0, 0.2, 0.3)), CLOSED_FORM
     )
-    ball = two_port(PointMass(name="ball", mass="m"), [M])
+    ball = mbdlft.two_port(mbdlft.PointMass(name="ball", mass="m"), [M])
     assert ball.order == ball.certificate.order_bound == 3
     target(static_gain(ball, m=4.2), -np.diag([4.2, 4.2, 4.2, 0, 0, 0]), CLOSED_FORM)
 
@@ -137,7 +125,7 @@ def test_a_rigid_body_can_be_held_at_any_port() -> None:
     """Held at its side: the lever arms and the mass matrix are those about that port."""
     r = np.array([-1.0, 0.2, 0.3])
     tensor = np.array([[1.0, 0.0, 0.2], [0.0, 2.0, 0.0], [0.2, 0.0, 1.5]])
-    model = two_port(box(), [M], ["tip", "origin"], parent="side")
+    model = mbdlft.two_port(box(), [M], ["tip", "origin"], parent="side")
     assert model.inputs[-1].name == "side.angular_acceleration.z"
     mass = rigid_mass(5.0, np.array([0.3, -0.2, 0.1]) - r, tensor)
     expected = expected_statics(mass, np.array([0.5, 0.5, 0.0]) - r, -r)
@@ -145,7 +133,7 @@ def test_a_rigid_body_can_be_held_at_any_port() -> None:
 
 
 def test_statics_of_a_beam() -> None:
-    model = two_port(beam(length="L"), [E, L], search=0.0)
+    model = mbdlft.two_port(beam(length="L"), [E, L], search=0.0)
     for length in (0.96, 1.2, 1.4):
         line = 2700 * 1e-4 * length
         polar = 2700 * 3e-9 * length
@@ -160,8 +148,8 @@ def test_statics_of_a_beam() -> None:
 
 def test_feed_through_is_symmetric() -> None:
     """A load here and an acceleration there, as there and here."""
-    for model in (two_port(panel(), [M], search=0.0), two_port(beam(), [E], search=0.0)):
-        D = matrices_at(model, {}).D
+    for model in (mbdlft.two_port(panel(), [M], search=0.0), mbdlft.two_port(beam(), [E], search=0.0)):
+        D = mbdlft.matrices_at(model, {}).D
         size = np.sqrt(np.abs(np.diag(D)))
         scale = np.where(size > 0, size, 1.0)
         balanced = D / scale / scale[:, None]
@@ -178,7 +166,7 @@ FREE_FREE = [root(lambda b: np.cos(b) - 1 / np.cosh(b), *ends) for ends in ((4, 
 
 def wave_numbers(model: mbdlft.LFTModel, modulus: float) -> np.ndarray:
     """beta L of the first three frequencies, omega = beta^2 sqrt(E I/(rho A))."""
-    values = np.linalg.eigvals(matrices_at(model, {"E": modulus}).A).imag
+    values = np.linalg.eigvals(mbdlft.matrices_at(model, {"E": modulus}).A).imag
     unit = np.sqrt(modulus * 2e-9 / (2700 * 1e-4)) / 1.2**2
     found = np.sort(values[values > 0.1 * unit])
     return np.sqrt(found[:3] / unit)
@@ -186,7 +174,7 @@ def wave_numbers(model: mbdlft.LFTModel, modulus: float) -> np.ndarray:
 
 def test_frequencies_of_all_boundary_conditions() -> None:
     """Clamped at P and free at C; both exchanged; free at both; clamped at both."""
-    model = two_port(bending(elements=8), [E], axes=PLANE, search=0.0)
+    model = mbdlft.two_port(bending(elements=8), [E], axes=PLANE, search=0.0)
     for modulus in (58e9, 83e9):
         for channels, expected in (
             ([], CLAMPED_FREE),
@@ -194,12 +182,12 @@ def test_frequencies_of_all_boundary_conditions() -> None:
             (MOTION, FREE_FREE),
             (LOAD, FREE_FREE),  # clamped at both ends: the same numbers
         ):
-            changed = invert_channels(model, channels) if channels else model
+            changed = mbdlft.invert_channels(model, channels) if channels else model
             target(wave_numbers(changed, modulus), expected, FINITE_ELEMENTS)
 
 
 def values_of(model: mbdlft.LFTModel, values: dict[str, float]) -> np.ndarray:
-    A, B, C, D = matrices_at(model, values)
+    A, B, C, D = mbdlft.matrices_at(model, values)
     return np.block([[A, B], [C, D]])
 
 
@@ -213,10 +201,10 @@ CHANNELS = ["tip", "origin", "tip.torque.z", "tip.force.x", "origin.angular_acce
 )
 def test_inverted_twice_is_the_model(channels: list[str], modulus: float) -> None:
     model = flexible()
-    once = invert_channels(model, channels)
+    once = mbdlft.invert_channels(model, channels)
     changed = [b.name for a, b in zip(model.inputs, once.inputs, strict=True) if a != b]
     assert changed
-    twice = invert_channels(once, changed)
+    twice = mbdlft.invert_channels(once, changed)
     assert twice.inputs == model.inputs
     assert twice.outputs == model.outputs
     assert once.order == twice.order == model.order
@@ -228,15 +216,15 @@ def test_inverted_twice_is_the_model(channels: list[str], modulus: float) -> Non
 
 @cache
 def flexible() -> mbdlft.LFTModel:
-    return two_port(beam(stiffness_damping=1e-5), [E], search=0.0)
+    return mbdlft.two_port(beam(stiffness_damping=1e-5), [E], search=0.0)
 
 
 def test_inversion_is_that_of_state_space() -> None:
     """Against the formulas for A, B, C, D with one channel set inverted, in numbers."""
     model = flexible()
-    once = invert_channels(model, ["tip"])
+    once = mbdlft.invert_channels(model, ["tip"])
     for modulus in (57e9, 80e9):
-        A, B, C, D = matrices_at(model, {"E": modulus})
+        A, B, C, D = mbdlft.matrices_at(model, {"E": modulus})
         i, o = slice(0, 6), slice(6, 12)
         inner = np.linalg.inv(D[i, i])
         expected = np.block(
@@ -255,10 +243,10 @@ def test_inversion_is_that_of_state_space() -> None:
 
 def test_lower_bounds_survive_an_inversion() -> None:
     """Measured again, they are those of the model."""
-    arm = Parameter("r", 0.5, percent=30, unit="m")
+    arm = mbdlft.Parameter("r", 0.5, percent=30, unit="m")
     body = box().model_copy(update={"ports": {"tip": ("r", 0.5, "2*r")}})
-    model = two_port(body, [M, arm], search=0.0)
-    once = invert_channels(model, ["origin"])
+    model = mbdlft.two_port(body, [M, arm], search=0.0)
+    once = mbdlft.invert_channels(model, ["origin"])
     assert model.certificate.lower_bound > (0, 0)
     assert tuple(lower_bound(once.lft).values()) == once.certificate.lower_bound
     assert once.certificate.lower_bound == model.certificate.lower_bound
@@ -271,7 +259,7 @@ def power(model: mbdlft.LFTModel, omega: float) -> np.ndarray:
     Loads of the children times their velocities, and the load of the parent on the body (minus the
     output) times the velocity of the parent.
     """
-    A, B, C, D = matrices_at(model, {})
+    A, B, C, D = mbdlft.matrices_at(model, {})
     G = C @ np.linalg.solve(1j * omega * np.eye(len(A)) - A, B) + D
     n = len(D) // 2
     first, second = G[:n], G[n:]
@@ -284,7 +272,7 @@ def power(model: mbdlft.LFTModel, omega: float) -> np.ndarray:
 @pytest.mark.parametrize("damping", [0.0, 1e-4])
 def test_energy_is_balanced(damping: float) -> None:
     """Without damping no mean power goes in; with it, none comes out."""
-    model = two_port(bending(stiffness_damping=damping), [E], axes=PLANE, search=0.0)
+    model = mbdlft.two_port(bending(stiffness_damping=damping), [E], axes=PLANE, search=0.0)
     for omega in (3.0, 40.0, 333.0, 5000.0):
         found = power(model, omega)
         size = np.sqrt(np.max(np.abs(found), axis=0)) if damping else np.ones(4)
@@ -296,9 +284,9 @@ def test_energy_is_balanced(damping: float) -> None:
 
 def test_chained_two_ports_are_the_whole_beam() -> None:
     """Z_up = G22 + G21 Z (1 - G11 Z)^-1 G12 of two halves, against a beam with twice the elements."""
-    half = two_port(bending(length=0.6, shape_functions="cubic"), [E], axes=PLANE, search=0.0)
-    last = two_port(bending(length=0.6, shape_functions="cubic"), [E], [], axes=PLANE, search=0.0)
-    whole = two_port(
+    half = mbdlft.two_port(bending(length=0.6, shape_functions="cubic"), [E], axes=PLANE, search=0.0)
+    last = mbdlft.two_port(bending(length=0.6, shape_functions="cubic"), [E], [], axes=PLANE, search=0.0)
+    whole = mbdlft.two_port(
         bending(length=1.2, elements=4, shape_functions="cubic"), [E], [], axes=PLANE, search=0.0
     )
     omega = np.array([1.0, 30.0, 170.0, 900.0])
@@ -312,11 +300,11 @@ def test_a_plane_two_port_needs_no_moment_of_area_across_it() -> None:
     """P does not turn about the axis of the beam; where it does, the polar inertia is needed."""
     bent = {"deformations": ["bending_y"], "I_y": None}
     plain, full = (
-        two_port(beam(**fields), [E], axes=("x", *PLANE), search=0.0)
+        mbdlft.two_port(beam(**fields), [E], axes=("x", *PLANE), search=0.0)
         for fields in (bent, {**bent, "I_y": 1e-9})
     )
-    found, expected = (matrices_at(model, {"E": 75e9}) for model in (plain, full))
+    found, expected = (mbdlft.matrices_at(model, {"E": 75e9}) for model in (plain, full))
     for name in "ABCD":
         assert np.array_equal(getattr(found, name), getattr(expected, name))
     with pytest.raises(mbdlft.SceneError, match="I_y: needed"):
-        two_port(beam(**bent), [E], axes=("rx",), search=0.0)
+        mbdlft.two_port(beam(**bent), [E], axes=("rx",), search=0.0)

@@ -14,16 +14,7 @@ import mbdlft
 from mbdlft.base.errors import AnalysisError
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
-from mbdlft.show.report import page
-from mbdlft.show.report.content import (
-    Worst,
-    next_step,
-    stability_sentences,
-    summary,
-    trim_rows,
-    verdict_sentence,
-    worst_cases,
-)
+from mbdlft.show.report import content, page
 from mbdlft.show.viewer.stills import scene_film, scene_picture
 from mbdlft.system.model import LFTModel
 from tests.close import PAGE, target
@@ -94,7 +85,7 @@ def test_the_report_of_the_arm() -> None:
 def test_loads_lie_between_the_least_and_the_largest() -> None:
     """shoulder.torque = g (...) of the arm in closed form is monotone in m3: corners have its ends."""
     model = model_of("two_link_arm")
-    rows, points = trim_rows(model)
+    rows, points = content.trim_rows(model)
     assert points == 2 ** len(model.parameters) + 300
     corners = mbdlft.corners(model.parameters)
     found = mbdlft.trim_at(model, corners)
@@ -108,39 +99,39 @@ def test_loads_lie_between_the_least_and_the_largest() -> None:
 
 def test_the_first_sentence_follows_the_certificate() -> None:
     model = model_of("pendulum")
-    assert "proved to be the least" in verdict_sentence(model)
+    assert "proved to be the least" in content.verdict_sentence(model)
     c = replace(model.certificate, order=(3, 2), raw_order=(3, 2))
-    assert "has at least 3" in verdict_sentence(replace(model, certificate=c))
+    assert "has at least 3" in content.verdict_sentence(replace(model, certificate=c))
     c = replace(model.certificate, exact=False, truncation_error=0.1)
-    assert "The model is an approximation." in verdict_sentence(replace(model, certificate=c))
+    assert "The model is an approximation." in content.verdict_sentence(replace(model, certificate=c))
     matrix = mbdlft.realize(mbdlft.load_matrix(ROOT / "scenarios" / "missile.toml"), search=0.0)
-    assert "equals the matrix at every value" in verdict_sentence(matrix)
+    assert "equals the matrix at every value" in content.verdict_sentence(matrix)
     plain = mbdlft.as_system(mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]], name="lag"))
-    assert "without evidence" in verdict_sentence(plain)
+    assert "without evidence" in content.verdict_sentence(plain)
 
 
 def test_what_is_to_be_done_next_follows_what_is_known() -> None:
     hanging, balancing = model_of("double_pendulum_hanging"), model_of("double_pendulum_inverted")
     proved = replace(hanging.certificate, well_posed="proved")
     hanging = replace(hanging, certificate=proved)
-    said = stability_sentences(hanging)
-    (what, _), (_, sure), (_, seen), (_, then) = summary(hanging, said, (), None)
+    said = content.stability_sentences(hanging)
+    (what, _), (_, sure), (_, seen), (_, then) = content.summary(hanging, said, (), None)
     assert what == "What it is"
-    assert sure == verdict_sentence(hanging)
+    assert sure == content.verdict_sentence(hanging)
     assert seen.startswith("Stable at nominal")
     assert "mbdlft margin double_pendulum_hanging.h5" in then
     open_ = replace(hanging, certificate=replace(proved, well_posed="sampled"))
-    assert "--prove" in next_step(open_, said, (), None)
-    assert "close a loop" in next_step(
-        replace(balancing, certificate=proved), stability_sentences(balancing), (), "a.h5"
+    assert "--prove" in content.next_step(open_, said, (), None)
+    assert "close a loop" in content.next_step(
+        replace(balancing, certificate=proved), content.stability_sentences(balancing), (), "a.h5"
     )
-    case = Worst("m: margin", proved=True, sentences=("Stable: proved.",), rows=())
-    assert "mbdlft view a.h5" in next_step(hanging, said, (case,), "a.h5")
+    case = content.Worst("m: margin", proved=True, sentences=("Stable: proved.",), rows=())
+    assert "mbdlft view a.h5" in content.next_step(hanging, said, (case,), "a.h5")
     plain = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]])
-    assert next_step(plain, said, (case,), "a.h5") == "Look at the worst cases below."
-    assert next_step(plain, said, (), "a.h5") == "Look at it: mbdlft response a.h5."
-    assert summary(hanging, said, (case,), None)[1][1].endswith("m: margin: Stable: proved.")
-    assert "--work" in next_step(hanging, said, (case._replace(proved=False),), "a.h5")
+    assert content.next_step(plain, said, (case,), "a.h5") == "Look at the worst cases below."
+    assert content.next_step(plain, said, (), "a.h5") == "Look at it: mbdlft response a.h5."
+    assert content.summary(hanging, said, (case,), None)[1][1].endswith("m: margin: Stable: proved.")
+    assert "--work" in content.next_step(hanging, said, (case._replace(proved=False),), "a.h5")
 
 
 @pytest.mark.parametrize("name", ["ur5", "solar_arrays", "half_car"])
@@ -202,7 +193,7 @@ def test_a_claim_is_told_and_believed_by_no_report(kind: str, words: str, reache
     assert "m 0.5 per second" in str(replace(bounds, rates={"m": 0.5}).claim)
     named = {"inputs": ("pivot.torque",), "outputs": ("pivot.angle",)} if "from" in words else {}
     forged = replace(bounds, **{"inputs": (), "outputs": (), **named})
-    (told,) = worst_cases([("a", model_of("pendulum"), forged)])
+    (told,) = content.worst_cases([("a", model_of("pendulum"), forged)])
     assert not told.proved
     assert told.sentences[0] == "Nothing is proved."
     assert told.sentences[1].startswith("The proof that is stored is none: ")

@@ -9,19 +9,6 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize_scalar
 
 import mbdlft
-from mbdlft import (
-    System,
-    frequency_response,
-    h2_norm,
-    hinf_norm,
-    impulse_response,
-    initial_response,
-    response_frequencies,
-    response_times,
-    singular_values,
-    step_response,
-    unbounded_frequencies,
-)
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.response import frequency, norms
 from mbdlft.response.frequency import peaks
@@ -41,21 +28,21 @@ from tests.oscillators import matrices, oscillator, plain, random_system, spring
 def test_peaks_are_right_whatever_the_damping(damping: float, omega: float) -> None:
     exact_peak = 1.0 / (2.0 * damping * np.sqrt(1.0 - damping**2) * omega**2)
     system = oscillator(damping, omega)
-    found = np.max(np.abs(frequency_response(system, {}, response_frequencies(system))))
+    found = np.max(np.abs(mbdlft.frequency_response(system, {}, mbdlft.response_frequencies(system))))
     target(found, exact_peak, PEAK)
 
 
 def test_peak_of_every_sample_is_right() -> None:
     model = spring_and_mass("0.0004")
     values = mbdlft.random(model.parameters, 40)
-    omega = response_frequencies(model, values)
-    found = np.max(np.abs(frequency_response(model, values, omega)), axis=(1, 2, 3))
+    omega = mbdlft.response_frequencies(model, values)
+    found = np.max(np.abs(mbdlft.frequency_response(model, values, omega)), axis=(1, 2, 3))
     k, m, c = values["k"], values["m"], 0.0004
     zeta = c / (2.0 * np.sqrt(k * m))
     target(found, 1.0 / (2.0 * zeta * np.sqrt(1.0 - zeta**2) * k), PEAK)
     # evenly spaced ones alone miss it
     even = np.geomspace(omega[0, 0], omega[0, -1], omega.shape[1])
-    missed = np.max(np.abs(frequency_response(model, values, even)), axis=(1, 2, 3))
+    missed = np.max(np.abs(mbdlft.frequency_response(model, values, even)), axis=(1, 2, 3))
     assert np.min(missed / found) < 0.5
 
 
@@ -65,9 +52,11 @@ def test_peaks_of_two_modes_side_by_side() -> None:
     for k, (w, z) in enumerate(((1.0, 1e-4), (1.001, 3e-4))):
         A[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, 1.0], [-w * w, -2.0 * z * w]]
     system = plain(A, [[0.0], [1.0], [0.0], [1.0]], [[1.0, 0.0, 1.0, 0.0], [1.0, 0.0, -1.0, 0.0]])
-    largest = singular_values(frequency_response(system, {}, response_frequencies(system)))
+    largest = mbdlft.singular_values(
+        mbdlft.frequency_response(system, {}, mbdlft.response_frequencies(system))
+    )
     fine = np.linspace(0.999, 1.002, 60_001)
-    expected = singular_values(frequency_response(system, {}, fine))
+    expected = mbdlft.singular_values(mbdlft.frequency_response(system, {}, fine))
     target(np.max(largest[..., 0]), np.max(expected[..., 0]), PEAK)
 
 
@@ -77,7 +66,7 @@ def test_values_are_those_of_elimination() -> None:
         A, B, C, D = matrices(system)
         omega = np.geomspace(1e-3, 1e3, 40)
         expected = [C @ np.linalg.solve(1j * w * np.eye(9) - A, B) + D for w in omega]
-        roundoff(frequency_response(system, {}, omega)[0], expected, kappa=100.0)
+        roundoff(mbdlft.frequency_response(system, {}, omega)[0], expected, kappa=100.0)
 
 
 def test_values_where_eigenvectors_give_no_triangle() -> None:
@@ -90,7 +79,7 @@ def test_values_where_eigenvectors_give_no_triangle() -> None:
     expected = [
         np.linalg.solve(1j * w * np.eye(6) - A, np.eye(6)[:, :1])[5:] for w in omega
     ]  # turned back
-    roundoff(frequency_response(system, {}, omega)[0], expected, kappa=1e4)
+    roundoff(mbdlft.frequency_response(system, {}, omega)[0], expected, kappa=1e4)
 
 
 def test_triangles_alone_are_as_good_and_are_used() -> None:
@@ -102,7 +91,7 @@ def test_triangles_alone_are_as_good_and_are_used() -> None:
         values = np.empty((1, 40, 3, 2), dtype=complex)
         good = frequency._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
         assert np.all(good)
-        roundoff(values, frequency_response(system, {}, omega), kappa=100.0)
+        roundoff(values, mbdlft.frequency_response(system, {}, omega), kappa=100.0)
 
 
 def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
@@ -166,7 +155,7 @@ def short_beam(g: float, **sensor: object) -> mbdlft.LFTModel:
 def test_an_accelerometer_feels_gravity_far_below_the_modes_of_a_stiff_beam() -> None:
     """g in a row of 3e12 1/s^2 makes it no acceleration; at 0.01 rad/s nothing else is left."""
     model = short_beam(9.81, tip=mbdlft.Accelerometer(name="tip", port="beam.tip"), output="tip.y")
-    felt, turn = frequency_response(model, {}, [0.01])[0, 0, :, 0]
+    felt, turn = mbdlft.frequency_response(model, {}, [0.01])[0, 0, :, 0]
     assert abs(felt / (-9.81 * turn) - 1.0) < 1e-4  # of 1e-6 m/s^2; the terms of the sum are near 1
 
 
@@ -177,7 +166,7 @@ def test_accelerations_without_a_position_have_digits_from_where_the_certificate
     omega_6, has_position = frequency.carried_from(model)["tip.z"]
     assert not has_position
     omega = omega_6 * np.array([1.0, 0.01])
-    found, turn = frequency_response(model, {}, omega)[0, :, :, 0].T
+    found, turn = mbdlft.frequency_response(model, {}, omega)[0, :, :, 0].T
     errors = np.abs(found / (-(omega**2) * turn) - 1.0)
     assert errors[0] < 1e-6 < errors[1]
     said = [text for text in sentences.checked_beside(model) if text.startswith("accelerations")]
@@ -226,40 +215,40 @@ def test_integrators_that_rounding_has_moved_do_not_widen_the_range() -> None:
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(6, 6)))[0]
     system = plain(turn @ A @ turn.T, turn[:, 1::2].sum(axis=1, keepdims=True), turn[:, :1].T)
     assert 0.0 < np.min(np.abs(mbdlft.poles(system))) < 1e-6
-    omega = response_frequencies(system)[0]
+    omega = mbdlft.response_frequencies(system)[0]
     target(omega[[0, -1]], [0.3, 30.0], RESPONSE)
-    target(response_times(system)[-1], 12.0 * 2.0 * np.pi / 3.0, PEAK)
+    target(mbdlft.response_times(system)[-1], 12.0 * 2.0 * np.pi / 3.0, PEAK)
 
 
 def test_rows_of_frequencies_are_those_of_each_sample() -> None:
     model = spring_and_mass()
     values = mbdlft.random(model.parameters, 5)
     omega = np.random.default_rng(1).uniform(0.1, 9.0, (5, 7))
-    found = frequency_response(model, values, omega)
+    found = mbdlft.frequency_response(model, values, omega)
     for k in range(5):
         alone = {name: float(column[k]) for name, column in values.items()}
-        exact(frequency_response(model, alone, omega[k])[0], found[k])
+        exact(mbdlft.frequency_response(model, alone, omega[k])[0], found[k])
 
 
 def test_frequencies_rise_between_their_ends() -> None:
     model = spring_and_mass()
     values = mbdlft.random(model.parameters, 5)
-    found = response_frequencies(model, values, 0.5, 20.0, points=50)
+    found = mbdlft.response_frequencies(model, values, 0.5, 20.0, points=50)
     assert np.all(np.diff(found, axis=1) >= 0.0)
     exact(found[:, 0], np.full(5, 0.5))
     target(found[:, -1], np.full(5, 20.0), CLOSED_FORM)
     slowest = np.sqrt(values["k"] / values["m"])
-    wide = response_frequencies(model, values)
+    wide = mbdlft.response_frequencies(model, values)
     target(wide[0, 0], np.min(slowest) / 10.0, CLOSED_FORM)
     target(wide[0, -1], np.max(slowest) * 10.0, CLOSED_FORM)
 
 
 def test_unbounded_responses_are_marked_and_avoided() -> None:
     undamped = oscillator(0.0)
-    (marks,) = unbounded_frequencies(undamped)
+    (marks,) = mbdlft.unbounded_frequencies(undamped)
     target(marks, [1.0], CLOSED_FORM)
-    omega = response_frequencies(undamped)
-    found = frequency_response(undamped, {}, omega)
+    omega = mbdlft.response_frequencies(undamped)
+    found = mbdlft.frequency_response(undamped, {}, omega)
     target(found[0, :, 0, 0], 1.0 / (1.0 - omega[0] ** 2), RESPONSE)
     assert np.min(np.abs(omega - 1.0)) > 0.99e-4
     assert np.sum(np.abs(omega - 1.0) < 1.01e-4) >= 2  # as near as that, on both sides
@@ -269,13 +258,13 @@ def test_unbounded_frequencies_are_those_that_the_channels_see() -> None:
     """Free masses integrate twice; what stretches the spring does not. Undamped, it rings."""
     masses = two_masses([1.0, 1.0], 2.0, 0.0)
     A, B, C, _ = matrices(masses)
-    (both,) = unbounded_frequencies(masses)
+    (both,) = mbdlft.unbounded_frequencies(masses)
     target(both, [0.0, 2.0], CLOSED_FORM)
     stretch = plain(A, B, C[:1] - C[1:])
-    target(unbounded_frequencies(stretch)[0], [2.0], CLOSED_FORM)
+    target(mbdlft.unbounded_frequencies(stretch)[0], [2.0], CLOSED_FORM)
     together = plain(A, B, C[:1] + C[1:])
-    target(unbounded_frequencies(together)[0], [0.0], CLOSED_FORM)
-    assert unbounded_frequencies(oscillator(1e-6))[0].size == 0
+    target(mbdlft.unbounded_frequencies(together)[0], [0.0], CLOSED_FORM)
+    assert mbdlft.unbounded_frequencies(oscillator(1e-6))[0].size == 0
 
 
 # norms --------------------------------------------------------------------------------------------
@@ -284,19 +273,19 @@ def test_unbounded_frequencies_are_those_that_the_channels_see() -> None:
 @pytest.mark.parametrize("damping", [0.3, 1e-2, 1e-4, 1e-6])
 def test_norms_of_an_oscillator(damping: float) -> None:
     """H-infinity 1/(2 zeta sqrt(1 - zeta^2)); H2 (4 zeta)^(-1/2)."""
-    peak = hinf_norm(oscillator(damping))
+    peak = mbdlft.hinf_norm(oscillator(damping))
     expected = 1.0 / (2.0 * damping * np.sqrt(1.0 - damping**2))
     assert peak.lower[0] <= expected * (1.0 + CLOSED_FORM)
     assert peak.upper[0] >= expected * (1.0 - CLOSED_FORM)
     assert peak.upper[0] <= peak.lower[0] * (1.0 + 1.01 * NORM)
     target(peak.frequency[0], np.sqrt(1.0 - 2.0 * damping**2), np.sqrt(NORM))  # it is flat there
     assert peak.reason == ("",)
-    energy = h2_norm(oscillator(damping))
+    energy = mbdlft.h2_norm(oscillator(damping))
     target(energy.value[0], np.sqrt(0.25 / damping), RESPONSE)
     assert energy.error[0] < RESPONSE
 
 
-def highest(system: System) -> float:
+def highest(system: mbdlft.System) -> float:
     """Largest singular value on a fine grid, and around the highest of it."""
     A, B, C, D = matrices(system)
     plant = control.ss(A, B, C, D)
@@ -315,11 +304,11 @@ def highest(system: System) -> float:
 def test_norms_of_random_systems(direct: bool) -> None:
     for seed in range(4):
         system = random_system(seed, 6, 3, 2, direct=direct)
-        found, expected = hinf_norm(system), highest(system)
+        found, expected = mbdlft.hinf_norm(system), highest(system)
         assert found.lower[0] >= expected * (1.0 - NORM)
         assert found.upper[0] >= expected * (1.0 - CLOSED_FORM)
         assert found.upper[0] <= found.lower[0] * (1.0 + 1.01 * NORM)
-        energy = h2_norm(system)
+        energy = mbdlft.h2_norm(system)
         if direct:
             assert energy.value[0] == np.inf
             assert energy.reason == ("the direct path D is not zero",)
@@ -352,15 +341,15 @@ def test_no_gain_of_two_modes_side_by_side_is_above_its_level(seed: int) -> None
 
 def test_norm_that_is_reached_at_infinity_or_at_rest() -> None:
     high = plain([[-1.0]], [[1.0]], [[-1.0]], [[1.0]])  # s/(s + 1)
-    found = hinf_norm(high)
+    found = mbdlft.hinf_norm(high)
     assert found.frequency[0] == np.inf
     target(found.lower[0], 1.0, CLOSED_FORM)
-    low = hinf_norm(plain([[-2.0]], [[1.0]], [[6.0]]))
+    low = mbdlft.hinf_norm(plain([[-2.0]], [[1.0]], [[6.0]]))
     assert low.frequency[0] == 0.0
     target(low.lower[0], 3.0, CLOSED_FORM)
-    assert hinf_norm(plain([[-2.0]], [[0.0]], [[6.0]])).upper[0] == 0.0
+    assert mbdlft.hinf_norm(plain([[-2.0]], [[0.0]], [[6.0]])).upper[0] == 0.0
     static = plain(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), [[3.0, 4.0]])
-    target(hinf_norm(static).lower[0], 5.0, CLOSED_FORM)
+    target(mbdlft.hinf_norm(static).lower[0], 5.0, CLOSED_FORM)
 
 
 def test_infinite_norms_say_why() -> None:
@@ -369,9 +358,9 @@ def test_infinite_norms_say_why() -> None:
         (oscillator(-0.1), "0.1 +- 0.994987j rad/s is right of the imaginary axis"),
         (two_masses([1.0, 1.0], 2.0, 0.1), "the pole 0 rad/s is on the imaginary axis"),
     ):
-        for found in (hinf_norm(system), h2_norm(system)):
+        for found in (mbdlft.hinf_norm(system), mbdlft.h2_norm(system)):
             assert pole in found.reason[0]
-        assert hinf_norm(system).upper[0] == h2_norm(system).value[0] == np.inf
+        assert mbdlft.hinf_norm(system).upper[0] == mbdlft.h2_norm(system).value[0] == np.inf
 
 
 def test_poles_that_the_channels_do_not_see_leave_norms_finite() -> None:
@@ -381,19 +370,19 @@ def test_poles_that_the_channels_do_not_see_leave_norms_finite() -> None:
     stretch = plain(A, B, C[:1] - C[1:])
     omega, zeta = np.sqrt(3.0), 0.3 / 2.0 / np.sqrt(3.0)
     expected = 0.5 / (2.0 * zeta * np.sqrt(1.0 - zeta**2) * omega**2)
-    target(hinf_norm(stretch).lower[0], expected, NORM)
-    target(h2_norm(stretch).value[0], 0.5 / np.sqrt(4.0 * zeta * omega**3), RESPONSE)
+    target(mbdlft.hinf_norm(stretch).lower[0], expected, NORM)
+    target(mbdlft.h2_norm(stretch).value[0], 0.5 / np.sqrt(4.0 * zeta * omega**3), RESPONSE)
 
 
 def test_norms_over_samples_are_those_of_each() -> None:
     model = spring_and_mass()
     values = mbdlft.random(model.parameters, 12)
     zeta = 0.01 / np.sqrt(values["k"] * values["m"])
-    found = hinf_norm(model, values)
+    found = mbdlft.hinf_norm(model, values)
     target(found.lower, 1.0 / (2.0 * zeta * np.sqrt(1.0 - zeta**2) * values["k"]), NORM)
     omega = np.sqrt(values["k"] / values["m"])
     expected = 1.0 / values["m"] / np.sqrt(4.0 * zeta * omega**3)
-    target(h2_norm(model, values).value, expected, RESPONSE)
+    target(mbdlft.h2_norm(model, values).value, expected, RESPONSE)
 
 
 # over time ----------------------------------------------------------------------------------------
@@ -408,23 +397,23 @@ def test_responses_of_an_oscillator(times: np.ndarray) -> None:
     fall = np.exp(-decay * times)
     waves = np.cos(turning * times), np.sin(turning * times)
     system = oscillator(zeta, w)
-    step = step_response(system, {}, times)
+    step = mbdlft.step_response(system, {}, times)
     exact(step.times, times)
     expected = (1.0 - fall * (waves[0] + decay / turning * waves[1])) / w**2
     target(step.values[0, :, 0, 0], expected, RESPONSE)
-    impulse = impulse_response(system, {}, times).values
+    impulse = mbdlft.impulse_response(system, {}, times).values
     target(impulse[0, :, 0, 0], fall * waves[1] / turning, RESPONSE)
     names = [signal.name for signal in system.states]
-    from_rest = initial_response(system, {names[0]: 2.0}, {}, times).values
+    from_rest = mbdlft.initial_response(system, {names[0]: 2.0}, {}, times).values
     target(from_rest[0, :, 0], 2.0 * fall * (waves[0] + decay / turning * waves[1]), RESPONSE)
 
 
 @pytest.mark.parametrize("times", TIMES.values(), ids=TIMES.keys())
 def test_responses_of_integrators_and_of_undamped_ones(times: np.ndarray) -> None:
     double = plain([[0.0, 1.0], [0.0, 0.0]], [[0.0], [1.0]], [[1.0, 0.0]])
-    target(step_response(double, {}, times).values[0, :, 0, 0], times**2 / 2.0, RESPONSE)
-    target(impulse_response(double, {}, times).values[0, :, 0, 0], times, RESPONSE)
-    found = step_response(oscillator(0.0, 5.0), {}, times).values[0, :, 0, 0]
+    target(mbdlft.step_response(double, {}, times).values[0, :, 0, 0], times**2 / 2.0, RESPONSE)
+    target(mbdlft.impulse_response(double, {}, times).values[0, :, 0, 0], times, RESPONSE)
+    found = mbdlft.step_response(oscillator(0.0, 5.0), {}, times).values[0, :, 0, 0]
     target(found, (1.0 - np.cos(5.0 * times)) / 25.0, RESPONSE)
 
 
@@ -433,7 +422,7 @@ def test_responses_of_a_stiff_system() -> None:
     stiff = plain(np.diag([-1.0, -1e8]), [[1.0], [1e8]], [[1.0, 1.0]], [[0.5]])
     times = np.linspace(0.0, 12.0, 300)
     expected = 0.5 + (1.0 - np.exp(-times)) + (times > 0.0)
-    target(step_response(stiff, {}, times).values[0, :, 0, 0], expected, RESPONSE)
+    target(mbdlft.step_response(stiff, {}, times).values[0, :, 0, 0], expected, RESPONSE)
 
 
 def test_random_systems_against_python_control() -> None:
@@ -442,8 +431,8 @@ def test_random_systems_against_python_control() -> None:
         system = random_system(seed, 5, 2, 3)
         plant = control.ss(*matrices(system))
         for ours, theirs in (
-            (step_response, control.step_response),
-            (impulse_response, control.impulse_response),
+            (mbdlft.step_response, control.step_response),
+            (mbdlft.impulse_response, control.impulse_response),
         ):
             expected = np.moveaxis(theirs(plant, times).outputs, -1, 0)
             target(ours(system, {}, times).values[0, 1:], expected[1:], RESPONSE)
@@ -452,24 +441,24 @@ def test_random_systems_against_python_control() -> None:
 def test_responses_of_samples_are_those_of_each_alone() -> None:
     model = spring_and_mass()
     values = mbdlft.random(model.parameters, 6)
-    times = response_times(model, values)
-    found = step_response(model, values, times).values
+    times = mbdlft.response_times(model, values)
+    found = mbdlft.step_response(model, values, times).values
     alone = {name: float(column[4]) for name, column in values.items()}
-    target(step_response(model, alone, times).values[0], found[4], CLOSED_FORM)
+    target(mbdlft.step_response(model, alone, times).values[0], found[4], CLOSED_FORM)
     for outputs, inputs in ((["position"], ["force"]), ("position", "force")):
-        chosen = step_response(model, values, times, outputs=outputs, inputs=inputs)
+        chosen = mbdlft.step_response(model, values, times, outputs=outputs, inputs=inputs)
         exact(chosen.values, found)
 
 
 def test_times_that_are_chosen_suit_the_poles() -> None:
-    slow = response_times(plain(np.diag([-0.1, -50.0]), [[1.0], [1.0]], [[1.0, 1.0]]))
+    slow = mbdlft.response_times(plain(np.diag([-0.1, -50.0]), [[1.0], [1.0]], [[1.0, 1.0]]))
     target(slow[-1], 50.0, CLOSED_FORM)
-    undamped = response_times(oscillator(0.0, 2.0))
+    undamped = mbdlft.response_times(oscillator(0.0, 2.0))
     target(undamped[-1], 12.0 * np.pi, CLOSED_FORM)
     assert len(undamped) >= 12 * 16
-    growing = response_times(plain(np.diag([2.0, -0.01]), [[1.0], [1.0]], [[1.0, 1.0]]))
+    growing = mbdlft.response_times(plain(np.diag([2.0, -0.01]), [[1.0], [1.0]], [[1.0, 1.0]]))
     target(growing[-1], 2.5, CLOSED_FORM)
-    assert response_times(plain([[0.0]], [[1.0]], [[1.0]]))[-1] == 1.0
+    assert mbdlft.response_times(plain([[0.0]], [[1.0]], [[1.0]]))[-1] == 1.0
 
 
 def test_figures_mark_where_a_response_is_infinite() -> None:

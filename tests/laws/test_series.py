@@ -6,26 +6,14 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    LFTModel,
-    Parameter,
-    band_pass,
-    delay,
-    frequency_response,
-    imbalance,
-    low_pass,
-    matrices_at,
-    realize,
-    series,
-)
 from tests.close import CLOSED_FORM, FREQUENCY_RESPONSE, published, target
 
-K = Parameter("k", 40.0, low=30.0, high=60.0)
-M = Parameter("m", 3.0, percent=20)
-W = Parameter("w", 2.0, percent=50, unit="Hz")
-T = Parameter("T", 20.0, percent=50, unit="ms")
+K = mbdlft.Parameter("k", 40.0, low=30.0, high=60.0)
+M = mbdlft.Parameter("m", 3.0, percent=20)
+W = mbdlft.Parameter("w", 2.0, percent=50, unit="Hz")
+T = mbdlft.Parameter("T", 20.0, percent=50, unit="ms")
 OMEGA = np.array([0.1, 1.0, 4.0, 30.0, 200.0])
-CART = realize(
+CART = mbdlft.realize(
     [
         ["0", "1", "0", "0"],
         ["-k/m", "-0.4/m", "1/m", "2/m"],
@@ -40,11 +28,11 @@ CART = realize(
 S = 1j * OMEGA
 
 
-def response(model: LFTModel, **values: float) -> np.ndarray:
-    return frequency_response(model, values, OMEGA)[0]
+def response(model: mbdlft.LFTModel, **values: float) -> np.ndarray:
+    return mbdlft.frequency_response(model, values, OMEGA)[0]
 
 
-def known(model: LFTModel, **values: float) -> dict[str, float]:
+def known(model: mbdlft.LFTModel, **values: float) -> dict[str, float]:
     names = {p.name for p in model.parameters}
     return {name: value for name, value in values.items() if name in names}
 
@@ -53,11 +41,11 @@ def known(model: LFTModel, **values: float) -> dict[str, float]:
 def test_series_is_the_product(side: str) -> None:
     """G K and K G, with parameters of both, at each place."""
     values = {"k": 51.0, "m": 2.5, "w": 2.7}
-    filter_ = low_pass("w", 0.6, [W])
+    filter_ = mbdlft.low_pass("w", 0.6, [W])
     G = response(CART, k=51.0, m=2.5)
     inner = response(filter_, w=2.7)[:, 0, 0]
     for k, name in enumerate(("force", "gust") if side == "inputs" else ("position", "load")):
-        model = series(CART, name, filter_)
+        model = mbdlft.series(CART, name, filter_)
         expected = G.copy()
         if side == "inputs":
             expected[:, :, k] *= inner[:, None]
@@ -72,7 +60,7 @@ def test_series_is_the_product(side: str) -> None:
 
 def test_a_shared_parameter_is_one() -> None:
     """k in the plant and in the filter; orders add up, and no more."""
-    model = series(CART, "force", low_pass("0.1*k", parameters=[K]))
+    model = mbdlft.series(CART, "force", mbdlft.low_pass("0.1*k", parameters=[K]))
     assert [p.name for p in model.parameters] == ["k", "m"]
     expected = response(CART, k=33.0, m=3.0)
     expected[:, :, 0] *= (3.3 / (S + 3.3))[:, None]
@@ -83,19 +71,21 @@ def test_a_shared_parameter_is_one() -> None:
 def test_a_state_space_of_another_tool() -> None:
     """Two inputs through one coupled block of python-control, and a static gain that adds two outputs."""
     block = control.ss([[-1.0, 2.0], [0.0, -3.0]], np.eye(2), [[1.0, 0.5], [0.0, 1.0]], np.diag([0, 2.0]))
-    model = series(CART, ("gust", "force"), block)
+    model = mbdlft.series(CART, ("gust", "force"), block)
     inner = control.frequency_response(block, OMEGA).complex.transpose(2, 0, 1)
     G = response(CART, k=45.0, m=3.0)
     target(response(model, k=45.0, m=3.0), (G[:, :, ::-1] @ inner)[:, :, ::-1], FREQUENCY_RESPONSE)
     assert len(model.states) == 4
     total = control.ss([], [], [], [[1.0, 0.1]], outputs=["sum"])
-    added = series(CART, ("position", "load"), total)
+    added = mbdlft.series(CART, ("position", "load"), total)
     assert [s.name for s in added.outputs] == ["sum"]
     target(response(added, k=45.0, m=3.0), G[:, :1] + 0.1 * G[:, 1:], FREQUENCY_RESPONSE)
 
 
 def test_two_blocks_in_one_channel() -> None:
-    model = series(series(CART, "force", low_pass(9.0)), "force", low_pass(5.0))
+    model = mbdlft.series(
+        mbdlft.series(CART, "force", mbdlft.low_pass(9.0)), "force", mbdlft.low_pass(5.0)
+    )
     assert [s.name for s in model.states][2:] == ["force.lag", "force.2.lag"]
     expected = response(CART)
     expected[:, :, 0] *= (45.0 / (S + 9.0) / (S + 5.0))[:, None]
@@ -104,7 +94,7 @@ def test_two_blocks_in_one_channel() -> None:
 
 def test_the_trim_of_a_scene_stays() -> None:
     arm = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
-    model = series(arm, "shoulder.torque", delay("T", 2, [T]))
+    model = mbdlft.series(arm, "shoulder.torque", mbdlft.delay("T", 2, [T]))
     values = {"theta1": 60.0, "T": 14.0}
     target(mbdlft.trim_at(model, values), mbdlft.trim_at(arm, known(arm, **values)), CLOSED_FORM)
     lower = dict(zip([p.name for p in model.parameters], model.certificate.lower_bound, strict=True))
@@ -112,17 +102,17 @@ def test_the_trim_of_a_scene_stays() -> None:
 
 
 def test_names_on_both_sides_are_told_apart() -> None:
-    static = realize([[2.0, 0.0], [0.0, 3.0]], inputs=["a", "b"], outputs=["a", "b"])
-    at_input = series(static, "a", low_pass(1.0), side="inputs")
-    at_output = series(static, "a", low_pass(1.0), side="outputs")
+    static = mbdlft.realize([[2.0, 0.0], [0.0, 3.0]], inputs=["a", "b"], outputs=["a", "b"])
+    at_input = mbdlft.series(static, "a", mbdlft.low_pass(1.0), side="inputs")
+    at_output = mbdlft.series(static, "a", mbdlft.low_pass(1.0), side="outputs")
     assert at_input.B_u[0, 0] == 1.0
     assert at_output.B_u[0, 0] == 2.0
 
 
 def test_low_pass() -> None:
     w = 2.0 * np.pi * 2.7
-    target(response(low_pass("w", parameters=[W]), w=2.7)[:, 0, 0], w / (S + w), CLOSED_FORM)
-    model = low_pass("w", 0.6, [W])
+    target(response(mbdlft.low_pass("w", parameters=[W]), w=2.7)[:, 0, 0], w / (S + w), CLOSED_FORM)
+    model = mbdlft.low_pass("w", 0.6, [W])
     expected = w**2 / (S**2 + 1.2 * w * S + w**2)
     target(response(model, w=2.7)[:, 0, 0], expected, CLOSED_FORM)
     assert model.certificate.minimal
@@ -133,8 +123,8 @@ def test_band_pass() -> None:
     """Equation (7.10), with the corner frequencies of the actuator of the mast: 0.1 and 1000 Hz."""
     a, b, xi = 0.2 * np.pi, 2000.0 * np.pi, 0.7
     expected = S**2 / (S**2 + 2 * xi * a * S + a**2) * b**2 / (S**2 + 2 * xi * b * S + b**2)
-    target(response(band_pass(a, b))[:, 0, 0], expected, CLOSED_FORM)
-    model = band_pass(a, "1000*w", "z", [W, Parameter("z", 0.7, percent=10)])
+    target(response(mbdlft.band_pass(a, b))[:, 0, 0], expected, CLOSED_FORM)
+    model = mbdlft.band_pass(a, "1000*w", "z", [W, mbdlft.Parameter("z", 0.7, percent=10)])
     b = 2000.0 * np.pi * 2.4
     xi = 0.66
     expected = S**2 / (S**2 + 2 * xi * a * S + a**2) * b**2 / (S**2 + 2 * xi * b * S + b**2)
@@ -154,7 +144,7 @@ def pade(order: int, x: complex) -> complex:
 
 @pytest.mark.parametrize("order", [1, 2, 3, 6, 11, 20])
 def test_delay(order: int) -> None:
-    model = delay("T", order, [T])
+    model = mbdlft.delay("T", order, [T])
     expected = [pade(order, s * 0.013) for s in S]
     found = response(model, T=13.0)[:, 0, 0]
     target(found, expected, CLOSED_FORM)
@@ -181,8 +171,8 @@ def test_margins_with_a_delay() -> None:
     )
     B = np.concatenate([np.zeros(3), inner[:, 0]])[:, None]
     C = 0.3686 * np.eye(6)[[0]] + 0.3686 * np.eye(6)[[3]]
-    plant = realize(np.block([[A, B], [C, np.zeros((1, 1))]]), states=6, inputs=["torque"])
-    loop = series(plant, "torque", delay(0.01, 2))
+    plant = mbdlft.realize(np.block([[A, B], [C, np.zeros((1, 1))]]), states=6, inputs=["torque"])
+    loop = mbdlft.series(plant, "torque", mbdlft.delay(0.01, 2))
     gain, phase, *_ = control.margin(loop.at())
     published(20.0 * np.log10(gain), "27.4")
     published(phase, "49.5")
@@ -190,12 +180,12 @@ def test_margins_with_a_delay() -> None:
 
 def test_imbalance() -> None:
     """Force of a mass on a circle, and its moment about the port: a product of vectors."""
-    speed = Parameter("n", 3000.0, percent=20, unit="1/min")
+    speed = mbdlft.Parameter("n", 3000.0, percent=20, unit="1/min")
     m, r, h = 2e-3, 0.01, 0.04
     w = 2.0 * np.pi * 2700.0 / 60.0
-    model = imbalance(m * r, m * r * h, "2*pi*n", [speed])
+    model = mbdlft.imbalance(m * r, m * r * h, "2*pi*n", [speed])
     for angle in (0.0, 0.7, 2.0):
-        found = matrices_at(model, {"n": 2700.0}).D @ [np.cos(angle), np.sin(angle)]
+        found = mbdlft.matrices_at(model, {"n": 2700.0}).D @ [np.cos(angle), np.sin(angle)]
         force = m * w**2 * r * np.array([np.cos(angle), np.sin(angle), 0.0])
         torque = np.cross([r * np.cos(angle), r * np.sin(angle), h], force)
         target(found, [*force[:2], *torque[:2]], CLOSED_FORM)

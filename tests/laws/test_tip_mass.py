@@ -10,16 +10,7 @@ import numpy as np
 import pytest
 
 from mbdlft.base.array import Array
-from mbdlft.lft.lft import (
-    LFT,
-    constant,
-    delta,
-    inverse,
-    stack_diagonal,
-    stack_rows,
-    transpose,
-    with_blocks,
-)
+from mbdlft.lft import lft
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction import reduce_order
 from tests.close import roundoff
@@ -40,73 +31,73 @@ def cross(v: Array) -> Array:
     return np.cross(v, np.eye(3)).T
 
 
-def rotation(k: int) -> LFT:
+def rotation(k: int) -> lft.LFT:
     """Cayley transform of the tangent t of half of angle k: 2 (I - t [e])^-1 - I, two repetitions."""
-    t = LEAST + SPAN * np.eye(1) @ delta(f"t{k}")
-    turned = constant(np.eye(3)) - cross(axis(k)) @ stack_diagonal(t, t, t)
-    return reduce_order(2.0 * np.eye(3) @ inverse(turned) - np.eye(3))
+    t = LEAST + SPAN * np.eye(1) @ lft.delta(f"t{k}")
+    turned = lft.constant(np.eye(3)) - cross(axis(k)) @ lft.stack_diagonal(t, t, t)
+    return reduce_order(2.0 * np.eye(3) @ lft.inverse(turned) - np.eye(3))
 
 
-def as_it_is(n: int) -> LFT:
+def as_it_is(n: int) -> lft.LFT:
     """Entry by entry: from the tip inward to the load."""
     R = [rotation(k) for k in range(n)]
     rows = []
     for a in range(n):
-        row = constant(np.zeros((1, n)))
+        row = lft.constant(np.zeros((1, n)))
         for b in range(n):
             inner, outer = min(a, b), max(a, b)
-            v = TIP[:, None] @ constant(np.eye(n)[[b]])
+            v = TIP[:, None] @ lft.constant(np.eye(n)[[b]])
             for k in reversed(range(n)):
                 v = R[k] @ v
                 v = cross(axis(k)) @ v if k == outer else v
                 v = -cross(axis(k)) @ v if k == inner else v
             row = reduce_order(row + LOAD[None] @ v)
         rows.append(row)
-    return reduce_order(stack_rows(*rows))
+    return reduce_order(lft.stack_rows(*rows))
 
 
-def by_products(n: int) -> LFT:
+def by_products(n: int) -> lft.LFT:
     """e_a . vec(g Theta c), Theta all that has turned, and a Green's matrix h_min f_max.
 
     f = e . c is a function of the angles outside of a joint, h = e . g of those inside; what joint 1 has
     of both is part of the first term.
     """
     R, e = [rotation(k) for k in range(n)], [axis(k)[:, None] for k in range(n)]
-    q = [constant(np.eye(n)[[k]]) for k in range(n)]
-    turned = constant(np.zeros((3, n)))
+    q = [lft.constant(np.eye(n)[[k]]) for k in range(n)]
+    turned = lft.constant(np.zeros((3, n)))
     for k in reversed(range(n)):
         outside = R[k] @ turned  # without joint k
         turned = reduce_order(outside + e[k] @ q[k])
     scalar = reduce_order(LOAD[None] @ outside)
     F = cross(LOAD) @ turned
     for k in range(n):
-        F = transpose(R[k]) @ F
+        F = lft.transpose(R[k]) @ F
     H = -cross(TIP) @ F - TIP[:, None] @ scalar
-    rows: list[LFT] = []
+    rows: list[lft.LFT] = []
     for k in reversed(range(n)):
         rows.insert(0, e[k].T @ H)
         H = R[k] @ H
-    f: dict[tuple[int, int], LFT] = {}
+    f: dict[tuple[int, int], lft.LFT] = {}
     for b in range(1, n):
         c = TIP[:, None] @ q[b]
         for a in reversed(range(b, n)):
             f[a, b] = reduce_order(e[a].T @ c)
             c = R[a] @ c
     for a in range(n - 1):
-        v = e[a] @ sum((f[b, b] for b in range(max(a, 1), n)), constant(np.zeros((1, n))))
+        v = e[a] @ sum((f[b, b] for b in range(max(a, 1), n)), lft.constant(np.zeros((1, n))))
         for b in reversed(range(a)):
             v = R[b] @ v
             v = reduce_order(v + e[b] @ f[a, b] if b else v)
         rows[a] = rows[a] + LOAD[None] @ v
     rows[-1] = rows[-1] + (e[-1].T @ TIP[:, None]) @ scalar
-    return reduce_order(stack_rows(*rows))
+    return reduce_order(lft.stack_rows(*rows))
 
 
 @pytest.mark.parametrize("n", [2, 3, 4, 5, 6])
 def test_products_are_the_minimum(n: int) -> None:
     direct, found = as_it_is(n), by_products(n)
     names = [f"t{k}" for k in range(n)]
-    direct, found = with_blocks(direct, names), with_blocks(found, names)
+    direct, found = lft.with_blocks(direct, names), lft.with_blocks(found, names)
     points = np.random.default_rng(0).uniform(-1.0, 1.0, (50, n))
     roundoff(evaluate_at(found, points), evaluate_at(direct, points), KAPPA)
     assert [block.size for block in found.blocks] == [2 * n] * n

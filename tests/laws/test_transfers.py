@@ -8,14 +8,7 @@ import pytest
 import mbdlft
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline.certification import measure_error
-from mbdlft.problem.references import (
-    QUIET,
-    frequencies_of,
-    implicit_transfers,
-    largest_of_rows,
-    rounded_transfers,
-    transfers,
-)
+from mbdlft.problem import references
 from mbdlft.problem.relations import Problem
 from tests.close import EPS, EVALUATION, roundoff
 from tests.reference.chain_of_beams import scene as beams
@@ -31,23 +24,23 @@ def test_of_a_mass_and_a_spring() -> None:
     matrices = np.array([[[0.0, 1, 0], [-k / m, -d / m, 1 / m], [1, 0, 0], [-k / m, -d / m, 1 / m]]])
     position = 1.0 / (k - m * w**2 + 1j * w * d)
     expected = np.stack([position, -(w**2) * position], axis=1)[None, :, :, None]
-    roundoff(transfers(matrices, 2, w), expected)
+    roundoff(references.transfers(matrices, 2, w), expected)
     # m v' + d v + k x - f, x' - v: solved for nothing
     slopes = np.array([[[1.0, 0, 0, -1, 0], [0, m, k, d, -1], [0, 0, 1, 0, 0], [0, 1, 0, 0, 0]]])
-    roundoff(implicit_transfers(slopes, (2, 3, 2), w), expected)
+    roundoff(references.implicit_transfers(slopes, (2, 3, 2), w), expected)
 
 
 def test_frequencies_are_around_the_poles_and_beside_them() -> None:
     A = np.array([[0.0, 1.0, 0.0], [-400.0, 0.0, 0.0], [0.0, 0.0, -0.5]])
-    found = frequencies_of(A[None])
+    found = references.frequencies_of(A[None])
     assert found[0] < 0.1
     assert found[-1] > 20.0
     poles = np.abs(np.linalg.eigvals(A))
     assert np.min(np.abs(found[:, None] / poles - 1.0)) > 0.009
     for nothing in (np.zeros((1, 0, 0)), np.zeros((3, 2, 2))):
-        assert np.all(frequencies_of(nothing) > 0.0)
+        assert np.all(references.frequencies_of(nothing) > 0.0)
     first = found[3] * 1.001
-    again = frequencies_of(np.array([A, np.diag([-0.5, -first, -20.0])]))
+    again = references.frequencies_of(np.array([A, np.diag([-0.5, -first, -20.0])]))
     assert np.min(np.abs(again / first - 1.0)) > 0.009
 
 
@@ -55,21 +48,24 @@ def test_what_errors_are_relative_to() -> None:
     truth = np.zeros((1, 2, 3, 2), dtype=complex)
     truth[0, :, 0] = [[1.0, 0.1], [1e-3, 1e-4]]  # within the quiet of its row
     truth[0, :, 1] = [[1.0, 1.0], [1e-9, 0.0]]  # below it
-    for row, size in ((0, 1e-3), (1, QUIET)):
+    for row, size in ((0, 1e-3), (1, references.QUIET)):
         found = truth.copy()
         found[0, 1, row, 1] += 1e-8
-        roundoff(largest_of_rows(found, truth), 1e-8 / size, kappa=1e8)
+        roundoff(references.largest_of_rows(found, truth), 1e-8 / size, kappa=1e8)
     found = truth.copy()
     found[0, :, 2] = 1.0  # a row of zeros has no size
-    assert largest_of_rows(found, truth) == 0.0
+    assert references.largest_of_rows(found, truth) == 0.0
 
 
 def test_references_agree(arm: Problem) -> None:
     at, states = arm.reference(), len(arm.states)
-    frequencies = frequencies_of(at.values[:1, :states, :states])
+    frequencies = references.frequencies_of(at.values[:1, :states, :states])
     digits = at.transfers_in_digits([0, 5], frequencies)
-    assert largest_of_rows(at.transfers([0, 5], frequencies), digits) < 100.0 * EVALUATION
-    assert largest_of_rows(transfers(at.values[[0, 5]], states, frequencies), digits) < 1e-12
+    assert references.largest_of_rows(at.transfers([0, 5], frequencies), digits) < 100.0 * EVALUATION
+    assert (
+        references.largest_of_rows(references.transfers(at.values[[0, 5]], states, frequencies), digits)
+        < 1e-12
+    )
 
 
 def test_references_of_a_matrix_agree() -> None:
@@ -132,11 +128,11 @@ def test_what_rounding_makes_of_transfers() -> None:
     a, w = 1e-3, np.array([1e-6, 1.0])
     matrices = np.array([[[-a, 1.0], [1.0, 0.0]]])
     rounding = np.array([[1e-12, 0.0], [0.0, 0.0]])
-    found = rounded_transfers(matrices, 1, w, rounding)[0, :, 0, 0]
+    found = references.rounded_transfers(matrices, 1, w, rounding)[0, :, 0, 0]
     expected = (1e-12 + EPS * np.abs(1j * w + a)) / np.abs(1j * w + a) ** 2
     roundoff(found, expected)
     moved = matrices - rounding
-    change = np.abs(transfers(moved, 1, w) - transfers(matrices, 1, w))[0, :, 0, 0]
+    change = np.abs(references.transfers(moved, 1, w) - references.transfers(matrices, 1, w))[0, :, 0, 0]
     assert np.all(change <= 1.001 * found)
 
 

@@ -8,19 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from mbdlft import (
-    AnalysisError,
-    Angle,
-    Bounds,
-    Parameter,
-    Parameters,
-    System,
-    realize,
-    robust_stability,
-    safe_region,
-    verify,
-    worst_case_gain,
-)
+import mbdlft
 from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.robust.balls import is_positive
 from mbdlft.robust.bisect.characteristic import Realization
@@ -35,25 +23,25 @@ from tests.laws.test_margins import random_loop_with_channels
 from tests.reference.robust_cases import discrete_pair, unit
 
 
-def oscillator(stiffness: str, damping: str = "1") -> System:
+def oscillator(stiffness: str, damping: str = "1") -> mbdlft.System:
     matrix = [["0", "1"], [f"-({stiffness})", f"-({damping})"]]
-    return realize(matrix, [unit("d")], states=2, inputs=[], outputs=[])
+    return mbdlft.realize(matrix, [unit("d")], states=2, inputs=[], outputs=[])
 
 
 @pytest.mark.long
 def test_faster_parameters_have_smaller_margins() -> None:
     """One delta of two states; x'x proves 1/4 for any motion of the discrete pair, and no P more."""
     pair = discrete_pair()
-    margins = [robust_stability(pair, rates=rate, gap=0.02) for rate in (np.inf, 0.1, 0.001)]
+    margins = [mbdlft.robust_stability(pair, rates=rate, gap=0.02) for rate in (np.inf, 0.1, 0.001)]
     lower = [found.lower for found in margins]
     assert lower == sorted(lower)
     assert 0.25 * 0.98 <= lower[0] <= 0.25
-    constant = robust_stability(pair, gap=0.02)
+    constant = mbdlft.robust_stability(pair, gap=0.02)
     assert 0.97 * constant.upper <= lower[-1] <= constant.upper
     for found in margins:
         assert found.lower <= found.upper <= constant.upper
         assert found.proved
-        assert verify(pair, found) == ""
+        assert mbdlft.verify(pair, found) == ""
 
 
 def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
@@ -63,11 +51,11 @@ def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
 
     Forms of degrees 4 and 8 prove more of it.
     """
-    higher = robust_stability(oscillator("3+d"), rates=np.inf, gap=0.1)
+    higher = mbdlft.robust_stability(oscillator("3+d"), rates=np.inf, gap=0.1)
     assert 1.2 * np.sqrt(2.75) <= higher.lower <= higher.upper
-    assert verify(oscillator("3+d"), higher) == ""
+    assert mbdlft.verify(oscillator("3+d"), higher) == ""
     monkeypatch.setattr(varying, "SHAPES", ())
-    found = robust_stability(oscillator("3+d"), rates=np.inf, gap=0.005)
+    found = mbdlft.robust_stability(oscillator("3+d"), rates=np.inf, gap=0.005)
     assert 0.99 * np.sqrt(2.75) <= found.lower <= np.sqrt(2.75)
 
 
@@ -80,16 +68,16 @@ def test_a_slow_stiffness_is_proved_where_a_quadratic_form_cannot(rate: float, l
     One that is quadratic in x proves 1 - rate/(4 c): 0.5 and nothing; motions fall below 0.71 and 0.41.
     """
     system = oscillator("1+d", "0.02")
-    found = robust_stability(system, rates=rate, gap=0.1, work=12.0)
+    found = mbdlft.robust_stability(system, rates=rate, gap=0.1, work=12.0)
     assert least <= found.lower <= found.upper <= 1.05 * (1.0 - rate / (0.04 * np.pi) + 0.9 * rate)
     assert isinstance(found.proof, MotionProof)
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     forged = [
         replace(found.proof, degree=d, order=o) for d, o in ((1, 0), (2, 0), (4, 1), (0, 2), (9, 0))
     ]
     forged += [replace(found.proof, order=-1), replace(found.proof, degree=10**9)]
     for proof in forged:
-        assert verify(system, replace(found, proof=proof))
+        assert mbdlft.verify(system, replace(found, proof=proof))
     model, rates = realization(system), {"d": rate}
     assert varying.checked(system, model, rates, found.lower, 0.0, found.proof) == ""
     assert varying.checked(system, model, rates, found.lower, 1e-6, found.proof)  # proves no gain
@@ -97,14 +85,16 @@ def test_a_slow_stiffness_is_proved_where_a_quadratic_form_cannot(rate: float, l
 
 def test_a_region_needs_a_quadratic_form() -> None:
     """Of one state, a form of degree 4 has the matrix of one of degree 2."""
-    system = realize([["-1+d/2", "1"], ["1", "0"]], [unit("d")], states=1, inputs=["u"], outputs=["y"])
-    found = robust_stability(system, rates=np.inf, gap=0.1)
+    system = mbdlft.realize(
+        [["-1+d/2", "1"], ["1", "0"]], [unit("d")], states=1, inputs=["u"], outputs=["y"]
+    )
+    found = mbdlft.robust_stability(system, rates=np.inf, gap=0.1)
     assert isinstance(found.proof, MotionProof)
-    assert safe_region(system, found, {"y": (-1.0, 1.0)})
+    assert mbdlft.safe_region(system, found, {"y": (-1.0, 1.0)})
     higher = replace(found, proof=replace(found.proof, degree=2, P=0.5 * found.proof.P))
-    assert verify(system, higher) == ""
-    with pytest.raises(AnalysisError, match="more than squares"):
-        safe_region(system, higher, {"y": (-1.0, 1.0)})
+    assert mbdlft.verify(system, higher) == ""
+    with pytest.raises(mbdlft.AnalysisError, match="more than squares"):
+        mbdlft.safe_region(system, higher, {"y": (-1.0, 1.0)})
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -172,7 +162,7 @@ def test_a_slow_stiffness_grows_a_mode_where_it_is_soft(rate: float) -> None:
     roundoff(max(steepest, rate), rate, kappa=1e3)
 
 
-def monodromy(system: System, times: np.ndarray, deltas: np.ndarray) -> float:
+def monodromy(system: mbdlft.System, times: np.ndarray, deltas: np.ndarray) -> float:
     """Largest |eigenvalue| after deltas (points, q) for times (points,), by the definition."""
     Phi = np.eye(len(system.A))
     for step in expm(state_matrices(system, deltas) * times[:, None, None]):
@@ -187,10 +177,10 @@ def test_nothing_grows_inside_a_proved_margin() -> None:
     names, random = system.parameters.names, np.random.default_rng(seed)
     speed = 0.5 * float(np.max(np.abs(np.linalg.eigvals(system.A))))
     rates = dict(zip(names, [np.inf, speed], strict=False))
-    found = robust_stability(system, rates=rates, largest=10.0, gap=0.05)
+    found = mbdlft.robust_stability(system, rates=rates, largest=10.0, gap=0.05)
     assert found.rates == rates
     assert 0.0 < found.lower <= min(found.upper, reached(system, 10, 10.0, seed))
-    assert verify(system, found) == ""
+    assert mbdlft.verify(system, found) == ""
     k, count = found.lower, 64
     turn = 2.0 * np.pi * np.arange(count) / count
     for _ in range(20):
@@ -208,7 +198,7 @@ def test_nothing_grows_inside_a_proved_margin() -> None:
 def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
     """Steps of k; steps of m, or lines, that are cut into short steps here."""
     loop, fine = random_loop_with_channels(), 20 if np.isfinite(rate_of_m) else 1
-    found = robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2, work=0.3)
+    found = mbdlft.robust_stability(loop, rates={"k": np.inf, "m": rate_of_m}, gap=0.2, work=0.3)
     assert found.motion is not None
     times, deltas = found.motion[:, 0], found.motion[:, 1:]
     roundoff(np.max(np.abs(deltas)), found.upper)
@@ -229,19 +219,19 @@ def test_a_motion_that_is_said_to_be_unstable_is(rate_of_m: float) -> None:
     motion = np.column_stack([times, 0.9 * deltas])  # a tenth smaller, it comes to rest
     smaller = {name: 0.9 * delta for name, delta in found.delta.items()}
     other = replace(found, motion=motion, upper=0.9 * found.upper, delta=smaller)
-    assert verify(loop, found) == ""
-    assert "comes to rest" in verify(loop, other)
+    assert mbdlft.verify(loop, found) == ""
+    assert "comes to rest" in mbdlft.verify(loop, other)
 
 
 def test_no_signal_is_amplified_by_more_than_the_gain() -> None:
     """The energy after switching parameters and random inputs, by exact steps."""
-    own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
+    own = [mbdlft.Parameter("k", 2.0, low=1.6, high=2.4), mbdlft.Parameter("m", 1.0, low=0.9, high=1.1)]
     matrix = [["0", "1", "0"], ["-k/m", "-1.4/m", "1/m"], ["1", "0", "0"]]
-    loop = realize(matrix, own, states=2, inputs=["f"], outputs=["x"])
+    loop = mbdlft.realize(matrix, own, states=2, inputs=["f"], outputs=["x"])
     rates = {"k": np.inf, "m": 0.1}
-    found = worst_case_gain(loop, rates=rates, gap=0.05)
-    assert worst_case_gain(loop).lower <= found.upper < np.inf
-    assert verify(loop, found) == ""
+    found = mbdlft.worst_case_gain(loop, rates=rates, gap=0.05)
+    assert mbdlft.worst_case_gain(loop).lower <= found.upper < np.inf
+    assert mbdlft.verify(loop, found) == ""
     random, h = np.random.default_rng(0), 0.05
     for _ in range(5):
         mass, x, spent, got = random.uniform(0.9, 1.1), np.zeros(2), 0.0, 0.0
@@ -254,22 +244,22 @@ def test_no_signal_is_amplified_by_more_than_the_gain() -> None:
             x = (steps[k] @ np.append(x, u))[:2]
             spent, got = spent + u * u * h, got + x[0] ** 2 * h
         assert got <= found.upper**2 * spent
-    still = worst_case_gain(loop, gap=0.01)
+    still = mbdlft.worst_case_gain(loop, gap=0.01)
     assert found.upper >= still.lower
 
 
 def test_a_gain_over_rates_that_make_it_unstable_is_infinite() -> None:
     loop = random_loop_with_channels()
-    found = worst_case_gain(loop, rates=np.inf)
+    found = mbdlft.worst_case_gain(loop, rates=np.inf)
     assert found.lower == found.upper == np.inf
     assert found.motion is not None
     assert "unstable at a motion" in found.reason
-    slower = worst_case_gain(loop, rates={"k": 1.0}, work=2.0)
+    slower = mbdlft.worst_case_gain(loop, rates={"k": 1.0}, work=2.0)
     assert not slower.proved
     assert "not proved" in slower.reason
 
 
-def damaged(found: Bounds) -> list[Bounds]:
+def damaged(found: mbdlft.Bounds) -> list[mbdlft.Bounds]:
     """Bounds that say more than they prove, or prove nothing."""
     proof = found.proof
     assert isinstance(proof, MotionProof)
@@ -297,15 +287,15 @@ def damaged(found: Bounds) -> list[Bounds]:
 
 def test_no_damaged_proof_is_accepted() -> None:
     pair = discrete_pair()
-    found = robust_stability(pair, rates=0.1, gap=0.1)
-    assert verify(pair, found) == ""
+    found = mbdlft.robust_stability(pair, rates=0.1, gap=0.1)
+    assert mbdlft.verify(pair, found) == ""
     for other in damaged(found):
-        assert verify(pair, other)
-    constant = robust_stability(pair, gap=0.1)
-    assert verify(pair, constant) == ""
-    assert "constant" in verify(pair, replace(constant, rates={"d": 0.1}))
+        assert mbdlft.verify(pair, other)
+    constant = mbdlft.robust_stability(pair, gap=0.1)
+    assert mbdlft.verify(pair, constant) == ""
+    assert "constant" in mbdlft.verify(pair, replace(constant, rates={"d": 0.1}))
     other = oscillator("3+d", "-1")  # the nominal is unstable: P at 0 is not positive
-    assert verify(other, replace(found, lower=1e-9))
+    assert mbdlft.verify(other, replace(found, lower=1e-9))
 
 
 def test_a_matrix_of_balls_is_positive_only_if_all_in_it_are() -> None:
@@ -334,8 +324,13 @@ def test_no_indefinite_matrix_is_positive_where_only_rounding_hides_it(n: int) -
 
 def test_bounds_of_rates_are_those_of_the_map() -> None:
     """By differences, of a bilinear map and of an angle."""
-    own = (Parameter("a", 1.0, low=0.5, high=4.0), Angle("t", 20.0, low=-60.0, high=80.0, unit="deg"))
-    system = realize([["-a", "t"], ["0", "-1"]], [own[0], unit("t")], states=2, inputs=[], outputs=[])
+    own = (
+        mbdlft.Parameter("a", 1.0, low=0.5, high=4.0),
+        mbdlft.Angle("t", 20.0, low=-60.0, high=80.0, unit="deg"),
+    )
+    system = mbdlft.realize(
+        [["-a", "t"], ["0", "-1"]], [own[0], unit("t")], states=2, inputs=[], outputs=[]
+    )
     named = replace_parameters(system, own)
     for k in (0.5, 1.0):
         found = delta_rates(named, ["a", "t"], {"a": 2.0, "t": 3.0}, k)
@@ -351,15 +346,15 @@ def test_bounds_of_rates_are_those_of_the_map() -> None:
                 target(np.max(inside), bound, BOUND)
 
 
-def replace_parameters(system: System, own: tuple[Parameter, ...]) -> System:
-    return System(system.name, system.lft, system.states, (), (), Parameters(own))
+def replace_parameters(system: mbdlft.System, own: tuple[mbdlft.Parameter, ...]) -> mbdlft.System:
+    return mbdlft.System(system.name, system.lft, system.states, (), (), mbdlft.Parameters(own))
 
 
 def test_what_grows_beyond_all_numbers_for_a_while_may_fall() -> None:
     """xdot = (10^4 d - 1) x + u grows over a period if the mean of d is above 10^-4, and only then."""
-    d = Parameter("d", 0.0, low=-1.0, high=1.0)
-    system = realize([["-1+10000*d", "1"], ["1", "0"]], [d], states=1, inputs=["u"], outputs=["y"])
-    found = worst_case_gain(system, rates=np.inf)
+    d = mbdlft.Parameter("d", 0.0, low=-1.0, high=1.0)
+    system = mbdlft.realize([["-1+10000*d", "1"], ["1", "0"]], [d], states=1, inputs=["u"], outputs=["y"])
+    found = mbdlft.worst_case_gain(system, rates=np.inf)
     assert np.isinf(found.lower)
     assert not found.proved
     model, none = realization(system), np.array([np.inf])

@@ -15,20 +15,7 @@ from benchmarks.cases import beams
 from benchmarks.cases import flexible as data
 from benchmarks.cases.superelement import superelement_matrix
 from mbdlft.problem.references import NEGLIGIBLE
-from tests.close import (
-    ARM_TABLE,
-    CHAIN,
-    CLOSED_FORM,
-    ELASTIC,
-    EPS,
-    LENGTH_TABLE,
-    MAST_TABLE,
-    SAME_MESH,
-    SPACECRAFT_TABLE,
-    STABLE,
-    exact,
-    target,
-)
+from tests import close
 from tests.laws import elastic as scenes
 
 PER_LENGTH = data.STRIP["density"] * data.STRIP["thickness"] * data.STRIP["width"]
@@ -38,7 +25,7 @@ OMEGA = np.array([3.0, 40.0, 500.0, 6000.0])  # rad/s, between the frequencies o
 
 def model(scene: mbdlft.Scene) -> mbdlft.LFTModel:
     found = mbdlft.to_lft(scene, search=0.0)
-    assert found.certificate.max_relative_error <= ELASTIC
+    assert found.certificate.max_relative_error <= close.ELASTIC
     return found
 
 
@@ -47,7 +34,7 @@ def test_spacecraft_has_the_modes_of_the_table(elements: int) -> None:
     """Each mode with the hub at rest three times, each one with the hub in motion once."""
     found = data.frequencies(model(data.spacecraft(elements)))[:12]
     table = np.array(data.SPACECRAFT[elements])
-    target(found / np.repeat(table, [3, 1, 3, 1, 3, 1]), np.ones(12), SPACECRAFT_TABLE)
+    close.target(found / np.repeat(table, [3, 1, 3, 1, 3, 1]), np.ones(12), close.SPACECRAFT_TABLE)
 
 
 def with_long(sizes: Iterable[int], most: int) -> list[Any]:
@@ -61,7 +48,7 @@ def test_one_appendage_has_them_too(elements: int) -> None:
     moving = data.frequencies(model(data.spacecraft(elements, 1)))[:3]
     resting = data.frequencies(model(data.clamped_appendage(elements)))[:3]
     found = np.array([resting, moving]).T.ravel()
-    target(found / data.SPACECRAFT[elements], np.ones(6), SPACECRAFT_TABLE)
+    close.target(found / data.SPACECRAFT[elements], np.ones(6), close.SPACECRAFT_TABLE)
 
 
 def test_imposed_coordinate_beside_stiff_elements() -> None:
@@ -69,13 +56,17 @@ def test_imposed_coordinate_beside_stiff_elements() -> None:
     found = model(data.clamped_appendage(50))
     row = [signal.name for signal in found.states].index("pin.rate")
     assert not found.A[row].any()
-    assert found.certificate.max_relative_error < STABLE
+    assert found.certificate.max_relative_error < close.STABLE
 
 
 @pytest.mark.parametrize("count", with_long(data.ASSUMED, 10))
 def test_assumed_modes_have_those_of_the_table(count: int) -> None:
     """The rival method of the source, so that the table compares right with right."""
-    target(np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count], np.ones(6), SPACECRAFT_TABLE)
+    close.target(
+        np.array(assumed_modes.frequencies(count)) / data.ASSUMED[count],
+        np.ones(6),
+        close.SPACECRAFT_TABLE,
+    )
 
 
 def test_entries_have_the_digits_of_their_terms() -> None:
@@ -90,21 +81,21 @@ def test_entries_have_the_digits_of_their_terms() -> None:
     found = model(scene).A[n:, :n]
     size = np.abs(expected)
     clear = size > NEGLIGIBLE * np.max(size, axis=1, keepdims=True)
-    assert np.min(size[clear]) < STABLE * np.max(size)
-    target(found[clear] / expected[clear], np.ones(int(clear.sum())), CLOSED_FORM)
+    assert np.min(size[clear]) < close.STABLE * np.max(size)
+    close.target(found[clear] / expected[clear], np.ones(int(clear.sum())), close.CLOSED_FORM)
 
 
 @pytest.mark.parametrize("angle", data.ARM)
 def test_arm_has_the_modes_of_the_table(angle: int) -> None:
     found = data.frequencies(model(data.arm(angle)))[:4]
-    target(found / data.ARM[angle], np.ones(4), ARM_TABLE)
+    close.target(found / data.ARM[angle], np.ones(4), close.ARM_TABLE)
 
 
 def test_length_of_a_beam() -> None:
     found = counted("length")
     for length, frequency in data.LENGTHS.items():
         hertz = data.frequencies(found, L=length)[0] / (2.0 * np.pi)
-        target(hertz / frequency, 1.0, LENGTH_TABLE)
+        close.target(hertz / frequency, 1.0, close.LENGTH_TABLE)
     assert found.order == data.REPETITIONS["length"]
 
 
@@ -125,14 +116,14 @@ def test_frozen_lft_is_the_mesh_at_this_length(
     responses = mbdlft.frequency_response(found, values, OMEGA)
     for k, length in enumerate(values["L"]):
         direct = mesh(float(length))
-        target(
+        close.target(
             data.frequencies(found, L=float(length)) / beams.clamped(direct),
             np.ones(len(direct.M) - 2),
-            SAME_MESH,
+            close.SAME_MESH,
         )
         for j, omega in enumerate(OMEGA):
             expected = beams.response(direct, float(omega))
-            target(responses[k, j] / expected, np.ones((3, 3)), SAME_MESH)
+            close.target(responses[k, j] / expected, np.ones((3, 3)), close.SAME_MESH)
 
 
 def test_proved_order_of_the_length() -> None:
@@ -170,7 +161,9 @@ def test_no_unstable_poles_in_the_whole_range(name: str) -> None:
     # a double pole at zero, of a rigid body, is split by rounding
     fast = np.abs(poles) > data.RIGID
     growth = np.where(fast, poles.real, 0.0)
-    target(growth / np.max(np.abs(poles), axis=1, keepdims=True), np.zeros(growth.shape), STABLE, 1.0)
+    close.target(
+        growth / np.max(np.abs(poles), axis=1, keepdims=True), np.zeros(growth.shape), close.STABLE, 1.0
+    )
 
 
 def test_two_beams_do_not_feel_where_they_meet() -> None:
@@ -179,10 +172,12 @@ def test_two_beams_do_not_feel_where_they_meet() -> None:
     fine = beams.clamped(beams.mesh([0.1] * 20, BENDING, PER_LENGTH))[:2]
     for length in (0.5, 0.8, 1.3, 1.5):
         direct = beams.joined([QUINTIC(length), QUINTIC(2.0 - length)])
-        target(
-            data.frequencies(found, L=length) / beams.clamped(direct), np.ones(len(direct.M) - 2), CHAIN
+        close.target(
+            data.frequencies(found, L=length) / beams.clamped(direct),
+            np.ones(len(direct.M) - 2),
+            close.CHAIN,
         )
-        target(data.frequencies(found, L=length)[:2] / fine, np.ones(2), LENGTH_TABLE)
+        close.target(data.frequencies(found, L=length)[:2] / fine, np.ones(2), close.LENGTH_TABLE)
 
 
 def squares(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -212,7 +207,7 @@ def test_chain_of_beams_is_one_mesh() -> None:
     kappa = np.where(is_slow, inverse_size + by_entries, by_size)
     mesh = beams.mesh([length * part / 7 for part in parts for _ in range(7)], BENDING, PER_LENGTH)
     away = (both / beams.clamped(mesh) - 1.0) / kappa
-    target(away, np.zeros(half), half * EPS, 1.0)
+    close.target(away, np.zeros(half), half * close.EPS, 1.0)
 
 
 def test_mast_has_the_published_properties() -> None:
@@ -223,11 +218,11 @@ def test_mast_has_the_published_properties() -> None:
     mass = C[sense["momentum.linear.y"], state["flight.velocity.y"]]
     inertia = C[sense["momentum.angular.z"], state["flight.rate"]]
     center = C[sense["center.y"], state["flight.angle"]]
-    target(C[sense["center.y"], state["flight.position.y"]], 1.0, STABLE)
+    close.target(C[sense["center.y"], state["flight.position.y"]], 1.0, close.STABLE)
     for value, name in ((mass, "mass"), (center, "center"), (inertia, "inertia")):
-        target(value / data.MAST_TOTAL[name], 1.0, MAST_TABLE)
-    target(data.frequencies(found)[:3] / data.MAST, np.ones(3), MAST_TABLE)
+        close.target(value / data.MAST_TOTAL[name], 1.0, close.MAST_TABLE)
+    close.target(data.frequencies(found)[:3] / data.MAST, np.ones(3), close.MAST_TABLE)
 
 
 def test_repeated_modes_are_counted_once() -> None:
-    exact(data.distinct(np.array([1.0, 1.0, 2.0])), np.array([1.0, 2.0]))
+    close.exact(data.distinct(np.array([1.0, 1.0, 2.0])), np.array([1.0, 2.0]))

@@ -13,20 +13,6 @@ import pytest
 from scipy.optimize import brentq
 
 import mbdlft
-from mbdlft import (
-    Beam,
-    Fixed,
-    Ground,
-    Inertia,
-    Loop,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Rotation,
-    Scene,
-    Universal,
-)
 from tests.close import BENCHMARK, CLOSED_FORM, SCENARIO, target
 from tests.laws import elastic as scenes
 from tests.reference.beams import CLAMPED, PINNED, frequencies
@@ -35,7 +21,7 @@ E, RHO = 200e9, 8000.0
 SHEAR = E / 2.6
 
 
-def lowest(scene: Scene, count: int) -> np.ndarray:
+def lowest(scene: mbdlft.Scene, count: int) -> np.ndarray:
     """The lowest frequencies (rad/s)."""
     return frequencies_of(mbdlft.to_lft(scene, search=0.0))[:count]
 
@@ -44,18 +30,20 @@ def frequencies_of(model: mbdlft.LFTModel) -> np.ndarray:
     return np.sort(np.abs(np.linalg.eigvals(model.A).imag))[::2]
 
 
-def held_beam(kind: str, **fields: object) -> Scene:
+def held_beam(kind: str, **fields: object) -> mbdlft.Scene:
     """A beam that is clamped at its origin and held by a loop of some kind at its tip."""
     given = {"deformations": ("axial", "bending_y"), "modulus": 1.0, "modes": 8}
     axis = {"axis": (0, 0, 1)} if kind == "revolute" else {}
     beam = {**given, **fields.pop("beam", {})}
     length = beam.get("length", 1.0)
-    return Scene(
+    return mbdlft.Scene(
         **{
             "name": "held",
-            "bodies": [scenes.beam(**beam), Ground(ports={"wall": (length, 0, 0)})],
-            "joints": [Fixed(name="root", parent="ground", child="beam")],
-            "loops": [Loop(name="hold", kind=kind, parent="ground.wall", child="beam.tip", **axis)],
+            "bodies": [scenes.beam(**beam), mbdlft.Ground(ports={"wall": (length, 0, 0)})],
+            "joints": [mbdlft.Fixed(name="root", parent="ground", child="beam")],
+            "loops": [
+                mbdlft.Loop(name="hold", kind=kind, parent="ground.wall", child="beam.tip", **axis)
+            ],
             "inputs": ["ground.acceleration.y"],
             "outputs": ["beam.bending_y.1.displacement"],
             **fields,
@@ -139,26 +127,26 @@ def test_a_truss_of_bars_on_pins() -> None:
     own = {"deformations": ("axial",), "modes": 2, "density": 1e-9, "area": 1.0, "modulus": 300.0}
     lengths = {name: 1.0 / np.cos(angle) for name, angle in bars.items()}
     hooks = {name: (0.0, float(np.tan(angle)), 0.0) for name, angle in bars.items()}
-    joints = [Fixed(name="hang", parent="ground.middle", child="middle", orientation=())]
-    joints += [Fixed(name="load", parent="middle.tip", child="bob")]
+    joints = [mbdlft.Fixed(name="hang", parent="ground.middle", child="middle", orientation=())]
+    joints += [mbdlft.Fixed(name="load", parent="middle.tip", child="bob")]
     joints += [
-        Revolute(
+        mbdlft.Revolute(
             name=name, parent="bob", child=name, axis=(0, 0, 1), preload=0.0,
-            orientation=(Rotation(axis=(0, 0, 1), angle=float(np.pi - bars[name])),),
+            orientation=(mbdlft.Rotation(axis=(0, 0, 1), angle=float(np.pi - bars[name])),),
         )
         for name in ("left", "right")
     ]  # fmt: skip
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="truss",
         gravity=(gravity, 0, 0),
         bodies=[
-            *(Beam(name=name, length=float(lengths[name]), **own) for name in bars),
-            RigidBody(name="bob", mass=2.0, inertia=Inertia(zz=1.0)),
-            Ground(ports={name: hooks[name] for name in bars}),
+            *(mbdlft.Beam(name=name, length=float(lengths[name]), **own) for name in bars),
+            mbdlft.RigidBody(name="bob", mass=2.0, inertia=mbdlft.Inertia(zz=1.0)),
+            mbdlft.Ground(ports={name: hooks[name] for name in bars}),
         ],
         joints=joints,
         loops=[
-            Loop(name=f"{name}_pin", kind="revolute", axis=(0, 0, 1), parent=f"ground.{name}",
+            mbdlft.Loop(name=f"{name}_pin", kind="revolute", axis=(0, 0, 1), parent=f"ground.{name}",
                  child=f"{name}.tip")
             for name in ("left", "right")
         ],
@@ -177,31 +165,33 @@ def test_a_truss_of_bars_on_pins() -> None:
 # NAFEMS -------------------------------------------------------------------------------------------
 
 
-def double_cross() -> Scene:
+def double_cross() -> mbdlft.Scene:
     """FV2: eight arms of 5 m with the section 0.125 m x 0.125 m, pinned at their ends, in their plane."""
     side, arm = 0.125, 5.0
     angles = [k * np.pi / 4.0 for k in range(8)]
     section = {"area": side**2, "I_z": side**4 / 12.0, "deformations": ("axial", "bending_y")}
     arms = [
-        Beam(name=f"arm{k}", length=arm, density=RHO, modulus=E, modes=6, **section) for k in range(8)
+        mbdlft.Beam(name=f"arm{k}", length=arm, density=RHO, modulus=E, modes=6, **section)
+        for k in range(8)
     ]
     ends = {
         f"end{k}": (arm + arm * float(np.cos(a)), arm * float(np.sin(a)), 0) for k, a in enumerate(angles)
     }
     others = [k for k in range(8) if k != 4]
-    turns = {k: (Rotation(axis=(0, 0, 1), angle=float(angles[k])),) for k in others}
-    joints = [Revolute(name="pin", parent="ground", child="arm4", axis=(0, 0, 1), preload=0.0)]
+    turns = {k: (mbdlft.Rotation(axis=(0, 0, 1), angle=float(angles[k])),) for k in others}
+    joints = [mbdlft.Revolute(name="pin", parent="ground", child="arm4", axis=(0, 0, 1), preload=0.0)]
     joints += [
-        Fixed(name=f"hub{k}", parent="arm4.tip", child=f"arm{k}", orientation=turns[k]) for k in others
+        mbdlft.Fixed(name=f"hub{k}", parent="arm4.tip", child=f"arm{k}", orientation=turns[k])
+        for k in others
     ]
     loops = [
-        Loop(name=f"pin{k}", kind="revolute", axis=(0, 0, 1), parent=f"ground.end{k}",
+        mbdlft.Loop(name=f"pin{k}", kind="revolute", axis=(0, 0, 1), parent=f"ground.end{k}",
              child=f"arm{k}.tip")
         for k in others
     ]  # fmt: skip
-    return Scene(
+    return mbdlft.Scene(
         name="FV2",
-        bodies=[*arms, Ground(ports=ends)],
+        bodies=[*arms, mbdlft.Ground(ports=ends)],
         joints=joints,
         loops=loops,
         inputs=["ground.acceleration.x"],
@@ -236,24 +226,29 @@ def test_nafems_fv2_pin_ended_double_cross() -> None:
 def test_nafems_fv4_cantilever_with_masses_beside_its_end() -> None:
     """A round bar of 10 m and 0.5 m, 10 t and 1 t at 2 m to both sides of its end; a tree."""
     area, second = np.pi * 0.25**2, np.pi * 0.5**4 / 64.0
-    beam = Beam(
+    beam = mbdlft.Beam(
         name="beam", length=10.0, density=RHO, area=area, modulus=E, shear_modulus=SHEAR, I_y=second,
         I_z=second, torsion_constant=2.0 * second, modes=8,
     )  # fmt: skip
-    cross = RigidBody(
+    cross = mbdlft.RigidBody(
         name="cross",
         mass=1e-9,
-        inertia=Inertia(xx=0, yy=0, zz=0),
+        inertia=mbdlft.Inertia(xx=0, yy=0, zz=0),
         ports={"a": (0, 2, 0), "b": (0, -2, 0)},
     )
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="FV4",
-        bodies=[beam, cross, PointMass(name="m1", mass=1e4), PointMass(name="m2", mass=1e3)],
+        bodies=[
+            beam,
+            cross,
+            mbdlft.PointMass(name="m1", mass=1e4),
+            mbdlft.PointMass(name="m2", mass=1e3),
+        ],
         joints=[
-            Fixed(name="root", parent="ground", child="beam"),
-            Fixed(name="end", parent="beam.tip", child="cross"),
-            Fixed(name="first", parent="cross.a", child="m1"),
-            Fixed(name="second", parent="cross.b", child="m2"),
+            mbdlft.Fixed(name="root", parent="ground", child="beam"),
+            mbdlft.Fixed(name="end", parent="beam.tip", child="cross"),
+            mbdlft.Fixed(name="first", parent="cross.a", child="m1"),
+            mbdlft.Fixed(name="second", parent="cross.b", child="m2"),
         ],
         inputs=["ground.acceleration.x", "ground.acceleration.z"],
         outputs=["beam.axial.1.displacement"],
@@ -267,20 +262,20 @@ def test_nafems_fv4_cantilever_with_masses_beside_its_end() -> None:
 def test_nafems_fv5_deep_simply_supported_beam() -> None:
     """10 m with the section 2 m x 2 m, on a ball joint and a slide; torsion with the polar moment."""
     second = 2.0**4 / 12.0
-    beam = Beam(
+    beam = mbdlft.Beam(
         name="beam", length=10.0, density=RHO, area=4.0, modulus=E, shear_modulus=SHEAR, I_y=second,
         I_z=second, torsion_constant=2.0 * second, shear_coefficient=0.85, elements=12,
     )  # fmt: skip
-    shoe = RigidBody(name="shoe", mass=1e-6, inertia=Inertia(xx=0, yy=0, zz=0))
-    pin = Universal(
+    shoe = mbdlft.RigidBody(name="shoe", mass=1e-6, inertia=mbdlft.Inertia(xx=0, yy=0, zz=0))
+    pin = mbdlft.Universal(
         name="pin", parent="ground", child="beam", axis1=(0, 1, 0), axis2=(0, 0, 1), preload=(0, 0)
     )
-    slide = Prismatic(name="slide", parent="ground.far", child="shoe", axis=(1, 0, 0), preload=0.0)
-    scene = Scene(
+    slide = mbdlft.Prismatic(name="slide", parent="ground.far", child="shoe", axis=(1, 0, 0), preload=0.0)
+    scene = mbdlft.Scene(
         name="FV5",
-        bodies=[beam, shoe, Ground(ports={"far": (10, 0, 0)})],
+        bodies=[beam, shoe, mbdlft.Ground(ports={"far": (10, 0, 0)})],
         joints=[pin, slide],
-        loops=[Loop(name="far", kind="spherical", parent="shoe", child="beam.tip")],
+        loops=[mbdlft.Loop(name="far", kind="spherical", parent="shoe", child="beam.tip")],
         inputs=["ground.acceleration.x"],
         outputs=["beam.axial.1.displacement"],
     )

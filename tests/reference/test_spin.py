@@ -4,26 +4,13 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Angle,
-    Free,
-    Inertia,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spin,
-    Universal,
-)
 from tests.close import CLOSED_FORM, target
 
-M = Parameter("m", 2.0, percent=50, unit="kg")
-LENGTH = Parameter("L", 0.8, low=0.5, high=1.2, unit="m")
-OFFSET = Parameter("e", 0.2, low=0.05, high=0.4, unit="m")
-RATE = Parameter("rate", 2.0, low=0.5, high=4.0, unit="rad/s")
-STIFFNESS = Parameter("k", 90.0, low=60.0, high=150.0, unit="N/m")
+M = mbdlft.Parameter("m", 2.0, percent=50, unit="kg")
+LENGTH = mbdlft.Parameter("L", 0.8, low=0.5, high=1.2, unit="m")
+OFFSET = mbdlft.Parameter("e", 0.2, low=0.05, high=0.4, unit="m")
+RATE = mbdlft.Parameter("rate", 2.0, low=0.5, high=4.0, unit="rad/s")
+STIFFNESS = mbdlft.Parameter("k", 90.0, low=60.0, high=150.0, unit="N/m")
 GRAVITY = 9.81
 INERTIA = {"xx": 0.02, "yy": 0.3, "zz": 0.31}
 
@@ -34,17 +21,19 @@ def values_of(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
     return {p.name: np.concatenate([inside[p.name], outer[p.name]]) for p in model.parameters}
 
 
-def boom(axis: tuple[float, ...]) -> Scene:
+def boom(axis: tuple[float, ...]) -> mbdlft.Scene:
     """A boom on a hinge at the distance e from the axis of the spin; about -y it flaps, z it lags."""
-    return Scene(
+    return mbdlft.Scene(
         name="boom",
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, LENGTH, OFFSET, RATE],
         bodies=[
             mbdlft.Ground(ports={"hinge": ("e", 0, 0)}),
-            RigidBody(name="boom", mass="m", center_of_mass=("L", 0, 0), inertia=Inertia(**INERTIA)),
+            mbdlft.RigidBody(
+                name="boom", mass="m", center_of_mass=("L", 0, 0), inertia=mbdlft.Inertia(**INERTIA)
+            ),
         ],
-        joints=[Revolute(name="j", parent="ground.hinge", child="boom", axis=axis, preload=0)],
+        joints=[mbdlft.Revolute(name="j", parent="ground.hinge", child="boom", axis=axis, preload=0)],
     )
 
 
@@ -72,13 +61,15 @@ def test_pendulum_held_at_an_angle_in_a_turning_frame() -> None:
 
     The pendulum is held by a torque at any angle th in the turning frame; gravity is along the axis.
     """
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="governor",
         gravity=(0, 0, -GRAVITY),
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
-        parameters=[M, LENGTH, RATE, Angle("th", 40.0, low=10.0, high=80.0)],
-        bodies=[PointMass(name="bob", mass="m", ports={"pivot": (0, 0, "L")})],
-        joints=[Revolute(name="j", parent="ground", child="bob.pivot", axis=(0, -1, 0), position="th")],
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
+        parameters=[M, LENGTH, RATE, mbdlft.Angle("th", 40.0, low=10.0, high=80.0)],
+        bodies=[mbdlft.PointMass(name="bob", mass="m", ports={"pivot": (0, 0, "L")})],
+        joints=[
+            mbdlft.Revolute(name="j", parent="ground", child="bob.pivot", axis=(0, -1, 0), position="th")
+        ],
     )
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)
@@ -93,14 +84,14 @@ def test_pendulum_held_at_an_angle_in_a_turning_frame() -> None:
 
 def test_pendulum_seen_from_a_turntable() -> None:
     """s^2 + 2 i W s + g/L - W^2 = 0 for x + i y: frequencies W0 - W and W0 + W."""
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="foucault",
         gravity=(0, 0, -GRAVITY),
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, LENGTH, RATE],
-        bodies=[PointMass(name="bob", mass="m", ports={"pivot": (0, 0, "L")})],
+        bodies=[mbdlft.PointMass(name="bob", mass="m", ports={"pivot": (0, 0, "L")})],
         joints=[
-            Universal(
+            mbdlft.Universal(
                 name="j",
                 parent="ground",
                 child="bob.pivot",
@@ -121,14 +112,14 @@ def test_pendulum_seen_from_a_turntable() -> None:
 
 def test_bead_in_a_turning_slot() -> None:
     """m (xdd - 2 W yd - W^2 x) + k x = 0, m (ydd + 2 W xd - W^2 y) + k y = 0."""
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="slot",
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
         parameters=[M, RATE, STIFFNESS],
-        bodies=[RigidBody(name="frame", mass=0), PointMass(name="bead", mass="m")],
+        bodies=[mbdlft.RigidBody(name="frame", mass=0), mbdlft.PointMass(name="bead", mass="m")],
         joints=[
-            Prismatic(name="x", parent="ground", child="frame", axis=(1, 0, 0), stiffness="k"),
-            Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), stiffness="k"),
+            mbdlft.Prismatic(name="x", parent="ground", child="frame", axis=(1, 0, 0), stiffness="k"),
+            mbdlft.Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), stiffness="k"),
         ],
     )
     model = mbdlft.to_lft(scene, search=0.0)
@@ -145,12 +136,12 @@ def test_nutation_of_a_free_top() -> None:
 
     Its center moves on a straight line, which in the turning frame has the double frequency W.
     """
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="top",
-        spin=Spin(axis=(0, 0, 1), rate="rate"),
-        parameters=[M, RATE, Parameter("Jz", 3.0, low=2.2, high=3.8, unit="kg m^2")],
-        bodies=[RigidBody(name="top", mass="m", inertia=Inertia(xx=2, yy=2, zz="Jz"))],
-        joints=[Free(name="j", parent="ground", child="top")],
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
+        parameters=[M, RATE, mbdlft.Parameter("Jz", 3.0, low=2.2, high=3.8, unit="kg m^2")],
+        bodies=[mbdlft.RigidBody(name="top", mass="m", inertia=mbdlft.Inertia(xx=2, yy=2, zz="Jz"))],
+        joints=[mbdlft.Free(name="j", parent="ground", child="top")],
     )
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)

@@ -6,26 +6,12 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Angle,
-    Force,
-    Ground,
-    Inertia,
-    Loop,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Spring,
-)
 from tests.close import CLOSED_FORM, published, target
 
 GRAVITY = 9.81
-M = Parameter("m", 2.0, percent=50, unit="kg")
-LENGTH = Parameter("L", 0.8, low=0.5, high=1.2, unit="m")
-K = Parameter("k", 90.0, low=60.0, high=150.0, unit="N/m")
+M = mbdlft.Parameter("m", 2.0, percent=50, unit="kg")
+LENGTH = mbdlft.Parameter("L", 0.8, low=0.5, high=1.2, unit="m")
+K = mbdlft.Parameter("k", 90.0, low=60.0, high=150.0, unit="N/m")
 
 
 def values_of(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
@@ -34,39 +20,41 @@ def values_of(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
     return {p.name: np.concatenate([inside[p.name], outer[p.name]]) for p in model.parameters}
 
 
-def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields) -> Revolute:
-    return Revolute(name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields)
+def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields) -> mbdlft.Revolute:
+    return mbdlft.Revolute(
+        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
+    )
 
 
 # springs and loads ---------------------------------------------------------------------------
 
 
-def string(length: float | str, parameters: Sequence[Parameter], **fields: object) -> Scene:
+def string(length: float | str, parameters: Sequence[mbdlft.Parameter], **fields: object) -> mbdlft.Scene:
     """A mass in the middle of a string of two springs, free along it and across it."""
     side = {"parent": "bead", "stiffness": "k", "damping": 3.0, **fields}
     opposite = f"-{length}" if isinstance(length, str) else -length
-    return Scene(
+    return mbdlft.Scene(
         name="string",
         parameters=[M, K, *parameters],
         bodies=[
-            Ground(ports={"left": (opposite, 0, 0), "right": (length, 0, 0)}),
-            RigidBody(name="frame", mass=0),
-            PointMass(name="bead", mass="m"),
+            mbdlft.Ground(ports={"left": (opposite, 0, 0), "right": (length, 0, 0)}),
+            mbdlft.RigidBody(name="frame", mass=0),
+            mbdlft.PointMass(name="bead", mass="m"),
         ],
         joints=[
-            Prismatic(name="x", parent="ground", child="frame", axis=(1, 0, 0), preload=0),
-            Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), preload=0),
+            mbdlft.Prismatic(name="x", parent="ground", child="frame", axis=(1, 0, 0), preload=0),
+            mbdlft.Prismatic(name="y", parent="frame", child="bead", axis=(0, 1, 0), preload=0),
         ],
         loads=[
-            Spring(name="a", child="ground.left", **side),
-            Spring(name="b", child="ground.right", **side),
+            mbdlft.Spring(name="a", child="ground.left", **side),
+            mbdlft.Spring(name="b", child="ground.right", **side),
         ],
     )
 
 
 def test_mass_on_a_tight_string() -> None:
     """A mass in the middle of a tight string: 2 T/a across it, 2 k along it."""
-    tension = Parameter("T", 20.0, percent=40, unit="N")
+    tension = mbdlft.Parameter("T", 20.0, percent=40, unit="N")
     scene = string("L", [LENGTH, tension], force_density="T/L")
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)
@@ -90,12 +78,12 @@ def test_mass_between_stretched_springs() -> None:
 @pytest.mark.parametrize(("frame", "sinking"), [("ground", 1.0), ("body", 0.0)])
 def test_column_on_a_spring_under_an_axial_load(frame: str, sinking: float) -> None:
     """m L^2 qdd + (c - P L) q = 0 for a dead load P; a load that follows the column does nothing."""
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="column",
-        parameters=[M, LENGTH, Parameter("P", 20.0, percent=90, unit="N")],
-        bodies=[PointMass(name="tip", mass="m", ports={"foot": (0, 0, "-L")})],
+        parameters=[M, LENGTH, mbdlft.Parameter("P", 20.0, percent=90, unit="N")],
+        bodies=[mbdlft.PointMass(name="tip", mass="m", ports={"foot": (0, 0, "-L")})],
         joints=[pin("foot", "ground", "tip.foot", stiffness=15.0, preload=0)],
-        loads=[Force(name="P", port="tip", direction=(0, 0, -1), frame=frame, magnitude="P")],
+        loads=[mbdlft.Force(name="P", port="tip", direction=(0, 0, -1), frame=frame, magnitude="P")],
     )
     model = mbdlft.to_lft(scene, search=0.0)
     v = values_of(model)
@@ -109,15 +97,18 @@ def ziegler(frame: str) -> mbdlft.LFTModel:
     """Two rods with masses 2 m and m at their ends, springs of 1 N m/rad, a load along the last rod."""
     rod = {"ports": {"foot": (0, 0, "-L")}}
     return mbdlft.to_lft(
-        Scene(
+        mbdlft.Scene(
             name="ziegler",
-            parameters=[M, LENGTH, Parameter("P", 2.0, low=0.5, high=3.0, unit="N")],
-            bodies=[PointMass(name="a", mass="2*m", **rod), PointMass(name="b", mass="m", **rod)],
+            parameters=[M, LENGTH, mbdlft.Parameter("P", 2.0, low=0.5, high=3.0, unit="N")],
+            bodies=[
+                mbdlft.PointMass(name="a", mass="2*m", **rod),
+                mbdlft.PointMass(name="b", mass="m", **rod),
+            ],
             joints=[
                 pin("ja", "ground", "a.foot", stiffness=1.0, preload=0),
                 pin("jb", "a", "b.foot", stiffness=1.0, preload=0),
             ],
-            loads=[Force(name="P", port="b", direction=(0, 0, -1), frame=frame, magnitude="P")],
+            loads=[mbdlft.Force(name="P", port="b", direction=(0, 0, -1), frame=frame, magnitude="P")],
         ),
         search=0.0,
     )
@@ -163,21 +154,21 @@ def test_parallelogram_is_a_pendulum() -> None:
     bar, so the loads of the closure add no stiffness.
     """
 
-    def bar(name: str, length: str, mass: float | str, center: str) -> RigidBody:
-        return RigidBody(
+    def bar(name: str, length: str, mass: float | str, center: str) -> mbdlft.RigidBody:
+        return mbdlft.RigidBody(
             name=name,
             mass=mass,
             center_of_mass=(0, center, 0),
-            inertia=Inertia(xx=0.1),
+            inertia=mbdlft.Inertia(xx=0.1),
             ports={"tip": (0, length, 0)},
         )
 
-    scene = Scene(
+    scene = mbdlft.Scene(
         name="parallelogram",
         gravity=(0, 0, -GRAVITY),
-        parameters=[M, LENGTH, Angle("th", 40.0, low=15.0, high=80.0)],
+        parameters=[M, LENGTH, mbdlft.Angle("th", 40.0, low=15.0, high=80.0)],
         bodies=[
-            Ground(ports={"right": (0, 1.5, 0)}),
+            mbdlft.Ground(ports={"right": (0, 1.5, 0)}),
             bar("left", "L", 1.0, "0.5*L"),
             bar("coupler", "1.5", "m", "0.6"),
             bar("right", "L", 0.7, "0.3*L"),
@@ -188,7 +179,9 @@ def test_parallelogram_is_a_pendulum() -> None:
             pin("jr", "ground.right", "right", "th", preload=0),
         ],
         loops=[
-            Loop(name="pin", kind="revolute", parent="coupler.tip", child="right.tip", axis=(1, 0, 0))
+            mbdlft.Loop(
+                name="pin", kind="revolute", parent="coupler.tip", child="right.tip", axis=(1, 0, 0)
+            )
         ],
         inputs=["jl.torque"],
         outputs=["jl.angle", "jc.angle", "jr.angle"],
@@ -211,19 +204,19 @@ def test_slider_crank_under_load() -> None:
 
     m y'^2 qdd + (k y'^2 - F y'') q = u,   y' = -2 L sin(th), y'' = -2 L cos(th),  u = -F y'.
     """
-    rod = {"mass": 0.0, "inertia": Inertia(xx=0.0), "ports": {"tip": (0, "L", 0)}}
-    scene = Scene(
+    rod = {"mass": 0.0, "inertia": mbdlft.Inertia(xx=0.0), "ports": {"tip": (0, "L", 0)}}
+    scene = mbdlft.Scene(
         name="slider",
-        parameters=[M, LENGTH, K, Parameter("F", 30.0, percent=60, unit="N")],
+        parameters=[M, LENGTH, K, mbdlft.Parameter("F", 30.0, percent=60, unit="N")],
         bodies=[
-            RigidBody(name="crank", **rod),
-            RigidBody(name="rod", **rod),
-            PointMass(name="slider", mass="m"),
+            mbdlft.RigidBody(name="crank", **rod),
+            mbdlft.RigidBody(name="rod", **rod),
+            mbdlft.PointMass(name="slider", mass="m"),
         ],
         joints=[
             pin("jc", "ground", "crank", "60*deg"),
             pin("jr", "crank.tip", "rod", "-120*deg", preload=0),
-            Prismatic(
+            mbdlft.Prismatic(
                 name="rail",
                 parent="ground",
                 child="slider",
@@ -233,7 +226,9 @@ def test_slider_crank_under_load() -> None:
                 preload="F",
             ),
         ],
-        loops=[Loop(name="pin", kind="revolute", parent="rod.tip", child="slider", axis=(1, 0, 0))],
+        loops=[
+            mbdlft.Loop(name="pin", kind="revolute", parent="rod.tip", child="slider", axis=(1, 0, 0))
+        ],
         inputs=["jc.torque"],
         outputs=["jc.angle", "rail.position"],
     )

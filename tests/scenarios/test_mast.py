@@ -9,20 +9,13 @@ import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft import synthesis
 from mbdlft.library import band_pass, low_pass
-from mbdlft.synthesis import (
-    acceleration_feedback,
-    gain_goal,
-    integral_force_feedback,
-    load_tuning,
-    tunable_gain,
-    tune_task,
-)
 from mbdlft.synthesis.description import TuningTask
 from tests.close import MAST_TABLE, target
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "tasks"
-TASK = load_tuning(FOLDER / "mast_observatory.toml")
+TASK = synthesis.load_tuning(FOLDER / "mast_observatory.toml")
 SCENE = (FOLDER / TASK.model).read_text(encoding="utf-8")
 MODEL = mbdlft.to_lft(mbdlft.scene_from_toml(SCENE), search=0.0, prove=0.0)
 BAND = 0.2 * np.pi, 2e3 * np.pi  # of amplifiers, rad/s
@@ -58,18 +51,18 @@ def strategy(name: str) -> TuningTask:
     for k, zero in enumerate((17.1, 10.7, 6.67), start=1):
         if name == "PD + IFF":
             rule = {"frequency": 17.58, "zero": zero, "damping": 0.01, "leak": 0.01}
-            laws.append(integral_force_feedback(f"law{k}", "y", "u", **rule))
+            laws.append(synthesis.integral_force_feedback(f"law{k}", "y", "u", **rule))
         elif name == "PD + AF":
             rule = {"mass": 100.0, "frequency": 17.58, "damping": 0.02}
-            laws.append(acceleration_feedback(f"law{k}", "y", "u", **rule))
+            laws.append(synthesis.acceleration_feedback(f"law{k}", "y", "u", **rule))
         elif name == "PD + IFFnc":
-            laws.append(tunable_gain(f"law{k}", "y", "u", scale=100.0))
+            laws.append(synthesis.tunable_gain(f"law{k}", "y", "u", scale=100.0))
         if len(laws) > k:
             measured = {"PD + IFF": f"load{k}.torque.z", "PD + AF": f"turn{k}.z"}
             wired += [[f"law{k}.y", measured.get(name, "velocity.y")], [f"piezo{k}.torque", f"law{k}.u"]]
     limits = {"hub": 1.0098 * PRINTED[name][0] / 250.0}
     goals = [replace(g, limit=limits.get(g.name, g.limit)) for g in TASK.goals if g.name != "effort"]
-    goals.append(gain_goal("pd.angle", "pd.torque", limit=20885.0, name="effort"))
+    goals.append(synthesis.gain_goal("pd.angle", "pd.torque", limit=20885.0, name="effort"))
     return replace(
         TASK, connections=wired, controllers=tuple(laws), blocks=(), goals=tuple(goals), initial={}
     )
@@ -132,7 +125,7 @@ def test_integral_force_feedback_with_a_roll_off_is_stable_in_every_case() -> No
 def test_strategies_reach_table_9_2(name: str) -> None:
     """Each from one start: the fourth from the values of the file, others from design rules."""
     task = strategy(name)
-    made = tune_task(task, MODEL, starts=1, prove=False)
+    made = synthesis.tune_task(task, MODEL, starts=1, prove=False)
     reached = replace(task, initial=made.values)
     payload = made.values["m_payload"]
     assert payload >= PRINTED[name][1] - 0.005  # two digits in print
