@@ -49,6 +49,11 @@ _DEATHS = 3  # processes that may die over one task before the work stops
 _LENGTH = struct.Struct("<Q")  # bytes of the message that follows
 
 
+def cores() -> int:
+    """Cores that this process may use; some systems do not tell which, and it is all of them."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 class Limits(NamedTuple):
     """What a call may use: seconds of the processor, bytes of memory, seconds of the clock.
 

@@ -1,6 +1,5 @@
 """A sweep: its shards computed by this process, by workers, or by a Dask cluster, and its report."""
 
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from mbdlft.archive.archive import check_file, check_name, locked
 from mbdlft.archive.sweep import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places, finish_sweep
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.base.worker import Pool
+from mbdlft.base.worker import Pool, cores
 from mbdlft.batch import staging
 from mbdlft.batch.native import fastest
 from mbdlft.batch.rows import Extra, Function, Source, asked_of, source_of
@@ -190,9 +189,7 @@ def _computed(
             staging.write_shard(folder, work, at, shard, rows)
             yield shard
         return
-    # some systems do not tell which cores this process may use
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
-    processes = workers or len(allowed) or os.cpu_count() or 1
+    processes = workers or cores()
     if min(processes, len(todo)) > 1:
         kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
         what = "sweep", "shard", kept

@@ -153,7 +153,8 @@ class Dae:
         residuals = [e.residual for e in (*self.equations, *self.initial)]
         every = [*residuals, *(y.expression for y in self.outputs)]
         known = {s.element_hash() for s in symbols_of(self)}
-        if all(x.is_scalar() for x in every) and _has_only(column_of(every), known):
+        used = {s.element_hash() for s in free_symbols(column_of(every))}
+        if all(x.is_scalar() for x in every) and used <= known:
             return
         for e in (*self.equations, *self.initial):
             _check_expression(self, f"equation {e.place}", e.residual, known)
@@ -208,10 +209,6 @@ def _check_variable(dae: Dae, v: Variable) -> None:
     for holds, message in checks:
         if not holds:
             raise SceneError(f"{dae.owner}, {v.name!r}: {message}.")
-
-
-def _has_only(expression: ca.SX, known: set[int]) -> bool:
-    return all(symbol.element_hash() in known for symbol in free_symbols(expression))
 
 
 def _check_expression(dae: Dae, what: str, expression: ca.SX, known: set[int]) -> None:

@@ -10,13 +10,13 @@ from typing import Any, Self, final
 import tomli_w
 from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
-from mbdlft.base.description import Description, Many, Name, Number, Prose, Quantity, Text
+from mbdlft.base.description import Description, Many, Name, Prose, Quantity, Text
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.scene import Constant, toml
-from mbdlft.multibody.scene.scene import check_constants, check_unique, check_value_names
+from mbdlft.multibody.scene.scene import Constants, check_unique, check_value_names
 
 
 @final
@@ -43,7 +43,7 @@ class MatrixProblem(Description):
 
     name: Name = "matrix"
     description: Prose = ""
-    constants: dict[Text, Number | InstanceOf[Constant]] = {}
+    constants: Constants = {}
     parameters: Many[InstanceOf[Parameter]] = ()
     expressions: dict[Text, Quantity] = {}
     matrix: Many[Many[Quantity]]
@@ -54,12 +54,6 @@ class MatrixProblem(Description):
     @classmethod
     def where(cls, fields: Mapping[str, Any]) -> str:
         return f"matrix {fields.get('name', 'matrix')!r}"
-
-    @field_validator("constants", mode="before")
-    @classmethod
-    def _constants_are_numbers(cls, constants: Any) -> Any:
-        check_constants(constants)
-        return constants
 
     @field_validator("expressions", mode="before")
     @classmethod

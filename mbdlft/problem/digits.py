@@ -44,7 +44,9 @@ class InDigits(NamedTuple):
     def matrices(self, points: Array) -> Array:
         """[A B ; C D] (N, ., .) at physical points (N, n_p), rounded at the end."""
         with precision(BITS):
-            return _rounded_all(self._balls(points))
+            matrices = self._balls(points)
+            values = np.array([[rounded(x) for x in matrix.ravel()] for matrix in matrices])
+        return values.reshape(len(matrices), *matrices[0].shape)
 
     def transfers(self, points: Array, frequencies: Array) -> NDArray[np.complex128]:
         """Transfer functions (N, F, n_y, n_u) at physical points (N, n_p), frequencies (F,) in rad/s."""
@@ -142,11 +144,6 @@ def transfers_of(matrices: Sequence[Balls], states: int, frequencies: Array) -> 
 def rounded(x: Any) -> float | complex:
     """A ball as a number; what may be zero is zero."""
     return 0.0 if x.contains(0) else complex(x) if isinstance(x, flint.acb) else float(x)
-
-
-def _rounded_all(matrices: Sequence[Balls]) -> Array:
-    values = np.array([[rounded(x) for x in matrix.ravel()] for matrix in matrices])
-    return values.reshape(len(matrices), *matrices[0].shape)
 
 
 def efforts_in_digits(

@@ -247,7 +247,8 @@ def _written(
     entries = _folded(slopes, tape, registers, held.efforts)[0]
     unknown, known = (signals.numel() for signals in split(e, inputs))
     top, bottom = entries[:unknown], entries[unknown:]
-    right: Sparse = [_shifted(row, unknown, unknown + known, tape) for row in top]
+    of_known = [_between(row, unknown, unknown + known) for row in top]
+    right: Sparse = [{j: tape.subtract(0.0, x) for j, x in row.items()} for row in of_known]
     solved = solve(tape, [_between(row, 0, unknown) for row in top], right, values[:, :unknown, :unknown])
     if solved is None:
         return None
@@ -329,11 +330,6 @@ def _folded(function: ca.Function, tape: Tape, *arguments: Sequence[Operand]) ->
 
 def _between(row: dict[int, Operand], start: int, stop: int) -> dict[int, Operand]:
     return {j - start: value for j, value in row.items() if start <= j < stop}
-
-
-def _shifted(row: dict[int, Operand], start: int, stop: int, tape: Tape) -> dict[int, Operand]:
-    """The right sides: minus the slopes by known signals."""
-    return {j: tape.subtract(0.0, value) for j, value in _between(row, start, stop).items()}
 
 
 def _sum(tape: Tape, a: dict[int, Operand], b: dict[int, Operand]) -> dict[int, Operand]:

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.worker import cores
 from mbdlft.lft.program.llvm import Code, code
 from mbdlft.lft.program.tape import Program
 
@@ -173,7 +174,7 @@ def run_natively(
 
     whole = count - count % lanes
     starts = range(0, whole, _SAMPLES)
-    workers = min(threads or _cores(), len(starts))
+    workers = min(threads or cores(), len(starts))
     if workers > 1:
         with ThreadPoolExecutor(workers) as pool:
             list(pool.map(fill, starts))
@@ -210,11 +211,6 @@ def aligned(count: int) -> Array:
     room = np.empty(count + _ALIGNED // 8)
     start = (-room.ctypes.data % _ALIGNED) // 8
     return room[start : start + count]
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _lanes() -> int:

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Self, final
 
-from pydantic import Field, InstanceOf, field_validator, model_validator
+from pydantic import BeforeValidator, Field, InstanceOf, field_validator, model_validator
 
 from mbdlft.base.description import Axis, Description, Many, Name, Number, Prose, Quantity, Text, Vector
 from mbdlft.base.display import heading, table
@@ -32,6 +32,25 @@ class Constant(Description):
 
     value: Number
     unit: Text = "1"
+
+
+def _checked(constants: Any) -> Any:
+    """The constants; a SceneError for the first that is not a finite number with a known unit."""
+    for name, value in constants.items() if isinstance(constants, Mapping) else ():
+        if not (isinstance(value, Constant) or is_finite(value)):
+            raise SceneError(
+                f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
+                f"a table with value and unit), got {value!r}."
+            )
+        if isinstance(value, Constant):
+            try:
+                parse_unit(value.unit)
+            except SceneError as error:
+                raise SceneError(f"constant {name!r}: {error}") from None
+    return constants
+
+
+Constants = Annotated[dict[Text, Number | InstanceOf[Constant]], BeforeValidator(_checked)]
 
 
 @final
@@ -115,7 +134,7 @@ class Scene(Description):
     acceleration: Vector = (0.0, 0.0, 0.0)
     velocity: Vector = (0.0, 0.0, 0.0)
     spin: Spin | None = None
-    constants: dict[Text, Number | InstanceOf[Constant]] = {}
+    constants: Constants = {}
     parameters: Many[InstanceOf[Parameter]] = ()
     bodies: Many[InstanceOf[Body]] = ()
     joints: Many[InstanceOf[Joint]] = ()
@@ -128,12 +147,6 @@ class Scene(Description):
     inputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     outputs: Annotated[Many[Name] | None, Field(min_length=1)] = None
     states: str = ALL
-
-    @field_validator("constants", mode="before")
-    @classmethod
-    def _constants_are_numbers(cls, constants: Any) -> Any:
-        check_constants(constants)
-        return constants
 
     @field_validator("states")
     @classmethod
@@ -209,21 +222,6 @@ class Scene(Description):
             else:
                 values[name] = constant
         return values
-
-
-def check_constants(constants: Any) -> None:
-    """Raise a SceneError for the first constant that is not a finite number with a known unit."""
-    for name, value in constants.items() if isinstance(constants, Mapping) else ():
-        if not (isinstance(value, Constant) or is_finite(value)):
-            raise SceneError(
-                f"constant {name!r}: expected a finite number, or a Constant with a unit (in TOML "
-                f"a table with value and unit), got {value!r}."
-            )
-        if isinstance(value, Constant):
-            try:
-                parse_unit(value.unit)
-            except SceneError as error:
-                raise SceneError(f"constant {name!r}: {error}") from None
 
 
 def check_value_names(what: str, names: Sequence[str]) -> None:

@@ -10,7 +10,6 @@ this machine, or a Dask cluster (`crew_of`), and gets results in the order of th
 does not, either.
 """
 
-import os
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from importlib import import_module
@@ -22,7 +21,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import after, budget, one_thread
-from mbdlft.base.worker import Pool
+from mbdlft.base.worker import Pool, cores
 from mbdlft.robust.bisect.boxes import Check, Crew, Outcome, Task, prove
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, polynomials
 from mbdlft.robust.bisect.lyapunov import Attempt, is_small, searched
@@ -87,9 +86,7 @@ def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
         return
     if workers is not None and (isinstance(workers, bool) or not workers >= 1):
         raise AnalysisError(f"{what}: expected at least 1 worker, got {workers}.")
-    # some systems do not tell which cores this process may use
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
-    count = workers or len(allowed) or os.cpu_count() or 1
+    count = workers or cores()
     pool: Pool | None = None
     with ExitStack() as stack:
 
