@@ -18,17 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-from mbdlft.exact.matrices import (
-    ExactMatrix,
-    Residues,
-    entrywise,
-    identity,
-    multiplied,
-    rough_values,
-    solved,
-    stacked,
-    zeros,
-)
+from mbdlft.exact import matrices
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
@@ -55,7 +45,7 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
         return None
     K = _krylov(opened, size, columns)
     rows = np.sort(
-        qr(rough_values(K.M[K.order :, K.order :]).T, mode="r", pivoting=True)[1][: len(columns)]
+        qr(matrices.rough_values(K.M[K.order :, K.order :]).T, mode="r", pivoting=True)[1][: len(columns)]
     )
     try:
         inner = _in_basis(opened, size, K, rows)
@@ -96,7 +86,7 @@ def _selected(a: ExactLFT, outputs: Sequence[int], inputs: Sequence[int]) -> Exa
     return ExactLFT(a.M[rows][:, columns], a.blocks)
 
 
-def _merged(M: ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) -> ExactLFT:
+def _merged(M: matrices.ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) -> ExactLFT:
     """An LFT whose channels are those of `blocks` and then of `others`, with the same deltas."""
     first, n = consecutive(b.size for b in blocks), sum(b.size for b in blocks)
     second = [slice(n + p.start, n + p.stop) for p in consecutive(b.size for b in others)]
@@ -114,9 +104,11 @@ def _after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
     taken = slice(f, f + G.M.shape[0] - g)
     others = slice(taken.stop, F.M.shape[1])
     through = F.M[:, taken] @ G.M[g:]
-    rows = stacked([[F.M[:, :f], through, F.M[:, others]]])
-    inner = stacked([[zeros(g, f, prime), G.M[:g], zeros(g, others.stop - others.start, prime)]])
-    return _merged(stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
+    rows = matrices.stacked([[F.M[:, :f], through, F.M[:, others]]])
+    inner = matrices.stacked(
+        [[matrices.zeros(g, f, prime), G.M[:g], matrices.zeros(g, others.stop - others.start, prime)]]
+    )
+    return _merged(matrices.stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
 
 
 def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
@@ -134,20 +126,21 @@ def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
         for c, power, column in current:
             if len(space.extend(column[None])):
                 chosen.append((c, power))
-                following.append((c, power + 1, multiplied(A, column[:, None], prime)[:, 0]))
+                following.append((c, power + 1, matrices.multiplied(A, column[:, None], prime)[:, 0]))
         current = following
     return chosen
 
 
-def _value(a: ExactLFT, seed: int) -> Residues:
+def _value(a: ExactLFT, seed: int) -> matrices.Residues:
     """The value at a random point, in residues."""
     n, prime, M = a.order, a.M.prime, a.M.residues
     at = np.random.default_rng(seed).integers(1, prime, len(a.blocks), dtype=np.int64)
     deltas = np.repeat(at, [block.size for block in a.blocks])
-    loop = (np.eye(n, dtype=np.int64) - entrywise(M[:n, :n], deltas[None], prime)) % prime
-    z = solved(loop, M[:n, n:], prime)
+    loop = (np.eye(n, dtype=np.int64) - matrices.entrywise(M[:n, :n], deltas[None], prime)) % prime
+    z = matrices.solved(loop, M[:n, n:], prime)
     return np.asarray(
-        (M[n:, n:] + multiplied(entrywise(M[n:, :n], deltas[None], prime), z, prime)) % prime
+        (M[n:, n:] + matrices.multiplied(matrices.entrywise(M[n:, :n], deltas[None], prime), z, prime))
+        % prime
     )
 
 
@@ -176,12 +169,12 @@ def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> Ex
     chosen = _selected(K, rows.tolist(), range(d))
     n, k = moved.order, chosen.order
     others = moved.M.shape[1] - n
-    M = stacked(
+    M = matrices.stacked(
         [
-            [moved.M[:n, :n], zeros(n, k + d, prime), moved.M[:n, n:]],
-            [zeros(k, n, prime), chosen.M[:k], zeros(k, others, prime)],
+            [moved.M[:n, :n], matrices.zeros(n, k + d, prime), moved.M[:n, n:]],
+            [matrices.zeros(k, n, prime), chosen.M[:k], matrices.zeros(k, others, prime)],
             [moved.M[n : n + d, :n], -chosen.M[k:], moved.M[n : n + d, n:]],
-            [moved.M[n + d :, :n], zeros(outputs, k + d, prime), moved.M[n + d :, n:]],
+            [moved.M[n + d :, :n], matrices.zeros(outputs, k + d, prime), moved.M[n + d :, n:]],
         ]
     )
     whole = _merged(M, moved.blocks, chosen.blocks)
@@ -196,7 +189,8 @@ def _settled(a: ExactLFT) -> ExactLFT:
     rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
     core = reduce_exactly(_selected(a, rows.tolist(), columns.tolist()))
     m, (high, wide) = core.order, D.shape
-    left, right = identity(high, prime)[:, rows], identity(wide, prime)[columns]
+    left, right = matrices.identity(high, prime)[:, rows], matrices.identity(wide, prime)[columns]
     return ExactLFT(
-        stacked([[core.M[:m, :m], core.M[:m, m:] @ right], [left @ core.M[m:, :m], D]]), core.blocks
+        matrices.stacked([[core.M[:m, :m], core.M[:m, m:] @ right], [left @ core.M[m:, :m], D]]),
+        core.blocks,
     )

@@ -16,29 +16,8 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import NOTHING, Peak, largest_peak, peak_at, slope_at, smallest_crossing
+from mbdlft.robust.bisect import search
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization
-from mbdlft.robust.bisect.search import (
-    GAP,
-    LARGEST,
-    UNSTABLE,
-    WORK,
-    Asked,
-    Progress,
-    Search,
-    Signals,
-    State,
-    attempted,
-    bounds_at,
-    check_numbers,
-    cost_of,
-    crew_of,
-    enlarged,
-    expanded,
-    is_dear,
-    last_of,
-    lowered,
-    too_large,
-)
 from mbdlft.robust.evidence import GAIN, PERFORMANCE, Bounds, one_over
 from mbdlft.robust.moving.varying import Rates, moving_gain, rates_of
 from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
@@ -64,11 +43,11 @@ def worst_case_gain(
     inputs: Any = slice(None),
     outputs: Any = slice(None),
     *,
-    gap: float = GAP,
-    work: float = WORK,
+    gap: float = search.GAP,
+    work: float = search.WORK,
     rates: Rates = None,
     leave_out: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: search.Progress | None = None,
     workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
@@ -103,16 +82,16 @@ def worst_case_gain(
         A signal is unknown.
     """
     what = "worst_case_gain"
-    check_numbers(what, gap=gap, work=work)
+    search.check_numbers(what, gap=gap, work=work)
     moving = rates_of(system, rates, what)
     chosen = _chosen(system, inputs, outputs, leave_out, what, work)
-    with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, chosen.left_out, crew=crew)
+    with one_thread(), search.crew_of(workers, client, what) as crew:
+        asked = search.Asked(system, gap, work, progress, chosen.left_out, crew=crew)
         if not moving and chosen.model is None:
             return _by_multipliers(asked, chosen, GAIN)
         model = chosen.model or realization(system, chosen.inputs, chosen.outputs, chosen.left_out)
         if not moving:
-            state = last_of(asked, State(NOTHING), _gains(asked, model))
+            state = search.last_of(asked, search.State(NOTHING), _gains(asked, model))
             return with_ball(_loop(asked, chosen, GAIN), _gain_bounds(asked, model, state, chosen.names))
         constant = _gain_bounds(asked, model, _reached(model), chosen.names)
         return moving_gain(asked, model, moving, constant)
@@ -123,11 +102,11 @@ def robust_performance(
     inputs: Any = slice(None),
     outputs: Any = slice(None),
     *,
-    gap: float = GAP,
-    work: float = WORK,
-    largest: float = LARGEST,
+    gap: float = search.GAP,
+    work: float = search.WORK,
+    largest: float = search.LARGEST,
     leave_out: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: search.Progress | None = None,
     workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
@@ -158,13 +137,13 @@ def robust_performance(
     """
     what = "robust_performance"
     check_constant(system, "robust_performance")
-    check_numbers(what, gap=gap, work=work, largest=largest)
+    search.check_numbers(what, gap=gap, work=work, largest=largest)
     chosen = _chosen(system, inputs, outputs, leave_out, what, work)
-    with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, chosen.left_out, largest, crew)
+    with one_thread(), search.crew_of(workers, client, what) as crew:
+        asked = search.Asked(system, gap, work, progress, chosen.left_out, largest, crew)
         if chosen.model is None:
             return _by_multipliers(asked, chosen, PERFORMANCE)
-        state = last_of(asked, State(NOTHING), _margins_of_performance(asked, chosen.model))
+        state = search.last_of(asked, search.State(NOTHING), _margins_of_performance(asked, chosen.model))
         reason = "" if state.is_closed(asked) else state.reason
         bounds = _with_peak(asked, chosen.model, state, PERFORMANCE, reason, chosen.names)
         return with_ball(_loop(asked, chosen, PERFORMANCE), bounds)
@@ -175,7 +154,7 @@ class _Chosen(NamedTuple):
 
     inputs: list[int]
     outputs: list[int]
-    names: Signals
+    names: search.Signals
     model: Realization | None
     left_out: tuple[str, ...]
 
@@ -196,12 +175,12 @@ def _chosen(
     gone = left_out(system, leave_out, i)
     stable_states(system, gone, what, i)
     model = realization(system, j, i, gone) if system.lft.is_plain else None
-    if model is not None and system.order and is_dear(model, work):
+    if model is not None and system.order and search.is_dear(model, work):
         model = None
     return _Chosen(j, i, signals, model, gone)
 
 
-def _loop(asked: Asked, chosen: _Chosen, kind: str) -> Loop:
+def _loop(asked: search.Asked, chosen: _Chosen, kind: str) -> Loop:
     """The loop of a system and of a block that joins inputs and outputs; for a gain it alone grows."""
     stay = states_that_stay(asked.system, asked.leave_out, chosen.outputs)
     loop = loop_of(asked.system, stay, (), chosen.inputs, chosen.outputs)
@@ -209,7 +188,7 @@ def _loop(asked: Asked, chosen: _Chosen, kind: str) -> Loop:
     return loop._replace(grows=grows)
 
 
-def _by_multipliers(asked: Asked, chosen: _Chosen, kind: str) -> Bounds:
+def _by_multipliers(asked: search.Asked, chosen: _Chosen, kind: str) -> Bounds:
     """Bounds of a gain, or of the margin of performance, of a system with blocks of all kinds."""
     loop, inner = _loop(asked, chosen, kind), None
     if kind == GAIN:
@@ -221,23 +200,23 @@ def _is_above(model: Realization, k: float, gain: float, delta: Array) -> bool:
     return peak_at(model, k * delta).gain * gain >= 1.0
 
 
-def _gains(asked: Asked, model: Realization) -> Search[Peak]:
+def _gains(asked: search.Asked, model: Realization) -> search.Search[Peak]:
     """Bounds of the largest gain; `lower` is that of the best peak."""
     state = _reached(model)
     if np.isinf(state.lower):
         return state
     yield state
-    reason = too_large(model)
+    reason = search.too_large(model)
     if reason:
         return state._replace(reason=reason)
-    state, polynomials = expanded(state, model, 1.0)
+    state, polynomials = search.expanded(state, model, 1.0)
     if polynomials is None:
         return state
 
-    def is_open(state: State[Peak]) -> bool:
+    def is_open(state: search.State[Peak]) -> bool:
         return state.upper * (1.0 - asked.gap) > max(state.lower, _ZERO) and np.isfinite(state.lower)
 
-    def level(state: State[Peak], steps: float) -> float:
+    def level(state: search.State[Peak], steps: float) -> float:
         """As near as asked for, then twice that; below a bound that is proved, parts of the way to it."""
         low = max(state.lower, _ZERO)
         nearest = low * (1.0 + 0.5 * asked.gap)
@@ -246,30 +225,36 @@ def _gains(asked: Asked, model: Realization) -> Search[Peak]:
         return max(nearest, float(low * (state.upper / low) ** (1.0 - 0.5 / np.sqrt(steps))))
 
     return (
-        yield from lowered(asked, state, is_open, level, partial(_bounded, asked, model, polynomials))
+        yield from search.lowered(
+            asked, state, is_open, level, partial(_bounded, asked, model, polynomials)
+        )
     )
 
 
-def _reached(model: Realization) -> State[Peak]:
+def _reached(model: Realization) -> search.State[Peak]:
     """The largest gain that a search finds."""
     crossing = smallest_crossing(model, 1.0)
     if np.isfinite(crossing.size):
         peak = Peak(np.inf, crossing.frequency, crossing.delta)
-        return State(peak, np.inf, reason=UNSTABLE)
+        return search.State(peak, np.inf, reason=search.UNSTABLE)
     peak = largest_peak(model, 1.0)
-    return State(peak, peak.gain)
+    return search.State(peak, peak.gain)
 
 
 def _bounded(
-    asked: Asked, model: Realization, polynomials: Polynomials, state: State[Peak], goal: float
-) -> State[Peak]:
+    asked: search.Asked,
+    model: Realization,
+    polynomials: Polynomials,
+    state: search.State[Peak],
+    goal: float,
+) -> search.State[Peak]:
     """The state after an attempt to prove that no gain is above a goal."""
     is_wrong, box = (
         partial(_is_above, model, 1.0, 1.0 / goal),
         (1.0, np.ones(len(model.sizes)), polynomials),
     )
     work = _SHARE * state.left(asked)
-    state, attempt = attempted(asked, state, model, box, is_wrong, work, one_over(goal))
+    state, attempt = search.attempted(asked, state, model, box, is_wrong, work, one_over(goal))
     if attempt.proof is not None:
         return state._replace(proof=attempt.proof, upper=goal)
     if attempt.counterexample is not None:
@@ -278,25 +263,34 @@ def _bounded(
     return state
 
 
-def _gain_bounds(asked: Asked, model: Realization, state: State[Peak], signals: Signals) -> Bounds:
+def _gain_bounds(
+    asked: search.Asked, model: Realization, state: search.State[Peak], signals: search.Signals
+) -> Bounds:
     is_open = not state.upper * (1.0 - asked.gap) <= state.lower or state.lower == 0.0
     reason = state.reason if is_open or np.isinf(state.lower) else ""
     return _with_peak(asked, model, state, GAIN, reason, signals)
 
 
 def _with_peak(
-    asked: Asked, model: Realization, state: State[Peak], kind: str, reason: str, signals: Signals
+    asked: search.Asked,
+    model: Realization,
+    state: search.State[Peak],
+    kind: str,
+    reason: str,
+    signals: search.Signals,
 ) -> Bounds:
     """The result with the best peak."""
     peak, slope = state.worst, np.zeros(0)
     if len(peak.delta) == len(model.names) and 0.0 < peak.gain < np.inf:
         slope = slope_at(model, peak)
-    return bounds_at(asked, state, kind, model, (peak.delta, peak.frequency), slope, reason, signals)
+    return search.bounds_at(
+        asked, state, kind, model, (peak.delta, peak.frequency), slope, reason, signals
+    )
 
 
-def _margins_of_performance(asked: Asked, model: Realization) -> Search[Peak]:
+def _margins_of_performance(asked: search.Asked, model: Realization) -> search.Search[Peak]:
     """Bounds of the largest k at which the gain on the box of size k is at most 1/k."""
-    state: State[Peak] = State(NOTHING)
+    state: search.State[Peak] = search.State(NOTHING)
     low, high = 0.0, min(smallest_crossing(model, asked.largest).size, asked.largest)
     for _ in range(_BISECTIONS):
         k = 0.5 * (low + high)
@@ -308,20 +302,20 @@ def _margins_of_performance(asked: Asked, model: Realization) -> Search[Peak]:
         if high - low <= 0.02 * asked.gap * high:
             break
     yield state
-    reason = too_large(model)
+    reason = search.too_large(model)
     if reason:
         return state._replace(reason=reason)
 
-    def tried(state: State[Peak], k: float) -> State[Peak]:
-        state, polynomials = expanded(state, model, k)
+    def tried(state: search.State[Peak], k: float) -> search.State[Peak]:
+        state, polynomials = search.expanded(state, model, k)
         if polynomials is None:
             return state
         is_wrong, box = partial(_is_above, model, k, k), (k, np.full(len(model.sizes), k), polynomials)
-        state, attempt = attempted(asked, state, model, box, is_wrong, state.share(asked), k)
+        state, attempt = search.attempted(asked, state, model, box, is_wrong, state.share(asked), k)
         if attempt.proof is not None:
             return state._replace(lower=k, proof=attempt.proof)
         if attempt.counterexample is not None:
             return state._replace(upper=k, worst=peak_at(model, k * attempt.counterexample))
         return state
 
-    return (yield from enlarged(asked, state, tried, cost_of(model)))
+    return (yield from search.enlarged(asked, state, tried, search.cost_of(model)))

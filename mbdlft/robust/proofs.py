@@ -32,34 +32,10 @@ from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
 from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.robust import evidence
 from mbdlft.robust.balls import balls, entries, joined
-from mbdlft.robust.bisect import lyapunov
+from mbdlft.robust.bisect import characteristic, lyapunov
 from mbdlft.robust.bisect.boxes import replayed
-from mbdlft.robust.bisect.characteristic import (
-    is_hurwitz,
-    is_root_near,
-    is_stable_at,
-    nearness,
-    polynomials,
-    straightened,
-    verdict_of,
-)
-from mbdlft.robust.evidence import (
-    DAMPING,
-    DISK,
-    GAIN,
-    PERFORMANCE,
-    REAL_PART,
-    SENTENCES,
-    STABILITY,
-    Bounds,
-    Claim,
-    IntervalProof,
-    LyapunovProof,
-    MotionProof,
-    Proof,
-    slope_of,
-)
 from mbdlft.robust.moving.motion import growth_of
 from mbdlft.robust.moving.varying import checked, delta_rates, rates_of
 from mbdlft.robust.mu.coverage import GAIN as GAIN_BLOCK
@@ -104,7 +80,7 @@ class _Matrices(NamedTuple):
         return list(A.charpoly().coeffs())
 
 
-def not_reached(system: System, bounds: Bounds) -> str:
+def not_reached(system: System, bounds: evidence.Bounds) -> str:
     """What is wrong with the worst case of bounds; empty if nothing is."""
     if bounds.motion is not None:
         return _not_moving(system, bounds)
@@ -139,7 +115,7 @@ def _matrices(system: System, stay: Sequence[int], inputs: list[int], outputs: l
     return _Matrices(system.D_zw, right, below, np.block([[A, E], [G, J]]), len(stay))
 
 
-def _delta_of(system: System, bounds: Bounds) -> Complex:
+def _delta_of(system: System, bounds: evidence.Bounds) -> Complex:
     """Delta (n_w, n_z); a ValueError says what is wrong with its parts, or with `worst`."""
     lft = system.lft
     delta = np.zeros(lft.M11.T.shape, dtype=complex)
@@ -153,13 +129,13 @@ def _delta_of(system: System, bounds: Bounds) -> Complex:
         if number.shape != shape or (block.kind == "real" and np.iscomplexobj(number)):
             raise ValueError(f"the delta of {name} is none of its block")
         size = float(np.linalg.norm(np.atleast_2d(number), 2))
-        grows = bounds.kind in (STABILITY, PERFORMANCE) and name not in bounds.fixed
+        grows = bounds.kind in (evidence.STABILITY, evidence.PERFORMANCE) and name not in bounds.fixed
         if not size <= (bounds.upper if grows else 1.0) * (1.0 + _ROUNDING):
             raise ValueError(f"the delta of {name} is outside of the box of its worst case")
         largest = max(largest, size) if grows else largest
         value = number if block.kind == "full" else number * np.eye(block.size)
         delta[lft.columns()[name], lft.slices()[name]] = value
-    if bounds.kind == STABILITY and not largest >= bounds.upper * (1.0 - _NEAR):
+    if bounds.kind == evidence.STABILITY and not largest >= bounds.upper * (1.0 - _NEAR):
         raise ValueError(f"the largest delta of its worst case is {largest:g}, and not {bounds.upper:g}")
     names = [name for name in bounds.delta if name in system.parameters.names]
     expected = physical(system, names, np.array([bounds.delta[n] for n in names])) if names else {}
@@ -172,10 +148,10 @@ def _delta_of(system: System, bounds: Bounds) -> Complex:
     return delta
 
 
-def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
+def _evaluated(matrices: _Matrices, delta: Complex, bounds: evidence.Bounds) -> bool:
     """Whether the model at the deltas does not reach what is said."""
     n, frequency, reached = matrices.states, bounds.frequency, bounds.reached
-    if bounds.kind == STABILITY:
+    if bounds.kind == evidence.STABILITY:
         return not (
             _is_singular(matrices, delta, frequency)
             if np.any(delta.imag)
@@ -184,25 +160,25 @@ def _evaluated(matrices: _Matrices, delta: Complex, bounds: Bounds) -> bool:
         )
     whole, _ = matrices.closed(delta)
     size = _size(matrices, whole)
-    if bounds.kind == REAL_PART:
+    if bounds.kind == evidence.REAL_PART:
         step = _NEAR * abs(reached) + _ROUNDING * size
         return _is_left(matrices, delta, reached - step) is not False or not _is_left(
             matrices, delta, reached + step
         )
-    if bounds.kind == DAMPING:
+    if bounds.kind == evidence.DAMPING:
         if reached >= 1.0:
             return False
         if reached <= 0.0:  # edges right of the axis say nothing of a pair
             return _is_left(matrices, delta, 0.0) is True
         low, high = reached - _NEAR, min(reached + _NEAR, 1.0 - 1e-12)
         return (
-            not (low <= 0.0 or _is_left(matrices, delta, 0.0, slope_of(low)))
-            or _is_left(matrices, delta, 0.0, slope_of(high)) is not False
+            not (low <= 0.0 or _is_left(matrices, delta, 0.0, evidence.slope_of(low)))
+            or _is_left(matrices, delta, 0.0, evidence.slope_of(high)) is not False
         )
-    gain = {GAIN: reached}.get(bounds.kind, 1.0 / reached if reached else np.inf)
-    if bounds.kind == PERFORMANCE and _is_left(matrices, delta * (1.0 + _NEAR), 0.0) is False:
+    gain = {evidence.GAIN: reached}.get(bounds.kind, 1.0 / reached if reached else np.inf)
+    if bounds.kind == evidence.PERFORMANCE and _is_left(matrices, delta * (1.0 + _NEAR), 0.0) is False:
         return False
-    return not _has_gain(whole, n, frequency, gain, exactly=bounds.kind in (GAIN, DISK))
+    return not _has_gain(whole, n, frequency, gain, exactly=bounds.kind in (evidence.GAIN, evidence.DISK))
 
 
 def _size(matrices: _Matrices, whole: Any) -> float:
@@ -217,8 +193,8 @@ def _is_at(matrices: _Matrices, delta: Complex, frequency: float) -> bool:
     if not np.isfinite(frequency):
         return True
     polynomial = matrices.polynomial(delta)
-    near = nearness(frequency, _size(matrices, matrices.closed(delta)[0]))
-    return polynomial is None or is_root_near(polynomial, 1j * frequency, near)
+    near = characteristic.nearness(frequency, _size(matrices, matrices.closed(delta)[0]))
+    return polynomial is None or characteristic.is_root_near(polynomial, 1j * frequency, near)
 
 
 def _is_left(matrices: _Matrices, delta: Complex, shift: float, slope: float = 0.0) -> bool | None:
@@ -228,7 +204,9 @@ def _is_left(matrices: _Matrices, delta: Complex, shift: float, slope: float = 0
     """
     if np.any(delta.imag):
         return None
-    return verdict_of(lambda: straightened(_real(matrices.polynomial(delta, shift)), slope))
+    return characteristic.verdict_of(
+        lambda: characteristic.straightened(_real(matrices.polynomial(delta, shift)), slope)
+    )
 
 
 def _real(coefficients: list[Any] | None) -> list[Any] | None:
@@ -268,7 +246,7 @@ def _norm(vector: Any) -> Any:
     return sum((abs(x) ** 2 for x in vector.entries()), flint.arb(0)).sqrt()
 
 
-def _not_moving(system: System, bounds: Bounds) -> str:
+def _not_moving(system: System, bounds: evidence.Bounds) -> str:
     """What is wrong with a motion that is said not to come to rest."""
     model = realization(system, leave_out=bounds.leave_out)
     motion = np.asarray(bounds.motion, dtype=float)
@@ -291,10 +269,10 @@ def _not_moving(system: System, bounds: Bounds) -> str:
     return "" if more(deltas * (1.0 + _NEAR)) >= 0.0 else "its motion comes to rest"
 
 
-_WITH_SIGNALS = (PERFORMANCE, GAIN, DISK)
+_WITH_SIGNALS = (evidence.PERFORMANCE, evidence.GAIN, evidence.DISK)
 
 
-def verify(system: System, bounds: Bounds) -> str:
+def verify(system: System, bounds: evidence.Bounds) -> str:
     """Check an analysis again: the proof of its claim, and that its worst case reaches its other bound.
 
     Parameters
@@ -315,7 +293,7 @@ def verify(system: System, bounds: Bounds) -> str:
         The states that do not count, or the signals of the gain, are not those of this system.
     """
     claim, proof = bounds.claim, bounds.proof
-    if claim.kind == DAMPING and claim.bound == -1.0 and proof is None:  # no damping is below -1
+    if claim.kind == evidence.DAMPING and claim.bound == -1.0 and proof is None:  # no damping is below -1
         return not_reached(system, bounds)
     if proof is None:
         return f"there is no proof{bounds.reason and ': '}{bounds.reason}"
@@ -324,64 +302,66 @@ def verify(system: System, bounds: Bounds) -> str:
     wrong = _malformed(system, claim, proof)
     if wrong:
         return wrong
-    disk = claim.kind == DISK
+    disk = claim.kind == evidence.DISK
     analyzed = disk_transfer(system, list(claim.inputs), list(claim.outputs)) if disk else system
     with one_thread():
         return _unproved(analyzed, claim, proof) or not_reached(analyzed, bounds)
 
 
-def _malformed(system: System, claim: Claim, proof: Proof) -> str:
+def _malformed(system: System, claim: evidence.Claim, proof: evidence.Proof) -> str:
     """What makes a claim none, or a proof one of another kind; empty if they fit."""
-    if claim.kind not in SENTENCES:
+    if claim.kind not in evidence.SENTENCES:
         return f"there is no proof of a {claim.kind}"
-    is_signed = claim.kind in (REAL_PART, DAMPING)
+    is_signed = claim.kind in (evidence.REAL_PART, evidence.DAMPING)
     if not (math.isfinite(claim.bound) and (is_signed or claim.bound > 0.0)):
         return f"its bound {claim.bound:g} says nothing"
-    if claim.kind == DAMPING and not -1.0 < claim.bound < 1.0:
+    if claim.kind == evidence.DAMPING and not -1.0 < claim.bound < 1.0:
         return f"no damping of all poles is at least {claim.bound:g}, or it says nothing"
     for names in (claim.inputs, claim.outputs):
         if bool(names) != (claim.kind in _WITH_SIGNALS) or len(set(names)) < len(names):
             return f"a {claim.kind} is not of the signals {', '.join(names) or '(none)'}"
-    if claim.fixed and claim.kind != STABILITY:
+    if claim.fixed and claim.kind != evidence.STABILITY:
         return f"a {claim.kind} has no blocks that are fixed"
     moving = bool(rates_of(system, claim.rates, "verify"))
-    if moving != isinstance(proof, MotionProof):
+    if moving != isinstance(proof, evidence.MotionProof):
         return f"the proof is for {'constant' if moving else 'moving'} parameters"
-    if moving and (claim.kind not in (STABILITY, GAIN) or claim.fixed):
+    if moving and (claim.kind not in (evidence.STABILITY, evidence.GAIN) or claim.fixed):
         return f"there is no proof of a {claim.kind} for parameters that move"
     return ""
 
 
-def _unproved(system: System, claim: Claim, proof: Proof) -> str:
+def _unproved(system: System, claim: evidence.Claim, proof: evidence.Proof) -> str:
     """What is not proved of a claim; empty if all is."""
     inputs = positions_of(list(claim.inputs), [s.name for s in system.inputs], "verify: inputs")
     outputs = positions_of(list(claim.outputs), [s.name for s in system.outputs], "verify: outputs")
-    if isinstance(proof, IntervalProof):
-        if claim.kind in (REAL_PART, DAMPING):
+    if isinstance(proof, evidence.IntervalProof):
+        if claim.kind in (evidence.REAL_PART, evidence.DAMPING):
             return f"multipliers prove nothing of a {claim.kind}"
         stay = states_that_stay(system, claim.leave_out, outputs)
-        if not (system.lft.is_complex or is_hurwitz(system.A[np.ix_(stay, stay)])):
+        if not (system.lft.is_complex or characteristic.is_hurwitz(system.A[np.ix_(stay, stay)])):
             return "the nominal model is not proved to be stable"
         loop = loop_of(system, stay, claim.fixed, inputs, outputs)
-        if claim.kind in (GAIN, DISK):
+        if claim.kind in (evidence.GAIN, evidence.DISK):
             loop = loop._replace(grows=np.array([b.name == GAIN_BLOCK for b in loop.blocks], dtype=bool))
-        return wrong_in(loop, claim.gain if claim.kind in (GAIN, DISK) else claim.size, proof)
+        return wrong_in(
+            loop, claim.gain if claim.kind in (evidence.GAIN, evidence.DISK) else claim.size, proof
+        )
     shift, slope = claim.edge
     model = realization(system, inputs, outputs, claim.leave_out)._replace(shift=shift, slope=slope)
-    if not is_stable_at(model, np.zeros(len(model.sizes))):
+    if not characteristic.is_stable_at(model, np.zeros(len(model.sizes))):
         return "the nominal model is not proved to be stable, or in the region of the poles"
-    if isinstance(proof, MotionProof):
-        gain = claim.bound if claim.kind == GAIN else 0.0
+    if isinstance(proof, evidence.MotionProof):
+        gain = claim.bound if claim.kind == evidence.GAIN else 0.0
         rates = rates_of(system, claim.rates, "verify")
         return checked(system, model, rates, claim.size, gain, proof)
     ends = np.array([1.0 if name in claim.fixed else claim.size for name in model.names])
     try:
-        if isinstance(proof, LyapunovProof):
+        if isinstance(proof, evidence.LyapunovProof):
             if slope:
                 return f"Lyapunov functions prove nothing of a {claim.kind}"
             proves = lyapunov.replayed(model, ends, proof, claim.gain)
         else:
-            proves = replayed(model, ends, polynomials(model, ends), proof.log, claim.gain)
+            proves = replayed(model, ends, characteristic.polynomials(model, ends), proof.log, claim.gain)
     except (WellPosednessError, AnalysisError) as error:
         return str(error)
     return "" if proves else f"the cuts do not prove that {claim}"

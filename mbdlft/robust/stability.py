@@ -22,35 +22,9 @@ from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.base.samples import check_points
 from mbdlft.response.modes import Spectrum, Stability, eigenvalues, pole_text, samples_at, spectrum
-from mbdlft.robust.ascent import (
-    NONE,
-    Crossing,
-    abscissa,
-    crossing_on_ray,
-    improved,
-    push_right,
-    smallest_beside,
-    smallest_crossing,
-)
+from mbdlft.robust import ascent
+from mbdlft.robust.bisect import search
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.search import (
-    GAP,
-    LARGEST,
-    WORK,
-    Asked,
-    Progress,
-    Search,
-    State,
-    attempted,
-    bounds_at,
-    check_numbers,
-    cost_of,
-    crew_of,
-    enlarged,
-    expanded,
-    is_dear,
-    last_of,
-)
 from mbdlft.robust.evidence import STABILITY, Bounds
 from mbdlft.robust.moving.varying import Rates, moving_margin, rates_of
 from mbdlft.robust.mu.coverage import check_fixed, loop_of
@@ -72,13 +46,13 @@ _PATH = 40  # points of a search for a pole on the axis
 def robust_stability(
     system: System,
     *,
-    gap: float = GAP,
-    work: float = WORK,
-    largest: float = LARGEST,
+    gap: float = search.GAP,
+    work: float = search.WORK,
+    largest: float = search.LARGEST,
     rates: Rates = None,
     fixed: Sequence[str] = (),
     leave_out: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: search.Progress | None = None,
     workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
@@ -128,7 +102,7 @@ def robust_stability(
         parameter; the model is too large; a rate is of no parameter, or no bound.
     """
     what = "robust_stability"
-    check_numbers(what, gap=gap, work=work, largest=largest)
+    search.check_numbers(what, gap=gap, work=work, largest=largest)
     moving = rates_of(system, rates, what)
     check_parameters(system, what)
     kept = check_fixed(system, fixed)
@@ -138,8 +112,8 @@ def robust_stability(
         raise AnalysisError(f"{what}: expected a block that is not fixed.")
     leave_out = left_out(system, leave_out)
     stay = stable_states(system, leave_out, what)
-    with one_thread(), crew_of(workers, client, what) as crew:
-        asked = Asked(system, gap, work, progress, leave_out, largest, crew)
+    with one_thread(), search.crew_of(workers, client, what) as crew:
+        asked = search.Asked(system, gap, work, progress, leave_out, largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
             constant = _margin(asked, model, _reached(asked, model))
@@ -147,67 +121,69 @@ def robust_stability(
         bounds = None
         if system.lft.is_plain:
             model = realization(system, leave_out=leave_out)
-            if not is_dear(model, work):
+            if not search.is_dear(model, work):
                 stays = np.array([name in kept for name in model.names], dtype=bool)
-                state = last_of(asked, State(NONE), _margins(asked, model, stays))
+                state = search.last_of(asked, search.State(ascent.NONE), _margins(asked, model, stays))
                 bounds = replace(_margin(asked, model, state), fixed=kept)
         bounds = bounds or by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
         return with_ball(loop_of(system, stay, kept), bounds)
 
 
-def _reached(asked: Asked, model: Realization) -> State[Crossing]:
+def _reached(asked: search.Asked, model: Realization) -> search.State[ascent.Crossing]:
     """The smallest deltas with a pole on the axis that searches find."""
-    crossing = smallest_crossing(model, asked.largest)
-    return State(crossing, upper=crossing.size)
+    crossing = ascent.smallest_crossing(model, asked.largest)
+    return search.State(crossing, upper=crossing.size)
 
 
-def _margins(asked: Asked, model: Realization, fixed: NDArray[np.bool_]) -> Search[Crossing]:
+def _margins(
+    asked: search.Asked, model: Realization, fixed: NDArray[np.bool_]
+) -> search.Search[ascent.Crossing]:
     """Bounds of the margin of a system with parameters only; `upper` is the size of the best crossing."""
     some = bool(np.any(fixed))
-    state = State(NONE) if some else _reached(asked, model)
+    state = search.State(ascent.NONE) if some else _reached(asked, model)
     if some:
-        crossing = smallest_beside(model, fixed, asked.largest, NONE)
-        state = State(crossing, upper=crossing.size)
+        crossing = ascent.smallest_beside(model, fixed, asked.largest, ascent.NONE)
+        state = search.State(crossing, upper=crossing.size)
     yield state
 
-    def tried(state: State[Crossing], k: float) -> State[Crossing]:
+    def tried(state: search.State[ascent.Crossing], k: float) -> search.State[ascent.Crossing]:
         ends = np.where(fixed, 1.0, k)
         state, point = _attempted(asked, model, state, k, ends)
         if point is None:
             return state
         if some:
-            crossing = crossing_on_ray(model, ends * point, asked.largest, fixed)
+            crossing = ascent.crossing_on_ray(model, ends * point, asked.largest, fixed)
             crossing = min(state.worst, crossing, key=lambda each: each.size)
-            crossing = smallest_beside(model, fixed, asked.largest, crossing, ends * point)
+            crossing = ascent.smallest_beside(model, fixed, asked.largest, crossing, ends * point)
         else:
-            crossing = improved(model, k * point, state.worst, asked.largest)
+            crossing = ascent.improved(model, k * point, state.worst, asked.largest)
         return state._replace(worst=crossing, upper=crossing.size)
 
-    return (yield from enlarged(asked, state, tried, cost_of(model)))
+    return (yield from search.enlarged(asked, state, tried, search.cost_of(model)))
 
 
 def _attempted(
-    asked: Asked, model: Realization, state: State[Crossing], k: float, ends: Array
-) -> tuple[State[Crossing], Array | None]:
+    asked: search.Asked, model: Realization, state: search.State[ascent.Crossing], k: float, ends: Array
+) -> tuple[search.State[ascent.Crossing], Array | None]:
     """The state after attempts to prove the box of size k; and without a proof, where a search begins."""
-    state, polynomials = expanded(state, model, k, ends)
+    state, polynomials = search.expanded(state, model, k, ends)
     if polynomials is None:
         return state, None
     is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
-    state, attempt = attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
+    state, attempt = search.attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
     if attempt.proof is not None:
         return state._replace(lower=k, proof=attempt.proof), None
     return state, attempt.center if attempt.counterexample is None else attempt.counterexample
 
 
-def _margin(asked: Asked, model: Realization, state: State[Crossing]) -> Bounds:
+def _margin(asked: search.Asked, model: Realization, state: search.State[ascent.Crossing]) -> Bounds:
     is_open, crossing = state.lower < state.upper * (1.0 - asked.gap), state.worst
     worst, reason = (crossing.delta, crossing.frequency), state.reason if is_open else ""
-    return bounds_at(asked, state, STABILITY, model, worst, crossing.slope, reason)
+    return search.bounds_at(asked, state, STABILITY, model, worst, crossing.slope, reason)
 
 
 def _is_unstable(model: Realization, ends: Array, delta: Array) -> bool:
-    return abscissa(model, ends * delta) >= 0.0
+    return ascent.abscissa(model, ends * delta) >= 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,7 +311,7 @@ def _searched(
     points_left, used = int(min(_MOST, max(20.0, _WORK / (30.0 * n**3 + 1.0)))), 0
     model = realization(system, others_are_zero=True, balanced=True)
     place = [names.index(name) for name in model.names]
-    crossing = smallest_crossing(model, 1.0, points_left // _PATH)
+    crossing = ascent.smallest_crossing(model, 1.0, points_left // _PATH)
     if np.isfinite(crossing.frequency):
         on_axis = np.zeros(len(names))
         on_axis[place] = crossing.delta
@@ -345,7 +321,7 @@ def _searched(
             break
         try:
             reached = delta.copy()
-            reached[place], _, count = push_right(model, delta[place], pole, points_left)
+            reached[place], _, count = ascent.push_right(model, delta[place], pole, points_left)
             values = _physical(system, reached)
             named = dict(zip(names, values, strict=True))
             seen = spectrum(samples_at(system, named).A[0])

@@ -20,35 +20,9 @@ from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import spectrum
 from mbdlft.response.norms import gramians
-from mbdlft.robust.ascent import (
-    RIGHT,
-    UNDAMPED,
-    Aim,
-    at_delta,
-    climb,
-    moving_at,
-    push_right,
-    smallest_crossing,
-)
+from mbdlft.robust import ascent
+from mbdlft.robust.bisect import search
 from mbdlft.robust.bisect.characteristic import Realization, is_stable_at
-from mbdlft.robust.bisect.search import (
-    GAP,
-    UNSTABLE,
-    WORK,
-    Asked,
-    Progress,
-    Search,
-    State,
-    attempted,
-    bounds_at,
-    check_numbers,
-    cost_of,
-    crew_of,
-    expanded,
-    last_of,
-    lowered,
-    too_large,
-)
 from mbdlft.robust.evidence import DAMPING, DISK, REAL_PART, Bounds, slope_of
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import (
@@ -83,19 +57,19 @@ class _Pole(NamedTuple):
     delta: Array
 
 
-def _aim(kind: str) -> Aim:
-    return UNDAMPED if kind == DAMPING else RIGHT
+def _aim(kind: str) -> ascent.Aim:
+    return ascent.UNDAMPED if kind == DAMPING else ascent.RIGHT
 
 
 def _is_beyond(model: Realization, kind: str, goal: float, delta: Array) -> bool:
-    return bool(np.max(_aim(kind).value(moving_at(model, delta)[0].poles)) >= goal)
+    return bool(np.max(_aim(kind).value(ascent.moving_at(model, delta)[0].poles)) >= goal)
 
 
 def _looked(
-    model: Realization, aim: Aim, state: State[_Pole], delta: Array
-) -> tuple[State[_Pole], complex]:
+    model: Realization, aim: ascent.Aim, state: search.State[_Pole], delta: Array
+) -> tuple[search.State[_Pole], complex]:
     """The state with the worst pole at deltas, if none was worse; and this pole."""
-    poles = moving_at(model, delta)[0].poles
+    poles = ascent.moving_at(model, delta)[0].poles
     values = aim.value(poles)
     k = int(np.argmax(values))
     pole = complex(poles[k])
@@ -105,17 +79,19 @@ def _looked(
 
 
 def _pushed(
-    model: Realization, aim: Aim, state: State[_Pole], delta: Array, pole: complex
-) -> State[_Pole]:
+    model: Realization, aim: ascent.Aim, state: search.State[_Pole], delta: Array, pole: complex
+) -> search.State[_Pole]:
     """The state after a search that pushes a pole from deltas."""
-    return _looked(model, aim, state, push_right(model, delta, pole, _MOST, aim)[0])[0]
+    return _looked(model, aim, state, ascent.push_right(model, delta, pole, _MOST, aim)[0])[0]
 
 
-def _reached(model: Realization, aim: Aim) -> State[_Pole]:
+def _reached(model: Realization, aim: ascent.Aim) -> search.State[_Pole]:
     """Modes pushed from the nominal point, and the worst poles of corners."""
     q = len(model.sizes)
-    state, _ = _looked(model, aim, State(_Pole(complex(np.nan), np.zeros(q)), -np.inf), np.zeros(q))
-    poles = moving_at(model, np.zeros(q))[0].poles
+    state, _ = _looked(
+        model, aim, search.State(_Pole(complex(np.nan), np.zeros(q)), -np.inf), np.zeros(q)
+    )
+    poles = ascent.moving_at(model, np.zeros(q))[0].poles
     kept = poles[poles.imag >= 0.0]
     order = np.argsort(-aim.value(kept), kind="stable")[:_MODES]
     starts = [(np.zeros(q), complex(kept[k])) for k in order]
@@ -130,49 +106,49 @@ def _reached(model: Realization, aim: Aim) -> State[_Pole]:
     return state
 
 
-def _edges(asked: Asked, model: Realization, kind: str) -> Search[_Pole]:
+def _edges(asked: search.Asked, model: Realization, kind: str) -> search.Search[_Pole]:
     """Bounds of the aim: its value at the worst pole so far, and the edge that is proved."""
     aim = _aim(kind)
     state = _reached(model, aim)
     yield state
-    size = float(np.max(np.abs(eigenvalues_of(model.A)))) if aim is RIGHT else 1.0
+    size = float(np.max(np.abs(eigenvalues_of(model.A)))) if aim is ascent.RIGHT else 1.0
     step = 0.5 * asked.gap * max(abs(state.lower), _NOTHING * size)
-    reason = too_large(model)
+    reason = search.too_large(model)
     state = state._replace(reason=reason, ended=bool(reason))
 
-    def is_open(state: State[_Pole]) -> bool:
+    def is_open(state: search.State[_Pole]) -> bool:
         return state.upper - state.lower > 2.0 * step * (1.0 + 1e-9)
 
-    def level(state: State[_Pole], steps: float) -> float:
+    def level(state: search.State[_Pole], steps: float) -> float:
         return state.lower + steps * step
 
     tried = partial(_behind, asked, model, kind)
-    state = yield from lowered(asked, state, is_open, level, tried, cost_of(model))
+    state = yield from search.lowered(asked, state, is_open, level, tried, search.cost_of(model))
     return state if is_open(state) else state._replace(reason="")
 
 
 def _behind(
-    asked: Asked, model: Realization, kind: str, state: State[_Pole], goal: float
-) -> State[_Pole]:
+    asked: search.Asked, model: Realization, kind: str, state: search.State[_Pole], goal: float
+) -> search.State[_Pole]:
     """The state after an attempt to prove that no pole is beyond an edge."""
     aim = _aim(kind)
-    if aim is UNDAMPED and not -1.0 < goal < 0.0:
+    if aim is ascent.UNDAMPED and not -1.0 < goal < 0.0:
         why = (
             "a damping of 0 or less is not proved: a pole comes to the axis or beyond, or too near to "
             "tell; robust_stability says in how much of the ranges none does; no damping is below -1, "
             "that of an unstable real pole"
         )
         return state._replace(reason=why, ended=True)
-    shift, slope = (goal, 0.0) if aim is RIGHT else (0.0, slope_of(-goal))
+    shift, slope = (goal, 0.0) if aim is ascent.RIGHT else (0.0, slope_of(-goal))
     region = model._replace(shift=shift, slope=slope)
     if not is_stable_at(region, np.zeros(len(model.sizes))):
         why = "the nominal poles are not proved to be left of the edge"
         return state._replace(reason=why, ended=True)
-    state, polynomials = expanded(state, region, 1.0)
+    state, polynomials = search.expanded(state, region, 1.0)
     if polynomials is None:
         return state._replace(ended=True)
     is_wrong, box = partial(_is_beyond, model, kind, goal), (1.0, np.ones(len(model.sizes)), polynomials)
-    state, attempt = attempted(asked, state, region, box, is_wrong, _SHARE * state.left(asked))
+    state, attempt = search.attempted(asked, state, region, box, is_wrong, _SHARE * state.left(asked))
     if attempt.proof is not None:
         return state._replace(proof=attempt.proof, upper=goal)
     if attempt.counterexample is not None:
@@ -181,12 +157,12 @@ def _behind(
     return state
 
 
-def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
+def worst_poles(asked: search.Asked, model: Realization, kind: str) -> Bounds:
     """Bounds of the largest real part, or of the smallest damping."""
     if not len(model.A):
         raise AnalysisError(f"worst_case: model {asked.system.name!r} has no states, and no poles.")
     aim = _aim(kind)
-    if aim is UNDAMPED and np.any(spectrum(model.A).at_zero):
+    if aim is ascent.UNDAMPED and np.any(spectrum(model.A).at_zero):
         poles, _, shapes = eigenvectors_of(model.A)
         stay = states_that_stay(asked.system, asked.leave_out)
         names = moving_most(asked.system, stay, shapes[:, int(np.argmin(np.abs(poles)))])
@@ -195,18 +171,18 @@ def worst_poles(asked: Asked, model: Realization, kind: str) -> Bounds:
             f"It has no damping ratio. Close a loop around it{or_left_out(asked.system)}."
         )
 
-    def shown(state: State[_Pole]) -> tuple[float, float]:
-        return (state.lower, state.upper) if aim is RIGHT else (-state.upper, -state.lower)
+    def shown(state: search.State[_Pole]) -> tuple[float, float]:
+        return (state.lower, state.upper) if aim is ascent.RIGHT else (-state.upper, -state.lower)
 
-    start = State(_Pole(complex(np.nan), np.zeros(len(model.sizes))), -np.inf)
-    state = last_of(asked, start, _edges(asked, model, kind), shown)
+    start = search.State(_Pole(complex(np.nan), np.zeros(len(model.sizes))), -np.inf)
+    state = search.last_of(asked, start, _edges(asked, model, kind), shown)
     pole, delta = state.worst
-    moving = moving_at(model, delta)[0]
+    moving = ascent.moving_at(model, delta)[0]
     k = int(np.argmin(np.abs(moving.poles - pole)))
     slope = aim.slope(complex(moving.poles[k]), moving.gradients[k])
-    if aim is UNDAMPED:
+    if aim is ascent.UNDAMPED:
         state = state._replace(lower=max(-state.upper, -1.0), upper=-state.lower)
-    return bounds_at(asked, state, kind, model, (delta, abs(pole.imag)), slope, state.reason)
+    return search.bounds_at(asked, state, kind, model, (delta, abs(pole.imag)), slope, state.reason)
 
 
 def worst_case(
@@ -215,10 +191,10 @@ def worst_case(
     inputs: Any = slice(None),
     outputs: Any = slice(None),
     *,
-    gap: float = GAP,
-    work: float = WORK,
+    gap: float = search.GAP,
+    work: float = search.WORK,
     leave_out: Sequence[str] = (),
-    progress: Progress | None = None,
+    progress: search.Progress | None = None,
     workers: int | None = 1,
     client: Any = None,
 ) -> Bounds:
@@ -255,7 +231,7 @@ def worst_case(
     ------
     Disk margin: Seiler, Packard, Gahinet, IEEE Control Systems Magazine 40 (2020), of skew 0.
     """
-    check_numbers("worst_case", gap=gap, work=work)
+    search.check_numbers("worst_case", gap=gap, work=work)
     check_constant(system, "worst_case")
     if isinstance(what, str) and what not in _NAMES:
         raise AnalysisError(
@@ -266,10 +242,10 @@ def worst_case(
         more: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
         more |= {"workers": workers, "client": client}
         return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
-    with one_thread(), crew_of(workers, client, "worst_case") as crew:
+    with one_thread(), search.crew_of(workers, client, "worst_case") as crew:
         if isinstance(what, str) and what in POLES:
             leave_out = left_out(system, leave_out)
-            asked = Asked(system, gap, work, progress, leave_out, crew=crew)
+            asked = search.Asked(system, gap, work, progress, leave_out, crew=crew)
             return worst_poles(asked, realization(system, leave_out=leave_out), POLES[what])
         j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
         i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
@@ -302,7 +278,7 @@ def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slic
     return disk
 
 
-def _inverted(progress: Progress | None) -> Progress | None:
+def _inverted(progress: search.Progress | None) -> search.Progress | None:
     """What tells bounds of a disk margin, of those of a gain."""
     if progress is None:
         return None
@@ -333,14 +309,14 @@ def _searched(
     size = 1.0
     first = look(np.zeros(q))[0]
     size = abs(first) if np.isfinite(first) and first else 1.0
-    crossing = smallest_crossing(model, 1.0) if what == "H2 norm" else None
+    crossing = ascent.smallest_crossing(model, 1.0) if what == "H2 norm" else None
     if crossing is not None and np.isfinite(crossing.size):
         best = (np.inf, crossing.delta)
     random = np.random.default_rng(0)
     corners = np.sign(random.uniform(-1.0, 1.0, (_STARTS, q)))
     for start in (np.zeros(q), *corners) if q else ():
         if np.isfinite(best[0]):
-            climb(look, 1.0, start)
+            ascent.climb(look, 1.0, start)
     name = what if isinstance(what, str) else getattr(what, "__name__", "function")
     return Bounds(
         kind=f"worst-case {name}",
@@ -351,7 +327,7 @@ def _searched(
         frequency=np.nan,
         sensitivity={},
         work=0.0,
-        reason=UNSTABLE
+        reason=search.UNSTABLE
         if what == "H2 norm" and np.isinf(best[0])
         else f"checked, not proved: the largest of {points} values that a search looked at",
         leave_out=leave_out,
@@ -363,7 +339,7 @@ def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], 
 
     With the Gramians P, Q, h^2 = tr C P C' and d h^2 = 2 tr(Q dA P) + 2 tr(Q dB B') + 2 tr(dC P C').
     """
-    plant = at_delta(model, delta)
+    plant = ascent.at_delta(model, delta)
     none = np.zeros(len(delta))
     if plant is None or np.any(plant.D):
         return np.inf, lambda: none
@@ -387,7 +363,7 @@ def _by_differences(function: Any) -> Value:
     """The value of a function of A, B, C, D, and its slope by differences within the box."""
 
     def at(model: Realization, delta: Array) -> float:
-        plant = at_delta(model, delta)
+        plant = ascent.at_delta(model, delta)
         if plant is None:
             return np.inf
         number = function(*plant)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.robust import stability
+from mbdlft.robust import ascent
 from mbdlft.robust.ascent import NONE, peak_at
 from mbdlft.robust.bisect.boxes import _is_left, largest_singular
 from mbdlft.robust.bisect.characteristic import polynomials
@@ -92,8 +92,8 @@ def test_fixed_parameters_have_their_whole_ranges(monkeypatch: pytest.MonkeyPatc
     """xdot = (-1 + f/2 + g/4) x is stable for |f| <= 1 and |g| < 2; no search says where it is not."""
     unit = [mbdlft.Parameter(name, 0.0, low=-1.0, high=1.0) for name in "fg"]
     system = mbdlft.realize([["-1 + f/2 + g/4"]], unit, states=1, inputs=[], outputs=[])
-    monkeypatch.setattr(stability, "smallest_beside", lambda *_: NONE)
-    monkeypatch.setattr(stability, "crossing_on_ray", lambda *_: NONE)
+    monkeypatch.setattr(ascent, "smallest_beside", lambda *_: NONE)
+    monkeypatch.setattr(ascent, "crossing_on_ray", lambda *_: NONE)
     assert 1.0 <= mbdlft.robust_stability(system, fixed=["f"], work=1.0, largest=10.0).lower <= 2.0
 
 

@@ -8,9 +8,9 @@ import pytest
 import mbdlft
 from mbdlft import AnalysisError, Bounds, Parameter, System, realize, verify, worst_case
 from mbdlft.robust.bisect.characteristic import is_stable_at
+from mbdlft.robust.bisect.search import cost_of
 from mbdlft.robust.evidence import BoxProof
 from mbdlft.robust.realization import realization
-from mbdlft.robust.stability import cost_of
 from mbdlft.robust.worst import disk_transfer, h2_and_slope
 from tests.close import BOUND, CLOSED_FORM, STABLE, roundoff, target
 from tests.laws.random_loops import random_system, state_matrices

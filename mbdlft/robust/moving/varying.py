@@ -19,19 +19,9 @@ from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import Asked, Search, State, last_of
 from mbdlft.robust.evidence import Bounds, MotionProof
+from mbdlft.robust.moving import variation
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
 from mbdlft.robust.moving.powers import PLAIN, SHAPES, Shape, alone, is_shape, shaped, shaped_in_balls
-from mbdlft.robust.moving.variation import (
-    BITS,
-    cost_of,
-    form_of,
-    is_negative,
-    is_structured,
-    least_gain,
-    scaled,
-    sizes_of,
-    solved,
-)
 from mbdlft.robust.realization import modal, turned
 from mbdlft.system.model import System
 
@@ -111,24 +101,26 @@ class _Question(NamedTuple):
         states, _, channels, time = modal(self.model)
         model, bounds, near, (u, y) = self._near(k, gain)
         near = shaped(near, shape, bounds)
-        form = form_of(near, bounds)
-        unknowns = solved(form, sizes_of(form, k, bounds), len(near.A), gain * u * y)
+        form = variation.form_of(near, bounds)
+        unknowns = variation.solved(form, variation.sizes_of(form, k, bounds), len(near.A), gain * u * y)
         if unknowns is None:
-            return None, cost_of(form)
+            return None, variation.cost_of(form)
         P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
         proof = MotionProof(P, X, Y, states, channels, time, *shape)
-        return None if _wrong(model, bounds, k, gain, proof) else proof, cost_of(form)
+        return None if _wrong(model, bounds, k, gain, proof) else proof, variation.cost_of(form)
 
     def least(self, gain: float) -> tuple[float, float]:
         """Nearly the least gain that can be proved, of the size of a gain, inf if none; units of work."""
         _, bounds, near, (u, y) = self._near(1.0, gain)
-        form = form_of(near, bounds)
-        return least_gain(form, sizes_of(form, 1.0, bounds), len(near.A)) / (u * y), cost_of(form)
+        form = variation.form_of(near, bounds)
+        return variation.least_gain(form, variation.sizes_of(form, 1.0, bounds), len(near.A)) / (
+            u * y
+        ), variation.cost_of(form)
 
     def _near(self, k: float, gain: float) -> tuple[Realization, Array, Realization, tuple[float, float]]:
         """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
         states, back, channels, time = modal(self.model)
-        model = scaled(self.model if gain else alone(self.model), channels, time)
+        model = variation.scaled(self.model if gain else alone(self.model), channels, time)
         bounds = delta_rates(self.asked.system, model.names, self.rates, k) / time
         near = turned(model, states, back)
         u, y = _powers(near, gain)
@@ -154,13 +146,13 @@ class _Question(NamedTuple):
     def cost(self, shape: Shape) -> float:
         """Units of work of one solution."""
         _, bounds, near, _ = self._near(1.0, 0.0)
-        return cost_of(form_of(shaped(near, shape, bounds), bounds))
+        return variation.cost_of(variation.form_of(shaped(near, shape, bounds), bounds))
 
     def too_dear(self) -> str:
         """Why the inequality cannot be solved with the work; empty if it can."""
         bounds = delta_rates(self.asked.system, self.model.names, self.rates, 0.0)
-        form = form_of(self.model, bounds)
-        signals, cost = form.V.shape[1], cost_of(form)
+        form = variation.form_of(self.model, bounds)
+        signals, cost = form.V.shape[1], variation.cost_of(form)
         if cost <= self.asked.work:
             return ""
         return (
@@ -312,7 +304,7 @@ def checked(
     if proof.states.shape != model.A.shape or not np.all(np.isfinite(proof.states)):
         return "its states are not those of the system"
     bounds = delta_rates(system, model.names, rates, k) / proof.time
-    return _wrong(scaled(model, proof.channels, proof.time), bounds, k, gain, proof)
+    return _wrong(variation.scaled(model, proof.channels, proof.time), bounds, k, gain, proof)
 
 
 def _wrong(model: Realization, bounds: Array, k: float, gain: float, proof: MotionProof) -> str:
@@ -320,16 +312,18 @@ def _wrong(model: Realization, bounds: Array, k: float, gain: float, proof: Moti
     shape, states = Shape(proof.degree, proof.order), proof.states
     if not is_shape(shape, len(states), len(proof.P)) or (gain and shape != PLAIN):
         return "its form is of no degree that it may have"
-    with flint.ctx.workprec(BITS):
+    with flint.ctx.workprec(variation.BITS):
         if shape != PLAIN:
             try:
                 model = shaped_in_balls(alone(model), states, shape, bounds)
             except ZeroDivisionError:
                 return "its states are not those of the system"
             states = np.eye(len(model.A))
-        form = form_of(model, bounds)
-        if not is_structured(form, proof.P, proof.X, proof.Y):
+        form = variation.form_of(model, bounds)
+        if not variation.is_structured(form, proof.P, proof.X, proof.Y):
             return "its matrices are not of the structure of Delta"
-        if not is_negative(form, sizes_of(form, k, bounds), gain, states, proof.P, proof.X, proof.Y):
+        if not variation.is_negative(
+            form, variation.sizes_of(form, k, bounds), gain, states, proof.P, proof.X, proof.Y
+        ):
             return f"its form is not negative for {k:g} times the box"
     return ""

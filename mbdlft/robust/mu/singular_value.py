@@ -15,16 +15,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.robust.evidence import Multipliers
-from mbdlft.robust.mu.coverage import (
-    check_fixed,
-    ends_of,
-    first_frequencies,
-    largest_size,
-    looks,
-    loop_of,
-    loop_of_matrix,
-    middle,
-)
+from mbdlft.robust.mu import coverage
 from mbdlft.robust.mu.intervals import channels_matrix, interval_around
 from mbdlft.robust.mu.multipliers import squared, structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import SmallDelta, small_delta
@@ -97,7 +88,7 @@ def structured_singular_value(
             f"model {system.name!r}: frequencies: expected numbers (rad/s), got {frequencies!r}."
         )
     check_parameters(system, "structured_singular_value")
-    kept, blocks = check_fixed(system, fixed), system.lft.blocks
+    kept, blocks = coverage.check_fixed(system, fixed), system.lft.blocks
     grows = np.array([block.name not in kept for block in blocks], dtype=bool)
     if not np.any(grows):
         raise AnalysisError(
@@ -126,7 +117,7 @@ def structured_singular_value(
 
 def _skew_bound(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]) -> Multipliers:
     """Multipliers for which M'k D M + j(GM - M'G) - D < 0, k = 1 of fixed blocks, 1/beta^2 of others."""
-    loop = loop_of_matrix(M, blocks, grows)
+    loop = coverage.loop_of_matrix(M, blocks, grows)
     size = float(np.linalg.norm(M, 2))
     whole = squared(M, loop.structure)
     if size == 0.0:
@@ -135,8 +126,8 @@ def _skew_bound(M: Complex, blocks: Sequence[Block], grows: NDArray[np.bool_]) -
     least = _NOTHING * max(
         float(np.linalg.norm(whole[np.ix_(of_growing, of_growing)], 2)), _NOTHING * size
     )
-    k, multipliers = largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
-    half = ends_of(loop, k)[1][loop.owner]
+    k, multipliers = coverage.largest_size(loop, whole, 1.0 / least, None, _TOLERANCE)
+    half = coverage.ends_of(loop, k)[1][loop.owner]
     return multipliers._replace(beta=1.0 / k if k else np.inf, G=multipliers.G * half[:, None] ** 2)
 
 
@@ -198,13 +189,13 @@ def mu_bands(
     check_parameters(system, "mu_bands")
     check_constant(system, "mu_bands")
     stay = stable_states(system, left_out(system, leave_out), "mu_bands")
-    loop, blocks = loop_of(system, stay), system.lft.blocks
+    loop, blocks = coverage.loop_of(system, stay), system.lft.blocks
     channels, structure = loop.channels, loop.structure
-    first = first_frequencies(channels.A)
+    first = coverage.first_frequencies(channels.A)
     with one_thread():
         known = [
             upper_bound(channels_matrix(channels, w), structure, tolerance=0.1 * gap).beta
-            for w in looks(first)
+            for w in coverage.looks(first)
         ]
         floor, widest = _LEAST * max(known), float(np.log(high / low)) * _WIDE
         cut = [low, *np.exp(np.arange(np.log(low) + widest, np.log(high), widest))]
@@ -213,7 +204,7 @@ def mu_bands(
         last = None
         while todo and len(bands) < _MOST:
             a, b = (float(end) for end in todo.pop())
-            omega = middle(a, b, first)
+            omega = coverage.middle(a, b, first)
             M = channels_matrix(channels, omega)
             last = upper_bound(M, structure, start=last, tolerance=0.1 * gap)
             beta, band = max(last.beta, floor), None
