@@ -12,6 +12,7 @@ made from N and d does not depend on how the entries were written:
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -95,7 +96,7 @@ def least_forms(
             return
     F = _about(N, d, [Fraction(0)] * len(shifts))
     for is_transposed in (False, True):
-        turned = F._replace(N=[*zip(*F.N, strict=True)]) if is_transposed else F
+        turned = replace(F, N=[*zip(*F.N, strict=True)]) if is_transposed else F
         form = low_relations(turned, Work(_WORK))
         if form is not None:
             yield Form(_implicit(form, q, problem), None, is_transposed, is_from_values=True)

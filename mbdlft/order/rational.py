@@ -12,7 +12,9 @@ than F, and y is an unknown signal, which costs none.
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import flint
@@ -26,21 +28,22 @@ Terms = Mapping[tuple[int, ...], Fraction]  # coefficients of a polynomial by ex
 Fractions = NDArray[np.object_]
 
 _FIRST = 2**31 - 1  # primes from here down
-_MOST_PRIMES, _MOST_UNLUCKY = 200, 2  # primes; primes without a result
+_MOST_PRIMES, _MOST_UNLUCKY = 64, 2  # primes; primes without a result
 _MOST_UNKNOWNS, _MOST_DEGREE = 1600, 4  # of relations
 _VALUE = 150.0  # operations for a monomial at a point, and a fifth of them for each entry
 _RESIDUE = 2e4  # operations for that of a fraction; half of them for each prime that lifts it
 _EXTRA = 10  # equations beyond the number of unknowns
 
 
-class RationalMatrix(NamedTuple):
+@dataclass(frozen=True)
+class RationalMatrix:
     """N / d in lowest terms, polynomials in so many parameters."""
 
     N: Sequence[Sequence[Terms]]  # p rows of q
     d: Terms
     parameters: int
 
-    @property
+    @cached_property
     def box(self) -> tuple[int, ...]:
         """One more than the degree in each parameter."""
         polynomials = [self.d, *itertools.chain(*self.N)]
@@ -49,12 +52,26 @@ class RationalMatrix(NamedTuple):
             for k in range(self.parameters)
         )
 
+    @cached_property
+    def _numerators(self) -> tuple[Residues, Fractions]:
+        """Places of all coefficients of N and d in one array, and whole numbers, which are fractions
+        of these: over one denominator, that of all of them."""
+        polynomials = [*itertools.chain(*self.N), self.d]
+        terms = [((k, *e), x) for k, polynomial in enumerate(polynomials) for e, x in polynomial.items()]
+        shared = math.lcm(*(x.denominator for _, x in terms))
+        numerators = [x.numerator * (shared // x.denominator) for _, x in terms]
+        places = np.ravel_multi_index(np.array([e for e, _ in terms]).T, (len(polynomials), *self.box))
+        return places, np.array(numerators, dtype=object)
+
     def modulo(self, prime: int, work: Work) -> "Polynomials":
-        """The same modulo a prime."""
-        box = self.box
-        work.add(_RESIDUE * (len(self.d) + sum(map(len, itertools.chain(*self.N)))))
-        N = np.array([[_residues(terms, box, prime) for terms in row] for row in self.N])
-        return Polynomials(N, _residues(self.d, box, prime), Field(prime, work))
+        """The same modulo a prime: N and d times one number."""
+        places, numerators = self._numerators
+        work.add(_RESIDUE * len(numerators))
+        p, q = len(self.N), len(self.N[0])
+        flat = np.zeros((p * q + 1) * math.prod(self.box), dtype=np.int64)
+        flat[places] = numerators % prime
+        *N, d = flat.reshape(-1, *self.box)
+        return Polynomials(np.reshape(N, (p, q, *self.box)), d, Field(prime, work))
 
 
 class Field:
@@ -123,13 +140,6 @@ class Polynomials(NamedTuple):
         return np.roll(a, 1, axis=2 + k).reshape(rows.shape)
 
 
-def _residues(terms: Terms, box: Sequence[int], prime: int) -> Residues:
-    a = np.zeros(box, dtype=np.int64)
-    for exponents, x in terms.items():
-        a[exponents] = residue_of(x, prime)
-    return a
-
-
 def residue_of(x: Fraction, prime: int) -> int:
     """Modulo a prime that does not divide the denominator."""
     return x.numerator * pow(x.denominator, -1, prime) % prime
@@ -184,6 +194,7 @@ def low_relations(F: RationalMatrix, work: Work) -> list[list[Terms]] | None:
     ]
 
 
+@lru_cache(maxsize=2 * _MOST_DEGREE)  # they are those of all primes
 def _monomials(box: Sequence[int], most: int) -> list[tuple[int, ...]]:
     """Exponents of a total degree of at most so much, the highest first."""
     inside = itertools.product(*(range(max(size, 2)) for size in box))
@@ -214,8 +225,8 @@ def _null_rows(f: "Polynomials", monomials: Sequence[tuple[int, ...]]) -> Residu
     (p, q), prime = f.N.shape[:2], f.field.prime
     unknowns = len(monomials) * (p + q)
     points = f.field.points((unknowns + _EXTRA) // q + 1, f.d.ndim)
-    N, d = (_at_points(f, a, points) for a in (f.N, f.d[None]))
-    N, d = N.reshape(-1, p, q), d[:, 0]
+    values = _at_points(f, np.concatenate([f.N.reshape(p * q, *f.d.shape), f.d[None]]), points)
+    N, d = values[:, :-1].reshape(-1, p, q), values[:, -1]
     inverse = np.array([pow(x, -1, prime) for x in d.tolist()])
     minus = np.broadcast_to(-np.eye(q, dtype=np.int64) % prime, (len(points), q, q))
     F = np.concatenate([N * inverse[:, None, None] % prime, minus], axis=1).swapaxes(1, 2)

@@ -210,17 +210,18 @@ def _generated(f: Polynomials, spaces: _Spaces) -> Residues:
 def _shrunk(f: Polynomials, modules: _Spaces) -> tuple[_Spaces, bool]:
     """What of the modules follows from themselves; whether the rows of N do."""
     while True:
-        generated = f.field.echelon(_generated(f, modules))[0]
-        smaller = {k: _intersection(f.field, W, generated) for k, W in modules.items()}
+        generated, pivots = f.field.echelon(_generated(f, modules))
+        smaller = {k: _intersection(f.field, W, generated, pivots) for k, W in modules.items()}
         if all(len(smaller[k]) == len(W) for k, W in modules.items()):
             N = f.N.reshape(len(f.N), -1)
             return modules, f.field.rank(np.vstack([generated, N])) == len(generated)
         modules = smaller
 
 
-def _intersection(field: Field, a: Residues, b: Residues) -> Residues:
-    """Of the spaces of rows of two matrices."""
-    zero = field.null_space(np.vstack([a, b]).T)[: len(a)].T if len(a) else a
+def _intersection(field: Field, a: Residues, b: Residues, pivots: Sequence[int]) -> Residues:
+    """Of the spaces of rows of two matrices, the second in echelon form."""
+    outside = (a - multiplied(a[:, pivots], b, field.prime)) % field.prime
+    zero = field.null_space(outside.T).T
     return field.echelon(multiplied(zero, a, field.prime))[0] if len(zero) else a[:0]
 
 

@@ -12,7 +12,7 @@ import pytest
 
 from mbdlft import Parameter, realize
 from mbdlft.exact.ratio import NotFractionError, Polynomial, Ratio, sign_on, square_root
-from mbdlft.order.rational import RationalMatrix, Terms, low_relations
+from mbdlft.order.rational import RationalMatrix, Terms, lifted, low_relations
 from mbdlft.order.recovery import Recovered, recovered
 from mbdlft.order.work import Work
 from tests.close import target
@@ -206,6 +206,18 @@ DETERMINANT = "(a*b*c + 2*d*e*f - a*e^2 - b*f^2 - c*d^2)"
 BOX = [Parameter(name, 2.0, 1.8, 2.2) for name in "abc"] + [
     Parameter(name, 0.3, 0.2, 0.4) for name in "def"
 ]
+
+
+def test_residues_of_no_fractions_are_not_lifted_for_long() -> None:
+    """55 primes were the most of 800 random matrices; those in vain are seconds."""
+    random, used = np.random.default_rng(0), list[int]()
+
+    def modulo(prime: int) -> np.ndarray:
+        used.append(prime)
+        return random.integers(0, prime, 3)
+
+    assert lifted(modulo, Work()) is None
+    assert 55 < len(used) < 100
 
 
 @pytest.mark.parametrize(
