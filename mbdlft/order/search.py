@@ -4,7 +4,7 @@ n-D reduction takes a product of deltas as a noncommutative monomial. Deltas com
 it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
 functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by the smallest
 rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.refit`).
-Pairs and triples of deltas (`mbdlft.order.lower_bound`) show how small the order can be: then the search
+Pairs and triples of deltas (`mbdlft.order.joint_bound`) show how small the order can be: then the search
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
 
@@ -27,7 +27,7 @@ from mbdlft.lft.lft import LFT, Block, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
-from mbdlft.order.lower_bound import JointBound
+from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.min_rank import above_bound
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.refit import refit

@@ -91,6 +91,11 @@ def exact_solutions(count: int, n: int) -> float:
     return count * (1e6 + 4e3 * n * n + 75.0 * n**3)
 
 
+def exact_resolvents(count: int, n: int) -> float:
+    """Operations of `count` systems of n equations modulo a prime that differ in their diagonals."""
+    return count * (1.5e5 + 2e4 * n + 500.0 * n * n)
+
+
 def exact_elimination(rows: int, columns: int) -> float:
     """Operations of an echelon form modulo a prime."""
     return (1e4 + 40.0 * min(rows, columns)) * rows * columns

@@ -11,7 +11,7 @@ LFTs are written in doubles with numbers of few binary digits, so that their alg
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from functools import cache, reduce
 from itertools import combinations, product
 
 import numpy as np
@@ -28,8 +28,9 @@ from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_dia
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import lower_bound as module
-from mbdlft.order.degree import Pair, Triple, least_more
-from mbdlft.order.lower_bound import JointBound, exact_degrees, is_constant, more_needed
+from mbdlft.order.degree import Pair, Triple, allows, least_more
+from mbdlft.order.joint_bound import JointBound
+from mbdlft.order.lower_bound import exact_degrees, is_constant, more_needed
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
 from mbdlft.order.work import Work
 from mbdlft.pipeline.extract import extract
@@ -295,10 +296,11 @@ def test_changes_that_leave_the_problem_as_it_is(name: str, g: float, seed: int)
 
 pairs = st.lists(
     st.builds(
-        lambda two, first, second: Pair(*two, first, second),
+        lambda two, *more: Pair(*two, *more[:2], max(2, min(more))),
         st.sampled_from(list(combinations("abcd", 2))),
         st.integers(1, 3),
         st.integers(1, 3),
+        st.integers(2, 3),
     ),
     max_size=4,
 )
@@ -315,8 +317,7 @@ def law_least(
     allowed = [
         sum(e.values())
         for e in more
-        if all(e[p.first] or e[p.second] >= p.second_more for p in found)
-        and all(e[p.second] or e[p.first] >= p.first_more for p in found)
+        if all(allows(p, e) for p in found)
         and all(e[t.first] > 1 or e[t.second] or e[t.third] for t in triples)
     ]
     assert sum(least("abcd", found, triples).values()) == min(allowed)
@@ -381,6 +382,14 @@ def test_one_repetition_is_not_enough_for_two(seed: int) -> None:
     assert bound(a) == 10
 
 
+def test_both_together_need_more_than_one_each() -> None:
+    """Six matrices that share both parameters: one more of each is not enough."""
+    a = small(reduce(stack_diagonal, (known(1.0, seed) for seed in range(6))))
+    (pair,) = JointBound(a, exact_degrees(a)).pairs("L", "m", Work())
+    assert (pair.first_more, pair.second_more, pair.together) == (6, 3, 3)
+    law_table(24, 27, a)
+
+
 # where pairs prove one less than triples
 TWO_LETTERS = (32, 136, *(pytest.param(k, marks=pytest.mark.long) for k in (251, 536, 559, 627, 818)))
 
@@ -425,7 +434,7 @@ def test_work_is_counted() -> None:
     assert over.is_over
     a = small(known(1.0, 0))
     degrees = exact_degrees(a)
-    for work, more in ((over, (0, 0)), (counted, (1, 1))):
+    for work, more in ((over, (0, 0, 0)), (counted, (1, 1, 2))):
         assert more_needed(a, "L", "m", degrees, work, is_transposed=False) == more
     assert counted.spent > 0.0
     joint = JointBound(a, degrees)

@@ -24,7 +24,8 @@ from mbdlft.order import min_rank, search
 from mbdlft.order import refit as module
 from mbdlft.order.circles import circle_values, fit_of, independent, scaled
 from mbdlft.order.degree import least_more
-from mbdlft.order.lower_bound import JointBound, exact_degrees
+from mbdlft.order.joint_bound import JointBound
+from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import reduce_exactly, reduce_order
 from mbdlft.order.refit import fewer
 from mbdlft.order.search import Budget, find_smallest
