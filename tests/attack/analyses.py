@@ -14,10 +14,11 @@ from mbdlft import Block, MbdlftError, Parameter, Signal, System
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT
 from mbdlft.robust.ascent import abscissa
+from mbdlft.robust.bisect.lyapunov import searched
 from mbdlft.robust.realization import realization
 
 KINDS = ("plain", "light", "jordan", "scaled", "fast", "loops", "static", "small integers", "border")
-WORK, LARGEST, RAYS, STEPS = 3.0, 50.0, 100, 6
+WORK, LYAPUNOV, LARGEST, RAYS, STEPS = 3.0, 0.3, 50.0, 100, 6
 BEYOND = (0.0, 1e-12, 1e-9, 1e-6)  # of a worst case, which is computed in doubles
 
 
@@ -37,6 +38,7 @@ def attack(seed: int, folder: Path) -> str:
             assert is_stable(system, delta), f"{margin} is false at {delta.tolist()}"
     if np.isfinite(margin.upper):
         assert is_worst(system, margin), f"{margin} is reached by no pole"
+        assert not has_function(system, margin.upper * (1.0 + BEYOND[-1])), f"{margin}, and a proof"
     if np.isinf(gain.lower):
         assert is_worst(system, gain), f"{gain} is stable"
         assert margin.lower <= 1.0, f"{gain} with {margin}"
@@ -80,6 +82,12 @@ def drawn(seed: int) -> System:
     states = tuple(Signal(f"x{k}", "1") for k in range(n))
     channels = (Signal("u", "1"),), (Signal("y", "1"),)
     return System(kind, lft, states, *channels, mbdlft.Parameters(own))
+
+
+def has_function(system: System, k: float) -> bool:
+    """Whether Lyapunov functions prove a size of the box, where no point is looked at."""
+    model = realization(system)
+    return searched(model, np.full(len(model.sizes), k), LYAPUNOV, lambda _: False).proof is not None
 
 
 def corners(q: int) -> Array:

@@ -11,22 +11,14 @@ import pytest
 import mbdlft
 from mbdlft import Parameter, System, realize, robust_stability, verify
 from mbdlft.base.array import Array
-from mbdlft.robust.bisect import boxes, lyapunov, search
+from mbdlft.robust.bisect import bernstein, boxes, lyapunov, search
 from mbdlft.robust.bisect.characteristic import (
     Realization,
     is_unstable_at,
     polynomials,
     state_polynomials,
 )
-from mbdlft.robust.bisect.lyapunov import (
-    Attempt,
-    _at_nodes,
-    _is_positive,
-    _product,
-    _Subbox,
-    replayed,
-    searched,
-)
+from mbdlft.robust.bisect.lyapunov import Attempt, _at_nodes, _is_positive, _Subbox, replayed, searched
 from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
@@ -191,7 +183,7 @@ def test_no_other_proof_is_taken() -> None:
     states[0, :, 0] = 0.0
     forged = (
         replace(proof, log=proof.log[:-1], states=proof.states[:-1], degrees=proof.degrees[:-1]),
-        replace(proof, log=(0,), states=proof.states[:1], degrees=proof.degrees[:1]),
+        replace(proof, log=(0,), states=proof.states[:1], degrees=proof.degrees[:1] // 2),
         replace(proof, log=(*proof.log, 0)),
         replace(proof, states=states),
         replace(proof, states=proof.states * np.nan),
@@ -210,7 +202,7 @@ def test_products_have_the_values_of_their_factors(
     shapes: tuple[tuple[int, ...], tuple[int, ...]], cached: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """P N at a point is P there times N there, in however many pieces it is computed."""
-    monkeypatch.setattr(lyapunov, "_CACHED", cached)
+    monkeypatch.setattr(bernstein, "_CACHED", cached)
     random, q, n = np.random.default_rng(3), len(shapes[0]), 3
     P, N = (random.standard_normal((*shape, n, n)) for shape in shapes)
     point = [np.array([t]) for t in random.uniform(0.0, 1.0, q)]
@@ -219,7 +211,7 @@ def test_products_have_the_values_of_their_factors(
         values = np.concatenate([terms.reshape(*terms.shape[:q], -1), np.ones((*terms.shape[:q], 1))], -1)
         return _at_nodes(_Subbox(values, values, 0, np.zeros(q), np.ones(q), n), point)[0].reshape(n, n)
 
-    target(value(_product(P, N)), value(P) @ value(N), CLOSED_FORM)
+    target(value(bernstein.product(P, N)), value(P) @ value(N), CLOSED_FORM)
 
 
 def test_an_unstable_point_is_found_and_not_proved() -> None:
@@ -259,6 +251,40 @@ def test_the_declared_box_is_tried_when_a_larger_one_was_too_much() -> None:
     assert all(1.0 < k < 4.0 for k in tried[1:])
 
 
+def test_what_coefficients_hide_is_seen_on_pieces() -> None:
+    """Of a + T_8 they reach -143; it is positive for a > 1 only, in any coordinates."""
+    line = bernstein.interpolated(
+        np.cos(8.0 * np.arccos(np.linspace(-1.0, 1.0, 9)))[:, None, None], [np.linspace(0.0, 1.0, 9)]
+    )
+    assert np.min(line) < -140.0
+    L = np.random.default_rng(0).standard_normal((3, 3))
+    rises = np.linspace(0.0, 0.05, 9)[:, None, None]  # to 1 at t = 0.2, behind the first minimum
+    for size, is_positive in ((1.01, True), (0.99, False), (0.99 + rises, False)):
+        S = L @ ((size + line) * np.eye(3)) @ L.T
+        assert bernstein.pieces_positive(S, 1) == (False, 1)
+        assert bernstein.pieces_positive(S, 64)[0] == is_positive
+    assert bernstein.pieces_positive(-S, 64) == (False, 1)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_halves_have_the_values_of_the_whole(axis: int) -> None:
+    S = np.random.default_rng(1).standard_normal((4, 6, 2, 2))
+    nodes = [np.array([0.2, 0.7]), np.array([0.0, 0.4, 1.0])]
+    for start, half in zip((0.0, 0.5), bernstein._halves(S, axis, 0.0), strict=True):
+        inside = [start + 0.5 * t if k == axis else t for k, t in enumerate(nodes)]
+        target(bernstein.at_nodes(half, nodes), bernstein.at_nodes(S, inside), CLOSED_FORM)
+
+
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_what_is_singular_in_a_half_is_not_positive_however_that_is_rounded(n: int) -> None:
+    """B B' + (t - 1/2)^2 with n - 1 columns: the value at 1/2 is singular, and no coefficient before."""
+    random = np.random.default_rng(n)
+    for _ in range(100):
+        B = random.standard_normal((n, n - 1))
+        S = B @ B.T + random.uniform(0.1, 9.0) * np.array([0.25, -0.25, 0.25])[:, None, None] * np.eye(n)
+        assert not bernstein.pieces_positive(S, 64)[0]
+
+
 @pytest.mark.parametrize("n", [2, 3, 5])
 def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> None:
     """-B B' with n - 1 columns of integers is singular: no P has S > 0, whatever is computed of it."""
@@ -274,12 +300,12 @@ def test_a_pole_at_zero_is_not_stable_however_products_are_rounded(n: int) -> No
         )
         part = _Subbox(*state_polynomials(model, 1.0), 2, np.zeros(1), np.ones(1), n)
         P = np.array([modes.T @ modes] * 2)
-        assert not _is_positive(part, modes, P)
-        assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))
+        assert not _is_positive(part, modes, P)[0]
+        assert not _is_positive(part, wide, np.array([wide.T @ wide] * 2))[0]
         shifted = state_polynomials(model._replace(A=A - np.eye(n)), 1.0)
         part = part._replace(values=shifted[0], sizes=shifted[1])
-        assert _is_positive(part, modes, P)
-        assert not _is_positive(part._replace(steps=2**50), modes, P)  # entries off by a quarter
+        assert _is_positive(part, modes, P)[0]
+        assert not _is_positive(part._replace(steps=2**50), modes, P)[0]  # entries off by a quarter
 
 
 def never(_: Array) -> bool:
@@ -384,9 +410,9 @@ def test_a_gain_of_one_is_not_below_one_however_products_are_rounded(n: int) -> 
             np.array([states.T @ G.T @ G @ states] * 2),
             1.0,
         )
-        assert not _is_positive(part, states, P)
+        assert not _is_positive(part, states, P)[0]
         less = state_polynomials(model, 1.0, 0.9)
-        assert _is_positive(part._replace(values=less[0], sizes=less[1]), states, P)
+        assert _is_positive(part._replace(values=less[0], sizes=less[1]), states, P)[0]
 
 
 def test_poles_that_are_rounding_reach_no_margin() -> None:

@@ -26,14 +26,15 @@ A gain is below 1/g, too, where (bounded real lemma) with P_+ = diag(P, I, I)
 Then P interpolates stabilizing solutions of the Riccati equation in which the Schur complement is Q in
 place of 0: half of the largest multiple of the I of the modes for which there is one in the middle.
 
-S > 0 if all of its Bernstein coefficients are. The products are in doubles, with bounds of their
-rounding, and Cholesky's factor of what is left without these proves that it is positive (Rump, BIT 46,
-2006). The proof is the list of cuts, and the degrees and coordinates of each part; P is computed again.
+S > 0 if all of its Bernstein coefficients are, on pieces into which it is halved where they are far from
+its values (`mbdlft.robust.bisect.bernstein`): that costs less than smaller parts with other P. Products
+are in doubles, with bounds of their rounding, and Cholesky's factor of what is left without these proves
+that it is positive (Rump, BIT 46, 2006). The proof is the list of cuts, and the degrees and coordinates
+of each part; P is computed again.
 """
 
 from collections.abc import Sequence
-from functools import cache
-from math import comb, isqrt, prod
+from math import isqrt, prod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +45,15 @@ from mbdlft.base.array import Array
 from mbdlft.base.running import tell
 from mbdlft.exact.rounding import EPS, eigenvectors_of
 from mbdlft.response.modes import balancing
+from mbdlft.robust.bisect.bernstein import (
+    are_positive,
+    at_nodes,
+    corners,
+    factor_rounding,
+    interpolated,
+    pieces_positive,
+    product,
+)
 from mbdlft.robust.bisect.boxes import Check, Ends, split
 from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
 from mbdlft.robust.evidence import BoxProof, LyapunovProof
@@ -51,14 +61,18 @@ from mbdlft.robust.realization import real_columns
 
 _UP = 1.0 + 1e-9  # times sums of bounds: more than their rounding
 _DEGREE = 8  # of P in a delta, at most
-_TAIL = 0.2  # of S, which terms of P beyond its degrees may be, as far as the middle tells
+_TAIL = 0.05  # of S, which terms of P beyond its degrees may be, as far as the middle tells
 _DEAREST = 1.0  # units of work of a part
 _PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
+_HALF = 6e-9  # units of work, for each entry of the halves of S
+_PIECES, _AGAIN = (
+    100,
+    4,
+)  # pieces of S at most; times these in a proof, whose cuts may be others elsewhere
 _RICCATI = 6.0  # times the work of a Lyapunov equation, that of a Riccati equation
 _HALVINGS = 12  # of a share that is looked for
 _UNSEEN = 1e-3  # of the largest size of modes at inputs or outputs: smaller ones count as this
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
-_CACHED = 2**20  # doubles of a product of matrices
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
 _EARLY = 0.3  # of the work: from then on, parts that are proved are
 _ON_THE_WAY = 0.6  # of those that would be, if all took the same work
@@ -133,7 +147,11 @@ def searched(model: Realization, ends: Ends, work: float, is_wrong: Check, gain:
             return Attempt(None, None, subbox.center, used, is_hopeless)
         used += cost
         tell(used)
-        if modes is not None and wanted is not None and _proves(subbox, modes, wanted, _SLACK):
+        is_proved = False
+        if modes is not None and wanted is not None:
+            is_proved, more = _proves(subbox, modes, wanted, _PIECES, _SLACK)
+            used += more
+        if is_proved and modes is not None:
             log.append(0)
             states.append(modes)
             degrees.append(wanted)
@@ -163,7 +181,7 @@ def replayed(model: Realization, ends: Ends, proof: LyapunovProof, gain: float =
             waiting += reversed(_halves(subbox, step - 1))
             continue
         modes, degrees = next(leaves)
-        if not np.all(np.isfinite(modes)) or not _proves(subbox, modes, degrees):
+        if not (np.all(np.isfinite(modes)) and _proves(subbox, modes, degrees, _AGAIN * _PIECES)[0]):
             return False
     return not waiting
 
@@ -240,32 +258,25 @@ def _largest_share(whole: Array, n: int, inputs: int) -> float:
 
 def _at_nodes(subbox: _Subbox, nodes: Sequence[Array]) -> tuple[Array, Array]:
     """N (..., n, n) and d (...) at nodes of each delta, which go from 0 to 1 on the part."""
-    values, n = subbox.values, subbox.rows
-    for axis, t in enumerate(nodes):
-        basis = _basis(values.shape[axis] - 1, tuple(t.tolist()))
-        values = np.moveaxis(np.tensordot(basis, values, (1, axis)), 0, axis)
+    values, n = at_nodes(subbox.values, nodes), subbox.rows
     return values[..., :-1].reshape(*values.shape[:-1], n, n), values[..., -1]
 
 
-@cache
-def _basis(degree: int, nodes: tuple[float, ...]) -> Array:
-    """Bernstein polynomials of a degree at nodes (number of nodes, degree + 1)."""
-    return np.array(
-        [[comb(degree, i) * t**i * (1.0 - t) ** (degree - i) for i in range(degree + 1)] for t in nodes]
-    )
-
-
-def _proves(subbox: _Subbox, modes: Array, degrees: NDArray[Any], slack: float = 0.0) -> bool:
-    """Whether P of these degrees, in these coordinates, proves a part."""
+def _proves(
+    subbox: _Subbox, modes: Array, degrees: NDArray[Any], most: int, slack: float = 0.0
+) -> tuple[bool, float]:
+    """Whether P of these degrees, in these coordinates, proves a part; and the work of its pieces."""
     nodes = [_chebyshev(int(e)) for e in degrees]
     P = _solutions(subbox, modes, nodes)
     if P is None:
-        return False
-    for axis, t in enumerate(nodes):
-        inverse = np.linalg.inv(_basis(len(t) - 1, tuple(t.tolist())))
-        P = np.moveaxis(np.tensordot(inverse, P, (1, axis)), 0, axis)
+        return False, 0.0
+    P = interpolated(P, nodes)
     P = _beside(subbox, 0.5 * (P + P.mT), 1.0)
-    return bool(np.all(np.isfinite(P))) and _is_positive(subbox, modes, P, slack)
+    if not np.all(np.isfinite(P)):
+        return False, 0.0
+    is_proved, pieces = _is_positive(subbox, modes, P, most, slack)
+    entries = np.prod(np.add(subbox.values.shape[: len(degrees)], degrees)) * subbox.rows**2
+    return is_proved, _HALF * float(entries) * pieces
 
 
 def _tails(subbox: _Subbox, modes: Array) -> Array | None:
@@ -373,8 +384,12 @@ def _unsorted(*_: float) -> None:
     """Eigenvalues of Schur's form stay as they come."""
 
 
-def _is_positive(subbox: _Subbox, modes: Array, P: Array, slack: float = 0.0) -> bool:
+def _is_positive(
+    subbox: _Subbox, modes: Array, P: Array, most: int = 1, slack: float = 0.0
+) -> tuple[bool, int]:
     """Whether d > 0 and S > 0 on a part are proved, with a share of the diagonal of S to spare.
+
+    Also the number of pieces of S that were looked at, which is at most `most`.
 
     With W near to the inverse of T, the modes, P stands for W'P W, and T'S T is the sum of -E'P (W N T)
     and its transpose, E = W T. Each product of k terms is off by at most k EPS of that of sizes.
@@ -384,7 +399,7 @@ def _is_positive(subbox: _Subbox, modes: Array, P: Array, slack: float = 0.0) ->
     n, states, q = subbox.rows, subbox.states, len(subbox.center)
     shape, rounding = subbox.values.shape[:q], subbox.steps * EPS
     if not np.all(subbox.values[..., -1] > 2.0 * rounding * subbox.sizes[..., -1]):
-        return False
+        return False, 0
     energies = np.mean(np.abs(np.diagonal(P, axis1=-2, axis2=-1)), axis=tuple(range(q)))
     scale = 2.0 ** np.round(0.5 * np.log2(np.maximum(energies, 1e-300)))
     P, modes = P / np.outer(scale, scale), modes / scale[:states]
@@ -395,64 +410,19 @@ def _is_positive(subbox: _Subbox, modes: Array, P: Array, slack: float = 0.0) ->
     near = W @ modes - np.eye(n)
     identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * EPS * (np.abs(W) @ np.abs(modes))))
     share = rounding + (6.0 * n + 2.0 * prod(P.shape[:q]) + 40.0) * EPS
-    half = _product(P, N)
+    at_corners = corners(P) @ corners(N)
+    if not are_positive(-(at_corners + at_corners.mT)):
+        return False, 0
+    half = product(P, N)
     S = -(half + half.mT)
     norms = [np.linalg.norm(each, axis=(-2, -1))[..., None, None] for each in (P, N)]
-    sizes, products = (
-        _product(norms[0], each)[..., 0, 0] for each in (errors[..., None, None], norms[1])
-    )
+    sizes, products = (product(norms[0], each)[..., 0, 0] for each in (errors[..., None, None], norms[1]))
     off = share * sizes
     trace = np.trace(S, axis1=-2, axis2=-1)
-    less = 2.0 * (off + identity * (products + off)) + 4.0 * (n + 2.0) * EPS * np.abs(trace)
+    less = 2.0 * (off + identity * (products + off)) + factor_rounding(n) * np.abs(trace)
     S = S - (less * _UP)[..., None, None] * np.eye(n)
     S[..., range(n), range(n)] *= 1.0 - slack
-    if not np.all(np.isfinite(S)):
-        return False
-    try:
-        np.linalg.cholesky(S)
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def _product(P: Array, N: Array) -> Array:
-    """Bernstein coefficients of the product of polynomials of matrices (..., k, k).
-
-    The sum over the axis with most coefficients of P is one of products of matrices, too; coefficients of
-    P along the other axes are rows of one factor, as long as its products stay in the cache.
-    """
-    q, k = P.ndim - 2, P.shape[-1]
-    first = int(np.argmax(P.shape[:q]))
-    P, N = np.moveaxis(P, first, 0), np.moveaxis(N, first, 0)
-    shapes = P.shape[:q], N.shape[:q]
-    both = tuple(a + b - 1 for a, b in zip(*shapes, strict=True))
-    (count, *others), (length, *inner) = shapes
-    places = [tuple(map(slice, at, np.add(at, inner))) for at in np.ndindex(*others)]
-    rows = np.moveaxis(P * _binomials(shapes[0])[..., None, None], 0, -2).reshape(-1, k, count, k)
-    N = np.moveaxis(N * _binomials(shapes[1])[..., None, None], -2, 1)
-    backwards = N[::-1].reshape(length, k, -1)
-    step = max(1, _CACHED // backwards[0].size)
-    total = np.zeros((both[0], k, *both[1:], k))
-    for at, sums in enumerate(total):
-        low, high = max(0, at - length + 1), min(count, at + 1)
-        columns = backwards[length - 1 - at + low : length - 1 - at + high].reshape((high - low) * k, -1)
-        for start in range(0, len(places), step):
-            left = rows[start : start + step, :, low:high].reshape(-1, len(columns))
-            products = (left @ columns).reshape(-1, k, *inner, k)
-            for place, term in zip(places[start : start + step], products, strict=False):
-                sums[:, *place] += term
-    result = np.moveaxis(total, 1, -2) / _binomials(both)[..., None, None]
-    return np.asarray(np.moveaxis(result, 0, first))
-
-
-@cache
-def _binomials(shape: tuple[int, ...]) -> Array:
-    """Products of binomial coefficients, which turn Bernstein coefficients into those of powers."""
-    weights = np.ones(shape)
-    for axis, size in enumerate(shape):
-        row = np.array([float(comb(size - 1, i)) for i in range(size)])
-        weights *= row.reshape([-1 if k == axis else 1 for k in range(len(shape))])
-    return weights
+    return pieces_positive(S, most) if np.all(np.isfinite(S)) else (False, 0)
 
 
 def _largest_change(subbox: _Subbox) -> int:
