@@ -23,15 +23,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
+import flint
 import numpy as np
 
 import mbdlft
 from mbdlft import Angle, Beam, Ground, Inertia, Loop, MbdlftError, Parameter, RigidBody, Rotation, Scene
 from mbdlft.multibody.joint import Joint
 from tests.attack.mutations import check_message
-from tests.cross.frames import Frames
-from tests.cross.mechanism import _closure
+from tests.cross.maximal import Bodies
+from tests.cross.poses import BITS
 
 Z = (0.0, 0.0, 1.0)
 _LOST = 1e-7  # of the largest singular value: one below it is lost
@@ -373,11 +373,15 @@ def drawn(seed: int, *, flat: bool) -> tuple[Scene, dict[str, float]]:
 
 
 def rank(scene: Scene, point: dict[str, float]) -> int:
-    """Of the constraints at a point, from true gaps and directions; rigid bodies only."""
-    f = Frames(scene, point)
-    gap = ca.vertcat(*(_closure(loop, f) for loop in scene.loops))
-    G = ca.Function("G", [f.q], [ca.densify(ca.jacobian(gap, f.q))])
-    sizes = np.linalg.svd(G(np.zeros(f.q.numel())).full(), compute_uv=False)
+    """Of the constraints at a point, in maximal coordinates; rigid bodies only."""
+    with flint.ctx.workprec(BITS):
+        b = Bodies(scene, point)
+        rows = [
+            b.spread(link, row)
+            for link in b.links
+            for row in link.jacobian(b.motion(link.parent), b.motion(link.child))[len(link.laws) :]
+        ]
+    sizes = np.linalg.svd(np.array(rows).astype(float), compute_uv=False)
     return int(np.sum(sizes > _LOST * sizes[0]))
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import mbdlft
 from mbdlft import MbdlftError, WellPosednessError, scene_from_toml, scene_to_toml, to_lft
 from mbdlft.multibody.to_problem import problem_of_scene
+from tests.attack.mechanisms import check, points_of
 from tests.attack.mutations import changed, check_message
 from tests.attack.structures import as_toml, restructured
 from tests.close import SCENARIO
-from tests.cross import test_lagrangian, test_mechanism
-from tests.cross.mechanism import linear_at, mechanism
+from tests.cross import test_lagrangian
 from tests.cross.mechanisms import closed_loop, open_tree
 from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
@@ -73,11 +73,11 @@ def texts() -> list[str]:
 
 
 def attack(seed: int, folder: Path) -> str:
-    """Mutate a scene as a text or as a tree and linearize it, or compare a random one with Lagrange."""
+    """Mutate a scene as a text or as a tree and linearize it, or derive a random one in another way."""
     random = np.random.default_rng(seed)
     way = random.random()
     if way < 0.05:
-        return lagrange(seed, random)
+        return derived(seed, random)
     if way < 0.2:
         makers = (random_scene, random_mechanism, open_tree, closed_loop)
         given = scene_to_toml(makers[int(random.integers(len(makers)))](seed))
@@ -123,7 +123,7 @@ def linearized(text: str, random: np.random.Generator) -> str:
     return "linearized"
 
 
-def lagrange(seed: int, random: np.random.Generator) -> str:
+def derived(seed: int, random: np.random.Generator) -> str:
     """A random scene as it is, whose equations are derived in another way."""
     kind = int(random.integers(3))
     if kind == 0:
@@ -135,6 +135,5 @@ def lagrange(seed: int, random: np.random.Generator) -> str:
     except MbdlftError as error:
         check_message(error)
         return f"refused, not compared: {type(error).__name__}"
-    points, equations = test_mechanism.points_of(scene), mechanism(scene)
-    test_mechanism.compare(model, points, [linear_at(equations, model, at) for at in points])
-    return "as Lagrange"
+    check(scene, model, points_of(scene, seed))
+    return "as maximal coordinates"

@@ -9,7 +9,7 @@ coordinates s, the others vanish:
 Couplings j are combinations of coordinates, e = sum c s, with a multiplier f, or f = f0 - k e - c de/dt.
 
 All derivatives are differences. Motions follow from constraints and not from a recursion along a tree.
-No program is shared with the package or with Lagrange's equations (`tests/cross/mechanism.py`). Rotors
+No program is shared with the package but the reader of expressions. Rotors
 turn: small rotations of a body are exp(eta) R(t) around its motion, so that
 
     omega = omega0 + deta/dt + eta x omega0

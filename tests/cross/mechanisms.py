@@ -3,14 +3,12 @@
 Lengths are parameters in trees; a closed loop keeps its shape, with ports where the tree puts them.
 """
 
-import casadi as ca
 import numpy as np
 
 import mbdlft
 from mbdlft import Angle, Loop, Parameter, Rotation, Scene
 from mbdlft.multibody.joint import Joint
 from tests.cross.at_rest import at_rest, turned
-from tests.cross.frames import Frames
 
 KINDS = ("revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
 # joints whose efforts are given where a closure holds as many coordinates
@@ -129,43 +127,11 @@ def open_tree(seed: int) -> Scene:
 
 
 def closed_loop(seed: int) -> Scene:
-    """A chain closed on the ground by a ball, a hinge or a weld; masses, stiffness and spin vary."""
-    random = np.random.default_rng(1000 + seed)
-    kind = ("spherical", "revolute", "fixed")[seed % 3]
-    bodies, joints = _chain(random, kind)
-    gravity, spin = random.uniform(-6.0, 6.0, 3), None
-    parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
-    if seed % 2:
-        spin = mbdlft.Spin(axis=(0, 0, 1), rate="rate")
-        gravity, parameters = np.array([0.0, 0.0, 4.0]), (*parameters, RATE)
-    frame = _frame(Scene(name="chain", parameters=parameters, bodies=bodies, joints=joints))
-    # a last body whose axes are those of the ground, where the closure is
-    axis, angle = _axis_angle(frame[:3, :3].T)
-    pin = (0.2, 0.3, -0.1)
-    end = END.model_copy(update={"ports": {"pin": pin}})
-    weld = mbdlft.Fixed(
-        name="weld", parent=f"{bodies[-1].name}.tip", child="end", axis=axis, position=angle
-    )
-    ground = mbdlft.Ground(ports={"anchor": tuple(frame[:3, 3] + pin), "wall": _vector(random, 2.0)})
-    return Scene(
-        name=f"loop_{kind}_{seed}",
-        gravity=tuple(gravity),
-        spin=spin,
-        parameters=parameters,
-        bodies=(ground, *bodies, end),
-        joints=(*joints, weld),
-        loops=[
-            Loop(
-                name="pin",
-                kind=kind,
-                parent="ground.anchor",
-                child="end.pin",
-                axis=(1.0, 2.0, -1.0) if kind == "revolute" else None,
-            )
-        ],
-        loads=[STAY],
-        sensors=_sensors("end", joints[0].name),
-    )
+    """A chain closed by a ball, a hinge or a weld; for odd seeds in a frame that spins."""
+    scene = closed_by(("spherical", "revolute", "fixed")[seed % 3], 1000 + seed)
+    spin = mbdlft.Spin(axis=(0, 0, 1), rate="rate")
+    spins = {"spin": spin, "gravity": (0.0, 0.0, 4.0), "parameters": (*scene.parameters, RATE)}
+    return scene.model_copy(update=spins) if seed % 2 else scene
 
 
 def closed_by(kind: str, seed: int) -> Scene:
@@ -328,19 +294,3 @@ def _with_preload(joint: Joint, random) -> Joint:
 
 def _vector(random, size: float) -> tuple[float, float, float]:
     return tuple(float(x) for x in random.uniform(-size, size, 3))
-
-
-def _frame(scene: Scene) -> np.ndarray:
-    """Frame of the tip of the last body at rest."""
-    p = {parameter.name: ca.SX(parameter.nominal) for parameter in scene.parameters}
-    f = Frames(scene, p)
-    frame, at = f.port(f"{scene.bodies[-1].name}.tip")
-    frame = ca.Function("frame", [f.q], [frame, at])
-    turned, at = (part.full() for part in frame(np.zeros(f.q.numel())))
-    return np.block([[turned[:3, :3], at], [np.zeros((1, 3)), np.ones((1, 1))]])
-
-
-def _axis_angle(turn: np.ndarray) -> tuple[tuple[float, ...], float]:
-    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    sine, cosine = 0.5 * np.linalg.norm(axis), 0.5 * (np.trace(turn) - 1.0)
-    return tuple(float(x) for x in axis), float(np.arctan2(sine, cosine))

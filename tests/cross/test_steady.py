@@ -1,31 +1,12 @@
-"""Rotors at steady rates against Lagrange's equations around a motion, and against pinocchio.
-
-The reference moves: its rotors turn, with matrices of inertia that turn with them. It knows nothing of
-symmetry, and agrees only because the linear model of what is symmetric does not depend on time.
-"""
-
-from collections.abc import Callable
+"""Rotors at steady rates against pinocchio; `test_mechanism.py` has more of them."""
 
 import numpy as np
 import pinocchio as pin
-import pytest
 
 import mbdlft
 from tests import close
-from tests.cross.mechanism import linear_at, mechanism
 from tests.cross.pinocchio_tree import plant
-from tests.cross.steady_mechanisms import second_bearing, spinning
-from tests.cross.test_mechanism import compare, points_of
-
-
-@pytest.mark.parametrize(
-    "scene",
-    [second_bearing, *(pytest.param(k, marks=[] if k == 9 else pytest.mark.long) for k in range(40))],
-)
-def test_rotors_equal_lagrange(scene: Callable[[], mbdlft.Scene] | int) -> None:
-    built = spinning(scene) if isinstance(scene, int) else scene()
-    model, equations, points = mbdlft.to_lft(built, search=0.0), mechanism(built), points_of(built)
-    compare(model, points, [linear_at(equations, model, point) for point in points])
+from tests.cross.test_mechanism import points_of
 
 
 def tower() -> mbdlft.Scene:
