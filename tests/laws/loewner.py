@@ -1,46 +1,40 @@
-"""McMillan degrees of matrices of texts by another way: ranks of Loewner matrices modulo a prime.
+"""McMillan degrees by another way: ranks of Loewner matrices modulo a prime, by FLINT.
 
-Entries are evaluated as Python expressions in integers modulo a prime that the package does not use.
+Entries of texts are evaluated as Python expressions in integers modulo a prime that the package does not
+use.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 
+import flint
 import numpy as np
 
-from tests.laws.test_bound import PRIME, Rows, solve_modulo
+from mbdlft.lft.lft import LFT
 
+PRIME = 2**61 - 1
 _MOST = 10  # degree of a parameter in the matrices of the tests
 
 
-class Modular:
-    """An integer modulo the prime, with `+ - * / **`."""
+def residue(value: float | str) -> flint.nmod:
+    fraction = Fraction(value)
+    return flint.nmod(fraction.numerator, PRIME) / fraction.denominator
 
-    def __init__(self, value: "str | int | Fraction | Modular") -> None:
-        if isinstance(value, Modular):
-            self.value = value.value
-            return
-        fraction = Fraction(value)
-        self.value = fraction.numerator * pow(fraction.denominator, -1, PRIME) % PRIME
 
-    def __add__(self, other: "Modular | int") -> "Modular":
-        return Modular(self.value + Modular(other).value)
-
-    def __sub__(self, other: "Modular | int") -> "Modular":
-        return Modular(self.value - Modular(other).value)
-
-    def __mul__(self, other: "Modular | int") -> "Modular":
-        return Modular(self.value * Modular(other).value)
-
-    def __truediv__(self, other: "Modular | int") -> "Modular":
-        return Modular(self.value * pow(Modular(other).value, -1, PRIME))
-
-    def __neg__(self) -> "Modular":
-        return Modular(-self.value)
-
-    def __pow__(self, exponent: int) -> "Modular":
-        return Modular(pow(self.value, exponent, PRIME))
+def degree(values: Callable[[int], flint.nmod_mat], most: int, random: np.random.Generator) -> int:
+    """The degree, at most so much, of a matrix that has these values: the rank of its Loewner matrix."""
+    points = [int(z) for z in random.integers(1, PRIME, 2 * most)]
+    lefts, rights = ([(z, values(z)) for z in half] for half in (points[:most], points[most:]))
+    rows, columns = lefts[0][1].nrows(), lefts[0][1].ncols()
+    entries = [
+        (left[i, j] - right[i, j]) / (mu - z)
+        for mu, left in lefts
+        for i in range(rows)
+        for z, right in rights
+        for j in range(columns)
+    ]
+    return flint.nmod_mat(rows * most, columns * most, entries, PRIME).rank()
 
 
 def python_text(text: str) -> str:
@@ -50,18 +44,16 @@ def python_text(text: str) -> str:
     )
 
 
-def values(rows: Sequence[Sequence[str]], at: Mapping[str, int]) -> Rows:
+def values(rows: Sequence[Sequence[str]], at: Mapping[str, int]) -> flint.nmod_mat:
     """The matrix at residues; those of an angle are tangents of its half."""
-    known: dict[str, object] = {name: Modular(value) for name, value in at.items()}
-
-    def cosine(t: Modular) -> Modular:
-        return (Modular(1) - t * t) / (t * t + 1)
-
-    def sine(t: Modular) -> Modular:
-        return Modular(2) * t / (t * t + 1)
-
-    names = {"F": Modular, "cos": cosine, "sin": sine}
-    return [[Modular(eval(python_text(text), names, known)).value for text in row] for row in rows]
+    known = {name: residue(value) for name, value in at.items()}
+    names = {
+        "F": residue,
+        "cos": lambda t: (1 - t * t) / (1 + t * t),
+        "sin": lambda t: 2 * t / (1 + t * t),
+    }
+    entries = [eval(python_text(text), names, known) for row in rows for text in row]
+    return flint.nmod_mat(len(rows), len(rows[0]), [residue(0) + x for x in entries], PRIME)
 
 
 def degrees(rows: Sequence[Sequence[str]], names: Sequence[str], seed: int = 0) -> dict[str, int]:
@@ -69,16 +61,26 @@ def degrees(rows: Sequence[Sequence[str]], names: Sequence[str], seed: int = 0) 
     random, found = np.random.default_rng(seed), {}
     for name in names:
         others = {other: int(random.integers(1, PRIME)) for other in names}
-        points = [int(z) for z in random.integers(1, PRIME, 2 * _MOST)]
-        samples = [values(rows, others | {name: z}) for z in points]
-        matrix: Rows = []
-        for mu, left in zip(points[:_MOST], samples[:_MOST], strict=True):
-            for i in range(len(rows)):
-                row: list[int] = []
-                for z, right in zip(points[_MOST:], samples[_MOST:], strict=True):
-                    over = pow(mu - z, -1, PRIME)
-                    pairs = zip(left[i], right[i], strict=True)
-                    row += [(x - y) * over % PRIME for x, y in pairs]
-                matrix.append(row)
-        found[name] = solve_modulo(matrix, [[] for _ in matrix])[1]
+        found[name] = degree(lambda z, at=others, name=name: values(rows, at | {name: z}), _MOST, random)
     return found
+
+
+def exact_degree(a: LFT, name: str, random: np.random.Generator) -> int:
+    """The McMillan degree of an LFT, whose entries are short binary fractions, in a delta."""
+    others = {block.name: int(random.integers(1, PRIME)) for block in a.blocks}
+    most = dict(a.blocks)[name] + 1
+    return degree(lambda z: value_modulo(a, others | {name: z}), most, random)
+
+
+def value_modulo(a: LFT, point: Mapping[str, int]) -> flint.nmod_mat:
+    """M22 + M21 Delta (I - M11 Delta)^-1 M12 modulo the prime."""
+    M11, M12, M21, M22 = (_modulo(matrix) for matrix in (a.M11, a.M12, a.M21, a.M22))
+    deltas = np.diag([point[block.name] for block in a.blocks for _ in range(block.size)])
+    if not a.order:
+        return M22
+    D, one = _modulo(deltas), _modulo(np.eye(a.order))
+    return M22 + M21 * D * (one - M11 * D).solve(M12)
+
+
+def _modulo(matrix: np.ndarray) -> flint.nmod_mat:
+    return flint.nmod_mat(*matrix.shape, [residue(x) for x in matrix.ravel().tolist()], PRIME)

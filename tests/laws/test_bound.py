@@ -20,66 +20,9 @@ from mbdlft.order.reduction import reduce_order
 from mbdlft.problem.relations import linearize
 from tests.extracted import extracted, lower_bound
 from tests.laws.lfts import padded
+from tests.laws.loewner import exact_degree
 
-PRIME = 2**61 - 1
 DENOMINATOR = 4  # entries are integers over this: exact in floating point and modulo a prime
-
-Rows = list[list[int]]
-
-
-def solve_modulo(matrix: Rows, right: Rows) -> tuple[Rows, int]:
-    """Reduced rows of [matrix, right] without the columns of matrix, and the rank of matrix."""
-    rows = [[*a, *b] for a, b in zip(matrix, right, strict=True)]
-    rank, width = 0, len(matrix[0]) if matrix else 0
-    for column in range(width):
-        pivot = next((i for i in range(rank, len(rows)) if rows[i][column]), None)
-        if pivot is None:
-            continue
-        rows[rank], rows[pivot] = rows[pivot], rows[rank]
-        inverse = pow(rows[rank][column], -1, PRIME)
-        rows[rank] = [x * inverse % PRIME for x in rows[rank]]
-        for i, row in enumerate(rows):
-            if i != rank and row[column]:
-                factor = row[column]
-                rows[i] = [(x - factor * y) % PRIME for x, y in zip(row, rows[rank], strict=True)]
-        rank += 1
-    return [row[width:] for row in rows], rank
-
-
-def modulo(matrix: np.ndarray) -> Rows:
-    inverse = pow(DENOMINATOR, -1, PRIME)
-    return [[int(x) * inverse % PRIME for x in row] for row in np.rint(matrix * DENOMINATOR)]
-
-
-def value_modulo(a: LFT, point: dict[str, int]) -> Rows:
-    """M22 + M21 Delta (I - M11 Delta)^-1 M12 modulo the prime."""
-    M11, M12, M21, M22 = (modulo(matrix) for matrix in (a.M11, a.M12, a.M21, a.M22))
-    d = [point[block.name] for block in a.blocks for _ in range(block.size)]
-    n = len(d)
-    loop = [[((i == j) - M11[i][j] * d[j]) % PRIME for j in range(n)] for i in range(n)]
-    X, rank = solve_modulo(loop, M12)
-    assert rank == n
-    change = [[sum(row[j] * d[j] * X[j][k] for j in range(n)) for k in range(a.shape[1])] for row in M21]
-    return [
-        [(x + y) % PRIME for x, y in zip(*rows, strict=True)] for rows in zip(M22, change, strict=True)
-    ]
-
-
-def exact_degree(a: LFT, name: str, random: np.random.Generator) -> int:
-    """Rank modulo the prime of a Loewner matrix with blocks, at random points: the McMillan degree."""
-    count = dict(a.blocks)[name] + 1
-    others = {block.name: int(random.integers(1, PRIME)) for block in a.blocks}
-    points = [int(z) for z in random.integers(1, PRIME, 2 * count)]
-    values = [value_modulo(a, others | {name: z}) for z in points]
-    rows: Rows = []
-    for mu, left in zip(points[:count], values[:count], strict=True):
-        for i in range(a.shape[0]):
-            row: list[int] = []
-            for z, right in zip(points[count:], values[count:], strict=True):
-                inverse = pow(mu - z, -1, PRIME)
-                row += [(x - y) * inverse % PRIME for x, y in zip(left[i], right[i], strict=True)]
-            rows.append(row)
-    return solve_modulo(rows, [[] for _ in rows])[1]
 
 
 @st.composite
