@@ -64,6 +64,37 @@ def geared_wheel() -> mbdlft.Scene:
     )
 
 
+def carried_rotor() -> mbdlft.Scene:
+    """A frame that spins tilts a body, in which a geared joint turns an arm about a tilted axis."""
+
+    def body(name: str, xx: float, yy: float, zz: float) -> mbdlft.RigidBody:
+        return mbdlft.RigidBody(name=name, mass=1.0, inertia=mbdlft.Inertia(xx=xx, yy=yy, zz=zz))
+
+    return mbdlft.Scene(
+        name="carried_rotor",
+        spin=mbdlft.Spin(axis=(0, 0, 1), rate="W"),
+        parameters=[
+            mbdlft.Parameter("W", 2.0, low=0.5, high=4.0, unit="rad/s"),
+            mbdlft.Parameter("n", -20.0, low=-30.0, high=-10.0),
+            mbdlft.Parameter("J", 0.01, percent=40, unit="kg m^2"),
+            mbdlft.Angle("g", 20.0, low=-40.0, high=60.0),
+        ],
+        bodies=[body("body", 2.0, 3.0, 2.5), body("arm", 0.4, 0.7, 0.9)],
+        joints=[
+            mbdlft.Revolute(name="tilt", parent="ground", child="body", axis=(1, 0, 0), position="g"),
+            mbdlft.Revolute(
+                name="gear",
+                parent="body",
+                child="arm",
+                axis=(0.0, 0.6, 0.8),
+                position=0.6,
+                actuator_inertia="J",
+                gear_ratio="n",
+            ),
+        ],
+    )
+
+
 def closed(kind: str, seed: int) -> mbdlft.Scene:
     scene = closed_by(kind, seed)
     return scene.model_copy(update={"sensors": scene.sensors[6:8]})
@@ -73,6 +104,7 @@ SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
     **{f"tree {seed}": (lambda seed=seed: open_tree(seed)) for seed in range(5)},
     **{kind: (lambda kind=kind: closed(kind, CLOSED[kind])) for kind in CLOSED},
     **PLANAR,
+    "carried rotor": carried_rotor,
     "geared wheel": geared_wheel,
     "second bearing": second_bearing,
     "spinning": lambda: spinning(9),
