@@ -54,11 +54,6 @@ def flexible_body(
     damping : damping ratio [1], a number or an expression, of all modes; or a sequence with one for
         each mode of the body
     prestress : ``neglected`` or None, as for every elastic body
-
-    Raises
-    ------
-    StructureError
-        `modal_model` raises it, or the number of damping ratios is not that of the modes.
     """
     choice: dict[str, Any] = {"modes": modes, "frequency": frequency, "effective_mass": effective_mass}
     model = modal_model(mass_matrix, stiffness_matrix, nodes, parent, ports, method=method, **choice)
@@ -79,11 +74,6 @@ def modal_body(
     name : str
     model : ModalModel
     damping, prestress : as in `flexible_body`
-
-    Raises
-    ------
-    StructureError
-        The number of damping ratios is not that of the modes.
 
     Warns
     -----
@@ -136,13 +126,6 @@ def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body
     name : name of the body in the scene; by default that of the file
     choices : method, modes, frequency, effective_mass, damping, prestress
         These replace the entries of the file, if the file describes a body by matrices.
-
-    Raises
-    ------
-    SceneError
-        The file cannot be read or is not the description of a body.
-    StructureError
-        The matrices are not those of a free structure: see `modal_model`.
     """
     file = Path(path)
     table = body_table(file)

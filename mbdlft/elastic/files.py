@@ -55,11 +55,6 @@ def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
     path : NAME.npz, NAME.h5, or NAME.mass.mtx with NAME.stiffness.mtx and NAME.nodes.txt beside it
     limit : int
         Most bytes that the arrays may need.
-
-    Raises
-    ------
-    StructureError
-        The file cannot be read, something is missing in it, or it needs more memory.
     """
     file = Path(path)
     try:
@@ -98,11 +93,6 @@ def save_matrices(path: str | Path, elements: FiniteElements) -> None:
     ----------
     path : NAME.npz or NAME.h5
     elements : FiniteElements
-
-    Raises
-    ------
-    StructureError
-        The name of the file has another ending.
     """
     file = Path(path)
     arrays: dict[str, Any] = {key: np.asarray(getattr(elements.nodes, key)) for key in (*_TABLE, "axes")}
@@ -275,11 +265,6 @@ def load_nastran(
         Most bytes of a file, and half of the memory that its reader may need.
 
     Coordinates with neither mass nor stiffness (constrained by AUTOSPC) are left out.
-
-    Raises
-    ------
-    StructureError
-        pyYeti is not installed, a file cannot be read, or the matrices and nodes do not fit together.
     """
     try:
         importlib.import_module("pyyeti.nastran.op4")

@@ -301,12 +301,6 @@ def model_of_results(
     mass, center, inertia : kg; (3,) from the origin, m; (3, 3) about the origin, kg m^2
     modal_masses : (n,), optional
         Generalized masses of the modes, in the scale of `reactions` and `shapes`; 1 by default.
-
-    Raises
-    ------
-    StructureError
-        Shapes of arrays do not fit, a frequency is out of range, a port has no mode shape, or the
-        participation factors exceed the rigid mass.
     """
     w = finite("frequencies", frequencies, (np.size(frequencies),))
     n = len(w)

@@ -36,11 +36,6 @@ class Nodes:
     axes : float (n, 3, 3), optional
         Columns are the axes of the displacements of each node; by default those of the
         coordinates.
-
-    Raises
-    ------
-    StructureError
-        A shape is wrong, a node number is given twice or is unknown, or axes are not orthonormal.
     """
 
     numbers: ArrayLike

@@ -55,11 +55,6 @@ def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> Fini
     ----------
     elements : FiniteElements
     length, mass : units, such as ``mm`` and ``t`` where forces are in N and moduli in MPa
-
-    Raises
-    ------
-    StructureError
-        `length` is not a unit of length, or `mass` is not one of mass.
     """
     L, m = _factor("length", length, "m"), _factor("mass", mass, "kg")
     nodes = elements.nodes

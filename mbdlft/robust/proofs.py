@@ -286,11 +286,6 @@ def verify(system: System, bounds: evidence.Bounds) -> str:
     -------
     str
         What is wrong; empty if the claim is proved.
-
-    Raises
-    ------
-    AnalysisError, StructureError
-        The states that do not count, or the signals of the gain, are not those of this system.
     """
     claim, proof = bounds.claim, bounds.proof
     if claim.kind == evidence.DAMPING and claim.bound == -1.0 and proof is None:  # no damping is below -1

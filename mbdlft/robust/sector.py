@@ -313,11 +313,6 @@ def sector_bounds(
     -------
     SectorBounds
         Outward: the true bounds are inside.
-
-    Raises
-    ------
-    AnalysisError
-        The function has several arguments, the range is not finite or not inside that of the function.
     """
     if len(function.arguments) != 1:
         raise AnalysisError(
@@ -367,11 +362,6 @@ def slope_bounds(
     -------
     tuple of (low, high)
         Infinite where the function may jump.
-
-    Raises
-    ------
-    AnalysisError
-        The ranges are not those of the arguments, or one is not finite.
     """
     ends = [end for low, high in ranges for end in (low, high)]
     if len(ranges) != len(function.arguments) or not all(map(math.isfinite, ends)):

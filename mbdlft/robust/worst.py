@@ -261,11 +261,6 @@ def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slic
     system : System or LFTModel
     inputs, outputs : name, number, slice, or list of these, optional
         Signals at which the loop is opened, as many of both; all, if not given.
-
-    Raises
-    ------
-    AnalysisError
-        There are not as many inputs as outputs.
     """
     loop = system[outputs, inputs]
     n = len(loop.inputs)
