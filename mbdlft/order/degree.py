@@ -302,7 +302,7 @@ class Pair(NamedTuple):
     """Two deltas that do not both have their degree.
 
     `second_more` are the repetitions above its degree that the second needs if the first has none, and
-    the other way round. Both are at least 1. If both have some, they have `together` at least.
+    the other way round. Both are at least 1. With y, x, h of `shared`, y e_first + x e_second >= h.
     `is_transposed` says whether it is proved for H or for its transpose.
     """
 
@@ -310,7 +310,7 @@ class Pair(NamedTuple):
     second: str
     first_more: int
     second_more: int
-    together: int = 2
+    shared: tuple[int, int, int] = (1, 1, 1)
     is_transposed: bool = False
 
 
@@ -332,18 +332,16 @@ def least_more(
     """Repetitions above the degrees that all pairs and triples allow, with the least sum.
 
     With e >= 0 repetitions more, e_first = 0 implies e_second >= second_more if and only if
-    second_more e_first + e_second >= second_more, and their sum is the least of the three cases. A triple
-    says e_first + 2 e_second + 2 e_third >= 2 where e_first = 0 is excluded by pairs. Of three that
-    cannot be `singles`, one is repeated.
+    second_more e_first + e_second >= second_more; and a triple says e_first + 2 e_second + 2 e_third >= 2
+    where e_first = 0 is excluded by pairs. Of three that cannot be `singles`, one is repeated.
     """
     if not (pairs or singles):
         return dict.fromkeys(names, 0)
     conditions: list[_Condition] = []
-    for first, second, first_more, second_more, together, _ in pairs:
+    for first, second, first_more, second_more, (y, x, h), _ in pairs:
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
-        if (least := min(first_more, second_more, together)) > 1:
-            conditions.append(({first: 1, second: 1}, least))
+        conditions.append(({first: y, second: x}, h))
     conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
     conditions += [(dict.fromkeys(three, 1), 1) for three in singles]
     return dict.fromkeys(names, 0) | _least_sum(conditions)
@@ -415,9 +413,9 @@ def _of_sum(
 def allows(pair: Pair, more: Mapping[str, int]) -> bool:
     """Whether a pair leaves these repetitions above the degrees possible."""
     first, second = more[pair.first], more[pair.second]
-    if first and second:
-        return first + second >= pair.together
-    return first >= pair.first_more or second >= pair.second_more
+    y, x, h = pair.shared
+    one_has_none = (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
+    return one_has_none and y * first + x * second >= h
 
 
 def excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
