@@ -15,8 +15,9 @@ from typing import Any
 import flint
 import numpy as np
 
+from tests.laws.loewner import PRIME, degree, value_modulo
+
 Polynomial = dict[tuple[int, ...], Fraction]  # coefficients by exponents of the parameters
-_PRIME = 2**61 - 1  # not that of the package
 _MOST = 8  # channels
 
 
@@ -149,56 +150,13 @@ def _interpolated(values: dict[tuple[int, ...], Fraction], sizes: tuple[int, ...
 
 
 def degrees(a: Known, random: np.random.Generator) -> dict[str, int]:
-    """McMillan degrees: ranks of Hankel matrices modulo a prime, other parameters at random values."""
-    n, found = a.order, {}
-    M = flint.nmod_mat(len(a.M), len(a.M[0]), [_residue(x) for row in a.M for x in row], _PRIME)
-    at = {name: int(random.integers(1, _PRIME)) for name in a.names}
-    P = a.spread(at)
-    first = 0
+    """McMillan degrees, other parameters at random values."""
+    found, M = {}, np.array(a.M, dtype=object)
     for name, size in zip(a.names, a.sizes, strict=True):
-        own = range(first, first + size)
-        first += size
-        others = [k for k in range(n) if k not in own]
-        inner = _block(M, others, others)
-        for i in range(len(others)):
-            for j, k in enumerate(others):
-                inner[i, j] = int(i == j) - int(inner[i, j]) * P[k] % _PRIME
-        outside = [*own, *range(n, len(a.M[0]))]
-        rest = _block(M, [*own, *range(n, len(a.M))], outside)
-        if others:
-            scaled = _block(M, [*own, *range(n, len(a.M))], others)
-            for i in range(scaled.nrows()):
-                for j, k in enumerate(others):
-                    scaled[i, j] = int(scaled[i, j]) * P[k] % _PRIME
-            rest = rest + scaled * inner.solve(_block(M, others, outside))
-        found[name] = _hankel_rank(rest, size)
+        at = {other: int(random.integers(1, PRIME)) for other in a.names}
+        value_at = lambda z, at=at, name=name: value_modulo(M, a.spread(at | {name: z}))  # noqa: E731
+        found[name] = degree(value_at, size + 1, random)
     return found
-
-
-def _hankel_rank(rest: Any, size: int) -> int:
-    """Rank of C A^k B, k < 2 size - 1, in a matrix [A B ; C D]."""
-    rows, columns = range(size, rest.nrows()), range(size, rest.ncols())
-    own = range(size)
-    A, B, C = _block(rest, own, own), _block(rest, own, columns), _block(rest, rows, own)
-    powers = [B]
-    for _ in range(2 * size - 2):
-        powers.append(A * powers[-1])
-    markov = [C * x for x in powers]
-    height, width = len(rows), len(columns)
-    hankel = flint.nmod_mat(size * height, size * width, _PRIME)
-    for i, j in product(range(size), range(size)):
-        for k, m in product(range(height), range(width)):
-            hankel[i * height + k, j * width + m] = markov[i + j][k, m]
-    return int(hankel.rank())
-
-
-def _block(M: Any, rows: Any, columns: Any) -> Any:
-    entries = [int(M[i, j]) for i in rows for j in columns]
-    return flint.nmod_mat(len(rows), len(columns), entries, _PRIME)
-
-
-def _residue(x: Fraction) -> int:
-    return x.numerator * pow(x.denominator, -1, _PRIME) % _PRIME
 
 
 def _rational(rows: list[list[Any]]) -> Any:

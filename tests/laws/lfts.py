@@ -2,6 +2,7 @@
 
 import numpy as np
 from hypothesis import strategies as st
+from scipy.linalg import block_diag
 
 from mbdlft.lft.lft import LFT, Block
 
@@ -43,28 +44,30 @@ def points(seed: int, count: int = 5) -> dict[str, np.ndarray]:
     return dict(zip(NAMES, np.vstack([inside, corners]).T, strict=True))
 
 
-def padded(a: LFT, random: np.random.Generator) -> LFT:
-    """The same value with channels that nothing reaches or nobody sees, in mixed coordinates."""
-    blocks, rows = [], []
-    for name, part in a.slices().items():
-        size = part.stop - part.start
-        T, _ = np.linalg.qr(random.standard_normal((size + 2, size + 2)))
-        blocks.append(Block(name, size + 2))
-        rows.append((part, T))
-    n = sum(block.size for block in blocks)
+def padded(a: LFT, random: np.random.Generator, *, exact: bool = False) -> LFT:
+    """The same value with channels that nothing reaches or nobody sees, in mixed coordinates.
+
+    `exact` ones are whole numbers with a determinant of one, and what is added are quarters.
+    """
+    sizes = [block.size + 2 for block in a.blocks]
+    ends = np.cumsum(sizes, dtype=int)
+    unseen, unreached = ends - 2, ends - 1
+    n = sum(sizes)
+    old = np.setdiff1d(np.arange(n), [*unseen, *unreached])
+    if exact:
+        parts = [np.tril(random.integers(-2, 3, (k, k)), -1) + np.eye(k) for k in sizes]
+    else:
+        parts = [np.linalg.qr(random.standard_normal((k, k)))[0] for k in sizes]
+    T = block_diag(*parts) if parts else np.eye(0)
+    inverse = block_diag(*(np.rint(np.linalg.inv(x)) if exact else x.T for x in parts)) if parts else T
+
+    def some(*shape: int) -> np.ndarray:
+        return random.integers(-3, 4, shape) / 4.0 if exact else random.standard_normal(shape)
+
     M11, M12, M21 = np.zeros((n, n)), np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
-    T_all = np.zeros((n, n))
-    position, old, unseen, unreached = 0, [], [], []
-    for part, T in rows:
-        size = part.stop - part.start
-        T_all[position : position + size + 2, position : position + size + 2] = T
-        old += range(position, position + size)
-        unseen.append(position + size)
-        unreached.append(position + size + 1)
-        position += size + 2
     M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
-    M11[np.ix_(unseen, old)] = random.standard_normal((len(unseen), len(old)))
-    M12[unseen] = random.standard_normal((len(unseen), a.shape[1]))
-    M11[np.ix_(old, unreached)] = random.standard_normal((len(old), len(unreached)))
-    M21[:, unreached] = random.standard_normal((a.shape[0], len(unreached)))
-    return LFT(T_all @ M11 @ T_all.T, T_all @ M12, M21 @ T_all.T, a.M22, tuple(blocks))
+    M11[np.ix_(unseen, old)], M12[unseen] = some(len(unseen), len(old)), some(len(unseen), a.shape[1])
+    M11[np.ix_(old, unreached)] = some(len(old), len(unreached))
+    M21[:, unreached] = some(a.shape[0], len(unreached))
+    blocks = tuple(Block(block.name, block.size + 2) for block in a.blocks)
+    return LFT(T @ M11 @ inverse, T @ M12, M21 @ inverse, a.M22, blocks)

@@ -68,19 +68,24 @@ def degrees(rows: Sequence[Sequence[str]], names: Sequence[str], seed: int = 0) 
 def exact_degree(a: LFT, name: str, random: np.random.Generator) -> int:
     """The McMillan degree of an LFT, whose entries are short binary fractions, in a delta."""
     others = {block.name: int(random.integers(1, PRIME)) for block in a.blocks}
-    most = dict(a.blocks)[name] + 1
-    return degree(lambda z: value_modulo(a, others | {name: z}), most, random)
+    M = np.block([[a.M11, a.M12], [a.M21, a.M22]])
+
+    def value(z: int) -> flint.nmod_mat:
+        at = others | {name: z}
+        return value_modulo(M, [at[block.name] for block in a.blocks for _ in range(block.size)])
+
+    return degree(value, dict(a.blocks)[name] + 1, random)
 
 
-def value_modulo(a: LFT, point: Mapping[str, int]) -> flint.nmod_mat:
+def value_modulo(M: np.ndarray, deltas: Sequence[int]) -> flint.nmod_mat:
     """M22 + M21 Delta (I - M11 Delta)^-1 M12 modulo the prime."""
-    M11, M12, M21, M22 = (_modulo(matrix) for matrix in (a.M11, a.M12, a.M21, a.M22))
-    deltas = np.diag([point[block.name] for block in a.blocks for _ in range(block.size)])
-    if not a.order:
+    n = len(deltas)
+    M11, M12, M21, M22 = map(_residues, (M[:n, :n], M[:n, n:], M[n:, :n], M[n:, n:]))
+    if not n:
         return M22
-    D, one = _modulo(deltas), _modulo(np.eye(a.order))
-    return M22 + M21 * D * (one - M11 * D).solve(M12)
+    D = _residues(np.diag(np.array(deltas, dtype=object)))
+    return M22 + M21 * D * (_residues(np.eye(n)) - M11 * D).solve(M12)
 
 
-def _modulo(matrix: np.ndarray) -> flint.nmod_mat:
+def _residues(matrix: np.ndarray) -> flint.nmod_mat:
     return flint.nmod_mat(*matrix.shape, [residue(x) for x in matrix.ravel().tolist()], PRIME)

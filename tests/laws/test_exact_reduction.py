@@ -22,7 +22,7 @@ from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.reduction import _SHOWN, ExactLFT, in_good_coordinates, reduce_exactly, reduce_order
 from tests.close import ONE_ROUNDING, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly
-from tests.laws.lfts import lfts, points
+from tests.laws.lfts import lfts, padded, points
 from tests.laws.test_bound import sparse_lfts
 
 PRIME = FIELD.prime
@@ -61,36 +61,6 @@ def test_orders_of_sparse_lfts(a: LFT) -> None:
     assert reduce_exactly(exactly(a)).blocks == reduce_order(a).blocks
 
 
-def turned(a: LFT, seed: int) -> LFT:
-    """The same value with channels that nothing reaches or nobody sees, in other coordinates.
-
-    The coordinates are whole numbers with a determinant of one, so that entries stay exact.
-    """
-    random, padded = np.random.default_rng(seed), []
-    parts = list(a.slices().values())
-    n = sum(part.stop - part.start + 2 for part in parts)
-    M11, M12, M21 = np.zeros((n, n)), np.zeros((n, a.shape[1])), np.zeros((a.shape[0], n))
-    old, unseen, unreached, start, blocks = [], [], [], 0, []
-    T, inverse = np.eye(n), np.eye(n)
-    for block, part in zip(a.blocks, parts, strict=True):
-        size = part.stop - part.start
-        old += range(start, start + size)
-        unseen.append(start + size)
-        unreached.append(start + size + 1)
-        own = slice(start, start + size + 2)
-        lower = np.tril(random.integers(-2, 3, (size + 2, size + 2)), -1) + np.eye(size + 2)
-        T[own, own], inverse[own, own] = lower, np.rint(np.linalg.inv(lower))
-        start += size + 2
-        blocks.append(Block(block.name, size + 2))
-    assert not padded
-    some = lambda *shape: random.integers(-3, 4, shape) / 4.0  # noqa: E731
-    M11[np.ix_(old, old)], M12[old], M21[:, old] = a.M11, a.M12, a.M21
-    M11[np.ix_(unseen, old)], M12[unseen] = (some(len(unseen), len(old)), some(len(unseen), a.shape[1]))
-    M11[np.ix_(old, unreached)] = some(len(old), len(unreached))
-    M21[:, unreached] = some(a.shape[0], len(unreached))
-    return LFT(T @ M11 @ inverse, T @ M12, M21 @ inverse, a.M22, tuple(blocks))
-
-
 def coarse(seed: int) -> LFT:
     """A minimal LFT of quarters."""
     random = np.random.default_rng(seed)
@@ -103,7 +73,7 @@ def coarse(seed: int) -> LFT:
 def test_channels_that_do_not_matter_go(seed: int) -> None:
     a = coarse(seed)
     minimal = reduce_exactly(exactly(a))
-    large = exactly(turned(a, seed))
+    large = exactly(padded(a, np.random.default_rng(seed), exact=True))
     found = reduce_exactly(large)
     assert found.blocks == minimal.blocks
     roundoff(at_points(found.rounded()), at_points(a), 1e4, 10.0)
@@ -223,7 +193,7 @@ def test_a_basis_over_other_rows_spans_the_same(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_bases_are_found_row_by_row(seed: int) -> None:
     """Their balls are those of all Krylov vectors over the pivots; some rows need each other."""
-    large = exactly(turned(coarse(seed), seed))
+    large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
     M, sizes = large.M, [block.size for block in large.blocks]
     n, blocks = sum(sizes), module._parts(sizes)
     spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME)
