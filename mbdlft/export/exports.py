@@ -8,7 +8,7 @@ import csv
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from io import BytesIO, StringIO
 from math import prod
@@ -19,7 +19,7 @@ import numpy as np
 
 from mbdlft.archive.archive import put, save, target_of, writing
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, StructureError, check_known
+from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export import matlab
 from mbdlft.export.c import c_texts, julia_text
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 MODEL_SUFFIXES = (".mat", ".c", ".fmu", ".jl", ".mo")
 GRID_SUFFIXES = (".mat", ".csv", ".npz")
+_UNCHANGED = "Old files are unchanged."
 _SIGNED, _HEAD = b"Written by mbdlft", 4096  # in the first bytes of every text
 Counts = int | Mapping[str, int]
 _MOST_NUMBERS = 2**24  # of all matrices: 134 MB
@@ -88,6 +89,21 @@ def export_model(
         A file cannot be written, or would take the place of one beside `path` that was not exported.
     """
     file = Path(path)
+    try:
+        return _exported(file, model, counts, archive, fmi)
+    except MbdlftError as error:
+        if str(file) in str(error):
+            raise
+        raise type(error)(f"{file}: {error}") from error
+
+
+def _exported(
+    file: Path,
+    model: System | DeltaThetaModel,
+    counts: Counts | None,
+    archive: str | Path | None,
+    fmi: int,
+) -> tuple[Path, ...]:
     if not isinstance(model, System | DeltaThetaModel):
         raise StructureError(
             f"{file}: expected an LFTModel, a System or a DeltaThetaModel, got {type(model).__name__}. "
@@ -173,22 +189,27 @@ def _written_julia(
     if isinstance(model, DeltaThetaModel):
         files |= _c(file.with_suffix(".c"), model)
     if archive is None:
+        _targets(files)  # an error is known before the archive is written
         save(beside, model)
     return (*_written(files), *((beside,) if archive is None else ()))
 
 
 def _written(images: Mapping[Path, bytes]) -> tuple[Path, ...]:
-    """Write all files, or none; others than the first take the place of files of mbdlft only."""
-    unchanged = "Old files are unchanged."
-    targets = {target_of(file): image for file, image in images.items()}
+    """Write all files, or none."""
+    put(dict(zip(_targets(images), images.values(), strict=True)), unchanged=_UNCHANGED)
+    return tuple(images)
+
+
+def _targets(files: Iterable[Path]) -> list[Path]:
+    """Where files are written; others than the first take the place of files of mbdlft only."""
+    targets = [target_of(file) for file in files]
     for k, target in enumerate(targets):
-        with writing(target, unchanged):
+        with writing(target, _UNCHANGED):
             if target.is_dir():
                 raise IsADirectoryError(0, "it is a folder")
             if k and target.exists() and not _is_ours(target):
                 raise FileExistsError(0, "it exists, and mbdlft has not written it")
-    put(targets, unchanged=unchanged)
-    return tuple(images)
+    return targets
 
 
 def _is_ours(file: Path) -> bool:

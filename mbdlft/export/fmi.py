@@ -54,13 +54,13 @@ class _Variable(NamedTuple):
 def fmu_image(model: System, stem: str, version: int) -> bytes:
     """The unit of a model as bytes; `stem` names its source."""
     if version not in VERSIONS:
-        raise StructureError(f"{stem}.fmu: FMI {version!r} is unknown; 3 and 2 are written.")
+        raise StructureError(f"FMI {version!r} is unknown; 3 and 2 are written.")
     name, source = identifier(model.name), identifier(stem)
     text, header = c_texts(model, source)
     variables = [v._replace(name=one_line(v.name)) for v in _variables(model)]
     twice = [name for name, count in Counter(v.name for v in variables).items() if count > 1]
     if twice:
-        raise StructureError(f"{stem}.fmu: two signals would be named {twice[0]!r}. Rename one of them.")
+        raise StructureError(f"two signals would be named {twice[0]!r}. Rename one of them.")
     token = hashlib.sha256(f"{version}\n{text}\n{variables}".encode()).hexdigest()
     token = f"{{{token[:8]}-{token[8:12]}-{token[12:16]}-{token[16:20]}-{token[20:32]}}}"
     sizes = {"np": len(model.parameters), "nx": len(model.states), "nu": len(model.inputs)}
@@ -73,7 +73,7 @@ def fmu_image(model: System, stem: str, version: int) -> bytes:
     if version == 3:
         files["sources/buildDescription.xml"] = _build(name)
     folder, ending = _place(version)
-    files[f"binaries/{folder}/{name}{ending}"] = _compiled(sources, f"{stem}.fmu")
+    files[f"binaries/{folder}/{name}{ending}"] = _compiled(sources)
     stream = BytesIO()
     with ZipFile(stream, "w", ZIP_DEFLATED) as archive:
         for file, image in files.items():  # the date is always the same, and so is the archive
@@ -208,7 +208,7 @@ def _place(version: int) -> tuple[str, str]:
     return (f"{system}64" if short else f"{machine}-{system}"), ending
 
 
-def _compiled(sources: dict[str, str], file: str) -> bytes:
+def _compiled(sources: dict[str, str]) -> bytes:
     """The shared library of the sources, by the compiler `cc` or the one that CC names."""
     compiler, options = os.environ.get("CC", "cc"), os.environ.get("CFLAGS", "").split()
     with tempfile.TemporaryDirectory() as folder:
@@ -222,7 +222,7 @@ def _compiled(sources: dict[str, str], file: str) -> bytes:
         except (OSError, subprocess.CalledProcessError) as error:
             said = (getattr(error, "stderr", None) or str(error)).strip().splitlines()
             raise StructureError(
-                f"{file}: the C compiler {compiler!r} failed: {said[0] if said else 'no message'}. "
+                f"the C compiler {compiler!r} failed: {said[0] if said else 'no message'}. "
                 "Install one (Debian: gcc), or name it in CC of the environment (CFLAGS has options); "
                 ".c needs none."
             ) from error

@@ -1,5 +1,6 @@
 """What cannot be exported is one message, and no file is left half written."""
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 
 import mbdlft
 from mbdlft import ComplexBlock, FullBlock, Parameter
-from mbdlft.base.errors import AnalysisError, ArchiveError, StructureError
+from mbdlft.base.errors import AnalysisError, ArchiveError, MbdlftError, StructureError
 from mbdlft.cli.files import _counts
 from mbdlft.export import dataset, export_model, lpv_grid
 from mbdlft.lft import LFT
@@ -91,6 +92,34 @@ def test_files_that_cannot_be_written(name: str, tmp_path: Path) -> None:
     (tmp_path / name).mkdir()
     with pytest.raises(ArchiveError, match=r"it is a folder. Old files are unchanged"):
         export_model(tmp_path / name, arm(), counts, archive=tmp_path / "arm.h5")
+
+
+@pytest.mark.parametrize(
+    ("name", "counts", "fmi"),
+    [
+        ("arm.fmu", None, 3),
+        ("arm.fmu", None, 4),
+        ("grid.csv", 0, 3),
+        ("grid.csv", 10**6, 3),
+        ("two words.mat", None, 3),
+        ("no/arm.jl", None, 3),
+    ],
+)
+def test_errors_name_the_file_and_leave_none(
+    name: str, counts: int | None, fmi: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "no-such-compiler")
+    with pytest.raises(MbdlftError, match=f"^{re.escape(str(tmp_path / name))}: ") as error:
+        export_model(tmp_path / name, arm(), counts, fmi=fmi)
+    assert str(error.value).count(str(tmp_path / name)) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_no_archive_of_a_script_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "arm.jl").mkdir()
+    with pytest.raises(ArchiveError, match=r"arm\.jl: cannot be written: it is a folder"):
+        export_model(tmp_path / "arm.jl", arm())
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.jl"]
 
 
 def test_all_files_or_none(tmp_path: Path) -> None:
