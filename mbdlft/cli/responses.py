@@ -318,7 +318,7 @@ def _print_modes(rows: "Sequence[ModeRow]", title: str, most: int | None) -> Non
     shown = list(counts.items())[:most]
     print_table(
         title,
-        "pole (rad/s) | natural (rad/s) > | (Hz) > | damping > | time constant (s) > | times >",
+        "pole (rad/s) | natural (rad/s) > | (Hz) > | damping > | time constant (s) > | multiplicity >",
         ((*texts, str(count) if count > 1 else "") for texts, count in shown),
     )
     if most is not None and len(counts) > most:

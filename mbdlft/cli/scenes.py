@@ -95,17 +95,18 @@ def _print_equilibria(
         write_scene(output, multibody.at_equilibrium(scene, points[0]))
     if as_json:
         data = [_equilibrium_data(scene, point) for point in points]
-        print_json({"name": scene.name, "equilibria": data})
+        written = {} if output is None else {"scene": str(output)}
+        print_json({"name": scene.name, "equilibria": data, **written})
         return
     for k, point in enumerate(points, start=1):
         unknowns = {**point.positions, **point.efforts}
-        rows = ((name, f"{value:.10g}", point.units[name]) for name, value in unknowns.items())
+        rows = ((name, f"{value + 0.0:.10g}", point.units[name]) for name, value in unknowns.items())
         print_table(f"{scene.name}: equilibrium {k}", "unknown | value > | unit", rows)
         say(f"residual {point.residual:.1e} of the largest terms; {_stability(scene, point)}")
         if point.undetermined:
             say(f"not determined: {', '.join(point.undetermined)}")
     if output is not None:
-        say(f"scene: {output}")
+        say(f"scene at equilibrium 1: {output}" if len(points) > 1 else f"scene: {output}")
 
 
 def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, object]:

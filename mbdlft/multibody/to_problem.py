@@ -204,7 +204,7 @@ def _singular_mass_matrix(number: float, names: Sequence[str]) -> str:
 def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[str, ...]:
     """Say what is easily overlooked in a scene that can be used.
 
-    That are efforts that hold the equilibrium and are no input, springs that are pushed together, forces
+    That are efforts that hold the equilibrium and are no input, springs in compression, forces
     of contacts that share what they hold, names, ports and sensors that are not used, a scene without
     gravity, and errors of the shapes of beams. What is probably wrong, such as a negative damping, is a
     `MbdlftWarning` of `to_lft` instead.
@@ -295,14 +295,14 @@ def _unseen(scene: Scene) -> list[str]:
 
 
 def _pushed(scene: Scene, trimmed: Mapping[Signal, float]) -> list[str]:
-    """Springs between two ports that carry a load by being pushed together."""
+    """Springs between two ports that are in compression."""
     densities = {signal.name: value for signal, value in trimmed.items()}
     names = [load.name for load in scene.loads if isinstance(load, Spring)]
     pushed = [name for name in names if densities.get(f"{name}.{Spring.signal.name}", 0.0) < -_NOTHING]
     if not pushed:
         return []
     return [
-        f"pushed together at nominal: spring {', '.join(map(repr, pushed))}. A spring acts along the "
+        f"in compression at nominal: spring {', '.join(map(repr, pushed))}. A spring acts along the "
         "line between its ports, so it gives way sideways when it is pushed. One that something guides, "
         "such as a tire, is a load of the kind strut, or a joint with a stiffness."
     ]

@@ -1,5 +1,6 @@
 """The command line finds positions: tables with units, all equilibria, the scene that is written."""
 
+import json
 from pathlib import Path
 
 import h5py
@@ -65,6 +66,11 @@ def test_all_equilibria(tmp_path: Path, call: Call) -> None:
     assert "equilibrium 3" not in out
     assert out.count("; stable: decays with") == 1
     assert out.count("; unstable: grows with") == 1
+    written = tmp_path / "there.toml"
+    for form in ((), ("--json",)):
+        _, out, _ = call("trim", str(file), "--all", "--starts", "10", "-o", str(written), *form)
+        assert str(written) in "".join(out.split("\n"))
+    assert json.loads(out)["scene"] == str(written)
     file.write_text(PENDULUM.replace("DAMPING", "0.0"), encoding="utf-8")
     code, out, err = call("trim", str(file), "--positions")
     assert "neither stable nor unstable: something moves without damping" in out

@@ -108,7 +108,7 @@ def test_notes_in_python(tmp_path: Path) -> None:
         on_spring = mbdlft.Scene(
             name="s", gravity=(0, 0, -9.81), bodies=[ground, body], joints=[joint], loads=[spring]
         )
-        assert ("pushed together at nominal: spring 's'" in " ".join(mbdlft.notes(on_spring))) is pushed
+        assert ("in compression at nominal: spring 's'" in " ".join(mbdlft.notes(on_spring))) is pushed
 
 
 def test_what_is_used_and_changes_nothing(tmp_path: Path, call: Call) -> None:
