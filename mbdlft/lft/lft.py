@@ -312,7 +312,8 @@ def fix(a: LFT, values: Mapping[str, ArrayLike]) -> LFT:
 
 def with_blocks(a: LFT, names: Sequence[str]) -> LFT:
     """The same LFT with a block for each of `names`, of size 0 where it has none."""
-    missing = [Block(name, 0) for name in names if name not in a.slices()]
+    own = {block.name for block in a.blocks}
+    missing = [Block(name, 0) for name in names if name not in own]
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(sorted((*a.blocks, *missing))))
 
 

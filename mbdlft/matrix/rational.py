@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 import casadi as ca
@@ -95,6 +96,8 @@ def least_forms(
         if lft.is_minimal:
             return
     F = _about(N, d, [Fraction(0)] * len(shifts))
+    if math.prod(F.box) * len(N) * len(N[0]) > _MOST_ENTRIES:
+        return
     for is_transposed in (False, True):
         turned = replace(F, N=[*zip(*F.N, strict=True)]) if is_transposed else F
         form = low_relations(turned, Work(_WORK))
@@ -186,15 +189,17 @@ def _implicit(rows: list[list[Terms]], q: ca.SX, problem: MatrixProblem) -> Line
 
 def _horner(terms: Terms, q: ca.SX, order: Sequence[int]) -> ca.SX:
     """A polynomial, by Horner's rule in one parameter after the other."""
-    if not terms:
-        return ca.SX(0)
-    if not order:
-        return ca.SX(literal(next(iter(terms.values()))))
-    k, total = order[0], ca.SX(0)
-    for exponent in range(max(e[k] for e in terms), -1, -1):
-        lower_terms = {e: x for e, x in terms.items() if e[k] == exponent}
-        total = q[k] * total + _horner(lower_terms, q, order[1:])
-    return total
+    products, last = [], ca.SX(0)  # with each parameter, of what those before it are not in
+    for place, k in enumerate(order):
+        total = ca.SX(0)
+        for exponent in range(max((e[k] for e in terms), default=0), 0, -1):
+            lower_terms = {e: x for e, x in terms.items() if e[k] == exponent}
+            total = q[k] * (total + _horner(lower_terms, q, order[place + 1 :]))
+        products.append(total)
+        terms = {e: x for e, x in terms.items() if not e[k]}
+    if terms:
+        last = ca.SX(literal(next(iter(terms.values()))))
+    return reduce(lambda rest, product: product + rest, reversed(products), last)
 
 
 def _terms(polynomial: Any) -> Terms:

@@ -27,7 +27,7 @@ from mbdlft.base.array import Array
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.lft import LFT, Block, transpose
 from mbdlft.order.reduction import reduce_order
-from mbdlft.order.work import Work, product, reduction, singular_values, solutions
+from mbdlft.order.work import UNIT, Work, product, reduction, singular_values, solutions
 
 Complex = NDArray[np.complex128]
 
@@ -57,11 +57,17 @@ class Fit(NamedTuple):
     W: Complex
 
 
+_NUMBERS = 2**24  # of the loops that are solved at once: 270 MB
+
+
 def channels_at(M11: Array, M12: Array, deltas: NDArray[Any]) -> NDArray[Any]:
     """z = (I - M11 Delta)^-1 M12 (points, channels, inputs) at deltas (points, channels)."""
-    loops = np.eye(len(M11)) - M11 * deltas[:, None, :]
-    right = np.broadcast_to(M12, (len(deltas), *M12.shape)).astype(deltas.dtype)
-    return np.asarray(np.linalg.solve(loops, right))
+    step = max(1, _NUMBERS // max(1, M11.size))
+    chunks = [deltas[k : k + step] for k in range(0, max(1, len(deltas)), step)]
+    loops = ((np.eye(len(M11)) - M11 * d[:, None, :], len(d)) for d in chunks)
+    right = M12.astype(deltas.dtype)
+    solved = [np.linalg.solve(loop, np.broadcast_to(right, (n, *M12.shape))) for loop, n in loops]
+    return np.concatenate(solved)
 
 
 def pole_distance(loop: Array, largest: float) -> float:
@@ -164,7 +170,7 @@ def independent(a: LFT, work: Work) -> LFT:
 def _without_dependent(a: LFT, work: Work) -> LFT:
     """The same for the functions Y Delta alone."""
     n, outputs = a.order, a.shape[0]
-    if not n or not outputs:
+    if not n or not outputs or solutions(_samples(n, outputs), n, outputs) > UNIT * work.left:
         return a
     try:
         dependences = _dependences(_functions(a, work), outputs, work)
@@ -184,11 +190,16 @@ def _without_dependent(a: LFT, work: Work) -> LFT:
     return reduce_order(LFT(M11, M12, M[n:, kept], M[n:, n:], tuple(blocks)))
 
 
+def _samples(n: int, outputs: int) -> int:
+    """Points at which n channels are sampled."""
+    return int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs
+
+
 def _functions(a: LFT, work: Work) -> Array:
     """Values (samples, outputs + channels) of 1 and Y Delta on circles, in real and imaginary parts."""
     n, outputs = a.order, a.shape[0]
     random = np.random.default_rng(_SEED)
-    points = int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs
+    points = _samples(n, outputs)
     least, largest = _RADIUS
     loops = [a.M11[span, span] for span in a.slices().values()]
     radii = [max(least, _WITHIN * pole_distance(loop, largest / _WITHIN)) for loop in loops]

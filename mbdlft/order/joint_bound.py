@@ -65,7 +65,8 @@ class JointBound:
             if not (open_ or singles) or work.is_over:
                 return self.known
             for names in singles:
-                self._singles[names] = cannot_be_single(self.a, names, work)
+                if not work.is_over:
+                    self._singles[names] = cannot_be_single(self.a, names, work)
             for triple in open_:
                 is_proved = self._is_proved(triple, work)
                 if is_proved or not work.is_over:  # it was looked at to the end

@@ -68,6 +68,7 @@ _SURPLUS = 4  # dimensions of E above degree times coefficients, at first: h is 
 _OPEN = (0, 0, (0, 0, 0))
 _LINE = 20_261_127  # where no line b = const is special
 _ROOM = 4  # times the points that were too few: as many more at once
+_REDUCED = 5e6  # operations of an LFT in a few deltas: some half a millisecond with the call
 _MOST_COEFFICIENTS = {1: 600, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
 
 
@@ -209,6 +210,7 @@ def is_constant(
 
 def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
     M, slices = _reduced(a, tuple(names))
+    work.add(_REDUCED)
     return _Function(M.T if is_transposed else M, slices, a.M.prime, work)
 
 

@@ -38,6 +38,7 @@ from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
 
 _MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
+_MOST_PARAMETERS = 1000  # that a model depends on: some 10 s, with their cube
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
@@ -97,6 +98,13 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
     except (StructureError, WellPosednessError) as error:
         raise type(error)(f"{problem.nouns.owner}: {error}") from None
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
+    count = sum(block.size > 0 for block in opened.blocks)
+    if count > _MOST_PARAMETERS:
+        raise AnalysisError(
+            f"{problem.nouns.owner}: depends on {count} parameters; at most {_MOST_PARAMETERS}, as the "
+            "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
+            "products of them. A sweep takes any number."
+        )
     if opened.order > _MOST_EXACT:
         return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
     n = form.relations.unknown.numel()

@@ -132,6 +132,7 @@ def _check_quantities(
         scene, {n for k, e in texts.items() for n in names(expression_at(Place(owner, k), e))}
     )
     sampled: dict[str, NDArray[np.float64]] = {}
+    angles = [p for p in scene.parameters if p.is_angle]
     for label, expected in quantities.items():
         place = Place(owner, label)
         if isinstance(expected.source, float) and expected.unit != "rad":
@@ -147,7 +148,7 @@ def _check_quantities(
             continue
         expression = expression_at(place, expected)
         used = names(expression)
-        for angle in (p for p in scene.parameters if p.is_angle and p.name in used):
+        for angle in (p for p in angles if p.name in used):
             raise SceneError(
                 f"{place} = {expected.source!r}: {angle.name!r} has unit {angle.unit!r}, which does not "
                 "fit. An angle parameter can be the position of a joint, or in an orientation. Elsewhere "
