@@ -146,7 +146,7 @@ _WORDS = (
     ("orientation", "a list of rotations, each with axis and angle"),
     ("imposed", "true, false or 'motion'"),
     ("constants", "numbers by name, or tables with value and unit"),
-    ("inputs outputs", "a list of signal names"),
+    ("inputs outputs", "a list of at least one signal name"),
     ("expressions", "numbers or expressions by name"),
     ("parent child about port joint frame name kind description unit", "a text"),
     ("unchecked", "true or false"),

@@ -79,7 +79,7 @@ class _Linear:
             residual=column_of(map(_linear, equations.relations)),
             output=column_of(map(_linear, equations.outputs)),
             unknown=equations.unknown,
-            known=small[len(s.unknowns) :],
+            known=small[len(s.unknowns) :, :],  # of a single entry there is a row otherwise
             p=self.internal,
             parameters=s.dae.parameters,
             derivatives=equations.derivatives,

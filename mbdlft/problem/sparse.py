@@ -51,7 +51,7 @@ class Entries:
 
 def joined(arrays: Sequence[Any], ndim: int = 3) -> Any:
     """Results (N, ...) of the `parts`, of which those of sparse matrices are of one point."""
-    return np.concatenate([array.reshape(-1, *array.shape[1 - ndim :]) for array in arrays])
+    return np.concatenate([a if a.ndim == ndim else a[None] for a in arrays])
 
 
 def dense(K: Matrices) -> Any:

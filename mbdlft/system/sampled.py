@@ -148,9 +148,10 @@ def in_control(model: System, matrices: Sequence[Array], name: str) -> "StateSpa
     """Real A, B, C, D with the signals of a model, whose dots python-control does not allow."""
     import control  # here because it is slow to import and reading an archive does not need it
 
-    if len(model.outputs) == 1 and not model.inputs:
+    missing = "output" if len(model.outputs) == 1 else "state" if len(model.states) == 1 else ""
+    if missing and not model.inputs:  # B or D of one row is read as a column
         raise StructureError(
-            f"model {model.name!r}: python-control has no system with one output and no inputs; use "
+            f"model {model.name!r}: python-control has no system with one {missing} and no inputs; use "
             "matrices_at(model, values)."
         )
     names = control_names(model, "states", "inputs", "outputs")

@@ -42,7 +42,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "couplings": (16,),
     "contacts": (3,),
     "motions": (0,),
-    "empty": (7, 14, 31),
+    "empty": (7, 14, 31, 35, 45),
     "tunings": (20,),
 }
 SECONDS = 20.0  # of the clock that one attack may take

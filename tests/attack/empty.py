@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 import mbdlft
 from mbdlft import LFTModel, MbdlftError, Parameter
 from mbdlft.cli.commands import app
+from mbdlft.dae import DaeDraft
 
 KINDS = ("states", "inputs", "outputs", "parameters")
 FIGURES = ("singular_values", "bode", "nyquist", "nichols", "pole_map", "step", "orders", "trims", "mu")
@@ -28,9 +29,12 @@ COMMANDS = (
 
 
 def attack(seed: int, folder: Path) -> str:
-    """Everything that is done with one model; seeds from 16 on ask the command line."""
+    """Everything that is done with one model, of a matrix or, by seed & 32, of equations.
+
+    With seed & 16 the command line is asked.
+    """
     missing = [kind for k, kind in enumerate(KINDS) if seed >> k & 1]
-    model = without(missing)
+    model = (of_equations if seed & 32 else without)(missing)
     answers = 0
     for what, asked in (commands if seed & 16 else calls)(model, folder):
         try:
@@ -60,6 +64,24 @@ def without(missing: list[str]) -> LFTModel:
         ("outputs" not in missing and "y") or [], ("inputs" not in missing and "u") or []
     ]
     return selected
+
+
+def of_equations(missing: list[str]) -> LFTModel:
+    """x' = u - p x with y = x + p u, or y = p u, as equations, without what is missing."""
+    d = DaeDraft("empty")
+    p = 1 if "parameters" in missing else d.parameter(Parameter("p", 1.0, low=0.5, high=1.5))
+    u = 0 if "inputs" in missing else d.input("u")
+    y = d.variable("y")
+    if "states" in missing:
+        d.equation(y, equals=p * u)
+    else:
+        x = d.variable("x")
+        d.equation(d.der(x), equals=u - p * x)
+        d.equation(y, equals=x + p * u)
+    if "outputs" not in missing:
+        d.output("y")
+    mbdlft.delta_theta(d.dae())
+    return mbdlft.linearize_dae(d.dae())
 
 
 def calls(model: LFTModel, folder: Path) -> Iterator[tuple[str, Callable[[], Any]]]:

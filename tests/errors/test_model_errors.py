@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import casadi as ca
+import control
 import numpy as np
 import pytest
 
@@ -75,6 +76,8 @@ model.with_range([1.0]) => StructureError: model 'cart_on_rail': expected values
 model["rail.position", []].at()
     => StructureError: model 'cart_on_rail': python-control has no system with one output and no inputs
 lpv_grid(model["rail.position", []], {"mass": 2}) => StructureError: python-control has no system
+mbdlft.as_system(control.ss(-1, 1, 1, 0), name="lag")[[], []].at()
+    => StructureError: model 'lag': python-control has no system with one state and no inputs
 [model[[], []].at().nstates, model[[], "rail.force"].at().ninputs] => accepted
 trim_at(replace(model, trim=replace(model.trim, lft=None)), {})
     => StructureError: model 'cart_on_rail' was stored without the LFT of its trim.

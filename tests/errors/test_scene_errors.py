@@ -50,9 +50,9 @@ Scene(name="s", gravity=(0, 0))
 Scene(gravity=(0, 0, 0)) => scene '': 'name' is missing.
 Scene(name=5) => scene 5: name: expected a text, got 5.
 Scene(name="s", gravitation=(0, 0, 0)) => scene 's': unknown key 'gravitation'. Did you mean 'gravity'?
-Scene(name="s", inputs=[]) => scene 's': inputs: expected a list of signal names, got [].
+Scene(name="s", inputs=[]) => scene 's': inputs: expected a list of at least one signal name, got [].
 Scene(name="s", outputs="j.angle")
-    => scene 's': outputs: expected a list of signal names, got 'j.angle'.
+    => scene 's': outputs: expected a list of at least one signal name, got 'j.angle'.
 PointMass(name="b", weight=1.0) => 'mass' is missing. … unknown key 'weight'.
 Revolute(name='hinge', parent='ground', child='b', axis=(0, 0, 0))
     => axis has zero length, got [0.0, 0.0, 0.0]. Give a direction; its length

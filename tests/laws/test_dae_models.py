@@ -445,3 +445,14 @@ def test_slopes_that_vanish_at_angles_in_doubles_do(times: float, pull: Any, rea
     assert np.max(np.abs(C)) <= 100.0 * EPS
     target(A[:, 1, 0], times * np.array([8.0, 9.81, 11.0]), CLOSED_FORM)
     exact(B[:, :, 0], [[0.0, 1.0]] * 3)
+
+
+@pytest.mark.parametrize("kept", [("u",), ("y",), ()])
+def test_equations_without_states_and_without_inputs_or_outputs(kept: tuple[str, ...]) -> None:
+    draft = mbdlft.dae.DaeDraft("static")
+    p, y = draft.parameter(Parameter("p", 1.0, percent=10)), draft.variable("y")
+    draft.equation(y, equals=p * (draft.input("u") if "u" in kept else 2))
+    if "y" in kept:
+        draft.output("y")
+    model = mbdlft.linearize_dae(draft.dae())
+    assert mbdlft.matrices_at(model, {})[3].shape == (kept.count("y"), kept.count("u"))
