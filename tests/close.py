@@ -129,22 +129,6 @@ def finite_difference(actual: ArrayLike, expected: ArrayLike, scale: float | Non
     assert found <= 1e3 * EPS ** (2.0 / 3.0), f"relative error {found:.2e}"
 
 
-def entries(actual: ArrayLike, expected: ArrayLike, terms: ArrayLike) -> None:
-    """Matrices (N, ., .) entry by entry: relative to the largest size of each over the points.
-
-    An entry below a thousandth of its row is compared with that, and a row of nothing with a
-    ten thousandth of the largest of the `terms` that are added up.
-    """
-    a, b, t = np.asarray(actual), np.asarray(expected), np.max(np.abs(terms), axis=0)
-    assert a.shape == b.shape, f"shape {a.shape}, expected {b.shape}"
-    size = np.max(np.abs(b), axis=0)
-    scale = np.maximum(size, 1e-3 * np.max(size, axis=1, keepdims=True, initial=0.0))
-    scale = np.maximum(scale, 1e-4 * np.max(t, initial=0.0))
-    found = np.max(np.abs(a - b), axis=0) / np.where(scale > 0, scale, 1.0)
-    worst = np.unravel_index(int(np.argmax(found)), found.shape)
-    assert np.all(found <= MECHANISM), f"relative error {np.max(found):.2e} at {worst}"
-
-
 # long chains, as `HARD`: solved with at nominal in exact numbers; in doubles it is 0.3
 HARD_CHAIN = 0.1
 

@@ -14,7 +14,6 @@ from tests.archive.test_systems import mixed, same_system
 from tests.attack.mutations import damaged
 
 HERE = Path(__file__).parents[1] / "archive"
-SECONDS_OF_HELPER = 3
 
 
 @cache

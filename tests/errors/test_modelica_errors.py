@@ -16,8 +16,6 @@ from mbdlft.modelica.rumoca import model_of_tables
 from mbdlft.modelica.sources import Sources
 from tests.errors.table import refused
 
-ADVICE = "Flat text has declarations of Real, Integer, Boolean and String, and equations."
-
 
 def text_of(declarations: str, equations: str = "x = 1;") -> str:
     return f"model M\n{declarations}\nequation\n{equations}\nend M;"

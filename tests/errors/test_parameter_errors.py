@@ -7,7 +7,6 @@ from mbdlft.base.unit import parse_unit
 from tests.errors.table import refused
 
 INSIDE = "the nominal must lie strictly inside the range"
-ONE_WAY = "give the range in exactly one way: low and high, percent, or plus (and minus); got "
 
 
 test_messages = refused(

@@ -38,7 +38,6 @@ RATED = state_space(
 )
 TWO, FED = synthesis.tunable_gain("K", ["e", "w"], "u"), (("f", "u"), ("e", "-y"), ("w", "-v"))
 FAR = {"K.D[1,1]": 1e155, "K.D[1,2]": 1e80}
-UNCERTAIN = mbdlft.state_space([[-1.0]], [[1.0]], [[1.0]], [[0.0]]) * 1.0
 PID = synthesis.tunable_pid("K", "e", "u")
 SCHEDULED = mbdlft.scheduled(
     synthesis.tunable_gain("K", "e", "u"), [mbdlft.Parameter("m", 1.0, percent=10)]
