@@ -75,14 +75,14 @@ _LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles
 
 class Smallest(NamedTuple):
     """The smallest LFT, the least order of any, whether seconds ended the search early, why a part of it
-    failed, larger LFTs on the way, the smallest first, and steps to a smaller one in exact numbers."""
+    failed, larger LFTs on the way, the smallest first, and steps with the orders that they lead to."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
     dropped: str = ""
     larger: tuple[LFT, ...] = ()
-    steps: tuple[Step, ...] = ()
+    steps: tuple[tuple[int, Step], ...] = ()
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -129,7 +129,7 @@ def find_smallest(
         smaller = [with_blocks(form, names) for form in on_the_way if form.order < smallest.order]
         best, *larger = [*smaller, smallest]
         by_order = sorted((order, step) for side in sides for step, order in side.steps.items())
-        steps = tuple(step for order, step in by_order if order < best.order)
+        steps = tuple((order, step) for order, step in by_order if order < smallest.order)
         return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger), steps)
 
 
@@ -139,7 +139,7 @@ class _Side:
     def __init__(self, forms: Sequence[LFT], level: "_Level", *, is_opened: bool = False) -> None:
         self.is_opened = is_opened
         self.forms, self.level, self.is_new = list(forms), level, True
-        self.steps: dict[Step, int] = {}  # that lack digits only, and the order that they lead to
+        self.steps: dict[Step, int] = {}  # that may lack digits, and the order that they lead to
         self.start = _without_empty(self.forms[0])
 
     def begin(self, work: Work, dropped: list[str]) -> None:
@@ -470,12 +470,13 @@ def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
                 candidate = made.lft
                 if candidate.order > least or candidate.blocks in pool:
                     continue
-                if level.keeps(work, level.exact, candidate):
+                is_kept = level.keeps(work, level.exact, candidate)
+                if form is start and made.name and (is_kept or _is_near(candidate, level.exact[0].truth)):
+                    side.steps[Step(*made[1:], side.is_opened)] = candidate.order
+                if is_kept:
                     pool[candidate.blocks] = candidate
                     if candidate.order <= proof.order_bound:
                         break
-                elif form is start and made.name and _is_near(candidate, level.exact[0].truth):
-                    side.steps[Step(*made[1:], side.is_opened)] = candidate.order
             if min(form.order for form in pool.values()) < least:
                 break
     return list(pool.values())

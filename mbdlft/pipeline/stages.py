@@ -3,10 +3,11 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
+from operator import attrgetter
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def _searched(
         if budget.seconds is None:
             result = _searched_exactly(problem, reduced[0], result, degrees, budget, stage)
         dropped = result.dropped
-        for smaller in (result.lft, *result.larger):
+        for smaller in _results(problem, reduced[0], result):
             if smaller.order >= lft.order:
                 break
             smaller = _in_units(problem, smaller)
@@ -224,8 +225,10 @@ def _searched_exactly(
 ) -> Smallest:
     """The result of searches that go on from what their steps lead to in exact numbers."""
     steps: list[Step] = []
-    while result.steps and len(steps) < _MOST_STEPS and start.lft.order <= _MOST_RESTRICTED:
-        steps.append(result.steps[0])
+    while len(steps) < _MOST_STEPS and start.lft.order <= _MOST_RESTRICTED:
+        if not result.steps or result.steps[0][0] >= result.lft.order:
+            break
+        steps.append(result.steps[0][1])
         candidate = restricted(problem, start.form, steps)
         if candidate is None or candidate.lft.order >= result.lft.order:
             break
@@ -234,6 +237,16 @@ def _searched_exactly(
         larger = (*more.larger, candidate.lft, result.lft, *result.larger)
         result = more._replace(order_bound=bound, larger=larger, dropped=more.dropped or result.dropped)
     return result
+
+
+def _results(problem: Problem, start: Candidate, result: Smallest) -> Iterator[LFT]:
+    """The LFT of a search; if that is not used, its first step in exact numbers, and larger ones."""
+    yield result.lft
+    others = [*result.larger]
+    if result.steps and start.lft.order <= _MOST_RESTRICTED:
+        candidate = restricted(problem, start.form, [result.steps[0][1]])
+        others += [candidate.lft] if candidate else []
+    yield from sorted(others, key=attrgetter("order"))
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
