@@ -20,23 +20,9 @@ import numpy as np
 from h5py import h5d, h5p, h5s, h5t
 from numpy.typing import NDArray
 
+from mbdlft.archive import layout as layouts
 from mbdlft.archive.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
 from mbdlft.archive.hdf5 import Part, Request, write_items
-from mbdlft.archive.layout import (
-    BLOCK_ROWS,
-    DIGEST,
-    FIRST,
-    ROW_SIZES,
-    ROWS,
-    SWEEP_TYPE,
-    Items,
-    check_digest,
-    digest,
-    encode,
-    text,
-    word,
-    words,
-)
 from mbdlft.archive.model import signal_values, signals_of
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
@@ -81,7 +67,7 @@ class Layout:
         left_out = ("poles/",) * (not self.poles) + ("function/",) * (not self.functions)
         return {
             path: tuple(sizes[name] for name in names)
-            for path, names in ROW_SIZES.items()
+            for path, names in layouts.ROW_SIZES.items()
             if not path.startswith(left_out)
         }
 
@@ -323,11 +309,15 @@ def finish_sweep(
     values: dict[str, Any] = {"@model": model or None, "provenance/scene": scene or None}
     for what in _SIGNALS:
         values |= signal_values(what, getattr(layout, what))
-    values |= {"function/name": layout.functions or None, BLOCK_ROWS: block_rows, "blocks": blocks}
-    meaning = text(MEANINGS + _FUNCTION_MEANING * bool(layout.functions))
+    values |= {
+        "function/name": layout.functions or None,
+        layouts.BLOCK_ROWS: block_rows,
+        "blocks": blocks,
+    }
+    meaning = layouts.text(MEANINGS + _FUNCTION_MEANING * bool(layout.functions))
     with naming(file, f"sweep {name!r}"):
-        items = encode(SWEEP_TYPE, values)
-    items[DIGEST] = text(digest({**items, "status@meaning": meaning}))
+        items = layouts.encode(layouts.SWEEP_TYPE, values)
+    items[layouts.DIGEST] = layouts.text(layouts.digest({**items, "status@meaning": meaning}))
 
     def fill(archive: Any) -> None:
         archive.require_group("sweeps")
@@ -371,20 +361,20 @@ def load_sweep(
         rows = slice(first - part.first, max(first, last) - part.first)
         return _sweep(part.items, key, rows)
 
-    request = Request("read", "sweeps", "sweep", name, (SWEEP_TYPE,), limit, start, stop)
+    request = Request("read", "sweeps", "sweep", name, (layouts.SWEEP_TYPE,), limit, start, stop)
     return read_one(Path(path), request, make, isolated=isolated)
 
 
-def _check_blocks(items: Items, first: int, count: int) -> None:
+def _check_blocks(items: layouts.Items, first: int, count: int) -> None:
     """Raise an ArchiveError unless the digests are those of what was read; the first files have none."""
-    if word(items, "@encoding_version") == FIRST:
+    if layouts.word(items, "@encoding_version") == layouts.FIRST:
         return
-    check_digest(items, ROWS)
-    size = int(items[BLOCK_ROWS])
+    layouts.check_digest(items, layouts.ROWS)
+    size = int(items[layouts.BLOCK_ROWS])
     wanted = items["blocks"]
     if len(wanted) != -(-count // size):
         raise ArchiveError(f"blocks: expected {-(-count // size)} digests, got {len(wanted)}.")
-    read, keys = len(items["status"]), [key for key in ROWS if key in items]
+    read, keys = len(items["status"]), [key for key in layouts.ROWS if key in items]
     arrays = [np.asarray(items[key]).reshape(read, -1).astype("<f8") for key in keys]
     rows = np.concatenate(arrays, axis=1)
     for start, computed in zip(range(0, read, size), digests_of(rows, size), strict=True):
@@ -396,12 +386,12 @@ def _check_blocks(items: Items, first: int, count: int) -> None:
             )
 
 
-def _sweep(items: Items, name: str, rows: slice) -> Sweep:
+def _sweep(items: layouts.Items, name: str, rows: slice) -> Sweep:
     """Some of the rows that were read."""
     layout = Layout(
         **{what: signals_of(items, what) for what in _SIGNALS},
         poles="poles/real" in items,
-        functions=words(items, "function/name") if _OF_FUNCTION in items else (),
+        functions=layouts.words(items, "function/name") if _OF_FUNCTION in items else (),
         single=items["A"].dtype.itemsize == 4,
     )
     status = items["status"]
@@ -429,7 +419,7 @@ def _sweep(items: Items, name: str, rows: slice) -> Sweep:
         trim=chosen["trim/value"],
         residual=chosen["residual"],
         status=chosen["status"],
-        model=word(items, "@model"),
+        model=layouts.word(items, "@model"),
         poles=poles,
         values=dict(zip(layout.functions, functions, strict=True)),
         **{key: chosen[key] for key in _MATRICES},

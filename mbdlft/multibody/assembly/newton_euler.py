@@ -22,27 +22,10 @@ from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.exact.interval import FUNCTIONS, Interval, decimal, find_zero
 from mbdlft.multibody.assembly import kinematics
+from mbdlft.multibody.assembly import resolved as resolution
 from mbdlft.multibody.assembly.closure import Closure, close_loops, constraint
 from mbdlft.multibody.assembly.coupled import check_couplings
 from mbdlft.multibody.assembly.gyrostat import body_momenta
-from mbdlft.multibody.assembly.resolved import (
-    Effort,
-    Resolved,
-    acting,
-    body_channels,
-    check_springs,
-    couplings,
-    force_density,
-    ground_motion,
-    in_plane,
-    list_efforts,
-    measures,
-    more_forces,
-    moved_coordinates,
-    resolve,
-    static_deflections,
-    steady_angles,
-)
 from mbdlft.multibody.assembly.touching import check_contacts, check_wheels
 from mbdlft.multibody.assembly.tree import Link, PortJoint, Symbols, coordinate_owners, degrees
 from mbdlft.multibody.assembly.weights import Products, Weights, gains_by_products
@@ -68,10 +51,10 @@ _SEEN = 1e-13  # a sensitivity of the equations of order one below which an entr
 class Assembly:
     """A resolved scene in motion, before wrenches are passed inward; and the equations made of it."""
 
-    resolved: Resolved
+    resolved: resolution.Resolved
     view: kinematics.View
     closure: Closure  # rows of the loops that are kept
-    efforts: tuple[Effort, ...]  # entries of u
+    efforts: tuple[resolution.Effort, ...]  # entries of u
     u: ca.SX
     z: ca.SX
     base: ca.SX  # (3,) acceleration of the frame less gravity
@@ -163,7 +146,7 @@ def assemble(scene: Scene) -> Equations:
 
 def assembly(scene: Scene) -> Assembly:
     """As `assemble`, with all that the equations are made of."""
-    resolved = resolve(scene)
+    resolved = resolution.resolve(scene)
     bodies = (body for body in scene.bodies if isinstance(body, ElasticBody))
     elastic = [body.name for body in bodies if not body.can_spin]
     if scene.spin and elastic:
@@ -172,32 +155,34 @@ def assembly(scene: Scene) -> Assembly:
             "loads change its stiffness, which is known for a 'beam' without torsion, shear and rotary "
             "inertia only: modal data do not say it. Use such beams, or rigid bodies and springs."
         )
-    r = in_plane(resolved)
+    r = resolution.in_plane(resolved)
     view = r.view()
     check_couplings(r.scene, view, r.symbols)
     check_contacts(r.scene, view, r.symbols.evaluate)
     check_wheels(r.scene, view, partial(r.symbols.evaluate, ends=True))
     closure = close_loops(r.scene, view, r.symbols)
-    check_springs(r.scene, view, r.symbols.evaluate)
+    resolution.check_springs(r.scene, view, r.symbols.evaluate)
     springs = [load for load in r.scene.loads if isinstance(load, Spring)]
-    return in_motion(r, view, closure, {s.name: force_density(s, view) for s in springs})
+    return in_motion(r, view, closure, {s.name: resolution.force_density(s, view) for s in springs})
 
 
-def in_motion(r: Resolved, view: kinematics.View, closure: Closure, laws: Mapping[str, Any]) -> Assembly:
+def in_motion(
+    r: resolution.Resolved, view: kinematics.View, closure: Closure, laws: Mapping[str, Any]
+) -> Assembly:
     """The bodies of a view in motion; `laws` are magnitudes of springs by name (None: unknown)."""
     scene, uniform = r.scene, r.values[f"scene {r.scene.name!r}"]
     base = column(uniform[f"acceleration.{a}"] - uniform[f"gravity.{a}"] for a in AXES)
     load = ca.SX.sym("load", base.sparsity())
-    efforts = list_efforts(r, laws, closure)
+    efforts = resolution.list_efforts(r, laws, closure)
     u = ca.SX.sym("u", len(efforts))
     z = ca.SX.sym("multiplier", len(closure.rows))
-    ground, field = ground_motion(scene, uniform, load, efforts, u)
-    inertial, loads = body_wrenches(r, view, ground, acting(r, view, closure, u, z))
+    ground, field = resolution.ground_motion(scene, uniform, load, efforts, u)
+    inertial, loads = body_wrenches(r, view, ground, resolution.acting(r, view, closure, u, z))
     return Assembly(r, view, closure, tuple(efforts), u, z, base, load, field, inertial, loads)
 
 
 def body_wrenches(
-    r: Resolved, view: kinematics.View, ground: ca.SX, loads: Sequence[BodyWrench]
+    r: resolution.Resolved, view: kinematics.View, ground: ca.SX, loads: Sequence[BodyWrench]
 ) -> tuple[dict[str, ca.SX], dict[str, ca.SX]]:
     """Wrenches (3, 2) by body that the motions need, and those of loads with the other sign.
 
@@ -221,18 +206,18 @@ def _equations(m: Assembly, passed: kinematics.Passed) -> Equations:
     view.passed = passed
     names = [effort.signal.name for effort in m.efforts]
     channels, coupled = (
-        body_channels(r, view, m.u, names),
-        couplings(r, view, m.closure, m.u, m.z, names),
+        resolution.body_channels(r, view, m.u, names),
+        resolution.couplings(r, view, m.closure, m.u, m.z, names),
     )
-    efforts, deflections = static_deflections(r, m.closure, m.u)
+    efforts, deflections = resolution.static_deflections(r, m.closure, m.u)
     unbalanced = dynamics(r, view, efforts, coupled.efforts) - channels.forces
     n = symbols.q.numel()
     held = _constraints(m, deflections)
-    moved = moved_coordinates(links, names)
+    moved = resolution.moved_coordinates(links, names)
     held += [symbols.x[c.coordinate + k * n] - m.u[c.inputs[k]] for c in moved for k in range(2)]
     residual = ca.vertcat(symbols.xdot[:n] - symbols.x[n:], unbalanced, *held)
-    forces = (coupled.forces, coupled.signals), *more_forces(r, view, m.closure, m.u, m.z)
-    measured, y_signals, default = measures(r, view, channels, *forces)
+    forces = (coupled.forces, coupled.signals), *resolution.more_forces(r, view, m.closure, m.u, m.z)
+    measured, y_signals, default = resolution.measures(r, view, channels, *forces)
     both = without_unseen(scene, ca.vertcat(residual, measured))
     carried, carried_by = _carried(links, view)
     every = degrees(links)
@@ -242,7 +227,7 @@ def _equations(m: Assembly, passed: kinematics.Passed) -> Equations:
     imposed = {c.coordinate for c in moved}
     followers = {*m.closure.dependent, *imposed} | {n + k for k in (*m.closure.rates, *imposed)}
     states = tuple(k for k in range(2 * n) if k not in followers)
-    cyclic = range(n) if scene.rolling else steady_angles(links)
+    cyclic = range(n) if scene.rolling else resolution.steady_angles(links)
     trimmed = [0.0 if effort.value is None else effort.value for effort in m.efforts]
     return Equations(
         name=scene.name,
@@ -293,7 +278,9 @@ def _bounds(scene: Scene, signals: Sequence[Signal]) -> tuple[float, ...]:
     return tuple(float(bounds.get(signal.name, 0.0)) for signal in signals)
 
 
-def dynamics(r: Resolved, view: kinematics.View, acting_efforts: ca.SX, of_couplings: ca.SX) -> ca.SX:
+def dynamics(
+    r: resolution.Resolved, view: kinematics.View, acting_efforts: ca.SX, of_couplings: ca.SX
+) -> ca.SX:
     """Efforts needed minus those that act (n,); of an imposed joint, the acceleration minus the input."""
     needed = ca.vertcat(*(view.passed.efforts[owned.owner] for owned in coordinate_owners(r.links)))
     rows: list[ca.SX] = []
