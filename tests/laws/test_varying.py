@@ -60,12 +60,13 @@ def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
 
 
 @pytest.mark.parametrize(
-    ("rate", "least"), [pytest.param(0.02, 0.56, marks=pytest.mark.long), (0.04, 0.25)]
+    ("rate", "least"), [pytest.param(0.02, 0.63, marks=pytest.mark.long), (0.04, 0.36)]
 )
 def test_a_slow_stiffness_is_proved_where_a_quadratic_form_cannot(rate: float, least: float) -> None:
     """x'' + 2 c x' + (1 + d) x: to first order a form of degree 4 proves 1 - rate/(4 sqrt(2) c).
 
     One that is quadratic in x proves 1 - rate/(4 c): 0.5 and nothing; motions fall below 0.71 and 0.41.
+    At the second rate degree 12 is needed for the gap.
     """
     system = oscillator("1+d", "0.02")
     found = mbdlft.robust_stability(system, rates=rate, gap=0.1, work=12.0)

@@ -38,8 +38,14 @@ class Shape(NamedTuple):
 
 
 PLAIN = Shape()
-SHAPES = (Shape(2, 1), Shape(2, 2), Shape(4, 2))  # that are tried where a plain one proves too little
-_MOST = Shape(4, 3)
+SHAPES = (
+    Shape(2, 1),
+    Shape(2, 2),
+    Shape(4, 2),
+    Shape(6, 2),
+    Shape(8, 2),
+)  # that are tried where a plain one proves too little
+_MOST = Shape(8, 3)
 
 
 def is_shape(shape: Shape, states: int, size: int) -> bool:

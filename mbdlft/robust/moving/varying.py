@@ -30,7 +30,7 @@ _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was ro
 _LEAST = 1e-3  # of the other bound: margins below this are not looked for
 _MOTIONS = 0.2  # of the work
 _FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
-_SOLUTIONS = 8.0  # of a shape of forms that there should be work for
+_SOLUTIONS = 2.0  # of a shape of forms that there should be work for
 _MOST = 1e3  # times the gain of constant parameters: larger bounds are not looked for
 
 
@@ -227,10 +227,12 @@ def _margins(question: _Question) -> Search[Motion]:
 def _with_shape(question: _Question, state: State[Motion], shape: Shape) -> Search[Motion]:
     """A margin by forms of a shape: a box that is proved, and none that is larger by the gap."""
     asked, most = question.asked, min(state.upper, question.asked.largest)
-    resisted, state = inf, state._replace(reason="")  # the smallest size that was not proved
-    while state.lower < min(resisted, most) * (1.0 - asked.gap):
+    # the smallest size that was not proved; of a shape after another one, what is reached
+    resisted, state = most if state.lower else inf, state._replace(reason="")
+    cost = question.cost(shape)
+    while state.lower < min(resisted * (1.0 - 0.5 * asked.gap), most * (1.0 - asked.gap)):
         k = min(most * (1.0 - 0.5 * asked.gap), 0.5 * (state.lower + resisted))
-        if not state.left(asked):
+        if cost > state.left(asked):
             return state.spent(asked)
         if k < _LEAST * most:
             return state._replace(reason=f"no form was found for {resisted:.3g} times the box")
