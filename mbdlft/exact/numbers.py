@@ -178,10 +178,23 @@ def in_enough_bits(make: Callable[[], Made], owner: str) -> Made:
             bits *= 2
 
 
+def ask_for_bits(bits: int) -> None:
+    """A TooFewBitsError if balls have fewer bits."""
+    if flint.ctx.prec < bits:
+        raise TooFewBitsError(f"balls of {flint.ctx.prec} bits are not begun with.")
+
+
 @contextmanager
 def precision(bits: int) -> Iterator[None]:
     """Balls of so many bits in what is done inside."""
     with flint.ctx.workprec(bits):
+        yield
+
+
+@contextmanager
+def half_precision() -> Iterator[None]:
+    """Balls of half as many bits."""
+    with precision(flint.ctx.prec // 2):
         yield
 
 

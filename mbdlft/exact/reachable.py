@@ -5,7 +5,8 @@ the smallest subspace S_k with range(M12_k) in S_k and M11_kj S_j in S_k, and th
 transpose. It is exact, and minimal if the deltas did not commute: D'Andrea, Khatri (1997); Beck, Doyle
 (1999). The subspaces are found on residues. A basis of S_k is the identity in some channels,
 w = T w[chosen]. Residues say which of its other entries are zero, as most are; the rest are found in
-balls, row by row. No vector is made orthonormal: balls have the bits.
+balls, row by row. No vector is made orthonormal there: subtractions cost balls more bits than powers of
+M11 do. Orthonormal vectors in doubles choose the channels in which a large basis costs few bits.
 """
 
 from collections.abc import Sequence
@@ -29,11 +30,11 @@ from mbdlft.exact.matrices import (
     times,
     zeros,
 )
-from mbdlft.exact.rounding import channel_scales
+from mbdlft.exact.rounding import channel_scales, or_one
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
-# channels: of fewer, doubles of powers of M11 choose rows first. Of equal factors they take others than
-# exact numbers do: a search finds order 30 of the gimbal then, and 31 otherwise
+# channels: of fewer, doubles of powers of M11 choose rows at the end. Of equal factors they take others
+# than exact numbers do: a search finds order 30 of the gimbal then, and 31 otherwise
 _MOST_GUESSED = 200
 
 
@@ -71,6 +72,10 @@ def _compressed(M: ExactMatrix, sizes: list[int]) -> tuple[ExactMatrix, list[int
         return M, sizes
     rough = rough_values(M)
     scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
+    if n > _MOST_GUESSED:
+        scaled = scale[:, None] * rough[:n]
+        roughly = _orthonormal(np.hstack([scaled[:, :n] / scale, scaled[:, n:]]), blocks, spaces)
+        spaces = [_in_rows(space, _pivot_rows(Q)) for space, Q in zip(spaces, roughly, strict=True)]
     bases = _bases(M, blocks, spaces)
     guesses: list[Array | None]
     if n <= _MOST_GUESSED:
@@ -171,6 +176,49 @@ def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[Ex
     return bases
 
 
+def _orthonormal(M: Array, blocks: list[slice], spaces: list[Space]) -> list[Array]:
+    """Orthonormal bases (n_k, d_k) in doubles; residues say which candidates are new.
+
+    These are the same for orthonormal vectors: what is subtracted came before, and so did its candidates.
+    """
+    n = len(M)
+    bases = [np.zeros((block.stop - block.start, 0)) for block in blocks]
+    moved = M[:, n:]
+    for step in range(max(len(space.taken) for space in spaces)):
+        images = []
+        for k, (block, space) in enumerate(zip(blocks, spaces, strict=True)):
+            fresh = moved[block][:, space.taken[step]]
+            for _ in range(2):  # twice is enough
+                fresh = fresh / or_one(np.linalg.norm(fresh, axis=0))
+                fresh = np.linalg.qr(fresh - bases[k] @ (bases[k].T @ fresh))[0]
+            bases[k] = np.hstack([bases[k], fresh])
+            images.append(M[:, block] @ fresh)
+        moved = np.hstack(images)
+    return bases
+
+
+def _pivot_rows(Q: Array) -> NDArray[np.int64]:
+    """Rows (d,) in which a basis (n, d) is well conditioned: the largest of each step of elimination."""
+    left, rows = Q.copy(), np.zeros(Q.shape[1], dtype=np.int64)
+    for k in range(len(rows)):
+        rows[k] = row = np.argmax(np.abs(left[:, k]))
+        left[:, k + 1 :] -= np.outer(left[:, k] / left[row, k], left[row, k + 1 :])
+    return rows
+
+
+def _in_rows(space: Space, rows: NDArray[np.int64]) -> Space:
+    """The space with the identity in those of some rows that do not depend on those before them."""
+    order = np.append(rows, np.setdiff1d(np.arange(space.size), rows))
+    basis, pivots = row_echelon(space.basis[:, order], space.prime)
+    other = Space(space.size, space.prime)
+    other.basis, other.pivots, other.taken = (
+        basis[:, np.argsort(order)],
+        order[pivots].tolist(),
+        space.taken,
+    )
+    return other
+
+
 class _Basis:
     """A basis (n, d) of a space, the identity in its pivots, of which balls are found row by row.
 
@@ -196,7 +244,7 @@ class _Basis:
     def _are_solved(self, group: list[int]) -> bool:
         rows = np.array(group)
         residues, prime = self.vectors.residues, self.vectors.prime
-        columns = np.flatnonzero(self.balls.residues[rows[0]])
+        columns = np.flatnonzero(self.balls.residues[rows].any(axis=0))
         chosen = self.pivots[columns]
         some = np.flatnonzero(residues[chosen].any(axis=0))
         taken = some[pivot_columns(residues[np.ix_(chosen, some)], prime)]
@@ -205,6 +253,20 @@ class _Basis:
         solution = self.vectors[np.ix_(chosen, taken)].T.solve(self.vectors[np.ix_(rows, taken)].T)
         self.balls.balls[np.ix_(rows, columns)] = solution.balls.T
         return True
+
+    def merge(self) -> None:
+        """Make one group of those that are solved for in less time together, as they share columns."""
+        some, merged = self.balls.residues != 0, list[tuple[list[int], NDArray[np.bool_]]]()
+        for rows in sorted(self.waiting, key=lambda rows: -np.count_nonzero(some[rows[0]])):
+            columns = some[rows[0]]
+            for k, (others, of_others) in enumerate(merged):
+                apart = np.count_nonzero(columns) ** 3 + np.count_nonzero(of_others) ** 3
+                if np.count_nonzero(columns | of_others) ** 3 < apart:
+                    merged[k] = [*others, *rows], columns | of_others
+                    break
+            else:
+                merged.append((rows, columns))
+        self.waiting = [rows for rows, _ in merged]
 
     @property
     def unknown(self) -> NDArray[np.int64]:
@@ -264,6 +326,7 @@ def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) ->
     for basis, rows, vectors in zip(bases, kept, _krylov(left, _parts(sizes), spaces), strict=True):
         basis.vectors = zeros(len(basis.balls.residues), vectors.shape[1], M.prime)
         basis.vectors.residues[rows], basis.vectors.balls[rows] = vectors.residues, vectors.balls
+        basis.merge()
         basis.is_solved()
 
 

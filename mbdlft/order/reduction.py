@@ -40,7 +40,7 @@ from mbdlft.exact.matrices import (
     middles_of,
     stacked,
 )
-from mbdlft.exact.numbers import TooFewBitsError
+from mbdlft.exact.numbers import TooFewBitsError, half_precision
 from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one, product
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
@@ -192,12 +192,11 @@ def _lost(a: LFT, deltas: Array) -> float:
     return float(np.max(np.max(sizes, axis=0) / scale, initial=1.0))
 
 
+@half_precision()  # the reduction has lost more bits
 def _in_coordinates(M: Balls, T: Array, blocks: Sequence[slice]) -> Balls:
     """[M11 M12 ; M21 M22] in coordinates T (n, n), block diagonal."""
     M = M.copy()
-    for rows in blocks:
-        if rows.start == rows.stop:
-            continue
+    for rows in (rows for rows in blocks if rows.start < rows.stop):
         block = ball_matrix(balls_of(T[rows, rows]))
         try:
             inverse = block.inv()

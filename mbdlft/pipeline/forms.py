@@ -19,7 +19,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError
 from mbdlft.base.running import without_collection
-from mbdlft.exact.numbers import LARGEST_ANGLE, Constant, in_enough_bits
+from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.order.reduction import (
     Closing,
@@ -39,6 +39,7 @@ from mbdlft.system.evidence import deltas_at
 
 _MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
 _MOST_PARAMETERS = 1000  # that a model depends on: some 10 s, with their cube
+_MANY = 300  # channels: reduced before and after they are closed, they lose more bits than `BITS`
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
@@ -108,6 +109,8 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
     if opened.order > _MOST_EXACT:
         return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
     n = form.relations.unknown.numel()
+    if n and opened.order > _MANY:
+        ask_for_bits(2 * BITS)
     relations = _restricted(reduce_exactly(opened), steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())

@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.exact import reachable as module
-from mbdlft.exact.matrices import rank, rough_values
+from mbdlft.exact.matrices import ExactMatrix, rank, rough_values
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import LFT, Block, consecutive
@@ -59,6 +59,19 @@ def test_values_stay(a: LFT) -> None:
 def test_orders_of_sparse_lfts(a: LFT) -> None:
     """Entries are small fractions, so the reduction in doubles sees the same."""
     assert reduce_exactly(exactly(a)).blocks == reduce_order(a).blocks
+
+
+def nearly_equal(size: int) -> ExactLFT:
+    """A chain of so many channels w, and before these as many sums of all w, equal but for 1e-9."""
+    far = np.random.default_rng(size).integers(-4, 5, (size, size)).tolist()
+    sums = np.array([[1 + Fraction(x, 10**9) for x in row] for row in far])
+    one = np.array([[Fraction(j == k) for j in range(size)] for k in range(size)])
+    w = np.vstack([sums, one])
+    of_w = np.hstack([one / 4, one - sums / 4])  # w from the channels, in one of many ways
+    A = np.vstack([np.roll(one, 1, axis=1), one[:1]])  # what the chain does, and the output
+    top = np.hstack([w @ A[:-1] @ of_w, w[:, :1] + w[:, size // 2, None]])
+    M = np.vstack([top, np.append(A[-1:] @ of_w, [[Fraction(0)]], axis=1)])
+    return ExactLFT(exact_matrix(M.tolist()), (Block("a", 2 * size),))
 
 
 def coarse(seed: int) -> LFT:
@@ -203,6 +216,71 @@ def test_bases_are_found_row_by_row(seed: int) -> None:
         assert 0 < basis.shape[1] < basis.shape[0]
         assert np.array_equal(basis.residues, expected.residues)
         roundoff(rough_values(basis), rough_values(expected), 1e3)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_basis_in_doubles_spans_the_same(seed: int) -> None:
+    """Its vectors are orthonormal, and rows that are chosen by it carry the others with small factors."""
+    large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
+    M, sizes = large.M, [block.size for block in large.blocks]
+    n, blocks = sum(sizes), module._parts(sizes)
+    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME)
+    for space, Q, basis in zip(
+        spaces,
+        module._orthonormal(rough_values(M)[:n], blocks, spaces),
+        module._bases(M, blocks, spaces),
+        strict=True,
+    ):
+        exact = rough_values(basis)
+        roundoff(Q.T @ Q, np.eye(len(space.pivots)), 1e2)
+        roundoff(Q @ (Q.T @ exact), exact, 1e4, float(np.max(np.abs(exact))))
+        rows = module._pivot_rows(Q)
+        assert np.max(np.abs(Q @ np.linalg.inv(Q[rows]))) <= 10.0
+        there = module._in_rows(space, rows)
+        assert there.pivots == rows.tolist()
+        assert np.array_equal(there.basis[:, rows], np.eye(len(rows), dtype=np.int64))
+        assert rank(np.vstack([there.basis, space.basis]), PRIME) == len(rows)
+
+
+def test_rows_that_depend_on_others_are_passed_over() -> None:
+    space = Space(4, PRIME)
+    space.extend(np.array([[1, 0, 2, 0], [0, 1, 0, 3]], dtype=np.int64))
+    assert sorted(module._in_rows(space, np.array([0, 2])).pivots) == [0, 1]
+    assert module._in_rows(space, np.array([3, 2])).pivots == [3, 2]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_large_bases_are_found_over_rows_that_doubles_choose(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_MOST_GUESSED", 0)
+    test_channels_that_do_not_matter_go(seed)
+
+
+def bits_left(M: ExactMatrix) -> int:
+    return min(ball.rel_accuracy_bits() for ball in M.balls[M.residues != 0])
+
+
+def test_channels_that_are_chosen_first_keep_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Channels that are nearly those before them say little: a basis over the first loses bits twice."""
+    kept = []
+    for most in (0, 10**6):
+        monkeypatch.setattr(module, "_MOST_GUESSED", most)
+        kept.append(bits_left(reduce_exactly(nearly_equal(12)).M))
+    assert kept[0] > kept[1] + 20
+
+
+def test_rows_are_solved_for_together_where_that_is_less() -> None:
+    """Two rows of the same two columns and one of three are one group, a row of one column another."""
+    space = Space(8, PRIME)
+    space.extend(np.array([[1, 0, 0, 0, 2, 3, 4, 0], [0, 1, 0, 0, 1, 1, 0, 0], [0, 0, 1, 0, 0, 1, 0, 0],
+                           [0, 0, 0, 1, 0, 0, 0, 5]], dtype=np.int64))  # fmt: skip
+    basis = module._Basis(space, exact_matrix(space.basis.T.tolist()))
+    assert sorted(map(len, basis.waiting)) == [1, 1, 1, 1]
+    basis.merge()
+    assert sorted(map(sorted, basis.waiting)) == [[4, 5, 6], [7]]
+    assert basis.is_solved()
+    assert np.array_equal(rough_values(basis.balls), space.basis.T.astype(float))
 
 
 def test_a_row_that_needs_a_power_of_the_matrix() -> None:
