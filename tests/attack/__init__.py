@@ -36,6 +36,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "proofs": (66,),
     "norms": (0,),
     "frames": (0, 1),
+    "spatial-frames": (0,),
     "loops": (3,),
     "switches": range(4),
     "mechanisms": (0,),

@@ -14,13 +14,16 @@ import random
 import re
 from fractions import Fraction
 
+import flint
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import Angle, Parameter, realize
+from mbdlft.exact.numbers import BITS
 from mbdlft.exact.rounding import channel_scales
 from mbdlft.matrix.relations import problem_of_matrix
+from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.pipeline import forms, stages
 from tests.close import CLOSED_FORM, exact, target
 from tests.laws.loewner import degrees
@@ -209,6 +212,24 @@ def test_the_smallest_form_comes_first() -> None:
         orders = [found.lft.order for found in forms.candidates(problem, problem.forms)]
         assert orders == sorted(orders)
         assert orders[0] < orders[-1]
+
+
+def test_many_channels_begin_with_twice_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The model is the same, and nothing is reduced with few bits first."""
+    problem = problem_of_matrix(mbdlft.matrix_problem([["a^2*b + a*b*a", "b*a"]], [A, B]))
+    (expected, *_), bits = forms.candidates(problem, problem.forms), list[int]()
+
+    def counted(a: ExactLFT) -> ExactLFT:
+        bits.append(flint.ctx.prec)
+        return reduce_exactly(a)
+
+    monkeypatch.setattr(forms, "reduce_exactly", counted)
+    for most, used in ((expected.lft.order - 1, 2 * BITS), (1000, BITS)):
+        monkeypatch.setattr(forms, "_MANY", most)
+        found = forms.candidates(problem, problem.forms)[0]
+        exact(found.lft.M22, expected.lft.M22)
+        assert set(bits) == {used}
+        bits.clear()
 
 
 @pytest.mark.parametrize("size", [1e-7, 1.0, 1e7])

@@ -1,0 +1,203 @@
+"""Structures of steel in space under weight, thrust and spin, against finite elements of their own.
+
+Chains, rings and stars of beams at right angles, clamped or held by points: up to twelve redundant loads.
+`tests/reference/frames.py` has the elements; loads that are linear along a beam are those of their
+consistent masses, and one element for each beam is exact at its ends.
+"""
+
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import mbdlft
+from mbdlft import Beam, Fixed, Ground, Loop, Parameter, Rotation, Scene
+from mbdlft.base.array import Array
+from tests.attack.frames import MOST, STEEL, UNITS
+from tests.reference.frames import Section, element
+
+AXES = ((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))
+MOST_OF_BOUND = (1.15, 2.3)  # times the proved bound of the order: with two parameters, and with more
+SECONDS = 20.0  # of the processor: rings with four parameters take 14, all others less than 10
+_DIGITS = 3  # of lengths: ends of beams then meet exactly
+
+
+class Bar(NamedTuple):
+    """A beam of the length `share` (m), or h, at the end of another one."""
+
+    parent: int  # -1 is the ground
+    axis: int  # of the turn from the parent
+    angle: int  # deg
+    share: float  # 0 for h
+    held: str  # kind of the loop to the ground at its end; "" for none
+
+
+class Structure(NamedTuple):
+    """Bars, loads, values at nominal, and the names of the parameters."""
+
+    bars: tuple[Bar, ...]
+    elements: int
+    gravity: tuple[float, ...]  # (m/s^2)
+    thrust: tuple[float, ...]
+    spin: float  # rad/s about z
+    values: dict[str, float]
+    names: tuple[str, ...]
+
+
+def structure(seed: int) -> Structure:
+    """A chain, a star or a ring, and what it is made of and what acts on it."""
+    random = np.random.default_rng(seed)
+    shares = [round(float(random.uniform(0.5, 2.0)), _DIGITS) * (random.random() < 0.5) for _ in range(3)]
+    held = "fixed" if random.random() < 0.5 else "spherical"
+    angles = [int(random.choice([-90, 90])) for _ in range(3)]
+    first = Bar(-1, 0, int(random.choice([0, 90])), 0.0, "")
+    match seed % 3:
+        case 0:
+            axes = [int(axis) for axis in random.integers(2, size=2)]
+            middle = [Bar(0, axes[0], angles[0], shares[0], "")][: seed // 3 % 2]
+            bars = [first, *middle, Bar(len(middle), axes[1], angles[1], shares[1], held)]
+        case 1:
+            ends = [
+                Bar(0, k, angle, share, held)
+                for k, (angle, share) in enumerate(zip(angles, shares, strict=True))
+            ]
+            bars = [first, *ends[:2]]
+        case _:
+            axis = int(random.integers(2))
+            bars = [first, *(Bar(k, axis, 90, 0.0, held if k == 2 else "") for k in range(3))]
+    values = {k: v * float(random.uniform(0.5, 2.0)) for k, v in STEEL.items()}
+    names = ["h", "E", *map(str, random.permutation(["rho", "A", "I"]))][: 1 + seed // 2 % 4]
+    some = [tuple(random.uniform(-9.81, 9.81, 3).tolist()) for _ in range(2)]
+    load = int(random.integers(4))
+    return Structure(
+        bars=tuple(bars),
+        elements=1,
+        gravity=some[0] if load in (0, 2) else (0.0, 0.0, 0.0),
+        thrust=some[1] if load in (1, 2) else (0.0, 0.0, 0.0),
+        spin=float(random.uniform(0.5, 3.0)) if load == 3 else 0.0,
+        values={"h": round(float(random.uniform(1.0, 3.0)), _DIGITS), **values},
+        names=tuple(sorted(names)),
+    )
+
+
+def frames_of(s: Structure) -> list[Array]:
+    """R of each bar to the ground, of zeros and ones."""
+    frames: list[Array] = []
+    for bar in s.bars:
+        c, n = round(np.cos(np.deg2rad(bar.angle))), round(np.sin(np.deg2rad(bar.angle)))
+        R = np.array([[[c, -n, 0], [n, c, 0], [0, 0, 1]], [[c, 0, n], [0, 1, 0], [-n, 0, c]]][bar.axis])
+        frames.append((frames[bar.parent] if bar.parent >= 0 else np.eye(3)) @ R)
+    return frames
+
+
+def ends_of(s: Structure) -> list[tuple[Array, Array]]:
+    """Where each bar ends: numbers of h, and lengths (m)."""
+    ends: list[tuple[Array, Array]] = []
+    for bar, R in zip(s.bars, frames_of(s), strict=True):
+        times, share = ends[bar.parent] if bar.parent >= 0 else (np.zeros(3), np.zeros(3))
+        ends.append((times + R[:, 0] * (not bar.share), share + R[:, 0] * bar.share))
+    return ends
+
+
+def scene_of(s: Structure) -> Scene:
+    """The scene of a structure."""
+    own = {
+        "density": "rho", "area": "A", "modulus": "E", "shear_modulus": "E*(1/2.6)", "I_y": "I",
+        "I_z": "I", "elements": s.elements, "prestress": "axial",
+    }  # fmt: skip
+    if s.spin:  # twists of beams that spin are refused
+        own["deformations"] = ("axial", "bending_y", "bending_z")
+    else:
+        own["torsion_constant"] = "1.8*I"
+    turns: list[tuple[Rotation, ...]] = []
+    joints, loops, ports = list[Fixed](), list[Loop](), {}
+    for k, (bar, (times, share)) in enumerate(zip(s.bars, ends_of(s), strict=True)):
+        turn = (Rotation(axis=AXES[bar.axis], angle=f"{bar.angle}*deg"),) if bar.angle else ()
+        turns.append((*(turns[bar.parent] if bar.parent >= 0 else ()), *turn))
+        parent = f"b{bar.parent}.tip" if bar.parent >= 0 else "ground"
+        joints.append(Fixed(name=f"f{k}", parent=parent, child=f"b{k}", orientation=turn))
+        if bar.held:
+            ports[f"w{k}"] = tuple(
+                f"{n!r}*h + {round(x, _DIGITS)!r} [m]"
+                for n, x in zip(times.tolist(), share.tolist(), strict=True)
+            )
+            turned = {"orientation": turns[k]} if bar.held == "fixed" and turns[k] else {}
+            loops.append(
+                Loop(name=f"l{k}", kind=bar.held, parent=f"ground.w{k}", child=f"b{k}.tip", **turned)
+            )
+    return Scene(
+        name="structure",
+        gravity=s.gravity,
+        acceleration=s.thrust,
+        spin=mbdlft.Spin(rate=s.spin, axis=AXES[0]) if s.spin else None,
+        parameters=[Parameter(n, s.values[n], percent=20, unit=UNITS[n]) for n in s.names],
+        constants={n: value for n, value in s.values.items() if n not in s.names},
+        bodies=[
+            Ground(ports=ports),
+            *(Beam(name=f"b{k}", length=bar.share or "h", **own) for k, bar in enumerate(s.bars)),
+        ],
+        joints=joints,
+        loops=loops,
+        inputs=["ground.acceleration.x"],
+        outputs=["b0.axial.1.displacement"],
+    )
+
+
+def exact_trim(s: Structure, values: dict[str, float]) -> dict[str, float]:
+    """Sizes of the loads at the loops, by one element for each bar."""
+    E, rho, A, second, h = (values[key] for key in ("E", "rho", "A", "I", "h"))
+    section = Section(rho, A, E, E / 2.6, second, second, 0.0 if s.spin else 1.8 * second)
+    count = len(s.bars)
+    K, f = np.zeros((6 * count + 6, 6 * count + 6)), np.zeros(6 * count + 6)  # the ground is last
+    twists = np.zeros((count, 6 * count + 6))
+    ends = [times * h + share for times, share in ends_of(s)]
+    for k, (bar, R) in enumerate(zip(s.bars, frames_of(s), strict=True)):
+        length, start = bar.share or h, ends[bar.parent] if bar.parent >= 0 else np.zeros(3)
+        turn = np.kron(np.eye(4), R.T)
+        mass, stiffness = element(section, length)
+        fields = [
+            R.T @ (np.array(s.gravity) - s.thrust + s.spin**2 * place * (1, 1, 0))
+            for place in (start, ends[k])
+        ]
+        slope = (fields[1] - fields[0]) / length
+        along = np.array([0.0, -slope[2], slope[1]])
+        before = 6 * (bar.parent % (count + 1))
+        rows = [*range(before, before + 6), *range(6 * k, 6 * k + 6)]
+        K[np.ix_(rows, rows)] += turn.T @ stiffness @ turn
+        f[rows] += turn.T @ mass @ np.concatenate([fields[0], along, fields[1], along])
+        twists[k, rows] = turn[9] - turn[3]
+    sizes = {"": 0, "fixed": 6, "spherical": 3}
+    held = [6 * k + i for k, bar in enumerate(s.bars) for i in range(sizes[bar.held])]
+    free = np.setdiff1d(np.arange(6 * count), held)
+    none = twists[: count * bool(s.spin), free]
+    system = np.block([[K[np.ix_(free, free)], none.T], [none, np.zeros((len(none), len(none)))]])
+    u, of_twists = np.split(np.linalg.solve(system, np.append(f[free], np.zeros(len(none)))), [len(free)])
+    left, found = K[:, free] @ u - f + twists[: len(none)].T @ of_twists, dict[str, float]()
+    for k, bar in enumerate(s.bars):
+        if bar.held:
+            found[f"l{k}.force"] = float(np.linalg.norm(left[6 * k : 6 * k + 3]))
+        if bar.held == "fixed":
+            found[f"l{k}.torque"] = float(np.linalg.norm(left[6 * k + 3 : 6 * k + 6]))
+    return found
+
+
+def attack(seed: int, folder: Path) -> str:
+    """One structure at two places of its range."""
+    s, random = structure(seed), np.random.default_rng(seed)
+    begun = time.process_time()
+    model = mbdlft.to_lft(scene_of(s), search=0.0, prove=0.0)
+    spent = time.process_time() - begun
+    names = [signal.name for signal in model.trim.signals]
+    for _ in range(2):
+        values = {**s.values, **{name: s.values[name] * random.uniform(0.8, 1.2) for name in s.names}}
+        at = np.ravel(mbdlft.trim_at(model, {name: values[name] for name in s.names}))
+        expected = exact_trim(s, values)
+        for name, load in expected.items():
+            parts = [x for signal, x in zip(names, at, strict=True) if signal.startswith(f"{name}.")]
+            scale = max(x for other, x in expected.items() if other.endswith(name[2:]))
+            assert abs(np.linalg.norm(parts) - load) <= MOST * scale, (s, name, parts, expected)
+    bound = sum(model.certificate.lower_bound)
+    assert model.order <= MOST_OF_BOUND[len(s.names) > 2] * bound, (s, model.order, bound)
+    assert spent <= SECONDS, spent
+    return "right"
