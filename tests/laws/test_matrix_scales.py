@@ -23,6 +23,7 @@ from mbdlft import Angle, Parameter, realize
 from mbdlft.exact.numbers import BITS
 from mbdlft.exact.rounding import channel_scales
 from mbdlft.matrix.relations import problem_of_matrix
+from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.pipeline import forms, stages
 from tests.close import CLOSED_FORM, exact, target
@@ -216,7 +217,7 @@ def test_the_smallest_form_comes_first() -> None:
 
 def test_many_channels_begin_with_twice_the_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     """The model is the same, and nothing is reduced with few bits first."""
-    problem = problem_of_matrix(mbdlft.matrix_problem([["a^2*b + a*b*a", "b*a"]], [A, B]))
+    problem = problem_of_scene(mbdlft.load_scene("scenarios/crane.toml"))
     (expected, *_), bits = forms.candidates(problem, problem.forms), list[int]()
 
     def counted(a: ExactLFT) -> ExactLFT:
