@@ -186,8 +186,12 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
     """
     s = at.structure
     size = np.max(np.abs(z), axis=0, initial=0.0)
-    inputs = {q.name for q in s.inputs} - {*at.free}
-    free = [k for k, q in enumerate(s.quantities) if not q.order and q.name not in inputs]
+    known = {q.name for q in s.inputs} - {*at.free}
+    unknown = [q.name not in known and not q.order for q in s.quantities]
+    if not at.at_rest:  # derivatives are unknown, and states that are fixed are not
+        known |= {*at.given, *(v.name for v in s.dae.variables if v.fixed)}
+        unknown = [q.name not in known for q in s.quantities]
+    free = [k for k, u in enumerate(unknown) if u]
     both = ca.vertcat(s.symbols, s.dae.p)
     slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
     nominal = np.array([s.quantities[k].variable.nominal for k in free])

@@ -8,7 +8,8 @@ import pytest
 import mbdlft
 from mbdlft.base.errors import SceneError, TrimError
 from mbdlft.base.samples import random
-from mbdlft.dae import reduce_index, start_point
+from mbdlft.dae import DaeDraft, reduce_index, start_point
+from mbdlft.dae.linear import trim_sizes, trimmed_points
 from mbdlft.modelica import ModelicaTable, flat_model, operating_point, translate
 from mbdlft.modelica.translation import notes_of_point
 from mbdlft.system import LFTModel
@@ -125,3 +126,26 @@ def test_starts_that_contradict_the_equations_are_refused() -> None:
     )
     with pytest.raises(TrimError, match=r"no consistent initial point was found; .* fix fewer of them"):
         linear(text)
+
+
+def test_sizes_at_a_start_have_the_derivatives_among_the_unknowns() -> None:
+    """c is zero, as its terms cancel; it has their size, and what is fixed has its own."""
+    draft = DaeDraft("turned")
+    k = draft.parameter(mbdlft.Parameter("k", 3.0, percent=20))
+    v = draft.variable("v", start=2.0, fixed=True)
+    w = draft.variable("w", start=1.0, fixed=True)
+    a, b, c = (draft.variable(name) for name in "abc")
+    draft.equation(draft.der(v), equals=k * v)
+    draft.equation(draft.der(w), equals=-k * w)
+    draft.equation(a, equals=draft.der(v))
+    draft.equation(b, equals=draft.der(w))
+    draft.equation(c, equals=0.5 * a + b)
+    draft.output("c")
+    at = start_point(reduce_index(draft.dae()))
+    points = np.array([[3.0]])
+    z = trimmed_points(at, points)
+    made = trim_sizes(at, points, z)
+    sizes = dict(zip((q.name for q in at.structure.quantities), made, strict=True))
+    assert sizes["c"] >= 0.5 * sizes["a"] + sizes["b"] >= 6.0
+    assert sizes["der(v)"] >= 12.0
+    assert (sizes["v"], sizes["w"]) == (2.0, 1.0)
