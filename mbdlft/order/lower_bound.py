@@ -185,7 +185,10 @@ def more_needed(
     of_second = _more(H, first, second, degrees) if of_first else None
     if of_first is None or of_second is None:
         return _OPEN
-    return of_first.more, of_second.more, _shared(H, first, second, degrees, of_second.E, of_first.E.k)
+    shared, y = (1, 1, 1), of_first.E.k
+    if y + of_second.E.k < of_second.h:  # one more of each is not enough
+        shared = _shared(H, first, second, degrees, of_second.E, y)
+    return of_first.more, of_second.more, shared
 
 
 def is_constant(
@@ -231,10 +234,11 @@ def _reduced(a: ExactLFT, names: tuple[str, ...]) -> tuple[Residues, Mapping[str
 
 
 class _More(NamedTuple):
-    """Repetitions of one delta above its degree if the other has none, and E."""
+    """Repetitions of one delta above its degree if the other has none; E, and the dimension of X."""
 
     more: int
     E: _Span
+    h: int
 
 
 def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> _More | None:
@@ -247,7 +251,7 @@ def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> 
     dimensions = list(takewhile(bool, obstructed))
     if not dimensions or len(E.rows) - _inside(E, H.prime, {second: 1}) != degrees[first]:
         return None
-    return _More(max(ceil(h / E.k) + before for before, h in enumerate(dimensions)), E)
+    return _More(max(ceil(h / E.k) + before for before, h in enumerate(dimensions)), E, dimensions[0])
 
 
 def _shared(
