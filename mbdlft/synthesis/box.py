@@ -11,13 +11,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError, check_known
+from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
@@ -28,7 +27,7 @@ from mbdlft.robust.worst import worst_case
 from mbdlft.synthesis.bound import full_order_bound
 from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
-from mbdlft.synthesis.loop import Connections, Network, closed_loop, network
+from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
 from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
 from mbdlft.synthesis.tuning import Tuned, Tuner, begun_again, check_stabilizable, taken_on, tuned
 from mbdlft.system.model import System
@@ -40,10 +39,8 @@ _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
 _COSTLY = 1.1  # times what is tuned at nominal: where the box has more, searches begin anew
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
-_FIRST_CORNERS = 4  # of a part of the box
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
 _REACHED = 1.0 + 1e-3  # what is said to be reached: hard goals are constraints of a search
-_CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
 _DECIDES = 0.9  # of the largest value: points below it are idle
@@ -223,7 +220,7 @@ def tune(
         first.check_fixed()
         least = least_values(net, goals, lambda: connected(as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
-        best = tuned(first, starts, seed, say, enough)
+        best = tuned(first, starts, seed, say, enough, lambda best: len(_growing(net, sought, best)) > 1)
         with suppress(KeyboardInterrupt):  # the best that is known is proved
             for later in _at_worst_points(net, sought, best, points, (starts, seed), say):
                 best, points = later
@@ -276,10 +273,12 @@ def _at_worst_points(
     nominal, searches begin anew at the points that were found: other minima may cost less.
     """
     (starts, seed), nominal = how, best.look.soft
-    for ends in _growing(net, goals, best):
-        if not np.all(ends == 1.0):
-            points = np.vstack([points, _corners(net, ends, seed)])
-            best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+    growing = _growing(net, goals, best)
+    for ends in growing:
+        if len(growing) > 1:
+            more = np.vstack([points, first_points(net, ends, seed)])
+            with suppress(AnalysisError):  # no values for all: the worst are looked for one by one
+                best, points = taken_on(Tuner(net, goals, more), best.x, starts, seed), more
         for later in _until_none_is_worse(net, goals, best, points, (ends, seed, starts), say):
             best, points = later
             yield later
@@ -329,8 +328,7 @@ def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
     largest = max(value for value, _ in Tuner(net, goals, screened(whole, 0)).worst(best.x))
     if largest <= _FAR * max(1.0 if np.isfinite(best.look.hard) else 0.0, best.look.soft):
         return [whole]
-    scheduled = {name for c in net.controllers for name in c.frame.parameters.names}
-    first = np.array([float(name in scheduled) for name in names])
+    first = net.scheduled
     if not 0.0 < np.sum(first) < len(names):
         return [size * whole for size in _SIZES]
     return [size * first for size in _SIZES] + [first + size * (1.0 - first) for size in _SLOW_SIZES]
@@ -350,27 +348,6 @@ def _values(net: Network, x: Array) -> dict[str, float]:
 
 def _physical(net: Network, point: Array) -> dict[str, float]:
     return {p.name: float(to_physical(p, d)) for p, d in zip(net.system.parameters, point, strict=True)}
-
-
-def _corners(net: Network, ends: Array, seed: int) -> Array:
-    """A few corners of a part of the box: those of the parameters that are scheduled, if they are few."""
-    random = np.random.default_rng(seed)
-    return np.unique(random.choice([-1.0, 1.0], (_FIRST_CORNERS, len(ends))) * ends, axis=0)
-
-
-def screened(ends: Array, seed: int) -> Array:
-    """Corners of a part of the box, all or some, random points, and some of its faces."""
-    p, random = len(ends), np.random.default_rng(seed)
-    if 2**p <= _CORNERS:
-        corners = np.array(list(product((-1.0, 1.0), repeat=p)))
-    else:
-        corners = random.choice([-1.0, 1.0], (_CORNERS, p))
-    inside = random.uniform(-1.0, 1.0, (_RANDOM, p))
-    return np.unique(
-        np.vstack([corners, inside, np.where(random.random(inside.shape) < 0.5, inside, np.sign(inside))])
-        * ends,
-        axis=0,
-    )
 
 
 def _worst_points(
@@ -397,7 +374,7 @@ def _worst_points(
     found, worst = list[Array](), 0.0
     random = np.random.default_rng(seed)
     for goal, loop, (value, delta) in zip(goals, loops, some.worst(best.x), strict=True):
-        for radius in () if is_whole else _RADII:
+        for radius in _RADII:
             moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
             moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
             beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]

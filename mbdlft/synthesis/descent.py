@@ -6,12 +6,17 @@ SQP: with the pieces s_i (soft) and h_j (hard) near the largest, a step d solves
 
 within the ranges of the values; H is a Powell-damped BFGS matrix of the Lagrangian, whose pieces are
 matched from step to step by goal, point and frequency (Fletcher, Practical Methods of Optimization, 1987,
-chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces).
+chapter 14; Apkarian, Noll, IEEE Transactions on Automatic Control 51, 2006, for the pieces). It begins
+with the second derivatives of gains, and is made of them anew where steps are refused.
 
-Where steps are refused, H is made anew, of differences of slopes at fixed frequencies. The places where
-gains are largest after these steps are *held*: gains there are pieces from now on, as in exchange methods
-for semi-infinite programs (Hettich, Kortanek, SIAM Review 35, 1993). At many optima a gain is flat over
-frequency: without them, new peaks rise between those that are pieces.
+Steps are d = T e, and e is bounded. T = (I + M/c)^-1/2 knows the second derivatives H_i of all gains near
+the largest: M^2 = sum H_i^2, so |d'H_i d| <= d'M d, and no gain leaves its slope far in a step, although
+one value may bend it a million times as much as another one does. What is left of that, a second step
+corrects, which begins where a refused one ends (Fletcher, chapter 14.4).
+
+The places where gains are largest after refused steps are *held*: gains there are pieces from now on, as
+in exchange methods for semi-infinite programs (Hettich, Kortanek, SIAM Review 35, 1993). At many optima a
+gain is flat over frequency: without them, new peaks rise between those that are pieces.
 
 BFGS on the largest itself, whose slope is that of the largest piece, needs steps of the weak Wolfe kind
 only (Lewis, Overton, Mathematical Programming 141, 2013). Values are divided by their scales.
@@ -38,9 +43,9 @@ _ARMIJO, _WOLFE = 1e-4, 0.9
 _QP_ITERATIONS = 60
 _FIRST_SIZE = 1e-2  # of H before anything is known of it
 _ACTIVE = 1e-6  # multipliers of pieces that count
-_DIFFERENCE, _LEAST_CURVED = 1e-7, 1e-6  # of scaled values; the smallest eigenvalue of H
+_LEAST_CURVED = 1e-6  # the smallest eigenvalue of H
+_CURVED, _NEAR = 0.1, 0.97  # c of T; part of the largest goal from which on gains count in it
 _HELD, _RISEN = 60, 0.98  # places at most; part of the largest gain from which on they are held
-_PATIENCE = 4  # many values have few pieces: what BFGS has learnt is worth more than second differences
 _BESIDE = 0.01  # logarithm of the ratio of frequencies of places that are one
 _REFUSED, _RISING = 0.3, 0.5  # what a step that is refused leaves of the radius; where places are added
 
@@ -60,7 +65,7 @@ class Problem(NamedTuple):
     hard: Callable[[int], bool]  # whether a goal is one
     price: float  # c
     unit: float = 1.0  # of soft values
-    slopes: Callable[[Array, Sequence[Place]], Array | None] | None = None  # of gains at places
+    curvatures: Callable[[Array, Sequence[Place]], Array | None] | None = None  # of gains at places
     gains: frozenset[int] = frozenset()  # goals whose pieces are gains at frequencies
 
     def merit(self, look: Look) -> float:
@@ -75,6 +80,15 @@ class Descended(NamedTuple):
     """Where a descent ended."""
 
     x: Array
+    merit: float
+
+
+class _Step(NamedTuple):
+    """A step d of the size |e|, the multipliers of the pieces, and the merit that it predicts."""
+
+    d: Array
+    size: float
+    multipliers: Array
     merit: float
 
 
@@ -101,18 +115,8 @@ def _pieces(problem: Problem, look: Look) -> _Pieces:
     )
 
 
-def sqp(
-    problem: Problem,
-    x: Array,
-    steps: int,
-    tolerance: float,
-    goal: float = -np.inf,
-    patience: int = _PATIENCE,
-) -> Descended:
-    """Trust-region SQP from a stable start; it ends below a merit `goal`.
-
-    So many steps are refused with the BFGS matrix before it is made anew.
-    """
+def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
+    """Trust-region SQP from a stable start; it ends below a merit `goal`."""
     H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0, list[Place]()
     here = problem.evaluate(x)
     merit, is_first = problem.merit(here), True
@@ -122,35 +126,36 @@ def sqp(
     for _ in range(steps):
         if not pieces.keys:  # nothing is moved
             break
+        T = _directions(problem, x, pieces)
+        if is_first and (step := _step(problem, H, pieces, x, T, radius)) is not None:
+            H, is_known = _curvature(problem, x, pieces, step.multipliers, H)
+            is_first = not is_known
         there, least = None, tolerance * max(1e-3, abs(merit))
         for count in range(_TRIES):
-            step = _step(problem, H, pieces, x, radius)
-            if step is None or merit - step[2] <= least:
+            step = _step(problem, H, pieces, x, T, radius)
+            if step is None or merit - step.merit <= least:
                 break
-            d, multipliers, predicted = step
             if held:
-                held = _joined(held, _active(problem, pieces, multipliers))
-            there = problem.evaluate(x + d, held)
-            new = problem.merit(there)
-            share = (merit - new) / (merit - predicted) if np.isfinite(new) else -1.0
+                held = _joined(held, _active(problem, pieces, step.multipliers))
+            there, d, share = _taken(problem, H, x, T, merit, step, held)
             if share > _ACCEPTED:
                 break
-            radius = max(_REFUSED * min(radius, float(np.max(np.abs(d)))), 1e-12)
-            if count >= patience:
-                H = _second_differences(problem, x, pieces, multipliers, H)
-            if count > patience and len(more := _joined(held, _risen(problem, there))) > len(held):
+            radius = max(_REFUSED * min(radius, step.size), 1e-12)
+            H, _ = _curvature(problem, x, pieces, step.multipliers, H)
+            if count and len(more := _joined(held, _risen(problem, there))) > len(held):
                 held, radius = more, radius * _RISING / _REFUSED
                 pieces = _pieces(problem, problem.evaluate(x, held))
             there = None
-        if there is None:
+        if there is None or step is None:
             break
         before, pieces = pieces, _pieces(problem, there)
-        H = _curved(H, before, pieces, multipliers, d, is_first=is_first)
+        H = _curved(H, before, pieces, step.multipliers, d, is_first=is_first)
         is_first = False
-        if share > _GOOD and np.max(np.abs(d)) > 0.9 * radius:
+        if share > _GOOD and step.size > 0.9 * radius:
             radius = min(2.5 * radius, _LARGEST)
         elif share < _POOR:
             radius *= 0.5
+        new = problem.merit(there)
         slow = slow + 1 if merit - new < _SMALL * least else 0
         x, merit = x + d, new
         if merit <= goal or slow >= _SLOW:
@@ -158,35 +163,66 @@ def sqp(
     return Descended(x, merit)
 
 
-def _step(
-    problem: Problem, H: Array, pieces: _Pieces, x: Array, radius: float
-) -> tuple[Array, Array, float] | None:
-    """A step, the multipliers of the pieces, and the merit that it predicts."""
+def _taken(
+    problem: Problem, H: Array, x: Array, T: Array, merit: float, step: _Step, held: Sequence[Place]
+) -> tuple[Look, Array, float]:
+    """What a step leads to, corrected where that helps, and its share of the gain that was predicted."""
+
+    def at(d: Array) -> tuple[Look, Array, float]:
+        there = problem.evaluate(x + d, held)
+        new = problem.merit(there)
+        return there, d, (merit - new) / (merit - step.merit) if np.isfinite(new) else -np.inf
+
+    first = at(step.d)
+    if first[2] > _ACCEPTED or first[2] == -np.inf:
+        return first
+    more = _step(problem, H, _pieces(problem, first[0]), x + step.d, T, step.size)
+    corrected = first if more is None else at(step.d + more.d)
+    return corrected if corrected[2] > _ACCEPTED else first
+
+
+def _directions(problem: Problem, x: Array, pieces: _Pieces) -> Array:
+    """T (values, values); the identity where no gain is near the largest."""
+    level = [max(1.0 * hard, np.max(pieces.values[pieces.hard == hard], initial=0.0)) for hard in (0, 1)]
+    near = pieces.values >= _NEAR * np.where(pieces.hard, level[1], level[0])
+    second = _second(problem, x, list(_active(problem, pieces, near.astype(float))))
+    if second is None:
+        return np.eye(len(x))
+    squares, vectors = np.linalg.eigh((stacked := second.reshape(-1, len(x))).T @ stacked)
+    return np.asarray(vectors / np.sqrt(1.0 + np.sqrt(np.maximum(squares, 0.0)) / _CURVED))
+
+
+def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radius: float) -> _Step | None:
+    """The step with the least merit that is predicted."""
     import clarabel  # here because it is slow to import
 
     n, hard = len(x), pieces.hard
-    low, high = np.maximum(problem.low - x, -radius), np.minimum(problem.high - x, radius)
+    low, high = (np.flatnonzero(np.isfinite(end)) for end in (problem.low, problem.high))
     rows = [
-        np.hstack([pieces.slopes, -(~hard[:, None]).astype(float), -hard[:, None].astype(float)]),
-        np.hstack([np.eye(n), np.zeros((n, 2))]),
-        np.hstack([-np.eye(n), np.zeros((n, 2))]),
+        np.hstack([pieces.slopes @ T, -(~hard[:, None]).astype(float), -hard[:, None].astype(float)]),
+        *(
+            np.hstack([side, np.zeros((len(side), 2))])
+            for side in (np.eye(n), -np.eye(n), T[high], -T[low])
+        ),
         np.hstack([np.zeros((1, n + 1)), [[-1.0]]]),
     ]
-    sides = [np.where(hard, 1.0, 0.0) - pieces.values, high, -low, np.zeros(1)]
+    ends = [(problem.high - x)[high], (x - problem.low)[low]]
+    sides = [np.where(hard, 1.0, 0.0) - pieces.values, np.full(2 * n, radius), *ends, np.zeros(1)]
     if np.all(hard):  # t is nothing but zero
         rows.append(np.hstack([np.zeros((1, n)), [[-1.0, 0.0]]]))
         sides.append(np.zeros(1))
     cost = np.concatenate([np.zeros(n), [1.0, problem.price]])
     P = np.zeros((n + 2, n + 2))
-    P[:n, :n] = np.triu(H)
+    P[:n, :n] = np.triu(T.T @ H @ T)
     b = np.concatenate(sides)
     cones = [clarabel.NonnegativeConeT(len(b))]
     solution = conic_solution(cost, np.vstack(rows), b, cones, P, _QP_ITERATIONS)
     z = np.array(solution.x)
     if not np.all(np.isfinite(z)):
         return None
-    d = np.clip(z[:n], low, high)
-    return d, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1])
+    d = np.clip(T @ z[:n], problem.low - x, problem.high - x)
+    size = float(np.max(np.abs(z[:n])))
+    return _Step(d, size, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1]))
 
 
 def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place, float]:
@@ -222,26 +258,21 @@ def _apart(one: float, other: float) -> float:
     return abs(log(min(max(one, 1e-9), 1e9) / min(max(other, 1e-9), 1e9)))
 
 
-def _second_differences(
-    problem: Problem, x: Array, pieces: _Pieces, multipliers: Array, H: Array
-) -> Array:
-    """The second derivative of the Lagrangian at fixed frequencies, made positive; H if it has none.
+def _second(problem: Problem, x: Array, places: Sequence[Place]) -> Array | None:
+    """Second derivatives (k, values, values) of gains at places; None if there are none."""
+    return None if problem.curvatures is None or not places else problem.curvatures(x, places)
 
-    A second singular value that is nearly as large counts as the first.
-    """
+
+def _curvature(
+    problem: Problem, x: Array, pieces: _Pieces, multipliers: Array, H: Array
+) -> tuple[Array, bool]:
+    """The second derivative of the Lagrangian, made positive; H if no gain is in it, and False."""
     places = _active(problem, pieces, multipliers)
-    weights = np.array(list(places.values()))
-    if problem.slopes is None or not places:
-        return H
-    slopes = [
-        problem.slopes(x + _DIFFERENCE * e, list(places)) for e in np.vstack([0.0 * x, np.eye(len(x))])
-    ]
-    if any(s is None for s in slopes):
-        return H
-    first, *others = (weights @ s for s in slopes)
-    second = (np.array(others) - first) / _DIFFERENCE
-    values, vectors = np.linalg.eigh(0.5 * (second + second.T))
-    return np.asarray(vectors * np.maximum(np.abs(values), _LEAST_CURVED) @ vectors.T)
+    second = _second(problem, x, list(places))
+    if second is None:
+        return H, False
+    values, vectors = np.linalg.eigh(np.tensordot(list(places.values()), second, 1))
+    return np.asarray(vectors * np.maximum(np.abs(values), _LEAST_CURVED) @ vectors.T), True
 
 
 def _curved(

@@ -32,7 +32,7 @@ _GRID = 40  # frequencies of the grid that all goals share
 _BEYOND = 10.0  # the grid ends this factor beyond the slowest and the fastest pole
 _ZOOMS, _INSIDE, _PARABOLAS = 2, 7, 4  # rounds of a search for a peak, each with so many frequencies
 _SAME = 0.02  # logarithm of the ratio of frequencies below which two peaks are one
-_SECOND = 0.98  # of the largest singular value: a second one above it is a piece of its own
+SECOND = 0.98  # of the largest singular value: a second one above it is a piece of its own
 _DEPENDENT = 1e8  # product of the norms of both vectors: beyond it modes lose too many digits
 _STILL = 1e-12  # of the largest slope: a pole that moves by less is not moved by the values
 _NEAR = 0.05  # of the largest real part: poles as far left of it are pieces, too
@@ -166,21 +166,12 @@ def look(
         for p in values:
             hard = asked.goals[p.goal].hard
             if not keep or p.value >= keep * (max(1.0, largest[True]) if hard else largest[False]):
-                pieces += [p] if len(p.slope) else _with_slope(family, closed, asked.goals, p)
-        for place in held:
-            pieces += _with_slope(family, closed, asked.goals, Piece(*place, 0.0, np.zeros(0)))
+                pieces.append(p)
+        peaks = [(p.goal, p.point, p.frequency) for p in pieces if not len(p.slope)]
+        pieces = [p for p in pieces if len(p.slope)]
+        pieces += _with_slopes(family, closed, asked.goals, [*peaks, *held])
         pieces += _stable_pieces(found, moved, asked.decay)
     return Look(largest[False], largest[True], tuple(pieces), abscissa)
-
-
-def slopes_at(family: Family, goals: Sequence[Goal], x: Array, places: Sequence[Place]) -> Array | None:
-    """Slopes (k, number of values) of gains at places; None where a loop is singular."""
-    points = sorted({point for _, point, _ in places})
-    few = family.at(points)
-    if (closed := few.closed(x)) is None:
-        return None
-    pieces = (Piece(goal, points.index(point), f, 0.0, np.zeros(0)) for goal, point, f in places)
-    return np.array([_with_slope(few, closed, goals, piece)[0].slope for piece in pieces])
 
 
 def _stable_pieces(found: _Poles, moved: Flags, decay: float) -> list[Piece]:
@@ -414,24 +405,53 @@ def _largest(values: Complex) -> Array:
     return np.asarray(np.where(finite, np.sqrt(np.maximum(largest, 0.0)), np.inf))
 
 
-def _with_slope(family: Family, closed: Closed, goals: Sequence[Goal], piece: Piece) -> list[Piece]:
-    """A peak with its slope; two, where a second singular value is nearly as large."""
-    i, n, goal = piece.point, family.states, goals[piece.goal]
-    rows, columns = places(goals)[piece.goal]
-    A, B, C, D = closed.A[i], closed.B[i][:, columns], closed.C[i][rows], closed.D[i][rows, columns]
-    row, column = 0.0 * C.astype(complex), 0.0 * B.astype(complex)
-    if np.isfinite(piece.frequency):
-        inverse = np.linalg.inv(1j * piece.frequency * np.eye(n) - A)
-        row, column = C @ inverse, inverse @ B
-    u, sizes, vh = np.linalg.svd(D + C @ column)
-    pieces = []
-    for j in range(1 + (len(sizes) > 1 and sizes[1] > _SECOND * sizes[0])):
-        left, right = u[:, j].conj(), vh[j].conj()
-        at = closed.L[i]
-        out = (left @ row) @ at[:n] + left @ at[n:][rows]
-        into = closed.R[i][:, :n] @ (column @ right) + closed.R[i][:, n:][:, columns] @ right
-        slope = (
-            family.moves.reshape(len(family.moves), -1) @ np.outer(out, into).real.ravel() / goal.limit
-        )
-        pieces.append(piece._replace(value=float(sizes[j]) / goal.limit, slope=slope))
+class Responses(NamedTuple):
+    """Responses of a goal at k places, u diag(sizes) v*, with what is before and after the values."""
+
+    points: Index
+    inverse: Complex  # (j omega - A)^-1 (k, n, n); zero at infinity
+    row: Complex  # C (j omega - A)^-1
+    column: Complex  # (j omega - A)^-1 B
+    u: Complex
+    sizes: Array
+    v: Complex
+    out: Complex  # u* Z L (k, nz, nq)
+    into: Complex  # R Y v (k, nv, nw)
+
+
+def responses_at(closed: Closed, goals: Sequence[Goal], goal: int, at: Sequence[Place]) -> Responses:
+    """The responses of a goal at places, all of which are of this goal."""
+    points, omega = np.array([i for _, i, _ in at]), np.array([f for *_, f in at])
+    rows, columns = places(goals)[goal]
+    n = closed.A.shape[1]
+    A, L, R = closed.A[points], closed.L[points], closed.R[points]
+    B, C = closed.B[points][:, :, columns], closed.C[points][:, rows]
+    finite = np.isfinite(omega)[:, None, None]
+    shifted = 1j * np.where(finite, omega[:, None, None], 1.0) * np.eye(n) - np.where(finite, A, 0.0)
+    inverse = np.where(finite, np.linalg.inv(shifted), 0.0)
+    row, column = C @ inverse, inverse @ B
+    u, sizes, vh = np.linalg.svd(closed.D[points][:, rows, columns] + C @ column)
+    v = np.conj(np.swapaxes(vh, 1, 2))
+    out = np.conj(np.swapaxes(u, 1, 2)) @ (row @ L[:, :n] + L[:, n:][:, rows])
+    into = (R[:, :, :n] @ column + R[:, :, n:][:, :, columns]) @ v
+    return Responses(points, inverse, row, column, u, sizes, v, out, into)
+
+
+def _with_slopes(
+    family: Family, closed: Closed, goals: Sequence[Goal], held: Sequence[Place]
+) -> list[Piece]:
+    """Gains at places with their slopes; two, where a second singular value is nearly as large."""
+    moves, pieces = family.moves.reshape(len(family.moves), -1), list[Piece]()
+    for goal in sorted({place[0] for place in held}):
+        own = [place for place in held if place[0] == goal]
+        at, limit = responses_at(closed, goals, goal, own), goals[goal].limit
+        for j in range(min(2, at.sizes.shape[1])):
+            large = np.flatnonzero(at.sizes[:, j] > SECOND * at.sizes[:, 0]) if j else np.arange(len(own))
+            pairs = at.out[large, j, :, None] * at.into[large, None, :, j]
+            slopes = pairs.real.reshape(len(large), moves.shape[1]) @ moves.T / limit
+            values = at.sizes[large, j] / limit
+            pieces += [
+                Piece(*own[k], float(value), slope)
+                for k, value, slope in zip(large, values, slopes, strict=True)
+            ]
     return pieces

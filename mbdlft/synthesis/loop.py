@@ -9,6 +9,7 @@ those of all goals and v; q = S(x) v closes it. With [xdot ; z ; v] = [X_0 L ; R
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +29,8 @@ from mbdlft.system.connection import connect
 from mbdlft.system.conversion import as_system, check_once
 from mbdlft.system.model import System
 
+_FIRST_CORNERS, _FEW = 4, 4  # of a part of the box; fewer scheduled parameters have a grid of points
+_CORNERS, _RANDOM = 64, 96  # points of the box that are looked at in each round
 Connections = Sequence[Sequence[str]] | Mapping[str, str | Sequence[str]]
 
 
@@ -47,6 +50,12 @@ class Network:
     def matrix(self, x: Array) -> Array:
         """S at values (number of values,)."""
         return np.asarray(self.base + np.tensordot(x, self.moves, 1))
+
+    @property
+    def scheduled(self) -> Array:
+        """1 for parameters with which controllers are scheduled, else 0."""
+        names = {name for c in self.controllers for name in c.frame.parameters.names}
+        return np.array([float(name in names) for name in self.system.parameters.names])
 
 
 class _Opened(NamedTuple):
@@ -268,7 +277,7 @@ def _weighted_names(goal: Goal | None, side: str) -> tuple[str, ...] | None:
 
 
 class Closed(NamedTuple):
-    """Matrices of m loops, and L_S and R_S of their slopes."""
+    """Matrices of m loops, and those of their slopes: dX = L dS R, dL = L dS T, dR = T dS R."""
 
     A: Array  # (m, n, n)
     B: Array  # (m, n, nw)
@@ -276,6 +285,7 @@ class Closed(NamedTuple):
     D: Array  # (m, nz, nw)
     L: Array  # (m, n + nz, nq)
     R: Array  # (m, nv, n + nw)
+    T: Array  # (m, nv, nq)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -307,7 +317,7 @@ class Family:
         if not np.all(np.isfinite(X)):
             return None
         R = self.R + self.D22 @ K @ self.R
-        return Closed(X[:, :n, :n], X[:, :n, n:], X[:, n:, :n], X[:, n:, n:], L, R)
+        return Closed(X[:, :n, :n], X[:, :n, n:], X[:, n:, :n], X[:, n:, n:], L, R, self.D22 @ W)
 
 
 def family(net: Network, P: System, points: Array) -> Family:
@@ -323,4 +333,30 @@ def family(net: Network, P: System, points: Array) -> Family:
         len(P.states),
         net.base,
         net.moves,
+    )
+
+
+def first_points(net: Network, ends: Array, seed: int) -> Array:
+    """A few corners of a part of the box; of parameters that are scheduled, if they are few, a grid."""
+    scheduled = np.flatnonzero(net.scheduled * ends)
+    grid = list(product((-1.0, 0.0, 1.0), repeat=len(scheduled) * (len(scheduled) < _FEW)))
+    count = max(len(grid), _FIRST_CORNERS)
+    corners = np.random.default_rng(seed).choice([-1.0, 1.0], (count, len(ends)))
+    if len(grid) > 1:
+        corners[:, scheduled] = np.resize(grid, (count, len(scheduled)))
+    return np.unique(corners * ends, axis=0)
+
+
+def screened(ends: Array, seed: int) -> Array:
+    """Corners of a part of the box, all or some, random points, and some of its faces."""
+    p, random = len(ends), np.random.default_rng(seed)
+    if 2**p <= _CORNERS:
+        corners = np.array(list(product((-1.0, 1.0), repeat=p)))
+    else:
+        corners = random.choice([-1.0, 1.0], (_CORNERS, p))
+    inside = random.uniform(-1.0, 1.0, (_RANDOM, p))
+    return np.unique(
+        np.vstack([corners, inside, np.where(random.random(inside.shape) < 0.5, inside, np.sign(inside))])
+        * ends,
+        axis=0,
     )

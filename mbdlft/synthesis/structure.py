@@ -24,9 +24,8 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive
 from mbdlft.lft.sampling import evaluate_at
-from mbdlft.synthesis.box import screened
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
-from mbdlft.synthesis.loop import Connections, Network, family, network, sizes_of, weighted
+from mbdlft.synthesis.loop import Connections, Network, family, network, screened, sizes_of, weighted
 from mbdlft.synthesis.pieces import FreeValue, TunableSystem
 from mbdlft.system.model import Parameters, System
 
@@ -186,7 +185,7 @@ def _gramians(
     n, ends = loops.states, np.abs(poles[np.abs(poles) > 0.0])
     P, Q = np.zeros((inner, inner)), np.zeros((inner, inner))
     for w in np.geomspace(np.min(ends) / _BESIDE, np.max(ends) * _BESIDE, _FREQUENCIES):
-        s, (A, B, C, _, L, R) = 1j * w * np.eye(n), closed
+        s, (A, B, C, _, L, R, _) = 1j * w * np.eye(n), closed
         v = R[..., :n] @ np.linalg.solve(s - A, B) + R[..., n:]
         y = limits[:, None] * (C @ np.linalg.solve(s - A, L[:, :n]) + L[:, n:])
         reached, seen = v[:, :inner].copy(), y @ M[:, :inner]

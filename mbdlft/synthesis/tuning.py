@@ -8,7 +8,6 @@ that of its value, changed where its slopes are small or large beside those of o
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,8 +21,9 @@ from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
+from mbdlft.synthesis.curvature import curvatures
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
-from mbdlft.synthesis.evaluation import STABLE, Asked, Look, Place, abscissas, look, slopes_at
+from mbdlft.synthesis.evaluation import STABLE, Asked, Look, Place, abscissas, look
 from mbdlft.synthesis.fixed import fixed_poles
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
@@ -46,7 +46,6 @@ Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
-_POLISH: Engine = partial(sqp, patience=0)
 _TAKEN_ON: Plan = [(sqp, 0.8), (sqp, 0.7)]  # of values that come from fewer points
 Told = Callable[[str], None]
 
@@ -88,13 +87,15 @@ class Tuner:
         def at(scaled: Array, held: Sequence[Place] = ()) -> Look:
             return self._scaled(self.look(scaled * self.scale, keep, held))
 
-        def slopes(scaled: Array, held: Sequence[Place]) -> Array | None:
-            found = slopes_at(self.family, self.goals, scaled * self.scale, held)
+        def second(scaled: Array, held: Sequence[Place]) -> Array | None:
+            found = curvatures(self.family, self.goals, scaled * self.scale, held)
             units = np.array([1.0 if self._is_hard(goal) else unit for goal, _, _ in held])
-            return None if found is None else found * self.scale / units[:, None]
+            return (
+                None if found is None else found * np.outer(self.scale, self.scale) / units[:, None, None]
+            )
 
         low, high = self.low / self.scale, self.high / self.scale
-        return Problem(at, low, high, self._is_hard, price, unit, slopes, self.gains)
+        return Problem(at, low, high, self._is_hard, price, unit, second, self.gains)
 
     def look(self, x: Array, keep: float | None, held: Sequence[Place] = ()) -> Look:
         """The goals at values."""
@@ -188,7 +189,7 @@ class Tuner:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         idle = 0
         for k in range(_ROUNDS):
-            new = self.descended(best.x, [(_POLISH, _KEEPS[k % len(_KEEPS)])], _STEPS)
+            new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
             gain = best.rank()[0] - new.rank()[0], best.look.soft - new.look.soft
@@ -312,11 +313,18 @@ def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
         yield np.clip(x, tuner.low, tuner.high)
 
 
-def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) -> Tuned:
+def tuned(
+    tuner: Tuner,
+    starts: int,
+    seed: int,
+    say: Told,
+    enough: float = 0.0,
+    is_rough: Callable[[Tuned], bool] = lambda best: False,
+) -> Tuned:
     """The best of several starts, taken on; Ctrl-C ends it with the best that is known.
 
-    No more searches begin when soft goals are at most `enough`. An AnalysisError says that no start led
-    to stable loops, and which pole is on the right.
+    No more searches begin when soft goals are at most `enough`. Nothing is taken on where it `is_rough`.
+    An AnalysisError says that no start led to stable loops, and which pole is on the right.
     """
     found: list[Tuned] = []
     nearest = (np.inf, np.zeros(len(tuner.net.free)))
@@ -333,7 +341,8 @@ def tuned(tuner: Tuner, starts: int, seed: int, say: Told, enough: float = 0.0) 
             say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
             if best.rank() <= (0.0, enough):
                 break
-        found = [tuner.polished(best) for best in sorted(found, key=Tuned.rank)[:_BEST]] or found
+        if found and not is_rough(min(found, key=Tuned.rank)):
+            found = [tuner.polished(best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
     except KeyboardInterrupt:
         if not found:
             raise
