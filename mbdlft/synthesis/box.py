@@ -40,6 +40,8 @@ _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of pa
 _COSTLY = 1.1  # times what is tuned at nominal: where the box has more, searches begin anew
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
+_PARTS = 4  # of the points of the whole box, each with its worst
+_IDLE = 4  # searches in vain that end a search for the worst at most: one for each parameter beyond two
 _REACHED = 1.0 + 1e-3  # what is said to be reached: hard goals are constraints of a search
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
@@ -302,15 +304,20 @@ def _until_none_is_worse(
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found."""
     ends, seed, starts = where
-    safe, lost = (np.inf, best), 0
-    for count in range(_ROUNDS if np.all(ends == 1.0) else _GROWING_ROUNDS):
+    safe, lost, idle = (np.inf, best), 0, 0
+    is_whole = bool(np.all(ends == 1.0))
+    enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
+    for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
         new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
         lost = lost + 1 if worst == np.inf else 0
         safe = min(safe, (worst, best), key=lambda pair: pair[0])
         say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
-        if not len(new) or lost > _MOST_LOST:
+        idle = 0 if len(new) else idle + 1
+        if lost > _MOST_LOST or idle >= enough:
             yield best, points
             return
+        if idle:
+            continue
         if len(points) > _MOST_POINTS:
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
@@ -359,13 +366,13 @@ def _worst_points(
     one at which no values make it stable.
     """
     ends, seed, starts = where
-    some = Tuner(net, goals, screened(ends, seed))
-    if len(unstable := some.least_stable(best.x)):
+    is_whole = bool(np.all(ends == 1.0))
+    some = screened(ends, seed)
+    if len(unstable := Tuner(net, goals, some).least_stable(best.x)):
         for delta in unstable:
             check_stabilizable(Tuner(net, goals, delta[None]), best.x, starts, seed)
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
     loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
-    is_whole = bool(np.all(ends == 1.0))
     if is_whole:
         crossing = smallest_crossing(realization(loops[0], range(len(loops[0].inputs))), 1.0)
         if np.isfinite(crossing.size):
@@ -373,12 +380,17 @@ def _worst_points(
             return _on_the_way(net, goals, best, unstable)[None], np.inf
     found, worst = list[Array](), 0.0
     random = np.random.default_rng(seed)
-    for goal, loop, (value, delta) in zip(goals, loops, some.worst(best.x), strict=True):
-        for radius in _RADII:
-            moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
-            moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
-            beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]
-            value, delta = max((value, delta), beside, key=lambda pair: pair[0])
+    parts = [some[k::_PARTS] for k in range(_PARTS)] if is_whole else [some]
+    for goal, loop in zip(goals, loops, strict=True):
+        climbed = []
+        for value, delta in [Tuner(net, [goal], part).worst(best.x)[0] for part in parts]:
+            for radius in _RADII:
+                moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
+                moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
+                beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]
+                value, delta = max((value, delta), beside, key=lambda pair: pair[0])
+            climbed.append((value, delta))
+        value, delta = max(climbed, key=lambda pair: pair[0])
         if is_whole and goal.kind in (HINF, MARGIN) and np.isfinite(value):
             model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
             of_model = [net.system.parameters.names.index(name) for name in model.names]

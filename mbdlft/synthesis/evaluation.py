@@ -122,6 +122,8 @@ def abscissas(family: Family, x: Array, near: float) -> Look:
     moved, real = found.moved(), found.poles.real
     real = np.where(moved | (real >= 0.0), real, -np.inf)
     top = float(np.max(real, initial=-np.inf))
+    if top == -np.inf:  # nothing is moved, and stable
+        top = float(np.max(found.poles.real, initial=-1.0))
     chosen = moved & (real > top - max(near, _NEAR * abs(top))) & (found.poles.imag >= 0.0)
     pieces = tuple(
         Piece(0, int(i), float(found.poles[i, k].imag), float(real[i, k]), found.slopes[i, k].real)
