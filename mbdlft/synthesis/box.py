@@ -32,7 +32,7 @@ from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
 from mbdlft.synthesis.tuning import Tuned, Tuner, begun_again, check_stabilizable, taken_on, tuned
 from mbdlft.system.model import System
 
-_ROUNDS, _GROWING_ROUNDS = 40, 6  # of the worst-case loop; of a part of the box
+_ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
 _MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
 _MOST_POINTS = 45  # beyond which the idle ones leave
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
