@@ -11,12 +11,12 @@ import mbdlft
 from mbdlft import WellPosednessError, to_lft
 from mbdlft.archive import program as stored
 from mbdlft.base import expression, unit
-from mbdlft.dae import kinks
+from mbdlft.dae import branches
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction import reduce_order
 from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
-from mbdlft.robust import stability as margin
+from mbdlft.robust import ascent
 from mbdlft.robust.bisect import boxes
 from tests.attack import (
     analyses,
@@ -80,7 +80,7 @@ def nothing_vanishes(patch: Patch) -> None:
 
 
 def a_wrong_branch(patch: Patch) -> None:
-    patch.setitem(kinks._SWITCHES, "fmax", kinks._SWITCHES["fmin"])  # type: ignore[index]
+    patch.setitem(branches.SWITCHES, "fmax", branches.SWITCHES["fmin"])  # type: ignore[index]
 
 
 def programs_unproved(patch: Patch) -> None:
@@ -88,13 +88,13 @@ def programs_unproved(patch: Patch) -> None:
 
 
 def crossings_too_near(patch: Patch) -> None:
-    right = margin.smallest_crossing
+    right = ascent.smallest_crossing
 
     def wrong(*arguments: Any) -> Any:
         found = right(*arguments)
         return found._replace(size=0.9 * found.size, delta=0.9 * found.delta)
 
-    patch.setattr(margin, "smallest_crossing", wrong)
+    patch.setattr(ascent, "smallest_crossing", wrong)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ above are constant values, or a periodic motion that does not come to rest
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import inf, isinf
+from math import comb, inf, isinf
 from typing import NamedTuple
 
 import flint
@@ -144,7 +144,11 @@ class _Question(NamedTuple):
         return SHAPES if is_slow else tuple({s._replace(order=0): None for s in SHAPES})
 
     def cost(self, shape: Shape) -> float:
-        """Units of work of one solution."""
+        """Units of work of one solution; of one that is beyond all work, at least."""
+        products = comb(len(self.model.A) + shape.degree - 1, shape.degree)
+        least = variation.least_cost(products)
+        if least > self.asked.work:  # a form of so many products would not fit into memory
+            return least
         _, bounds, near, _ = self._near(1.0, 0.0)
         return variation.cost_of(variation.form_of(shaped(near, shape, bounds), bounds))
 
