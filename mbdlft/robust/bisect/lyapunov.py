@@ -70,6 +70,9 @@ _PIECES, _AGAIN = (
     4,
 )  # pieces of S at most; times these in a proof, whose cuts may be others elsewhere
 _RICCATI = 6.0  # times the work of a Lyapunov equation, that of a Riccati equation
+_ON_AXIS = (
+    1e-6  # of a Hamiltonian: what rounding moves off the axis is nearer, and P is another elsewhere
+)
 _HALVINGS = 12  # of a share that is looked for
 _UNSEEN = 1e-3  # of the largest size of modes at inputs or outputs: smaller ones count as this
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
@@ -368,8 +371,8 @@ def _riccati(whole: Array, n: int, m: int, share: float) -> Array | None:
         feedback, through = np.linalg.solve(R, J.T @ G), np.linalg.solve(R, E.T)
         F, Q = A + E @ feedback, share * np.eye(n) + G.T @ (G + J @ feedback)
         H = np.block([[F, E @ through], [-Q, -F.T]])
-        _, stable, _, _, U, _, info = dgees(lambda real, _: real < 0.0, H, sort_t=1)
-        if info or stable != n:
+        _, stable, real, _, U, _, info = dgees(lambda real, _: real < 0.0, H, sort_t=1)
+        if info or stable != n or np.min(np.abs(real)) <= _ON_AXIS * np.linalg.norm(H):
             return None
         P = np.linalg.solve(U[:n, :n].T, U[n:, :n].T)
         P = _solution(F + E @ through @ P, Q - P.T @ E @ through @ P)  # a step of Newton's method
