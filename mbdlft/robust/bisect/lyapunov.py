@@ -371,8 +371,8 @@ def _riccati(whole: Array, n: int, m: int, share: float) -> Array | None:
         feedback, through = np.linalg.solve(R, J.T @ G), np.linalg.solve(R, E.T)
         F, Q = A + E @ feedback, share * np.eye(n) + G.T @ (G + J @ feedback)
         H = np.block([[F, E @ through], [-Q, -F.T]])
-        _, stable, real, _, U, _, info = dgees(lambda real, _: real < 0.0, H, sort_t=1)
-        if info or stable != n or np.min(np.abs(real)) <= _ON_AXIS * np.linalg.norm(H):
+        _, stable, real, imag, U, _, info = dgees(lambda real, _: real < 0.0, H, sort_t=1)
+        if info or stable != n or np.any(np.abs(real) <= _ON_AXIS * np.abs(imag)):
             return None
         P = np.linalg.solve(U[:n, :n].T, U[n:, :n].T)
         P = _solution(F + E @ through @ P, Q - P.T @ E @ through @ P)  # a step of Newton's method
