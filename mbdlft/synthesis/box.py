@@ -368,7 +368,8 @@ def _worst_points(
     ends, seed, starts = where
     is_whole = bool(np.all(ends == 1.0))
     some = screened(ends, seed)
-    if len(unstable := Tuner(net, goals, some).least_stable(best.x)):
+    screen = Tuner(net, goals, some)
+    if len(unstable := screen.least_stable(best.x)):
         for delta in unstable:
             check_stabilizable(Tuner(net, goals, delta[None]), best.x, starts, seed)
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
@@ -380,10 +381,11 @@ def _worst_points(
             return _on_the_way(net, goals, best, unstable)[None], np.inf
     found, worst = list[Array](), 0.0
     random = np.random.default_rng(seed)
-    parts = [some[k::_PARTS] for k in range(_PARTS)] if is_whole else [some]
-    for goal, loop in zip(goals, loops, strict=True):
+    parts = [Tuner(net, goals, some[k::_PARTS]) for k in range(_PARTS)] if is_whole else [screen]
+    begun = zip(*(part.worst(best.x) for part in parts), strict=True)
+    for goal, loop, tops in zip(goals, loops, begun, strict=True):
         climbed = []
-        for value, delta in [Tuner(net, [goal], part).worst(best.x)[0] for part in parts]:
+        for value, delta in tops:
             for radius in _RADII:
                 moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
                 moved = np.where(random.random(moved.shape) < 0.5, moved, delta)

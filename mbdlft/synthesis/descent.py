@@ -127,7 +127,8 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
         if not pieces.keys:  # nothing is moved
             break
         T = _directions(problem, x, pieces)
-        if is_first and (step := _step(problem, H, pieces, x, T, radius)) is not None:
+        knows = is_first and problem.curvatures is not None
+        if knows and (step := _step(problem, H, pieces, x, T, radius)) is not None:
             H, is_known = _curvature(problem, x, pieces, step.multipliers, H)
             is_first = not is_known
         there, least = None, tolerance * max(1e-3, abs(merit))
