@@ -9,7 +9,7 @@ import json
 import re
 import subprocess
 import sys
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,6 @@ from tests.attack import matrices, process_of
 from tests.attack.mutations import check_message
 from tests.close import CORES
 from tests.cross.mechanisms import closed_loop, open_tree
-from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
 ROOT = Path(__file__).parents[2]
@@ -118,8 +117,7 @@ def build(random: np.random.Generator, seed: int, search: float) -> tuple[str, m
         name = SCENARIOS[int(random.integers(len(SCENARIOS)))]
         scene = mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml")
     else:
-        bodies = int(random.integers(2, 6))
-        makers = (random_scene, partial(random_mechanism, bodies=bodies), open_tree, closed_loop)
+        makers = (random_scene, open_tree, closed_loop)
         scene = makers[int(random.integers(len(makers)))](seed)
     return "scene", mbdlft.to_lft(scene, search=search)
 

@@ -1,7 +1,6 @@
 """Random scenes as native code: status and values of the definition, as near to 50 digits as that."""
 
 import warnings
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,10 @@ from mbdlft.problem.digits import equations_in_digits
 from tests.attack.mutations import check_message
 from tests.close import EVALUATION, NOTHING
 from tests.cross.mechanisms import closed_loop, open_tree
-from tests.mechanisms import random_mechanism
+from tests.cross.mixed_mechanisms import mixed
 from tests.strategies import random_scene
 
-MAKERS = (random_scene, partial(random_mechanism, bodies=4), open_tree, closed_loop)
+MAKERS = (random_scene, mixed, open_tree, closed_loop)
 SAMPLES, IN_DIGITS = 64, 6
 WORSE = 20.0  # times the error of the definition, which refines what it solves
 

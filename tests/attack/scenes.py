@@ -14,7 +14,7 @@ from tests.attack.structures import as_toml, restructured
 from tests.close import SCENARIO
 from tests.cross import test_lagrangian
 from tests.cross.mechanisms import closed_loop, open_tree
-from tests.mechanisms import random_mechanism
+from tests.cross.mixed_mechanisms import mixed
 from tests.strategies import random_scene
 
 ROOT = Path(__file__).parents[2]
@@ -79,7 +79,7 @@ def attack(seed: int, folder: Path) -> str:
     if way < 0.05:
         return derived(seed, random)
     if way < 0.2:
-        makers = (random_scene, random_mechanism, open_tree, closed_loop)
+        makers = (random_scene, mixed, open_tree, closed_loop)
         given = scene_to_toml(makers[int(random.integers(len(makers)))](seed))
     else:
         given = texts()[int(random.integers(len(texts())))]

@@ -15,20 +15,14 @@ from mbdlft.multibody.assembly import assembly
 from mbdlft.pipeline.models import build
 from mbdlft.problem.equations import rounded
 from tests import close
+from tests.cross.mechanisms import open_tree
 from tests.laws import turned
 from tests.laws.turned import one_order_only
-from tests.mechanisms import random_mechanism
 from tests.strategies import random_scene
 
 LONG = partial(pytest.param, marks=pytest.mark.long)
-SEEDS = [(random_scene, 3), (random_mechanism, 10)]
-MORE = [
-    (random_mechanism, 7),
-    (random_scene, 14),
-    (random_scene, 20),
-    (random_mechanism, 2),
-    (random_mechanism, 13),
-]
+SEEDS = [(random_scene, 3), (open_tree, 10)]
+MORE = [(random_scene, 14), (random_scene, 20), (open_tree, 4), (open_tree, 6)]
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from mbdlft.base.errors import MbdlftError
 from mbdlft.multibody import scene_from_toml, scene_schema, scene_to_toml
 from tests.attack.scenes import texts
 from tests.attack.structures import as_toml, restructured
-from tests.mechanisms import MOST_BODIES, random_mechanism
+from tests.cross.mechanisms import open_tree
 from tests.scenarios.commands import run
 
 ROOT = Path(__file__).parents[2]
@@ -41,7 +41,7 @@ def test_scenarios_fit(path: Path) -> None:
 def test_what_is_read_fits() -> None:
     """Random trees with all kinds of joints, and scenes that were changed by chance."""
     for seed in range(12):
-        schema()(tomllib.loads(scene_to_toml(random_mechanism(seed))))
+        schema()(tomllib.loads(scene_to_toml(open_tree(seed))))
     rng, given, read = np.random.default_rng(5), texts(), 0
     for _ in range(150):
         text = as_toml(restructured(tomllib.loads(given[int(rng.integers(len(given)))]), rng))
@@ -52,26 +52,6 @@ def test_what_is_read_fits() -> None:
         read += 1
         schema()(tomllib.loads(text))
     assert read > 20
-
-
-def test_random_trees_repeat_and_cover() -> None:
-    drawn = [random_mechanism(seed) for seed in range(100)]
-    assert drawn[:10] == [random_mechanism(seed) for seed in range(10)]
-    joints = [joint for scene in drawn for joint in scene.joints]
-    loads = [load for scene in drawn for load in scene.loads]
-    assert {joint.kind for joint in joints} == {*mbdlft.multibody.joint.KINDS}
-    assert {len(scene.joints) for scene in drawn} == set(range(2, MOST_BODIES + 1))
-    assert {load.kind for load in loads} == {"force", "torque", "buoyancy"}
-    frames = {(load.kind, load.frame) for load in loads if load.kind != "buoyancy"}
-    assert len(frames) == 4
-    unknown = {(load.kind, getattr(load, load.magnitude_key) is None) for load in loads}
-    assert len(unknown) == 6
-    sensors = {sensor.kind for scene in drawn for sensor in scene.sensors}
-    assert sensors == {*mbdlft.multibody.sensor.KINDS}
-    assert any(joint.orientation for joint in joints)
-    assert any(getattr(joint, "imposed", False) for joint in joints)
-    assert {scene.joints[0].kind for scene in drawn} >= {"free", "revolute"}
-    assert any(name.startswith("ground.") for scene in drawn for name in scene.inputs or ())
 
 
 ARM: dict[str, Any] = tomllib.loads((ROOT / "scenarios" / "two_link_arm.toml").read_text("utf-8"))

@@ -21,9 +21,9 @@ from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
 from mbdlft.show.viewer.drawing import draw, solid_of
 from mbdlft.show.viewer.poses import scene_poses
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
+from tests.cross.mechanisms import open_tree
 from tests.cross.pinocchio_frames import configuration
 from tests.cross.pinocchio_tree import plant
-from tests.mechanisms import random_mechanism
 
 ROOT = Path(__file__).parents[2]
 # what the operations of a page mean, besides + - * /
@@ -77,7 +77,7 @@ def test_the_page_has_the_operations_of_the_tape() -> None:
 )
 def test_frames_of_random_trees(seed: int) -> None:
     """All kinds of joints, orientations and ports, displaced far, against pinocchio."""
-    scene = random_mechanism(seed)
+    scene = open_tree(seed)
     rng = np.random.default_rng(seed)
     data = view_data(scene)
     q = rng.uniform(-1.0, 1.0, len(data["coordinates"]))
@@ -119,9 +119,12 @@ def check_loads(
 
 def test_arrows_of_loads_are_forces_on_bodies() -> None:
     """A thrust turns with its body, a spring pulls its ports together, buoyancy is up."""
-    data = view_data(mbdlft.load_scene(ROOT / "scenarios" / "four_bar.toml"))
+    scene = mbdlft.load_scene(ROOT / "scenarios" / "four_bar.toml")
+    data = view_data(scene)
+    nominal = [p["nominal"] for p in data["parameters"]]
+    check_loads(scene, data, nominal, {})
     (item,) = [item for item in data["items"] if item["name"] == "spring"]
-    vectors = interpret(data["tape"], [p["nominal"] for p in data["parameters"]], [0.0] * 3)
+    vectors = interpret(data["tape"], nominal, [0.0] * 3)
     vectors = vectors.reshape(-1, 3)
     first, second = (s for s in item["shapes"] if s["type"] == "force")
     apart = vectors[second["at"]] - vectors[first["at"]]
