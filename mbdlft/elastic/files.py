@@ -40,6 +40,7 @@ LIMIT = 2**31  # bytes that arrays may need, unless the caller allows more
 _PYYETI = ("pyyeti.nastran.bulk", "pyyeti.nastran.op4", "pyyeti.nastran.n2p")
 _SECONDS, _BYTES_PER_SECOND, _MEMBERS = 5, 10**7, 100  # limits of reading a file
 _BLOCK = 2**22  # bytes of an npz file that are unpacked at once
+_INCLUDED = 500  # most files that INCLUDE statements name
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
 _INCLUDE = re.compile(rb"""^[ \t]*include\s+('[^']*'|"[^"]*"|\S+)[^\n]*$""", re.IGNORECASE | re.MULTILINE)
@@ -199,6 +200,9 @@ def _matrix(name: str, arrays: Mapping[str, Any], rows: int) -> Any:
         raise StructureError(
             f"{name!r} (dense) or {missing[0]!r} is missing. There are: {', '.join(sorted(arrays))}."
         )
+    for key in keys[:2]:
+        if arrays[key].dtype.kind not in "iu":
+            raise StructureError(f"{key}: expected whole numbers, got {arrays[key].dtype}.")
     lower = _sparse(arrays, name, (rows, rows))
     if sp.triu(lower, 1).nnz:
         raise StructureError(f"{name}: expected the lower triangle, got an entry above the diagonal.")
@@ -295,24 +299,36 @@ def load_nastran(
     return FiniteElements(M[used][:, used], K[used][:, used], nodes)
 
 
-def _bulk_data(file: Path, limit: int, folder: Path | None = None) -> bytes:
+def _bulk_data(
+    file: Path, limit: int, folder: Path | None = None, known: set[Path] | None = None
+) -> bytes:
     """The bytes of bulk data, with what INCLUDE statements name put in their place.
 
-    A name counts from the folder of the file that has it, or of the first file; all are below the latter.
+    A name counts from the folder of the file that has it, or of the first file; all are below the latter,
+    and none is read twice: files that include each other, or double each other, would not end.
     """
     if file.suffix.lower() == ".op4":
         return content_of(file, StructureError, limit)
     top, pieces, size = folder or file.resolve().parent, list[bytes](), 0
+    known = {file.resolve()} if known is None else known
     for k, piece in enumerate(_INCLUDE.split(content_of(file, StructureError, limit))):
         if not k % 2:
             pieces.append(piece)
         else:
             name = b"".join(piece.split()).decode("latin-1").strip("'\"")
             places = [place / name for place in (file.resolve().parent, top)]
-            path = next((place.resolve() for place in places if place.exists()), places[0].resolve())
-            if not path.is_relative_to(top) or path == file.resolve():
+            try:
+                path = next((place.resolve() for place in places if place.exists()), places[0].resolve())
+            except (OSError, ValueError) as error:
+                raise StructureError(f"{file}: INCLUDE {name!r} cannot be read: {error}.") from None
+            if not path.is_relative_to(top):
                 raise StructureError(f"{file}: INCLUDE reads files below {top} only, got {name!r}.")
-            pieces.append(_bulk_data(path, limit - size, top))
+            if path in known or len(known) > _INCLUDED:
+                raise StructureError(
+                    f"{file}: INCLUDE reads a file once, and at most {_INCLUDED} files, got {name!r}."
+                )
+            known.add(path)
+            pieces.append(_bulk_data(path, limit - size, top, known))
         size += len(pieces[-1])
     return b"".join(pieces)
 
@@ -380,7 +396,8 @@ def _dmig(cards: list[list[Any]], *names: str) -> tuple[Any, ...]:
         count = [len(column[4::4]) for column in columns]
         where = [np.repeat([column[k] for column in columns], count) for k in (1, 2)]
         where += [np.concatenate([column[k::4] for column in columns]) for k in (4, 5)]
-        keys = [10 * where[k].astype(np.int64) + where[k + 1].astype(np.int64) for k in (2, 0)]
+        where = [_whole(f"matrix {name!r}", where[k], 6 if k % 2 else 2**50) for k in range(4)]
+        keys = [10 * where[k] + where[k + 1] for k in (2, 0)]
         entries.append((*keys, np.concatenate([column[6::4] for column in columns]).astype(float)))
     rows = np.unique(np.concatenate([keys for *both, _ in entries for keys in both]))
     matrices = []
@@ -398,6 +415,7 @@ def _dmig(cards: list[list[Any]], *names: str) -> tuple[Any, ...]:
 def _grids(cards: Any, grids: Any, table: Path, text: Any) -> tuple[Indices, Array, Array]:
     """Numbers (n,), positions (n, 3) in the basic system and displacement axes (n, 3, 3) of all GRIDs."""
     try:
+        _check_cards(cards, text)
         uset, _ = cards.bulk2uset(text)
         entries = uset.iloc[:, 1:].to_numpy(dtype=float).reshape(-1, 6, 3)
         motions = np.asarray(grids.rbgeom_uset(uset)).reshape(-1, 6, 6)
@@ -409,15 +427,37 @@ def _grids(cards: Any, grids: Any, table: Path, text: Any) -> tuple[Indices, Arr
     return numbers, entries[:, 0], np.swapaxes(motions[:, :3, :3], 1, 2)
 
 
+def _check_cards(cards: Any, text: Any) -> None:
+    """Raise an error for what pyYeti leaves out: it reads words as 0, cuts 1.5 to 1, knows no GRDSET."""
+    kinds, numbers = r"(grid|grdset|cord2[rcs]|extrn)\b", list[Any]()
+    for card in cards.rdcards(text, kinds, regex=True, return_var="list", blank=0, keep_name=True) or ():
+        name, words = card[0].upper().rstrip("*"), [field for field in card[1:] if isinstance(field, str)]
+        if name == "GRDSET" and any(card[1:7]):
+            raise StructureError("GRDSET is not read. Write its systems into the GRID cards.")
+        if words:
+            raise StructureError(f"{name} {card[1]}: expected a number, got {words[0]!r}.")
+        numbers += card[1:] if name == "EXTRN" else card[1:2]
+    _whole("GRID and EXTRN", numbers)
+
+
 def _rows(cards: Any, text: Any, numbers: Indices) -> Indices:
     """Node and component (N, 2) of the rows of OP4 matrices."""
     extern = cards.rdcards(text, "extrn", no_data_return=None)
     if extern is not None:
         pairs = np.asarray(extern, dtype=np.int64).reshape(-1, 2)
         return np.array([(int(n), int(c)) for n, text in pairs for c in str(text)], dtype=np.int64)
-    points = cards.rdcards(text, "spoint", no_data_return=None)
-    scalar = np.asarray([] if points is None else points, dtype=np.int64).ravel()
+    scalar = cards.rdspoints(text)
     return np.vstack([every_dof(np.sort(numbers)), np.stack([scalar, 0 * scalar], axis=1)])
+
+
+def _whole(what: str, values: Any, most: int = 2**50) -> Indices:
+    """Numbers of a file as integers; a conversion alone would cut 1.5 to 1."""
+    numbers = np.asarray(values, dtype=float)
+    wrong = numbers[~((numbers >= 0.0) & (numbers <= most) & (numbers == np.floor(numbers)))]
+    if wrong.size:
+        kind = "components" if most == 6 else "numbers of nodes"
+        raise StructureError(f"{what}: expected {kind} from 0 to {most}, got {wrong[0]:.17g}.")
+    return numbers.astype(np.int64)
 
 
 def _named(matrices: dict[str, Any] | None, name: str) -> Any:

@@ -179,6 +179,8 @@ def _integers(what: str, values: ArrayLike, dimensions: int) -> Indices:
             f"node table: {what}: expected whole numbers in {dimensions} dimension"
             f"{'s' if dimensions > 1 else ''}, got {array.dtype} of shape {array.shape}."
         )
+    if array.size and np.max(array) > np.iinfo(np.int64).max:  # it would become negative
+        raise StructureError(f"node table: {what}: {np.max(array)} is too large.")
     return np.array(array, dtype=np.int64)
 
 

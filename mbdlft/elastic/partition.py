@@ -61,13 +61,18 @@ def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> Fini
     component = np.asarray(nodes.dof)[:, 1]
     # a coordinate that belongs to no node (component 0) may have any scale
     scale = sp.diags_array(np.where(component <= 3, 1.0 / L, 1.0))
-    M, K = (m * L**2 * (scale @ sp.csr_array(matrix) @ scale) for matrix in elements[:2])
+    M, K = (
+        m * L**2 * (scale @ _real(what, matrix, len(component)) @ scale)
+        for what, matrix in zip(("mass", "stiffness"), elements[:2], strict=True)
+    )
     return FiniteElements(M, K, replace(nodes, coordinates=L * np.asarray(nodes.coordinates)))
 
 
-def checked(what: str, matrix: Any, rows: int) -> Any:
-    """The matrix as a symmetric csr_array (rows, rows): the mean of it and its transpose."""
+def _real(what: str, matrix: Any, rows: int) -> Any:
+    """The matrix as a csr_array (rows, rows) of finite numbers."""
     try:
+        if np.iscomplexobj(matrix):  # numpy would drop the imaginary parts
+            raise TypeError("it is complex")
         full = sp.csr_array(matrix, dtype=float)
     except (TypeError, ValueError) as error:
         raise StructureError(f"{what} matrix: expected a matrix of real numbers: {error}.") from None
@@ -78,6 +83,12 @@ def checked(what: str, matrix: Any, rows: int) -> Any:
         )
     if not np.all(np.isfinite(full.data)):
         raise StructureError(f"{what} matrix: expected finite entries, got nan or inf.")
+    return full
+
+
+def checked(what: str, matrix: Any, rows: int) -> Any:
+    """The matrix as a symmetric csr_array (rows, rows): the mean of it and its transpose."""
+    full = _real(what, matrix, rows)
     difference = abs(full - full.T)
     largest = abs(full).max() if full.nnz else 0.0
     if difference.nnz and difference.max() > _SYMMETRY * largest:

@@ -23,6 +23,7 @@ from mbdlft.elastic import files
 from mbdlft.elastic.nodes import transport
 from mbdlft.elastic.partition import mass_matrix
 from tests.close import exact, published, roundoff
+from tests.errors.table import says
 from tests.reference.frames import tee
 
 INBOARD = Path(pyyeti.__file__).parent / "tests" / "nas2cam_extseout" / "inboard.op4"
@@ -181,8 +182,78 @@ def test_included_files_lie_below_the_folder(tmp_path: Path) -> None:
     (tmp_path / "model" / "parts" / "second.bdf").write_text("".join(lines[2:4]))
     found = load_nastran(path, table)
     exact(found.nodes.coordinates, fe.nodes.coordinates)
-    for name in ("../tee.bdf", "/etc/hostname", "tee.bdf"):
+    (tmp_path / "tee.bdf").write_text("".join(lines))
+    for name, why in INCLUDED.items():
         table.write_text(f"INCLUDE '{name}'\n")
-        (tmp_path / "tee.bdf").write_text("".join(lines))
-        with pytest.raises(StructureError, match="INCLUDE reads files below"):
+        with says(StructureError, "INCLUDE", why):
             load_nastran(path, table)
+
+
+INCLUDED = {
+    "../tee.bdf": "reads files below",
+    "/etc/hostname": "reads files below",
+    "tee.bdf": "reads a file once",
+    "a\0b": "cannot be read: embedded null",
+    "x" * 5000: "cannot be read: [Errno 36]",
+}
+
+
+def test_included_files_end(tmp_path: Path) -> None:
+    """Twice the next in each of 40 files were 2^40 files; a chain of 1,500 was a RecursionError."""
+    for count, times, why in ((40, 2, "reads a file once"), (1500, 1, "at most 500 files")):
+        for k in range(count):
+            (tmp_path / f"{k}.bdf").write_text(f"INCLUDE '{k + 1}.bdf'\n" * times)
+        (tmp_path / f"{count}.bdf").write_text("")
+        with says(StructureError, "INCLUDE", why):
+            load_nastran(tmp_path / "0.bdf", tmp_path / "0.bdf")
+
+
+GRID = "GRID,1,,0.,0.,0.\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("GRID,1.5,,0.,0.,0.\n", "GRID and EXTRN: expected numbers of nodes from 0 to"),
+        ("GRID,99999999999999999999,,0.,0.,0.\n", "got 1e+20"),
+        ("GRID,1,,0.,0.,1.O\n", "GRID 1: expected a number, got '1.O'"),
+        ("CORD2R,5,0,1.,2.,3.,1.,3.,x\n,1.,2.,4.\n" + GRID, "CORD2R 5: expected a number, got 'x'"),
+        ("CORD2R,5,0,1.,2.,3.,1.,3.,3.\n,1.,2.,4.\nGRDSET,,5\n" + GRID, "GRDSET is not read"),
+        (GRID + "EXTRN,1,123456.5\n", "got 123456.5"),
+        (GRID + "EXTRN,1,THRU,6,1\n", "EXTRN 1: expected a number, got 'THRU'"),
+    ],
+)
+def test_cards_that_would_be_read_as_others(text: str, why: str, tmp_path: Path) -> None:
+    """Words were 0, 1.5 was 1, and coordinates in the system of a GRDSET were those of the basic one."""
+    op4.write(str(tmp_path / "a.op4"), {"maa": np.eye(6), "kaa": np.eye(6)})
+    (tmp_path / "a.bdf").write_text(text)
+    with says(StructureError, "a.bdf: cannot be read as bulk data", why):
+        load_nastran(tmp_path / "a.op4", tmp_path / "a.bdf")
+
+
+def test_scalar_points_by_their_first_and_last(tmp_path: Path) -> None:
+    op4.write(str(tmp_path / "a.op4"), {"maa": np.eye(11), "kaa": np.eye(11)})
+    (tmp_path / "a.bdf").write_text(GRID + "SPOINT,7,THRU,11\n")
+    found = load_nastran(tmp_path / "a.op4", tmp_path / "a.bdf").nodes.dof
+    exact(found, [(1, k) for k in range(1, 7)] + [(k, 0) for k in range(7, 12)])
+
+
+@pytest.mark.parametrize("where", [(1.5, 1), (-1, 1), (1, 12), (1, 7), (1, 1.5), (2**60, 1)])
+def test_dmig_of_numbers_that_are_none(where: tuple[float, float]) -> None:
+    """Component 12 of node 1 was component 2 of node 2."""
+    for card in (["m", *where, "", 1, 1, 3.0], ["m", 1, 1, "", *where, 3.0]):
+        with says(StructureError, "matrix 'm': expected "):
+            files._dmig([["m", 0, 6, 2], card], "m", "m")
+
+
+@pytest.mark.parametrize("use", [to_si, lambda elements: modal_model(*elements, 10, {}, modes=1)])
+def test_matrices_that_are_none(use: Any) -> None:
+    """Structural damping in the stiffness was dropped; other sizes were an error of scipy."""
+    fe = tee(2)
+    for matrix, why in (
+        (fe.stiffness_matrix * (1 + 0.02j), "stiffness matrix: expected a matrix of real numbers"),
+        (fe.stiffness_matrix[:-1], "stiffness matrix: expected 42 x 42"),
+        (np.nan * fe.stiffness_matrix, "stiffness matrix: expected finite entries"),
+    ):
+        with says(StructureError, why):
+            use(fe._replace(stiffness_matrix=matrix))

@@ -121,6 +121,24 @@ def test_an_array_is_in_memory_once(tmp_path: Path) -> None:
     assert size < peak < 1.5 * size
 
 
+@pytest.mark.usefixtures("read_here")
+@pytest.mark.parametrize(
+    ("arrays", "why"),
+    [
+        ({"mass.row": [0.5]}, "mass.row: expected whole numbers, got float64"),
+        ({"mass.column": [0.5]}, "mass.column: expected whole numbers, got float64"),
+        ({"numbers": np.array([2**63 + 1], "u8")}, "numbers: 9223372036854775809 is too large"),
+        ({"dof": np.array([[2**63 + 1, 1]], "u8")}, "dof: 9223372036854775809 is too large"),
+    ],
+)
+def test_integers_that_are_none(arrays: dict[str, Any], why: str, tmp_path: Path) -> None:
+    one = {"numbers": [1], "coordinates": np.zeros((1, 3)), "dof": [[1, 1]], "stiffness": [[1.0]]}
+    sparse = {"mass.row": [0], "mass.column": [0], "mass.value": [1.0]}
+    np.savez(tmp_path / "a.npz", **{**one, **sparse, **arrays})
+    with says(StructureError, "a.npz: ", why):
+        load_matrices(tmp_path / "a.npz")
+
+
 def test_hdf5_that_hangs(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
     file.write_bytes((ROOT / "tests/archive/damaged/hang9.h5").read_bytes())
