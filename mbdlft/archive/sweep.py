@@ -9,6 +9,7 @@ HDF5 is not needed for that. So what is computed is written once. Behind each bl
 import errno
 import hashlib
 import os
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -214,9 +215,12 @@ def reserve(file: Path) -> None:
     """Have the system reserve the disk for a whole file: rows are then written five times as fast."""
     if not hasattr(os, "posix_fallocate"):
         return
+    size, free = file.stat().st_size, shutil.disk_usage(file).free
+    if size > free:  # the system would fill the disk before it says so
+        raise OSError(errno.ENOSPC, f"it needs {size} bytes, and the disk has {free}")
     with file.open("r+b") as stream:
         try:
-            os.posix_fallocate(stream.fileno(), 0, file.stat().st_size)
+            os.posix_fallocate(stream.fileno(), 0, size)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
                 raise  # other systems of files cannot do it

@@ -145,7 +145,7 @@ def read_samples(path: str | Path) -> dict[str, Array]:
     """
     file = Path(path)
     try:
-        with file.open(encoding="utf-8") as stream:
+        with file.open(encoding="utf-8-sig") as stream:
             names = [name.strip() for name in stream.readline().split(",")]
             table = np.loadtxt(stream, delimiter=",", ndmin=2)
     except OSError as error:

@@ -204,7 +204,11 @@ def _make_rows(folder: Path, work: Work) -> None:
     file, fresh = rows_file(folder), folder / "fresh.h5"
     made = make_rows(fresh, work.layout, work.count)
     if not file.exists():
-        reserve(fresh)
+        try:
+            reserve(fresh)
+        except OSError:
+            fresh.unlink()
+            raise
         fresh.replace(file)
         return
     restore(file, fresh, made)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -92,6 +93,18 @@ def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monkey
                 mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_a_disk_that_is_too_small_is_not_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sweeps.shutil, "disk_usage", lambda _: SimpleNamespace(free=99))
+    with says(ArchiveError, "cannot be written: it needs ", " bytes, and the disk has 99"):
+        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=1)
+    assert not list(tmp_path.rglob("*.h5"))
+
+
+def test_samples_behind_a_byte_order_mark(file_of: Callable[[str], Path]) -> None:
+    """Spreadsheets write one; it was a part of the first name."""
+    assert list(mbdlft.read_samples(file_of("\ufeffm,k\n1.0,2.0\n"))) == ["m", "k"]
 
 
 def test_error_of_a_worker_is_that_of_the_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
