@@ -4,17 +4,18 @@ Each format has a reader of its own: URDF, also written in xacro, SDF and MJCF. 
 inside the limits of the joints for every value of the parameters.
 """
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import wraps
 from itertools import product
 from math import atan
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, ParamSpec, TypeVar
 
 import numpy as np
 
 from mbdlft.base.description import Expected, Quantity
-from mbdlft.base.errors import NotRationalError, SceneError
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError
 from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import content_of
@@ -52,6 +53,8 @@ from mbdlft.robot.urdf import Element, parse, read_urdf
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
 RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _ROUNDING = 1e-12  # a position may leave a limit by this part of it
 
 
@@ -157,6 +160,23 @@ def _expanded(file: Path) -> bytes:
         xacro._global_symbols = xacro.create_global_symbols()
 
 
+def _naming_its_file(load: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Begin each error with the file, the first argument: most are found after it was read."""
+
+    @wraps(load)
+    def named(*given: _P.args, **options: _P.kwargs) -> _R:
+        try:
+            return load(*given, **options)
+        except MbdlftError as error:
+            name = f"{Path(str(given[0]))}: "
+            if str(error).startswith(name):
+                raise
+            raise type(error)(f"{name}{error}") from None
+
+    return named
+
+
+@_naming_its_file
 def load_robot(
     path: str | Path,
     *,

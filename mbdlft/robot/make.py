@@ -212,7 +212,9 @@ def _follow(
     name, multiplier, offset = joint.mimic
     where = f"line {joint.line}: joint {joint.name!r}, <mimic>"
     leader = robot.joints.get(name)
-    if leader is None or leader.kind not in AXIAL:
+    if leader is not None and leader.kind not in AXIAL:
+        raise SceneError(f"{where}: the joint {name!r} is {leader.kind}: it has no position to follow.")
+    if leader is None:
         known = [other.name for other in robot.joints.values() if other.kind in AXIAL]
         raise SceneError(f"{where}: {unknown_name('joint', name, known)}")
     if name in (*seen, joint.name):

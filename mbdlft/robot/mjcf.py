@@ -151,11 +151,14 @@ def _drive(model: Compiled, number: int) -> tuple[Drive, float, bool]:
     stiffness = damping = 0.0
     if bias_kind == "AFFINE" and not model.disabled("ACTUATION"):
         _, slope, rate = (float(entry) for entry in model.arrays.actuator_biasprm[number][:3])
-        stiffness, damping = -(gear**2) * slope, -(gear**2) * rate
-    damping += gear**2 * float(model.arrays.actuator_damping[number])
-    inertia = gear**2 * float(model.arrays.actuator_armature[number])
+        stiffness, damping = -gear * gear * slope, -gear * gear * rate
+    damping += gear * gear * float(model.arrays.actuator_damping[number])
+    inertia = gear * gear * float(model.arrays.actuator_armature[number])
     known = gain_kind == "FIXED" and bias_kind in ("NONE", "AFFINE") and dynamics == "NONE"
     gain = gear * float(model.arrays.actuator_gainprm[number][0])
+    if not all(map(math.isfinite, (stiffness, damping, inertia, gain))):
+        name = model.name_of("ACTUATOR", number)
+        raise SceneError(f"actuator {name!r}: with its gear of {gear:g} it adds what is not finite.")
     return Drive(stiffness, damping, inertia), gain, known
 
 

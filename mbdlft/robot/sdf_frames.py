@@ -246,6 +246,8 @@ def _joint(
     parent, child = (_end(element, side, scope, links, where) for side in ("parent", "child"))
     if not child:
         raise SceneError(f"line {element.line}: {where}: <child>: the world is a parent only.")
+    if parent == child:
+        raise SceneError(f"line {element.line}: {where}: its parent and its child are {child!r}.")
     place = frames.in_world(child) if not parent else frames.between(parent, child)
     anchor = frames.between(child, name).p
     joint = RobotJoint(

@@ -75,6 +75,7 @@ test_messages = refused(
 '"revolute"', '"screw"' => line 5: joint 'j': joints of the type 'screw' are not read.
 '"revolute"', '"revolut"' => joint 'j': unknown type 'revolut'. Did you mean 'revolute'?
 '<parent>a<', '<parent>c<' => line 5: joint 'j', parent: unknown link 'c'.
+'<parent>a<', '<parent>b<' => line 5: joint 'j': its parent and its child are 'b'.
 '<parent>a</parent>', '' => joint 'j': <parent> is missing.
 '<child>b<', '<child>world<' => joint 'j': <child>: the world is a parent only.
 '0 1 0<', '0 0 0<' => line 7: joint 'j': the axis has zero length.
@@ -120,6 +121,8 @@ test_messages_of_mjcf = NEEDS_MUJOCO(
     => tendon 't' has a nonlinear spring.
 '</worldbody>', FREE + '</worldbody>' => the free joint 'free' has an armature, 1:
 'axis="0 1 0"/>', 'axis="0 1 0" stiffness="1 2"/>' => joint 'j' has a nonlinear spring.
+'</worldbody>', '</worldbody><actuator><position joint="j" gear="1e308"/></actuator>'
+    => actuator 'actuator_0': with its gear of 1e+308 it adds what is not finite.
 'size=".1"', 'size="nan"' => mujoco cannot compile it
 '<body name="a">', '<body name="a"><joint name="j"/>' => mujoco cannot compile it … repeated
 '<body name="a">', '<body name="a" quat="1e200 0 0 0">' => the quaternion 0 0 0 0 is no rotation

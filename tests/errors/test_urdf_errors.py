@@ -29,7 +29,7 @@ ROBOT, '<robot xmlns:xacro="http://x"/>'
 'value="4"', 'value="nan"' => line 14: inertial of link 'carriage': <mass>, value: expected
 'value="4"', 'val="4"' => line 14 … <mass>, value: is missing; expected a finite number.
 '<mass value="4"/>', "" => line 13: inertial of link 'carriage': <mass> is missing.
-'value="4"', 'value="-4"' => body 'carriage': mass [kg] is negative: -4.
+'value="4"', 'value="-4"' => crane.urdf: body 'carriage': mass [kg] is negative: -4.
 'xyz="0 0 2"', 'xyz="0 2"' => line 7: joint 'slide': <origin>, xyz: expected 3 finite numbers
 'xyz="0 2 0"', 'xyz="0 0 0"' => line 8: joint 'slide': the axis has zero length.
 'lower="-1"', 'lower="5"' => line 9: joint 'slide': the lower limit 5 is above the upper
@@ -55,6 +55,8 @@ ROBOT, '<robot xmlns:xacro="http://x"/>'
 '<mimic joint="finger"', "<mimic" => <mimic>: the attribute 'joint' is missing.
 '<mimic joint="finger"', '<mimic joint="other"'
     => joint 'other', <mimic> … the joints other mimic each other
+'<joint name="finger" type="prismatic"', '<joint name="finger" type="fixed"'
+    => joint 'other', <mimic>: the joint 'finger' is fixed: it has no position to follow.
 > load_robot(written(tmp_path), {}) => SceneError:
 base="floating" => base: expected 'fixed' or 'free', got 'floating'.
 values={"arm.mas": 1.0} => values: unknown label 'arm.mas'. Did you mean 'arm.mass'? … arm.inertia.xx
