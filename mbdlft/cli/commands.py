@@ -121,6 +121,8 @@ def main() -> None:
             sys.stdout.flush()
     except MbdlftError as error:
         _stop(str(error))
+    except MemoryError as error:
+        _stop(f"there is too little memory: {error}. Ask for fewer samples, times or values.")
     except BrokenPipeError:
         _forget_output()  # whoever reads it wants no more
         sys.exit(1)

@@ -1,6 +1,7 @@
 """What commands are given: options that several have, and files of scenes, robots, models, archives."""
 
 import itertools
+import math
 import time
 import tomllib
 from collections.abc import Callable, Iterable
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     ModelicaFile = tuple[Dae, ModelicaReport, ModelicaTable]
 
 SEARCH = 2.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
+MOST = 1_000_000  # samples or times of an analysis; sweeps have more
 Texts = list[str] | None
 Archive = Annotated[Path, typer.Argument(help="Archive, an HDF5 file.")]
 Source = Annotated[
@@ -43,7 +45,7 @@ Values = Annotated[
 ]
 Inputs = Annotated[Texts, typer.Option("--input", help="Input; all by default; may be repeated.")]
 Outputs = Annotated[Texts, typer.Option("--output", help="Output; all by default; may be repeated.")]
-Samples = Annotated[int, typer.Option("--samples", min=0, help="Number of random samples.")]
+Samples = Annotated[int, typer.Option("--samples", min=0, max=MOST, help="Number of random samples.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the samples.")]
 Figure = Annotated[Path | None, typer.Option("-o", "--figure", help="Figure to draw, such as fig.png.")]
 FigureWidth = Annotated[
@@ -125,10 +127,29 @@ def on_paper(width: float | None) -> AbstractContextManager[None]:
 
 def check_paths(archive: Path | None, *figures: Path | None) -> None:
     """Raise an error if it is known before the work that one of the files cannot be written."""
+    check_different(archive, *figures)
     if archive is not None:
         rooms.archive.check_file(archive)
     for figure in filter(None, figures):
         rooms.figures.check_figure(figure)
+
+
+def check_different(*files: Path | None) -> None:
+    """Raise an error if a command would write two things, or one that it reads, into one file."""
+    places = [file.resolve() for file in files if file is not None]
+    for place in places:
+        if places.count(place) > 1:
+            raise AnalysisError(
+                f"{place}: it is given twice, and one would be lost. Give different names."
+            )
+
+
+def finite(text: str) -> float:
+    """The number of a text, or a ValueError."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(text)
+    return number
 
 
 def by_name(
@@ -145,6 +166,8 @@ def by_name(
     values = {}
     for text in texts or ():
         name, equals, value = (side.strip() for side in text.partition("="))
+        if name in values:
+            raise error(f"{option} {text}: {name} is given twice.")
         try:
             if not (name and equals):
                 raise ValueError

@@ -226,6 +226,8 @@ def poles(
 ) -> None:
     """Print poles with their damping, transmission zeros, and whether values make it unstable."""
     options.check_paths(None, figure)
+    if over is not None and figure is None:
+        raise AnalysisError(f"--over {over}: expected a figure, too, such as -o poles.png.")
     system = options.load_system(source, model)
     point = options.values_of(assignments, _known(system))
     modes = analyze.damping_table(system, point)
@@ -351,7 +353,9 @@ def simulate(
         options.Texts, typer.Option("--initial", help="state=number at the beginning; may be repeated.")
     ] = None,
     until: Annotated[float, typer.Option(help="Last time (s).")] = 10.0,
-    steps: Annotated[int, typer.Option(min=1, help="Number of times after the first.")] = 400,
+    steps: Annotated[
+        int, typer.Option(min=1, max=options.MOST, help="Number of times after the first.")
+    ] = 400,
     amplitudes: Annotated[
         list[float] | None,
         typer.Option("--amplitude", help="Factor of inputs and initial states; may be repeated."),
@@ -367,12 +371,18 @@ def simulate(
     as_json: options.AsJson = False,
 ) -> None:
     """Simulate the motion of a scene, of any size, beside its linear model."""
+    options.check_different(scene_file, output, plot)
     options.check_paths(None, plot)
-    if not until > 0.0:
+    if not 0.0 < until < math.inf:
         raise AnalysisError(f"--until {until:g}: expected a positive time (s).")
+    for factor in amplitudes or ():
+        if not math.isfinite(factor):
+            raise AnalysisError(f"--amplitude {factor:g}: expected a finite number.")
     values, scene = options.values_of(assignments), options.scene_in(scene_file)
     times = np.linspace(0.0, until, steps + 1)
-    start = options.numbers_by_name("--initial", initial, "state=number, such as shoulder.angle=0.1.")
+    start = options.by_name(
+        "--initial", initial, "state=number, such as shoulder.angle=0.1.", options.finite, AnalysisError
+    )
     factors = amplitudes or [1.0]
     model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, Any]]()
     of_time = _of_time(inputs, times, scene, model)
@@ -450,9 +460,10 @@ def _signal(text: str, times: "Array") -> "Array":
     kind, colon, size_text = text.partition(":")
     if not colon or kind == "step":
         size, _, begin = (size_text if colon else text).partition("@")
-        return np.where(times >= float(begin or 0.0), float(size), 0.0) * [[1.0], [0.0], [0.0]]
+        start, height = options.finite(begin or "0"), options.finite(size)
+        return np.where(times >= start, height, 0.0) * [[1.0], [0.0], [0.0]]
     if kind == "sine":
-        height, rate = map(float, size_text.split(":"))
+        height, rate = map(options.finite, size_text.split(":"))
         quarters = rate * times + 0.5 * np.pi * np.arange(3)[:, None]
         return np.asarray(height * rate ** np.arange(3)[:, None] * np.sin(quarters))
     raise ValueError(text)

@@ -190,6 +190,7 @@ def import_robot(
     as_json: options.AsJson = False,
 ) -> None:
     """Make a scene of a robot (URDF, SDF, MJCF), and say what was ignored and what was assumed."""
+    options.check_different(robot_file, output)
     scene, report = robot.load_robot(
         robot_file,
         parameters=[_parameter(text) for text in parameters or []],

@@ -40,7 +40,26 @@ test_messages = refused(
 "{check|trim|linearize}", "none.toml" => none.toml: cannot be read:  … No such file
 "show", "none.h5" => none.h5: cannot be read: No such file or directory.
 "import", crane, "-o", "none/crane.toml" => none/crane.toml: cannot be written: No such file or directory.
+# one of two would be lost
+"linearize", arm_file(), "-o", "a.pdf", "--plot", "a.pdf" => a.pdf: it is given twice
+"linearize", arm_file(), "--plot", "a.png", "--plot", "bode=./a.png" => a.png: it is given twice
+"simulate", arm_file(), "-o", "q.png", "--plot", "q.png" => q.png: it is given twice
+"simulate", arm_file(), "-o", "arm.toml" => arm.toml: it is given twice
+"tune", "t.toml", "-o", "t.toml" => t.toml: it is given twice
+"tune", "t.toml", "--plot", "a.svg", "--scene", "a.svg" => a.svg: it is given twice
+"import", crane, "-o", crane => crane.urdf: it is given twice
+"poles", arm_file(), "--over", "m1" => --over m1: expected a figure, too
+> command("simulate", arm_file(), {}) => MessageError:
+"--amplitude", "nan" => --amplitude nan: expected a finite number.
+"--amplitude", "inf" => --amplitude inf: expected a finite number.
+"--until", "inf" => --until inf: expected a positive time (s).
+"--initial", "shoulder.angle=nan" => --initial shoulder.angle=nan: expected state=number
+"--input", "shoulder.torque=step:1@nan" => --input shoulder.torque=step:1@nan: expected NAME=number
+"--input", "shoulder.torque=inf" => --input shoulder.torque=inf: expected NAME=number
+"--input", "shoulder.torque=sine:1:nan" => --input shoulder.torque=sine:1:nan: expected NAME=number
+"--input", "shoulder.torque=1", "--input", "shoulder.torque=2" => shoulder.torque is given twice
 > command("trim", arm_file(), "--set", "m3=5.0", "--set", {}) => MessageError:
+"m3=5" => --set m3=5: m3 is given twice.
 "m11=3" => trim: unknown parameter 'm11'. Did you mean 'm1'? Existing: J1, L2, m1, m3, rho1
 "m1" => --set m1: expected name=value with a number, such as m1=3.2.
 "m1=" => --set m1=: expected name=value with a number
@@ -134,6 +153,8 @@ def test_names_with_brackets_are_printed_as_they_are(run, arm_file, command):
         (["check"], "Missing argument 'FILE'."),
         (["chek", "arm.toml"], "No such command 'chek'."),
         (["check", "arm.toml", "--fast"], "No such option: --fast"),
+        (["simulate", "arm.toml", "--steps", "1000000000"], "should be less than or equal to 1000000"),
+        (["poles", "arm.toml", "--samples", "99999999999"], "should be less than or equal to 1000000"),
     ],
 )
 def test_usage(run, words, text):
@@ -141,3 +162,12 @@ def test_usage(run, words, text):
     assert (code, out) == (2, "")
     assert text in err
     assert "Traceback" not in err
+
+
+def test_too_little_memory(command, monkeypatch):
+    def large():
+        raise MemoryError("Unable to allocate 9 TiB")
+
+    monkeypatch.setattr("mbdlft.cli.commands.app", large)
+    with says(MessageError, "there is too little memory: Unable to allocate 9 TiB"):
+        command("show", "a.h5")
