@@ -283,8 +283,7 @@ def tune(
     as_json: options.AsJson = False,
 ) -> None:
     """Tune controllers for goals at the worst values of the parameters, and prove the result."""
-    options.check_different(file, output, plot, scene)
-    options.check_paths(output, plot)
+    options.check_paths(output, plot, beside=(file, scene))
     start = time.perf_counter()
     task = synthesis.load_tuning(file)
     model = options.load_system(file.parent / task.model)

@@ -125,9 +125,12 @@ def on_paper(width: float | None) -> AbstractContextManager[None]:
     return nullcontext() if width is None else show.for_paper(width)
 
 
-def check_paths(archive: Path | None, *figures: Path | None) -> None:
-    """Raise an error if it is known before the work that one of the files cannot be written."""
-    check_different(archive, *figures)
+def check_paths(archive: Path | None, *figures: Path | None, beside: Iterable[Path | None] = ()) -> None:
+    """Raise an error if it is known before the work that one of the files cannot be written.
+
+    No two of them, and of the files `beside` that are read or written, may be one.
+    """
+    check_different(archive, *figures, *beside)
     if archive is not None:
         rooms.archive.check_file(archive)
     for figure in filter(None, figures):
@@ -177,9 +180,11 @@ def by_name(
     return values
 
 
-def numbers_by_name(option: str, texts: Iterable[str] | None, expected: str) -> dict[str, float]:
+def numbers_by_name(
+    option: str, texts: Iterable[str] | None, expected: str, value_of: Callable[[str], float] = float
+) -> dict[str, float]:
     """Numbers by name of an option of an analysis."""
-    return by_name(option, texts, expected, float, AnalysisError)
+    return by_name(option, texts, expected, value_of, AnalysisError)
 
 
 def values_of(texts: Iterable[str] | None, known: str = "") -> dict[str, float]:

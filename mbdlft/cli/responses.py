@@ -341,6 +341,8 @@ _INPUT = (
     "rad/s, such as shoulder.torque=step:1@0.5."
 )
 
+_START = "state=number, such as shoulder.angle=0.1."
+
 
 def simulate(
     scene_file: Annotated[Path, typer.Argument(help="Scene, a TOML file.")],
@@ -353,9 +355,7 @@ def simulate(
         options.Texts, typer.Option("--initial", help="state=number at the beginning; may be repeated.")
     ] = None,
     until: Annotated[float, typer.Option(help="Last time (s).")] = 10.0,
-    steps: Annotated[
-        int, typer.Option(min=1, max=options.MOST, help="Number of times after the first.")
-    ] = 400,
+    steps: Annotated[int, typer.Option(min=1, max=options.MOST, help="Times after the first.")] = 400,
     amplitudes: Annotated[
         list[float] | None,
         typer.Option("--amplitude", help="Factor of inputs and initial states; may be repeated."),
@@ -371,19 +371,12 @@ def simulate(
     as_json: options.AsJson = False,
 ) -> None:
     """Simulate the motion of a scene, of any size, beside its linear model."""
-    options.check_different(scene_file, output, plot)
-    options.check_paths(None, plot)
-    if not 0.0 < until < math.inf:
-        raise AnalysisError(f"--until {until:g}: expected a positive time (s).")
-    for factor in amplitudes or ():
-        if not math.isfinite(factor):
-            raise AnalysisError(f"--amplitude {factor:g}: expected a finite number.")
+    options.check_paths(None, plot, beside=(scene_file, output))
+    factors = amplitudes or [1.0]
+    _check_run(until, factors)
     values, scene = options.values_of(assignments), options.scene_in(scene_file)
     times = np.linspace(0.0, until, steps + 1)
-    start = options.by_name(
-        "--initial", initial, "state=number, such as shoulder.angle=0.1.", options.finite, AnalysisError
-    )
-    factors = amplitudes or [1.0]
+    start = options.numbers_by_name("--initial", initial, _START, options.finite)
     model, rows = pipeline.to_lft(scene, search=0.0, prove=0.0), list[dict[str, Any]]()
     of_time = _of_time(inputs, times, scene, model)
     curves: dict[str, Array] = {}
@@ -403,8 +396,9 @@ def simulate(
         write_text(output, _table(run))
         files.append(("motion", output))
     if as_json:
-        written = [str(file) for _, file in files]
-        print_json({"name": scene.name, "until": until, "runs": rows, "files": written})
+        print_json(
+            {"name": scene.name, "until": until, "runs": rows, "files": [str(f) for _, f in files]}
+        )
         return
     units = {s.name: s.unit for s in model.outputs}
     table = [_of_motion(row, units) for row in rows]
@@ -453,6 +447,14 @@ def _table(run: "Simulation") -> str:
     lines = [",".join(["time", *run.state_names, *run.output_names])]
     whole = np.column_stack([run.times, run.states, run.outputs])
     return "\n".join([*lines, *(",".join(f"{x:.17g}" for x in row) for row in whole)]) + "\n"
+
+
+def _check_run(until: float, factors: list[float]) -> None:
+    """Raise an error for numbers that are none."""
+    if not 0.0 < until < math.inf:
+        raise AnalysisError(f"--until {until:g}: expected a positive time (s).")
+    if not all(map(math.isfinite, factors)):
+        raise AnalysisError(f"--amplitude: expected finite numbers, got {factors}.")
 
 
 def _signal(text: str, times: "Array") -> "Array":

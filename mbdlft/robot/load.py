@@ -252,8 +252,7 @@ def load_robot(
         A value is not rational in the parameters.
     """
     robot = on_the_ground(read_robot(path, model, keyframe), base)
-    assumed = list(robot.assumed)
-    numbers_by_label = numbers(robot, right_angle, assumed)
+    numbers_by_label = numbers(robot, right_angle, assumed := list(robot.assumed))
     added = {label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()}
     chosen = _chosen(added, values or {}, numbers_by_label)
     set_positions(robot, numbers_by_label, set(chosen), assumed)

@@ -211,12 +211,10 @@ def _follow(
         return values[label]
     name, multiplier, offset = joint.mimic
     where = f"line {joint.line}: joint {joint.name!r}, <mimic>"
-    leader = robot.joints.get(name)
-    if leader is not None and leader.kind not in AXIAL:
+    check_known("joint", [name], robot.joints, where)
+    leader = robot.joints[name]
+    if leader.kind not in AXIAL:
         raise SceneError(f"{where}: the joint {name!r} is {leader.kind}: it has no position to follow.")
-    if leader is None:
-        known = [other.name for other in robot.joints.values() if other.kind in AXIAL]
-        raise SceneError(f"{where}: {unknown_name('joint', name, known)}")
     if name in (*seen, joint.name):
         raise SceneError(f"{where}: the joints {', '.join((*seen, joint.name))} mimic each other.")
     position = _follow(robot, leader, values, chosen, (*seen, joint.name))

@@ -50,8 +50,8 @@ test_messages = refused(
 "import", crane, "-o", crane => crane.urdf: it is given twice
 "poles", arm_file(), "--over", "m1" => --over m1: expected a figure, too
 > command("simulate", arm_file(), {}) => MessageError:
-"--amplitude", "nan" => --amplitude nan: expected a finite number.
-"--amplitude", "inf" => --amplitude inf: expected a finite number.
+"--amplitude", "nan" => --amplitude: expected finite numbers, got [nan].
+"--amplitude", "inf" => --amplitude: expected finite numbers, got [inf].
 "--until", "inf" => --until inf: expected a positive time (s).
 "--initial", "shoulder.angle=nan" => --initial shoulder.angle=nan: expected state=number
 "--input", "shoulder.torque=step:1@nan" => --input shoulder.torque=step:1@nan: expected NAME=number
