@@ -37,11 +37,6 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
     bounds : Bounds
     name : str, optional
         Name of the system and kind of the analysis by default; an analysis of that name is replaced.
-
-    Raises
-    ------
-    ArchiveError
-        The archive has another model of the name of the system; or `save` would raise an error.
     """
     file = Path(path)
     what = f"{bounds.kind}, moving parameters" if bounds.rates else bounds.kind

@@ -205,12 +205,6 @@ def from_casadi(
         finite `min` and `max` there stay, too; the rest are numbers, their start values.
     units : mapping of names to units, optional
         Instead of those of the builder; a variable without a unit there is dimensionless.
-
-    Raises
-    ------
-    SceneError
-        The builder has what is not supported (events, quadratures, time); a parameter is not one of it;
-        as `Dae`.
     """
     owner, d = f"model {builder.name()!r}", DaeDraft(builder.name())
     for member, what in (("q", "quadratures"), ("zero", "events")):

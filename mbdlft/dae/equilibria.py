@@ -80,8 +80,6 @@ def trim(
 
     Raises
     ------
-    SceneError
-        A name is not known.
     TrimError
         There is no equilibrium, or too much is given; a fit does not meet its tolerance.
     NotRationalError

@@ -120,11 +120,6 @@ def modal_model(
         The number of modes; the highest frequency of a mode (rad/s); or the least fraction, between
         0 and 1, of the rigid mass that the effective mass of the modes reaches in each direction.
 
-    Raises
-    ------
-    StructureError
-        The data are not those of a free structure, or the structure does not have such interfaces.
-
     Source: equations (4.21) to (4.41) of the two-port models in `tests/reference/flexible.py`, for any
     number of ports. In addition, a last eigenvalue problem decouples the coordinates of the source.
     """

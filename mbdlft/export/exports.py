@@ -83,8 +83,6 @@ def export_model(
     StructureError
         The ending or the name of the file is unknown to the tool, the model has complex or full blocks
         that it does not know, names become the same, or there is no C compiler.
-    AnalysisError
-        The grid is too large or is no grid, as in `lpv_grid`.
     ArchiveError
         A file cannot be written, or would take the place of one beside `path` that was not exported.
     """
@@ -251,8 +249,6 @@ def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":
     AnalysisError
         The grid has more than 32768 points or its matrices more than 2^24 numbers, a name is unknown,
         or a count is not a whole number of at least 1.
-    StructureError
-        The model has complex or full blocks or complex entries.
     WellPosednessError
         The model is singular at a point.
     """

@@ -24,13 +24,7 @@ _STATE = "x_"  # before names of states, which outputs often have, too
 
 
 def modelica_text(model: System) -> str:
-    """The text of a Modelica model, in which parameters have their limits as `min` and `max`.
-
-    Raises
-    ------
-    StructureError
-        The model has blocks that are no parameters, or complex entries; two names become the same.
-    """
+    """The text of a Modelica model, in which parameters have their limits as `min` and `max`."""
     check_plain_model(model, "Modelica")
     owner = _plain(model.name)
     inputs, outputs = ([_plain(s.name) for s in those] for those in (model.inputs, model.outputs))

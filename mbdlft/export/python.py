@@ -39,11 +39,6 @@ def casadi_function(model: System) -> ca.Function:
         One input for each parameter, in its unit and under its name (as an identifier), nominal by
         default; outputs A (nx, nx), B (nx, nu), C (ny, nx), D (ny, nu). It takes numbers and symbols;
         no range is checked.
-
-    Raises
-    ------
-    StructureError
-        The model has complex or full blocks or complex entries, or names become the same.
     """
     check_plain_model(model, "CasADi")
     names = list(identifiers(model.parameters.names, f"model {model.name!r}: CasADi").values())
@@ -102,14 +97,6 @@ def dataset(
         user's function, too. Coordinates are the names of signals, with units beside them
         (``input_unit``; rates are per second), and for each parameter its values at the samples, with
         the attribute ``units``.
-
-    Raises
-    ------
-    ImportError
-        xarray is not installed.
-    StructureError
-        `values` or `omega` came with a sweep, or a parameter has the name of another array; or as
-        `matrices_at`.
     """
     import xarray  # an extra
 

@@ -305,13 +305,6 @@ def matrix_problem(
         For an SX matrix whose symbols are not named like the parameters.
     fields
         The other fields of `MatrixProblem`.
-
-    Raises
-    ------
-    SceneError
-        As `MatrixProblem`; or a symbol is not a parameter.
-    NotRationalError
-        An operation of an SX matrix is not rational; the message names the entry and the parameters.
     """
     if not isinstance(matrix, ca.SX):
         if symbols is not None:

@@ -196,13 +196,7 @@ class Discrete(NamedTuple):
 
 
 def without_discrete(model: tree.FlatModel) -> tuple[tree.FlatModel, Discrete]:
-    """A model without its discrete variables and their equations, and these.
-
-    Raises
-    ------
-    SceneError
-        An equation between discrete variables defines none of them.
-    """
+    """A model without its discrete variables and their equations, and these."""
     declared = {d.name: d for d in model.declarations if is_discrete(d)}
     definitions = {name: (d.binding, d.line) for name, d in declared.items() if d.binding is not None}
     held = {name for event in model.held for name in event.names}

@@ -158,10 +158,6 @@ def realize(
 
     Raises
     ------
-    SceneError
-        The matrix is empty or ragged, or a name or an expression is not usable.
-    NotRationalError
-        An entry is not rational in the parameters; the message names it.
     WellPosednessError
         A denominator vanishes in the range.
     """

@@ -48,13 +48,7 @@ class TrimPoint:
 
 
 def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) -> TrimPoint:
-    """Trim at physical values by name, in their units; the others are nominal.
-
-    Raises
-    ------
-    TrimError
-        A name is unknown, a value is outside its range, or no efforts hold the equilibrium.
-    """
+    """Trim at physical values by name, in their units; the others are nominal."""
     point = physical_points(equations.parameters, values or {}, "trim", TrimError)
     efforts, residual = trim_efforts(equations, point)
     names = [parameter.name for parameter in equations.parameters]

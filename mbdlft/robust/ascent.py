@@ -106,15 +106,6 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
     -------
     Moving
         `gradients` is infinite, or very large, at a multiple pole: it has no derivative.
-
-    Raises
-    ------
-    StructureError
-        As `matrices_at`.
-    AnalysisError
-        An array is given for a parameter.
-    WellPosednessError
-        The model is singular at the point.
     """
     if any(np.ndim(value) for value in (values or {}).values()):
         raise AnalysisError(f"model {system.name!r}: pole_gradients takes one number for each parameter.")

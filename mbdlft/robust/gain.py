@@ -72,14 +72,6 @@ def worst_case_gain(
     Bounds
         `upper` is proved, and stability with it; `lower` is reached at `worst`. Both are inf if the
         system is unstable at `worst`.
-
-    Raises
-    ------
-    AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
-        inputs or no outputs.
-    StructureError
-        A signal is unknown.
     """
     what = "worst_case_gain"
     search.check_numbers(what, gap=gap, work=work)
@@ -126,14 +118,6 @@ def robust_performance(
     Bounds
         `lower` is proved: on the box of this size the gain is at most 1/lower. At `worst` it is 1/upper
         or more, or the system is unstable.
-
-    Raises
-    ------
-    AnalysisError
-        The nominal model is unstable, or has a pole on the axis, which the message names; there are no
-        inputs or no outputs.
-    StructureError
-        A signal is unknown.
     """
     what = "robust_performance"
     check_constant(system, "robust_performance")

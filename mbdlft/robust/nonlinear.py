@@ -99,8 +99,6 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
     ------
     AnalysisError
         `bounds` are not such; a range does not contain zero; nothing was proved.
-    StructureError
-        A name is unknown.
     """
     proof = bounds.proof
     if not isinstance(proof, MotionProof) or bounds.kind != "robust stability":

@@ -244,13 +244,6 @@ def check_stability(
         Of the samples.
     prove : float
         Units of work for a proof, each at most about a second of one core; 0 for none.
-
-    Raises
-    ------
-    AnalysisError
-        `samples` is not a number of points, or eigenvalues were not found.
-    WellPosednessError
-        The model is singular at one of the points.
     """
     if not isinstance(samples, int | np.integer) or samples < 0:
         raise AnalysisError(

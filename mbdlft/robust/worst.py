@@ -219,14 +219,6 @@ def worst_case(
         `lower` is proved and `upper` reached. Of a norm or a function, `lower` is reached, and nothing is
         proved: `reason` says of how many points it is the largest.
 
-    Raises
-    ------
-    AnalysisError
-        The property is unknown; a function does not return a number; a pole at 0, which has no damping;
-        or as `worst_case_gain`.
-    StructureError
-        A signal is unknown, or Delta has blocks that are not parameters.
-
     Source
     ------
     Disk margin: Seiler, Packard, Gahinet, IEEE Control Systems Magazine 40 (2020), of skew 0.

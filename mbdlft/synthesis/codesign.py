@@ -78,13 +78,6 @@ def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     Returns
     -------
     Scene
-
-    Raises
-    ------
-    StructureError
-        No value has the name of a parameter.
-    SceneError
-        A parameter cannot have such a value.
     """
     known = [p.name for p in scene.parameters]
     if not set(known) & set(values):

@@ -279,11 +279,6 @@ def save_tuning(path: str | Path, tuning: Tuning) -> None:
     ----------
     path : file, made if it does not exist
     tuning : Tuning
-
-    Raises
-    ------
-    ArchiveError
-        As `save` and `save_analysis`.
     """
     said = "\n".join(["tuned:", *(reached.found for reached in tuning.goals)])
     for controller in tuning.controllers:

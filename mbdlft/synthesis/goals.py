@@ -99,11 +99,6 @@ def gain_goal(
         Whether it is a constraint.
     name : str, optional
         By default the channels.
-
-    Raises
-    ------
-    StructureError
-        The norm is unknown, the limit is not positive, a weight does not fit, or is not stable.
     """
     u, y = tuple(listed(inputs)), tuple(listed(outputs))
     name = name or f"{', '.join(u)} to {', '.join(y)}"
@@ -138,11 +133,6 @@ def tracking_goal(
         Of the error at any frequency.
     hard, name
         As for `gain_goal`.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive, or the peak is not above `dc`.
     """
     name = name or f"tracking of {', '.join(listed(references))}"
     check_positive(f"goal {name!r}", time=time, dc=dc, peak=peak)
@@ -175,11 +165,6 @@ def rolloff_goal(
         1 for 20 dB a decade, 2 for 40; up to 100 times the frequency.
     limit, hard, name
         As for `gain_goal`.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive, or the slope is no whole number.
     """
     name = name or f"roll-off to {', '.join(listed(outputs))}"
     check_positive(f"goal {name!r}", frequency=frequency, slope=slope)
@@ -213,11 +198,6 @@ def acceleration_goal(
         Times those of the mode; with two channels that are the same the norm is 1 at least.
     hard, name
         As for `gain_goal`.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive.
     """
     name = name or f"acceleration of {', '.join(listed(accelerations))}"
     check_positive(f"goal {name!r}", frequency=frequency, damping=damping)
@@ -260,11 +240,6 @@ def margin_goal(
         Margins that the disk has to have, besides or in place of `margin`.
     hard, name
         As for `gain_goal`.
-
-    Raises
-    ------
-    StructureError
-        The margin is not between 0 and 2: no loop that does something has a larger one.
     """
     u = tuple(listed(channels))
     name = name or f"margin at {', '.join(u)}"
@@ -301,11 +276,6 @@ def pole_goal(
         No pole is farther from zero.
     hard, name
         As for `gain_goal`.
-
-    Raises
-    ------
-    StructureError
-        A number is negative, the damping is not below 1, or nothing is asked for.
     """
     if not (0.0 <= decay < np.inf and 0.0 <= damping < 1.0 and speed > 0.0) or (
         decay == damping == 0.0 and speed == np.inf
@@ -332,11 +302,6 @@ def design_goal(expression: str, limit: float, *, hard: bool = False, name: str 
     Returns
     -------
     Goal
-
-    Raises
-    ------
-    StructureError
-        The limit is not positive. What is wrong in the expression is said by `tune`.
     """
     name = name or expression
     check_positive(f"goal {name!r}", limit=limit)

@@ -64,11 +64,6 @@ def inertia_pd(
     -------
     TunableSystem
         Its values ``D[row,column]`` are -kp and, in the columns behind, -kv.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive, or the inertia is not a positive definite matrix of the right size.
     """
     q, qdot, u = listed(positions), listed(rates), listed(forces)
     check_positive(name, frequency=frequency, damping=damping)
@@ -105,11 +100,6 @@ def positive_position_feedback(
     -------
     TunableSystem
         Its values are ``a0``, ``a1`` and ``b0``: 1 + 4 xi^2, 4 xi and 4 xi^2 mass w^2.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive.
     """
     check_positive(name, mass=mass, frequency=frequency, damping=damping)
     square = 4.0 * damping**2
@@ -149,11 +139,6 @@ def acceleration_feedback(
     -------
     TunableSystem
         Its value is ``b0``, that is -kv/w; or ``a0``, ``a1`` and ``b0``.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive.
     """
     check_positive(name, mass=mass, frequency=frequency, damping=damping)
     if filtered:
@@ -198,11 +183,6 @@ def integral_force_feedback(
     -------
     TunableSystem
         Its value is ``b0``, that is -g/w.
-
-    Raises
-    ------
-    StructureError
-        A number is not positive, the zero is not below the pole, or no gain gives so much damping.
     """
     check_positive(name, frequency=frequency, damping=damping)
     if not (0.0 <= zero < frequency and direct != 0.0 and np.isfinite(direct)):

@@ -92,11 +92,6 @@ class TunableSystem:
         Parameters
         ----------
         values : mapping of names, as in `free`, to numbers
-
-        Raises
-        ------
-        StructureError
-            A name is unknown.
         """
         check_known("value", values, [v.name for v in self.free], self.name, StructureError)
         x = np.array([values.get(v.name, v.initial) for v in self.free])
@@ -126,11 +121,6 @@ def tunable_gain(
     ranges : mapping of names of values to (low, high), optional
     scale : float
         A typical size of the entries.
-
-    Raises
-    ------
-    StructureError
-        A name of a value is unknown, a range is empty, or a number is not finite.
     """
     u, y = listed(inputs), listed(outputs)
     free = _entries("D", np.ones((len(y), len(u))) if structure is None else np.asarray(structure))
@@ -164,11 +154,6 @@ def tunable_state_space(
     initial, ranges, scale
         As for `tunable_gain`, of values ``A[1,1]``, ``B[1,1]``, ``C[1,1]``, ``D[1,1]`` and so on; the
         scale is that of C and D.
-
-    Raises
-    ------
-    StructureError
-        The order is not a positive whole number; or as for `tunable_gain`.
     """
     if not (isinstance(order, int) and order > 0):
         raise StructureError(
@@ -218,11 +203,6 @@ def tunable_pid(
         The terms that it has, such as ``"PD"``.
     initial, ranges, scale
         As for `tunable_gain`, of the values ``kp``, ``ki``, ``kd``, ``N``.
-
-    Raises
-    ------
-    StructureError
-        A term or a value is unknown, the filter is not positive, or a range is empty.
     """
     poles = (filter, filter) if isinstance(filter, int | float) else filter
     if not 0.0 < poles[0] <= poles[1] < np.inf:
@@ -275,11 +255,6 @@ def tunable_transfer(
         A typical frequency of the loop (rad/s), with which coefficients are of the size of 1.
     initial, ranges, scale
         As for `tunable_gain`, of the values ``a0``, ``a1``, ..., ``b0``, ``b1``, ...
-
-    Raises
-    ------
-    StructureError
-        The order is not a positive whole number; or as for `tunable_gain`.
     """
     if not (isinstance(order, int) and order > 0):
         raise StructureError(f"{name}: expected an order of 1 or more, got {order!r}.")

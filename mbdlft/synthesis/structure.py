@@ -65,11 +65,6 @@ def tunable_system(controller: System) -> TunableSystem:
     TunableSystem
         With the values ``M[row,column]`` of (xdot, z, y) = M (x, w, u), w = Delta z, which begin at those
         of the controller.
-
-    Raises
-    ------
-    StructureError
-        The system has blocks that are no parameters.
     """
     a, n, r = controller.lft, len(controller.states), controller.order
     check_plain(a, f"tunable_system: {controller.name!r}")
@@ -215,11 +210,6 @@ def fitted_values(structure: TunableSystem, controller: System) -> dict[str, flo
     Returns
     -------
     dict of names of values to numbers, as `initial` of `tune`
-
-    Raises
-    ------
-    StructureError
-        States, channels or parameters differ, or products of values are in the structure.
     """
     (nu, ny), n = (len(side) for side in structure.channels), len(structure.frame.states)
     same = (nu, ny, n, structure.frame.parameters.names)

@@ -137,8 +137,6 @@ def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System:
 
     Raises
     ------
-    StructureError
-        The signals do not fit, or parameters of one name differ.
     WellPosednessError
         The loop is singular at nominal or in the range.
     """
@@ -193,8 +191,6 @@ def lft(upper: Any, lower: Any, outputs: Sequence[str] | int | None = None, inpu
 
     Raises
     ------
-    StructureError
-        A name is unknown, there are too few signals, or a name of the whole stands twice.
     WellPosednessError
         The loop is singular at nominal or in the range.
     """

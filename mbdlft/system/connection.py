@@ -60,8 +60,6 @@ def connect(
 
     Raises
     ------
-    StructureError
-        A name is unknown, stands for several signals or stands twice, or an input is not connected.
     WellPosednessError
         A loop is singular at nominal or in the range.
     """
@@ -207,13 +205,6 @@ def series(model: Any, channels: Any, *blocks: Any, side: str | None = None) -> 
         another take the place of the first of the channels. States of a block are named ``CHANNEL.STATE``
         with the first channel. The repetitions are reduced and the lower bounds computed again; the trim
         is that of the model.
-
-    Raises
-    ------
-    StructureError
-        The model or the block is truncated; a channel is unknown, named twice or on both sides; the
-        block has another size, is not continuous or not a system; a parameter of it has the name of
-        another one of the model.
     """
     is_names = isinstance(channels, str) or (
         isinstance(channels, list | tuple) and all(isinstance(name, str) for name in channels)
@@ -316,9 +307,6 @@ def invert_channels(model: S, channels: Sequence[str]) -> S:
 
     Raises
     ------
-    StructureError
-        A channel is unknown or named twice, or has not as many inputs as outputs; or the model is
-        truncated.
     WellPosednessError
         What is to be inverted, the feed-through from these inputs to these outputs, is singular at
         nominal or somewhere in the range.

@@ -75,8 +75,6 @@ def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices
 
     Raises
     ------
-    StructureError
-        A name is unknown, a value lies outside its range, or the lengths differ.
     WellPosednessError
         The model is singular at one of the points, exactly or to working precision.
     """

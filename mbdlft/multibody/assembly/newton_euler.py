@@ -135,11 +135,6 @@ def assemble(scene: Scene) -> Equations:
     residual = [qdot - v ; RNEA(q, v, vdot) + springs + dampers - efforts - loads ; closures], the
     recursive Newton-Euler algorithm (Featherstone, section 5.3) outward for motions and inward for
     wrenches, with the acceleration and the spin of the frame given to the ground.
-
-    Raises
-    ------
-    SceneError, NotRationalError, WellPosednessError
-        The joints are not a tree, or one of the quantities cannot be used; see `check`.
     """
     return assembly(scene).equations
 

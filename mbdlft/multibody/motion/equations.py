@@ -75,15 +75,7 @@ class Motion(NamedTuple):
 
 
 def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
-    """The equations at physical values of the parameters; the others are nominal.
-
-    Raises
-    ------
-    SceneError
-        A value is not usable.
-    TrimError
-        A value is not usable, or nothing holds the equilibrium there.
-    """
+    """The equations at physical values of the parameters; the others are nominal."""
     small = assembly(scene)
     point = physical_points(small.resolved.parameters, values, "simulate", TrimError)
     at_rest, _ = trim_efforts(small.equations, point)

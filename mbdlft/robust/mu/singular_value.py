@@ -76,11 +76,6 @@ def structured_singular_value(
     -------
     StructuredSingularValue
         For a guarantee between the frequencies use `robust_stability`.
-
-    Raises
-    ------
-    AnalysisError
-        Delta is empty, a frequency is no number, or a pole lies on it.
     """
     omega = np.atleast_1d(np.asarray(frequencies))
     if omega.dtype.kind not in "iuf" or omega.ndim != 1 or np.any(np.isnan(omega)):
@@ -178,11 +173,6 @@ def mu_bands(
         The part by which a bound may be above the best of its multipliers at one frequency.
     leave_out : sequence of str
         States on which nothing else depends; ``"cyclic"`` for all integrators of this kind.
-
-    Raises
-    ------
-    AnalysisError
-        The ends are no range, Delta is empty, or the nominal model is not stable.
     """
     if not 0.0 < low < high < np.inf:
         raise AnalysisError(f"mu_bands: expected 0 < low < high (rad/s), got {low!r} and {high!r}.")

@@ -100,14 +100,6 @@ def view(
     -------
     Page
         It is shown by a notebook; ``view(scene).save("scene.html")`` writes a file.
-
-    Raises
-    ------
-    SceneError
-        Names, units or the tree of the scene are wrong, the package k3d is missing, or the file of
-        the robot cannot be read; `response` is another word. Meshes that are not there are notes.
-    TrimError
-        A name of `values` or `places` is unknown, or a value of `values` is outside its range.
     """
     if not isinstance(scene, Scene):
         raise SceneError(
@@ -198,13 +190,7 @@ def three_of(bundle: str) -> str:
 
 
 def scene_of(model: object) -> Scene:
-    """The scene that a model was made of, from the text in its provenance.
-
-    Raises
-    ------
-    SceneError
-        The model was made of a matrix or of other models, or is none.
-    """
+    """The scene that a model was made of, from the text in its provenance."""
     if not isinstance(model, LFTModel):
         raise SceneError(f"view: a {type(model).__name__} has no scene; a model of a scene has one.")
     try:
