@@ -16,12 +16,14 @@ turn: small rotations of a body are exp(eta) R(t) around its motion, so that
     alpha = alpha0 + d2eta/dt2 + deta/dt x omega0 + eta x alpha0
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import flint
+import numpy as np
 
 import mbdlft
+from mbdlft.base.array import Array
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.unit import parse_unit
 from tests.cross.links import FREE, Coupling, Law, Link, Rotor, hinges, placed, plane_of, relation_of
@@ -33,6 +35,7 @@ from tests.cross.poses import (
     Motion,
     Values,
     Vector,
+    array,
     cross,
     dot,
     independent,
@@ -50,10 +53,12 @@ _FUNCTIONS = {name: getattr(flint.arb, name) for name in ("sqrt", "sin", "cos", 
 
 
 class Bodies:
-    """Bodies, links and loads of a scene at physical values by name."""
+    """Bodies, links and loads of a scene at physical values by name; coordinates may be displaced."""
 
-    def __init__(self, scene: mbdlft.Scene, point: dict[str, float]) -> None:
-        self.scene, pi = scene, flint.arb.pi()
+    def __init__(
+        self, scene: mbdlft.Scene, point: dict[str, float], displaced: Mapping[str, float] | None = None
+    ) -> None:
+        self.scene, self.displaced, pi = scene, displaced or {}, flint.arb.pi()
         self.values: dict[str, Any] = {"pi": pi, "deg": pi / 180}
         for name, constant in scene.constants.items():
             is_plain = not isinstance(constant, mbdlft.Constant)
@@ -98,6 +103,12 @@ class Bodies:
     def motion(self, k: int) -> Motion:
         return GROUND if k < 0 else self.motions[k]
 
+    def frame(self, name: str) -> Array:
+        """Place and turn of a body as a homogeneous matrix (4, 4)."""
+        m, whole = self.motion(self.index[name]), np.eye(4)
+        whole[:3] = np.hstack([array(m.turn), array(m.place)]).astype(float)
+        return whole
+
     def _mass(self, body: Any) -> tuple[Any, Vector, Matrix]:
         """Mass, center, and inertia about it."""
         mass = self.value(body.mass)
@@ -123,12 +134,19 @@ class Bodies:
             tilt, P = self._tilt(joint), self.motion(parent)
             sources = [joint.position] if joint.kind == "fixed" else _entries(joint, "position", 0.0)
             position = [self.value(x) for x in sources]
+            names = [f"{joint.name}.{freedom.measures[0].name}" for freedom in joint.freedoms]
+            moved = [number(self.displaced.get(name, 0.0)) for name in names]
+            for k, x in enumerate(moved[: len(position)]):
+                position[k] += x
             gap, turned = placed(joint, tilt, position)
+            ball = {"spherical": 0, "free": 3}.get(joint.kind)
+            if ball is not None:  # 2 tan(angle/2) along the axis
+                v = vector(moved[ball:])
+                turned = turned * (EYE + (skew(v) + skew(v) * skew(v) / 2) / (1 + dot(v, v) / 4))
             turn = P.turn * turned
             self.motions[child] = Motion(P.point(rp) + P.turn * gap - turn * rc, turn)
             known.add(child)
             relation = relation_of(joint, (rp, rc), tilt, tilt.transpose() * turned, position)
-            ball = {"spherical": 0, "free": 3}.get(joint.kind)
             laws, rotors = self._laws(joint, tilt)
             imposed = getattr(joint, "imposed", False)
             links[joint.name] = Link(joint.name, parent, child, relation, laws, imposed, ball, rotors, rc)

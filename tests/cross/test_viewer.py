@@ -1,4 +1,4 @@
-"""Pages of scenes in a real browser: bodies are where pinocchio has them, loads are those of the trim."""
+"""Pages of scenes in a real browser: bodies are where equations put them, loads are those of the trim."""
 
 import re
 from collections.abc import Callable
@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 import pytest
 
 import mbdlft
@@ -14,8 +13,8 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.problem.trim import solve_trim
 from tests.browser import Loaded
 from tests.close import PAGE, target
-from tests.cross.pinocchio_frames import configuration
-from tests.cross.pinocchio_tree import Tree, plant
+from tests.cross.maximal import Bodies
+from tests.cross.poses import array
 
 ROOT = Path(__file__).parents[2]
 RIGID = [
@@ -26,7 +25,7 @@ ELASTIC = [
     "flexible_manipulator", "flexible_pointing", "launcher_bending", "mast_observatory", "piezo_beam",
     "rotatory_spacecraft", "solar_arrays",
 ]  # fmt: skip
-OTHERS = [  # what pinocchio's trees do not have
+OTHERS = [
     *("ball_turntable", "belt_gantry", "bicycle", "control_moment_gyros", "diff_drive"),
     *("differential_wrist", "half_car", "lander", "motorcycle", "rolling_disk", "segway"),
     *("tower_crane", "wheelset", "whipple_bicycle"),
@@ -47,20 +46,14 @@ def opened(load: Callable[[Path], Loaded], scene: mbdlft.Scene, folder: Path) ->
     return loaded
 
 
-def check_positions(scene: mbdlft.Scene, loaded: Loaded, point: dict[str, float]) -> Tree:
-    """Compare the frames of all bodies in the picture with those of pinocchio."""
-    tree = plant(scene, point)
-    data = tree.model.createData()
-    q = configuration(scene, tree, loaded.run("() => mbdlft.coordinates()"))
-    pin.forwardKinematics(tree.model, data, q)
-    for body in scene.bodies:
-        if body.name == "ground":
-            continue
-        place = tree.place[body.name]
-        expected = (data.oMi[place.joint] * place.frame).homogeneous
-        drawn = np.array(loaded.run("(name) => mbdlft.placement(name)", body.name)).reshape(4, 4).T
-        target(drawn, expected, PAGE)
-    return tree
+def check_positions(scene: mbdlft.Scene, loaded: Loaded, point: dict[str, float]) -> Bodies:
+    """Compare the frames of all bodies in the picture."""
+    bodies = Bodies(scene, point, loaded.run("() => mbdlft.coordinates()"))
+    for name in bodies.described:
+        if name != "ground":
+            drawn = np.array(loaded.run("(name) => mbdlft.placement(name)", name)).reshape(4, 4).T
+            target(drawn, bodies.frame(name), PAGE)
+    return bodies
 
 
 def set_all(loaded: Loaded, values: dict[str, float]) -> None:
@@ -126,11 +119,9 @@ def test_a_loop_stays_closed(load: Callable[[Path], Loaded], tmp_path: Path) -> 
     check_page(scene, loaded)
     loop, coordinates = scene.loops[0], loaded.run("() => mbdlft.coordinates()")
     assert all(abs(value) > 1e-3 for value in coordinates.values())
-    tree = check_positions(scene, loaded, chosen_point(scene))
-    data = tree.model.createData()
-    pin.forwardKinematics(tree.model, data, configuration(scene, tree, coordinates))
-    ends = [tree.at_port(port) for port in (loop.parent, loop.child)]
-    first, second = ((data.oMi[end.joint] * end.frame).translation for end in ends)
+    bodies = check_positions(scene, loaded, chosen_point(scene))
+    ends = [bodies.port(port) for port in (loop.parent, loop.child)]
+    first, second = (array(bodies.motion(k).point(r)).astype(float) for k, r in ends)
     target(first, second, PAGE)
     loaded.run("() => mbdlft.reset()")
     assert not any(loaded.run("() => mbdlft.coordinates()").values())
