@@ -190,6 +190,14 @@ def _rows_of_chunk(layout: Layout, key: str, count: int) -> int:
     return max(1, min(count, _CHUNK_ROWS, _CHUNK_BYTES // size)) if size else 0
 
 
+def check_room(folder: Path, layout: Layout, count: int) -> None:
+    """Raise an OSError if the disk cannot hold these rows: their file would fill it."""
+    size = count * sum(_row_bytes(layout, key) for key in layout.shapes)
+    free = shutil.disk_usage(folder).free
+    if size > free:
+        raise OSError(errno.ENOSPC, f"it needs {size} bytes, and the disk has {free}")
+
+
 def _row_bytes(layout: Layout, key: str) -> int:
     return int(np.prod(layout.shapes[key])) * np.dtype(layout.kinds[key]).itemsize
 
@@ -215,12 +223,9 @@ def reserve(file: Path) -> None:
     """Have the system reserve the disk for a whole file: rows are then written five times as fast."""
     if not hasattr(os, "posix_fallocate"):
         return
-    size, free = file.stat().st_size, shutil.disk_usage(file).free
-    if size > free:  # the system would fill the disk before it says so
-        raise OSError(errno.ENOSPC, f"it needs {size} bytes, and the disk has {free}")
     with file.open("r+b") as stream:
         try:
-            os.posix_fallocate(stream.fileno(), 0, size)
+            os.posix_fallocate(stream.fileno(), 0, file.stat().st_size)
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
                 raise  # other systems of files cannot do it

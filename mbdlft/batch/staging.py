@@ -23,7 +23,17 @@ from numpy.typing import NDArray
 from mbdlft.archive.archive import load, save, writing
 from mbdlft.archive.layout import DIGEST
 from mbdlft.archive.model import items_of_model
-from mbdlft.archive.sweep import Layout, Places, digests_of, make_rows, pack, places_in, reserve, restore
+from mbdlft.archive.sweep import (
+    Layout,
+    Places,
+    check_room,
+    digests_of,
+    make_rows,
+    pack,
+    places_in,
+    reserve,
+    restore,
+)
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.running import one_thread
@@ -202,6 +212,8 @@ def places(folder: Path, work: Work) -> Places:
 def _make_rows(folder: Path, work: Work) -> None:
     """Make the file of rows; if there is one, it keeps its rows, and the rest of it is made anew."""
     file, fresh = rows_file(folder), folder / "fresh.h5"
+    if not file.exists():
+        check_room(folder, work.layout, work.count)
     made = make_rows(fresh, work.layout, work.count)
     if not file.exists():
         try:
