@@ -198,14 +198,18 @@ def _controller(file: Path) -> Any:
 
     try:
         matrices = loadmat(file)
-    except (OSError, ValueError, NotImplementedError) as error:
+    except Exception as error:  # what scipy raises for damaged files has no common class
         raise AnalysisError(f"{file}: no .mat file that can be read: {error}.") from None
     missing = [name for name in "ABCD" if name not in matrices]
     if missing:
         raise AnalysisError(
             f"{file}: expected the matrices A, B, C, D of a controller; {', '.join(missing)} missing."
         )
-    return systems.state_space(*(matrices[name] for name in "ABCD"), name=file.stem)
+    full = (m.toarray() if hasattr(m, "toarray") else m for m in map(matrices.get, "ABCD"))
+    found = [np.asarray(matrix) for matrix in full]
+    if any(matrix.dtype.kind not in "biuf" for matrix in found):
+        raise AnalysisError(f"{file}: expected matrices A, B, C, D of real numbers.")
+    return systems.state_space(*found, name=file.stem)
 
 
 def _answer(

@@ -236,7 +236,9 @@ def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     """
     at_infinity = float(np.linalg.norm(plant.D, 2)) if plant.D.size else 0.0
     poles = eigenvalues_of(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)
-    omega = np.unique(np.concatenate([[0.0], np.abs(poles.imag), np.abs(poles)]))
+    # a complex system has other gains at negative frequencies
+    sides = np.array([[1.0], [-1.0]])[: 1 + any(map(np.iscomplexobj, plant))]
+    omega = np.unique(sides * np.concatenate([[0.0], np.abs(poles.imag), np.abs(poles)]))
     gains = _gains(plant, omega)
     best = int(np.argmax(gains))
     lower, frequency = float(gains[best]), float(omega[best])
@@ -250,7 +252,7 @@ def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
         if not len(near):
             return lower, level, frequency, ""
         ends = np.concatenate([[0.0], near, [2.0 * near[-1]]])
-        tried = np.concatenate([0.5 * (ends[1:] + ends[:-1]), near])
+        tried = (sides * np.concatenate([0.5 * (ends[1:] + ends[:-1]), near])).ravel()
         gains = _gains(plant, tried)
         best = int(np.argmax(gains))
         if gains[best] > lower:

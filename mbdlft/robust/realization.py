@@ -146,6 +146,8 @@ def stable_states(
     A = model.A[np.ix_(stay, stay)]
     if not stay:
         return stay
+    if model.lft.is_complex:
+        raise AnalysisError(f"{what}: model {model.name!r}: expected real matrices; an entry is complex.")
     poles, _, shapes = eigenvectors_of(A)
     if np.max(poles.real) < 0.0 and is_hurwitz(A):
         return stay

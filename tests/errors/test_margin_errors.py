@@ -37,6 +37,8 @@ structured_singular_value(of_matrices(np.zeros((1, 1)), np.eye(1), np.eye(1), np
     => omega = 0 rad/s is a pole
 structured_singular_value(cart(), [np.nan]) => frequencies: expected numbers
 robust_stability(static([[1j]], ComplexBlock("c", 1))) => StructureError: needs real entries
+worst_case_gain(state_space([[-1j - 1]], [[1]], [[1]], [[0]]))
+    => expected real matrices; an entry is complex
 robust_stability(DRIFTING) =~ on the imaginary axis, 0.*x2.*leave_out
 robust_stability(DRIFTING, leave_out=["x0"]) => x0 cannot be left out: the state  … depends
 robust_stability(DRIFTING, leave_out=["x9"]) => StructureError: unknown signal 'x9'

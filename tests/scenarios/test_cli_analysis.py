@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.sparse
 from scipy.io import savemat
 
 import mbdlft
@@ -76,10 +77,22 @@ def test_a_controller_of_a_mat_file(small: Path, call: Call) -> None:
     assert mbdlft.model_names(small) == ("matrix", "matrix with K")
     loop = mbdlft.feedback(cart(), gain)
     assert first["lower"] == mbdlft.robust_stability(loop).lower
-    savemat(K, {"A": none})
+    sparse = scipy.sparse.csc_array(gain)
+    for wrong, text in (
+        ({"A": none}, "B, C, D missing"),
+        ({"A": none, "B": none, "C": none, "D": 1j * gain}, "of real numbers"),
+        ({"A": "x", "B": none, "C": none, "D": gain}, "of real numbers"),
+        ({"A": none, "B": none, "C": none, "D": {"a": 1}}, "of real numbers"),
+        ({"A": none, "B": np.zeros((0, 1)), "C": np.zeros((1, 0)), "D": sparse}, ""),
+    ):
+        savemat(K, wrong)
+        code, _, err = call(*arguments)
+        assert code == (2 if text else 0)
+        assert text in err
+    K.write_bytes(b"")
     code, _, err = call(*arguments)
     assert code == 2
-    assert "B, C, D missing" in err
+    assert "no .mat file that can be read" in err
 
 
 def test_a_proof_that_is_none_ends_with_1(archive: Path, call: Call) -> None:
