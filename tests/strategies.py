@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from hypothesis import settings
-from hypothesis import strategies as st
 
 import mbdlft
 from mbdlft.base.expression import evaluate, names, parse
@@ -69,11 +68,6 @@ def random_scene(
     The mass matrix is positive definite and the inertias are physical over the whole range.
     """
     return Draft(seed, joints, parameters, edge or EDGES[seed % len(EDGES)]).scene()
-
-
-def scenes() -> st.SearchStrategy[mbdlft.Scene]:
-    """Random scenes for hypothesis; it shrinks towards small seeds."""
-    return st.integers(0, 2**32 - 1).map(random_scene)
 
 
 class Draft:

@@ -12,7 +12,6 @@ from tests.attack.mechanisms import check, points_of
 from tests.attack.mutations import changed, check_message
 from tests.attack.structures import as_toml, restructured
 from tests.close import SCENARIO
-from tests.cross import test_lagrangian
 from tests.cross.mechanisms import closed_loop, open_tree
 from tests.cross.mixed_mechanisms import mixed
 from tests.strategies import random_scene
@@ -125,11 +124,7 @@ def linearized(text: str, random: np.random.Generator) -> str:
 
 def derived(seed: int, random: np.random.Generator) -> str:
     """A random scene as it is, whose equations are derived in another way."""
-    kind = int(random.integers(3))
-    if kind == 0:
-        test_lagrangian.compare(*test_lagrangian.case_of(random_scene(seed))[1:])
-        return "as Lagrange"
-    scene = (open_tree if kind == 1 else closed_loop)(seed)
+    scene = (random_scene, open_tree, closed_loop)[int(random.integers(3))](seed)
     try:
         model = to_lft(scene, search=0.0)
     except MbdlftError as error:
