@@ -20,6 +20,7 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
+from mbdlft.robust.bisect.search import check_numbers
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import realization
@@ -212,6 +213,9 @@ def tune(
     """
     if not (isinstance(starts, int) and starts > 0):
         raise StructureError(f"tune: expected starts from 1 up, got {starts!r}.")
+    if not (isinstance(seed, int) and seed >= 0):
+        raise StructureError(f"tune: expected a seed from 0 up, got {seed!r}.")
+    check_numbers("tune", gap=gap, work=work)
     say = progress or (lambda text: None)
     connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
     net = _begun_at(connected(systems), initial or {})

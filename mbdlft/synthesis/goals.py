@@ -72,6 +72,10 @@ class Goal:
     speed: float = np.inf
     expression: str = ""
 
+    def __post_init__(self) -> None:
+        if self.kind in (HINF, H2, MARGIN) and not (self.inputs and self.outputs):
+            raise StructureError(f"goal {self.name!r}: expected one channel or more at each end.")
+
 
 def gain_goal(
     inputs: Names,

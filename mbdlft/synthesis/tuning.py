@@ -25,7 +25,7 @@ from mbdlft.synthesis.curvature import curvatures
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
 from mbdlft.synthesis.evaluation import STABLE, Asked, Look, Place, abscissas, look
 from mbdlft.synthesis.fixed import fixed_poles
-from mbdlft.synthesis.goals import HINF, MARGIN, Goal
+from mbdlft.synthesis.goals import H2, HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
 from mbdlft.synthesis.pieces import in_modes
 
@@ -99,11 +99,11 @@ class Tuner:
 
     def look(self, x: Array, keep: float | None, held: Sequence[Place] = ()) -> Look:
         """The goals at values."""
-        with self._in_doubles(x):
+        with self.in_doubles(x):
             return look(self.family, self.asked, x, keep, held)
 
     @contextmanager
-    def _in_doubles(self, x: Array) -> Iterator[None]:
+    def in_doubles(self, x: Array) -> Iterator[None]:
         """An AnalysisError names the value that has gone too far where numbers overflow."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -261,7 +261,7 @@ class Tuner:
                 continue
             for A, B, C, D in zip(*closed[:4], strict=True):
                 plant = Plant(A, B[:, columns], C[rows], D[rows, columns])
-                with self._in_doubles(tuned.x):
+                with self.in_doubles(tuned.x):
                     exact, _, frequency, _ = peak_of(plant, _PEAK)
                 known = tuned.look.hard if goal.hard else tuned.look.soft
                 if exact / goal.limit > known * (1.0 + _MISSED) and np.isfinite(frequency):
@@ -330,13 +330,15 @@ def tuned(
     nearest = (np.inf, np.zeros(len(tuner.net.free)))
     try:
         for count, start in enumerate(begun(tuner, starts, seed)):
-            x, real = tuner.stabilized(start)
+            with tuner.in_doubles(start):
+                x, real = tuner.stabilized(start)
             if real >= 0.0:
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
                 say(f"start {count + 1} of {starts}, not stable: real part {real:.3g}")
                 continue
             plans = _PLANS if not count else (_PLANS[count % 2],)
-            found += [tuner.descended(x, p, _STEPS, is_first=True, tolerance=_ROUGH) for p in plans]
+            with tuner.in_doubles(x):
+                found += [tuner.descended(x, p, _STEPS, is_first=True, tolerance=_ROUGH) for p in plans]
             best = min(found, key=Tuned.rank)
             say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
             if best.rank() <= (0.0, enough):
@@ -354,6 +356,8 @@ def tuned(
             raise AnalysisError(
                 f"tune: goal {goal.name!r}: the H2 norm is infinite, as there is a direct path from its "
                 "inputs to its outputs. Give a weight with more poles than zeros, before or after."
+                if goal.kind == H2
+                else f"tune: goal {goal.name!r}: it is not finite beside its limit, {goal.limit:g}."
             )
     return best
 

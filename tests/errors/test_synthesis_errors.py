@@ -1,11 +1,13 @@
 """What cannot be tuned is said with the name, the number or the pole."""
 
 import numpy as np
+import pytest
 
 import mbdlft
-from mbdlft import synthesis
+from mbdlft import AnalysisError, synthesis
+from mbdlft.synthesis import tuning
 from mbdlft.system import state_space
-from tests.errors.table import refused
+from tests.errors.table import refused, says
 from tests.scenarios.test_codesign import DESIGNED
 
 PLANT = state_space([[0, 1], [0, 0]], [[0], [1]], [[1, 0]], [[0]], inputs=["f"], outputs=["y"], name="P")
@@ -70,6 +72,14 @@ made(goals=(gain_goal("f", "yy"),)) => unknown output 'yy'
 made(wired=(("f", "u"), ("e", "-yy"))) => unknown output 'yy' … that stands in no goal is one of `inputs`
 made(systems=(LAG, UP_TO_TWO), wired=(("f", "u"), ("e", "-y", "r")), inputs=("r",)) => accepted
 tune([PLANT, PID], [GOAL], [], starts=0) => expected starts from 1 up, got 0
+tune([PLANT, PID], [GOAL], [], seed=-1) => expected a seed from 0 up, got -1
+tune([PLANT, PID], [GOAL], [], gap=np.nan) => AnalysisError: tune: gap: expected a number between 0 and 1
+tune([PLANT, PID], [GOAL], [], work=-1) => AnalysisError: tune: work: expected a number between 0 and inf
+made(goals=(gain_goal("f", "y", limit=1e-308),))
+    => AnalysisError: goal 'f to y': it is not finite beside its limit, 1e-308.
+gain_goal([], "y") => one channel or more at each end
+tracking_goal([], "e", time=1.0) => one channel or more at each end
+margin_goal([], 0.5) => one channel or more at each end
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it
 made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError: pole 2 rad/s stays
 made(systems=(PUSHED, PID)) => AnalysisError: the pole 0 rad/s stays on the axis for all of them
@@ -125,3 +135,15 @@ reduced_structure([PLANT, tunable_system(STATIC)], [GOAL], LOOP, states=0) => An
 fitted_values(SCHEDULED, STATIC) => has inputs, outputs, states and parameters (1, 1, 0, ('m',))
 """
 )
+
+
+@pytest.mark.parametrize("search", ["stabilized", "descended"])
+def test_numbers_that_overflow_in_a_search(search, monkeypatch):
+    """Initial values of 1e308 were a traceback of numpy."""
+
+    def fail(*_, **__):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(tuning.Tuner, search, fail)
+    with says(AnalysisError, "where the loops have no numbers any more"):
+        made()
