@@ -21,12 +21,21 @@ _ARGUMENTS = {
     "where": 3,
 }  # of functions; all others have one
 _LONGEST = 200_000  # characters: to parse them takes two seconds and 70 MB
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    value = base**exponent
+    if isinstance(value, complex):  # Python's; numpy and CasADi have none
+        raise ArithmeticError("a root of a negative number")
+    return value
+
+
 _SIGNS: Mapping[type, tuple[str, Callable[..., Any]]] = {
     ast.Add: ("+", operator.add),
     ast.Sub: ("-", operator.sub),
     ast.Mult: ("*", operator.mul),
     ast.Div: ("/", operator.truediv),
-    ast.Pow: ("**", operator.pow),
+    ast.Pow: ("**", _power),
     ast.Lt: ("<", operator.lt),
     ast.LtE: ("<=", operator.le),
     ast.Gt: (">", operator.gt),
@@ -73,9 +82,11 @@ def parsed(text: str) -> tuple[tuple[str | None, ast.expr], ...]:
         raise SceneError(f"formula {text!r}: the last part is its value.")
     assignments: list[tuple[str | None, ast.expr]] = []
     for statement in body[:-1]:
-        if not (isinstance(statement, ast.Assign) and isinstance(statement.targets[0], ast.Name)):
-            raise SceneError(f"formula {text!r}: expected parts such as 'r = a*a'.")
-        assignments.append((statement.targets[0].id, statement.value))
+        match statement:
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                assignments.append((name, value))
+            case _:
+                raise SceneError(f"formula {text!r}: expected parts such as 'r = a*a'.")
     assignments.append((None, body[-1].value))
     for _, expression in assignments:
         for node in ast.walk(expression):
@@ -98,7 +109,7 @@ def formula_value(
     for name, expression in parsed(text):
         try:
             result = _value(text, expression, known, functions)
-        except (OverflowError, ZeroDivisionError, RecursionError) as error:
+        except (ArithmeticError, RecursionError) as error:
             reason = "it is nested too deep" if isinstance(error, RecursionError) else error.args[-1]
             raise SceneError(f"formula {text!r} has no value: {reason}.") from None
         if name is not None:

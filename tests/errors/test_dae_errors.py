@@ -200,6 +200,8 @@ trim(bad("x", one="der(x) - 1 + x**3")) => SceneError: trim: expected a Structur
 "a +" => cannot be read
 "r = a" => the last part is its value
 "import os; a" => expected parts
+"b = a = 5; a + b" => expected parts
+"abs((0 - 8)**(1/3))*a" => has no value: a root of a negative number
 "'a'" => is not allowed
 "a @ a" => is not allowed
 """
