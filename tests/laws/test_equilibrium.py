@@ -174,7 +174,13 @@ def test_linear_model_at_an_equilibrium() -> None:
     roundoff(np.sort(np.abs(eigenvalues.imag)), [np.sqrt(squared)] * 2)
 
 
-def four_bar(kind: str = "revolute", **fields: Any) -> Scene:
+def four_bar(
+    kind: str = "revolute",
+    lengths: tuple[float, ...] = (0.5, 1.0, 0.7),
+    hook: tuple[float, ...] = (0.0, 0.9, 0.0),
+    angles: tuple[float, ...] = (1.0, -1.0, -1.4),
+    **crank: Any,
+) -> Scene:
     """A crank of 0.5 m, a coupler of 1 m and a rocker of 0.7 m; 0.9 m between the fixed hinges."""
 
     def bar(name: str, length: float) -> RigidBody:
@@ -193,14 +199,13 @@ def four_bar(kind: str = "revolute", **fields: Any) -> Scene:
     return Scene(
         name="four_bar",
         gravity=(0, 0, -G),
-        bodies=[bar("a", 0.5), bar("b", 1.0), bar("c", 0.7), mbdlft.Ground(ports={"hook": (0, 0.9, 0)})],
+        bodies=[*map(bar, "abc", lengths), mbdlft.Ground(ports={"hook": hook})],
         joints=[
-            hinge("a", "ground", 1.0),
-            hinge("b", "a.tip", -1.0, preload=0.0),
-            hinge("c", "b.tip", -1.4, preload=0.0),
+            hinge("a", "ground", angles[0], **crank),
+            hinge("b", "a.tip", angles[1], preload=0.0),
+            hinge("c", "b.tip", angles[2], preload=0.0),
         ],
         loops=[Loop(name="close", kind=kind, parent="c.tip", child="ground.hook", **axis)],
-        **fields,
     )
 
 
@@ -220,6 +225,18 @@ def test_loop_is_closed(kind: str) -> None:
     for point in points:
         torque = mbdlft.solve_trim(mbdlft.assemble(mbdlft.at_equilibrium(four_bar(kind), point))).values
         roundoff(torque[0], point.efforts["a.torque"], kappa=100.0)
+
+
+@pytest.mark.parametrize(
+    ("hook", "angles", "count"),
+    [((0.0, 0.0, -0.9), (-1.57, 0.0, 3.1), 2), ((0.0, 0.9, 0.0), (0.1, 0.0, 3.1), 8)],
+)
+def test_a_flat_loop_is_one_equilibrium(
+    hook: tuple[float, ...], angles: tuple[float, ...], count: int
+) -> None:
+    """A parallelogram whose bars are all on a line: steps halve the way there, and ended 2e-5 off."""
+    scene = four_bar("revolute", (0.5, 0.9, 0.5), hook, angles, preload=0.0)
+    assert len(mbdlft.find_equilibrium(scene, starts=60, seed=1, every=True)) == count
 
 
 def test_ball_finds_down() -> None:

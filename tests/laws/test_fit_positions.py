@@ -188,7 +188,7 @@ def test_cable(tension: dict[str, Any]) -> None:
 def test_loop_whose_shape_depends_on_a_length() -> None:
     """A four-bar with an uncertain coupler: its angles follow, and the gap that is left is explained."""
     length = Parameter("L", 1.0, percent=10, unit="m")
-    scene = four_bar(parameters=[length])
+    scene = four_bar().model_copy(update={"parameters": (length,)})
     coupler = scene.bodies[1].model_copy(
         update={"ports": {"tip": (0.0, "L", 0.0)}, "center_of_mass": (0.0, "0.5*L", 0.0)}
     )

@@ -12,7 +12,9 @@ from mbdlft.multibody.equilibrium import newton
 from mbdlft.multibody.equilibrium.conditions import displace
 from mbdlft.multibody.scene.scene import Scene
 
-_SAME = 1e-6  # two equilibria that are nearer, relative to the size of each unknown, are one
+# two equilibria that are nearer, relative to the size of each unknown, are one: a triple root, as at a
+# flat loop, is known to the cube root of rounding, 6e-6
+_SAME = 1e-5
 _IDLE = 0.1  # an unknown with a larger part in a motion that unbalances nothing is not determined
 _RANK = 1e-9  # a singular value below this part of the largest is zero
 # a smaller slope of the sum of squares, relative to the equations, is that of a minimum

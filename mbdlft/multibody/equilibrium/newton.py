@@ -333,10 +333,15 @@ def solve_from(equations: EquilibriumEquations, start: Array) -> Attempt:
 
 
 def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
-    """Newton's iteration from `start` (n_s,), with steps halved until the rows get smaller."""
+    """Newton's iteration from `start` (n_s,), with steps halved until the rows get smaller.
+
+    At a double root, such as of a flat loop, each step halves the way: what is met goes on to roundoff.
+    """
     sizes, limits = equations.steps, np.array([unknown.longest for unknown in equations.unknowns])
     s, at, count = start, project_at(equations, start), 1
-    while count < _STEPS and np.isfinite(at.rows).all() and equations.unknowns:
+    while (
+        count < (2 * _STEPS if _met(at) else _STEPS) and np.isfinite(at.rows).all() and equations.unknowns
+    ):
         step = np.linalg.lstsq(at.slopes, -at.rows, rcond=_RANK)[0]
         longest = float(np.max(np.abs(step) / limits))
         if longest == 0.0:
@@ -353,8 +358,11 @@ def _newton(equations: EquilibriumEquations, start: Array) -> Attempt:
         else:
             break
         s, at = trial, there
-    solved = bool(np.isfinite(at.rows).all()) and float(np.max(np.abs(at.rows), initial=0.0)) <= _SOLVED
-    return Attempt(s, at.rows, count, solved and _within(equations, s))
+    return Attempt(s, at.rows, count, _met(at) and _within(equations, s))
+
+
+def _met(at: Projected) -> bool:
+    return bool(np.all(np.abs(at.rows) <= _SOLVED))
 
 
 def _trust_region(equations: EquilibriumEquations, start: Array) -> Array:
