@@ -27,19 +27,13 @@ class Known(NamedTuple):
     passive: tuple[str, ...]
 
 
-def known_equilibrium(seed: int, *, plain: bool = False) -> Known:
-    """A random tree of 1 to 5 bodies with springs, loads and gravity.
-
-    A `plain` one has revolute and prismatic joints with parallel axes at zero, and no loads.
-    """
+def known_equilibrium(seed: int) -> Known:
+    """A random tree of 1 to 5 bodies with springs, loads and gravity."""
     rng = np.random.default_rng(seed)
-    kinds = ("revolute", "prismatic") if plain else KINDS
     count = int(rng.integers(1, MOST_BODIES + 1))
     bodies = [_body(rng, k) for k in range(count)]
-    joints = [_joint(rng, k, "ground" if k == 0 else _port(rng, k), kinds) for k in range(count)]
-    if plain:
-        joints = [joint.model_copy(update={"orientation": ()}) for joint in joints]
-    loads = [] if plain else _loads(rng, count)
+    joints = [_joint(rng, k, "ground" if k == 0 else _port(rng, k)) for k in range(count)]
+    loads = _loads(rng, count)
     held = {k for k in range(count) if rng.random() < 0.3}
     scene = mbdlft.Scene(
         name=f"equilibrium{seed}",
@@ -113,8 +107,8 @@ def _port(rng: np.random.Generator, k: int) -> str:
     return f"b{rng.integers(0, k)}.tip"
 
 
-def _joint(rng: np.random.Generator, k: int, parent: str, kinds: tuple[str, ...]) -> Joint:
-    kind = kinds[rng.integers(0, len(kinds))]
+def _joint(rng: np.random.Generator, k: int, parent: str) -> Joint:
+    kind = KINDS[rng.integers(0, len(KINDS))]
     cls = KINDS_OF_JOINTS[kind]
     turns = [freedom.turns for freedom in cls.freedoms]
     fields: dict[str, Any] = {"name": f"j{k}", "parent": parent, "child": f"b{k}"}

@@ -1,52 +1,13 @@
-"""A pendulum in Cartesian coordinates against the scene of the same one, and both kinds in one loop."""
+"""Equations and a scene in one loop."""
 
 import control
 import numpy as np
 
 import mbdlft
 from mbdlft.base import Parameter
-from mbdlft.dae import DaeDraft, reduce_index
+from mbdlft.dae import DaeDraft
 from mbdlft.pipeline import linearize_dae
-from tests.close import CLOSED_FORM, MECHANISM, exact, target
-from tests.daes import pendulum
-
-
-def _scene() -> mbdlft.LFTModel:
-    """A point mass below a revolute joint about y."""
-    L, m = pendulum().parameters
-    scene = mbdlft.Scene(
-        name="pendulum",
-        gravity=(0.0, 0.0, -9.81),
-        parameters=(L, m),
-        bodies=(
-            mbdlft.PointMass(name="bob", mass="m", ports={"top": (0.0, 0.0, "L")}),
-            mbdlft.Ground(name="ground"),
-        ),
-        joints=(
-            mbdlft.Revolute(name="pivot", parent="ground", child="bob.top", axis=(0, 1, 0), position=0.0),
-        ),
-    )
-    return mbdlft.to_lft(scene, search=0.0)
-
-
-def test_cartesian_pendulum_is_that_of_the_scene() -> None:
-    own = linearize_dae(pendulum())
-    scene = _scene()
-    assert [q.name for q in reduce_index(pendulum()).states] == ["x", "vx"]
-    assert own.certificate.minimal
-    values = {"L": np.array([1.3, 1.5, 1.7]), "m": np.array([1.7, 2.1, 2.3])}
-    A, B, C, _ = mbdlft.matrices_at(own, values)
-    T = mbdlft.matrices_at(scene, values)
-    for w in (0.3, 2.0, 7.0):
-        for k in range(3):
-            resolvent = 1j * w * np.eye(2)
-            # from a force to x: the angle times L, for a torque of L times the force
-            first = C[k] @ np.linalg.solve(resolvent - A[k], B[k])
-            length = values["L"][k]
-            second = T.C[k][:1] @ np.linalg.solve(resolvent - T.A[k], T.B[k]) * length**2
-            target(np.abs(first), np.abs(second), MECHANISM)
-    poles = mbdlft.poles(own, values)
-    target(np.max(poles.imag, axis=1), np.sqrt(9.81 / values["L"]), CLOSED_FORM)
+from tests.close import MECHANISM, exact, target
 
 
 def test_a_motor_of_equations_drives_a_scene() -> None:

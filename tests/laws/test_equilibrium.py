@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import mbdlft
-from benchmarks.cases.lagrangian import lagrangian
 from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
 from mbdlft.multibody.equilibrium import conditions
 from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
@@ -83,20 +82,6 @@ def test_a_thousand_random_scenes() -> None:
             failures[seed] = str(error)
     assert len(failures) <= 5, failures
     assert all("misses" in text for text in failures.values()), failures
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_random_trees_against_their_potential(seed: int) -> None:
-    """The gradient of the potential, derived from transforms alone, is what the joints give."""
-    known = known_equilibrium(seed, plain=True)
-    point = mbdlft.find_equilibrium(known.scene, starts=STARTS, seed=seed)
-    found = mbdlft.at_equilibrium(known.scene, point)
-    reference = lagrangian(found, {"m": np.array([2.0])})
-    for k, joint in enumerate(reference.joints):
-        name = reference.names(0)[k]
-        preload = getattr(joint, "preload", None)
-        effort = point.efforts[name] if preload is None else float(preload)
-        target(effort, reference.effort[0, k], SCENARIO, scale=float(np.max(reference.force)))
 
 
 def test_spring_and_gravity() -> None:

@@ -73,62 +73,6 @@ def test_drive_is_that_of_lagrange(n: float, J: float, k: float) -> None:
     assert MODEL.certificate.max_relative_error < CLOSED_FORM
 
 
-def test_the_rotor_conserves_momentum() -> None:
-    """A free body with a geared arm on a tilted axis: internal torque changes no angular momentum."""
-    hub = mbdlft.RigidBody(
-        name="hub",
-        mass=8.0,
-        center_of_mass=(0.1, 0.2, -0.1),
-        inertia=mbdlft.Inertia(xx=2.0, yy=3.0, zz=2.5, xy=0.2),
-        ports={"side": (0.5, 0.1, 0.3)},
-    )
-    arm = mbdlft.RigidBody(
-        name="arm",
-        mass=1.5,
-        center_of_mass=(0.4, 0.0, 0.1),
-        inertia=mbdlft.Inertia(xx=0.1, yy=0.3, zz=0.3),
-    )
-    scene = mbdlft.Scene(
-        name="geared",
-        bodies=[hub, arm],
-        joints=[
-            mbdlft.Free(name="base", parent="ground", child="hub"),
-            mbdlft.Revolute(
-                name="gear",
-                parent="hub.side",
-                child="arm",
-                axis=(0, 3, 4),
-                position=0.6,
-                actuator_inertia=2e-3,
-                gear_ratio=-25.0,
-            ),
-        ],
-        inputs=["gear.torque"],
-        outputs=["gear.acceleration"],
-    )
-    model = mbdlft.to_lft(scene)
-    _, B, _, D = mbdlft.matrices_at(model, {})
-    rates = B[7:, 0]  # accelerations of the base and of the gear for a torque of 1 N m
-    rotor = 2e-3 * np.array([0.0, 0.6, 0.8])
-    # the same without an actuator: its momentum change is minus that of the rotor
-    bare = scene.model_copy(
-        update={"joints": (scene.joints[0], scene.joints[1].model_copy(update={"actuator_inertia": 0.0}))}
-    )
-    mass = np.linalg.inv(mbdlft.matrices_at(mbdlft.to_lft(_with_all_inputs(bare)), {}).B[7:])
-    turned = np.array([0.0, 0.6, 0.8]) @ rates[3:6] - 25.0 * rates[6]
-    forces = mass @ rates
-    expected = np.zeros(7)
-    expected[3:6] = -rotor * turned
-    expected[6] = 1.0 + 25.0 * 2e-3 * turned
-    target(forces, expected, CLOSED_FORM)
-    target(D[0, 0], rates[6], CLOSED_FORM)
-
-
-def _with_all_inputs(scene: mbdlft.Scene) -> mbdlft.Scene:
-    names = [f"base.{kind}.{axis}" for kind in ("force", "torque") for axis in "xyz"]
-    return scene.model_copy(update={"inputs": (*names, "gear.torque")})
-
-
 def test_without_a_gear_nothing_changes() -> None:
     """A ratio of 1 is the actuator that turns with the child."""
     one = mbdlft.Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), actuator_inertia=0.3)

@@ -1,12 +1,11 @@
-"""A strut: its law, its equilibria, and its geometric stiffness."""
+"""A strut: its law, its equilibria, and what turns its direction."""
 
 import numpy as np
 
 import mbdlft
-from mbdlft import Free, Ground, PointMass, Prismatic, RigidBody, Scene, Spring, Strut
+from mbdlft import Ground, PointMass, Prismatic, RigidBody, Scene, Strut
 from mbdlft.multibody import Inertia, Revolute, at_equilibrium, find_equilibrium, fit_positions
 from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
-from tests.cross.test_mechanism import equals_truth
 from tests.errors.table import says
 
 _G = 9.81
@@ -90,40 +89,6 @@ def test_a_fit_of_a_lever_on_a_strut() -> None:
         slope = m * _G * 0.5 * np.cos(q) + 100 * np.sin(q) * (np.sin(q) - np.sin(0.3))
         slope -= 100 * np.cos(q) ** 2
         target(model.at(m=m).A[1, 0], slope / (0.1 + m * 0.25), FITTED)
-
-
-def two_bodies() -> Scene:
-    """Two free bodies side by side, that a strut pushes apart and a spring pulls together."""
-    inertia = Inertia(xx=1.0, yy=1.5, zz=2.0)
-    return Scene(
-        name="two_bodies",
-        bodies=[
-            RigidBody(name="a", mass=3.0, inertia=inertia, ports={"p": (0, 0.2, 0)}),
-            RigidBody(name="b", mass=2.0, inertia=inertia, ports={"p": (0, 0.2, 0)}),
-        ],
-        joints=[
-            Free(name="a", parent="ground", child="a"),
-            Free(name="b", parent="ground", child="b", position=(0.7, 0, 0)),
-        ],
-        loads=[
-            Strut(
-                name="s",
-                parent="a.p",
-                child="b.p",
-                direction=(1, 0, 0),
-                stiffness=40.0,
-                damping=0.3,
-                force=5.0,
-            ),
-            Spring(name="t", parent="a.p", child="b.p", stiffness=11.0),
-        ],
-        inputs=["s.force"],
-    )
-
-
-def test_geometric_stiffness_of_a_strut() -> None:
-    """The potential is that of n.r in the axes of the parent, and nothing else."""
-    equals_truth(two_bodies())
 
 
 def test_a_strut_on_what_spins() -> None:

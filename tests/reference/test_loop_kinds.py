@@ -82,59 +82,6 @@ def test_slider_crank(*, cut_at_piston: bool) -> None:
         target(C[1], [-0.3, 0.0], CLOSED_FORM)
 
 
-def boom(kind: str) -> Scene:
-    """A boom, upright, on a hydraulic cylinder between two bodies that move: 0.3 m, 0.4 m and 0.5 m."""
-    slender = Inertia(zz="J")
-    axis = {"axis": (1, 0, 0)}
-    hinge = {"axis": (0, 0, 1), "preload": 0}
-    return Scene(
-        name="boom",
-        gravity=(0, -9.81, 0),
-        parameters=[Parameter("J", 0.05, percent=30, unit="kg m^2"), PISTON],
-        bodies=[
-            mbdlft.Ground(ports={"foot": (0.4, 0, 0)}),
-            RigidBody(
-                name="boom",
-                mass=2.0,
-                center_of_mass=(0.2, 0, 0),
-                inertia=Inertia(zz=0.1),
-                ports={"tip": (0.3, 0, 0)},
-            ),
-            RigidBody(name="cylinder", mass=1.5, center_of_mass=(0.15, 0, 0), inertia=slender),
-            RigidBody(name="rod", mass="m", inertia=Inertia(zz=0.02)),
-        ],
-        joints=[
-            Revolute(name="motor", parent="ground", child="boom", axis=(0, 0, 1), position="90*deg"),
-            Revolute(
-                name="trunnion", parent="ground.foot", child="cylinder", position="2*atan(3)", **hinge
-            ),
-            Revolute(
-                name="clevis", parent="boom.tip", child="rod", position="2*atan(3) - 90*deg", **hinge
-            ),
-        ],
-        loops=[Loop(name="stroke", kind=kind, parent="cylinder", child="rod", **axis)],
-        inputs=["motor.torque"],
-        outputs=["motor.angle", "trunnion.angle"],
-    )
-
-
-@pytest.mark.parametrize("kind", ["prismatic", "cylindrical"])
-def test_boom_on_a_cylinder(kind: str) -> None:
-    """The cylinder turns 0.36 times as fast as the boom: inertias and weights by Lagrange."""
-    slope, curve, sine, cosine = 0.36, 0.1344, 0.6, -0.8  # theta', theta'' by q; theta = 2 atan(3)
-    model = mbdlft.to_lft(boom(kind), search=0.0)
-    for point in points_of(boom(kind)):
-        m, J = point["m"], point["J"]
-        turning = J + 1.5 * 0.15**2 + 0.02
-        inertia = 0.1 + 2.0 * 0.2**2 + m * 0.3**2 + turning * slope**2
-        lifted = 1.5 * 0.15 * (-sine * slope**2 + cosine * curve)
-        stiffness = 9.81 * (-2.0 * 0.2 - m * 0.3 + lifted)
-        A, B, C, _ = mbdlft.matrices_at(model, point)
-        target(A[1, 0], -stiffness / inertia, CLOSED_FORM)
-        target(B[1, 0], 1.0 / inertia, CLOSED_FORM)
-        target(C[1], [slope, 0.0], CLOSED_FORM)
-
-
 def cardan(kind: str) -> Scene:
     """Two shafts at the angle b, on bearings, joined by a cross whose first axis is across both."""
     b = mbdlft.Angle("b", 30.0, low=10.0, high=50.0)

@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Free,
-    Inertia,
-    Parameter,
-    Revolute,
-    RigidBody,
-    Scene,
-    robust_stability,
-    to_lft,
-    worst_case,
-)
+from mbdlft import Free, Inertia, Parameter, RigidBody, Scene, robust_stability, to_lft, worst_case
 from mbdlft.multibody import KnifeEdge, Planar, Rolling
 from tests import close
 from tests.attack.contacts import attack
@@ -65,15 +55,6 @@ def test_the_bicycle_has_the_published_eigenvalues(bicycle: mbdlft.LFTModel, v: 
     found = np.linalg.eigvals(mbdlft.matrices_at(bicycle, {"v": v}).A)
     for wanted in EIGENVALUES[v]:
         assert np.min(np.abs(found - wanted)) < close.SIMULATED
-
-
-def test_the_bicycle_has_the_eigenvalues_of_the_published_matrices(bicycle: mbdlft.LFTModel) -> None:
-    for v in range(11):
-        stiffness = 9.81 * np.array(K0) + v**2 * np.array(K2)
-        both = -np.linalg.solve(np.array(M), np.hstack([stiffness, v * np.array(C1)]))
-        wanted = np.linalg.eigvals(np.block([[np.zeros((2, 2)), np.eye(2)], [both]]))
-        found = np.linalg.eigvals(mbdlft.matrices_at(bicycle, {"v": v}).A)
-        assert max(np.min(np.abs(found - pole)) for pole in wanted) < close.MECHANISM * 20.0
 
 
 def of_the_paper(p: dict[str, float]) -> list[np.ndarray]:
@@ -182,44 +163,6 @@ def test_the_self_stable_range_is_proved_for_all_masses_and_trails() -> None:
     for low, high in ((4.415, 5.5), (4.9, 5.759)):
         outside = between(low, high, MASSES_AND_TRAIL)
         assert robust_stability(outside, leave_out="cyclic", gap=1e-4).upper < 1.0
-
-
-def disc() -> Scene:
-    """A rolling disc, upright: mass 2 kg, radius 0.4 m, thin, with a tire r."""
-    return Scene(
-        name="disc",
-        gravity=(0.0, 0.0, -9.81),
-        velocity=("W*0.4 [m]", 0.0, 0.0),
-        parameters=[
-            Parameter("W", 5.0, low=-20.0, high=20.0, unit="rad/s"),
-            Parameter("r", 0.05, low=0.0, high=0.1, unit="m"),
-        ],
-        bodies=[
-            # its pitch is its own, and nothing else feels it
-            RigidBody(name="yoke", mass=0.0, inertia=Inertia(xx=0.0, yy=0.01, zz=0.0, unchecked=True)),
-            RigidBody(name="disc", mass=2.0, inertia=Inertia(xx=0.08, yy=0.16, zz=0.08)),
-        ],
-        joints=[
-            Free(name="base", parent="ground", child="yoke", position=(0.0, 0.0, 0.4)),
-            Revolute(name="axle", parent="yoke", child="disc", axis=(0, 1, 0), rate="W", preload=0.0),
-        ],
-        contacts=[Rolling(name="touch", port="disc", axis=(0, 1, 0), radius=0.4, tire="r")],
-        outputs=["base.rotation.x"],
-    )
-
-
-def test_a_rolling_disc_is_stable_above_its_critical_rate() -> None:
-    """Lean l of an upright disc: (A + m R^2) l'' = (m g (R - r) - W^2 C (C + m R^2)/A) l, from the
-    equations of a disc (Neimark and Fufaev, section III.5, with r = 0) and a round edge that shifts the
-    contact: the normal force m g acts r nearer to the center."""
-    model = to_lft(disc(), search=0.0)
-    m, R, A, C, g = 2.0, 0.4, 0.08, 0.16, 9.81
-    for W, r in ((0.0, 0.0), (5.0, 0.1), (12.0, 0.03), (-7.0, 0.02)):
-        poles = np.linalg.eigvals(mbdlft.matrices_at(model, {"W": W, "r": r}).A)
-        square = (m * g * (R - r) - W**2 * C * (C + m * R * R) / A) / (A + m * R * R)
-        wanted = np.sqrt(complex(square))
-        for pole in (wanted, -wanted):
-            assert np.min(np.abs(poles - pole)) < 1e-6
 
 
 def sleigh() -> Scene:

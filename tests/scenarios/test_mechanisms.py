@@ -39,18 +39,6 @@ def response(name: str, p: P, s: complex) -> Array:
     return np.asarray(at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D)
 
 
-def segway(p: P, s: complex) -> Array:
-    """Pitch, speed and yaw rate of an inverted pendulum on wheels, each with a torque and a damper."""
-    R, b, J, wheel, m, h, c = 0.2, 0.3, 0.06, 3.0, p["m"], p["h"], p["damping"]
-    along, arm = np.array([1 / R, -1.0]), m * h  # a wheel's angle against the body by way and pitch
-    M = np.array([[m + 2 * (wheel + J / R**2), arm], [arm, 12.0 + m * h**2]])
-    K = np.array([[0.0, 0.0], [0.0, -arm * G]])
-    x, pitch = np.linalg.solve(M * s**2 + 2 * c * s * np.outer(along, along) + K, along)
-    turning = 2.0 + 2 * (wheel * b**2 + 0.03 + J * (b / R) ** 2)
-    yaw = (b / R) / (turning * s + 2 * c * (b / R) ** 2)
-    return np.array([[pitch, pitch], [s * x, s * x], [-yaw, yaw]])
-
-
 def diff_drive(p: P, s: complex) -> Array:
     """Speed, yaw rate, swivel and mast of a robot: Jourdain's principle, with the caster's constraint."""
     R, rc, b, d, v, t, k = 0.1, 0.04, 0.2, 0.25, p["v"], p["t"], p["k"]
@@ -77,43 +65,6 @@ def diff_drive(p: P, s: complex) -> Array:
     return np.array([speed * both, against, swivel * against, roll * against, pitch * speed * both])
 
 
-def belt_gantry(p: P, s: complex) -> Array:
-    """x, y and the angles of two motors, with a spring and a damper along each path of the belt."""
-    paths = np.array([[1.0, 1.0, -p["r"], 0.0], [1.0, -1.0, 0.0, -p["r"]]])
-    M = np.diag([p["m_carriage"], p["m_carriage"] + p["m_bridge"], 2e-4, 2e-4])
-    law = p["k"] + 30.0 * s
-    q = np.linalg.solve(
-        M * s**2 + law * paths.T @ paths + s * np.diag([20.0, 40.0, 0, 0]), np.eye(4)[:, 2:]
-    )
-    return np.vstack([q[:2], -law * paths[0] @ q])
-
-
-def differential_wrist(p: P, s: complex) -> Array:
-    """Pitch and twist with motors at N (pitch + n twist) and N (pitch - n twist)."""
-    motors = p["N"] * np.array([[1.0, p["n"]], [1.0, -p["n"]]])
-    m, L, e, pitch = 0.3 + p["m"], 0.2, 0.03, p["pitch_0"]
-    M = np.diag([5e-4 + 0.5 * 0.04**2 + 2e-3 + m * (L**2 + e**2), 1e-3 + m * e**2])
-    weight = m * (L * np.sin(pitch) - e * np.cos(pitch)) + 0.5 * 0.04 * np.sin(pitch)
-    K = G * np.diag([weight, -m * e * np.cos(pitch)])
-    drive = (2e-5 * s**2 + 1e-4 * s) * motors.T @ motors
-    return np.asarray(np.linalg.solve(M * s**2 + drive + K, motors.T))
-
-
-def tower_crane(p: P, s: complex) -> Array:
-    """Slew and sway across the jib; trolley, sway along it, and the length of the rope below it."""
-    r, L, m, R = p["radius"], p["L"], p["m"], 0.3
-    load = np.array([r, L])
-    across = s**2 * (m * np.outer(load, load) + np.diag([3e6 + 20 + 400 * r**2, 0]))
-    across += np.diag([5e4 * s, m * G * L])
-    slew, sway_1 = np.linalg.solve(across, [1.0, 0.0])
-    aside, drum = np.array([1.0, -L, 0.0]), np.array([1.0, 0.0, 1.0]) / R  # trolley, sway, rope
-    along = s**2 * (m * (np.outer(aside, aside) + np.diag([0, 0, 1.0])) + np.diag([400.0, 0, 0]))
-    along += (40 * s**2 + 200 * s) * np.outer(drum, drum) + np.diag([300 * s, m * G * L, 0])
-    q = np.linalg.solve(along, np.array([[1.0, 0, 0], drum]).T)
-    none = np.zeros(2)
-    return np.array([[slew, *none], [0, *q[0]], [sway_1, *none], [0, *q[1]], [0, *q[2]]], dtype=complex)
-
-
 def lander(p: P, s: complex) -> Array:
     """Side, heave and pitch of a body on three feet, at the height of the ground; the weight tips it."""
     m, h, k, R, g = p["m"], p["h"], p["k"], 1.8, 3.71
@@ -126,9 +77,7 @@ def lander(p: P, s: complex) -> Array:
     return np.array([[x, 0.0], [0.0, z], [turn, 0.0], *carried])
 
 
-BY_HAND: Mapping[str, Callable[[P, complex], Array]] = {
-    f.__name__: f for f in (segway, diff_drive, belt_gantry, differential_wrist, tower_crane, lander)
-}
+BY_HAND: Mapping[str, Callable[[P, complex], Array]] = {f.__name__: f for f in (diff_drive, lander)}
 
 
 @pytest.mark.parametrize("name", BY_HAND)

@@ -1,4 +1,4 @@
-"""Springs, axial loads and closed loops against closed forms of textbooks."""
+"""Springs and axial loads against closed forms of textbooks."""
 
 from collections.abc import Sequence
 
@@ -24,9 +24,6 @@ def pin(name: str, parent: str, child: str, position: float | str = 0.0, **field
     return mbdlft.Revolute(
         name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
     )
-
-
-# springs and loads ---------------------------------------------------------------------------
 
 
 def string(length: float | str, parameters: Sequence[mbdlft.Parameter], **fields: object) -> mbdlft.Scene:
@@ -142,104 +139,3 @@ def test_flutter_load_of_the_column_of_ziegler() -> None:
     flutter = min(polynomial.roots().real)
     published(round(flutter, 3), "2.086")
     target(flutter, 3.5 - np.sqrt(2.0), CLOSED_FORM)
-
-
-# closed loops --------------------------------------------------------------------------------
-
-
-def test_parallelogram_is_a_pendulum() -> None:
-    """A pendulum of the inertia J = Jl + Jr + mc L^2 and the moment S = ml dl + mr dr + mc L.
-
-    J qdd = g sin(th) S q + u, held by u = g cos(th) S. The other angles are linear in that of the left
-    bar, so the loads of the closure add no stiffness.
-    """
-
-    def bar(name: str, length: str, mass: float | str, center: str) -> mbdlft.RigidBody:
-        return mbdlft.RigidBody(
-            name=name,
-            mass=mass,
-            center_of_mass=(0, center, 0),
-            inertia=mbdlft.Inertia(xx=0.1),
-            ports={"tip": (0, length, 0)},
-        )
-
-    scene = mbdlft.Scene(
-        name="parallelogram",
-        gravity=(0, 0, -GRAVITY),
-        parameters=[M, LENGTH, mbdlft.Angle("th", 40.0, low=15.0, high=80.0)],
-        bodies=[
-            mbdlft.Ground(ports={"right": (0, 1.5, 0)}),
-            bar("left", "L", 1.0, "0.5*L"),
-            bar("coupler", "1.5", "m", "0.6"),
-            bar("right", "L", 0.7, "0.3*L"),
-        ],
-        joints=[
-            pin("jl", "ground", "left", "th"),
-            pin("jc", "left.tip", "coupler", "-th", preload=0),
-            pin("jr", "ground.right", "right", "th", preload=0),
-        ],
-        loops=[
-            mbdlft.Loop(
-                name="pin", kind="revolute", parent="coupler.tip", child="right.tip", axis=(1, 0, 0)
-            )
-        ],
-        inputs=["jl.torque"],
-        outputs=["jl.angle", "jc.angle", "jr.angle"],
-    )
-    model = mbdlft.to_lft(scene, search=0.0)
-    v = values_of(model)
-    matrices, th, L, m = mbdlft.matrices_at(model, v), np.deg2rad(v["th"]), v["L"], v["m"]
-    J = 0.2 + (0.25 + 0.7 * 0.09) * L**2 + m * L**2
-    moment = (0.5 + 0.7 * 0.3 + m) * L
-    target(matrices.A[:, 1, 0], GRAVITY * np.sin(th) * moment / J, CLOSED_FORM)
-    target(matrices.B[:, 1, 0], 1 / J, CLOSED_FORM)
-    held = [signal.name for signal in model.trim.signals].index("jl.torque")
-    target(mbdlft.trim_at(model, v)[:, held], GRAVITY * np.cos(th) * moment, CLOSED_FORM)
-    angles = np.broadcast_to([[1.0, 0.0], [-1.0, 0.0], [1.0, 0.0]], (len(L), 3, 2))
-    target(matrices.C, angles, CLOSED_FORM)
-
-
-def test_slider_crank_under_load() -> None:
-    """Crank and rod of length L at 60 degrees, slider at y = 2 L cos(th) under a force F and a spring.
-
-    m y'^2 qdd + (k y'^2 - F y'') q = u,   y' = -2 L sin(th), y'' = -2 L cos(th),  u = -F y'.
-    """
-    rod = {"mass": 0.0, "inertia": mbdlft.Inertia(xx=0.0), "ports": {"tip": (0, "L", 0)}}
-    scene = mbdlft.Scene(
-        name="slider",
-        parameters=[M, LENGTH, K, mbdlft.Parameter("F", 30.0, percent=60, unit="N")],
-        bodies=[
-            mbdlft.RigidBody(name="crank", **rod),
-            mbdlft.RigidBody(name="rod", **rod),
-            mbdlft.PointMass(name="slider", mass="m"),
-        ],
-        joints=[
-            pin("jc", "ground", "crank", "60*deg"),
-            pin("jr", "crank.tip", "rod", "-120*deg", preload=0),
-            mbdlft.Prismatic(
-                name="rail",
-                parent="ground",
-                child="slider",
-                axis=(0, 1, 0),
-                position="L",
-                stiffness="k",
-                preload="F",
-            ),
-        ],
-        loops=[
-            mbdlft.Loop(name="pin", kind="revolute", parent="rod.tip", child="slider", axis=(1, 0, 0))
-        ],
-        inputs=["jc.torque"],
-        outputs=["jc.angle", "rail.position"],
-    )
-    model = mbdlft.to_lft(scene, search=0.0)
-    assert [signal.name for signal in model.states] == ["jc.angle", "jc.rate"]
-    v = values_of(model)
-    matrices, m, L = mbdlft.matrices_at(model, v), v["m"], v["L"]
-    slope, bend = -np.sqrt(3.0) * L, -L
-    stiffness = v["k"] * slope**2 - v["F"] * bend
-    target(matrices.A[:, 1, 0], -stiffness / (m * slope**2), CLOSED_FORM)
-    target(matrices.B[:, 1, 0], 1 / (m * slope**2), CLOSED_FORM)
-    target(matrices.C[:, 1, 0], slope, CLOSED_FORM)
-    held = [signal.name for signal in model.trim.signals].index("jc.torque")
-    target(mbdlft.trim_at(model, v)[:, held], -v["F"] * slope, CLOSED_FORM)
