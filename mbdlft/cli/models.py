@@ -210,13 +210,16 @@ def check(
     both = rooms.assembly.assembly(scene)
     equations = both.equations
     inputs, outputs = rooms.to_problem.choose_signals(scene, equations)
-    states = rooms.to_problem.choose_states(scene, both.exact, inputs, outputs).states
+    counts = {"bodies": len(scene.bodies), "joints": len(scene.joints)}
     point = problem.solve_trim(equations)
-    rooms.linearization.relinearize(
-        equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]])
-    )
     notes = _notes(scene, point.signals, point.values)
-    counts = {"bodies": len(scene.bodies), "joints": len(scene.joints), "states": len(states)}
+    if reason := rooms.to_problem.too_large(scene):  # its slopes would take as long
+        notes.append(f"It is too large to be linearized: {reason}")
+    else:
+        counts["states"] = len(rooms.to_problem.choose_states(scene, both.exact, inputs, outputs).states)
+        rooms.linearization.relinearize(
+            equations, inputs, outputs, np.array([[p.nominal for p in equations.parameters]])
+        )
     parameters = equations.parameters
     if as_json:
         data = {"parameters": parameters_data(parameters), "efforts": efforts_data(point)}

@@ -32,15 +32,22 @@ _MOST_FREEDOMS = 250  # of joints: 200 take two minutes and 1.2 GB
 _NOTHING = 1e-9  # of the largest effort in its unit, or of 1 N or 1 N m: what rounding leaves
 
 
+def too_large(scene: Scene) -> str:
+    """Why a scene has no linear model with its parameters left in, if it is too large for one."""
+    count = sum(len(joint.freedoms) for joint in scene.joints)
+    if count <= _MOST_FREEDOMS:
+        return ""
+    return (
+        f"its joints have {count} freedoms. {_MOST_FREEDOMS} take minutes and gigabytes, which grow with "
+        "the third power. Fix joints that do not move (moving=[...] of load_robot), or connect models of "
+        "parts of it."
+    )
+
+
 def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) -> Problem:
     """The linear relations of a scene around its equilibrium, parameters left in."""
-    count = sum(len(joint.freedoms) for joint in scene.joints)
-    if count > _MOST_FREEDOMS:
-        raise SceneError(
-            f"scene {scene.name!r}: its joints have {count} freedoms. {_MOST_FREEDOMS} take minutes and "
-            "gigabytes, which grow with the third power. Fix joints that do not move (moving=[...] of "
-            "load_robot), or connect models of parts of it."
-        )
+    if reason := too_large(scene):
+        raise SceneError(f"scene {scene.name!r}: {reason}")
     with stage("assemble"):
         both = assembly(scene)
         equations, exact = both.equations, both.exact

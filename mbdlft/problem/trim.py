@@ -159,10 +159,13 @@ def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
     if not matrix.size:
         return matrix
     symbols = physical_symbols(e.parameters)
-    slopes = relations_at_rest(e, symbols)[1]
-    sizes = term_sizes(ca.Function("slopes", [symbols.symbols], [slopes]), points)
-    rows, columns = matrix.shape[1:]
-    sizes = sizes.reshape(-1, columns, rows).transpose(0, 2, 1)
+    slopes = ca.sparsify(
+        relations_at_rest(e, symbols)[1]
+    )  # most entries are zero: of rows, a few are not
+    sizes = np.zeros(matrix.shape)
+    sizes[:, *slopes.sparsity().get_triplet()] = term_sizes(
+        ca.Function("slopes", [symbols.symbols], [slopes]), points
+    )
     return cleaned(matrix, np.maximum(sizes, np.max(np.abs(matrix), axis=1, keepdims=True)))
 
 

@@ -171,3 +171,14 @@ def test_too_little_memory(command, monkeypatch):
     monkeypatch.setattr("mbdlft.cli.commands.app", large)
     with says(MessageError, "there is too little memory: Unable to allocate 9 TiB"):
         command("show", "a.h5")
+
+
+def test_a_scene_that_is_too_large_is_checked_without_its_slopes(command, run, arm_file, monkeypatch):
+    """1,000 joints took more than 25 s and 2 GB, and then were called usable."""
+    monkeypatch.setattr("mbdlft.multibody.to_problem._MOST_FREEDOMS", 1)
+    monkeypatch.delattr("mbdlft.problem.linearization.relinearize")
+    code, out, _ = run("check", arm_file())
+    assert code == 0
+    assert "It is too large to be linearized: its joints have 2 freedoms" in " ".join(out.split())
+    with says(MessageError, "its joints have 2 freedoms. 1 take minutes"):
+        command("linearize", arm_file())

@@ -292,9 +292,10 @@ _LONG = 8.0  # times what is felt: changes of many terms cancel in part
 
 
 def term_sizes(tape: ca.Function, *points: Array) -> Array:
-    """Sizes (N, entries) of the dense result of a function if nothing cancelled: |a| + |b| for a + b.
+    """Sizes (N, entries) of the result of a function if nothing cancelled: |a| + |b| for a + b.
 
-    The arguments are columns, each (N, rows); the columns of a result stand one below the other. A root
+    The arguments are columns, each (N, rows); the columns of a result, without structural zeros, stand
+    one below the other. A root
     has the root of the size; another function of a number has the size of its own value.
 
     Along a chain of turned frames sizes grow by a factor for each turn, and rounding does not: where they
@@ -302,7 +303,7 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
     arithmetic: Vignes, Mathematics and Computers in Simulation 35, 1993).
     """
     arguments = [[_of_itself(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
-    values, sizes = np.empty((2, tape.numel_out(0), len(points[0])))
+    values, sizes = np.empty((2, tape.nnz_out(0), len(points[0])))
     for k, pair in enumerate(fold(tape, _SIZES, *arguments)[0]):
         values[k], sizes[k] = pair
     if np.any(sizes > _OUTGROWN * np.max(np.abs(values), axis=0, initial=0.0)):
@@ -325,7 +326,7 @@ def felt_terms(tape: ca.Function, *points: Array) -> Array:
     exact |= {"div": operator.truediv, **FUNCTIONS_OF_DOUBLES}
     table = rules(shaken, **{name: of(rule) for name, rule in exact.items()}, neg=operator.neg)
     arguments = [[shaken(x) for x in np.ascontiguousarray(columns.T)] for columns in points]
-    moved = np.empty((tape.numel_out(0), len(points[0])))
+    moved = np.empty((tape.nnz_out(0), len(points[0])))
     with np.errstate(all="ignore"):  # what is no number moves by nothing that is known
         for row, value in zip(moved, fold(tape, table, *arguments)[0], strict=True):
             row[:] = np.ptp(value, axis=0)
