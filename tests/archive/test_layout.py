@@ -222,23 +222,6 @@ def test_channels_are_sorted_and_counted(stored):
     )
 
 
-def test_map_gives_the_bounds(tmp_path):
-    save(tmp_path / "a.h5", models.turned_arm())
-    with h5py.File(tmp_path / "a.h5") as file:
-        p = file["models/turned_arm/parameters"]
-        divisor = {"half-angle": 2.0, "quarter-angle": 4.0}
-        roles, kinds = list(p["role"].asstr()), list(p["substitution"].asstr())
-        assert set(roles) == {"uncertain", "scheduled"}
-        assert set(kinds) == {"identity", *divisor}
-        for k, (b0, b1, a1) in enumerate(p["map"][()]):
-            for delta, bound in ((-1, "low"), (0, "nominal"), (1, "high")):
-                internal = physical = p[bound][k]
-                if kinds[k] in divisor:
-                    radians = np.deg2rad(physical) if p["unit"].asstr()[k] == "deg" else physical
-                    internal = np.tan((radians - p["reference"][k]) / divisor[kinds[k]])
-                roundoff((b0 + b1 * delta) / (1 + a1 * delta), internal, scale=1.0)
-
-
 def test_provenance(tmp_path):
     before = datetime.now(UTC) - timedelta(seconds=1)
     scene = scene_from_toml(models.ARM)
