@@ -26,7 +26,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "sweeps": (1,),
     "writers": (1,),
     "matrices": (1, 8, 12, 19, 22),
-    "expressions": range(15),
+    "expressions": range(30),
     "native": (1,),
     "programs": range(3),
     "cores": (0,),
