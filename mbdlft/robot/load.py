@@ -18,7 +18,7 @@ from mbdlft.base.description import Expected, Quantity
 from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError
 from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
-from mbdlft.base.worker import content_of
+from mbdlft.base.worker import arrays_of, content_of
 from mbdlft.multibody.body import Body, RigidBody
 from mbdlft.multibody.coupling import Linear, Mimic
 from mbdlft.multibody.joint import Joint
@@ -55,6 +55,7 @@ GRAVITY = (0.0, 0.0, -9.81)  # m/s^2, of files that do not say
 RIGHT_ANGLE = 1e-8  # rad: files give right angles with about ten digits
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
+_SECONDS = 10  # of the processor, to expand a xacro file: its expressions can ask for anything
 _ROUNDING = 1e-12  # a position may leave a limit by this part of it
 
 
@@ -138,26 +139,10 @@ def _expanded(file: Path) -> bytes:
             "xacro files are expanded by the package xacro, which is not installed: pip install "
             "'mbdlft[xacro]'."
         ) from None
-    read, folder = xacro.load_yaml, file.parent.resolve()
-
-    def below(name: str) -> Any:
-        if not Path(xacro.abs_filename_spec(name)).resolve().is_relative_to(folder):
-            raise SceneError(f"load_yaml reads files below {folder} only, got {name!r}")
-        return read(name)
-
-    try:
-        xacro.load_yaml = below
-        xacro._global_symbols = xacro.create_global_symbols()  # with the function above
-        return bytes(xacro.process_file(str(file)).toxml(encoding="utf-8"))
-    except Exception as error:  # expressions of the file raise what they like
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise SceneError(
-            f"xacro cannot expand it: {reason[:500]}. Files that it includes must be there; packages "
-            "that it finds with $(find ...) need the package index of ROS."
-        ) from None
-    finally:
-        xacro.load_yaml = read
-        xacro._global_symbols = xacro.create_global_symbols()
+    arguments = {"path": str(file)}
+    limits: dict[str, Any] = {"seconds": _SECONDS, "memory": 2**30, "error": SceneError}
+    made = arrays_of("mbdlft.robot.expanding:expanded", arguments, **limits, libraries=(xacro.__name__,))
+    return made["text"].tobytes()
 
 
 def _naming_its_file(load: Callable[_P, _R]) -> Callable[_P, _R]:

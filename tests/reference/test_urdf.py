@@ -314,6 +314,22 @@ def test_xacro_reads_yaml_below_its_folder(tmp_path: Path, name: str, is_read: b
         load_robot(file)
 
 
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ('<link name="${9**9**9}"/>', "did not end as it should"),
+        ("<link name=\"${'a'*10**10}\"/>", "xacro cannot expand it"),
+    ],
+)
+def test_xacro_that_asks_for_all_time_and_memory(
+    text: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xacro", reason="xacro files need the package xacro: '.[xacro]'")
+    monkeypatch.setattr("mbdlft.robot.load._SECONDS", 1)
+    with says(SceneError, "rods.xacro: ", why):
+        load_robot(file_of(tmp_path, "rods.xacro", XACRO.replace("<link", f"{text}<link", 1)))
+
+
 class Counted(str):
     """A name that counts how often it is compared."""
 
