@@ -11,62 +11,48 @@ INSIDE = "the nominal must lie strictly inside the range"
 
 test_messages = refused(
     r"""
-Parameter('m', 1, **{'unit': 'kg', **{'low': 3, 'high': 2}})
-    => parameter 'm': … low must be less than high, got low = 3.0 kg, high = 2.0 kg.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 1, 'high': 1}})
-    => parameter 'm': … low must be less than high, got low = 1.0 kg, high = 1.0 kg.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 2, 'high': 3}})
-    => parameter 'm': … the nominal must lie strictly inside the range, got nominal = 1.0, range [2.0,
-        3.0] kg.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 1, 'high': 3}})
-    => parameter 'm': … the nominal must lie strictly inside the range, got nominal = 1.0, range [1.0,
-        3.0] kg.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 0, 'high': 1}})
-    => parameter 'm': … the nominal must lie strictly inside the range, got nominal = 1.0, range [0.0,
-        1.0] kg.
-Parameter('m', 1, **{'unit': 'kg', **{'plus': 1, 'minus': -0.5}})
-    => parameter 'm': … the nominal must lie strictly inside the range, got nominal = 1.0, range [1.5,
-        2.0] kg.
-Parameter('m', 1, **{'unit': 'kg', **{}})
-    => parameter 'm': … give the range in exactly one way: low and high, percent, or plus (and minus);
-        got 0 of them.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 0, 'high': 2, 'percent': 10}})
-    => parameter 'm': … give the range in exactly one way: low and high, percent, or plus (and minus);
-        got 2 of them.
-Parameter('m', 1, **{'unit': 'kg', **{'plus': 1, 'percent': 10}})
-    => parameter 'm': … give the range in exactly one way: low and high, percent, or plus (and minus);
-        got 2 of them.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 0, 'percent': 10, 'minus': 1}})
-    => parameter 'm': … give the range in exactly one way: low and high, percent, or plus (and minus);
-        got 3 of them.
-Parameter('m', 1, **{'unit': 'kg', **{'minus': 1}}) => parameter 'm': … minus is given without plus.
-Parameter('m', 1, **{'unit': 'kg', **{'high': 2}}) => parameter 'm': … low is missing.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 0}}) => parameter 'm': … high is missing.
-Parameter('m', 1, **{'unit': 'kg', **{'low': 0, 'high': math.inf}})
-    => parameter 'm': … values must be finite, got nominal 1.0, low 0.0, high inf.
-Parameter('m', 1, **{'unit': 'kg', **{'low': math.nan, 'high': 2}})
-    => parameter 'm': … values must be finite
-Parameter('m', 1, **{'unit': 'kg', **{'percent': math.nan}}) => parameter 'm': … values must be finite
-Parameter('m', 1, **{'unit': 'kg', **{'percent': 10, 'role': 'known'}})
-    => parameter 'm': … role is one of uncertain, scheduled, design; got 'known'.
-Parameter('m', 1, **{'unit': 'kg', **{'percent': 10, 'substitution': 'third-angle'}})
-    => parameter 'm': … substitution is one of identity, half-angle, quarter-angle; got 'third-angle'.
+Parameter("m", 1, unit="kg") => SceneError: parameter 'm': … give the range in exactly one way: low and
+    high, percent, or plus (and minus); got 0 of them.
 Parameter("m", 0.0, percent=20) => parameter 'm': … percent
-Parameter('m', 1.0, 0.5, 2.0, unit=None) => parameter 'm': unit: expected a text, got None.
-Parameter('m', 1.0, 0.5, 2.0, unit=3) => parameter 'm': unit: expected a text, got 3.
-Parameter('m', 1.0, 0.5, 2.0, unit=['kg']) => parameter 'm': unit: expected a text, got ['kg'].
-Parameter('m', 1.0, 0.5, 2.0, role=None) => parameter 'm': role: expected a text, got None.
-Parameter('m', 1.0, 0.5, 2.0, role=3) => parameter 'm': role: expected a text, got 3.
-Parameter('m', 1.0, 0.5, 2.0, role=['kg']) => parameter 'm': role: expected a text, got ['kg'].
-Parameter('m', 1.0, 0.5, 2.0, substitution=None)
-    => parameter 'm': substitution: expected a text, got None.
-Parameter('m', 1.0, 0.5, 2.0, substitution=3) => parameter 'm': substitution: expected a text, got 3.
-Parameter('m', 1.0, 0.5, 2.0, substitution=['kg'])
-    => parameter 'm': substitution: expected a text, got ['kg'].
-Angle('t', 1.0, 0.5, 2.0, unit=None) => got None.
-Angle('t', 1.0, 0.5, 2.0, unit=[]) => got [].
-Angle('t', 1.0, 0.5, 2.0, substitution=None) => got None.
-Angle('t', 1.0, 0.5, 2.0, substitution=[]) => got [].
+> Parameter("m", 1, unit="kg", {}) => SceneError: parameter 'm':
+low=3, high=2 => low must be less than high, got low = 3.0 kg, high = 2.0 kg.
+low=1, high=1 => low must be less than high, got low = 1.0 kg, high = 1.0 kg.
+low=2, high=3 => the nominal must lie strictly inside the range, got nominal = 1.0, range [2.0, 3.0] kg.
+low=1, high=3 => the nominal must lie strictly inside the range, got nominal = 1.0, range [1.0, 3.0] kg.
+low=0, high=1 => the nominal must lie strictly inside the range, got nominal = 1.0, range [0.0, 1.0] kg.
+plus=1, minus=-0.5
+    => the nominal must lie strictly inside the range, got nominal = 1.0, range [1.5, 2.0] kg.
+low=0, high=2, percent=10
+    => give the range in exactly one way: low and high, percent, or plus (and minus); got 2 of them.
+plus=1, percent=10
+    => give the range in exactly one way: low and high, percent, or plus (and minus); got 2 of them.
+low=0, percent=10, minus=1
+    => give the range in exactly one way: low and high, percent, or plus (and minus); got 3 of them.
+minus=1 => minus is given without plus.
+high=2 => low is missing.
+low=0 => high is missing.
+low=0, high=math.inf => values must be finite, got nominal 1.0, low 0.0, high inf.
+low=math.nan, high=2 => values must be finite
+percent=math.nan => values must be finite
+percent=10, role='known' => role is one of uncertain, scheduled, design; got 'known'.
+percent=10, substitution='third-angle'
+    => substitution is one of identity, half-angle, quarter-angle; got 'third-angle'.
+> Parameter('m', 1.0, 0.5, 2.0, {}) => SceneError: parameter 'm':
+unit=None => unit: expected a text, got None.
+unit=3 => unit: expected a text, got 3.
+unit=['kg'] => unit: expected a text, got ['kg'].
+role=None => role: expected a text, got None.
+role=3 => role: expected a text, got 3.
+role=['kg'] => role: expected a text, got ['kg'].
+substitution=None => substitution: expected a text, got None.
+substitution=3 => substitution: expected a text, got 3.
+substitution=['kg'] => substitution: expected a text, got ['kg'].
+> Angle('t', 1.0, 0.5, 2.0, {}) => SceneError:
+unit=None => got None.
+unit=[] => got [].
+substitution=None => got None.
+substitution=[] => got [].
+> {} => SceneError:
 Parameter("m", 1.0, 0.5, 1.5, unit="kg", substitution="half-angle") => parameter 'm' … kg
 > Parameter({}, 1.0, percent=10) => SceneError:
 "" => parameter '': a name is made of letters, digits and underscores
