@@ -37,6 +37,7 @@ _SCENE_ENDS = (
 )
 _SINGULAR = 1e15  # condition of equations whose solution has no digit
 TOLERANCE = 1e-13  # of the integrators, relative and absolute: 1e-12 loses 1e-8 of an energy in 10 s
+_LARGEST = 1e100  # of inputs and states: from a torque of 1e300 CVODES does not move, and says nothing
 # Adams' formulas keep the energy of what is not damped 30 times better than backward differences at the
 # same cost; fast modes that are damped want the latter, which take over where these need so many steps
 _METHODS = (("adams", 20_000), ("bdf", 1_000_000))
@@ -102,11 +103,14 @@ def simulate(
         No consistent initial values; the integrator stops; a function of Theta leaves its range.
     """
     grid = np.asarray(times, dtype=float)
-    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0):
+    if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or grid[-1] == np.inf:
         raise SceneError("simulate: times are at least two increasing numbers.")
     if isinstance(model, Dae):
         model = reduce_index(model)
     asked = _Asked(grid, inputs or {}, parameters or {}, initial or {})
+    for name, values in {**asked.inputs, **asked.states}.items():
+        if not np.all(np.abs(np.asarray(values, dtype=float)) <= _LARGEST):
+            raise SceneError(f"simulate: {name!r}: expected finite numbers, up to {_LARGEST:g}.")
     if isinstance(model, Scene | LFTModel):
         m = _scene(model, asked) if isinstance(model, Scene) else _linear(model, asked)
         m = m if controller is None else _closed_by(m, as_system(controller))

@@ -57,6 +57,10 @@ test_messages = refused(
 "--input", "shoulder.torque=step:1@nan" => --input shoulder.torque=step:1@nan: expected NAME=number
 "--input", "shoulder.torque=inf" => --input shoulder.torque=inf: expected NAME=number
 "--input", "shoulder.torque=sine:1:nan" => --input shoulder.torque=sine:1:nan: expected NAME=number
+"--input", "shoulder.torque=sine:1e300:1"
+    => simulate: 'shoulder.torque': expected finite numbers, up to 1e+100.
+"--input", "shoulder.torque=1", "--amplitude", "1e300" => expected finite numbers, up to 1e+100.
+"--initial", "shoulder.rate=1e150" => simulate: 'shoulder.rate': expected finite numbers, up to 1e+100.
 "--input", "shoulder.torque=1", "--input", "shoulder.torque=2" => shoulder.torque is given twice
 > command("trim", arm_file(), "--set", "m3=5.0", "--set", {}) => MessageError:
 "m3=5" => --set m3=5: m3 is given twice.

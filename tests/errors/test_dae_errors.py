@@ -118,6 +118,9 @@ sector_bounds(delta_theta(example_2(), 'blocks').functions[0], -1.0, 1.0) => has
 sector_bounds(delta_theta(example_2()).functions[0]) => is not finite
 simulate(pendulum(0.6), [0.0, 1.0], initial={"x": 5.0}) => no consistent initial values
 > simulate(example_1(), {}) => SceneError:
+[0.0, np.inf] => times are at least two increasing numbers
+[0.0, 1.0], inputs={"u": np.nan} => 'u': expected finite numbers, up to 1e+100
+[0.0, 1.0], inputs={"u": [0.0, -1e300]} => 'u': expected finite numbers, up to 1e+100
 [0.0] => increasing
 [0.0, 0.0] => increasing
 [1.0, 0.0] => increasing
