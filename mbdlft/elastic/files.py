@@ -220,6 +220,8 @@ def _matrix_market(file: Path, limit: int) -> FiniteElements:
         if not words:
             continue
         try:
+            if any("_" in word or not word.isascii() for word in words):  # Python reads 1_0 as 10
+                raise ValueError
             number, place = int(words[0]), [float(word) for word in words[1:4]]
             components = [int(word) for word in words[4:]]
         except ValueError:

@@ -174,8 +174,8 @@ def _expected(count: int) -> str:
 
 def _finite(text: str, place: str, count: int) -> Sequence[float]:
     """The `count` finite numbers of a text."""
-    try:
-        values = [float(word) for word in text.split()]
+    try:  # Python reads 1_0 as 10, and digits of all scripts
+        values = [float(word) for word in text.split()] if text.isascii() and "_" not in text else []
     except ValueError:
         values = []
     if len(values) != count or not all(math.isfinite(value) for value in values):

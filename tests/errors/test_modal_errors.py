@@ -309,7 +309,7 @@ def test_files_of_matrices(tmp_path: Path) -> None:
     np.savez(tmp_path / "c.npz", **fields, **{"stiffness.column": [1], "stiffness.value": [1.0]})
     with says(mbdlft.StructureError, "c.npz: stiffness: expected the lower triangle"):
         mbdlft.load_matrices(tmp_path / "c.npz")
-    for line in ("1 0.0 0.0", "1 a b c 1", "1.5 0 0 0 1"):
+    for line in ("1_0 0 0 0 1", "1 0 0 0_1 1", "1 0.0 0.0", "1 a b c 1", "1.5 0 0 0 1"):
         (tmp_path / "d.nodes.txt").write_text(f"# nodes\n{line}\n")
         with says(mbdlft.StructureError, "d.nodes.txt, line 2: expected the number of a node", line):
             mbdlft.load_matrices(tmp_path / "d.mass.mtx")

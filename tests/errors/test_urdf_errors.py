@@ -27,6 +27,8 @@ ROBOT, '<robot xmlns:xacro="http://x"/>'
     => line 3: got <xacro:rail>. This is a xacro file … Expand it first
 'value="4"', 'value="${m}"' => <mass>, value: expected a finite number, got '${m}' … xacro
 'value="4"', 'value="nan"' => line 14: inertial of link 'carriage': <mass>, value: expected
+'value="4"', 'value="1_0"' => <mass>, value: expected a finite number, got '1_0'
+'value="4"', 'value="\u0661"' => <mass>, value: expected a finite number
 'value="4"', 'val="4"' => line 14 … <mass>, value: is missing; expected a finite number.
 '<mass value="4"/>', "" => line 13: inertial of link 'carriage': <mass> is missing.
 'value="4"', 'value="-4"' => crane.urdf: body 'carriage': mass [kg] is negative: -4.
