@@ -15,6 +15,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
 from mbdlft.show.report import content, page
+from mbdlft.show.viewer import stills
 from mbdlft.show.viewer.stills import scene_film, scene_picture
 from mbdlft.system.model import LFTModel
 from tests.close import PAGE, target
@@ -144,6 +145,18 @@ def test_names_in_still_pictures_cover_none(name: str) -> None:
     for k, (x, y, wide) in enumerate(boxes):
         for a, b, other in boxes[k + 1 :]:
             assert x + wide <= a or a + other <= x or abs(y - b) >= 11.0
+
+
+def test_names_of_many_loads_are_not_all_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Places for 1,000 names took a minute."""
+    monkeypatch.setattr(stills, "_MOST_NAMES", 3)
+    found = [
+        text.text
+        for text in ET.fromstring(scene_picture(scene("crane"))).iter()
+        if text.tag.endswith("text")
+    ]
+    assert len(found) == 4
+    assert re.fullmatch(r"and \d+ more", found[3] or "")
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ _AXIS, _FORCE, _TORQUE, _SENSOR, _GROUND = "#1f4f9f", "#c0501a", "#9a2a6a", "#10
 _GROUND_AXES = ("#c02020", "#208020", "#2040c0")
 _SIZE, _MARGIN = 300.0, 40.0  # of the drawing, and around it
 _LETTER, _LINE = 6.6, 12.0  # width of a letter, height of a line
+_MOST_NAMES = 200  # places for more take time that grows with the third power
 _NEAR = 11.0  # names that are further away from their point have a line to it
 _DIRECTIONS = (-0.25, 0.25, -0.75, 0.75, 0.0, 1.0, -0.5, 0.5, -0.12, 0.12, -0.88, 0.88)  # of pi
 _HALO = 'paint-order="stroke" stroke="white" stroke-width="2.5"'  # of letters, on what is behind
@@ -101,7 +102,9 @@ class _Sheet:
         """The names as texts of SVG, each where it covers no other, with a line to its point."""
         taken: list[_Box] = []
         drawn = []
-        for x, y, text, color in self.names:
+        shown, more = self.names[:_MOST_NAMES], self.names[_MOST_NAMES:]
+        shown += [(*name[:2], f"and {len(more)} more", name[3]) for name in more[:1]]
+        for x, y, text, color in shown:
             box = next(box for box in _around(x, y, _LETTER * len(text)) if not box.meets(taken))
             taken.append(box)
             self.ends += [(box.left + _MARGIN - 4.0, box.top), (box.right - _MARGIN + 4.0, box.bottom)]
