@@ -319,6 +319,8 @@ def linearize(
             _refuse_options(file, table_file, model_name, vary, at)
             start = time.perf_counter()
             scene = options.scene_in(file, model_name)
+            if output is not None:  # else it would be found after the work
+                rooms.archive.check_name(output, "model", scene.name)
             seconds = {"read": time.perf_counter() - start}
             model, stages, notes = _of_scene(scene, search, most_seconds, prove, show, truncate)
             seconds |= stages

@@ -116,6 +116,12 @@ def test_archive_that_cannot_be_written(command, arm_file, tmp_path, monkeypatch
     assert (tmp_path / "a.h5").read_text() == "not an archive"
 
 
+def test_a_name_that_no_archive_has_is_found_before_the_work(command, arm_file, monkeypatch):
+    monkeypatch.setattr("mbdlft.cli.models._of_scene", None)
+    with says(MessageError, "a.h5: 'a/b' cannot name a model"):
+        command("linearize", arm_file('name = "two_link_arm"', 'name = "a/b"'), "-o", "a.h5")
+
+
 def test_figure_that_cannot_be_written(command, arm_file, tmp_path):
     with says(MessageError, "a.abc: the figure cannot be written: "):
         command("linearize", arm_file(), "-o", "a.h5", "--plot", "a.abc")
