@@ -302,7 +302,7 @@ class Pair(NamedTuple):
     """Two deltas that do not both have their degree.
 
     `second_more` are the repetitions above its degree that the second needs if the first has none, and
-    the other way round. Both are at least 1. With y, x, h of `shared`, y e_first + x e_second >= h.
+    the other way round. Both are at least 1. For all y, x, h of `shared`, y e_first + x e_second >= h.
     `is_transposed` says whether it is proved for H or for its transpose.
     """
 
@@ -310,7 +310,7 @@ class Pair(NamedTuple):
     second: str
     first_more: int
     second_more: int
-    shared: tuple[int, int, int] = (1, 1, 1)
+    shared: tuple[tuple[int, int, int], ...] = ()
     is_transposed: bool = False
 
 
@@ -338,10 +338,10 @@ def least_more(
     if not (pairs or singles):
         return dict.fromkeys(names, 0)
     conditions: list[_Condition] = []
-    for first, second, first_more, second_more, (y, x, h), _ in pairs:
+    for first, second, first_more, second_more, shared, _ in pairs:
         conditions.append(({first: second_more, second: 1}, second_more))
         conditions.append(({first: 1, second: first_more}, first_more))
-        conditions.append(({first: y, second: x}, h))
+        conditions += [({first: y, second: x}, h) for y, x, h in shared]
     conditions += [({first: 1, second: 2, third: 2}, 2) for first, second, third, _ in triples]
     conditions += [(dict.fromkeys(three, 1), 1) for three in singles]
     return dict.fromkeys(names, 0) | _least_sum(conditions)
@@ -413,9 +413,8 @@ def _of_sum(
 def allows(pair: Pair, more: Mapping[str, int]) -> bool:
     """Whether a pair leaves these repetitions above the degrees possible."""
     first, second = more[pair.first], more[pair.second]
-    y, x, h = pair.shared
     one_has_none = (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
-    return one_has_none and y * first + x * second >= h
+    return one_has_none and all(y * first + x * second >= h for y, x, h in pair.shared)
 
 
 def excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:

@@ -13,6 +13,8 @@ from mbdlft.order.lower_bound import cannot_be_single, is_affine, is_constant, m
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work
 
+_FEW = 4  # deltas whose pairs are all looked at before triples
+
 
 class JointBound:
     """The bound by pairs and triples of deltas of one LFT, each once; residues are enough."""
@@ -20,7 +22,8 @@ class JointBound:
     def __init__(self, a: ExactLFT, degrees: Mapping[str, int]) -> None:
         self.a, self.degrees = a, degrees
         self._at_degree = {name for name, size in a.blocks if size == degrees[name]}
-        self._pairs: dict[tuple[str, str, bool], Pair | None] = {}
+        self._pairs: dict[tuple[str, str, bool], Pair] = {}
+        self._units: dict[tuple[str, str, bool], float] = {}  # that were too few for a look to its end
         self._triples: dict[Triple, bool] = {}
         self._singles: dict[tuple[str, ...], bool] = {}  # triples of which one is repeated
 
@@ -34,14 +37,15 @@ class JointBound:
         proved = []
         for side in (False, True):
             key = (first, second, side)
-            if key not in self._pairs and not work.is_over:
-                more = more_needed(self.a, first, second, self.degrees, work, is_transposed=side)
-                if all(more):
+            look = work.of_try(work.most)  # what is begun is not begun again
+            if look.left > self._units.get(key, 0.0) and not work.is_over:
+                more = more_needed(self.a, first, second, self.degrees, look, is_transposed=side)
+                self._units[key] = look.most if look.is_over else inf
+                if more[0]:
                     self._pairs[key] = Pair(first, second, *more, side)
-                elif not work.is_over:  # it was looked at to the end
-                    self._pairs[key] = None
-            proved.append(self._pairs.get(key))
-        return [pair for pair in proved if pair is not None]
+            if key in self._pairs:
+                proved.append(self._pairs[key])
+        return proved
 
     def of_all(self, work: Work, *, triples: bool = True, above: Collection[str] | None = None) -> int:
         """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows.
@@ -55,7 +59,7 @@ class JointBound:
         affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]
         while True:
             # only a pair or a triple that the repetitions contradict can raise the bound
-            for most in (0, inf) if triples else (0,):
+            for most in (0, inf) if triples or len(used) <= _FEW else (0,):
                 self._look_at(of_pairs, most, work)
             more = self._more()
             contradicted = excluding(more, self._proved()) if triples else ()
@@ -85,9 +89,9 @@ class JointBound:
                 if pair in looked_at or least or other > most or work.is_over:
                     continue
                 looked_at.add(pair)
-                before = len(self._proved())
-                self.pairs(*pair, work.of_try(work.most))  # what is begun is not begun again
-                if len(self._proved()) > before:
+                before = self._proved()
+                self.pairs(*pair, work)
+                if self._proved() != before:
                     more, is_new = self._more(), True
 
     @property
@@ -96,7 +100,7 @@ class JointBound:
         return sum(self.degrees.values()) + sum(self._more().values())
 
     def _proved(self) -> list[Pair]:
-        return [pair for pair in self._pairs.values() if pair is not None]
+        return list(self._pairs.values())
 
     def _more(self) -> dict[str, int]:
         triples = [triple for triple, is_proved in self._triples.items() if is_proved]

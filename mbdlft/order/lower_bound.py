@@ -9,9 +9,8 @@ not above the true one, so the bound is proved. (The residues are those of the h
 *Pairs.* Fix all deltas but a and b. What is left is H(a, b) with n_in columns, of McMillan degrees D_a
 and D_b. The pairs (u, y) of polynomials with y = H u are a vector bundle G on the product of two
 projective lines. From an LFT with D_a and D_b repetitions follows X = H^1(G(-1, -1)) = 0. So if
-h = dim X > 0 there is none: if a has D_a repetitions, b has at least D_b + h/kappa, where on every line
-b = const the pairs are generated in degree kappa of a at most. If products of X with x linear functions
-of a and y of b vanish in H^1(G(x - 1, y - 1)), h <= x e_b + y e_a for repetitions e above the degrees.
+h = dim X > 0 there is none. Let X_xy be the part of X whose products with x linear functions of a and y
+of b vanish in H^1(G(x - 1, y - 1)). For repetitions e above the degrees, dim X_xy <= x e_b + y e_a.
 
 *Triples.* One repetition of a more than D_a is a line bundle on a plane a = const. If X_ab has an element
 that is constant in c, and X_ac is not zero, it cannot be enough for both b and c to have their degree.
@@ -19,7 +18,7 @@ that is constant in c, and X_ac is not zero, it cannot be enough for both b and 
 *How X is computed.* For a value alpha of a, and polynomials u in the other deltas such that
 y = H(alpha, .) u is a polynomial of the same degrees, f = (H u - y)/(a - alpha) is a section of the sheaf
 of the columns of [H I]. Those of k values alpha span a space E. With b alone and u of a degree below
-l = D_b + 2, E is complete when it does not grow with the next value, and then k is at least kappa.
+l = D_b + 2, E is complete when it does not grow with the next value.
 X_j = H^1(G(-1, -j)) are the f with f and b^(l+j-1) f in E. In b alone H(alpha, .) is
 D + b C (I - b A)^-1 B, and y is a polynomial of a degree below l if and only if
 
@@ -39,7 +38,7 @@ Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest
 
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
-from itertools import permutations, takewhile
+from itertools import permutations
 from math import ceil
 from typing import NamedTuple
 
@@ -64,8 +63,8 @@ from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_resolvents, exact_solutions
 
 _EXTRA = 2  # samples more than needed
-_SURPLUS = 4  # dimensions of E above degree times coefficients, at first: h is rarely larger
-_OPEN = (0, 0, (0, 0, 0))
+_SURPLUS = 12  # dimensions of E above degree times coefficients, at first: h is rarely larger
+_OPEN = (0, 0, ())
 _LINE = 20_261_127  # where no line b = const is special
 _ROOM = 4  # times the points that were too few: as many more at once
 _REDUCED = 5e6  # operations of an LFT in a few deltas: some half a millisecond with the call
@@ -113,6 +112,9 @@ def at_random(a: ExactLFT, seed: int = 0) -> Residues:
 def _restricted(M: Residues, channels: Residues, n: int) -> Residues:
     """The rows and columns of some of n channels, and of the signals."""
     return np.asarray(M[np.ix_(np.r_[channels, n : M.shape[0]], np.r_[channels, n : M.shape[1]])])
+
+
+Shared = tuple[int, int, int]  # y, x, h: y e_first + x e_second >= h
 
 
 class _Function(NamedTuple):
@@ -163,41 +165,40 @@ class _Function(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """E: its echelon form (dimension, samples), pivots, the points of the samples, k values alpha."""
+    """E: its echelon form (dimension, samples), pivots, what each value alpha adds, with its pivots."""
 
     rows: Residues
     pivots: Sequence[int]
+    added: Sequence[tuple[Residues, Sequence[int]]]
+    samples: "_Samples"
+
+
+class _Samples(NamedTuple):
+    """Points, left sides, and left' H there."""
+
     points: Mapping[str, Residues]
-    k: int
+    directions: Residues
+    seen: Residues
 
 
 def more_needed(
     a: ExactLFT, first: str, second: str, degrees: Mapping[str, int], work: Work, *, is_transposed: bool
-) -> tuple[int, int, tuple[int, int, int]]:
+) -> tuple[int, int, tuple[Shared, ...]]:
     """Repetitions e that each of two deltas needs above its degree if the other has none, and y, x, h
-    with y e_first + x e_second >= h; zeros: open."""
+    with y e_first + x e_second >= h where one of each is not enough for that; zeros: open."""
     if work.is_over:
         return _OPEN
     H = _function(a, (first, second), work, is_transposed=is_transposed)
     if H.order == degrees[first] + degrees[second] or H.shape[1] <= 1:
         return _OPEN
-    of_first = _more(H, second, first, degrees)
-    of_second = _more(H, first, second, degrees) if of_first else None
-    if of_first is None or of_second is None:
-        return _OPEN
-    shared, y = (1, 1, 1), of_first.E.k
-    if y + of_second.E.k < of_second.h:  # one more of each is not enough
-        shared = _shared(H, first, second, degrees, of_second.E, y)
-    return of_first.more, of_second.more, shared
+    if degrees[second] <= degrees[first]:  # fewer powers cost less
+        return _both_more(H, first, second, degrees)
+    of_second, of_first, shared = _both_more(H, second, first, degrees)
+    return of_first, of_second, tuple((x, y, h) for y, x, h in shared)
 
 
 def is_constant(
-    a: ExactLFT,
-    names: tuple[str, str, str],
-    degrees: Mapping[str, int],
-    work: Work,
-    *,
-    is_transposed: bool,
+    a: ExactLFT, names: Sequence[str], degrees: Mapping[str, int], work: Work, *, is_transposed: bool
 ) -> bool:
     """Whether an obstruction of the first two deltas is found that is constant in the third."""
     if work.is_over:
@@ -206,9 +207,8 @@ def is_constant(
     H = _function(a, names, work, is_transposed=is_transposed)
     power = degrees[second] + 2
     E = _span(H, first, {second: power, third: 2}, degrees, 3)
-    if E is None:
-        return False
-    return _inside(E, H.prime, {second: power}, {third: 1}, {second: power, third: 1}) > 0
+    moves = {second: power}, {third: 1}, {second: power, third: 1}
+    return E is not None and _inside(E, H.prime, *moves) > 0
 
 
 def _function(a: ExactLFT, names: Sequence[str], work: Work, *, is_transposed: bool) -> _Function:
@@ -234,48 +234,92 @@ def _reduced(a: ExactLFT, names: tuple[str, ...]) -> tuple[Residues, Mapping[str
 
 
 class _More(NamedTuple):
-    """Repetitions of one delta above its degree if the other has none; E, and the dimension of X."""
+    """Repetitions of the second delta above its degree if the first has none; E, X (h, samples), and the
+    dimensions of X_xy for x = 1, 2, ... linear functions of the first and many of the second."""
 
     more: int
     E: _Span
-    h: int
+    X: Residues
+    vanishing: Sequence[int]
+
+
+def _both_more(
+    H: _Function, first: str, second: str, degrees: Mapping[str, int]
+) -> tuple[int, int, tuple[Shared, ...]]:
+    """`more_needed`, by one side if the other is too large: the second has not the larger degree."""
+    of_second = _more(H, first, second, degrees)
+    if of_second is None:
+        return _OPEN
+    of_first = _more(H, second, first, degrees)
+    if of_first is None:
+        shared = _shared(H, first, second, degrees, of_second, ())
+        more = max((ceil(h / y) for y, _, h in shared), default=1)
+    elif len(of_first.vanishing) <= len(of_second.vanishing):
+        shared, more = _shared(H, first, second, degrees, of_second, of_first.vanishing), of_first.more
+    else:
+        turned = _shared(H, second, first, degrees, of_first, of_second.vanishing)
+        shared, more = [(x, y, h) for y, x, h in turned], of_first.more
+    return more, of_second.more, tuple((y, x, h) for y, x, h in shared if h > x + y)
 
 
 def _more(H: _Function, first: str, second: str, degrees: Mapping[str, int]) -> _More | None:
-    """What the second delta needs if the first has its degree: h_j/kappa + j - 1; None: nothing."""
-    length = degrees[second] + 1
+    """What the second delta needs if the first has its degree: h_jx/x + j - 1; None: nothing."""
+    length, prime = degrees[second] + 1, H.prime
     E = _span(H, first, {second: length}, degrees, 1)
     if E is None:
         return None
-    obstructed = (_inside(E, H.prime, {second: length + j}) for j in range(_EXTRA + 1))
-    dimensions = list(takewhile(bool, obstructed))
-    if not dimensions or len(E.rows) - _inside(E, H.prime, {second: 1}) != degrees[first]:
+    lines, found = (E.samples.points[second] + _LINE) % prime, list[tuple[Residues, list[int]]]()
+    for j in range(_EXTRA + 1):
+        coefficients = null_space(_left(E, prime, {second: length + j}).T, prime).T
+        if not len(coefficients):
+            break
+        X = multiplied(coefficients, E.rows, prime)
+        moved = entrywise(X, powers_of(lines, length + j + 1, prime)[:, -1], prime)
+        found.append((X, _vanishing(H, E, moved)))
+    if not found or len(E.rows) - _inside(E, prime, {second: 1}) != degrees[first]:
         return None
-    return _More(max(ceil(h / E.k) + before for before, h in enumerate(dimensions)), E, dimensions[0])
+    more = (ceil(h / x) + j for j, (_, dims) in enumerate(found) for x, h in enumerate(dims, 1) if h)
+    return _More(max(more), E, *found[0])
+
+
+def _vanishing(H: _Function, E: _Span, X: Residues) -> list[int]:
+    """Dimensions of what of X is among the sections of 1, 2, ... values, until it is all of it."""
+    dimensions = list[int]()
+    for fresh, pivots in E.added:
+        X = (X - multiplied(X[:, pivots], fresh, H.prime)) % H.prime
+        H.work.add(exact_elimination(*X.shape))
+        dimensions.append(len(X) - rank(X, H.prime))
+        if dimensions[-1] == len(X):
+            break
+    return dimensions
 
 
 def _shared(
-    H: _Function, first: str, second: str, degrees: Mapping[str, int], E: _Span, y: int
-) -> tuple[int, int, int]:
-    """y, x, h with h <= y e_first + x e_second for all repetitions above the degrees, from some y on.
+    H: _Function, first: str, second: str, degrees: Mapping[str, int], found: _More, beside: Sequence[int]
+) -> list[Shared]:
+    """y, x, h with h <= y e_first + x e_second for all repetitions above the degrees.
 
-    The products of X with y linear functions of the second delta have to be among the sections of x
-    values of the first one that have y powers.
+    h are the dimensions of what of X, with y linear functions of the second delta, is among the sections
+    of x values of the first one that have y powers. With `beside`, what they are for y = 1, 2, ... and
+    many for x, what one of each is enough for is left out.
     """
-    length, prime, count = degrees[second] + 1, H.prime, E.rows.shape[1]
-    coefficients = null_space(_left(E, prime, {second: length}).T, prime).T
-    X = multiplied(coefficients, E.rows, prime)
-    factors = (E.points[second] + _LINE) % prime
-    for powers in range(1, length + 1):
-        X = entrywise(X, factors, prime)
-        if powers < y:
+    E, X, shared = found.E, found.X, list[Shared]()
+    factors = (E.samples.points[second] + _LINE) % H.prime
+    for y in range(1, degrees[second] + 1):
+        X = entrywise(X, factors, H.prime)
+        most = beside[min(y, len(beside)) - 1] if beside else 0
+        if beside and all(min(most, h) <= x + y for x, h in enumerate(found.vanishing, 1)):
             continue
-        found = _span(H, first, {second: powers}, degrees, 0, count)  # at the same points
-        if found is None:
+        sections = _span(H, first, {second: y}, degrees, 0, E.samples)
+        if sections is None:
             break
-        if not np.any((X - multiplied(X[:, found.pivots], found.rows, prime)) % prime):
-            return powers, found.k, len(X)
-    return 1, 1, 1
+        dimensions = _vanishing(H, sections, X)
+        for x, h in enumerate(dimensions, 1):
+            if h and all(h > c or x < b or y < a for a, b, c in shared):
+                shared.append((y, x, h))
+        if dimensions == found.vanishing:  # as with many for y
+            break
+    return shared
 
 
 def _span(
@@ -284,39 +328,36 @@ def _span(
     lengths: Mapping[str, int],
     degrees: Mapping[str, int],
     moves: int,
-    count: int = 0,
+    samples: _Samples | int = 0,
 ) -> _Span | None:
     """E of the polynomials u with so many powers of one delta, or of two, known at random points.
 
     There are as many points as E and its products with so many monomials can have dimensions, so that
-    independent functions have independent values. None if E is too large, or the work is over.
+    independent functions have independent values, or so many `samples`, or those of an E that is not
+    smaller. None if E is too large, or the work is over.
     """
-    (p, q), prime = H.shape, H.prime
-    second, *thirds = lengths
+    prime, (second, *thirds) = H.prime, lengths
     length, wide = lengths[second], lengths[thirds[0]] if thirds else 1
     coefficients = length * wide
-    if q * coefficients > _MOST_COEFFICIENTS[len(lengths)]:
+    if H.shape[1] * coefficients > _MOST_COEFFICIENTS[len(lengths)]:
         return None
-    random = np.random.default_rng(1)
-
-    def draw(*shape: int) -> Residues:
-        return random.integers(1, prime, shape, dtype=np.int64)
-
+    random = np.random.default_rng(2)
     # a polynomial of as many powers that has the values of H u at these nodes is H u
-    nodes = draw(wide + degrees[thirds[0]] + _EXTRA if thirds else 1)
+    nodes = random.integers(1, prime, wide + degrees[thirds[0]] + _EXTRA if thirds else 1)
     powers = powers_of(nodes, len(nodes), prime)
     modes = solved(powers, np.eye(len(nodes), dtype=np.int64), prime)
-    count = count or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
-    points = {name: draw(count) for name in (first, *lengths)}
-    directions = draw(count, p)
+    if isinstance(samples, int):
+        count = samples or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
+        samples = _sampled(H, (first, *lengths), count)
+    points, directions, seen = samples
     monomials = powers_of(points[second], length, prime)
     for third in thirds:
         monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
-    all_Hu = _outer(H.seen(points, directions), monomials, prime)
+    all_Hu = _outer(seen, monomials, prime)
     all_y = _outer(directions, monomials, prime)
-    E: Residues = np.zeros((0, count), dtype=np.int64)
-    pivots: list[int] = []
-    for k, alpha in enumerate(draw(2 * degrees[first] + 2).tolist()):
+    E: Residues = np.zeros((0, count := len(directions)), dtype=np.int64)
+    pivots, added = list[int](), list[tuple[Residues, Sequence[int]]]()
+    for alpha in random.integers(1, prime, 2 * degrees[first] + 2).tolist():
         if H.work.is_over:
             return None
         at = {first: np.full_like(nodes, alpha), **dict.fromkeys(thirds, nodes)}
@@ -333,10 +374,18 @@ def _span(
             needed = (1 + moves) * len(E) + _EXTRA
             if needed > count:  # E may be far larger than what there was room for
                 return _span(H, first, lengths, degrees, moves, needed + _ROOM * (needed - count))
-            return _Span(E, pivots, points, k)
+            return _Span(E, pivots, added, samples)
         E = np.vstack([(E - multiplied(E[:, more], fresh, prime)) % prime, fresh])
         pivots = [*pivots, *more]
+        added.append((fresh, more))
     return None
+
+
+def _sampled(H: _Function, names: Sequence[str], count: int) -> _Samples:
+    random = np.random.default_rng(1)
+    points = {name: random.integers(1, H.prime, count) for name in names}
+    directions = random.integers(1, H.prime, (count, H.shape[0]))
+    return _Samples(points, directions, H.seen(points, directions))
 
 
 def _polynomials(
@@ -415,7 +464,9 @@ def _left(E: _Span, prime: int, *moves: Mapping[str, int]) -> Residues:
     for move in moves:
         factors = np.ones(E.rows.shape[1], dtype=np.int64)
         for name, power in move.items():
-            factors = entrywise(factors, powers_of(E.points[name], power + 1, prime)[:, -1], prime)
+            factors = entrywise(
+                factors, powers_of(E.samples.points[name], power + 1, prime)[:, -1], prime
+            )
         differences = (factors[others] - factors[E.pivots, None]) % prime
         left.append(entrywise(E.rows[:, others], differences, prime))
     return np.hstack(left)

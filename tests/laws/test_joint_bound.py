@@ -300,7 +300,7 @@ pairs = st.lists(
         st.sampled_from(list(combinations("abcd", 2))),
         st.integers(1, 3),
         st.integers(1, 3),
-        st.tuples(st.integers(1, 2), st.integers(1, 2), st.integers(1, 4)),
+        st.lists(st.tuples(st.integers(1, 2), st.integers(1, 2), st.integers(1, 4)), max_size=2),
     ),
     max_size=4,
 )
@@ -386,8 +386,23 @@ def test_both_together_need_more_than_one_each() -> None:
     """Six matrices that share both parameters: one more of each is not enough."""
     a = small(reduce(stack_diagonal, (known(1.0, seed) for seed in range(6))))
     (pair,) = JointBound(a, exact_degrees(a)).pairs("L", "m", Work())
-    assert pair[2:5] == (6, 3, (1, 3, 6))
+    assert pair[2:5] == (6, 3, ((1, 3, 6), (2, 2, 6)))
     law_table(24, 27, a)
+
+
+@pytest.mark.parametrize("most", [600, 120])
+def test_a_part_can_need_more_than_the_whole(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Rows [L^2, L + m, L m] need one more each: without more L, four m, though three are enough for all.
+
+    With few coefficients one side alone is looked at.
+    """
+    monkeypatch.setattr(module, "_MOST_COEFFICIENTS", {1: most})
+    L, m = parameter("L", 0.375), parameter("m", 0.625)
+    row = stack_columns(L @ L, L + m, L @ m)
+    a = small(stack_diagonal(known(1.0, 0), row, row, row, row))
+    (pair,) = JointBound(a, exact_degrees(a)).pairs("L", "m", Work())
+    assert pair[2:5] == (5, 4, ((1, 2, 4), (1, 3, 5), (2, 1, 4), (2, 2, 5)))
+    law_table(16, 19, a)
 
 
 # where pairs prove one less than triples
@@ -439,6 +454,7 @@ def test_work_is_counted() -> None:
     assert counted.spent > 0.0
     joint = JointBound(a, degrees)
     assert joint.of_all(over) == 4
+    assert joint.of_all(Work(1e-4)) == 4  # cut off, and looked at again with more
     assert joint.of_all(counted) == 5 == joint.known
     spent = counted.spent
     assert joint.of_all(counted) == 5

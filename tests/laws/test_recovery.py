@@ -209,7 +209,7 @@ BOX = [Parameter(name, 2.0, 1.8, 2.2) for name in "abc"] + [
 
 
 def test_residues_of_no_fractions_are_not_lifted_for_long() -> None:
-    """55 primes were the most of 800 random matrices; those in vain are seconds."""
+    """55 primes were the most of 250 random matrices; those in vain are seconds."""
     random, used = np.random.default_rng(0), list[int]()
 
     def modulo(prime: int) -> np.ndarray:
