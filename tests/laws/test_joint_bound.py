@@ -405,6 +405,16 @@ def test_a_part_can_need_more_than_the_whole(monkeypatch: pytest.MonkeyPatch, mo
     law_table(16, 19, a)
 
 
+@pytest.mark.parametrize("most", [600, 265])
+def test_one_side_is_enough(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
+    """Six matrices and m^2, which needs no more; polynomials in m have more than 265 coefficients."""
+    monkeypatch.setattr(module, "_MOST_COEFFICIENTS", {1: most})
+    m = parameter("m", 0.625)
+    a = small(stack_diagonal(*(known(1.0, seed) for seed in range(6)), m @ m))
+    (pair,) = JointBound(a, exact_degrees(a)).pairs("L", "m", Work())
+    assert (*pair[2:4], *sorted(pair.shared)) == (6, 3, (1, 3, 6), (2, 2, 6))
+
+
 # where pairs prove one less than triples
 TWO_LETTERS = (32, 136, *(pytest.param(k, marks=pytest.mark.long) for k in (251, 536, 559, 627, 818)))
 
