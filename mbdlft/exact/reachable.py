@@ -280,7 +280,8 @@ class _Basis:
 
     def times(self, left: ExactMatrix, columns: NDArray[np.bool_]) -> ExactMatrix:
         """A matrix (m, n) times some columns, but for the rows of these that are not found."""
-        found = np.setdiff1d(np.arange(left.shape[1]), [*self.pivots, *self.unknown])
+        found = np.ones(left.shape[1], dtype=bool)
+        found[self.pivots] = found[self.unknown] = False
         return left[:, self.pivots[columns]] + left[:, found] @ self.balls[found][:, columns]
 
 
@@ -305,6 +306,7 @@ def _bases(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[Exa
             images = [
                 other.times(M[block, inner], columns)
                 for other, inner, columns in zip(bases, blocks, fresh, strict=True)
+                if columns.any()
             ]
             basis.vectors = stacked([[basis.vectors, *images]])
     return [basis.balls for basis in bases]
