@@ -8,8 +8,10 @@ The margin of robust stability is the largest k for which no Delta makes I - M(j
 With a full block that joins inputs and outputs, all blocks growing, it is that of robust performance; if
 this block alone grows, 1/k is the worst-case gain (skew mu: Fan, Tits, IEEE TAC 37, 1992).
 
-Multipliers are found at one frequency, and hold on an interval around it (`mbdlft.robust.mu.intervals`);
-the next frequency is one that no interval contains.
+Multipliers are found for a frequency and two beside it at once, and hold on an interval around it
+(`mbdlft.robust.mu.intervals`); the next frequency is one that no interval contains. Those of one
+frequency alone may hold on a narrow interval. The two are nearer or farther away as the last ones
+allowed; where they would be too near, a part of the box that may be cut resists.
 """
 
 from collections.abc import Iterable, Sequence
@@ -37,6 +39,10 @@ Complex = NDArray[np.complex128]
 _STEPS = 2000  # frequencies that are looked at, at most
 _LOOKS = 12  # frequencies around those of the poles
 _NARROW = 1e-10  # of a frequency: an interval below this is not cut again
+# logarithm of the ratio of frequencies with the same multipliers: at first, at least, and factors of it
+REACH, _LEAST_REACH, _NEARER, _FARTHER = 0.7, 0.1, 0.5, 2.0
+_TOO_FAR = 1.1  # a bound of mu from which on the least ratio is next
+_BEYOND = 100.0  # times the fastest pole: infinity instead, and 0 for what is as far below the slowest
 _SIZES = 40  # sizes that are tried for the largest one at a frequency
 _NOTHING = 1e-9  # of the largest size: less is nothing
 
@@ -155,13 +161,13 @@ def matrix_at(loop: Loop, omega: float) -> Complex:
 
 
 def inside(loop: Loop, M: Complex, low: Array, high: Array) -> tuple[Complex, Array]:
-    """The matrix (m, m) whose deltas of size 1 are those between the ends, and half sizes (m,).
+    """The matrix (..., m, m) whose deltas of size 1 are those between the ends, and half sizes (m,).
 
     With w = c z + v, z = (I - M c)^-1 M v.
     """
     center, half = (0.5 * (low + high))[loop.owner], (0.5 * (high - low))[loop.owner]
     if np.any(center):
-        M = np.asarray(np.linalg.solve(np.eye(len(M)) - M * center, M), dtype=complex)
+        M = np.asarray(np.linalg.solve(np.eye(len(center)) - M * center, M), dtype=complex)
     return half[:, None] * M, half
 
 
@@ -186,6 +192,7 @@ class Cover(NamedTuple):
     last: Multipliers | None  # where another search may start: G is over the squares of half sizes
     peak: float  # where the size is smallest (rad/s); NaN if nothing was looked at
     work: float
+    reach: float = REACH  # logarithm of the ratio of frequencies for which multipliers were looked for
 
 
 class Part(NamedTuple):
@@ -198,26 +205,30 @@ class Part(NamedTuple):
     start: Multipliers | None  # as `last` of a `Cover`
     work: float  # units that may be used
     tolerance: float  # of the bounds of mu
+    may_be_cut: bool = False  # rather than to have multipliers of one frequency alone
+    reach: float = REACH  # as that of a `Cover`
 
 
 def covered(loop: Loop, box: Part) -> Cover:
     """Prove a part of the box at the frequencies that are open, until one resists."""
-    first, todo = first_frequencies(loop.channels.A), list(box.todo)
+    first, todo, poles = first_frequencies(loop.channels.A), list(box.todo), _poles(loop.channels.A)
     extent, cost = extent_of(loop, box.low, box.high), cost_at(loop)
     kept: list[tuple[Interval, Multipliers]] = []
-    last, used, at, beta = box.start, 0.0, np.nan, 0.0
+    last, reach, used, at, beta = box.start, box.reach, 0.0, np.nan, 0.0
     for _ in range(_STEPS):
         if not todo or used + cost > box.work:
             break
         low, high = todo.pop()
         omega = box.at if low < box.at < high else middle(low, high, first)
-        used += cost
+        beside, far = _beside(omega, low, high, poles, reach)
+        used += cost * (2 + len(beside)) / 3.0
         tell(used)
-        M, half = inside(loop, matrix_at(loop, omega), box.low, box.high)
+        M = np.array([matrix_at(loop, w) for w in beside])
+        M, half = inside(loop, M, box.low, box.high)
         interval = None
         for start in (last, None):  # from the beginning: those of far frequencies may be extreme
-            last, multipliers = _found(M, half, loop.structure, start, box.tolerance)
-            beta = last.beta
+            near, multipliers = _found(M, half, loop.structure, start, box.tolerance)
+            beta = near.beta
             if beta > 1.0:
                 break
             interval = interval_around(loop.channels, multipliers, omega, extent)
@@ -225,14 +236,43 @@ def covered(loop: Loop, box: Part) -> Cover:
                 break
             interval = None
         if interval is None:
-            at = omega
-            beta = beta if beta > 1.0 else 0.0
             todo.append((low, high))
+            tried = min(reach, far)
+            if tried > _LEAST_REACH:
+                reach = max(_LEAST_REACH, _NEARER * tried if beta < _TOO_FAR else 0.0)
+                continue
+            if reach and not box.may_be_cut:
+                reach = 0.0
+                continue
+            last, at, beta = near, omega, beta if beta > 1.0 else 0.0
             break
+        last, reach = near, reach if far < reach else max(reach, _LEAST_REACH) * _FARTHER
         kept.append((interval, multipliers))
         todo += [(a, b) for a, b in ((low, interval.low), (interval.high, high)) if b > a]
     ends = tuple(interval for interval, _ in kept), tuple(multipliers for _, multipliers in kept)
-    return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used)
+    return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used, reach)
+
+
+def _poles(A: Array) -> Complex:
+    return eigenvalues_of(A) if len(A) else np.zeros(0, dtype=complex)
+
+
+def _beside(omega: float, low: float, high: float, poles: Complex, reach: float) -> tuple[Array, float]:
+    """A frequency between two ends with those beside it, and how far away the farther one is.
+
+    Ratios are measured by how near the next pole is: beside it, a loop changes within its distance.
+    """
+    if not reach:
+        return np.array([omega]), 0.0
+    near = min(1.0, float(np.min(np.abs(1j * omega - poles), initial=omega)) / omega)
+    a, b = omega * np.exp(-reach * near), omega * np.exp(reach * near)
+    sizes = np.abs(poles[poles != 0.0])
+    if len(sizes):
+        a, b = (0.0 if a * _BEYOND < np.min(sizes) else a), (np.inf if b > _BEYOND * np.max(sizes) else b)
+    ends = max(a, low), min(b, high)
+    ratios = [omega / end if end < omega else end / omega for end in ends if 0.0 < end < np.inf]
+    far = max((float(np.log(ratio)) / near for ratio in ratios), default=reach)
+    return np.unique([ends[0], omega, ends[1]]), min(far, reach)
 
 
 def shrunk(loop: Loop, largest: float, gap: float, work: float) -> Cover:
@@ -310,6 +350,14 @@ def largest_size(
     return low, best
 
 
+def bound_of(
+    loop: Loop, M: Complex, ends: tuple[Array, Array], start: Multipliers, tolerance: float
+) -> float:
+    """Nearly the least bound of mu of a part of the box, from multipliers of one around it."""
+    inner, half = inside(loop, M, *ends)
+    return _found(inner, half, loop.structure, start, tolerance, enough=0.0)[0].beta
+
+
 def _found(
     M: Complex,
     half: Array,
@@ -321,7 +369,9 @@ def _found(
     """Multipliers of a matrix whose rows were multiplied by half sizes: for size 1, and as they are."""
     if start is not None:
         start = start._replace(G=start.G * half[:, None])
-    multipliers = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
+    multipliers = upper_bound(
+        M.reshape(-1, *M.shape[-2:]), structure, start=start, tolerance=tolerance, enough=enough
+    )
     positive = np.where(half > 0.0, half, 1.0)
     unit = multipliers._replace(G=multipliers.G / positive[:, None])
     return unit, multipliers._replace(beta=1.0, G=multipliers.G * half[:, None])

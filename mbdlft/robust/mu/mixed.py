@@ -6,7 +6,7 @@ only, that move a pole to the axis. A gain is one over such a size.
 
 No model of a part of the box has a pole on the axis, or is singular, if multipliers prove so on intervals
 that cover all frequencies. A part on which they do not suffice is cut along the parameter for which the
-bounds of both halves, with the multipliers of the part, are smallest. A half inherits the intervals of
+bounds of both halves are smallest. A half inherits the intervals of
 its part: only frequencies that are open are looked at again. Parts cover the box, which is connected, and
 its middle is stable: so is all of it. (Branch and bound for mu: Newlin, Young, Int. J. Robust and
 Nonlinear Control 7, 1997; here parts have intervals of frequency in place of one frequency.) Parts are
@@ -14,7 +14,6 @@ tried in batches that do not depend on how many processes there are.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -42,10 +41,11 @@ from mbdlft.robust.bisect.search import (
 from mbdlft.robust.evidence import Bounds, Interval, IntervalProof, Multipliers
 from mbdlft.robust.mu.coverage import (
     GAIN,
-    Complex,
     Cover,
     Loop,
     Part,
+    bound_of,
+    cost_at,
     covered,
     covers,
     ends_of,
@@ -58,16 +58,16 @@ from mbdlft.robust.mu.coverage import (
     shrunk,
 )
 from mbdlft.robust.mu.intervals import holds, interval_around
-from mbdlft.robust.mu.multipliers import best_square, fits
+from mbdlft.robust.mu.multipliers import energies_of, fits
 from mbdlft.robust.mu.small_delta import SmallDelta, best_near, by_name, changes, first_reached, nothing
 from mbdlft.robust.realization import realization
 from mbdlft.system.conversion import positions_of
 
 _BATCH = 8  # parts at a time, whatever the number of workers: results do not depend on it
 _SMALLEST = 2.0**-16  # of the box: a part of this size is not cut again
-_FACTORS = (1.0, 2.0, 4.0)  # of D of a parameter that is cut
 _TOLERANCE = 0.02  # of bounds of mu that decide whether a part is cut
 _ROUGH = 3  # parts one in the other at which rounding may fail
+_CANDIDATES, _IDLE = 4, 0.05  # parameters whose halves are tried; less of the largest part: not tried
 _OFTEN = 4  # batches from one to the next that is looked at for a counterexample
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
@@ -114,35 +114,36 @@ def attempt(
     with one, its `upper` is k or less.
     """
     low, high = ends_of(loop, k)
-    waiting = [_Node(Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE))]
+    real = _real(loop)
+    whole = Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE, bool(np.any(real)))
+    waiting = [_Node(whole)]
     covers: dict[tuple[int, ...], tuple[Cover, int]] = {}
     used, batches, widths = 0.0, 0, high - low
-    real = np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
     while waiting:
         if used > work:
             box = waiting[-1].box
             return Attempt(None, box.low, box.high, box.at, used, state)
         batch, waiting = waiting[-_BATCH:], waiting[:-_BATCH]
         with after(used):
-            covers_of = crew(covered, [(loop, node.box) for node in batch])
-        for node, cover in zip(batch, covers_of, strict=True):
-            used += cover.work
-            covers[node.path] = cover, -1
-        resisting = [pair for pair in zip(batch, covers_of, strict=True) if pair[1].todo]
+            looks: list[_Look] = crew(_looked_at, [(loop, node, widths) for node in batch])
+        for node, look in zip(batch, looks, strict=True):
+            used += look.work
+            covers[node.path] = look.cover, look.axis
+        resisting = [(node, look) for node, look in zip(batch, looks, strict=True) if look.cover.todo]
         if not resisting:
             continue
-        (box, _, _), cover = max(resisting, key=lambda pair: pair[1].beta)
+        (box, _, _), (cover, *_) = max(resisting, key=lambda pair: pair[1].cover.beta)
         if batches % _OFTEN == 0:
             state = reach(state, 0.5 * (box.low + box.high)[real], cover.at)
             if state.upper <= k:
                 return Attempt(None, box.low, box.high, cover.at, used, state)
         batches += 1
-        for node, cover in resisting:
-            axis = _cut(loop, node, cover, real, widths)
+        for node, (cover, axis, _) in resisting:
             if axis < 0:
                 return Attempt(None, node.box.low, node.box.high, cover.at, used, state)
-            covers[node.path] = cover, axis
-            inherited = node.box._replace(todo=cover.todo, at=cover.at, start=cover.last)
+            inherited = node.box._replace(
+                todo=cover.todo, at=cover.at, start=cover.last, reach=cover.reach
+            )
             rough = node.rough + (not cover.beta > 1.0)
             halves = [
                 _Node(inherited._replace(low=a, high=b), (*node.path, side), rough)
@@ -152,32 +153,45 @@ def attempt(
     return Attempt([covers[path] for path in sorted(covers)], low, high, np.nan, used, state)
 
 
-def _cut(loop: Loop, node: _Node, cover: Cover, real: NDArray[np.bool_], widths: Array) -> int:
-    """The parameter along which a part is cut; -1 if there is none."""
-    box, width = node.box, node.box.high - node.box.low
-    fits_in = np.flatnonzero(real & (width > _SMALLEST * widths))
-    is_rough = not cover.beta > 1.0 and node.rough >= _ROUGH
-    if not len(fits_in) or np.isnan(cover.at) or cover.last is None or is_rough:
-        return -1
-    if len(fits_in) == 1 or not cover.beta > 1.0:
-        return int(fits_in[np.argmax((width / widths)[fits_in])])
-    M, bounds_of_cuts = matrix_at(loop, cover.at), []
-    for axis in fits_in:
-        both = _cut_in_two(box.low, box.high, int(axis))
-        bounds = [_bound(loop, M, low, high, cover.last, int(axis)) for low, high in both]
-        bounds_of_cuts.append(max(bounds) + 1e-9 * min(bounds))
-    return int(fits_in[int(np.argmin(bounds_of_cuts))])
+class _Look(NamedTuple):
+    """What multipliers prove of a part, and where it is cut, if anywhere; -1: nowhere."""
+
+    cover: Cover
+    axis: int
+    work: float
 
 
-def _bound(loop: Loop, M: Complex, low: Array, high: Array, known: Multipliers, axis: int) -> float:
-    """A bound of mu^2 of a part, with multipliers of the one that it is a half of."""
-    scaled_M, half = inside(loop, M, low, high)
-    best = np.inf
-    for factor in _FACTORS:
-        weight = np.where(loop.owner == axis, factor, 1.0)
-        with suppress(np.linalg.LinAlgError):
-            best = min(best, best_square(scaled_M, weight[:, None] * known.D, known.G * half))
-    return best
+def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
+    """The cover of a part, and the parameter along which it is cut where it resists.
+
+    That is the one for which the larger bound of both halves is least, of those with the largest parts in
+    the bound: these parts tell what has no effect, but not what halves at a corner of the box have.
+    """
+    box, cover, real = node.box, covered(loop, node.box), _real(loop)
+    width = box.high - box.low
+    axes = np.flatnonzero(real & (width > _SMALLEST * widths))
+    is_rough = not cover.beta > 1.0
+    if not (cover.todo and len(axes)) or np.isnan(cover.at) or (is_rough and node.rough >= _ROUGH):
+        return _Look(cover, -1, cover.work)
+    assert cover.last is not None, "a part that resists has been looked at"
+    if len(axes) == 1 or is_rough:
+        return _Look(cover, int(axes[np.argmax((width / widths)[axes])]), cover.work)
+    M = matrix_at(loop, cover.at)
+    inner, half = inside(loop, M, box.low, box.high)
+    energies = energies_of(inner, cover.last.D, cover.last.G * half[:, None])
+    by_block = np.bincount(loop.owner, energies, len(loop.blocks))
+    axes = axes[np.argsort(-by_block[axes])][:_CANDIDATES]
+    axes = axes[by_block[axes] > _IDLE * by_block[axes[0]]]
+    bounds = list[float]()
+    for axis in axes if len(axes) > 1 else ():
+        halves = _cut_in_two(box.low, box.high, int(axis))
+        bounds.append(max(bound_of(loop, M, ends, cover.last, box.tolerance) for ends in halves))
+    work = cover.work + 2 * len(bounds) * cost_at(loop)
+    return _Look(cover, int(axes[np.argmin(bounds) if bounds else 0]), work)
+
+
+def _real(loop: Loop) -> NDArray[np.bool_]:
+    return np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:

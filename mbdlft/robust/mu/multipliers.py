@@ -17,10 +17,12 @@ Algebra and its Applications 188 (1993); Newton's method: Boyd, Vandenberghe, Co
 """
 
 from collections.abc import Sequence
+from itertools import pairwise, product
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.linalg import LinAlgError, eigh
 
 from mbdlft.base.array import Array
@@ -38,6 +40,8 @@ _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search star
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
 _NOTHING = 1e-8  # of M: below that mu is nothing, and the forms are singular to doubles
+_PAIR = 600  # products of entries that take as long as a pair of blocks
+_JUST_ABOVE = 1.001  # times a bound: where F is not singular yet
 _SHRINK = 40  # halvings of a step, to 1e-12
 
 
@@ -45,11 +49,12 @@ class Structure(NamedTuple):
     """The unknown entries of X for blocks, which zeros in M have made square."""
 
     size: int  # of M
+    sizes: tuple[int, ...]  # of the blocks
     rows: NDArray[np.int64]  # (n_entries,): places of the entries of X inside blocks
     columns: NDArray[np.int64]
     # (2 n_entries, m): real and imaginary parts of these entries, of each unknown; None: they are the
     # unknowns
-    basis: Array | None
+    basis: Any
     inputs: NDArray[np.int64]  # where the rows of M go
     outputs: NDArray[np.int64]  # where its columns go
     real: NDArray[np.bool_]  # (size,): whether a channel belongs to a real block
@@ -79,6 +84,7 @@ def structure_of(blocks: Sequence[Block]) -> Structure:
     basis = None if all(kind == "real" for kind, _, _ in kinds) else _basis(kinds, count)
     return Structure(
         start,
+        tuple(size for _, _, size in kinds),
         np.concatenate([*rows, none]),
         np.concatenate([*columns, none]),
         basis,
@@ -88,7 +94,7 @@ def structure_of(blocks: Sequence[Block]) -> Structure:
     )
 
 
-def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
+def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Any:
     """Columns of real and imaginary parts of entries, one for each real unknown."""
     basis = []
 
@@ -112,7 +118,7 @@ def _basis(kinds: Sequence[tuple[str, int, int]], count: int) -> Array:
                 for j in range(i):
                     add((int(at[i, j]), 1.0), (int(at[j, i]), 1.0))
                     add((count + int(at[i, j]), 1.0), (count + int(at[j, i]), -1.0))
-    return np.array(basis).T.reshape(2 * count, -1)
+    return sparse.csr_array(np.array(basis).reshape(-1, 2 * count).T)
 
 
 def fits(multipliers: Multipliers, blocks: Sequence[Block]) -> bool:
@@ -152,13 +158,13 @@ def upper_bound(
     tolerance: float = 1e-4,
     enough: float = 0.0,
 ) -> Multipliers:
-    """Multipliers with nearly the smallest beta for M (n, n), made square.
+    """Multipliers with nearly the smallest beta for matrices M (k, n, n), made square: of all at once.
 
-    The search starts from those of a matrix near to this one, and ends within a relative tolerance of
+    The search starts from those of matrices near to these, and ends within a relative tolerance of
     beta, or at one that is small enough.
     """
     n = structure.size
-    size = float(np.linalg.norm(M, 2)) if n else 0.0
+    size = float(np.max(np.linalg.norm(M, 2, axis=(1, 2)))) if n else 0.0
     X: Complex = np.eye(n, dtype=complex)
     D: Complex = X
     G: Complex = 0.0 * X
@@ -195,12 +201,12 @@ def upper_bound(
 
 def _ahead(M: Complex, beta: float, X: Complex, structure: Structure) -> tuple[float, Complex, Complex]:
     """The best beta^2 on the tangent of the path of centers, and D and G there."""
-    U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
+    U, V = M - beta * np.eye(len(X)), M + beta * np.eye(len(X))
     P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
-    turn = 0.5 * (X @ V - U.conj().T @ X)
-    turn = turn + turn.conj().T
-    PU, VP = P @ U.conj().T, V @ P
-    move, _ = _newton_step(U, V, P, R, structure, PU - VP @ turn @ PU - VP)
+    turn = 0.5 * (X @ V - _adjoint(U) @ X)
+    turn = turn + _adjoint(turn)
+    PU, VP = P @ _adjoint(U), V @ P
+    move, _ = _newton_step(U, V, P, R, structure, np.sum(PU - VP @ turn @ PU - VP, axis=0))
     D, G = _parts(X, beta)
     smallest = (best_square(M, D, G), D, G)
     length = beta - float(np.sqrt(max(smallest[0], 0.0)))
@@ -223,39 +229,55 @@ def _parts(X: Complex, beta: float) -> tuple[Complex, Complex]:
 
 
 def best_square(M: Complex, D: Complex, G: Complex) -> float:
-    """The smallest beta^2 that D and G prove."""
+    """The smallest beta^2 that D and G prove of all matrices M (k, n, n)."""
     GM = 1j * G @ M
-    A = M.conj().T @ D @ M + GM + GM.conj().T
-    return float(eigh(0.5 * (A + A.conj().T), D, eigvals_only=True, check_finite=False)[-1])
+    half = 0.5 * _adjoint(M) @ D @ M + GM
+    squares = half + _adjoint(half)
+    return max(float(eigh(A, D, eigvals_only=True, check_finite=False)[-1]) for A in squares)
+
+
+def energies_of(M: Complex, D: Complex, G: Complex) -> Array:
+    """Parts (n,) of channels in the beta of M (n, n) with multipliers: what smaller deltas take off it.
+
+    To first order, log beta^2 falls by the part of a channel in their sum, times the logarithm by which
+    |z|^2 falls there: z'D z of the w that make F nearly singular, with weights that are a dual solution.
+    """
+    beta = float(np.sqrt(max(best_square(M[None], D, G), _NOTHING**2))) * _JUST_ABOVE
+    eye = np.eye(len(M))
+    P = np.linalg.inv(_form((M - beta * eye)[None], (M + beta * eye)[None], D - 1j * G / beta)[0])
+    return np.asarray(np.diagonal(D @ M @ P @ _adjoint(M)).real)
+
+
+def _adjoint(M: Complex) -> Complex:
+    return np.asarray(np.conj(np.swapaxes(M, -1, -2)))
 
 
 def _form(U: Complex, V: Complex, X: Complex) -> Complex:
-    """S = -(U'X V + V'X'U)/2."""
-    half = U.conj().T @ X @ V
-    return -0.5 * (half + half.conj().T)
+    """S = -(U'X V + V'X'U)/2 of each matrix (k, n, n)."""
+    half = _adjoint(U) @ X @ V
+    return -0.5 * (half + _adjoint(half))
 
 
 def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL) -> Complex:
-    """Minimum of tr (X + X')/2 - log det S(X) - log det(X + X') from an X where both are positive.
+    """Minimum of tr (X + X')/2 - sum log det S(X) - log det(X + X') from an X where all are positive.
 
     A little of |X|^2 keeps parts bounded that do nothing.
     """
-    U, V = M - beta * np.eye(len(M)), M + beta * np.eye(len(M))
+    U, V = M - beta * np.eye(len(X)), M + beta * np.eye(len(X))
 
     def objective(X: Complex) -> float:
         try:
-            a = np.linalg.cholesky(_form(U, V, X))
-            b = np.linalg.cholesky(X + X.conj().T)
+            factors = np.linalg.cholesky(np.concatenate([_form(U, V, X), (X + X.conj().T)[None]]))
         except np.linalg.LinAlgError:
             return np.inf
-        logs = np.log(np.diagonal(a).real) + np.log(np.diagonal(b).real)
+        logs = np.log(np.diagonal(factors, axis1=1, axis2=2).real)
         size = float(np.trace(X).real) + 0.5 * small * float(np.sum(np.abs(X) ** 2))
         return size - 2.0 * float(np.sum(logs))
 
     value = objective(X)
     for _ in range(_NEWTON if np.isfinite(value) else 0):
         P, R = np.linalg.inv(_form(U, V, X)), np.linalg.inv(X + X.conj().T)
-        gradient = V @ P @ U.conj().T - 2.0 * R + np.eye(len(M)) + small * X.conj().T
+        gradient = np.sum(V @ P @ _adjoint(U), axis=0) - 2.0 * R + np.eye(len(X)) + small * X.conj().T
         move, fall = _newton_step(U, V, P, R, structure, gradient, small)
         length = 1.0 if fall < 0.5 else 1.0 / (1.0 + np.sqrt(fall))
         for _ in range(_SHRINK):
@@ -272,15 +294,46 @@ def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: fl
     return X
 
 
-def _curvature(c: Complex, uu: Complex, vv: Complex, i: NDArray[np.int64], j: NDArray[np.int64]) -> Array:
-    """Second derivatives of -log det of the symmetric part of U'X V, by real and imaginary parts."""
-    cross = c[np.ix_(j, i)]
-    first = cross * cross.T
-    second = vv[np.ix_(j, j)] * uu.T[np.ix_(i, i)]
-    mixed = 0.5 * (second.imag - first.imag)
-    return np.block(
-        [[0.5 * (first.real + second.real), mixed], [mixed.T, 0.5 * (second.real - first.real)]]
-    )
+def _curvature(c: Complex, uu: Complex, vv: Complex, structure: Structure) -> Array:
+    """Second derivatives of -log det of the symmetric parts of U'X V, by real and imaginary parts.
+
+    Of all matrices (k, n, n) together: sums of c_jp c_qi and of v_jq u_pi for entries ij and pq of X.
+    """
+    i, j = structure.rows, structure.columns
+    if len(structure.sizes) ** 2 * _PAIR > len(c) * len(i) ** 2:
+        rows = j[:, None]
+        cross = c[:, rows, i]
+        first = np.sum(cross * np.swapaxes(cross, 1, 2), axis=0)
+        second = np.sum(vv[:, rows, j] * np.swapaxes(uu, 1, 2)[:, i[:, None], i], axis=0)
+    else:
+        first, second = _by_pairs(c, uu, vv, structure.sizes)
+    N = len(i)
+    H = np.empty((2 * N, 2 * N))
+    H[:N, :N] = 0.5 * (first.real + second.real)
+    H[N:, N:] = 0.5 * (second.real - first.real)
+    H[:N, N:] = 0.5 * (second.imag - first.imag)
+    H[N:, :N] = H[:N, N:].T
+    return H
+
+
+def _by_pairs(c: Complex, uu: Complex, vv: Complex, sizes: Sequence[int]) -> tuple[Complex, Complex]:
+    """Both sums of `_curvature`, as products of what pairs of blocks have of the matrices."""
+    starts, entries = (np.cumsum([0, *(size**power for size in sizes)]) for power in (1, 2))
+    first, second = (np.empty((entries[-1], entries[-1]), dtype=complex) for _ in range(2))
+    for (s, B, rows), (t, D, columns) in product(
+        list(zip(sizes, _slices(starts), _slices(entries), strict=True)), repeat=2
+    ):
+        jp_qi, pi_jq = (
+            a.reshape(len(c), -1).T @ b.reshape(len(c), -1)
+            for a, b in ((c[:, B, D], c[:, D, B]), (uu[:, D, B], vv[:, B, D]))
+        )
+        first[rows, columns] = jp_qi.reshape(s, t, t, s).transpose(3, 0, 1, 2).reshape(s * s, t * t)
+        second[rows, columns] = pi_jq.reshape(t, s, s, t).transpose(1, 2, 0, 3).reshape(s * s, t * t)
+    return first, second
+
+
+def _slices(ends: NDArray[np.int64]) -> list[slice]:
+    return [slice(a, b) for a, b in pairwise(ends.tolist())]
 
 
 def _newton_step(
@@ -292,15 +345,18 @@ def _newton_step(
     """
     i, j = structure.rows, structure.columns
     UP, VP = U @ P, V @ P
-    H = _curvature(VP @ U.conj().T, UP @ U.conj().T, VP @ V.conj().T, i, j)
-    H = H + 4.0 * _curvature(R, R, R, i, j)
+    c, uu, vv = (
+        np.concatenate([each, 2.0 * R[None]])
+        for each in (VP @ _adjoint(U), UP @ _adjoint(U), VP @ _adjoint(V))
+    )
+    H = _curvature(c, uu, vv, structure)
     H[np.diag_indices(len(H))] += small
     entries = gradient.T[i, j]
     g, basis = np.concatenate([entries.real, -entries.imag]), structure.basis
     if basis is not None:
-        H, g = basis.T @ H @ basis, basis.T @ g
+        H, g = (basis.T @ (basis.T @ H).T).T, basis.T @ g
     step = newton_step(H, g)
     of_entries = step if basis is None else basis @ step
-    move = np.zeros_like(U)
+    move = np.zeros_like(R)
     move[i, j] = of_entries[: len(i)] + 1j * of_entries[len(i) :]
     return move, float(-g @ step)
