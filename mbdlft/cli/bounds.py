@@ -284,6 +284,7 @@ def tune(
     no_proof: Annotated[bool, typer.Option("--no-proof", help="Leave the proofs out.")] = False,
     gap: options.Gap = 0.01,
     work: options.Work = 30.0,
+    workers: options.Workers = 1,
     as_json: options.AsJson = False,
 ) -> None:
     """Tune controllers for goals at the worst values of the parameters, and prove the result."""
@@ -294,7 +295,7 @@ def tune(
     designed = None if scene is None else multibody.load_scene(file.parent / task.model)
     if designed is not None and not any(p.role == "design" for p in designed.parameters):
         raise StructureError(f"--scene: {task.model} has no parameter of the role 'design'.")
-    how: dict[str, Any] = {"starts": starts, "seed": seed, "gap": gap, "work": work}
+    how: dict[str, Any] = {"starts": starts, "seed": seed, "gap": gap, "work": work, "workers": workers}
     with progress_of(file.stem) as progress:
         tuning = synthesis.tune_task(task, model, **how, prove=not no_proof, progress=progress.stage)
     if output is not None:

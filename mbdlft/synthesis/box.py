@@ -166,6 +166,7 @@ def tune(
     prove: bool = True,
     gap: float = 0.01,
     work: float = 30.0,
+    workers: int | None = 1,
     progress: Progress | None = None,
 ) -> Tuning:
     """Choose the free values of controllers for goals, at the worst values of the parameters.
@@ -195,7 +196,7 @@ def tune(
     seed : int
     prove : bool
         Whether goals are proved on the box; those of poles and gains can be.
-    gap, work : as for `worst_case_gain`, of each proof
+    gap, work, workers : as for `worst_case_gain`, of each proof
     progress : function of a text, optional
 
     Returns
@@ -230,7 +231,8 @@ def tune(
         with suppress(KeyboardInterrupt):  # the best that is known is proved
             for later in _at_worst_points(net, sought, best, points, (starts, seed), say):
                 best, points = later
-        return as_tuning(net, goals, best.x, points, least, (prove, gap, work), say)
+        how = {"gap": gap, "work": work, "workers": workers} if prove else None
+        return as_tuning(net, goals, best.x, points, least, how, say)
 
 
 def as_tuning(
@@ -239,13 +241,13 @@ def as_tuning(
     x: Array,
     points: Array,
     least: Sequence[float],
-    how: tuple[bool, float, float],
+    how: Mapping[str, Any] | None,
     say: Progress = lambda text: None,
 ) -> Tuning:
-    """What values reach: at points, in the box, and proved on it."""
+    """What values reach: at points, in the box, and proved on it if it is said `how`."""
     reached = []
     for goal, bound in zip(goals, least, strict=True):
-        if how[0]:
+        if how is not None:
             say(f"proof of {goal.name}")
         reached.append(_reached(net, goal, x, points, bound, how))
     values = _values(net, x)
@@ -435,7 +437,7 @@ def _in_order(net: Network, loop: System, delta: Array) -> Array:
 
 
 def _reached(
-    net: Network, goal: Goal, x: Array, points: Array, least: float, how: tuple[bool, float, float]
+    net: Network, goal: Goal, x: Array, points: Array, least: float, how: Mapping[str, Any] | None
 ) -> Reached:
     """A goal at values: at the points, in the box, and proved."""
     loop = closed_loop(
@@ -445,10 +447,9 @@ def _reached(
         Tuner(net, [goal], some).worst(x)[0] for some in (points, screened(np.ones(points.shape[1]), 0))
     )
     worst, proved = max(tuned_to, found), np.inf
-    prove, gap, work = how
     if goal.kind == DESIGN:  # nothing else than the values is in it
         return Reached(goal, worst, worst, worst, least, loop, ())
-    bounds = tuple(_bounds(loop, goal, gap, work)) if prove else ()
+    bounds = () if how is None else tuple(_bounds(loop, goal, how))
     if bounds:
         claimed, attained = zip(*(_ratios(goal, b) for b in bounds), strict=True)
         worst = max(worst, *attained)
@@ -471,13 +472,13 @@ def least_values(
     return [full_order_bound(opened, [g]) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
 
 
-def _bounds(loop: System, goal: Goal, gap: float, work: float) -> list[Bounds]:
+def _bounds(loop: System, goal: Goal, how: Mapping[str, Any]) -> list[Bounds]:
     if goal.kind in (HINF, MARGIN):
-        return [worst_case_gain(loop, gap=gap, work=work)]
+        return [worst_case_gain(loop, **how)]
     if goal.kind == H2:
-        return [worst_case(loop, "H2 norm", work=work)]
+        return [worst_case(loop, "H2 norm", **how)]
     asked = {"real part": goal.decay, "damping": goal.damping}
-    return [worst_case(loop, what, gap=gap, work=work) for what, number in asked.items() if number]
+    return [worst_case(loop, what, **how) for what, number in asked.items() if number]
 
 
 def _ratios(goal: Goal, bounds: Bounds) -> tuple[float, float]:

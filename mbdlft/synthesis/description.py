@@ -120,7 +120,7 @@ def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
     ----------
     task : TuningTask
     model : System or LFTModel
-    options : those of `tune`: starts, seed, prove, gap, work, progress
+    options : those of `tune`: starts, seed, prove, gap, work, workers, progress
 
     Raises
     ------

@@ -156,7 +156,9 @@ def lpv_synthesis(
         closed = connected([structure if s is free[0] else s for s in systems])
         x, nominal = np.array([v.initial for v in structure.free]), np.zeros((1, len(known)))
         least = least_values(net, goals, lambda: net)
-        tuning = as_tuning(closed, goals, x, nominal, least, (prove, gap, work))
+        tuning = as_tuning(
+            closed, goals, x, nominal, least, {"gap": gap, "work": work} if prove else None
+        )
     loop, motion = _moving(f"{net.system.name}: moving", plant, made, parameters, (gap, work))
     return ScheduledSynthesis(structure, made.gamma, made.least, loop, motion, tuning)
 

@@ -93,7 +93,7 @@ def test_what_is_reached_and_not_proved_is_another_exit_code(task: Path, call: C
     Path("model.toml").write_text(
         text + "b = { nominal = -0.5, low = -1.0, high = 0.3 }\n", encoding="utf-8"
     )
-    code, out, _ = call("tune", str(task), "--starts", "1")
+    code, out, _ = call("tune", str(task), "--starts", "1", "--workers", "2")
     assert code == 3
     assert "hard goal 'effort': reached 1, proved 1.0" in out
     code, out, _ = call("tune", str(task), "--starts", "1", "--no-proof", "--json")

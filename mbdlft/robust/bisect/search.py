@@ -43,7 +43,7 @@ _FAR = 4.0  # times the proved size, or the box: above it, the geometric mean co
 _ABOUT_1 = 0.8  # sizes from this to one over it: the declared box is tried instead
 _WIDER = 4.0  # factor of the distance of a level that resisted from the value that is reached
 _MOST_COEFFICIENTS = 4e6  # of a polynomial in memory
-_DEAR = 20.0  # units of work: above this a polynomial costs more than multipliers
+_DEAR = 10.0  # units of work: above this a polynomial costs more than multipliers
 
 Progress = Callable[[float, float], None]
 Signals = tuple[tuple[str, ...], tuple[str, ...]]  # names of the inputs and outputs of a gain
@@ -174,6 +174,7 @@ def enlarged(
     tried: Callable[[State[Worst], float], State[Worst]],
     cost: float = 0.0,
     resisted: float = np.inf,
+    into_gap: float = 0.5,
 ) -> Search[Worst]:
     """Prove sizes of the box nearer and nearer to `upper`; each costs at least so much work.
 
@@ -181,7 +182,7 @@ def enlarged(
     a larger one that wait for it are due when cuts have proved it, or the next size has resisted.
     """
     while not state.is_closed(asked):
-        k = min(state.upper, asked.largest) * (1.0 - 0.5 * asked.gap)
+        k = min(state.upper, asked.largest) * (1.0 - into_gap * asked.gap)
         is_due = isinstance(state.proof, BoxProof) or resisted < k
         if not (k < resisted or (k == state.later[0] and is_due)):
             k, least = state.lower + _LOWER * (resisted - state.lower), max(state.lower, 1.0)

@@ -327,6 +327,9 @@ def largest_size(
     unit, _ = bound(most, start)
     if unit.beta <= 1.0:
         return most, unit
+    nothing, _ = bound(_NOTHING * most, unit)
+    if nothing.beta > 1.0:
+        return 0.0, unit
     low, low_log, high, high_log = 0.0, 0.0, most, float(np.log(unit.beta))
     best = unit
     for count in range(_SIZES):

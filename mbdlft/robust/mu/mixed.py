@@ -343,7 +343,8 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
         state = _with_delta(asked, state, best_near(loop, state.worst.delta, cover.peak, starts=3))
         yield state
     resisted = cover.k if cover.todo and cover.k else np.inf
-    return (yield from enlarged(asked, state, partial(_tried, question, cover), resisted=resisted))
+    tried = partial(_tried, question, cover)
+    return (yield from enlarged(asked, state, tried, resisted=resisted, into_gap=_INTO_GAP))
 
 
 def _follows_poles(loop: Loop) -> bool:

@@ -32,7 +32,7 @@ from mbdlft.robust.evidence import Multipliers
 
 Complex = NDArray[np.complex128]
 
-_NEWTON, _CENTERS = 25, 80  # steps to a center; centers: far more than are needed
+_NEWTON, _CENTERS = 5, 80  # steps to a center, which need not get there; centers: more than are needed
 _CENTERED = 0.05  # Newton decrement squared at which a center is near enough
 _STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
 _ENOUGH = 0.1  # of the fall that the slope promises
@@ -184,16 +184,17 @@ def upper_bound(
         if best <= max(enough, _NOTHING) ** 2:
             break
         beta = float(np.sqrt(square))
-        X = _center(M, beta, D - 1j * G / beta, structure)
+        X, is_centered = _center(M, beta, D - 1j * G / beta, structure)
         before, (best, D, G) = best, _ahead(M, beta, X, structure)
         if best < smallest[0]:
             smallest = (best, D, G)
-        if before - best <= tolerance * best and square - best <= 4.0 * tolerance * square:
+        is_near = square - best <= 4.0 * tolerance * square
+        if is_centered and is_near and before - best <= tolerance * best:
             break
         best = max(best, 0.0)
         square = best + _STEP * (square - best)
     if enough > 0.0 and smallest[0] < enough * enough:  # well inside, so that it holds far around
-        X = _center(M, enough, smallest[1] - 1j * smallest[2] / enough, structure, _MODERATE)
+        X, _ = _center(M, enough, smallest[1] - 1j * smallest[2] / enough, structure, _MODERATE)
         smallest = (enough * enough, *_parts(X, enough))
     best, D, G = smallest
     return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
@@ -258,10 +259,13 @@ def _form(U: Complex, V: Complex, X: Complex) -> Complex:
     return -0.5 * (half + _adjoint(half))
 
 
-def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL) -> Complex:
+def _center(
+    M: Complex, beta: float, X: Complex, structure: Structure, small: float = _SMALL
+) -> tuple[Complex, bool]:
     """Minimum of tr (X + X')/2 - sum log det S(X) - log det(X + X') from an X where all are positive.
 
-    A little of |X|^2 keeps parts bounded that do nothing.
+    A little of |X|^2 keeps parts bounded that do nothing. It ends after some steps; also whether it is
+    near the minimum.
     """
     U, V = M - beta * np.eye(len(X)), M + beta * np.eye(len(X))
 
@@ -290,8 +294,8 @@ def _center(M: Complex, beta: float, X: Complex, structure: Structure, small: fl
             break
         X, value = new, new_value
         if fall < _CENTERED:
-            break
-    return X
+            return X, True
+    return X, False
 
 
 def _curvature(c: Complex, uu: Complex, vv: Complex, structure: Structure) -> Array:
