@@ -327,7 +327,7 @@ def _until_none_is_worse(
         if len(points) > _MOST_POINTS:
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
-        best = taken_on(Tuner(net, goals, points), best.x, starts, seed)
+        best = taken_on(Tuner(net, goals, points), best.x, starts, seed, in_box=is_whole)
         yield best, points
     yield safe[1], points
 

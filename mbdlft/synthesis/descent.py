@@ -31,7 +31,8 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.robust.moving.variation import conic_solution
-from mbdlft.synthesis.evaluation import STABLE, Look, Place
+from mbdlft.synthesis.curvature import Bends
+from mbdlft.synthesis.evaluation import STABLE, Flags, Look, Place
 
 _PIECES = 120  # in one step; more are those that matter least
 _TRIES = 12  # steps that are refused before a descent ends
@@ -67,6 +68,7 @@ class Problem(NamedTuple):
     unit: float = 1.0  # of soft values
     curvatures: Callable[[Array, Sequence[Place]], Array | None] | None = None  # of gains at places
     gains: frozenset[int] = frozenset()  # goals whose pieces are gains at frequencies
+    bends: Callable[[Array, Sequence[Place], Flags], Bends | None] | None = None  # as of `sqcqp`
 
     def merit(self, look: Look) -> float:
         """t + c e."""
@@ -137,13 +139,13 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
             if step is None or merit - step.merit <= least:
                 break
             if held:
-                held = _joined(held, _active(problem, pieces, step.multipliers))
+                held = joined(held, _active(problem, pieces, step.multipliers))
             there, d, share = _taken(problem, H, x, T, merit, step, held)
             if share > _ACCEPTED:
                 break
             radius = max(_REFUSED * min(radius, step.size), 1e-12)
             H, _ = _curvature(problem, x, pieces, step.multipliers, H)
-            if count and len(more := _joined(held, _risen(problem, there))) > len(held):
+            if count and len(more := joined(held, risen(problem, there))) > len(held):
                 held, radius = more, radius * _RISING / _REFUSED
                 pieces = _pieces(problem, problem.evaluate(x, held))
             there = None
@@ -237,19 +239,18 @@ def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place
     return places
 
 
-def _risen(problem: Problem, look: Look) -> list[Place]:
-    """Places where gains are nearly the largest."""
-    gains = [p for p in look.pieces if p.goal in problem.gains]
-    largest = max((p.value for p in gains), default=0.0)
-    return [p[:3] for p in gains if p.value >= _RISEN * largest]
+def risen(problem: Problem, look: Look, share: float = _RISEN) -> list[Place]:
+    """Places where gains are at least a share of the largest, which comes first."""
+    gains = sorted((p for p in look.pieces if p.goal in problem.gains), key=lambda p: -p.value)
+    return [p[:3] for p in gains if p.value >= share * gains[0].value]
 
 
-def _joined(held: Sequence[Place], more: Iterable[Place]) -> list[Place]:
+def joined(held: Sequence[Place], more: Iterable[Place], beside: float = _BESIDE) -> list[Place]:
     """Places with more of them; the oldest leave."""
     places = list(held)
     for goal, point, frequency in more:
         known = (f for k, i, f in places if (k, i) == (goal, point))
-        if all(_apart(f, frequency) > _BESIDE for f in known):
+        if all(_apart(f, frequency) > beside for f in known):
             places.append((goal, point, frequency))
     return places[-_HELD:]
 

@@ -21,9 +21,10 @@ from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
-from mbdlft.synthesis.curvature import curvatures
+from mbdlft.synthesis.conic import sqcqp
+from mbdlft.synthesis.curvature import Bends, bends, curvatures
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
-from mbdlft.synthesis.evaluation import STABLE, Asked, Look, Place, abscissas, look
+from mbdlft.synthesis.evaluation import STABLE, Asked, Flags, Look, Place, abscissas, look
 from mbdlft.synthesis.fixed import fixed_poles
 from mbdlft.synthesis.goals import H2, HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
@@ -46,7 +47,8 @@ Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
-_TAKEN_ON: Plan = [(sqp, 0.8), (sqp, 0.7)]  # of values that come from fewer points
+_TAKEN_ON: Plan = ((sqp, 0.8), (sqp, 0.7))  # of values that come from fewer points
+_IN_BOX: Plan = (*_TAKEN_ON, (sqcqp, 0.7))  # the same in the whole box, where many gains are equal
 Told = Callable[[str], None]
 
 
@@ -94,8 +96,15 @@ class Tuner:
                 None if found is None else found * np.outer(self.scale, self.scale) / units[:, None, None]
             )
 
+        def bent(scaled: Array, held: Sequence[Place], moving: Flags) -> Bends | None:
+            found = bends(self.family, self.goals, scaled * self.scale, held, moving)
+            squares = np.outer(self.scale, self.scale)
+            return found and Bends(
+                found.second * squares, found.value, found.slope * self.scale, found.cross * self.scale
+            )
+
         low, high = self.low / self.scale, self.high / self.scale
-        return Problem(at, low, high, self._is_hard, price, unit, second, self.gains)
+        return Problem(at, low, high, self._is_hard, price, unit, second, self.gains, bent)
 
     def look(self, x: Array, keep: float | None, held: Sequence[Place] = ()) -> Look:
         """The goals at values."""
@@ -377,12 +386,12 @@ def check_stabilizable(tuner: Tuner, x: Array, starts: int, seed: int) -> None:
     raise AnalysisError(tuner.unstable(min(ends, key=lambda end: end[0])[1]))
 
 
-def taken_on(tuner: Tuner, x: Array, starts: int, seed: int) -> Tuned:
+def taken_on(tuner: Tuner, x: Array, starts: int, seed: int, *, in_box: bool = False) -> Tuned:
     """Values of other points, made stable at these and tuned; from new starts, where that fails."""
     stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
     if real >= 0.0:
         return tuned(tuner, starts, seed, lambda text: None)
-    return tuner.descended(stable, _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
+    return tuner.descended(stable, _IN_BOX if in_box else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
 
 
 def begun_again(tuner: Tuner, starts: int, seed: int) -> Tuned | None:

@@ -232,7 +232,7 @@ def _gain(loops: Any, goals: tuple[Any, ...], place: tuple[int, int, float], x: 
         return mp.matrix([[X[k, m] for m in b] for k in a])
 
     G = part(*of)
-    if np.isfinite(omega):
+    if omega != np.inf:
         inverse = mp.inverse(mp.mpc(0, omega) * mp.eye(n) - part(range(n), range(n)))
         G += part(of[0], range(n)) * inverse * part(range(n), of[1])
     Q = G * G.H if G.rows <= G.cols else G.H * G
