@@ -2,7 +2,8 @@
 
 From each start the loop is made stable, by SQP on the real parts of its poles, or by BFGS, which goes on
 where poles that meet have no slopes. SQP or BFGS on the goals follows, roughly. The best of all starts
-are taken on with other numbers of pieces until that gains nothing. Each variable is divided by a scale:
+are taken on with other numbers of pieces until that gains nothing. In the whole box, where many gains
+are equal, steps that know how each of them bends follow (`sqcqp`). Each variable is divided by a scale:
 that of its value, changed where its slopes are small or large beside those of others.
 """
 

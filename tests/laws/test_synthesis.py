@@ -393,7 +393,7 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
     good = list(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values.values())
     poor = [60.0, 20.0, 60.0]
     monkeypatch.setattr(box, "tuned", lambda tuner, *_: tuner.at(np.array(poor)))
-    monkeypatch.setattr(box, "taken_on", lambda tuner, x, *_: tuner.at(x))
+    monkeypatch.setattr(box, "taken_on", lambda tuner, x, *_, **__: tuner.at(x))
     monkeypatch.setattr(box, "begun_again", lambda tuner, *_: tuner.at(np.array(good)))
     monkeypatch.setattr(box, "_ROUNDS", 2)
     monkeypatch.setattr(box, "_COSTLY", 0.0)
