@@ -47,7 +47,8 @@ def test_bends_are_second_derivatives(is_moving: bool, monkeypatch: pytest.Monke
                 continue  # its peak is that without the second one
             wanted = along - (mixed**2 / of_peak if is_moving and of_peak < 0 else 0)
             target([d @ found.second[k] @ d + repelled], [float(wanted)], CROSS, abs(float(along)) + 1e-9)
-    assert falls and np.any(np.isfinite(found.value)), "peaks and pairs are among these"
+    assert falls > 0
+    assert np.any(np.isfinite(found.value))
 
 
 def _curved(count: int, seed: int) -> tuple[Problem, list[float]]:
@@ -82,7 +83,7 @@ def test_curved_gains_are_followed_in_a_few_steps(seed: int) -> None:
 
 
 def test_coupled_singular_values_are_followed_together() -> None:
-    """The larger eigenvalue of [1 + x, x + y ; x + y, 1 + z], from where both are equal, to the bounds."""
+    """The larger eigenvalue of [1 + x, x + y ; x + y, 1 + z], from equal ones to the bounds."""
     looks = []
 
     def at(x: np.ndarray, _: Any = ()) -> Look:
