@@ -38,6 +38,7 @@ _MOST_LOST = 12  # rounds in a row that leave a point of the box without stabili
 _MOST_POINTS = 45  # beyond which the idle ones leave
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
+_NEAR = 1.1  # times what is tuned: where the box has no more, steps know how each gain bends
 _COSTLY = 1.1  # times what is tuned at nominal: where the box has more, searches begin anew
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
@@ -327,7 +328,8 @@ def _until_none_is_worse(
         if len(points) > _MOST_POINTS:
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
-        best = taken_on(Tuner(net, goals, points), best.x, starts, seed, in_box=is_whole)
+        is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
+        best = taken_on(Tuner(net, goals, points), best.x, starts, seed, is_near=is_near)
         yield best, points
     yield safe[1], points
 

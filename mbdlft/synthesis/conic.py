@@ -30,6 +30,7 @@ _ROUND = 100.0  # times the curvature from which on a direction is scaled, squar
 _RADIUS, _LARGEST, _REFUSED, _RISING = 0.5, 1e3, 0.3, 0.5  # as those of `sqp`
 _ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
 _TRIES, _SLOW, _SMALL = 12, 6, 10.0  # as those of `sqp`
+_STEPS = 15  # they are long: what is left is seen with the next worst point
 _UNSOLVED = 2  # programs without an end before a descent ends
 _RISEN, _FEW, _HELD, _BESIDE = 0.998, 10, 60, 1e-3  # places that are held: as those of `sqp`
 _PASSED = 1e-9  # of a merit: what a piece passes the largest by, and joins
@@ -128,7 +129,7 @@ def sqcqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float 
     """Steps with bends of all gains, from a stable start; it ends below a merit `goal`."""
     radius, slow, held, here = _RADIUS, 0, list[Place](), problem.evaluate(x)
     merit = problem.merit(here)
-    for _ in range(steps if np.isfinite(merit) else 0):
+    for _ in range(min(steps, _STEPS) if np.isfinite(merit) else 0):
         model = _Model(problem, x, here, held)
         chosen = model.first()
         model.bend(chosen)
@@ -146,6 +147,7 @@ def sqcqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float 
             if share > _ACCEPTED:
                 there = look
                 break
+            look = look._replace(pieces=tuple(sorted(look.pieces, key=lambda p: -p.value)))
             more = joined(held, risen(problem, look, _RISEN)[:_FEW], _BESIDE)
             radius = (_REFUSED if len(more) == len(held) else _RISING) * min(radius, step.size)
             if len(more) > len(held):

@@ -32,10 +32,10 @@ def curvatures(family: Family, goals: Sequence[Goal], x: Array, at: Sequence[Pla
     A second singular value that is nearly as large counts as the first, and does not repel it.
     """
     second = np.zeros((len(at), len(x), len(x)))
-    if (parts := _parts(family, goals, x, at, SECOND)) is None:
+    if (parts := _parts(family, goals, x, at, SECOND, is_moving=False)) is None:
         return None
     for own, _, found in parts:
-        second[own] = found.second[:, :-1, :-1] / goals[at[own[0]][0]].limit
+        second[own] = found.second / goals[at[own[0]][0]].limit
     return second
 
 
@@ -58,7 +58,7 @@ def bends(
     """Of gains at places, some of them peaks that are `moving`; None where a loop is singular."""
     n, k = len(x), len(at)
     all_of = Bends(np.zeros((k, n, n)), np.full(k, -np.inf), np.zeros((k, n)), np.zeros((k, n), complex))
-    if (parts := _parts(family, goals, x, at, _PAIRED)) is None:
+    if (parts := _parts(family, goals, x, at, _PAIRED, is_moving=True)) is None:
         return None
     for own, gains, found in parts:
         limit = goals[at[own[0]][0]].limit
@@ -77,7 +77,7 @@ def bends(
 
 
 class _Second(NamedTuple):
-    """Second derivatives (k, values + 1, values + 1), the last by frequency; u_j* dG v, v_j* dG* u."""
+    """Second derivatives (k, values, values), the last by a moving frequency; u_j* dG v, v_j* dG* u."""
 
     second: Array
     left: Complex
@@ -85,7 +85,7 @@ class _Second(NamedTuple):
 
 
 def _parts(
-    family: Family, goals: Sequence[Goal], x: Array, at: Sequence[Place], alike: float
+    family: Family, goals: Sequence[Goal], x: Array, at: Sequence[Place], alike: float, *, is_moving: bool
 ) -> Iterator[tuple[list[int], Responses, _Second]] | None:
     """Of each goal: which places are of it, responses there, and their derivatives."""
     points = sorted({point for _, point, _ in at})
@@ -97,12 +97,12 @@ def _parts(
         own = [k for k, place in enumerate(at) if place[0] == goal]
         here = [(goal, points.index(point), omega) for _, point, omega in (at[k] for k in own)]
         gains = responses_at(closed, goals, goal, here)
-        return own, gains, _second(few, closed, gains, alike)
+        return own, gains, _second(few, closed, gains, alike, is_moving=is_moving)
 
     return (of_goal(goal) for goal in sorted({place[0] for place in at}))
 
 
-def _second(family: Family, closed: Closed, at: Responses, alike: float) -> _Second:
+def _second(family: Family, closed: Closed, at: Responses, alike: float, *, is_moving: bool) -> _Second:
     """A second singular value that is at least a part `alike` of the first does not repel it."""
     n = family.states
     L, R = closed.L[at.points][:, :n], closed.R[at.points][:, :, :n]
@@ -110,16 +110,19 @@ def _second(family: Family, closed: Closed, at: Responses, alike: float) -> _Sec
     # of each value: to v, from q, u_j* dG_k v, and v_j* dG_k* u
     before = np.tensordot(at.out[:, 0], family.moves, (1, 1))
     after = np.swapaxes(np.tensordot(at.into[:, :, 0], family.moves, (1, 2)), 1, 2)
-    row, column = np.conj(np.swapaxes(at.u, 1, 2)) @ at.row, at.column @ at.v
-    turned = -1j * (row @ column)
-    left = np.concatenate([at.out @ after, turned[:, :, :1]], axis=2)
-    right = np.conj(np.swapaxes(np.concatenate([before @ at.into, turned[:, :1]], axis=1), 1, 2))
-    direct = (before @ T @ after).real
-    row, column = row[:, :1] @ at.inverse, column[:, :, :1]
-    mixed = np.swapaxes(row @ L @ after, 1, 2) + before @ R @ (at.inverse @ column)
-    last = np.concatenate([mixed.imag, -2.0 * (row @ column).real], axis=1)
-    second = np.concatenate([direct + np.swapaxes(direct, 1, 2), np.swapaxes(last[:, :-1], 1, 2)], axis=1)
-    second = np.concatenate([second, last], axis=2)
+    left, right = at.out @ after, np.conj(np.swapaxes(before @ at.into, 1, 2))
+    second = (before @ T @ after).real
+    second = second + np.swapaxes(second, 1, 2)
+    if is_moving:
+        row, column = np.conj(np.swapaxes(at.u, 1, 2)) @ at.row, at.column @ at.v
+        turned = -1j * (row @ column)
+        left = np.concatenate([left, turned[:, :, :1]], axis=2)
+        right = np.concatenate([right, np.conj(np.swapaxes(turned[:, :1], 1, 2))], axis=2)
+        row, column = row[:, :1] @ at.inverse, column[:, :, :1]
+        mixed = np.swapaxes(row @ L @ after, 1, 2) + before @ R @ (at.inverse @ column)
+        last = np.concatenate([mixed.imag, -2.0 * (row @ column).real], axis=1)
+        second = np.concatenate([second, np.swapaxes(last[:, :-1], 1, 2)], axis=1)
+        second = np.concatenate([second, last], axis=2)
     k, first = at.sizes.shape[1], np.maximum(at.sizes[:, :1], 1e-300)
     a, b = left[:, :k], right[:, :k]
     moved = np.hstack(

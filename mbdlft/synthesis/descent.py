@@ -240,9 +240,10 @@ def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place
 
 
 def risen(problem: Problem, look: Look, share: float = _RISEN) -> list[Place]:
-    """Places where gains are at least a share of the largest, which comes first."""
-    gains = sorted((p for p in look.pieces if p.goal in problem.gains), key=lambda p: -p.value)
-    return [p[:3] for p in gains if p.value >= share * gains[0].value]
+    """Places where gains are at least a share of the largest."""
+    gains = [p for p in look.pieces if p.goal in problem.gains]
+    largest = max((p.value for p in gains), default=0.0)
+    return [p[:3] for p in gains if p.value >= share * largest]
 
 
 def joined(held: Sequence[Place], more: Iterable[Place], beside: float = _BESIDE) -> list[Place]:

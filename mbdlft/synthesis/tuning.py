@@ -2,9 +2,10 @@
 
 From each start the loop is made stable, by SQP on the real parts of its poles, or by BFGS, which goes on
 where poles that meet have no slopes. SQP or BFGS on the goals follows, roughly. The best of all starts
-are taken on with other numbers of pieces until that gains nothing. In the whole box, where many gains
-are equal, steps that know how each of them bends follow (`sqcqp`). Each variable is divided by a scale:
-that of its value, changed where its slopes are small or large beside those of others.
+are taken on with other numbers of pieces until that gains nothing. Where the whole box is not much worse
+than tuned, many gains are equal: steps that know how each of them bends follow (`sqcqp`). Each variable
+is divided by a scale: that of its value, changed where its slopes are small or large beside those of
+others.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -49,7 +50,7 @@ Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on pe
 # from the first start both, from the others one or the other
 _PLANS: tuple[Plan, Plan] = ([(sqp, 0.9)], [(bfgs, 0.9), (sqp, 0.7)])
 _TAKEN_ON: Plan = ((sqp, 0.8), (sqp, 0.7))  # of values that come from fewer points
-_IN_BOX: Plan = (*_TAKEN_ON, (sqcqp, 0.7))  # the same in the whole box, where many gains are equal
+_NEAR_END: Plan = ((sqp, 0.8), (sqcqp, 0.7))  # the same near the end, where many gains are equal
 Told = Callable[[str], None]
 
 
@@ -387,12 +388,12 @@ def check_stabilizable(tuner: Tuner, x: Array, starts: int, seed: int) -> None:
     raise AnalysisError(tuner.unstable(min(ends, key=lambda end: end[0])[1]))
 
 
-def taken_on(tuner: Tuner, x: Array, starts: int, seed: int, *, in_box: bool = False) -> Tuned:
+def taken_on(tuner: Tuner, x: Array, starts: int, seed: int, *, is_near: bool = False) -> Tuned:
     """Values of other points, made stable at these and tuned; from new starts, where that fails."""
     stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
     if real >= 0.0:
         return tuned(tuner, starts, seed, lambda text: None)
-    return tuner.descended(stable, _IN_BOX if in_box else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
+    return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
 
 
 def begun_again(tuner: Tuner, starts: int, seed: int) -> Tuned | None:
