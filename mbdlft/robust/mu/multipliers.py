@@ -36,6 +36,7 @@ _NEWTON, _CENTERS = 5, 80  # steps to a center, which need not get there; center
 _CENTERED = 0.05  # Newton decrement squared at which a center is near enough
 _STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
 _ENOUGH = 0.1  # of the fall that the slope promises
+_STUCK = 2.0  # times what is enough: above it, a start led nowhere, and another search begins without it
 _BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
@@ -197,7 +198,11 @@ def upper_bound(
         X, _ = _center(M, enough, smallest[1] - 1j * smallest[2] / enough, structure, _MODERATE)
         smallest = (enough * enough, *_parts(X, enough))
     best, D, G = smallest
-    return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
+    found = Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
+    if start is None or not 0.0 < _STUCK * enough * size < found.beta:
+        return found
+    again = upper_bound(M * size, structure, tolerance=tolerance, enough=enough * size)
+    return min(found, again, key=lambda each: each.beta)
 
 
 def _ahead(M: Complex, beta: float, X: Complex, structure: Structure) -> tuple[float, Complex, Complex]:
