@@ -140,6 +140,30 @@ def test_multipliers_hold_for_all_matrices(seed: int) -> None:
     assert found.beta >= max(alone) * (1.0 - MU)
 
 
+def test_a_start_that_leads_nowhere_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From multipliers that no step improves, the search begins again without them."""
+    structure = structure_of([mbdlft.Block("a", 3), mbdlft.Block("b", 2)])
+    random = np.random.default_rng(0)
+    M = random.standard_normal((1, 5, 5)) + 0j
+    start = upper_bound(M, structure)
+    M = M * (0.7 / start.beta) * np.array([[1.0] * 3 + [1e2] * 2] * 3 + [[1e-2] * 3 + [1.0] * 2] * 2)
+    calls, center, ahead = iter(range(1000)), multipliers._center, multipliers._ahead
+    is_stuck = [True]
+
+    def no_center(*given: Any) -> Any:
+        is_stuck[0] = next(calls) < multipliers._CENTERS
+        return (given[2], False) if is_stuck[0] else center(*given)
+
+    def no_step(M: Any, beta: float, X: Any, structure: Any) -> Any:
+        D, G = multipliers._parts(X, beta)
+        return (best_square(M, D, G), D, G) if is_stuck[0] else ahead(M, beta, X, structure)
+
+    monkeypatch.setattr(multipliers, "_center", no_center)
+    monkeypatch.setattr(multipliers, "_ahead", no_step)
+    found = upper_bound(M, structure, start=start, enough=1.0)
+    assert found.beta <= 1.0 + STABLE
+
+
 def test_second_derivatives_of_pairs_of_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Products by pairs of blocks are those of the entries one by one."""
     random = np.random.default_rng(0)
