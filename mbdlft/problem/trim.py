@@ -159,13 +159,10 @@ def _without_rounding(e: Equations, points: Array, matrix: Array) -> Array:
     if not matrix.size:
         return matrix
     symbols = physical_symbols(e.parameters)
-    slopes = ca.sparsify(
-        relations_at_rest(e, symbols)[1]
-    )  # most entries are zero: of rows, a few are not
-    sizes = np.zeros(matrix.shape)
-    sizes[:, *slopes.sparsity().get_triplet()] = term_sizes(
-        ca.Function("slopes", [symbols.symbols], [slopes]), points
-    )
+    # most entries are zero: of rows, a few are not
+    slopes = ca.sparsify(relations_at_rest(e, symbols)[1])
+    tape, sizes = ca.Function("slopes", [symbols.symbols], [slopes]), np.zeros(matrix.shape)
+    sizes[:, *slopes.sparsity().get_triplet()] = term_sizes(tape, points)
     return cleaned(matrix, np.maximum(sizes, np.max(np.abs(matrix), axis=1, keepdims=True)))
 
 

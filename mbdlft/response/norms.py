@@ -181,7 +181,7 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     if reason:
         return np.inf, np.inf, abs(spectrum(stable.A).worst.imag), reason
     lower, upper, frequency, reason = peak_of(stable, tolerance)
-    poles = eigenvalues_of(stable.A) if len(stable.A) else np.zeros(0)
+    poles = eigenvalues_of(stable.A)
     if 0.0 < frequency < np.inf and np.any(np.abs(poles.real) < _LIGHT * np.abs(poles)):
         with suppress(ZeroDivisionError):  # at a pole on the axis that is not seen
             lower = _gain_in_balls(connected(plant), frequency)
@@ -235,7 +235,7 @@ def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
     the first; and, if there is no such level, and it is inf, why.
     """
     at_infinity = float(np.linalg.norm(plant.D, 2)) if plant.D.size else 0.0
-    poles = eigenvalues_of(plant.A) if len(plant.A) else np.zeros(0, dtype=complex)
+    poles = eigenvalues_of(plant.A)
     # a complex system has other gains at negative frequencies
     sides = np.array([[1.0], [-1.0]])[: 1 + any(map(np.iscomplexobj, plant))]
     omega = np.unique(sides * np.concatenate([[0.0], np.abs(poles.imag), np.abs(poles)]))

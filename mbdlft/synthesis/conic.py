@@ -20,19 +20,31 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.robust.moving.variation import conic_solution
-from mbdlft.synthesis.descent import Descended, Problem, joined, risen
+from mbdlft.synthesis.descent import (
+    ACCEPTED,
+    RADIUS,
+    REFUSED,
+    RISING,
+    SLOW,
+    SMALL,
+    TRIES,
+    Descended,
+    Problem,
+    joined,
+    limits,
+    next_radius,
+    risen,
+)
 from mbdlft.synthesis.evaluation import Look, Piece, Place
 
 _NEAR = 3e-3  # of the merit: pieces that are less below the largest are in the first program of a step
 _MOST, _MORE, _AGAIN = 200, 60, 8  # pieces in it; that join it at once; how often
 _FLAT = 1e-6  # of the largest curvature of a gain: smaller ones are left out
 _ROUND = 100.0  # times the curvature from which on a direction is scaled, squared: c of T is 1/10
-_RADIUS, _LARGEST, _REFUSED, _RISING = 0.5, 1e3, 0.3, 0.5  # as those of `sqp`
-_ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
-_TRIES, _SLOW, _SMALL = 12, 6, 10.0  # as those of `sqp`
+_LARGEST = 1e3  # radius
 _STEPS = 8  # they are long: what is left is seen with the next worst point
 _UNSOLVED = 2  # programs without an end before a descent ends
-_RISEN, _FEW, _HELD, _BESIDE = 0.998, 10, 60, 1e-3  # places that are held: as those of `sqp`
+_RISEN, _FEW, _BESIDE = 0.998, 10, 1e-3  # places that are held: as those of `sqp`, and how many join
 _PASSED = 1e-9  # of a merit: what a piece passes the largest by, and joins
 _LEAST = 1e-6  # curvature of what is linear
 _ITERATIONS = 80
@@ -67,20 +79,21 @@ class _Model:
         self.held = np.array([place in set(held) for place in self.places], dtype=bool)
         self.bent: dict[int, _Bend | None] = {}
 
-    def levels(self, values: Array) -> Array:
-        """What the largest soft piece and the largest hard one, 1 at least, are for each piece."""
-        soft = np.max(values[~self.hard], initial=-np.inf)
-        return np.asarray(np.where(self.hard, np.max(values[self.hard], initial=1.0), soft))
+    def largest(self, values: Array, among: Sequence[int] | None = None) -> tuple[float, float]:
+        """The largest soft piece among some, or all, and the largest hard one, 1 at least."""
+        chosen = slice(None) if among is None else list(among)
+        values, hard = values[chosen], self.hard[chosen]
+        return float(np.max(values[~hard], initial=-np.inf)), float(np.max(values[hard], initial=1.0))
 
     def merit(self, values: Array) -> float:
         """t + c e."""
-        soft = np.max(values[~self.hard], initial=-np.inf)
-        excess = np.max(values[self.hard], initial=1.0) - 1.0
-        return float((soft if np.isfinite(soft) else 0.0) + self.problem.price * excess)
+        soft, hard = self.largest(values)
+        return (soft if np.isfinite(soft) else 0.0) + self.problem.price * (hard - 1.0)
 
     def first(self) -> list[int]:
         """Pieces near the largest, and those that are held."""
-        near = self.levels(self.values) - self.values < _NEAR
+        soft, hard = self.largest(self.values)
+        near = np.where(self.hard, hard, soft) - self.values < _NEAR
         return [int(i) for i in np.flatnonzero(near | self.held)[:_MOST]]
 
     def bend(self, chosen: Sequence[int]) -> None:
@@ -127,42 +140,39 @@ class _Step(NamedTuple):
 
 def sqcqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
     """Steps with bends of all gains, from a stable start; it ends below a merit `goal`."""
-    radius, slow, held, here = _RADIUS, 0, list[Place](), problem.evaluate(x)
+    radius, slow, held, here = RADIUS, 0, list[Place](), problem.evaluate(x)
     merit = problem.merit(here)
     for _ in range(min(steps, _STEPS) if np.isfinite(merit) else 0):
         model = _Model(problem, x, here, held)
         chosen = model.first()
         model.bend(chosen)
         T, there, least = model.directions(), None, tolerance * max(1e-3, abs(merit))
-        for count in range(_TRIES):
+        for count in range(TRIES):
             step, chosen = _stepped(model, chosen, T, radius)
             if merit - step.merit <= least:
                 if step.is_solved or count >= _UNSOLVED:
                     break
-                radius *= _REFUSED
+                radius *= REFUSED
                 continue
             look = problem.evaluate(x + step.d, held)
             new = problem.merit(look)
             share = (merit - new) / (merit - step.merit) if np.isfinite(new) else -np.inf
-            if share > _ACCEPTED:
+            if share > ACCEPTED:
                 there = look
                 break
             look = look._replace(pieces=tuple(sorted(look.pieces, key=lambda p: -p.value)))
             more = joined(held, risen(problem, look, _RISEN)[:_FEW], _BESIDE)
-            radius = (_REFUSED if len(more) == len(held) else _RISING) * min(radius, step.size)
+            radius = (REFUSED if len(more) == len(held) else RISING) * min(radius, step.size)
             if len(more) > len(held):
                 held = more
                 model = _Model(problem, x, problem.evaluate(x, held), held)
                 chosen = model.first()
         if there is None:
             break
-        if share > _GOOD and step.size > 0.9 * radius:
-            radius = min(2.5 * radius, _LARGEST)
-        elif share < _POOR:
-            radius *= 0.5
-        slow = slow + 1 if merit - new < _SMALL * least else 0
+        radius = next_radius(radius, share, step.size, _LARGEST)
+        slow = slow + 1 if merit - new < SMALL * least else 0
         x, merit, here = x + step.d, new, there
-        if merit <= goal or slow >= _SLOW:
+        if merit <= goal or slow >= SLOW:
             break
     return Descended(x, merit)
 
@@ -175,12 +185,8 @@ def _stepped(model: _Model, chosen: list[int], T: Array, radius: float) -> tuple
         values = model.at(d)
         inside = np.zeros(len(values), dtype=bool)
         inside[chosen] = True
-        most = np.where(
-            model.hard,
-            np.max(values[inside & model.hard], initial=1.0),
-            np.max(values[inside & ~model.hard], initial=-np.inf),
-        )
-        past = np.where(inside, -np.inf, values - most)
+        soft, hard = model.largest(values, chosen)
+        past = np.where(inside, -np.inf, values - np.where(model.hard, hard, soft))
         if not np.any(past > _PASSED):
             break
         chosen = [*chosen, *(int(i) for i in np.argsort(-past)[:_MORE] if past[i] > _PASSED)]
@@ -204,13 +210,10 @@ def _program(model: _Model, chosen: Sequence[int], T: Array, radius: float) -> t
     width = n + 2 + len(curved)
     most = np.where(hard[:, None], [0.0, -1.0], [-1.0, 0.0])
     G = np.hstack([G / unit, most, np.zeros((len(G), len(curved)))])
-    low, high = (np.flatnonzero(np.isfinite(end)) for end in (problem.low, problem.high))
     flat = [k for k, bend in enumerate(bends) if bend is None]
-    ranges = np.vstack([np.eye(n), -np.eye(n), T[high] * radius, -T[low] * radius, np.zeros((1, n))])
-    ranges = np.hstack([ranges, np.zeros((len(ranges), width - n))])
-    ranges[-1, n + 1] = -1.0
-    rows = [G[flat], ranges]
-    sides = [room[flat], np.ones(2 * n), (problem.high - x)[high], (x - problem.low)[low], np.zeros(1)]
+    ends, side = limits(problem, x, T * radius, 1.0)
+    rows = [G[flat], np.hstack([ends, np.zeros((len(ends), width - n))]), -np.eye(width)[[n + 1]]]
+    sides = [room[flat], side, np.zeros(1)]
     if np.all(hard):  # t is nothing but zero
         rows.append(-np.eye(width)[[n]])
         sides.append(np.zeros(1))
@@ -231,7 +234,8 @@ def _program(model: _Model, chosen: Sequence[int], T: Array, radius: float) -> t
     if not np.all(np.isfinite(e)):
         return np.zeros(n), 0.0, False
     d = np.clip(T @ e * radius, problem.low - x, problem.high - x)
-    return d, float(np.max(np.abs(e))) * radius, "olved" in str(solution.status)
+    is_solved = solution.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+    return d, float(np.max(np.abs(e))) * radius, is_solved
 
 
 def _cones(

@@ -35,10 +35,10 @@ from mbdlft.synthesis.curvature import Bends
 from mbdlft.synthesis.evaluation import STABLE, Flags, Look, Place
 
 _PIECES = 120  # in one step; more are those that matter least
-_TRIES = 12  # steps that are refused before a descent ends
-_SLOW, _SMALL = 6, 10.0  # so many steps that gain less than so many tolerances end a descent
-_RADIUS, _LARGEST = 0.5, 10.0  # of scaled values
-_ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
+TRIES = 12  # steps that are refused before a descent ends
+SLOW, SMALL = 6, 10.0  # so many steps that gain less than so many tolerances end a descent
+RADIUS, _LARGEST = 0.5, 10.0  # of scaled values
+ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
 _ALIKE = 0.7  # logarithm of the ratio of frequencies of one piece at two steps
 _ARMIJO, _WOLFE = 1e-4, 0.9
 _QP_ITERATIONS = 60
@@ -48,7 +48,7 @@ _LEAST_CURVED = 1e-6  # the smallest eigenvalue of H
 _CURVED, _NEAR = 0.1, 0.97  # c of T; part of the largest goal from which on gains count in it
 _HELD, _RISEN = 60, 0.98  # places at most; part of the largest gain from which on they are held
 _BESIDE = 0.01  # logarithm of the ratio of frequencies of places that are one
-_REFUSED, _RISING = 0.3, 0.5  # what a step that is refused leaves of the radius; where places are added
+REFUSED, RISING = 0.3, 0.5  # what a step that is refused leaves of the radius; where places are added
 
 
 class Evaluate(Protocol):
@@ -119,7 +119,7 @@ def _pieces(problem: Problem, look: Look) -> _Pieces:
 
 def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
     """Trust-region SQP from a stable start; it ends below a merit `goal`."""
-    H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), _RADIUS, 0, list[Place]()
+    H, radius, slow, held = _FIRST_SIZE * np.eye(len(x)), RADIUS, 0, list[Place]()
     here = problem.evaluate(x)
     merit, is_first = problem.merit(here), True
     if not np.isfinite(merit):
@@ -134,19 +134,19 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
             H, is_known = _curvature(problem, x, pieces, step.multipliers, H)
             is_first = not is_known
         there, least = None, tolerance * max(1e-3, abs(merit))
-        for count in range(_TRIES):
+        for count in range(TRIES):
             step = _step(problem, H, pieces, x, T, radius)
             if step is None or merit - step.merit <= least:
                 break
             if held:
                 held = joined(held, _active(problem, pieces, step.multipliers))
             there, d, share = _taken(problem, H, x, T, merit, step, held)
-            if share > _ACCEPTED:
+            if share > ACCEPTED:
                 break
-            radius = max(_REFUSED * min(radius, step.size), 1e-12)
+            radius = max(REFUSED * min(radius, step.size), 1e-12)
             H, _ = _curvature(problem, x, pieces, step.multipliers, H)
             if count and len(more := joined(held, risen(problem, there))) > len(held):
-                held, radius = more, radius * _RISING / _REFUSED
+                held, radius = more, radius * RISING / REFUSED
                 pieces = _pieces(problem, problem.evaluate(x, held))
             there = None
         if there is None or step is None:
@@ -154,16 +154,20 @@ def sqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = 
         before, pieces = pieces, _pieces(problem, there)
         H = _curved(H, before, pieces, step.multipliers, d, is_first=is_first)
         is_first = False
-        if share > _GOOD and step.size > 0.9 * radius:
-            radius = min(2.5 * radius, _LARGEST)
-        elif share < _POOR:
-            radius *= 0.5
+        radius = next_radius(radius, share, step.size, _LARGEST)
         new = problem.merit(there)
-        slow = slow + 1 if merit - new < _SMALL * least else 0
+        slow = slow + 1 if merit - new < SMALL * least else 0
         x, merit = x + d, new
-        if merit <= goal or slow >= _SLOW:
+        if merit <= goal or slow >= SLOW:
             break
     return Descended(x, merit)
+
+
+def next_radius(radius: float, share: float, size: float, largest: float) -> float:
+    """The radius after a step of a size that has a share of the gain that was predicted."""
+    if share > _GOOD and size > 0.9 * radius:
+        return min(2.5 * radius, largest)
+    return 0.5 * radius if share < _POOR else radius
 
 
 def _taken(
@@ -177,11 +181,11 @@ def _taken(
         return there, d, (merit - new) / (merit - step.merit) if np.isfinite(new) else -np.inf
 
     first = at(step.d)
-    if first[2] > _ACCEPTED or first[2] == -np.inf:
+    if first[2] > ACCEPTED or first[2] == -np.inf:
         return first
     more = _step(problem, H, _pieces(problem, first[0]), x + step.d, T, step.size)
     corrected = first if more is None else at(step.d + more.d)
-    return corrected if corrected[2] > _ACCEPTED else first
+    return corrected if corrected[2] > ACCEPTED else first
 
 
 def _directions(problem: Problem, x: Array, pieces: _Pieces) -> Array:
@@ -200,17 +204,13 @@ def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radiu
     import clarabel  # here because it is slow to import
 
     n, hard = len(x), pieces.hard
-    low, high = (np.flatnonzero(np.isfinite(end)) for end in (problem.low, problem.high))
+    ends, side = limits(problem, x, T, radius)
     rows = [
         np.hstack([pieces.slopes @ T, -(~hard[:, None]).astype(float), -hard[:, None].astype(float)]),
-        *(
-            np.hstack([side, np.zeros((len(side), 2))])
-            for side in (np.eye(n), -np.eye(n), T[high], -T[low])
-        ),
+        np.hstack([ends, np.zeros((len(ends), 2))]),
         np.hstack([np.zeros((1, n + 1)), [[-1.0]]]),
     ]
-    ends = [(problem.high - x)[high], (x - problem.low)[low]]
-    sides = [np.where(hard, 1.0, 0.0) - pieces.values, np.full(2 * n, radius), *ends, np.zeros(1)]
+    sides = [np.where(hard, 1.0, 0.0) - pieces.values, side, np.zeros(1)]
     if np.all(hard):  # t is nothing but zero
         rows.append(np.hstack([np.zeros((1, n)), [[-1.0, 0.0]]]))
         sides.append(np.zeros(1))
@@ -226,6 +226,14 @@ def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radiu
     d = np.clip(T @ z[:n], problem.low - x, problem.high - x)
     size = float(np.max(np.abs(z[:n])))
     return _Step(d, size, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1]))
+
+
+def limits(problem: Problem, x: Array, T: Array, radius: float) -> tuple[Array, Array]:
+    """Rows (k, values) and sides (k,) of |e_k| <= radius, and of x + T e in the ranges of the values."""
+    low, high = (np.flatnonzero(np.isfinite(end)) for end in (problem.low, problem.high))
+    eye = np.eye(len(x))
+    sides = [np.full(2 * len(x), radius), (problem.high - x)[high], (x - problem.low)[low]]
+    return np.vstack([eye, -eye, T[high], -T[low]]), np.concatenate(sides)
 
 
 def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place, float]:

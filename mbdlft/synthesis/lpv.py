@@ -17,7 +17,7 @@ believed: the eigenvalues of this inequality are looked at, and the gain of the 
 balls, for all motions of the parameters.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -156,10 +156,9 @@ def lpv_synthesis(
         closed = connected([structure if s is free[0] else s for s in systems])
         x, nominal = np.array([v.initial for v in structure.free]), np.zeros((1, len(known)))
         least = least_values(net, goals, lambda: net)
-        tuning = as_tuning(
-            closed, goals, x, nominal, least, {"gap": gap, "work": work} if prove else None
-        )
-    loop, motion = _moving(f"{net.system.name}: moving", plant, made, parameters, (gap, work))
+        how = {"gap": gap, "work": work}
+        tuning = as_tuning(closed, goals, x, nominal, least, how if prove else None)
+    loop, motion = _moving(f"{net.system.name}: moving", plant, made, parameters, how)
     return ScheduledSynthesis(structure, made.gamma, made.least, loop, motion, tuning)
 
 
@@ -218,7 +217,7 @@ def _balanced(plant: Opened) -> tuple[Opened, Array, float]:
 
 
 def _moving(
-    name: str, plant: Opened, made: _Made, parameters: Parameters, how: tuple[float, float]
+    name: str, plant: Opened, made: _Made, parameters: Parameters, how: Mapping[str, Any]
 ) -> tuple[System, Bounds]:
     """The loop from the inputs of all goals to the outputs of all, over their limits, and its gain.
 
@@ -235,7 +234,7 @@ def _moving(
     ]
     sizes = [2 * size for size in plant.sizes]
     loop = system_of(name, closed[np.ix_(rows, columns)], n, sizes, parameters, (ends[1], ends[0]))
-    constant = worst_case_gain(loop, gap=how[0], work=how[1])
+    constant = worst_case_gain(loop, **how)
     if not len(order):
         return loop, constant
     X, Y = (matrix[np.ix_(order, order)] for matrix in (made.X, made.Y))

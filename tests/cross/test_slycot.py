@@ -17,7 +17,7 @@ MORE = 1e-3  # the part by which a bound may be above that of AB13MD
 def test_fourteen_parameters(omega: float) -> None:
     system = transport_aircraft()
     M = channels_at(system, omega)
-    found = upper_bound(M[None], structure_of(system.lft.blocks)).beta
+    found = upper_bound(M, structure_of(system.lft.blocks)).beta
     other = float(slycot.ab13md(M, np.ones(14, int), np.ones(14, int))[0])
     assert found <= other * (1.0 + MORE)
 
@@ -32,6 +32,6 @@ def test_mixed_blocks(seed: int) -> None:
     blocks = [makers[kind](f"b{k}", int(sizes[k])) for k, kind in enumerate(kinds)]
     n = int(np.sum(sizes))
     M = random.standard_normal((n, n)) + 1j * random.standard_normal((n, n))
-    found = upper_bound(M[None], structure_of(blocks), tolerance=MU).beta
+    found = upper_bound(M, structure_of(blocks), tolerance=MU).beta
     other = float(slycot.ab13md(M, sizes.astype(int), np.where(kinds == 0, 1, 2))[0])
     assert abs(found / other - 1.0) <= MORE

@@ -310,7 +310,7 @@ def test_a_small_delta_makes_the_loop_singular(seed: int) -> None:
     assert sizes[-1] <= STABLE * sizes[0]
     of_qr = 21.0 * len(M)  # what its algorithm leaves in an eigenvalue (`close.poles_by_qr`)
     roundoff(np.linalg.norm(found.delta, 2) * found.bound, 1.0, of_qr)
-    assert found.bound <= upper_bound(M[None], structure_of(blocks)).beta
+    assert found.bound <= upper_bound(M, structure_of(blocks)).beta
 
 
 def test_a_gain_of_an_unstable_range_is_infinite() -> None:

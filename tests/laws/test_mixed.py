@@ -134,9 +134,9 @@ def test_multipliers_hold_for_all_matrices(seed: int) -> None:
     structure = structure_of(blocks)
     M = random.standard_normal((3, 6, 6)) + 1j * random.standard_normal((3, 6, 6))
     found = upper_bound(M, structure)
-    alone = [upper_bound(each[None], structure).beta for each in M]
+    alone = [upper_bound(each, structure).beta for each in M]
     for each in M:
-        assert best_square(each[None], found.D, found.G) <= found.beta**2 * (1.0 + STABLE)
+        assert best_square(each, found.D, found.G) <= found.beta**2 * (1.0 + STABLE)
     assert found.beta >= max(alone) * (1.0 - MU)
 
 

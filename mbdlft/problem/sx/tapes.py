@@ -295,8 +295,8 @@ def term_sizes(tape: ca.Function, *points: Array) -> Array:
     """Sizes (N, entries) of the result of a function if nothing cancelled: |a| + |b| for a + b.
 
     The arguments are columns, each (N, rows); the columns of a result, without structural zeros, stand
-    one below the other. A root
-    has the root of the size; another function of a number has the size of its own value.
+    one below the other. A root has the root of the size; another function of a number has the size of its
+    own value.
 
     Along a chain of turned frames sizes grow by a factor for each turn, and rounding does not: where they
     have outgrown all values, they are no more than what rounding of every step is felt as (a stochastic

@@ -70,9 +70,8 @@ _PIECES, _AGAIN = (
     4,
 )  # pieces of S at most; times these in a proof, whose cuts may be others elsewhere
 _RICCATI = 6.0  # times the work of a Lyapunov equation, that of a Riccati equation
-_ON_AXIS = (
-    1e-6  # of a Hamiltonian: what rounding moves off the axis is nearer, and P is another elsewhere
-)
+# of eigenvalues of a Hamiltonian: what rounding moves off the axis is nearer, and P is another elsewhere
+_ON_AXIS = 1e-6
 _HALVINGS = 12  # of a share that is looked for
 _UNSEEN = 1e-3  # of the largest size of modes at inputs or outputs: smaller ones count as this
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere

@@ -67,9 +67,14 @@ class Loop(NamedTuple):
         return np.repeat(np.arange(len(sizes)), sizes)
 
     @property
+    def real(self) -> NDArray[np.bool_]:
+        """Which blocks are real parameters (number of blocks,)."""
+        return np.array([block.kind == "real" for block in self.blocks], dtype=bool)
+
+    @property
     def is_plain(self) -> bool:
         """Whether all blocks are real parameters."""
-        return all(block.kind == "real" for block in self.blocks)
+        return bool(np.all(self.real))
 
 
 def loop_of(
@@ -211,7 +216,8 @@ class Part(NamedTuple):
 
 def covered(loop: Loop, box: Part) -> Cover:
     """Prove a part of the box at the frequencies that are open, until one resists."""
-    first, todo, poles = first_frequencies(loop.channels.A), list(box.todo), _poles(loop.channels.A)
+    poles, todo = eigenvalues_of(loop.channels.A), list(box.todo)
+    first = _sizes_in_order(poles)
     extent, cost = extent_of(loop, box.low, box.high), cost_at(loop)
     kept: list[tuple[Interval, Multipliers]] = []
     last, reach, used, at, beta = box.start, box.reach, 0.0, np.nan, 0.0
@@ -251,10 +257,6 @@ def covered(loop: Loop, box: Part) -> Cover:
         todo += [(a, b) for a, b in ((low, interval.low), (interval.high, high)) if b > a]
     ends = tuple(interval for interval, _ in kept), tuple(multipliers for _, multipliers in kept)
     return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used, reach)
-
-
-def _poles(A: Array) -> Complex:
-    return eigenvalues_of(A) if len(A) else np.zeros(0, dtype=complex)
 
 
 def _beside(omega: float, low: float, high: float, poles: Complex, reach: float) -> tuple[Array, float]:
@@ -372,9 +374,7 @@ def _found(
     """Multipliers of a matrix whose rows were multiplied by half sizes: for size 1, and as they are."""
     if start is not None:
         start = start._replace(G=start.G * half[:, None])
-    multipliers = upper_bound(
-        M.reshape(-1, *M.shape[-2:]), structure, start=start, tolerance=tolerance, enough=enough
-    )
+    multipliers = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
     positive = np.where(half > 0.0, half, 1.0)
     unit = multipliers._replace(G=multipliers.G / positive[:, None])
     return unit, multipliers._replace(beta=1.0, G=multipliers.G * half[:, None])
@@ -391,7 +391,10 @@ def looks(first: Array) -> Array:
 
 def first_frequencies(A: Array) -> Array:
     """Frequencies at which to begin: those of the poles, the least damped first."""
-    poles = eigenvalues_of(A) if len(A) else np.zeros(0)
+    return _sizes_in_order(eigenvalues_of(A))
+
+
+def _sizes_in_order(poles: Complex) -> Array:
     poles = poles[poles.imag >= 0.0]
     return np.abs(poles[by_damping(poles)])
 

@@ -6,11 +6,11 @@ only, that move a pole to the axis. A gain is one over such a size.
 
 No model of a part of the box has a pole on the axis, or is singular, if multipliers prove so on intervals
 that cover all frequencies. A part on which they do not suffice is cut along the parameter for which the
-bounds of both halves are smallest. A half inherits the intervals of
-its part: only frequencies that are open are looked at again. Parts cover the box, which is connected, and
-its middle is stable: so is all of it. (Branch and bound for mu: Newlin, Young, Int. J. Robust and
-Nonlinear Control 7, 1997; here parts have intervals of frequency in place of one frequency.) Parts are
-tried in batches that do not depend on how many processes there are.
+bounds of both halves are smallest. A half inherits the intervals of its part: only frequencies that are
+open are looked at again. Parts cover the box, which is connected, and its middle is stable: so is all of
+it. (Branch and bound for mu: Newlin, Young, Int. J. Robust and Nonlinear Control 7, 1997; here parts have
+intervals of frequency in place of one frequency.) Parts are tried in batches that do not depend on how
+many processes there are.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.running import after
@@ -114,8 +113,8 @@ def attempt(
     with one, its `upper` is k or less.
     """
     low, high = ends_of(loop, k)
-    real = _real(loop)
-    whole = Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE, bool(np.any(real)))
+    may_be_cut = bool(np.any(loop.real))
+    whole = Part(low, high, ((0.0, np.inf),), near.peak, near.last, work, _TOLERANCE, may_be_cut)
     waiting = [_Node(whole)]
     covers: dict[tuple[int, ...], tuple[Cover, int]] = {}
     used, batches, widths = 0.0, 0, high - low
@@ -134,7 +133,7 @@ def attempt(
             continue
         (box, _, _), (cover, *_) = max(resisting, key=lambda pair: pair[1].cover.beta)
         if batches % _OFTEN == 0:
-            state = reach(state, 0.5 * (box.low + box.high)[real], cover.at)
+            state = reach(state, 0.5 * (box.low + box.high)[loop.real], cover.at)
             if state.upper <= k:
                 return Attempt(None, box.low, box.high, cover.at, used, state)
         batches += 1
@@ -167,9 +166,9 @@ def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
     That is the one for which the larger bound of both halves is least, of those with the largest parts in
     the bound: these parts tell what has no effect, but not what halves at a corner of the box have.
     """
-    box, cover, real = node.box, covered(loop, node.box), _real(loop)
+    box, cover = node.box, covered(loop, node.box)
     width = box.high - box.low
-    axes = np.flatnonzero(real & (width > _SMALLEST * widths))
+    axes = np.flatnonzero(loop.real & (width > _SMALLEST * widths))
     is_rough = not cover.beta > 1.0
     if not (cover.todo and len(axes)) or np.isnan(cover.at) or (is_rough and node.rough >= _ROUGH):
         return _Look(cover, -1, cover.work)
@@ -188,10 +187,6 @@ def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
         bounds.append(max(bound_of(loop, M, ends, cover.last, box.tolerance) for ends in halves))
     work = cover.work + 2 * len(bounds) * cost_at(loop)
     return _Look(cover, int(axes[np.argmin(bounds) if bounds else 0]), work)
-
-
-def _real(loop: Loop) -> NDArray[np.bool_]:
-    return np.array([block.kind == "real" for block in loop.blocks], dtype=bool)
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:

@@ -159,11 +159,22 @@ def upper_bound(
     tolerance: float = 1e-4,
     enough: float = 0.0,
 ) -> Multipliers:
-    """Multipliers with nearly the smallest beta for matrices M (k, n, n), made square: of all at once.
+    """Multipliers with nearly the smallest beta for M (n, n), made square, or several (k, n, n) at once.
 
     The search starts from those of matrices near to these, and ends within a relative tolerance of
-    beta, or at one that is small enough.
+    beta, or at one that is small enough. Where a start leads nowhere, it begins again without it.
     """
+    found = _searched(M, structure, start, tolerance, enough)
+    if start is None or not 0.0 < _STUCK * enough < found.beta:
+        return found
+    again = _searched(M, structure, None, tolerance, enough)
+    return min(found, again, key=lambda each: each.beta)
+
+
+def _searched(
+    M: Complex, structure: Structure, start: Multipliers | None, tolerance: float, enough: float
+) -> Multipliers:
+    M = M if M.ndim == 3 else M[None]
     n = structure.size
     size = float(np.max(np.linalg.norm(M, 2, axis=(1, 2)))) if n else 0.0
     X: Complex = np.eye(n, dtype=complex)
@@ -198,11 +209,7 @@ def upper_bound(
         X, _ = _center(M, enough, smallest[1] - 1j * smallest[2] / enough, structure, _MODERATE)
         smallest = (enough * enough, *_parts(X, enough))
     best, D, G = smallest
-    found = Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
-    if start is None or not 0.0 < _STUCK * enough * size < found.beta:
-        return found
-    again = upper_bound(M * size, structure, tolerance=tolerance, enough=enough * size)
-    return min(found, again, key=lambda each: each.beta)
+    return Multipliers(float(np.sqrt(max(best, 0.0))) * size, D, G * size)
 
 
 def _ahead(M: Complex, beta: float, X: Complex, structure: Structure) -> tuple[float, Complex, Complex]:
@@ -235,10 +242,10 @@ def _parts(X: Complex, beta: float) -> tuple[Complex, Complex]:
 
 
 def best_square(M: Complex, D: Complex, G: Complex) -> float:
-    """The smallest beta^2 that D and G prove of all matrices M (k, n, n)."""
+    """The smallest beta^2 that D and G prove of M (n, n), or of several (k, n, n)."""
     GM = 1j * G @ M
     half = 0.5 * _adjoint(M) @ D @ M + GM
-    squares = half + _adjoint(half)
+    squares = (half + _adjoint(half)).reshape(-1, *D.shape)
     return max(float(eigh(A, D, eigvals_only=True, check_finite=False)[-1]) for A in squares)
 
 
@@ -248,9 +255,9 @@ def energies_of(M: Complex, D: Complex, G: Complex) -> Array:
     To first order, log beta^2 falls by the part of a channel in their sum, times the logarithm by which
     |z|^2 falls there: z'D z of the w that make F nearly singular, with weights that are a dual solution.
     """
-    beta = float(np.sqrt(max(best_square(M[None], D, G), _NOTHING**2))) * _JUST_ABOVE
+    beta = float(np.sqrt(max(best_square(M, D, G), _NOTHING**2))) * _JUST_ABOVE
     eye = np.eye(len(M))
-    P = np.linalg.inv(_form((M - beta * eye)[None], (M + beta * eye)[None], D - 1j * G / beta)[0])
+    P = np.linalg.inv(_form(M - beta * eye, M + beta * eye, D - 1j * G / beta))
     return np.asarray(np.diagonal(D @ M @ P @ _adjoint(M)).real)
 
 
@@ -259,7 +266,7 @@ def _adjoint(M: Complex) -> Complex:
 
 
 def _form(U: Complex, V: Complex, X: Complex) -> Complex:
-    """S = -(U'X V + V'X'U)/2 of each matrix (k, n, n)."""
+    """S = -(U'X V + V'X'U)/2 of each matrix (..., n, n)."""
     half = _adjoint(U) @ X @ V
     return -0.5 * (half + _adjoint(half))
 

@@ -96,7 +96,7 @@ def structured_singular_value(
         for w in omega:
             M = channels_at(system, float(w))
             if all_grow:
-                last = upper_bound(squared(M, structure)[None], structure, start=last)
+                last = upper_bound(squared(M, structure), structure, start=last)
             else:
                 last = _skew_bound(M, blocks, grows)
             bounds.append((last, small_delta(M, blocks, last.beta, grows)))
@@ -184,7 +184,7 @@ def mu_bands(
     first = coverage.first_frequencies(channels.A)
     with one_thread():
         known = [
-            upper_bound(channels_matrix(channels, w)[None], structure, tolerance=0.1 * gap).beta
+            upper_bound(channels_matrix(channels, w), structure, tolerance=0.1 * gap).beta
             for w in coverage.looks(first)
         ]
         floor, widest = _LEAST * max(known), float(np.log(high / low)) * _WIDE
@@ -196,11 +196,11 @@ def mu_bands(
             a, b = (float(end) for end in todo.pop())
             omega = coverage.middle(a, b, first)
             M = channels_matrix(channels, omega)
-            last = upper_bound(M[None], structure, start=last, tolerance=0.1 * gap)
+            last = upper_bound(M, structure, start=last, tolerance=0.1 * gap)
             beta, band = max(last.beta, floor), None
             for again in range(_AGAIN):
                 beta *= 1.0 + gap * 2.0**again
-                last = upper_bound(M[None], structure, start=last, enough=beta)._replace(beta=beta)
+                last = upper_bound(M, structure, start=last, enough=beta)._replace(beta=beta)
                 band = interval_around(channels, last, omega)
                 if band is not None and band.high - band.low > _NARROW * omega:
                     break
