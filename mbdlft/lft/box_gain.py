@@ -238,8 +238,10 @@ def newton_step(H: Array, slope: Array) -> Array:
     scale = 1.0 / np.sqrt(np.diagonal(H))
     scaled, lift = scale[:, None] * H * scale, _LIFT
     while True:
+        lifted = scaled.copy()
+        np.fill_diagonal(lifted, 1.0 + lift)
         try:
-            factor = cho_factor(scaled + lift * np.eye(len(H)))
+            factor = cho_factor(lifted, lower=True, overwrite_a=True, check_finite=False)
         except LinAlgError:
             lift *= _RAISE
             continue

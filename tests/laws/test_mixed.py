@@ -171,6 +171,7 @@ def test_second_derivatives_of_pairs_of_blocks(monkeypatch: pytest.MonkeyPatch) 
     c, uu, vv = (
         random.standard_normal((2, 7, 7)) + 1j * random.standard_normal((2, 7, 7)) for _ in range(3)
     )
+    uu, vv = (x + np.conj(np.swapaxes(x, 1, 2)) for x in (uu, vv))
     both = []
     for cost in (0, 10**9):
         monkeypatch.setattr(multipliers, "_PAIR", cost)

@@ -181,12 +181,15 @@ def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
     by_block = np.bincount(loop.owner, energies, len(loop.blocks))
     axes = axes[np.argsort(-by_block[axes])][:_CANDIDATES]
     axes = axes[by_block[axes] > _IDLE * by_block[axes[0]]]
-    bounds = list[float]()
+    best, least, count = int(axes[0]), np.inf, 0
     for axis in axes if len(axes) > 1 else ():
-        halves = _cut_in_two(box.low, box.high, int(axis))
-        bounds.append(max(bound_of(loop, M, ends, cover.last, box.tolerance) for ends in halves))
-    work = cover.work + 2 * len(bounds) * cost_at(loop)
-    return _Look(cover, int(axes[np.argmin(bounds) if bounds else 0]), work)
+        bound = 0.0
+        for ends in _cut_in_two(box.low, box.high, int(axis)):
+            if bound < least:
+                bound = max(bound, bound_of(loop, M, ends, cover.last, box.tolerance))
+                count += 1
+        best, least = (int(axis), bound) if bound < least else (best, least)
+    return _Look(cover, best, cover.work + count * cost_at(loop))
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:

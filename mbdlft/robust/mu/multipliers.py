@@ -17,7 +17,7 @@ Algebra and its Applications 188 (1993); Newton's method: Boyd, Vandenberghe, Co
 """
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import combinations_with_replacement, pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ _CENTERED = 0.05  # Newton decrement squared at which a center is near enough
 _STEP = 0.1  # of the way from the best beta^2 of the multipliers back to the one of the center
 _ENOUGH = 0.1  # of the fall that the slope promises
 _STUCK = 2.0  # times what is enough: above it, a start led nowhere, and another search begins without it
-_BLEND = 1e-2  # of the mean of D, that multipliers get with which a search starts
+_BLEND = 1e-4  # of the mean of D, that multipliers get with which a search starts
 # weights of |X|^2/2: so that parts that do nothing are bounded; so that all are of moderate size
 _SMALL, _MODERATE = 1e-8, 1e-3
 _NOTHING = 1e-8  # of M: below that mu is nothing, and the forms are singular to doubles
@@ -336,15 +336,16 @@ def _by_pairs(c: Complex, uu: Complex, vv: Complex, sizes: Sequence[int]) -> tup
     """Both sums of `_curvature`, as products of what pairs of blocks have of the matrices."""
     starts, entries = (np.cumsum([0, *(size**power for size in sizes)]) for power in (1, 2))
     first, second = (np.empty((entries[-1], entries[-1]), dtype=complex) for _ in range(2))
-    for (s, B, rows), (t, D, columns) in product(
-        list(zip(sizes, _slices(starts), _slices(entries), strict=True)), repeat=2
-    ):
+    parts = zip(sizes, _slices(starts), _slices(entries), strict=True)
+    for (s, B, rows), (t, D, columns) in combinations_with_replacement(parts, 2):
         jp_qi, pi_jq = (
             a.reshape(len(c), -1).T @ b.reshape(len(c), -1)
             for a, b in ((c[:, B, D], c[:, D, B]), (uu[:, D, B], vv[:, B, D]))
         )
         first[rows, columns] = jp_qi.reshape(s, t, t, s).transpose(3, 0, 1, 2).reshape(s * s, t * t)
         second[rows, columns] = pi_jq.reshape(t, s, s, t).transpose(1, 2, 0, 3).reshape(s * s, t * t)
+        first[columns, rows] = first[rows, columns].T
+        second[columns, rows] = second[rows, columns].conj().T
     return first, second
 
 
