@@ -6,7 +6,7 @@ import numpy as np
 
 import mbdlft
 from tests.errors.table import refused, says
-from tests.laws.test_arctangent import TANGENT, arm
+from tests.laws.test_couplings import TANGENT, arm
 from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
 
 

@@ -1,5 +1,7 @@
 """No hard case is silently wrong: the error is that of the condition, or the scene is refused."""
 
+from itertools import pairwise
+
 import mpmath as mp
 import numpy as np
 import pytest
@@ -8,9 +10,45 @@ import mbdlft
 from benchmarks.cases import hard
 from benchmarks.cases.digits import DIGITS
 from benchmarks.cases.measure import measure
+from benchmarks.scaling import SHAPES, expected, families, figure, slope, table
+from benchmarks.scaling import measure as measured
+from mbdlft import (
+    AnalysisError,
+    Inertia,
+    Parameter,
+    RigidBody,
+    frequency_response,
+    hinf_norm,
+    poles,
+    response_frequencies,
+    step_response,
+)
+from mbdlft.exact.numbers import BITS, precision
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.matrix import MatrixProblem
+from mbdlft.matrix.relations import problem_of_matrix
+from mbdlft.order import circles, lower_bound
+from mbdlft.order.circles import independent
+from mbdlft.order.joint_bound import JointBound
+from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_order
-from tests.close import EPS, HARD, HARD_CHAIN, HARD_NUMERIC, conditioned
+from mbdlft.order.work import Work
+from mbdlft.pipeline.forms import candidates
+from tests.close import (
+    CLOSED_FORM,
+    EPS,
+    HARD,
+    HARD_CHAIN,
+    HARD_NUMERIC,
+    PEAK,
+    RESPONSE,
+    conditioned,
+    poles_by_qr,
+    target,
+)
+from tests.errors.scenes import cart
 from tests.extracted import eliminated_in_doubles, exactly
+from tests.oscillators import plain
 
 
 @pytest.mark.long
@@ -152,3 +190,194 @@ def test_an_equilibrium_close_to_a_bifurcation(imperfection: float) -> None:
         expected = float(q)
     conditioned(found, expected, kappa)
     assert kappa * EPS < 1.0
+
+
+# Poles, responses and norms of hard cases against 50 digits: near poles, little damping, bad scales.
+
+DIGITS_OF_RESPONSES = 50
+
+
+def two_modes(damping: float, apart: float, scale: float) -> tuple[np.ndarray, ...]:
+    """Masses 1 and 1 between springs 1, apart and 1, states in units that differ by `scale`."""
+    k = np.array([[1.0 + apart, -apart], [-apart, 1.0 + apart]])
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-k, -2.0 * damping * k]])
+    units = np.array([1.0, scale, 1.0 / scale, 1.0])
+    B, C = np.array([[0.0], [0.0], [1.0], [0.0]]), np.array([[1.0, 0.0, 0.0, 0.0]])
+    return A * units[:, None] / units, B * units[:, None], C / units
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-4])
+@pytest.mark.parametrize("apart", [0.5, 1e-6])
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_poles_have_the_digits_of_their_condition(damping: float, apart: float, scale: float) -> None:
+    """In units of masses and springs, whatever those of the states.
+
+    Balancing does not find these where near modes differ by 1e6; what it leaves then is graded, which QR
+    keeps.
+    """
+    A, B, C = two_modes(damping, apart, scale)
+    even = two_modes(damping, apart, 1.0)[0]
+    found = poles(plain(A, B, C))[0]
+    with mp.workdps(DIGITS_OF_RESPONSES):
+        expected = mp.eig(mp.matrix(A.tolist()), left=False, right=False)
+        sizes, left, right = mp.eig(mp.matrix(even.tolist()), left=True, right=True)
+        left, right = (np.array(x.tolist(), dtype=complex) for x in (left.H, right))
+        errors, sizes = poles_by_qr(even, left, right), np.array(sizes, dtype=complex)
+        for value in map(complex, expected):
+            nearest = found[np.argmin(np.abs(found - value))]
+            target(nearest, value, float(errors[np.argmin(np.abs(sizes - value))]) / abs(value))
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_peaks_of_near_modes_in_50_digits(damping: float, scale: float) -> None:
+    """Two modes a hundredth apart: the highest value at the chosen frequencies is the peak."""
+    A, B, C = two_modes(damping, 0.01, scale)
+    system = plain(A, B, C)
+    omega = response_frequencies(system)
+    found = np.abs(frequency_response(system, {}, omega))[0, :, 0, 0]
+    k = int(np.argmax(found))
+    with mp.workdps(DIGITS_OF_RESPONSES):
+
+        def gain(w: mp.mpf) -> mp.mpf:
+            shifted = mp.mpc(0, 1) * w * mp.eye(4) - mp.matrix(A.tolist())
+            return abs((mp.matrix(C.tolist()) * mp.lu_solve(shifted, mp.matrix(B.tolist())))[0])
+
+        target(found[k], float(gain(mp.mpf(omega[0, k]))), RESPONSE)
+        low, high = mp.mpf(omega[0, k - 1]), mp.mpf(omega[0, k + 1])
+        for _ in range(60):  # the gain has one peak between neighbors: golden section
+            span = (high - low) * (mp.sqrt(5) - 1) / 2
+            if gain(high - span) > gain(low + span):
+                high = low + span
+            else:
+                low = high - span
+        peak = gain((low + high) / 2)
+        target(found[k], float(peak), PEAK)
+        norm = hinf_norm(system)
+        assert norm.lower[0] <= float(peak) * (1.0 + RESPONSE)
+        assert norm.upper[0] >= float(peak) * (1.0 - RESPONSE)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e6])
+def test_steps_of_badly_scaled_systems_in_50_digits(scale: float) -> None:
+    A, B, C = two_modes(1e-4, 0.5, scale)
+    times = np.array([0.0, 0.5, 7.0, 100.0])
+    found = step_response(plain(A, B, C), {}, times).values[0, :, 0, 0]
+    with mp.workdps(DIGITS_OF_RESPONSES):
+        matrix = mp.matrix(A.tolist())
+        settled = mp.lu_solve(matrix, mp.matrix(B.tolist()))
+        expected = [
+            float((mp.matrix(C.tolist()) * (mp.expm(matrix * t) - mp.eye(4)) * settled)[0])
+            for t in map(float, times)
+        ]
+    target(found, expected, RESPONSE)
+
+
+def test_poles_of_scaled_integrators_are_exactly_zero() -> None:
+    A = np.zeros((3, 3))
+    A[0, 1], A[1, 2], A[2, 2] = 1e6, 1e-6, -1e3
+    found = poles(plain(A, [[0.0], [0.0], [1.0]], [[1.0, 0.0, 0.0]]))[0]
+    target(np.sort(found.real), [-1e3, 0.0, 0.0], CLOSED_FORM)
+
+
+# Hundreds of parameters in one body or one entry: a model in seconds, or a reason why there is none.
+
+
+def numbered(count: int, unit: str = "1") -> list[Parameter]:
+    return [Parameter(f"p{k}", 1.0, percent=10, unit=unit) for k in range(count)]
+
+
+def products(parameters: list[Parameter]) -> str:
+    """p0 p1 + p1 p2 + ..."""
+    return " + ".join(f"{p.name}*{q.name}" for p, q in pairwise(parameters))
+
+
+def test_more_than_a_thousand_that_the_model_depends_on() -> None:
+    many = numbered(1100, "kg")
+    with pytest.raises(AnalysisError, match=r"'cart_on_rail': depends on 1100 parameters; at most 1000"):
+        mbdlft.to_lft(cart(" + ".join(p.name for p in many), many))
+    with pytest.raises(AnalysisError, match="depends on 1100 parameters"):
+        mbdlft.realize([[" + ".join(p.name for p in numbered(1100))]], numbered(1100))
+
+
+def test_those_that_it_does_not_depend_on_are_not_counted() -> None:
+    many = numbered(1100, "m")
+    ports = {f"port{k}": (p.name, 0, 0) for k, p in enumerate(many)}
+    body = RigidBody(name="b", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=1), ports=ports)
+    scene = cart("1", many).model_copy(update={"bodies": (body,)})
+    joint = scene.joints[0].model_copy(update={"child": "b"})
+    model = mbdlft.to_lft(scene.model_copy(update={"joints": (joint,)}), search=0.0)
+    assert (model.order, len(model.parameters)) == (0, 1100)
+
+
+def test_products_of_seventy_with_a_search() -> None:
+    """The box of monomials has 2^70 coefficients, and there are 54,740 triples."""
+    many = numbered(70)
+    model = mbdlft.realize([[products(many)]], many)
+    assert model.certificate.order_bound == 70
+    values = {p.name: 1.0 + 0.1 * (-1) ** k for k, p in enumerate(many)}
+    expected = sum(values[p.name] * values[q.name] for p, q in pairwise(many))
+    target(model.at(**values).D, np.array([[expected]]), CLOSED_FORM)
+
+
+def test_looks_at_pairs_and_triples_are_counted() -> None:
+    many = numbered(40)
+    with precision(BITS):
+        problem = problem_of_matrix(
+            MatrixProblem(name="products", matrix=[[products(many)]], parameters=many)
+        )
+        (candidate,) = candidates(problem, problem.forms[:1])
+        bound = JointBound(candidate.exact, exact_degrees(candidate.exact))
+        before, work = lower_bound._reduced.cache_info().misses, Work(0.05)
+        bound.of_all(work)
+        assert work.is_over
+        assert lower_bound._reduced.cache_info().misses - before < 0.1 * 1.5e10 / 5e6
+
+
+def test_no_look_at_dependences_that_takes_more_than_is_left() -> None:
+    a = LFT(np.zeros((2, 2)), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), (Block("p", 2),))
+    assert independent(a, Work(1e-9)) is a
+    assert independent(a, Work()).order == 1
+
+
+def test_channels_of_many_points_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(circles, "_NUMBERS", 100)
+    random = np.random.default_rng(0)
+    M11, M12 = 0.1 * random.standard_normal((6, 6)), random.standard_normal((6, 2))
+    deltas = np.exp(1j * random.uniform(0.0, 6.0, (7, 6)))
+    for k, found in enumerate(circles.channels_at(M11, M12, deltas)):
+        target(found, np.linalg.solve(np.eye(6) - M11 * deltas[k], M12), CLOSED_FORM)
+    assert circles.channels_at(M11, M12, deltas[:0]).shape == (0, 6, 2)
+
+
+# The scaling benchmark at its smallest: verified rows, and exponents of what is known.
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("few", [True, False])
+def test_rows_are_verified(shape: str, few: bool, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    rows = [measured(shape, count, few) for count in (3, 4)]
+    assert len(families(rows)) == 1
+    assert all(row["bound"] <= row["order"] <= row["raw"] for row in rows)
+    assert all(row["parameters"] == (5 if few else 3 * row["bodies"]) for row in rows)
+    assert table(rows).count("\n") > len(rows)
+    if shape == "star" and few:
+        figure(tmp_path / "figure.png", rows)
+
+
+def test_slope_of_a_power() -> None:
+    counts = [10, 20, 40]
+    conditioned(slope(counts, [3.0 * n**2.5 for n in counts]), 2.5, 10.0)
+
+
+def test_what_the_next_member_takes() -> None:
+    family = [{"bodies": n, "seconds": 0.01 * n**3} for n in (10, 20)]
+    conditioned(expected(family, 40), 640.0, 10.0)
+    assert expected(family[:1], 40) == 0.0
+
+
+def test_a_wrong_model_is_not_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Planted bug: nothing is accurate enough."""
+    monkeypatch.setattr("benchmarks.scaling._ACCEPTED", 0.0)
+    with pytest.raises(SystemExit, match="error"):
+        measured("star", 3, True)

@@ -7,6 +7,7 @@ from scipy.linalg import block_diag
 from mbdlft.lft.lft import LFT, Block
 
 NAMES = ("a", "b", "c")
+DENOMINATOR = 4  # entries are integers over this: exact in floating point and modulo a prime
 
 
 @st.composite
@@ -34,6 +35,21 @@ def lfts(
     if rows == columns:
         M22 = M22 + 3.0 * rows * np.eye(rows)
     return LFT(M11, M12, M21, M22, blocks)
+
+
+@st.composite
+def sparse_lfts(draw: st.DrawFn) -> LFT:
+    """LFTs with few entries, small fractions: most are not minimal."""
+    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    blocks = tuple(Block(name, draw(st.integers(0, 4))) for name in ("a", "b", "c"))
+    n, n_out, n_in = sum(block.size for block in blocks), *random.integers(1, 4, 2)
+    density = draw(st.sampled_from([0.15, 0.3, 0.6]))
+
+    def some(rows: int, columns: int) -> np.ndarray:
+        entries = random.integers(-3, 4, (rows, columns)) / DENOMINATOR
+        return entries * (random.random((rows, columns)) < density)
+
+    return LFT(some(n, n), some(n, n_in), some(n_out, n), some(n_out, n_in), blocks)
 
 
 def points(seed: int, count: int = 5) -> dict[str, np.ndarray]:

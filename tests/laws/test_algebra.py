@@ -15,11 +15,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from mbdlft import ComplexBlock, FullBlock
 from mbdlft.base.errors import StructureError, WellPosednessError
 from mbdlft.lft import lft as algebra
+from mbdlft.lft import sampling
+from mbdlft.lft.box_gain import gain_bound
 from mbdlft.lft.lft import LFT, Block, constant, delta, fix
-from mbdlft.lft.sampling import evaluate, evaluate_at
+from mbdlft.lft.sampling import evaluate, evaluate_at, values_at
+from mbdlft.order.circles import pole_distance
+from mbdlft.order.degree import degree_bounds
+from mbdlft.order.reduction import reduce_order
+from mbdlft.system.truncation import truncate_lft
 from tests.close import error, exact, roundoff
+from tests.errors.table import says
 from tests.laws.lfts import lfts, points
 
 KAPPA = 1e4  # condition of the loops that the generated LFTs reach
@@ -164,3 +172,241 @@ def test_bad_shapes_and_singular_values_are_errors() -> None:
     with pytest.raises(WellPosednessError, match="singular at one of the points"):
         evaluate(algebra.inverse(constant(np.eye(1)) + delta("a")), {"a": np.array([-1.0])})
     assert error(evaluate(delta("a"), {"a": 0.5}), [[0.5]]) == 0.0
+
+
+# Laws of LFTs with complex entries and with blocks of all kinds, against the definition.
+
+
+BLOCKS = (Block("a", 2), ComplexBlock("c", 1), FullBlock("f", 3, 2))
+
+
+def mixed(seed: int, n_out: int = 2, n_in: int = 2, blocks=BLOCKS, imaginary: float = 1.0) -> LFT:
+    random = np.random.default_rng(seed)
+    z, w = sum(b.inputs for b in blocks), sum(b.outputs for b in blocks)
+
+    def some(*shape: int) -> np.ndarray:
+        return random.standard_normal(shape) + 1j * imaginary * random.standard_normal(shape)
+
+    M22 = some(n_out, n_in) + 4.0 * np.eye(n_out, n_in)
+    return LFT(0.1 * some(z, w), some(z, n_in), some(n_out, w), M22, blocks)
+
+
+def point(seed: int) -> dict[str, object]:
+    random = np.random.default_rng(seed)
+    full = random.standard_normal((2, 3)) + 1j * random.standard_normal((2, 3))
+    return {"a": random.uniform(-1, 1), "c": 0.6 - 0.7j, "f": 0.5 * full}
+
+
+def value_of_kinds(a: LFT, at: dict[str, object]) -> np.ndarray:
+    """The definition, with an explicit inverse."""
+    parts = [at[b.name] if b.kind == "full" else at[b.name] * np.eye(b.size) for b in a.blocks if b.size]
+    Delta = np.zeros((a.M11.shape[1], a.M11.shape[0]), dtype=complex)
+    row = column = 0
+    for part in parts:
+        Delta[row : row + part.shape[0], column : column + part.shape[1]] = part
+        row, column = row + part.shape[0], column + part.shape[1]
+    return a.M22 + a.M21 @ Delta @ np.linalg.inv(np.eye(a.order) - a.M11 @ Delta) @ a.M12
+
+
+@pytest.mark.parametrize("imaginary", [0.0, 1.0])
+def test_values_of_the_algebra(imaginary: float) -> None:
+    for seed in range(5):
+        a, c = mixed(seed, imaginary=imaginary), mixed(seed + 50, imaginary=imaginary)
+        b = LFT(c.M11[:3, :3], c.M12[:3], c.M21[:, :3], c.M22, (Block("a", 2), ComplexBlock("c", 1)))
+        at = point(seed)
+        va, vb = value_of_kinds(a, at), value_of_kinds(b, {"a": at["a"], "c": at["c"]})
+        roundoff(evaluate(a, at), va, KAPPA)
+        roundoff(value_of_kinds(a + b, at), va + vb, KAPPA)
+        roundoff(value_of_kinds(a @ b, at), va @ vb, KAPPA)
+        roundoff(value_of_kinds(algebra.inverse(a), at), np.linalg.inv(va), KAPPA)
+        roundoff(value_of_kinds(algebra.stack_columns(a, b), at), np.hstack([va, vb]), KAPPA)
+        roundoff(value_of_kinds(algebra.stack_rows(a, b), at), np.vstack([va, vb]), KAPPA)
+        closed = algebra.eliminate(a, 1)
+        inner = -va[:1, 1:] / va[0, 0]
+        roundoff(value_of_kinds(closed, at), np.vstack([inner, va[1:, 1:] + va[1:, :1] @ inner]), KAPPA)
+        for name in at:
+            left = {key: item for key, item in at.items() if key != name}
+            roundoff(value_of_kinds(fix(a, {name: at[name]}), left), va, KAPPA)
+
+
+def test_many_points_and_points_by_name() -> None:
+    a = mixed(3)
+    points = [point(seed) for seed in range(4)]
+    many = evaluate(a, {name: np.array([p[name] for p in points]) for name in points[0]})
+    for found, at in zip(many, points, strict=True):
+        roundoff(found, value_of_kinds(a, at), KAPPA)
+    real = LFT(a.M11[:2, :2], a.M12[:2], a.M21[:, :2], a.M22, a.blocks[:1])
+    deltas = np.linspace(-1, 1, 1500)  # many: a program would be made of real ones
+    found = evaluate_at(real, deltas[:, None])
+    for k in (0, 700, 1499):
+        roundoff(found[k], value_of_kinds(real, {"a": deltas[k]}), KAPPA)
+
+
+def test_real_stays_real() -> None:
+    a = mixed(1, imaginary=0.0)
+    assert not a.is_complex
+    for item in (a, a + a.M22, a @ a.M22, algebra.inverse(a), constant(1.0 + 0j)):
+        assert {m.dtype.name for m in (item.M11, item.M12, item.M21, item.M22)} == {"float64"}
+    assert mixed(1).is_complex
+    exact(constant([[1j]]).M22, np.array([[1j]]))
+
+
+def test_names_and_sizes() -> None:
+    a = mixed(0)
+    assert a.order == 6
+    assert a.M11.shape == (6, 5)
+    assert a.columns()["f"] == slice(3, 5)
+    assert ComplexBlock("a", 2) != Block("a", 2)
+    assert Block("a", 2) != ComplexBlock("a", 2)
+    assert FullBlock("f", 2, 2) == FullBlock("f", 2) != FullBlock("f", 2, 3)
+    assert delta(FullBlock("f", 3, 2)).shape == (2, 3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda a: a + delta("c", 2), "c is a complex block here and a real one there."),
+        (lambda a: a + a, "the full block f stands twice, and it cannot be repeated."),
+        (lambda a: algebra.transpose(a), "the transpose of a full block is another block: f."),
+        (lambda a: evaluate(a, {"a": 1j}), "a is a real delta, got 1j."),
+        (lambda a: evaluate(a, {"f": np.eye(2)}), "f is a full block and needs shape (2, 3), got"),
+        (lambda a: evaluate(a, {"f": "x"}), "f: expected a number, got 'x'."),
+        (lambda a: evaluate_at(a, np.zeros((1, 3))), "points have one real number for each block"),
+        (lambda a: reduce_order(a), "the reduction holds for real entries and repeated real par"),
+        (lambda a: degree_bounds(a), "c is a complex block, f is a full block."),
+        (lambda a: degree_bounds(constant([[1j]])), "parameters only; an entry is complex."),
+        (lambda a: gain_bound(a), "the bound of the gain holds for real entries"),
+        (lambda a: truncate_lft(a, 0.1), "truncation holds for real entries"),
+        (lambda a: values_at(a, np.zeros((1, 3))), "the determinant at many points holds for"),
+        (
+            lambda a: LFT(a.M11, a.M12, a.M21, a.M22, BLOCKS[:2]),
+            "LFT: M11 needs shape (6, 6), got (6, 5).",
+        ),
+    ],
+)
+def test_errors(make, message) -> None:
+    with says(StructureError, message):
+        make(mixed(2))
+
+
+# Values, signs and vanishing determinants by the loops of an LFT are those of the whole matrix.
+
+
+KAPPA_OF_LOOPS = 1e6  # condition of the loops below at the points that are compared
+
+
+def deltas(a: LFT, count: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-1.0, 1.0, (count, len(a.blocks)))
+
+
+def chained(loops: tuple[int, ...], seed: int, shape: tuple[int, int] = (3, 2)) -> LFT:
+    """Loops of such sizes that read from one or two earlier ones, with their channels shuffled."""
+    random = np.random.default_rng(seed)
+    n = sum(loops)
+    M11, end = np.zeros((n, n)), 0
+    for size in loops:
+        part = slice(end, end + size)
+        M11[part, part] = random.standard_normal((size, size)) / (size + 1.0)
+        for source in random.integers(0, end, min(end, 2)):
+            M11[end + random.integers(size), source] = random.standard_normal()
+        end += size
+    order = random.permutation(n)
+    cut = n // 3
+    return LFT(
+        M11[np.ix_(order, order)],
+        random.standard_normal((n, shape[1])),
+        random.standard_normal((shape[0], n)),
+        random.standard_normal(shape),
+        (Block("a", cut), Block("b", n - cut)),
+    )
+
+
+# small ones are one block; those of the last two have blocks that are factored point by point
+LOOPS = [(1,), (3, 1, 2), (1,) * 100, (2, 3) * 30, (70, 1, 1, 20, 5, 90), (1, 1, 120) + (2,) * 40]
+
+
+def law_blocks(matrix: np.ndarray) -> int:
+    """The number of blocks."""
+    blocks = sampling.diagonal_blocks(matrix)
+    exact(np.sort(np.concatenate(blocks)), np.arange(len(matrix)))
+    for k, block in enumerate(blocks):
+        for later in blocks[k + 1 :]:
+            assert not matrix[np.ix_(block, later)].any()
+    return len(blocks)
+
+
+def law_values(a: LFT, at: np.ndarray) -> None:
+    values, signs = sampling.values_at(a, at)
+    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
+    exact(signs, [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
+    roundoff(values, evaluate_at(a, at), KAPPA_OF_LOOPS)
+
+
+def law_vanishing(a: LFT, at: np.ndarray) -> np.ndarray:
+    """Every line is searched: at most 32 points, small blocks."""
+    found = sampling.vanishes(a, at)
+    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
+    poles = [np.linalg.eigvals(a.M11 * row) for row in spread]
+    exact(found, [bool(np.any((s.imag == 0.0) & (s.real >= 1.0))) for s in poles])
+    return found
+
+
+@pytest.mark.parametrize("loops", LOOPS)
+@pytest.mark.parametrize("shape", [(3, 2), (2, 3)])
+def test_chained_loops(loops: tuple[int, ...], shape: tuple[int, int]) -> None:
+    a = chained(loops, 1, shape)
+    assert (law_blocks(a.M11) > 1) == (a.order > 48)
+    law_values(a, deltas(a, 7))
+    law_vanishing(a, 3.0 * deltas(a, 7))
+
+
+def test_signs_far_from_nominal() -> None:
+    """Where rows are exchanged in the factorization, and each exchange changes the sign."""
+    a = chained((70,), 2)
+    at = 20.0 * deltas(a, 12)
+    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
+    expected = [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread]
+    assert set(expected) == {-1.0, 1.0}
+    exact(sampling.values_at(a, at)[1], expected)
+
+
+@given(lfts(2, 3), seeds)
+def test_small_lfts(a: LFT, seed: int) -> None:
+    law_values(a, deltas(a, 3, seed))
+
+
+def test_an_lft_without_channels() -> None:
+    a = LFT(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.ones((1, 2)))
+    values, signs = sampling.values_at(a, np.zeros((3, 0)))
+    exact(values, np.ones((3, 1, 2)))
+    exact(signs, np.ones(3))
+    assert not sampling.vanishes(a, np.zeros((3, 0))).any()
+
+
+@pytest.mark.parametrize("size", [1, 70])
+def test_a_singular_point_has_the_sign_zero(size: int) -> None:
+    a = LFT(np.eye(size), np.ones((size, 1)), np.ones((1, size)), np.zeros((1, 1)), (Block("a", size),))
+    _, signs = sampling.values_at(a, np.array([[0.5], [1.0], [2.0]]))
+    exact(signs, [1.0, 0.0, (-1.0) ** size])
+    exact(sampling.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])
+
+
+def test_a_double_root_does_not_change_the_sign() -> None:
+    """det = (1 - d/2)^2 + e^2: touches zero at d = 2 for e = 0 only."""
+    for gap, expected in ((0.0, True), (0.1, False)):
+        M11 = np.array([[0.5, gap], [-gap, 0.5]])
+        a = LFT(M11, np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), (Block("a", 2),))
+        exact(sampling.values_at(a, np.array([[3.0]]))[1], [1.0])
+        exact(sampling.vanishes(a, np.array([[3.0]])), [expected])
+
+
+def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No line is seen to vanish, and a pole is not nearer than the norm allows."""
+
+    def failing(matrix: np.ndarray) -> np.ndarray:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(np.linalg, "eigvals", failing)
+    a = LFT(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
+    assert not sampling.vanishes(a, np.array([[2.0]])).any()
+    exact(pole_distance(np.array([[0.0, 4.0], [0.0, 0.0]]), 10.0), 0.25)

@@ -12,32 +12,23 @@ from hypothesis import strategies as st
 from scipy.linalg import schur
 
 import mbdlft
+from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
+from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal, with_blocks
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import degree as bound
+from mbdlft.order import lower_bound as exact
 from mbdlft.order.degree import Bound, degree_bounds
 from mbdlft.order.reduction import reduce_order
 from mbdlft.problem.relations import linearize
-from tests.extracted import extracted, lower_bound
-from tests.laws.lfts import padded
+from tests.close import roundoff
+from tests.extracted import exactly, extracted, lower_bound
+from tests.laws.lfts import DENOMINATOR, lfts, padded, sparse_lfts
+from tests.laws.loewner import degrees as degrees_by_ranks
 from tests.laws.loewner import exact_degree
-
-DENOMINATOR = 4  # entries are integers over this: exact in floating point and modulo a prime
-
-
-@st.composite
-def sparse_lfts(draw: st.DrawFn) -> LFT:
-    """LFTs with few entries, small fractions: most are not minimal."""
-    random = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    blocks = tuple(Block(name, draw(st.integers(0, 4))) for name in ("a", "b", "c"))
-    n, n_out, n_in = sum(block.size for block in blocks), *random.integers(1, 4, 2)
-    density = draw(st.sampled_from([0.15, 0.3, 0.6]))
-
-    def some(rows: int, columns: int) -> np.ndarray:
-        entries = random.integers(-3, 4, (rows, columns)) / DENOMINATOR
-        return entries * (random.random((rows, columns)) < density)
-
-    return LFT(some(n, n), some(n, n_in), some(n_out, n), some(n_out, n_in), blocks)
+from tests.laws.test_reduction import KAPPA, values
+from tests.strategies import fewer
 
 
 def law_degrees(a: LFT) -> None:
@@ -178,3 +169,248 @@ def test_degrees_of_a_chain() -> None:
     assert sum(item.degree for item in found.values()) == 85
     assert [found[f"m{k}"].degree for k in range(6)] == [1, 2, 3, 4, 5, 6]
     assert not any(item.doubtful for item in found.values())
+
+
+# Ranks without a tolerance: hard scales, many parameters, one parameter very often.
+# The right orders are known by construction: a minimal LFT is hidden by a similarity transformation of
+# each block, and by channels that nothing reaches or nobody sees.
+
+TWELVE = (1e-6, 1.0, 1e6)
+
+
+def scaled_scene(mass: float, length: float) -> mbdlft.Scene:
+    """A slide on a swinging arm with its masses and lengths in other sizes; the time stays."""
+    inertia, stiffness = mass * length**2, mass
+    parameters = [
+        mbdlft.Parameter("m", 2.0 * mass, percent=30, unit="kg"),
+        mbdlft.Parameter("L", 0.8 * length, percent=20, unit="m"),
+        mbdlft.Parameter("J", 0.3 * inertia, percent=10, unit="kg m^2"),
+        mbdlft.Parameter("k", 7.0 * stiffness, percent=50, unit="N/m"),
+        mbdlft.Angle("t", 20.0, -30.0, 60.0),
+    ]
+    arm = mbdlft.RigidBody(
+        name="arm",
+        mass=1.5 * mass,
+        center_of_mass=(0, "0.4*L", 0),
+        inertia=mbdlft.Inertia(xx="J"),
+        ports={"tip": (0, "L", 0)},
+    )
+    swing = mbdlft.Revolute(
+        name="swing", parent="ground", child="arm", axis=(1, 0, 0), position="t", damping=0.1 * inertia
+    )
+    slide = mbdlft.Prismatic(
+        name="slide", parent="arm.tip", child="load", axis=(0, 1, 0), position=0.2 * length, stiffness="k"
+    )
+    return mbdlft.Scene(
+        name="slide",
+        gravity=(0, 0, -9.81 * length),
+        parameters=parameters,
+        bodies=[arm, mbdlft.PointMass(name="load", mass="m")],
+        joints=[swing, slide],
+    )
+
+
+@pytest.mark.parametrize("length", TWELVE)
+@pytest.mark.parametrize("mass", TWELVE)
+def test_units_do_not_change_ranks(mass: float, length: float) -> None:
+    """Micrograms to kilotons, micrometers to megameters: order and bound are those of kg and m."""
+    found = mbdlft.to_lft(scaled_scene(mass, length), search=0.0).certificate
+    expected = mbdlft.to_lft(scaled_scene(1.0, 1.0), search=0.0).certificate
+    assert found.order == expected.order
+    assert found.lower_bound == expected.lower_bound
+    assert not any(found.doubtful)
+
+
+def minimal(sizes: dict[str, int], signals: int, seed: int = 0) -> LFT:
+    """A random LFT; a random LFT with as many signals as its largest block is minimal."""
+    random = np.random.default_rng(seed)
+    blocks = tuple(Block(name, size) for name, size in sorted(sizes.items()))
+    n = sum(sizes.values())
+    M11 = random.standard_normal((n, n))
+    M11 *= 0.6 / np.linalg.norm(M11, 2)
+    M12, M21 = random.standard_normal((n, signals)), random.standard_normal((signals, n))
+    return LFT(M11, M12, M21, random.standard_normal((signals, signals)), blocks)
+
+
+def rescaled(a: LFT, decades: float, random: np.random.Generator) -> LFT:
+    """Inputs, outputs and channels in units of random sizes."""
+
+    def sizes(count: int) -> Array:
+        return 10.0 ** random.uniform(-decades, decades, count)
+
+    inputs, outputs, channels = sizes(a.shape[1]), sizes(a.shape[0]), sizes(a.order)
+    return LFT(
+        channels[:, None] * a.M11 / channels,
+        channels[:, None] * a.M12 * inputs,
+        outputs[:, None] * a.M21 / channels,
+        outputs[:, None] * a.M22 * inputs,
+        a.blocks,
+    )
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_scales_over_twelve_orders(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    right = minimal({"a": 5, "b": 3, "c": 4, "d": 1}, 3, seed)
+    hidden = rescaled(padded(right, random), 6.0, random)
+    small = reduce_order(hidden)
+    assert small.blocks == right.blocks
+    for item in (hidden, small):
+        assert lower_bound(item) == dict(right.blocks)
+        assert not any(found.doubtful for found in degree_bounds(item).values())
+
+
+def test_forty_parameters() -> None:
+    random = np.random.default_rng(1)
+    right = minimal({f"p{k:02d}": 1 + k % 4 for k in range(40)}, 4)
+    hidden = padded(right, random)
+    assert hidden.order == right.order + 80
+    small = reduce_order(hidden)
+    assert small.blocks == right.blocks
+    assert lower_bound(small) == lower_bound(hidden) == dict(right.blocks)
+    points = random.uniform(-1.0, 1.0, (3, 40))
+    roundoff(*(evaluate_at(item, points) for item in (small, right)), KAPPA)
+
+
+def power(count: int) -> LFT:
+    """delta^count: a chain of channels, minimal."""
+    eye = np.eye(count)
+    return LFT(np.eye(count, k=1), eye[:, -1:], eye[:1], np.zeros((1, 1)), (Block("a", count),))
+
+
+@pytest.mark.parametrize("count", [150, pytest.param(500, marks=pytest.mark.long)])
+def test_one_parameter_very_often(count: int) -> None:
+    """delta^count, hidden in two channels more."""
+    small = reduce_order(padded(power(count), np.random.default_rng(2)))
+    assert small.order == count
+    assert degree_bounds(small)["a"] == (count, 0)
+    roundoff(values(small, 3), values(power(count), 3), KAPPA)
+
+
+def test_500_repetitions_of_which_10_are_needed() -> None:
+    """A sum of 100 copies of delta/(1 - p delta) R_p with R_p of full rank 2, for 5 values of p."""
+    random = np.random.default_rng(3)
+    poles = np.repeat([-0.5, -0.2, 0.1, 0.3, 0.6], 100)
+    M12, M21 = random.standard_normal((500, 2)), random.standard_normal((2, 500))
+    T, _ = np.linalg.qr(random.standard_normal((500, 500)))
+    many = LFT(T * poles @ T.T, T @ M12, M21 @ T.T, np.zeros((2, 2)), (Block("a", 500),))
+    small = reduce_order(many)
+    assert small.order == 10
+    assert degree_bounds(small)["a"] == (10, 0)
+    d = 0.7
+    expected = (M21 * (d / (1.0 - poles * d))) @ M12
+    roundoff(evaluate(small, {"a": d}), expected, KAPPA)
+
+
+# Laws of bounds in exact arithmetic.
+
+A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
+
+
+def bound_exact(*rows: list[str], parameters: tuple[Parameter, ...] = (A, B)) -> dict[str, int]:
+    return exact_lower_bound(MatrixProblem(matrix=rows, parameters=parameters))
+
+
+CLOSED = [
+    ([["3"]], (0, 0)),
+    ([["a - a"]], (0, 0)),
+    ([["a^7 + 2*a - 1"]], (7, 0)),
+    ([["a*b + a*b^2"]], (1, 2)),
+    ([["(a - 0.5)*(b - 1.5)"]], (1, 1)),
+    ([["1/(1 + a)^3"]], (3, 0)),
+    ([["a^2/((1 + a)*(2 + a))"]], (2, 0)),
+    ([["(a^2 - 1)/(a + 1)"]], (1, 0)),
+    ([["a", "0"], ["0", "a"]], (2, 0)),
+    ([["a", "a*b"], ["a*b", "a*b^2"]], (1, 2)),
+    ([["a", "2*a"], ["b", "a + b"]], (2, 1)),
+    ([["0.1*a + 0.2*a - 0.3*a"]], (0, 0)),
+]
+
+
+def law_closed_form(matrix: list[list[str]], degrees: tuple[int, int]) -> None:
+    assert bound_exact(*matrix) == dict(zip("ab", degrees, strict=True))
+
+
+@pytest.mark.parametrize(("matrix", "degrees"), CLOSED, ids=lambda item: str(item)[:30])
+def test_degrees_known_in_closed_form(matrix: list[list[str]], degrees: tuple[int, int]) -> None:
+    law_closed_form(matrix, degrees)
+
+
+entries = st.recursive(
+    st.sampled_from(["a", "b", "2", "0.7", "(1 + a)", "(3 + b)"]),
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})"),
+        inner.map(lambda text: f"({text}/(4 + a*b))"),
+    ),
+    max_leaves=6,
+)
+
+
+@fewer
+@given(st.lists(st.lists(entries, min_size=2, max_size=2), min_size=2, max_size=2))
+def test_no_model_is_smaller_and_another_prime_says_the_same(matrix: list[list[str]]) -> None:
+    proved = bound_exact(*matrix)
+    problem = MatrixProblem(matrix=matrix, parameters=(A, B))
+    model = mbdlft.realize(problem, search=0.0)
+    assert proved == degrees_by_ranks(matrix, "ab")
+    for name, order, claimed in zip(
+        "ab", model.certificate.order, model.certificate.lower_bound, strict=True
+    ):
+        assert claimed == proved[name] <= order
+    doubled = [[f"({text} + b*a - a*b)" for text in row] for row in matrix]
+    assert bound_exact(*doubled) == proved
+
+
+@pytest.mark.parametrize(
+    ("text", "degree"),
+    [
+        ("sin(th)", 2),
+        ("sin(th)^2 + cos(th)^2", 0),
+        ("sin(2*th)", 4),
+        ("sin(2*th) - 2*sin(th)*cos(th)", 0),
+        ("cos(th + 90*deg) + sin(th)", 0),
+    ],
+)
+def test_angles(text: str, degree: int) -> None:
+    for substitution in ("half-angle", "quarter-angle"):
+        angle = Angle("th", 30, 10, 50, substitution=substitution)
+        factor = 1 if substitution == "half-angle" else 2
+        assert bound_exact([text], parameters=(angle,)) == {"th": degree * factor}
+
+
+@pytest.mark.parametrize(
+    ("text", "degrees"),
+    [
+        ("sqrt(2)*a", (1, 0)),
+        ("sqrt(2)*a*sqrt(3) - a*sqrt(6)", (0, 0)),
+        ("pi*a - 180*deg*a", (0, 0)),
+        ("a*sin(0.3)^2 + a*cos(0.3)^2 - a + b", (0, 1)),
+        ("a + (cos(60*deg) - 0.5)*b", (1, 0)),
+        ("a + (cos(60*deg) - 0.500000000001)*b", (1, 1)),
+    ],
+)
+def test_constants_have_their_relations(text: str, degrees: tuple[int, int]) -> None:
+    law_closed_form([[text]], degrees)
+
+
+def test_denominator_that_is_zero_everywhere_is_refused() -> None:
+    with pytest.raises(mbdlft.WellPosednessError, match="vanishes in the range"):
+        bound_exact(["1/(a*b - b*a)"])
+
+
+@given(lfts(2, 2))
+def test_degrees_are_not_above_the_order(a: mbdlft.LFT) -> None:
+    found = exact.exact_degrees(exactly(a))
+    assert all(degree <= dict(a.blocks)[name] for name, degree in found.items())
+
+
+def test_degrees_of_an_lft_that_is_not_minimal() -> None:
+    """(p q - q p) t is zero, though every channel is seen and reached."""
+    p, q, t = (constant([[0.25]]) + delta(name) for name in "pqt")
+    cases = [
+        (t + (p @ q - q @ p) @ t, {"p": 0, "q": 0, "t": 1}),
+        (p @ q @ p + t @ t, {"p": 2, "q": 1, "t": 2}),
+        (inverse(1.0 + p @ q) @ t, {"p": 1, "q": 1, "t": 1}),
+    ]
+    for a, degrees in cases:
+        assert exact.exact_degrees(exactly(a)) == degrees

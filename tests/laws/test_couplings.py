@@ -6,14 +6,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Scene, to_lft
+from mbdlft import (
+    Angle,
+    Ground,
+    Inertia,
+    Parameter,
+    PointMass,
+    Prismatic,
+    Revolute,
+    RigidBody,
+    Scene,
+    Strut,
+    to_lft,
+)
+from mbdlft.multibody import at_equilibrium, find_equilibrium, fit_positions
 from mbdlft.multibody.assembly.coupled import with_positions
 from mbdlft.multibody.coupling import KINDS, Coupling
 from tests import close
 from tests.attack.couplings import attack
+from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
 from tests.cross.test_mechanism import equals_truth
+from tests.errors.table import says
 
 N = Parameter("n", 5.0, low=3.0, high=8.0)
 ROUND = Inertia(xx=0.1, yy=0.1, zz=0.02)
@@ -195,3 +212,270 @@ def test_what_a_screw_turns_turns_on(stiffness: float | None, spring: float) -> 
     if stiffness is not None:
         assert abs(there.couplings[0].preload - force) <= close.CLOSED_FORM * 981.0
     close.target(mbdlft.find_equilibrium(there).positions["s.position"], way, close.CLOSED_FORM)
+
+
+# Laws of geared joints and of the solar array drive, against Lagrange's equations written by hand.
+
+RATIO = mbdlft.Parameter("n", 60.0, low=40.0, high=90.0)
+J = mbdlft.Parameter("J", 2e-4, percent=40, unit="kg m^2")
+K = mbdlft.Parameter("k", 900.0, percent=30, unit="N m/rad")
+HUB, ARRAY, DAMPING, FRICTION = 7.0, 3.0, 0.4, 0.2
+
+
+def wheel(name: str, inertia: float) -> mbdlft.RigidBody:
+    return mbdlft.RigidBody(name=name, mass=2.0, inertia=mbdlft.Inertia(xx=5.0, yy=5.0, zz=inertia))
+
+
+def spacecraft() -> mbdlft.Scene:
+    """A hub on a free axis, and an array that a drive turns about the same axis."""
+    drive = mbdlft.array_drive(
+        "drive",
+        "hub",
+        "array",
+        (0, 0, 1),
+        rotor_inertia="J",
+        gear_ratio="n",
+        stiffness="k",
+        damping=DAMPING,
+        friction=FRICTION,
+    )
+    return mbdlft.Scene(
+        name="spacecraft",
+        parameters=[RATIO, J, K],
+        bodies=[wheel("hub", HUB), wheel("array", ARRAY), drive.body],
+        joints=[
+            mbdlft.Revolute(name="spin", parent="ground", child="hub", axis=(0, 0, 1)),
+            drive.motor,
+            drive.shaft,
+        ],
+        inputs=["spin.torque", "drive.torque"],
+        outputs=["spin.angle", "drive.angle", "drive_shaft.angle"],
+    )
+
+
+def lagrange(n: float, J: float, k: float) -> np.ndarray:
+    """[A B] with T = Jh h'^2/2 + J (h' + n q')^2/2 + Ja (h' + q' + e')^2/2, angles h, q, e."""
+    mass = (
+        HUB * np.outer([1, 0, 0], [1, 0, 0])
+        + J * np.outer([1, n, 0], [1, n, 0])
+        + ARRAY * np.outer([1, 1, 1], [1, 1, 1])
+    )
+    forces = -np.hstack([np.diag([0, 0, k]), np.diag([0, FRICTION, DAMPING]), -np.eye(3)[:, :2]])
+    top = np.hstack([np.zeros((3, 3)), np.eye(3), np.zeros((3, 2))])
+    return np.vstack([top, np.linalg.solve(mass, forces)])
+
+
+def check_drive(model: mbdlft.LFTModel, n: float, J: float, k: float) -> None:
+    A, B, _, _ = mbdlft.matrices_at(model, {"n": n, "J": J, "k": k})
+    expected = lagrange(n, J, k)
+    rows = np.max(np.abs(expected), axis=1, keepdims=True)
+    target(np.hstack([A, B]) / rows, expected / rows, CLOSED_FORM)
+
+
+MODEL = mbdlft.to_lft(spacecraft(), search=0.0)
+
+
+@settings(max_examples=20, deadline=None)
+@given(n=st.floats(40.0, 90.0), J=st.floats(1.2e-4, 2.8e-4), k=st.floats(630.0, 1170.0))
+def test_drive_is_that_of_lagrange(n: float, J: float, k: float) -> None:
+    check_drive(MODEL, n, J, k)
+    assert MODEL.certificate.max_relative_error < CLOSED_FORM
+
+
+def test_without_a_gear_nothing_changes() -> None:
+    """A ratio of 1 is the actuator that turns with the child."""
+    one = mbdlft.Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), actuator_inertia=0.3)
+    geared = one.model_copy(update={"gear_ratio": 1.0})
+    body = wheel("b", 2.0)
+    for joint in (one, geared):
+        model = mbdlft.to_lft(mbdlft.Scene(name="s", bodies=[body], joints=[joint]))
+        target(model.B_u[1, 0], 1.0 / 2.3, CLOSED_FORM)
+    assert mbdlft.assemble(mbdlft.Scene(name="s", bodies=[body], joints=[one])).degrees_of_freedom == 1
+    model = mbdlft.to_lft(
+        mbdlft.Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})])
+    )
+    target(model.B_u[1, 0], 1.0 / (2.0 + 100.0 * 0.3), CLOSED_FORM)
+
+
+# A strut: its law, its equilibria, and what turns its direction.
+
+_G = 9.81
+
+
+def hanging(**strut: object) -> Scene:
+    """A mass m that slides along z on a strut that stands 0.3 m beside it."""
+    return Scene(
+        name="hanging",
+        gravity=(0, 0, -_G),
+        parameters=[
+            mbdlft.Parameter("m", 2.0, low=1.0, high=3.0, unit="kg"),
+            mbdlft.Parameter("k", 500.0, low=400.0, high=800.0, unit="N/m"),
+        ],
+        bodies=[PointMass(name="b", mass="m"), Ground(ports={"foot": (0.3, 0, -1)})],
+        joints=[Prismatic(name="z", parent="ground", child="b", axis=(0, 0, 1), preload=0)],
+        loads=[
+            Strut(
+                name="s",
+                parent="ground.foot",
+                child="b",
+                direction=(0, 0, 2),
+                stiffness="k",
+                damping=7.0,
+                **strut,  # type: ignore[arg-type]
+            )
+        ],
+    )
+
+
+def test_a_strut_is_a_spring_along_its_direction() -> None:
+    model = mbdlft.to_lft(hanging(), search=0.0)
+    target(mbdlft.trim_at(model, {"m": 1.5}), [1.5 * _G], CLOSED_FORM)
+    found = model.at(m=1.5, k=600.0)
+    target(found.A[1], [-600.0 / 1.5, -7.0 / 1.5], CLOSED_FORM)
+    target(found.B[1], [1.0 / 1.5, 1.0 / 1.5], CLOSED_FORM)  # the joint and the strut
+
+
+def test_equilibria_on_a_strut() -> None:
+    """It is relaxed at the declared position, so the mass sinks by m g/k; the force is written there."""
+    scene = hanging(force=0.0)
+    point = find_equilibrium(scene)
+    target(point.positions["z.position"], -2.0 * _G / 500.0, MECHANISM)
+    written = at_equilibrium(scene, point)
+    strut = written.loads[0]
+    assert isinstance(strut, Strut)
+    assert isinstance(strut.force, str)
+    assert strut.force.startswith("(0.0) - (k)*(-0.03")
+    fitted = fit_positions(scene, ["z"], tolerance=1e-4)
+    model = mbdlft.to_lft(fitted, search=0.0)
+    for m, k in ((1.0, 800.0), (3.0, 400.0)):  # the force is the weight wherever the mass sinks to
+        found = model.at(m=m, k=k)
+        target(found.A[1], [-k / m, -7.0 / m], CLOSED_FORM)
+    assert fitted.fit is not None
+    assert 0.0 < fitted.fit.bounds["z.position"] <= 1e-4
+    assert fitted.fit.bounds["s.force"] <= 800.0 * 1e-4
+
+
+def test_a_fit_of_a_lever_on_a_strut() -> None:
+    """sin q m g l = cos q k (sin q - sin q0): the stiffness there follows by hand."""
+    lever = RigidBody(
+        name="l", mass="m", center_of_mass=(0, 0, 0.5), inertia=Inertia(yy=0.1), ports={"t": (0, 0, 1)}
+    )
+    strut = Strut(
+        name="s", parent="ground.w", child="l.t", direction=(1, 0, 0), stiffness=100.0, force=0.0
+    )
+    scene = Scene(
+        name="lever",
+        gravity=(0, 0, -_G),
+        parameters=[mbdlft.Parameter("m", 2.0, percent=20, unit="kg")],
+        bodies=[lever, Ground(ports={"w": (-1, 0, 1)})],
+        joints=[Revolute(name="h", parent="ground", child="l", axis=(0, 1, 0), position=0.3, preload=0)],
+        loads=[strut],
+    )
+    model = mbdlft.to_lft(fit_positions(scene, ["h"], tolerance=1e-7), search=0.0)
+    for m in (1.6, 2.0, 2.4):
+        point = find_equilibrium(scene, {"m": m})
+        q = point.positions["h.angle"]
+        moment = m * _G * 0.5 * np.sin(q) - 100 * np.cos(q) * (np.sin(q) - np.sin(0.3))
+        assert abs(moment) < MECHANISM
+        slope = m * _G * 0.5 * np.cos(q) + 100 * np.sin(q) * (np.sin(q) - np.sin(0.3))
+        slope -= 100 * np.cos(q) ** 2
+        target(model.at(m=m).A[1, 0], slope / (0.1 + m * 0.25), FITTED)
+
+
+def test_a_strut_on_what_spins() -> None:
+    """Its direction turns with its parent: only a parent that does not spin may carry it."""
+
+    def scene(parent: str, child: str) -> Scene:
+        return Scene(
+            name="spins",
+            bodies=[
+                PointMass(name="slide", mass=1.0),
+                RigidBody(
+                    name="disc", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"top": (0, 0, 0.1)}
+                ),
+                Ground(ports={"wall": (1, 0, 0.1)}),
+            ],
+            joints=[
+                Prismatic(name="x", parent="ground", child="slide", axis=(1, 0, 0)),
+                Revolute(name="r", parent="slide", child="disc", axis=(0, 0, 1), rate=30.0),
+            ],
+            loads=[
+                Strut(name="s", parent=parent, child=child, direction=(1, 0, 0), stiffness=9, force=0)
+            ],
+            inputs=["x.force"],
+        )
+
+    model = mbdlft.to_lft(scene("ground.wall", "disc.top"), search=0.0)
+    target(model.at().A[1, 0], -9.0 / 3.0, CLOSED_FORM)
+    with says(mbdlft.SceneError, "in a direction that turns with the body"):
+        mbdlft.to_lft(scene("disc.top", "ground.wall"), search=0.0)
+
+
+def test_direction_of_a_strut_has_a_length() -> None:
+    with says(mbdlft.SceneError, "direction has zero length"):
+        Strut(name="s", parent="a", child="b", direction=(0, 0, 0))
+
+
+# Laws of angles 2*atan(r): they are the angle, as an angle parameter is, and exactly.
+
+
+def arm(position: float | str, parameters: list[Parameter], orientation: float | str = 0.0) -> Scene:
+    """A link with a mass at its tip, on a tilted hinge."""
+    return Scene(
+        name="arm",
+        gravity=(0, 0, -9.81),
+        parameters=[Parameter("m", 2.0, percent=30, unit="kg"), *parameters],
+        bodies=[
+            RigidBody(
+                name="link",
+                mass=1.0,
+                center_of_mass=(0.1, 0.4, 0),
+                inertia=Inertia(xx=0.2, yy=0.3, zz=0.4),
+                ports={"tip": (0, 0.8, 0.1)},
+            ),
+            PointMass(name="tip", mass="m"),
+        ],
+        joints=[
+            Revolute(
+                name="hinge",
+                parent="ground",
+                child="link",
+                axis=(1, 0.2, 0),
+                orientation=[mbdlft.Rotation(axis=(0, 0, 1), angle=orientation)],
+                position=position,
+            ),
+            mbdlft.Fixed(name="weld", parent="link.tip", child="tip"),
+        ],
+    )
+
+
+TANGENT = Parameter("t", 0.1, low=-0.6, high=0.7)
+
+
+@pytest.mark.parametrize(
+    ("position", "orientation"),
+    [
+        ("2*atan(t)", 0.0),
+        ("-2*atan(t) + 30*deg", 0.0),
+        ("4*atan(t)", 0.0),
+        ("atan(t) + atan(t)", 0.0),
+        ("2*atan(t) - 2*atan(0.5*t^2) + atan(0.3)", 0.0),
+        ("2*atan((0.2 + t)/(1.5 - t*0.4))", 0.0),
+        (0.3, "2*atan(t)"),
+    ],
+)
+def test_models_equal_maximal_coordinates(position: float | str, orientation: float | str) -> None:
+    assert equals_truth(arm(position, [TANGENT], orientation)).certificate.exact
+
+
+def test_it_costs_as_much_as_an_angle() -> None:
+    """2*atan(t) has the repetitions of an angle parameter with the half-angle substitution."""
+    angle = Angle("t", 10.0, low=-60.0, high=70.0)
+    written = mbdlft.to_lft(arm("2*atan(t)", [TANGENT]), search=0.0)
+    declared = mbdlft.to_lft(arm("t", [angle]), search=0.0)
+    assert dict(written.lft.blocks) == dict(declared.lft.blocks)
+
+
+def test_text_round_trip() -> None:
+    scene = arm("20*deg + 2*atan(t)", [TANGENT])
+    assert mbdlft.scene_from_toml(mbdlft.scene_to_toml(scene)) == scene

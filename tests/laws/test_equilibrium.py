@@ -13,7 +13,7 @@ from mbdlft.multibody.equilibrium import conditions
 from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.equilibria import Known, known_equilibrium
-from tests.laws.turned import forces_turned_on_the_way
+from tests.laws.test_weights import forces_turned_on_the_way
 from tests.seeds import some
 
 STARTS = 30

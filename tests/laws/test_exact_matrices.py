@@ -5,21 +5,30 @@
 3. what is solved for in an LFT is what values say
 """
 
+import math
 from fractions import Fraction
+from itertools import pairwise
 
 import flint
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact import matrices
+from mbdlft.exact import matrices, rounding
 from mbdlft.exact import matrices as module
+from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, Constant, Field, TooFewBitsError, precision
-from mbdlft.lft.lft import LFT, Block, eliminate, transpose
-from mbdlft.lft.sampling import evaluate
-from mbdlft.order.reduction import ExactLFT, eliminated, transposed
-from tests.close import exact, roundoff
+from mbdlft.exact.rounding import product
+from mbdlft.lft import lft as algebra
+from mbdlft.lft.box_gain import gain_bound
+from mbdlft.lft.lft import LFT, Block, constant, delta, eliminate, transpose
+from mbdlft.lft.sampling import agrees, evaluate, evaluate_at
+from mbdlft.order.reduction import ExactLFT, _rounded, eliminated, transposed
+from mbdlft.robust import sector
+from mbdlft.robust.bisect import boxes, characteristic
+from tests.close import EPS, ONE_ROUNDING, conditioned, exact, roundoff, target
 from tests.extracted import FIELD, exact_matrix, exactly
 from tests.laws.lfts import lfts, points
 
@@ -229,3 +238,205 @@ def test_products_of_entries(most: int) -> None:
             matrices.entrywise(x, y, PRIME),
             (x.astype(object) * y.astype(object) % PRIME).astype(np.int64),
         )
+
+
+# Products and solutions in twice the working precision against rational arithmetic, entry by entry.
+
+seeds = st.integers(0, 1000)
+Exact = np.ndarray  # of Fraction
+
+
+def as_fractions(matrix: np.ndarray) -> Exact:
+    """The numbers themselves."""
+    exact = [Fraction(float(value)) for value in matrix.ravel()]
+    return np.array(exact, dtype=object).reshape(matrix.shape)
+
+
+def solved(matrix: Exact, right: Exact) -> Exact:
+    """matrix^-1 right by Gauss and Jordan, exactly."""
+    a, n = np.hstack([matrix, right]), len(matrix)
+    for k in range(n):
+        pivot = next(row for row in range(k, n) if a[row, k])
+        a[[k, pivot]] = a[[pivot, k]]
+        a[k] = a[k] / a[k, k]
+        for row in range(n):
+            if row != k:
+                a[row] = a[row] - a[row, k] * a[k]
+    return a[:, n:]
+
+
+def entries(found: np.ndarray, expected: Exact, terms: float | np.ndarray = 0.0) -> None:
+    """Each entry relative to itself; `terms` are the sizes of what was added up."""
+    away = ((as_fractions(found) - expected) / expected).astype(float)
+    roundings = 0.5 + 1.25 * EPS * terms / np.abs(expected.astype(float))
+    target(away / roundings, np.zeros(found.shape), ONE_ROUNDING, 1.0)
+
+
+def hilbert(n: int) -> np.ndarray:
+    """Condition 1e13 at n = 10; units of rows and columns differ by 1e12."""
+    i = np.arange(n)
+    units = np.logspace(-6, 6, n)
+    return units[:, None] / (i[:, None] + i + 1.0) * units[::-1]
+
+
+@given(seeds)
+def test_the_error_of_a_sum_is_exact(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    a, b = random.standard_normal((2, 50)) * np.exp2(random.integers(-60, 60, (2, 50)))
+    total, rest = (as_fractions(part) for part in rounding.exact_sum(a, b))
+    assert np.all(total + rest == as_fractions(a) + as_fractions(b))
+
+
+@given(seeds)
+def test_products_with_what_is_below_the_rounding(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    left, right = random.uniform(1.0, 2.0, (3, 7)), random.uniform(1.0, 2.0, (7, 4))
+    low = random.uniform(-EPS, EPS, right.shape) / 4.0
+    found = rounding.multiply_add(-left @ right, left, rounding.Twofold(right, low))
+    expected = as_fractions(-left @ right) + as_fractions(left) @ (
+        as_fractions(right) + as_fractions(low)
+    )
+    ratio = np.array([float(a / b) for a, b in zip(as_fractions(found).flat, expected.flat)])  # noqa: B905
+    # of 95 binary digits 53 cancel
+    conditioned(ratio, np.ones(expected.size), 2.0 ** (2 * 53 - 95))
+
+
+@given(seeds)
+def test_products(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    left = random.standard_normal((3, 7)) * np.exp2(random.integers(-30, 30, 7))
+    right = random.standard_normal((7, 4)) * np.exp2(random.integers(-30, 30, 4))
+    base = -left @ right  # what is left is rounding
+    entries(
+        rounding.multiply_add(base, left, rounding.Twofold(right, 0.0 * right)),
+        as_fractions(base) + as_fractions(left) @ as_fractions(right),
+        np.abs(base) + np.abs(left) @ np.abs(right),
+    )
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 8, 10])
+def test_solutions(n: int) -> None:
+    matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))
+    found, expected = (
+        rounding.solve_twofold(matrix, right),
+        solved(as_fractions(matrix), as_fractions(right)),
+    )
+    entries(found.high, expected)
+    rest = (expected - as_fractions(found.high)).astype(float)
+    conditioned(found.low, rest, algebra.condition(matrix))
+
+
+@pytest.mark.parametrize("n", [5, 8])
+def test_eliminations(n: int) -> None:
+    """[0 ; y] = [H + d E, B ; C, D] [a ; s] at d = 1 is a solution with H + E; E is as H."""
+    random = np.random.default_rng(n)
+    B, C, D = (random.standard_normal(shape) for shape in ((n, 2), (2, n), (2, 2)))
+    H, some = hilbert(n), random.uniform(0.5, 2.0, n)
+    change = some[:, None] * H * some
+    upper = constant(H) + constant(change) @ delta("d", n)
+    relation = algebra.stack_rows(algebra.stack_columns(upper, B), algebra.stack_columns(constant(C), D))
+    found = evaluate(algebra.eliminate(relation, n), {"d": 1.0})
+    G, forced = (solved(as_fractions(H), as_fractions(change)), solved(as_fractions(H), as_fractions(B)))
+    loop = G + as_fractions(np.eye(n))
+    x = -solved(loop, forced)
+    # entries of G and of H^-1 B are rounded, and (I + G) x = -H^-1 B is solved for
+    error = abs(solved(loop, as_fractions(np.eye(n)))) @ (abs(G) @ abs(x) + abs(x) + abs(forced))
+    y, size = as_fractions(C) @ x + as_fractions(D), abs(as_fractions(C))
+    errors = np.vstack([error, size @ (error + abs(x)) + abs(as_fractions(D))]).astype(float)
+    away = (as_fractions(found) - np.vstack([x, y])).astype(float) / errors
+    target(away, np.zeros(found.shape), ONE_ROUNDING, 1.0)
+
+
+# Negative controls whose last unit decides: with a bound of rounding left out, each of them fails.
+
+many_seeds = pytest.mark.parametrize("seed", range(5))
+
+
+def halved(values: list[Fraction]) -> tuple[list[Fraction], list[Fraction]]:
+    """De Casteljau's algorithm in fractions."""
+    low, high, row = [values[0]], [values[-1]], values
+    while len(row) > 1:
+        row = [(a + b) / 2 for a, b in pairwise(row)]
+        low, high = [*low, row[0]], [row[-1], *high]
+    return low, high
+
+
+@pytest.mark.parametrize("axis", [0, -1])
+@many_seeds
+def test_halves_of_a_polynomial_are_within_their_errors(axis: int, seed: int) -> None:
+    """Real coefficients with no error of their own: each mean of two rounds."""
+    rows = np.random.default_rng(seed).uniform(0.1, 1.0, (6, 6))
+    whole = boxes.Piece(rows[None].astype(complex), np.zeros((1, 6)), 0.0, 1.0)
+    lines = rows.T if axis == 0 else rows
+    exactly = [halved([Fraction(x) for x in line]) for line in lines.tolist()]
+    for side, piece in enumerate(boxes.halves(whole, axis)):
+        found = piece.values[0].real.T if axis == 0 else piece.values[0].real
+        for i, k in np.ndindex(6, 6):
+            power = i if axis == 0 else k
+            off = abs(Fraction(float(found[i, k])) - exactly[i][side][k])
+            assert off <= Fraction(float(piece.error[0, power]))
+
+
+@many_seeds
+def test_no_gain_is_excluded_that_is_reached(seed: int) -> None:
+    """A constant p beside a constant q with an error: |p| > g (|q| + e) in fractions if it is told."""
+    random, told = np.random.default_rng(seed), 0
+    for _ in range(200):
+        gain, q, e = random.uniform(0.5, 2.0), random.uniform(0.5, 2.0), random.uniform(0.0, 0.1)
+        p = gain * (q + e) * (1.0 + random.integers(-60, 200) * EPS)
+        values = np.array([p, q], dtype=complex).reshape(2, 1)
+        piece = boxes.Piece(values, np.array([[0.0], [e]]), 0.0, 1.0, outputs=1)
+        if boxes.excludes(piece, gain):
+            assert Fraction(float(p)) > Fraction(gain) * (Fraction(q) + Fraction(e))
+            told += 1
+    assert told > 50
+
+
+@pytest.mark.parametrize("slope", [0.1, 0.7])
+def test_products_with_powers_are_within_their_error(slope: float) -> None:
+    powers, off = characteristic._powers(12, slope)
+    with mpmath.workdps(60):
+        for k, power in enumerate(powers):
+            expected = mpmath.mpc(-slope, 1) ** k
+            assert abs(mpmath.mpc(power) - expected) <= off * abs(expected)
+
+
+@many_seeds
+def test_norms_of_constants_are_not_below_them(seed: int) -> None:
+    """a b' of vectors of integers: the square of its norm is an integer."""
+    a, b = np.random.default_rng(seed).integers(-9, 10, (2, 4))
+    assert Fraction(gain_bound(constant(np.outer(a, b).astype(float)))) ** 2 >= int(a @ a) * int(b @ b)
+
+
+def test_a_function_of_the_library_may_be_wrong_in_its_last_digits() -> None:
+    """An exponential that is wrong by three units in the last place."""
+    for sign in (-1.0, 1.0):
+        of = sector._monotone(lambda x, sign=sign: math.exp(x) * (1.0 + 3.0 * sign * EPS))
+        found = of(Interval(0.7, 0.7))
+        assert found.low <= math.exp(0.7) <= found.high
+
+
+def test_values_that_differ_by_rounding_agree() -> None:
+    """And those do not that differ by more."""
+    random = np.random.default_rng(0)
+    M = random.uniform(-0.3, 0.3, (5, 5))
+    a = LFT(M[:3, :3], M[:3, 3:], M[3:, :3], M[3:, 3:], (Block("d", 3),))
+    points = random.uniform(-1.0, 1.0, (20, 1))
+    values, lost = evaluate_at(a, points), np.zeros(20, dtype=bool)
+    assert agrees(a, points, values * (1.0 + 4.0 * EPS), lost, 0.0)
+    assert not agrees(a, points, values * (1.0 + 1e-9), lost, 0.0)
+
+
+@pytest.mark.parametrize(("apart", "stays"), [(2.0**-48, True), (2.0**-52, False)])
+def test_a_sum_is_zero_where_its_terms_may_have_cancelled(apart: float, stays: bool) -> None:
+    value = product(np.array([[1.0 + apart, 1.0]]), np.array([[1.0], [-1.0]]))
+    assert value[0, 0] == (apart if stays else 0.0)
+
+
+def test_a_number_that_is_not_known_is_not_rounded() -> None:
+    a = LFT(np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
+    known = np.array([[flint.arb(0), flint.arb(1)], [flint.arb(1, 2.0**-70), flint.arb(0)]])
+    assert _rounded(known, a).M21 == 1.0
+    known[1, 0] = flint.arb(1, 2.0**-50)
+    with pytest.raises(TooFewBitsError):
+        _rounded(known, a)

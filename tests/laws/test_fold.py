@@ -9,20 +9,25 @@ import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft import Parameter
 from mbdlft.base.errors import NotRationalError
 from mbdlft.base.expression import evaluate, parse
+from mbdlft.base.parameter import to_delta
 from mbdlft.batch.rows import source_of
 from mbdlft.exact import interval, taylor
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.exact.rounding import cleaned
+from mbdlft.lft.sampling import evaluate as evaluate_text
 from mbdlft.matrix.relations import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
 from mbdlft.pipeline.extract.graph import close, walk
 from mbdlft.problem import digits
+from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx import tapes
 from mbdlft.problem.sx.tapes import MANY, arithmetic, evaluate_many, fold, rules, steps, vectors
 from tests.close import EPS, exact, roundoff
+from tests.extracted import extracted
 
 NAMES = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
 RATIONAL = {"OP_ADD", "OP_SUB", "OP_MUL", "OP_DIV", "OP_NEG", "OP_TWICE", "OP_SQ", "OP_INV"}
@@ -296,3 +301,35 @@ def test_functions_in_digits() -> None:
         with precision(BITS):
             values = [float(b) for b in fold(function, digits._RULES, *([flint.arb(v)] for v in at))[0]]
         roundoff(np.array(values), function(*at).full()[:, 0], 10.0)
+
+
+# Each operation of a tape of relations, against the values that CasADi gives.
+
+X, Z, P = ca.SX.sym("x"), ca.SX.sym("z"), ca.SX.sym("p")
+SUM = P * P + 3.0
+EXPRESSIONS = {
+    "sum": X + Z,
+    "difference": X - P * Z,
+    "twice": 2.0 * (X + P * Z),
+    "negative": -(P * X),
+    "times a number": 0.7 * X,
+    "over a number": (X + P * Z) / 7.0,
+    "over a sum": X / SUM,
+    "reciprocal": (1.0 / SUM) * X,
+    "number over a sum": (5.0 / SUM) * X - Z / (SUM / 2.0),
+    "square": P**2 * X,
+    "nested": P * (X + P * (Z - P * X)),
+    "coefficient over a coefficient": ((P - 4.0) / (P + 2.0)) * X,
+}
+
+
+@pytest.mark.parametrize("name", EXPRESSIONS)
+def test_operation(name: str) -> None:
+    parameter = Parameter("p", 1.0, 0.5, 2.0)
+    residual = EXPRESSIONS[name]
+    function = ca.Function("relation", [X, Z, P], [residual])
+    lft = extracted(LinearModel(residual, ca.SX(0, 1), X, Z, P, (parameter,)))
+    points = np.linspace(0.5, 2.0, 7)
+    found = evaluate_text(lft, {"p": to_delta(parameter, points)})
+    expected = [[[float(function(*unit, p)) for unit in ((1, 0), (0, 1))]] for p in points]
+    roundoff(found, expected, kappa=10.0)

@@ -1,14 +1,20 @@
 """Poles, damping, their gradients, and what is said of stability."""
 
+from fractions import Fraction
+
 import control
+import mpmath
 import mpmath as mp
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
-from mbdlft.response.modes import spectrum
-from tests.close import CLOSED_FORM, ZEROS, exact, finite_difference, roundoff, target
+from mbdlft import hinf_norm
+from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, eigenvalues_of, eigenvectors_of
+from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.response.modes import eigenpair, samples_at, spectrum
+from tests.close import CLOSED_FORM, NORM, ROOM, ZEROS, exact, finite_difference, roundoff, target
+from tests.light import FINITE, free_flyer, peak_of_60_digits
 from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
 
 
@@ -300,3 +306,147 @@ def test_poles_where_the_iteration_of_lapack_has_no_end(coupling: str) -> None:
     roundoff(A @ right, right * values)
     roundoff(np.conj(left.T) @ A, values[:, None] * np.conj(left.T))
     roundoff(np.abs(mbdlft.poles(model)), np.ones((1, 4)))
+
+
+# Poles beside the axis: damped if the matrix says so; norms against 60 digits where damping is 1e-9.
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_norms_of_free_flyers_against_60_digits(seed: int) -> None:
+    """Eight channels each: finite where no pole on the axis is seen, and right to 1e-6."""
+    system = free_flyer(seed)
+    poles = spectrum(samples_at(system).A[0]).poles
+    for (y, u), is_finite in FINITE.items():
+        found = hinf_norm(system, outputs=y, inputs=u)
+        assert np.isfinite(found.lower[0]) == is_finite, (y, u, found.reason)
+        if is_finite:
+            expected = peak_of_60_digits(seed, y, u, poles)
+            target(found.lower[0], expected, NORM)
+            assert found.upper[0] >= expected * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("fastest", [0.0, 1e5])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_damped_nutation_is_nowhere_on_the_axis(seed: int, fastest: float) -> None:
+    """Spectrum, table, verdict: a pair whose damping is below 1e-6, beside a mode of 1e5 rad/s, too."""
+    system = free_flyer(seed, fastest)
+    seen = spectrum(samples_at(system).A[0])
+    nutation = int(np.argmin(np.where(seen.at_zero, np.inf, np.abs(seen.poles))))
+    assert 0.0 < -seen.poles[nutation].real < 1e-6 * abs(seen.poles[nutation])
+    assert not seen.on_axis[nutation]
+    assert np.array_equal(seen.on_axis, seen.at_zero)
+    rows = mbdlft.damping_table(system).rows()
+    assert [row.on_axis for row in rows if row.natural_frequency > 0.0] == [False] * sum(
+        row.natural_frequency > 0.0 for row in rows
+    )
+    verdict = mbdlft.check_stability(system)
+    assert verdict.nominal == "marginal"
+    assert "on the axis: 0 rad/s" in verdict.sentence
+
+
+@pytest.mark.parametrize("n", [2, 5, 9])
+def test_an_eigenpair_in_balls_has_that_of_all_matrices_so_near(n: int) -> None:
+    """Matrices at the ends of rounding have their eigenvalue in the ball; double ones have no ball."""
+    random = np.random.default_rng(n)
+    A = random.standard_normal((n, n))
+    values, V = np.linalg.eig(A)
+    U = np.conj(np.linalg.inv(V)).T
+    k = int(np.argmax(values.real))
+    pair = eigenpair(A, complex(values[k]), V[:, k], U[:, k])
+    assert pair is not None
+    ends = A * (1.0 + 15.0 * 2.0**-52 * np.sign(random.standard_normal((n, n))))
+    near = eigenpair(ends, complex(values[k]), V[:, k], U[:, k])
+    assert near is not None
+    assert pair[-1].contains(near[-1].mid())
+    assert float(pair[-1].real.rad()) <= 1e-9
+    jordan = np.diag(np.ones(n - 1), 1)
+    assert eigenpair(jordan, 0j, np.eye(n)[0], np.eye(n)[0]) is None
+
+
+def undamped(stiffness: np.ndarray) -> np.ndarray:
+    nothing, one = np.zeros_like(stiffness), np.eye(len(stiffness))
+    return np.block([[nothing, one], [-stiffness, nothing]])
+
+
+def test_balls_are_asked_only_where_zeros_of_the_matrix_do_not_decide(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Undamped chains, three of them equal; a slow saddle beside a fast mode is none on the axis."""
+    asked = []
+
+    def counted(*arguments):
+        asked.append(arguments)
+        return eigenpair(*arguments)
+
+    monkeypatch.setattr("mbdlft.response.modes.eigenpair", counted)
+    chain = 2.0 * np.eye(4) - np.eye(4, k=1) - np.eye(4, k=-1)
+    alike = np.kron(np.eye(3), chain) + 0.01 * np.kron(np.ones((3, 3)), np.eye(4))
+    assert np.all(spectrum(undamped(alike)).on_axis)
+    assert not asked
+    saddle = spectrum(undamped(np.array([[-1e-4, 1e-3], [1e-3, 1e10]])))
+    assert asked
+    assert np.array_equal(saddle.on_axis, saddle.poles.imag != 0.0)
+
+
+# Linearizations, trims and responses in doubles are within a hundred roundings of many digits.
+
+
+@pytest.mark.parametrize("name", ["two_link_arm", "four_bar", "gimbal"])
+def test_linearizations_and_trims(name: str) -> None:
+    problem = problem_of_scene(mbdlft.load_scene(f"scenarios/{name}.toml"))
+    at, some = problem.reference(), [0, 1, -1]
+    assert at.in_digits is not None
+    assert at.trim_in_digits is not None
+    rounding = EPS * np.maximum(at.scale, np.max(at.sizes(), axis=0))
+    errors = np.abs(at.values[some] - at.in_digits(problem.points[some])) / rounding
+    truth, scale = at.trim_in_digits()
+    of_trim = np.abs(at.trimmed - truth) / (EPS * scale)
+    assert ROOM * max(np.max(errors), np.max(of_trim)) <= MOST_ROUNDINGS
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_responses_over_time(seed: int) -> None:
+    """exp of [A B ; 0 0] in 40 digits: a step; it is within roundings of what exp(|A| t) would add up."""
+    system = random_system(seed, 4, 2, 2, direct=True)
+    A, B, C, D = (np.asarray(x) for x in (system.A, system.B_u, system.C_y, system.D_yu))
+    times = np.linspace(0.0, 3.0, 25)
+    found = mbdlft.step_response(system, times=times).values[0]
+    bordered = np.block([[A, B], [np.zeros((2, 6))]])
+    read = np.hstack([C, D])
+    with mpmath.workdps(40):
+        for t, values in zip(times[[0, 7, 24]].tolist(), found[[0, 7, 24]], strict=True):
+            whole = mpmath.expm(mpmath.matrix(bordered.tolist()) * t)
+            expected = (mpmath.matrix(read.tolist()) * whole[:, 4:]).tolist()
+            error = np.max(np.abs(values - np.array(expected, dtype=float)))
+
+            assert ROOM * error <= MOST_ROUNDINGS * EPS * np.max(np.abs(found))
+
+
+def test_the_trim_in_digits_has_them_whoever_asks_first() -> None:
+    """Two weights on a beam at 45 deg that nearly balance: seven of 16 digits cancel."""
+    turned = mbdlft.Rotation(axis=(0, 1, 0), angle=0.7853981633974483)
+    inertia = mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1)
+    arms = {"left": 0.7, "right": -0.7000001}
+    scene = mbdlft.Scene(
+        name="scales",
+        gravity=(0.0, 0.0, -9.81),
+        bodies=[
+            mbdlft.RigidBody(name="beam", mass=0.2, inertia=inertia),
+            *(
+                mbdlft.RigidBody(name=name, mass=1.3, center_of_mass=(x, 0, 0), inertia=inertia)
+                for name, x in arms.items()
+            ),
+        ],
+        joints=[
+            mbdlft.Revolute(name="pin", parent="ground", child="beam", axis=(0, 1, 0)),
+            *(
+                mbdlft.Fixed(name=f"{name} weld", parent="beam", child=name, orientation=[turned])
+                for name in arms
+            ),
+        ],
+    )
+    in_digits = problem_of_scene(scene).reference().trim_in_digits
+    assert in_digits is not None
+    truth, _ = in_digits()
+    torque = float(-Fraction("1.3") * Fraction("9.81") * Fraction("-0.0000001")) * np.sqrt(0.5)
+    assert abs(abs(truth[0, 0]) - torque) <= 2.0 * EPS * torque

@@ -12,6 +12,7 @@ import platform
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -21,13 +22,25 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.base import worker
+from mbdlft import Parameter, TrimError
+from mbdlft.base import running, worker
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.samples import check_points
 from mbdlft.base.worker import NoProcessError, Worker, same_everywhere, settings
+from mbdlft.batch import native as module
+from mbdlft.batch import program_cache
+from mbdlft.batch.rows import source_of
+from mbdlft.cli.output import Progress, progress_of
 from mbdlft.lft.lft import constant
+from mbdlft.lft.program.native import Cache
 from mbdlft.order.search import IN_PROCESS
 from mbdlft.pipeline.models import build
+from mbdlft.problem import trim
+from mbdlft.system.regular import regularity
 from tests.attack.cores import kinds
+from tests.close import exact
+from tests.errors.scenes import cart
+from tests.laws.random_loops import blocks_system
 
 ROOT = Path(__file__).parents[2]
 
@@ -45,8 +58,8 @@ def test_a_process_begins_before_its_first_call() -> None:
     first = worker.process
     worker.begin("this")  # it runs
     assert worker.process is first is not None
-    for module, there in (("wave", True), ("this", False)):
-        assert worker.call("builtins:eval", f"{module!r} in __import__('sys').modules") is there
+    for name, there in (("wave", True), ("this", False)):
+        assert worker.call("builtins:eval", f"{name!r} in __import__('sys').modules") is there
     worker.begin("no_such_module_at_all")
     worker.end()
     worker.begin("no_such_module_at_all")
@@ -187,3 +200,259 @@ def test_without_a_process_the_search_is_done_here(monkeypatch: pytest.MonkeyPat
     found = build(scene, search=1.0, progress=stages.append).model
     assert found.order == expected.order == 16
     assert IN_PROCESS in stages
+
+
+# How far work is: of an upper limit, never backwards, and without a part in the result.
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+SEARCHES = {
+    "margin": lambda model: mbdlft.robust_stability(model, gap=1e-3, work=1.0),
+    "gain": lambda model: mbdlft.worst_case_gain(model, "shoulder.torque", "tip.y", work=3.0),
+    "poles": lambda model: mbdlft.worst_case(model, "damping", work=2.0),
+    "mixed": lambda _: mbdlft.robust_stability(blocks_system(0, 5), work=0.15),
+    "stability": lambda model: mbdlft.check_stability(model, 20, prove=2.0),
+}
+
+
+def pendulum() -> mbdlft.LFTModel:
+    scene = mbdlft.load_scene(SCENARIOS / "double_pendulum_hanging.toml")
+    return mbdlft.to_lft(scene, search=0.0)
+
+
+@pytest.mark.parametrize("name", SEARCHES)
+def test_searches_tell_what_they_have_done(name: str) -> None:
+    model, told = pendulum(), list[tuple[float, float]]()
+    with running.heard(lambda done, most: told.append((done, most))):
+        found = SEARCHES[name](model)
+    assert told[0][0] == 0.0
+    assert len(told) > 1
+    assert len({most for _, most in told}) == 1
+    assert all(0.0 <= done <= most for done, most in told)
+    best = 0.0
+    for done, _ in told:  # parts of a batch begin where the batch began, and never before
+        assert done >= 0.5 * best
+        best = max(best, done)
+    if hasattr(found, "work"):
+        assert 0.5 * found.work <= best <= 2.0 * found.work + 1e-3
+    again = SEARCHES[name](model)
+    assert str(again) == str(found)
+
+
+def test_a_search_in_another_process_is_heard() -> None:
+    scene = mbdlft.load_scene(SCENARIOS / "ur5.toml")
+    told: list[tuple[float, float]] = []
+    with running.heard(lambda done, most: told.append((done, most))):
+        mbdlft.to_lft(scene, search=0.3, prove=0.2)
+    by_budget = {most: [done for done, own in told if own == most] for _, most in told}
+    assert {0.3, 0.2} <= set(by_budget)
+    assert by_budget[0.3] == sorted(by_budget[0.3])
+    assert max(by_budget[0.3]) > 0.0
+
+
+def test_a_proof_tells_what_it_has_done() -> None:
+    model, told = pendulum(), list[float]()
+    with running.heard(lambda done, most: told.append(done)):
+        regularity(model.lft, 0.01)
+    assert told
+    assert told == sorted(told)
+
+
+def test_nothing_is_told_where_nobody_listens_and_outside_of_a_budget() -> None:
+    running.tell(1.0)
+    running.pass_on(1.0, 2.0)
+    with running.budget(3.0), running.after(1.0):
+        running.tell(1.0)
+    told: list[tuple[float, float]] = []
+    with running.heard(lambda done, most: told.append((done, most))):
+        running.tell(1.0)
+        assert told == []
+        with running.budget(3.0):
+            with running.after(1.0), running.after(0.5), running.budget(7.0):
+                running.tell(1.0)
+                running.tell(9.0)
+            running.pass_on(2.0, 5.0)
+        running.pass_on(2.0, 5.0)
+    assert told == [(0.0, 3.0), (2.5, 3.0), (3.0, 3.0), (2.0, 3.0), (2.0, 5.0)]
+
+
+class Line:
+    """What is shown, in place of a status of rich."""
+
+    def __init__(self) -> None:
+        self.texts: list[str] = []
+
+    def update(self, text: str) -> None:
+        self.texts.append(text)
+
+
+def test_in_a_file_there_is_a_line_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    with progress_of("[arm]") as progress:
+        for done in range(100):
+            clock[0] += 1.0
+            progress.worked(done, 100.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 5
+    assert lines[0] == "[arm], 19 % of the work that is allowed, at most about 1 min left"
+
+
+def test_a_line_says_stage_share_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: clock[0])
+    line: Any = Line()
+    progress = Progress("[arm]", line)
+    progress.stage("search")
+    progress.worked(0.0, 4.0)
+    for _ in range(40):
+        clock[0] += 0.05
+        progress.worked((clock[0] - 100.0) / 2.0, 4.0)
+    assert line.texts[0] == r"\[arm]: search"
+    assert line.texts[1] == r"\[arm]: search, 0 % of the work that is allowed"
+    assert line.texts[-1].endswith("search, 25 % of the work that is allowed, at most about 6 s left")
+    assert len(line.texts) < 25  # not at each step
+    progress.worked(0.2, 4.0)  # a part that began earlier
+    clock[0] += 1.0
+    progress.worked(0.3, 4.0)
+    assert "25 %" in line.texts[-1]
+    progress.stage("prove")
+    assert line.texts[-1] == r"\[arm]: prove"
+    clock[0] += 1.0
+    progress.counted(50, 100)  # 50 of an earlier run
+    clock[0] += 10.0
+    progress.counted(60, 100)
+    assert line.texts[-1] == r"\[arm]: prove, 60 of 100, about 40 s left"
+
+
+# Programs of scenes that were compiled before: the same bits, and nothing else is taken for one.
+
+pytest.importorskip("llvmlite")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path / "native"
+    monkeypatch.setenv("MBDLFT_CACHE", str(folder))
+    return folder
+
+
+def scene(name: str) -> mbdlft.Scene:
+    return mbdlft.load_scene(SCENARIOS / f"{name}.toml")
+
+
+def nothing(*_: object) -> None:
+    raise AssertionError("the scene is assembled")
+
+
+@pytest.mark.parametrize("name", ["two_link_arm", "flexible_manipulator", "crane", "pendulum"])
+def test_the_second_time_nothing_is_assembled(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = mbdlft.compile(scene(name), threads=1)
+    with monkeypatch.context() as patch:
+        for where in (module, program_cache):
+            patch.setattr(where, "source_of", nothing)
+        second = mbdlft.compile(scene(name), threads=1)
+        assert (second.computes, second.reason) == ("equations", "")
+        assert second.layout == first.layout
+        assert second.parameters == first.parameters
+        assert second.source.chunk == first.source.chunk
+        at = check_points(second.parameters, 3)[:203]
+        for part, other in zip(second.rows(at), first.rows(at), strict=True):
+            exact(part, other)
+
+
+def test_samples_without_a_solution() -> None:
+    force = Parameter("f", 0.0, low=-1.0, high=1.0, unit="N")
+    mass = Parameter("m", 1.0, low=0.0, high=2.0, unit="kg")
+    values = {"f": np.array([0.0, 0.0, 0.5, 1.0, 0.0]), "m": np.array([0.0, 1.0, 1.0, 0.0, 0.5])}
+    given = cart("m", [force, mass], {"preload": "f"})
+    first, second = (mbdlft.compile(given) for _ in range(2))
+    assert isinstance(second.source, program_cache.SceneSource)
+    rows = second(values)
+    assert rows.status.tolist() == [1, 0, 2, 2, 0]
+    for part, other in zip(rows, first(values), strict=True):
+        assert np.array_equal(part, other, equal_nan=True)
+
+
+def test_loads_through_elastic_bodies_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    first, second = (mbdlft.compile(scene("solar_arrays"), threads=1) for _ in range(2))
+    assert isinstance(second.source, program_cache.SceneSource)
+    at = check_points(second.parameters, 3)[:20]
+    for found in (first, second):
+        found.rows(at)
+    for where in (module, trim):  # planted: no wrench at all is too much
+        monkeypatch.setattr(where, "CARRIED", Less())
+    for found in (first, second):
+        with pytest.raises(TrimError, match="is elastic and carries a load at equilibrium"):
+            found.rows(at)
+
+
+class Less(float):
+    """A part of anything that is less than nothing."""
+
+    def __mul__(self, _: object) -> float:
+        return -1.0
+
+
+def kept(folder: Path) -> int:
+    return len(list(folder.glob("*.program")))
+
+
+def test_what_is_another_program(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mbdlft.compile(cart())
+    mbdlft.compile(cart())
+    assert kept(cache) == 1
+    mbdlft.compile(cart(0.8))
+    assert kept(cache) == 2
+    with monkeypatch.context() as patch:
+        patch.setattr(program_cache, "_package", lambda: "changed")
+        mbdlft.compile(cart())
+    assert kept(cache) == 3
+    with monkeypatch.context() as patch:
+        patch.setattr(program_cache, "_file", lambda _: __file__)  # a kind of a user
+        mbdlft.compile(cart())
+    assert kept(cache) == 4
+    # a line for each file of the package
+    files = len(list(Path(program_cache.__file__).parents[1].rglob("*.py")))
+    assert program_cache._package().count("\n") + 1 == files
+    assert program_cache._file(type(cart().bodies[0])) is None
+    assert program_cache._file(Path) is not None
+    monkeypatch.setattr(program_cache, "version", lambda _: "9")
+    mbdlft.compile(cart())
+    assert kept(cache) == 5
+
+
+def test_what_is_not_as_it_was_written(cache: Path) -> None:
+    expected = mbdlft.compile(cart(), threads=1).rows(np.zeros((3, 0)))
+    (file,) = cache.glob("*.program")
+    whole = file.read_bytes()
+    for damage in (b"", whole[:50], whole[:-1], whole[:60] + b"!" + whole[61:]):
+        file.write_bytes(damage)
+        assert program_cache.remembered(cart()) is None
+        found = mbdlft.compile(cart(), threads=1)
+        assert file.read_bytes() == whole
+        for part, other in zip(found.rows(np.zeros((3, 0))), expected, strict=True):
+            exact(part, other)
+    # whole, of this user, and nonsense
+    for image in (b"nonsense", whole[32:90], b"PK\x05\x06" + bytes(18)):
+        Cache(cache).put(file.stem, image, "program")
+        assert program_cache.remembered(cart()) is None
+    file.write_bytes(whole)
+    file.chmod(0o666)
+    assert program_cache.remembered(cart()) is None
+
+
+def test_code_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    mbdlft.compile(cart())
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "compile_native", lambda *_: 1 / 0)
+        with pytest.warns(mbdlft.MbdlftWarning, match="LLVM failed: ZeroDivisionError"):
+            assert mbdlft.compile(cart()).program is None
+    assert source_of(cart()).layout == mbdlft.compile(cart()).layout
+
+
+def test_without_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MBDLFT_CACHE", "")
+    for _ in range(2):
+        assert not isinstance(mbdlft.compile(cart()).source, program_cache.SceneSource)

@@ -1,16 +1,9 @@
-"""Laws of the search that uses commutation.
-
-1. values stay and the order does not grow
-2. known minimal orders of the literature are reached, whatever the way of writing, and minimal
-   orders of scenes are recognized
-3. another basis of a block leaves the value
-4. a result with another value, or one that is singular on the range, is refused
-5. the result is the same under every clock, and the work ends where it should
-"""
+"""Laws of the search that uses commutation, and of affine deltas that are moved."""
 
 import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,19 +18,110 @@ from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.running import one_thread
-from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_columns, stack_rows, transpose
 from mbdlft.lft.sampling import evaluate_at
+from mbdlft.multibody.assembly import assemble
+from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import search
 from mbdlft.order.reduction import reduce_order
-from mbdlft.order.rewriting import restrictions, rewritten
+from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, restrictions, rewritten
 from mbdlft.order.search import Budget, Truth, find_smallest, is_same, part_of_largest
 from mbdlft.order.work import Work
+from mbdlft.pipeline import stages
+from mbdlft.pipeline.forms import candidates, closing
+from mbdlft.problem.relations import linearize
 from mbdlft.system.model import LFTModel
 from scenarios import two_link_arm
 from tests.close import CLOSED_FORM, SCENARIO, roundoff, target
-from tests.extracted import lower_bound
+from tests.extracted import extracted, lower_bound
 from tests.laws.lfts import lfts
-from tests.laws.test_affine import relations
+from tests.laws.test_weights import forces_turned_on_the_way
+
+# Laws of moving affine deltas.
+
+
+def relations(links: int, *, spatial: bool) -> LFT:
+    """Of forces that turn on the way in: there is something left to find."""
+    with forces_turned_on_the_way():
+        equations = assemble(chain(links, spatial=spatial))
+    return reduce_order(extracted(linearize(equations, range(links), range(links))))
+
+
+def example() -> LFT:
+    """m stands outside of two copies of p, q and t; p is a square, t is a pole."""
+    m, p, q, t = (constant([[0.7]]) + delta(name) for name in "mpqt")
+    pole = inverse(t)
+    return reduce_order(stack_rows(m @ p @ p @ q, stack_columns(m) @ q @ pole @ p, q @ m))
+
+
+def law_value(a: LFT, outside: tuple[str, ...], moved: tuple[str, ...]) -> LFT:
+    changed = move_affine(a, outside, moved, Work())
+    assert changed is not None
+    points = np.random.default_rng(3).uniform(-0.5, 0.5, (20, len(a.blocks)))
+    roundoff(evaluate_at(changed, points), evaluate_at(a, points), 1e3)
+    return changed
+
+
+@pytest.mark.parametrize("outside", [(), ("p",), ("p", "q")])
+def test_value_stays(outside: tuple[str, ...]) -> None:
+    for a in (example(), transpose(example())):
+        law_value(a, outside, ("m", "t"))
+
+
+def test_what_is_affine() -> None:
+    a = example()
+    assert [name for name, _ in a.blocks if is_affine(a, name, Work())] == ["m", "q"]
+    assert [name for name, _ in a.blocks if is_polynomial(a, name)] == ["m", "p", "q"]
+
+
+@pytest.mark.parametrize("links", [2, 3, 4])
+def test_masses_inside_of_lengths(links: int) -> None:
+    """Mass k: k + 1 directions; length: 2; angle 0: two poles, n directions; angle k: 2 (n - k)."""
+    a = relations(links, spatial=False)
+    lengths, masses = ([f"{kind}{k}" for k in range(links)] for kind in "Lm")
+    found = law_value(a, tuple(lengths), tuple(masses))
+    expected = {f"m{k}": k + 1 for k in range(links)} | dict.fromkeys(lengths, 2)
+    expected |= {f"t{k}": 4 * (links - k) if k else 2 * links for k in range(links)}
+    assert dict(found.blocks) == expected
+
+
+def test_too_many_channels_on_the_way_are_refused() -> None:
+    a, masses = relations(3, spatial=False), ("m0", "m1", "m2")
+    assert move_affine(a, (), masses, Work(), most=2 * a.order) is not None
+    assert move_affine(a, (), masses, Work(), most=5) is None
+
+
+def finishing(a: LFT, close: Callable[[LFT], LFT]) -> search._Level:
+    return search._level_of_relations(a, close, None, search._Proof({}, a, None))
+
+
+def test_wrong_when_closed_is_refused() -> None:
+    """Right as an LFT, but what it becomes has another value."""
+    a, right = relations(3, spatial=False), Work()
+
+    def close(one: LFT) -> LFT:
+        return one if one.order == a.order else 1.001 * np.eye(one.shape[0]) @ one
+
+    moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), right)
+    assert moved is not None
+    assert moved.order < a.order
+    for level, is_kept in ((finishing(a, close), False), (finishing(a, lambda one: one), True)):
+        assert level.keeps(right, level.exact, moved) == is_kept
+
+
+def test_closed_relations_of_a_chain_are_kept() -> None:
+    """Solving for accelerations makes no right result wrong."""
+    scene = chain(3, spatial=False)
+    problem = problem_of_scene(scene)
+    (found,) = candidates(problem, problem.forms)
+    a = found.relations
+    level = finishing(a, closing(found.form))
+    moved = move_affine(a, ("L0", "L1", "L2"), ("m0", "m1", "m2"), Work())
+    assert moved is not None
+    assert level.keeps(Work(), level.exact, moved)
+
+
+# Laws of the search that uses commutation.
 
 
 @pytest.fixture(autouse=True)
@@ -269,3 +353,51 @@ def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPa
     asked: list[LFT] = []
     ablation.measure(0.3, {"affine_moved": lambda a, work: asked.append(a) or iter(())})
     assert asked
+
+
+# Candidates of the search are compared with values, entry by entry, not with what is only rounding.
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+def with_row_that_cancels() -> LFT:
+    """[d1 d2 ; 0], the zero as (d1 + 0.1)(d2 + 0.7) - d2 d1 - 0.7 d1 - 0.1 d2 - 0.07."""
+    first, second = delta("d1"), delta("d2")
+    product = (first + constant([[0.1]])) @ (second + constant([[0.7]]))
+    rest = second @ first + constant([[0.7]]) @ first + constant([[0.1]]) @ second
+    return stack_rows(first @ second, product - (rest + constant([[0.07]])))
+
+
+def with_zero_row(value: float = 0.0, factor: float = 1.0) -> LFT:
+    """[d1 d2 ; value] times a factor."""
+    blocks = (Block("d1", 1), Block("d2", 1))
+    M11, M12 = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
+    return LFT(M11, M12, factor * np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0], [value]]), blocks)
+
+
+def test_rounding_is_no_value() -> None:
+    truth = Truth(with_row_that_cancels, part_of_largest)
+    _, values, _ = truth.values
+    assert 0.0 < np.max(np.abs(values[:, 1])) < 1e-15
+    assert is_same(with_zero_row(), truth, Work())
+
+
+@pytest.mark.parametrize(("value", "factor"), [(1e-12, 1.0), (0.0, 1.0 + 1e-10)])
+def test_small_errors_are_found(value: float, factor: float) -> None:
+    truth = Truth(with_row_that_cancels, part_of_largest)
+    assert not is_same(with_zero_row(value, factor), truth, Work())
+
+
+@pytest.mark.long
+def test_closing_shows_what_cancels() -> None:
+    """Repetitions that the relations need and the closed model does not; its bound is 8."""
+    model = mbdlft.to_lft(mbdlft.load_scene(SCENARIOS / "four_bar.toml"))
+    assert model.lft.order <= 10
+    assert model.certificate.max_relative_error < 1e-12
+
+
+def test_very_large_models_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = mbdlft.load_scene(SCENARIOS / "two_link_arm.toml")
+    assert mbdlft.to_lft(scene).order == 16
+    monkeypatch.setattr(stages, "_MOST_SEARCHED", 16)
+    assert mbdlft.to_lft(scene).order == 17
