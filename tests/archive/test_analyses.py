@@ -1,19 +1,35 @@
 """Analyses in an archive: they come back as they were, and belong to their model."""
 
+import os
+import subprocess
+import sys
 from dataclasses import fields, replace
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 
 import mbdlft
+from mbdlft import ArchiveError, RandomSamples
+from mbdlft.archive import archive, hdf5, reading
+from mbdlft.dae import DaeDraft, formula_function
+from mbdlft.pipeline import delta_theta
 from mbdlft.robust.evidence import BoxProof, IntervalProof, MotionProof
-from tests.archive.plain_digest import edit, without
-from tests.close import exact
+from tests.archive import models
+from tests.archive.models import contents
+from tests.archive.models import same as same_of_sweeps
+from tests.archive.plain_digest import edit, instead, without
+from tests.close import CLOSED_FORM, exact, target
+from tests.daes import example_2
+from tests.errors.scenes import cart
+from tests.errors.table import says
 from tests.laws.random_loops import blocks_system, mixed_system
 from tests.laws.test_margins import random_loop_with_channels
+from tests.scenarios.commands import run
 
 
 @cache
@@ -155,3 +171,255 @@ def test_a_changed_analysis_is_refused(tmp_path: Path) -> None:
     edit(file, without("rates/value"), name)
     with pytest.raises(mbdlft.ArchiveError, match="rates/value is missing"):
         mbdlft.load_analysis(file)
+
+
+# Nonlinear functions in archives: read without CasADi, and refused where they do not agree.
+
+READER = """
+import sys
+
+class Blocked:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("casadi", "scipy", "flint", "pydantic"):
+            raise ImportError(name)
+
+sys.meta_path.insert(0, Blocked())
+import mbdlft
+model = mbdlft.load(sys.argv[1])
+omega = {name: [0.3, -0.2] for name in model.omega}
+for name, values in mbdlft.theta_values(model.functions, omega).items():
+    print(name, *values)
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    mbdlft.save(tmp_path / "a.h5", delta_theta(example_2(), "blocks", search=0.0))
+    return tmp_path / "a.h5"
+
+
+def test_functions_are_read_and_evaluated_without_casadi(file: Path) -> None:
+    command = [sys.executable, "-c", READER, str(file)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    found = {line.split()[0]: np.array(line.split()[1:], float) for line in result.stdout.splitlines()}
+    model = delta_theta(example_2(), "blocks", search=0.0)
+    for f in model.functions:
+        own = formula_function("f", f.arguments, f.text)
+        expected = [float(own(*[x] * len(f.arguments))) for x in (0.3, -0.2)]
+        target(found[f.name], expected, CLOSED_FORM)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("count", np.array([1, 1]), "theta/count"),
+        ("count", np.array([0, 4]), "theta/count"),
+        ("text", np.array([b"__import__('os')", b"1"]), "is not allowed"),
+        ("signal", np.array([b"x", b"y", b"z", b"w"]), "unknown output 'x'"),
+        ("name", np.array([b"f", b"f"]), "stands twice"),
+        ("name", np.array([b"f", b"g"]), "unknown input 'f'"),
+        ("low", np.array([np.inf] * 4), "theta/low"),
+        ("initial", np.zeros(3), "theta/initial"),
+        ("unit", None, "theta/unit"),
+    ],
+)
+def test_what_does_not_agree(file: Path, name: str, value: object, message: str) -> None:
+    change = without(f"theta/{name}") if value is None else instead(f"theta/{name}", value)
+    edit(file, change, "models/example_2")
+    with pytest.raises(ArchiveError, match=message):
+        mbdlft.load(file)
+
+
+def test_commands_show_functions_and_do_not_leave_them_out(
+    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    for command in ("show", "poles", "margin"):
+        code, out, err = run(monkeypatch, capsys, command, str(file))
+        if command == "show":
+            assert code == 0
+            assert "theta.spring.alpha(J1_phi, J2_phi) = (J1_phi - J2_phi)**2" in out
+        else:
+            assert code == 2
+            assert "has 2 nonlinear functions, and is not linear" in err
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("tables", np.array([2]), "theta/tables: expected 1 together"),
+        ("table/count", np.array([3]), "theta/table/count: expected 4 together"),
+        ("table/pairs", np.array([2]), "theta/table/pairs: expected 3 together"),
+        ("table/breakpoint", np.array([0.0, 1.0, 1.0, 2.0]), "number 1: the breakpoints .* increase"),
+        ("table/value", np.array([0.0, np.nan, 1.0, 2.0]), "not finite"),
+        ("table/slope", np.zeros((3, 3)), "theta/table/slope"),
+        ("table/below", None, "theta/table/below"),
+    ],
+)
+def test_tables_that_do_not_agree(tmp_path: Path, name: str, value: object, message: str) -> None:
+    d = DaeDraft("curve")
+    x = d.variable("x")
+    d.equation(d.der(x), equals=-d.table(x, [0, 1, 2, 3], [0, 2, 3, 7], "cubic"))
+    d.output("x")
+    mbdlft.save(tmp_path / "a.h5", delta_theta(d.dae(), search=0.0))
+
+    change = without(f"theta/{name}") if value is None else instead(f"theta/{name}", value)
+    edit(tmp_path / "a.h5", change, "models/curve")
+    with pytest.raises(ArchiveError, match=message):
+        mbdlft.load(tmp_path / "a.h5")
+
+
+# Sweeps in archives: layout, models beside them, atomic writes, large files.
+
+
+def swept(file: Path, count: int = 5000, name: str = "s") -> None:
+    """Needs more than one chunk."""
+    model = models.arm()
+    mbdlft.sweep(model, RandomSamples(count), file, name=name, workers=1)
+
+
+def test_layout_as_documented(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    swept(file)
+    with h5py.File(file) as found:
+        assert found.attrs["format"] == b"mbdlft-archive"
+        assert found.attrs["format_version"] == b"1.1"
+        group = found["sweeps/s"]
+        assert group.attrs["encoding_type"] == b"sweep"
+        assert group.attrs["encoding_version"] == b"1.1"
+        assert group.attrs["model"] == b"two_link_arm"
+        shapes = {"samples": (7,), "A": (4, 4), "B": (4, 2), "C": (2, 4), "D": (2, 2)}
+        shapes |= {"trim/value": (2,), "residual": (), "status": ()}
+        for key, shape in shapes.items():
+            item = group[key]
+            assert item.shape == (5000, *shape)
+            assert item.dtype == ("i1" if key == "status" else "<f8")
+            assert item.chunks[0] < 5000
+            assert item.chunks[1:] == shape
+        assert b"2: no equilibrium" in group["status"].attrs["meaning"]
+        assert list(group["parameters/name"].asstr()) == [p.name for p in models.arm().parameters]
+        for what in ("states", "inputs", "outputs", "trim", "parameters"):
+            assert set(group[what]) >= {"name", "unit"}
+
+
+def test_models_and_other_sweeps_stay(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    mbdlft.save(file, models.arm())
+    before = contents(file)
+    swept(file, name="first")
+    swept(file, name="second")
+    after = contents(file)
+    assert {key: after[key] for key in before if key != "/"}.keys() == before.keys() - {"/"}
+    same_of_sweeps(mbdlft.load(file), models.arm())
+    first = mbdlft.load_sweep(file, "first")
+    swept(file, 7, name="second")
+    assert mbdlft.sweep_names(file) == ("first", "second")
+    assert len(mbdlft.load_sweep(file, "second").status) == 7
+    exact(mbdlft.load_sweep(file, "first").A, first.A)
+    mbdlft.save(file, models.strange(6), "other")
+    exact(mbdlft.load_sweep(file, "first").A, first.A)
+    exact(mbdlft.load_sweep(file, "first", 10, 20).A, first.A[10:20])
+    assert mbdlft.model_names(file) == ("other", "two_link_arm")
+
+
+def test_large_archives_are_not_held_in_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small, large = tmp_path / "a.h5", tmp_path / "b.h5"
+    mbdlft.save(small, models.arm())
+    swept(small)
+    mbdlft.save(small, models.strange(6), "other")
+    monkeypatch.setattr(archive, "LARGE", -1)
+    monkeypatch.setattr(reading, "LARGE", -1)
+
+    class Empty(BytesIO):
+        def __init__(self, *held: bytes) -> None:
+            assert not held, "an archive is held in memory"
+            super().__init__()
+
+    for module in (archive, hdf5):
+        monkeypatch.setattr(module, "BytesIO", Empty)
+    swept(large)
+    mbdlft.save(large, models.arm())
+    mbdlft.save(large, models.strange(6), "other")
+    exact(mbdlft.load(large, "other").A, models.strange(6).A)
+    monkeypatch.setattr(reading, "LARGE", 2**26)  # planted: it is
+    large.write_bytes(reading.sealed(large.read_bytes()))
+    with pytest.raises(AssertionError, match="held in memory"):
+        mbdlft.load(large, "other")
+    monkeypatch.undo()
+    one, two = mbdlft.load_sweep(small), mbdlft.load_sweep(large)
+    for name in ("samples", "A", "B", "C", "D", "trim", "residual", "status"):
+        exact(getattr(two, name), getattr(one, name))
+
+
+@pytest.mark.parametrize("step", ["fsync", "replace"])
+def test_interrupted_writing_leaves_the_archive(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    file = tmp_path / "a.h5"
+    mbdlft.save(file, models.arm())
+    before, called = file.read_bytes(), []
+    original = archive.put
+
+    def interrupt(*arguments: object, **options: object) -> None:
+        called.append(step)
+        raise KeyboardInterrupt
+
+    def replace(images: dict[Path, bytes], made: Path | None = None) -> None:
+        if file in images:
+            monkeypatch.setattr(os, step, interrupt)
+        original(images, made)
+
+    monkeypatch.setattr(archive, "put", replace)
+    with pytest.raises(KeyboardInterrupt):
+        swept(file)
+    monkeypatch.undo()
+    assert called
+    assert file.read_bytes() == before
+    model = models.arm()
+    assert mbdlft.sweep(model, RandomSamples(5000), file, name="s", workers=1).resumed == 5000
+    same_of_sweeps(mbdlft.load(file), model)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
+
+
+def test_scene_without_parameters(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    mbdlft.sweep(cart(), {}, file, workers=1)
+    found = mbdlft.load_sweep(file)
+    assert found.samples.shape == (1, 0)
+    assert found.A.shape == (1, 2, 2)
+    assert found.status[0] == 0
+
+
+def test_what_is_not_there_or_not_whole(tmp_path: Path) -> None:
+    file = tmp_path / "a.h5"
+    mbdlft.save(file, models.arm())
+    with h5py.File(file, "a") as found:
+        found["sweeps"] = 1.0
+    with says(mbdlft.ArchiveError, f"{file}: /sweeps is not a group"):
+        mbdlft.sweep_names(file)
+    with h5py.File(file, "a") as found:
+        del found["sweeps"]
+    with says(mbdlft.ArchiveError, f"{file}: give the name of the sweep. Existing: none."):
+        mbdlft.load_sweep(file)
+    swept(file)
+    with says(mbdlft.ArchiveError, f"{file}: ", "unknown sweep", "'x'", "s"):
+        mbdlft.load_sweep(file, "x")
+    for change, text in (
+        (lambda group: group.__delitem__("A"), "is not whole"),
+        (lambda group: group.attrs.__setitem__("encoding_version", "2.0"), "this mbdlft reads up"),
+        (lambda group: group.attrs.__setitem__("encoding_type", "x"), "encoding_type is 'x'"),
+    ):
+        swept(file)
+        with h5py.File(file, "a") as found:
+            change(found["sweeps/s"])
+        with says(mbdlft.ArchiveError, "sweep 's'", text):
+            mbdlft.load_sweep(file)
+    swept(file)
+    with h5py.File(file, "a") as found:
+        del found["sweeps/s/D"]
+        found["sweeps/s/D"] = np.zeros((4999, 2, 2))
+    with says(
+        mbdlft.ArchiveError, "sweep 's': the dataset 'D' has shape (4999, 2, 2), expected (5000, 2, 2)"
+    ):
+        mbdlft.load_sweep(file)
