@@ -1,5 +1,3 @@
-from .box import Reached as Reached
-from .box import Tuning as Tuning
 from .box import tune as tune
 from .codesign import designed_scene as designed_scene
 from .description import TuningTask as TuningTask
@@ -27,6 +25,8 @@ from .pieces import tunable_gain as tunable_gain
 from .pieces import tunable_pid as tunable_pid
 from .pieces import tunable_state_space as tunable_state_space
 from .pieces import tunable_transfer as tunable_transfer
+from .reached import Reached as Reached
+from .reached import Tuning as Tuning
 from .structure import fitted_values as fitted_values
 from .structure import reduced_structure as reduced_structure
 from .structure import tunable_system as tunable_system

@@ -2,14 +2,15 @@
 
 From the nominal point on, the worst points of the loop are looked for (those that are not stable first),
 added to the points, and the values tuned again, until no worse point is found (Apkarian, Dao, Noll, IEEE
-Transactions on Automatic Control 60, 2015). The search uses corners, random points, and ascents with
-exact slopes. It proves nothing: at the end each goal is bounded for all values and all frequencies by
-`worst_case_gain` and `worst_case`, and `verify` checks what is stored.
+Transactions on Automatic Control 60, 2015). Values that are given and good in the whole box are tuned at
+its worst points from the first, and not given up for worse ones. The search uses corners, random points,
+and ascents with exact slopes. It proves nothing: at the end each goal is bounded for all values and all
+frequencies by `worst_case_gain` and `worst_case`, and `verify` checks what is stored.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,20 +18,16 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
-from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.base.parameter import to_delta
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
 from mbdlft.robust.bisect.search import check_numbers
-from mbdlft.robust.evidence import Bounds
-from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import realization
-from mbdlft.robust.worst import worst_case
-from mbdlft.synthesis.bound import full_order_bound
 from mbdlft.synthesis.evaluation import Look
-from mbdlft.synthesis.goals import DESIGN, H2, HINF, MARGIN, POLES, Goal
+from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
-from mbdlft.synthesis.pieces import TunableSystem, tunable_gain
-from mbdlft.synthesis.tuning import Tuned, Tuner, begun_again, check_stabilizable, taken_on, tuned
+from mbdlft.synthesis.reached import Progress, Tuning, as_matrices, as_tuning, least_values
+from mbdlft.synthesis.tuning import Tuned, Tuner, begun, begun_again, check_stabilizable, taken_on, tuned
 from mbdlft.system.model import System
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
@@ -44,114 +41,9 @@ _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times wh
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
 _PARTS = 4  # of the points of the whole box, each with its worst
 _IDLE = 4  # searches in vain that end a search for the worst at most: one for each parameter beyond two
-_REACHED = 1.0 + 1e-3  # what is said to be reached: hard goals are constraints of a search
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
 _DECIDES = 0.9  # of the largest value: points below it are idle
-Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Reached:
-    """What a goal came to; values are at most 1 where it is reached.
-
-    Attributes
-    ----------
-    goal : Goal
-    tuned : float, the largest at the points that it was tuned on
-    worst : float, the largest that was found in the box
-    proved : float
-        Not passed for all values of the parameters and all frequencies; inf without a proof.
-    least : float
-        No controller of any order, with these measurements, has a smaller value at the nominal point;
-        0.0 if not known.
-    loop : System
-        From the weighted inputs to the weighted outputs of the goal.
-    bounds : tuple of Bounds
-        With the proofs; `verify(loop, bounds)` checks one.
-    """
-
-    goal: Goal
-    tuned: float
-    worst: float
-    proved: float
-    least: float
-    loop: System
-    bounds: tuple[Bounds, ...]
-
-    @property
-    def found(self) -> str:
-        """What searches came to: all that an archive says, as proofs are checked when they are read."""
-        kind = "hard" if self.goal.hard else "soft"
-        return f"{self.goal.name} ({kind}): tuned {self.tuned:.4g}, worst found {self.worst:.4g}"
-
-    @property
-    def is_reached(self) -> bool:
-        """Whether the worst value that was found is at most 1, or it is soft and finite."""
-        return self.worst <= _REACHED if self.goal.hard else np.isfinite(self.worst)
-
-    @property
-    def missing(self) -> str:
-        """What is not reached, or, of a hard goal, not proved to be below 1; else empty."""
-        about = f"{'hard ' * self.goal.hard}goal {self.goal.name!r}"
-        if not np.isfinite(self.worst):
-            place = self.bounds[0].worst if self.bounds else {}
-            point = ", ".join(f"{name} {value:.6g}" for name, value in (place or {}).items())
-            return f"{about}: the loop is unstable{point and ' at '}{point}"
-        if not self.is_reached:
-            return f"{about}: not reached, {self.worst:.6g} > 1"
-        if not (self.goal.hard and self.bounds) or self.proved <= 1.0:
-            return ""
-        ends = f"proved {self.proved:.4g}" if np.isfinite(self.proved) else "no proof"
-        return f"{about}: reached {self.worst:.4g}, {ends}: it is not proved below 1"
-
-    def __str__(self) -> str:
-        text = self.found
-        if np.isfinite(self.proved):
-            text += f", proved <= {self.proved:.4g} for all values and frequencies"
-        elif self.bounds:
-            text += f", not proved: {self.bounds[0].reason}"
-        return text + (f"; no controller below {self.least:.4g}" if self.least else "")
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Tuning:
-    """Controllers, and what is known of their loops.
-
-    Attributes
-    ----------
-    controllers : tuple of System
-    values : mapping of names of free values to numbers; design parameters in their units
-    goals : tuple of Reached
-    points : tuple of mappings of names to values
-        Of the parameters, where the loop was tuned: the nominal point, and worst ones.
-    loop : System
-        Closed, from the inputs of all goals to their outputs, without weights.
-    """
-
-    controllers: tuple[System, ...]
-    values: Mapping[str, float]
-    goals: tuple[Reached, ...]
-    points: tuple[Mapping[str, float], ...]
-    loop: System
-
-    @property
-    def soft(self) -> float:
-        """The largest value of a soft goal that was found in the box; 0 if there is none."""
-        return max((r.worst for r in self.goals if not r.goal.hard), default=0.0)
-
-    @property
-    def hard(self) -> float:
-        """The same of hard goals, which are reached where it is at most 1."""
-        return max((r.worst for r in self.goals if r.goal.hard), default=0.0)
-
-    @property
-    def missing(self) -> tuple[str, ...]:
-        """What hard goals lack, reached or proved, and goals whose loops are unstable; else empty."""
-        return tuple(sentence for reached in self.goals if (sentence := reached.missing))
-
-    def __repr__(self) -> str:
-        return "\n".join((*map(str, self.goals), *self.missing))
 
 
 def tune(
@@ -188,7 +80,8 @@ def tune(
         Inputs of the whole that stand in `connections`, and in no goal; those of goals are known.
     initial : mapping of names of free values to numbers, optional
         Where the first search begins, such as `Tuning.values` of an earlier one; design parameters in
-        their units. Values that are not named have the initial ones of their controllers.
+        their units. Values that are not named have the initial ones of their controllers. Where they
+        are about as good in the whole box as at nominal, the search begins at its worst points.
     leave_out : sequence of names of states, or "cyclic" for all that are only integrated
         States on which nothing else depends, such as positions of a free body: they count in no goal, and
         need not be stable.
@@ -228,34 +121,18 @@ def tune(
         first.check_fixed()
         least = least_values(net, goals, lambda: connected(as_matrices(systems)))
         enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
-        best = tuned(first, starts, seed, say, enough, lambda best: len(_growing(net, sought, best)) > 1)
+        given, how = first.at(next(begun(first, 1, seed))), (starts, seed)
+        if initial and _is_good(net, sought, given):
+            best, points = given, _deciding(net, sought, given)
+            rounds = _from_good_values(net, sought, best, points, (*how, enough / _ENOUGH), say)
+        else:
+            best = tuned(first, *how, say, enough, lambda best: len(_growing(net, sought, best)) > 1)
+            rounds = _at_worst_points(net, sought, best, points, how, say)
         with suppress(KeyboardInterrupt):  # the best that is known is proved
-            for later in _at_worst_points(net, sought, best, points, (starts, seed), say):
+            for later in rounds:
                 best, points = later
-        how = {"gap": gap, "work": work, "workers": workers} if prove else None
-        return as_tuning(net, goals, best.x, points, least, how, say)
-
-
-def as_tuning(
-    net: Network,
-    goals: Sequence[Goal],
-    x: Array,
-    points: Array,
-    least: Sequence[float],
-    how: Mapping[str, Any] | None,
-    say: Progress = lambda text: None,
-) -> Tuning:
-    """What values reach: at points, in the box, and proved on it if it is said `how`."""
-    reached = []
-    for goal, bound in zip(goals, least, strict=True):
-        if how is not None:
-            say(f"proof of {goal.name}")
-        reached.append(_reached(net, goal, x, points, bound, how))
-    values = _values(net, x)
-    controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
-    loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), x, net.system.name)
-    physical = tuple(_physical(net, point) for point in points)
-    return Tuning(controllers, values, tuple(reached), physical, loop)
+        proofs = {"gap": gap, "work": work, "workers": workers} if prove else None
+        return as_tuning(net, goals, best.x, points, least, proofs, say)
 
 
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
@@ -291,14 +168,49 @@ def _at_worst_points(
         for later in _until_none_is_worse(net, goals, best, points, (ends, seed, starts), say):
             best, points = later
             yield later
-    if _COSTLY * nominal < best.look.soft < np.inf and starts > 1:
-        other = begun_again(Tuner(net, goals, points), starts, seed)
-        if other is not None and other.rank() < best.rank():
-            say(f"{len(points)} points, other starts, {_said(other.look)}")
-            where = np.ones(points.shape[1]), seed, starts
-            *_, (other, more) = _until_none_is_worse(net, goals, other, points, where, say)
-            if other.rank() < best.rank():
-                yield other, more
+    yield from _elsewhere(net, goals, best, points, (*how, nominal), say)
+
+
+def _from_good_values(
+    net: Network,
+    goals: Sequence[Goal],
+    given: Tuned,
+    points: Array,
+    how: tuple[int, int, float],
+    say: Progress,
+) -> Iterator[tuple[Tuned, Array]]:
+    """The same from values that are good in the whole box, and their points that decide."""
+    starts, seed, _ = how
+    where = np.ones(points.shape[1]), seed, starts
+    new, worst = _worst_points(net, goals, given, points, where)
+    say(f"{len(points)} points, {_said(given.look)}, worst {worst:.4g}, {len(new)} worse")
+    points = np.vstack([points, new])
+    best = taken_on(Tuner(net, goals, points), given.x, starts, seed, is_near=True)
+    for later in _until_none_is_worse(net, goals, best, points, where, say, (worst, given)):
+        best, points = later
+        yield later
+    yield from _elsewhere(net, goals, best, points, how, say)
+
+
+def _elsewhere(
+    net: Network,
+    goals: Sequence[Goal],
+    best: Tuned,
+    points: Array,
+    how: tuple[int, int, float],
+    say: Progress,
+) -> Iterator[tuple[Tuned, Array]]:
+    """From other starts at the same points, where these cost much beside nominal, and they less."""
+    starts, seed, nominal = how
+    if not (_COSTLY * nominal < best.look.soft < np.inf and starts > 1):
+        return
+    other = begun_again(Tuner(net, goals, points), starts, seed)
+    if other is not None and other.rank() < best.rank():
+        say(f"{len(points)} points, other starts, {_said(other.look)}")
+        where = np.ones(points.shape[1]), seed, starts
+        *_, (other, more) = _until_none_is_worse(net, goals, other, points, where, say)
+        if other.rank() < best.rank():
+            yield other, more
 
 
 def _until_none_is_worse(
@@ -308,20 +220,25 @@ def _until_none_is_worse(
     points: Array,
     where: tuple[Array, int, int],
     say: Progress,
+    safe: tuple[float, Tuned] | None = None,
 ) -> Iterator[tuple[Tuned, Array]]:
-    """Values tuned at more points of a part of the box, until no worse one is found."""
+    """Values tuned at more points of a part of the box, until no worse one is found.
+
+    They are tuned from those that are best at these points: the last ones, or the `safe` ones, whose
+    worst is the least that is known. So what was reached is not given up.
+    """
     ends, seed, starts = where
-    safe, lost, idle = (np.inf, best), 0, 0
+    safe, lost, idle = safe or (np.inf, best), 0, 0
     is_whole = bool(np.all(ends == 1.0))
     enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
         new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
         lost = lost + 1 if worst == np.inf else 0
-        safe = min(safe, (worst, best), key=lambda pair: pair[0])
+        safe = min((worst, best), safe, key=lambda pair: pair[0])
         say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
         idle = 0 if len(new) else idle + 1
         if lost > _MOST_LOST or idle >= enough:
-            yield best, points
+            yield (safe[1] if lost else best), points
             return
         if idle:
             continue
@@ -329,9 +246,24 @@ def _until_none_is_worse(
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
-        best = taken_on(Tuner(net, goals, points), best.x, starts, seed, is_near=is_near)
+        tuner = Tuner(net, goals, points)
+        begin = min(best.x, safe[1].x, key=lambda x: tuner.at(x).rank())
+        best = taken_on(tuner, begin, starts, seed, is_near=is_near)
         yield best, points
     yield safe[1], points
+
+
+def _is_good(net: Network, goals: Sequence[Goal], given: Tuned) -> bool:
+    """Whether values are about as good in the whole box as at nominal."""
+    is_finite = max(given.look.soft, given.look.hard) < np.inf
+    return is_finite and len(_growing(net, goals, given)) == 1
+
+
+def _deciding(net: Network, goals: Sequence[Goal], given: Tuned) -> Array:
+    """The nominal point, and of a grid and of random points those that decide."""
+    whole = np.ones(len(net.system.parameters))
+    some = np.vstack([0.0 * whole, first_points(net, whole, 0), screened(whole, 0)])
+    return some[Tuner(net, goals, some).deciding(given.x, _DECIDES)]
 
 
 def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
@@ -352,17 +284,6 @@ def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
 def _said(look: Look) -> str:
     hard = f", hard goals {look.hard:.4g}" if np.isfinite(look.hard) else ""
     return (f"soft goals {look.soft:.4g}" if np.isfinite(look.soft) else "") + hard
-
-
-def _values(net: Network, x: Array) -> dict[str, float]:
-    return {
-        value.name: net.design[value.name].physical(number) if value.name in net.design else float(number)
-        for value, number in zip(net.free, x, strict=True)
-    }
-
-
-def _physical(net: Network, point: Array) -> dict[str, float]:
-    return {p.name: float(to_physical(p, d)) for p, d in zip(net.system.parameters, point, strict=True)}
 
 
 def _worst_points(
@@ -400,18 +321,22 @@ def _worst_points(
                 beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]
                 value, delta = max((value, delta), beside, key=lambda pair: pair[0])
             climbed.append((value, delta))
-        value, delta = max(climbed, key=lambda pair: pair[0])
+        climbed.sort(key=lambda pair: -pair[0])
+        value, delta = climbed[0]
         if is_whole and goal.kind in (HINF, MARGIN) and np.isfinite(value):
             model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
             of_model = [net.system.parameters.names.index(name) for name in model.names]
             peak = largest_peak(model, 1.0, (delta[of_model],))
             if peak.gain / goal.limit > value:
-                value, delta = peak.gain / goal.limit, _in_order(net, loop, peak.delta)
-        worst = max(worst, value)
+                climbed[0] = peak.gain / goal.limit, _in_order(net, loop, peak.delta)
+        worst = max(worst, climbed[0][0])
         known = max(1.0, best.look.hard) if goal.hard else best.look.soft
-        is_new = np.min(np.max(np.abs(points - delta), axis=1)) > 0.0
-        if value > known * (1.0 + _WORSE) and is_new:
-            found.append(delta)
+        worse = list[Array]()
+        for value, delta in climbed:
+            is_apart = all(np.max(np.abs(delta - other)) > _RADII[0] for other in worse)
+            if value > known * (1.0 + _WORSE) and is_apart:
+                worse.append(delta)
+        found += [delta for delta in worse if np.min(np.max(np.abs(points - delta), axis=1)) > 0.0]
     return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst
 
 
@@ -436,63 +361,3 @@ def _in_order(net: Network, loop: System, delta: Array) -> Array:
     blocks = [block.name for block in loop.lft.blocks if block.size]
     by_name = dict(zip(blocks, delta, strict=True))
     return np.array([by_name.get(name, 0.0) for name in net.system.parameters.names])
-
-
-def _reached(
-    net: Network, goal: Goal, x: Array, points: Array, least: float, how: Mapping[str, Any] | None
-) -> Reached:
-    """A goal at values: at the points, in the box, and proved."""
-    loop = closed_loop(
-        net, None if goal.kind in (POLES, DESIGN) else goal, x, f"{net.system.name}: {goal.name}"
-    )
-    (tuned_to, _), (found, _) = (
-        Tuner(net, [goal], some).worst(x)[0] for some in (points, screened(np.ones(points.shape[1]), 0))
-    )
-    worst, proved = max(tuned_to, found), np.inf
-    if goal.kind == DESIGN:  # nothing else than the values is in it
-        return Reached(goal, worst, worst, worst, least, loop, ())
-    bounds = () if how is None else tuple(_bounds(loop, goal, how))
-    if bounds:
-        claimed, attained = zip(*(_ratios(goal, b) for b in bounds), strict=True)
-        worst = max(worst, *attained)
-        proved = max(claimed) if np.isinf(goal.speed) else np.inf
-    return Reached(goal, tuned_to, worst, proved, least, loop, bounds)
-
-
-def as_matrices(systems: Sequence[Any]) -> list[Any]:
-    """Systems with matrices in place of controllers with free values."""
-    return [tunable_gain(s.name, *s.channels) if isinstance(s, TunableSystem) else s for s in systems]
-
-
-def least_values(
-    net: Network, goals: Sequence[Goal], with_matrices: Callable[[], Network]
-) -> list[float]:
-    """What no controllers with the same measurements pass at nominal; 0 where that is not known."""
-    if net.design:
-        return [0.0] * len(goals)
-    opened = with_matrices()
-    return [full_order_bound(opened, [g]) if g.kind in (HINF, MARGIN) else 0.0 for g in goals]
-
-
-def _bounds(loop: System, goal: Goal, how: Mapping[str, Any]) -> list[Bounds]:
-    if goal.kind in (HINF, MARGIN):
-        return [worst_case_gain(loop, **how)]
-    if goal.kind == H2:
-        return [worst_case(loop, "H2 norm", **how)]
-    asked = {"real part": goal.decay, "damping": goal.damping}
-    return [worst_case(loop, what, **how) for what, number in asked.items() if number]
-
-
-def _ratios(goal: Goal, bounds: Bounds) -> tuple[float, float]:
-    """The value that is proved, and that which is reached."""
-    if goal.kind in (HINF, MARGIN, H2):
-        ends = bounds.upper / goal.limit, bounds.lower / goal.limit
-    elif bounds.is_from_above:
-        ends = _over(goal.decay, -bounds.upper), _over(goal.decay, -bounds.lower)
-    else:
-        ends = _over(goal.damping, bounds.lower), _over(goal.damping, bounds.upper)
-    return (ends[0] if bounds.proved else np.inf), ends[1]
-
-
-def _over(wanted: float, has: float) -> float:
-    return wanted / has if has > 0.0 else np.inf

@@ -18,7 +18,7 @@ from mbdlft.archive.archive import save
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
-from mbdlft.synthesis.box import Tuning, tune
+from mbdlft.synthesis.box import tune
 from mbdlft.synthesis.goals import (
     Goal,
     acceleration_goal,
@@ -46,6 +46,7 @@ from mbdlft.synthesis.pieces import (
     tunable_state_space,
     tunable_transfer,
 )
+from mbdlft.synthesis.reached import Tuning
 from mbdlft.system.model import System
 
 FORMAT = "mbdlft-tuning/1"

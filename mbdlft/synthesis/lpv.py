@@ -36,10 +36,10 @@ from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.moving.variation import conic_solution
 from mbdlft.robust.proofs import verify
 from mbdlft.synthesis.bound import MOST_STATES, Opened, Side, least_gamma, opened_plant, program, sides_of
-from mbdlft.synthesis.box import Tuning, as_matrices, as_tuning, least_values
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, network
 from mbdlft.synthesis.pieces import TunableSystem
+from mbdlft.synthesis.reached import Tuning, as_matrices, as_tuning, least_values
 from mbdlft.synthesis.structure import system_of, tunable_system
 from mbdlft.system.model import Parameters, System
 

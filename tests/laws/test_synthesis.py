@@ -402,6 +402,29 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
         target(list(made.values.values()), expected, CLOSED_FORM)
 
 
+def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No search at nominal; each descent begins at them, as where it ends is worse at the next points."""
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    good = dict(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values)
+    begun, corners = list[Any](), iter([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+
+    def descended(tuner: Any, x: Any, *_: int, is_near: bool) -> Any:
+        begun.append(x)
+        return tuner.at(0.5 * x)
+
+    def worst(net: Any, goals: Any, best: Any, *_: Any) -> tuple[Any, float]:
+        return np.array([next(corners)]), best.look.soft
+
+    monkeypatch.setattr(box, "tuned", lambda *_: pytest.fail("a search at nominal"))
+    monkeypatch.setattr(box, "taken_on", descended)
+    monkeypatch.setattr(box, "_worst_points", worst)
+    monkeypatch.setattr(box, "_ROUNDS", 2)
+    made = tune([PLANT, pid], [GOALS[0]], LOOP, initial=good, starts=1, prove=False)
+    assert len(begun) == 3
+    for x in [*begun, list(made.values.values())]:
+        target(x, list(good.values()), CLOSED_FORM)
+
+
 def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each begins at other points; with five parameters the third in vain is the last.
 
@@ -430,12 +453,12 @@ def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
 
     def interrupted(text: str) -> None:
         said.append(text)
-        if text.startswith("2 points"):
+        if " points, " in text and not text.startswith("1 "):
             raise KeyboardInterrupt
 
     pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
     made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False, progress=interrupted)
-    assert len(made.points) == 2, said
+    assert len(made.points) > 1, said
 
 
 def test_a_hard_goal_stops_the_others() -> None:
