@@ -30,13 +30,9 @@ from scipy.linalg.lapack import dgeqp3, dormqr, dpotrf, dpotrs, dtrtrs
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
-from mbdlft.order.min_rank import above_bound, lower_ranks
 from mbdlft.order.work import UNIT, Work, product
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
-_RANKS = 0.3  # of the work, at most, for affine deltas alone
-_ENTRIES = 670  # of a matrix whose null space takes about a fifth of a second
-_MOST_ENTRIES = 2400  # of one with more, fewer starts and fewer of them come to an end
 _TURNS = 4  # directions that are left out, for each repetition above the bound
 _MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
 _SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
@@ -75,13 +71,6 @@ def refit(
     close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
     if work.is_over:
         return close[0]
-    entries = int(min(_MOST_ENTRIES, _ENTRIES * work.left ** (1.0 / 3.0)))
-    of_ranks = work.part(_RANKS)
-    lower = partial(_lower, bound=bound, least=least, entries=entries, seed=seed + 1, work=of_ranks)
-    for k, form in enumerate(close):
-        close[k] = _followed(form, lower, least, keeps, of_ranks)
-        if close[k].order <= least:
-            return close[k]
     for k, form in enumerate(close):
         of_form = work.part(1.0 / (len(close) - k))
         below = min(other.order for other in close)
@@ -111,25 +100,10 @@ def _followed(
     return a
 
 
-def _lower(
-    a: LFT, bound: Mapping[str, int], least: int, entries: int, seed: int, work: Work
-) -> Iterator[LFT]:
-    """Of smaller rank, as they are found and then without what their channels feed to themselves."""
-    random, sizes = np.random.default_rng(seed), dict(a.blocks)
-    for candidate in lower_ranks(a, bound, least, entries, seed, work):
-        yield candidate
-        (block,) = (candidate.slices()[name] for name, size in candidate.blocks if size < sizes[name])
-        unknowns = _unknowns(candidate, block.stop - block.start, candidate.order)
-        if unknowns > _MOST_UNKNOWNS or work.is_over:
-            continue
-        try:
-            truth = circle_values(a, unknowns, random, work)
-            start = fit_of(scaled(candidate, truth), candidate.blocks, truth, work)
-            fit = _descend(start, candidate.blocks, block, truth, work)
-        except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
-            continue
-        if fit.size < _EXACT:
-            yield unscaled(fit.M, candidate.blocks, a, truth)
+def above_bound(a: LFT, bound: Mapping[str, int]) -> dict[str, int]:
+    """How many repetitions of each delta may be left out, if any; one always stays."""
+    more = {name: size - max(1, bound[name]) for name, size in a.blocks}
+    return {name: count for name, count in more.items() if count > 0}
 
 
 def fewer(

@@ -1,9 +1,9 @@
 """The search for a smaller LFT of the same value, and for a better lower bound on its order.
 
-n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and four steps use
+n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and three steps use
 it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
-functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by the smallest
-rank of a matrix (`mbdlft.order.min_rank`) and by Newton's method on the values (`mbdlft.order.refit`).
+functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by Newton's
+method on the values (`mbdlft.order.refit`).
 Pairs and triples of deltas (`mbdlft.order.joint_bound`) show how small the order can be: then the search
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
@@ -28,9 +28,8 @@ from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.joint_bound import JointBound
-from mbdlft.order.min_rank import above_bound
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.refit import refit
+from mbdlft.order.refit import above_bound, refit
 from mbdlft.order.restriction import Step
 from mbdlft.order.rewriting import Restricted, affine_moved, restrictions, rewritten
 from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
