@@ -178,8 +178,11 @@ def test_what_converges_is_finished_without_work(
     truth = circle_values(a, 200, random, Work())
     M, block = scaled(a, truth), a.slices()["t1"]
     M[block] += change * random.standard_normal(M[block].shape)
-    fit = newton._descend(fit_of(M, a.blocks, truth, Work()), a.blocks, block, truth, Work(0.0))
+    start = fit_of(M, a.blocks, truth, Work())
+    fit = newton._descend(start, a.blocks, block, truth, Work(0.0))
     assert (fit.size < 1e-13) == is_finished
+    polished = newton._polished(start, a.blocks, block, truth, Work())
+    assert (polished.size < 1e-13) == is_finished
 
 
 def forgotten_scale(M: Any, kept: Any, a: LFT, truth: Any) -> LFT:
