@@ -212,10 +212,14 @@ class Part(NamedTuple):
     tolerance: float  # of the bounds of mu
     may_be_cut: bool = False  # rather than to have multipliers of one frequency alone
     reach: float = REACH  # as that of a `Cover`
+    resists: bool = False  # `start` is all that multipliers prove at `at`, which is not enough
 
 
 def covered(loop: Loop, box: Part) -> Cover:
     """Prove a part of the box at the frequencies that are open, until one resists."""
+    if box.resists and box.start is not None:
+        beta = box.start.beta
+        return Cover(np.nan, (), (), box.todo, box.at, beta, box.start, np.nan, 0.0, box.reach)
     poles, todo = eigenvalues_of(loop.channels.A), list(box.todo)
     first = _sizes_in_order(poles)
     extent, cost = extent_of(loop, box.low, box.high), cost_at(loop)
@@ -355,12 +359,12 @@ def largest_size(
     return low, best
 
 
-def bound_of(
+def multipliers_of(
     loop: Loop, M: Complex, ends: tuple[Array, Array], start: Multipliers, tolerance: float
-) -> float:
-    """Nearly the least bound of mu of a part of the box, from multipliers of one around it."""
+) -> Multipliers:
+    """Those of nearly the least bound of mu of a part of the box, from those of one around it."""
     inner, half = inside(loop, M, *ends)
-    return _found(inner, half, loop.structure, start, tolerance, enough=0.0)[0].beta
+    return _found(inner, half, loop.structure, start, tolerance, enough=0.0)[0]
 
 
 def _found(

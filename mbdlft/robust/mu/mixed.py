@@ -43,7 +43,6 @@ from mbdlft.robust.mu.coverage import (
     Cover,
     Loop,
     Part,
-    bound_of,
     cost_at,
     covered,
     covers,
@@ -53,6 +52,7 @@ from mbdlft.robust.mu.coverage import (
     inside,
     looks,
     matrix_at,
+    multipliers_of,
     scaled,
     shrunk,
 )
@@ -137,17 +137,20 @@ def attempt(
             if state.upper <= k:
                 return Attempt(None, box.low, box.high, cover.at, used, state)
         batches += 1
-        for node, (cover, axis, _) in resisting:
+        for node, (cover, axis, _, starts) in resisting:
             if axis < 0:
                 return Attempt(None, node.box.low, node.box.high, cover.at, used, state)
             inherited = node.box._replace(
-                todo=cover.todo, at=cover.at, start=cover.last, reach=cover.reach
+                todo=cover.todo, at=cover.at, start=cover.last, reach=cover.reach, resists=False
             )
             rough = node.rough + (not cover.beta > 1.0)
             halves = [
                 _Node(inherited._replace(low=a, high=b), (*node.path, side), rough)
                 for side, (a, b) in enumerate(_cut_in_two(node.box.low, node.box.high, axis))
             ]
+            for k, start in enumerate(starts):
+                box = halves[k].box._replace(start=start, resists=start.beta > 1.0)
+                halves[k] = halves[k]._replace(box=box)
             waiting += halves[::-1]
     return Attempt([covers[path] for path in sorted(covers)], low, high, np.nan, used, state)
 
@@ -158,6 +161,7 @@ class _Look(NamedTuple):
     cover: Cover
     axis: int
     work: float
+    starts: tuple[Multipliers, ...] = ()  # those of both halves at the frequency that resists, if known
 
 
 def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
@@ -181,15 +185,17 @@ def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
     by_block = np.bincount(loop.owner, energies, len(loop.blocks))
     axes = axes[np.argsort(-by_block[axes])][:_CANDIDATES]
     axes = axes[by_block[axes] > _IDLE * by_block[axes[0]]]
-    best, least, count = int(axes[0]), np.inf, 0
+    best, least, work = _Look(cover, int(axes[0]), 0.0), np.inf, cover.work
     for axis in axes if len(axes) > 1 else ():
-        bound = 0.0
+        halves, bound = list[Multipliers](), 0.0
         for ends in _cut_in_two(box.low, box.high, int(axis)):
             if bound < least:
-                bound = max(bound, bound_of(loop, M, ends, cover.last, box.tolerance))
-                count += 1
-        best, least = (int(axis), bound) if bound < least else (best, least)
-    return _Look(cover, best, cover.work + count * cost_at(loop))
+                halves.append(multipliers_of(loop, M, ends, cover.last, box.tolerance))
+                bound = max(bound, halves[-1].beta)
+                work += cost_at(loop)
+        if bound < least:
+            best, least = _Look(cover, int(axis), 0.0, tuple(halves)), bound
+    return best._replace(work=work)
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:
