@@ -35,7 +35,7 @@ _MOST_LOST = 12  # rounds in a row that leave a point of the box without stabili
 _MOST_POINTS = 45  # beyond which the idle ones leave
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
-_NEAR = 1.1  # times what is tuned: where the box has no more, steps know how each gain bends
+_NEAR = 1.1  # times what is tuned: where the box has no more, gains bend in steps, and all parts count
 _COSTLY = 1.1  # times what is tuned at nominal: where the box has more, searches begin anew
 _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times what is tuned
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
@@ -220,15 +220,15 @@ def _until_none_is_worse(
     points: Array,
     where: tuple[Array, int, int],
     say: Progress,
-    safe: tuple[float, Tuned] | None = None,
+    given: tuple[float, Tuned] | None = None,
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found.
 
-    They are tuned from those that are best at these points: the last ones, or the `safe` ones, whose
-    worst is the least that is known. So what was reached is not given up.
+    Where some are given, with their worst in the box, each descent begins at those that are best at the
+    points: the last ones, or the ones with the least worst that is known. So what they reach stays.
     """
     ends, seed, starts = where
-    safe, lost, idle = safe or (np.inf, best), 0, 0
+    safe, lost, idle = given or (np.inf, best), 0, 0
     is_whole = bool(np.all(ends == 1.0))
     enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
@@ -246,8 +246,10 @@ def _until_none_is_worse(
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
-        tuner = Tuner(net, goals, points)
-        begin = min(best.x, safe[1].x, key=lambda x: tuner.at(x).rank())
+        tuner, ways = Tuner(net, goals, points), [best.x]
+        if given is not None:
+            ways.append(safe[1].x)
+        begin = min(ways, key=lambda x: tuner.at(x).rank())
         best = taken_on(tuner, begin, starts, seed, is_near=is_near)
         yield best, points
     yield safe[1], points
@@ -332,7 +334,7 @@ def _worst_points(
         worst = max(worst, climbed[0][0])
         known = max(1.0, best.look.hard) if goal.hard else best.look.soft
         worse = list[Array]()
-        for value, delta in climbed:
+        for value, delta in climbed if climbed[0][0] <= _NEAR * known else climbed[:1]:
             is_apart = all(np.max(np.abs(delta - other)) > _RADII[0] for other in worse)
             if value > known * (1.0 + _WORSE) and is_apart:
                 worse.append(delta)

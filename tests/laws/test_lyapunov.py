@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -351,6 +352,25 @@ def test_a_part_is_cut_along_the_parameter_that_leaves_it_without_a_function() -
     assert proof is not None
     cuts = [model.names[step - 1] for step in proof.log if step]
     assert cuts.count("k") > 2 * len(cuts) / 3
+
+
+def test_a_gain_without_parameters_has_no_part_to_cut() -> None:
+    """Modes in coordinates in which the polynomial has few digits: no Lyapunov functions are tried."""
+    random, omega, n = np.random.default_rng(0), np.geomspace(0.01, 1e5, 6), 12
+    modes = np.zeros((n, n))
+    for k, w in enumerate(omega):
+        modes[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = [[0.0, w], [-w, -0.01 * w]]
+    V = np.eye(n) + 100.0 * np.triu(random.standard_normal((n, n)), 1)
+    A, B = V @ modes @ np.linalg.inv(V), V @ random.standard_normal((n, 1))
+    C = random.standard_normal((1, n)) @ np.linalg.inv(V)
+    system = mbdlft.state_space(A, B, C, [[1.0]], inputs=["u"], outputs=["y"], name="P")
+    bounds = mbdlft.worst_case_gain(system, work=0.01)
+    with mpmath.workdps(50):
+        s = mpmath.mpc(0.0, bounds.frequency)
+        x = mpmath.lu_solve(s * mpmath.eye(n) - mpmath.matrix(A), mpmath.matrix(B))
+        gain = float(abs((mpmath.matrix(C) * x)[0] + 1.0))
+    assert bounds.proved
+    assert bounds.lower <= gain <= bounds.upper <= 1.1 * gain
 
 
 def crossing_with_signals(damping: float) -> System:

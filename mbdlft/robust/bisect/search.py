@@ -278,7 +278,7 @@ def attempted(
     tries, waits = [work], False  # of the polynomial; 0: Lyapunov functions
     if k == waiting[0]:
         tries = [waiting[1]]
-    elif not model.slope and is_small(model):
+    elif len(model.sizes) and not model.slope and is_small(model):
         soon = [] if isinstance(state.proof, LyapunovProof) else [max(_SOON * work, cost_of(model))]
         waits = k > 1.0 and not (state.lower or gain)
         tries = [*soon, 0.0] if gain or waits else [*soon, 0.0, 0.5 * work]
