@@ -344,6 +344,8 @@ def forged(bounds: Bounds) -> Iterator[tuple[str, Bounds]]:
         yield "multipliers of one channel", replace(bounds, proof=replace(proof, multipliers=small))
     elif isinstance(proof, evidence.MotionProof):
         yield "no form", replace(bounds, proof=replace(proof, P=0.0 * proof.P))
+    elif isinstance(proof, evidence.PolynomialProof):
+        yield "no function", replace(bounds, proof=replace(proof, V=0.0 * proof.V))
     elif isinstance(proof, evidence.LyapunovProof):
         whole = replace(proof, log=(0,), states=proof.states[:1])
         yield "one function", replace(bounds, proof=whole)

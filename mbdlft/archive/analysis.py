@@ -18,12 +18,19 @@ from mbdlft.robust.evidence import (
     LyapunovProof,
     MotionProof,
     Multipliers,
+    PolynomialProof,
     Proof,
 )
 from mbdlft.system.model import System
 
 _BY_NAME = ("worst", "sensitivity", "rates")
-_PROOFS = {"boxes": BoxProof, "intervals": IntervalProof, "form": MotionProof, "lyapunov": LyapunovProof}
+_PROOFS = {
+    "boxes": BoxProof,
+    "intervals": IntervalProof,
+    "form": MotionProof,
+    "polynomial": PolynomialProof,
+    "lyapunov": LyapunovProof,
+}
 
 
 def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | None = None) -> None:

@@ -212,6 +212,13 @@ _FORM = """
     form/inputs?: text u
     form/outputs?: text y
 """
+_POLYNOMIAL = """
+    polynomial@degree: int64
+    polynomial/orders: int64 pq
+    polynomial/V: float64 pv pt
+    polynomial/G: float64 pg pp pp
+    polynomial/states: float64 px px
+"""
 _LYAPUNOV = """
     lyapunov/log: int64 n
     lyapunov/degrees: int64 ly lq
@@ -229,7 +236,13 @@ _SWEEP_PARTS = {
     "poles/": "poles/real poles/imaginary: float N x",
     "function/": "function/name: text f\nfunction/value: float N f",
 }
-_ANALYSIS_PARTS = {"boxes": _BOXES, "intervals": _INTERVALS, "form": _FORM, "lyapunov": _LYAPUNOV}
+_ANALYSIS_PARTS = {
+    "boxes": _BOXES,
+    "intervals": _INTERVALS,
+    "form": _FORM,
+    "polynomial": _POLYNOMIAL,
+    "lyapunov": _LYAPUNOV,
+}
 _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
     key: {beginning: _wanted(table) for beginning, table in parts.items()}
     for key, parts in {

@@ -59,8 +59,17 @@ class MotionProof:
     states: Array  # (n, n), P is for this times the states
     channels: Array  # (r,), powers of two that z and w were divided by; X and Y are for these
     time: float  # the power of two that time was multiplied by (rad/s)
-    degree: int = 1  # P is for products of so many states (`mbdlft.robust.moving.powers`)
-    order: int = 0  # with channels for so many powers of slow parameters
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialProof:
+    """A function that falls along all motions (`mbdlft.robust.moving.polynomial`)."""
+
+    V: Array  # (coefficients in the deltas, products of 2 degree states)
+    G: Array  # (ends of rates times coefficients, p, p), p the products of degree states
+    states: Array  # (n, n), V is of this times the states
+    degree: int
+    orders: NDArray[np.int64]  # (number of deltas,), degrees of V in them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,7 +83,7 @@ class LyapunovProof:
     states: Array  # (proved parts, n, n), modes of each part as columns, of which its function follows
 
 
-Proof = BoxProof | IntervalProof | MotionProof | LyapunovProof
+Proof = BoxProof | IntervalProof | MotionProof | PolynomialProof | LyapunovProof
 STABILITY, PERFORMANCE, GAIN = "robust stability", "robust performance", "worst-case gain"
 REAL_PART, DAMPING, DISK = "largest real part", "smallest damping", "smallest disk margin"
 SENTENCES = {
@@ -166,7 +175,7 @@ class Bounds:
         Units of work that were used.
     reason : str
         Why the gap is larger than what was asked for; empty if it is not.
-    proof : BoxProof, IntervalProof, MotionProof, or None
+    proof : BoxProof, IntervalProof, MotionProof, PolynomialProof, LyapunovProof, or None
         Evidence for `claim`: what `verify` needs to prove it again, without a search.
     inputs, outputs, rates, fixed, leave_out
         As those of the claim.

@@ -31,7 +31,7 @@ from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.lft.lft import LFT
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.evidence import Bounds, MotionProof
+from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof
 from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.realization import realization, turned
@@ -101,9 +101,9 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
         `bounds` are not such; a range does not contain zero; nothing was proved.
     """
     proof = bounds.proof
-    if not isinstance(proof, MotionProof) or bounds.kind != "robust stability":
+    if not isinstance(proof, MotionProof | PolynomialProof) or bounds.kind != "robust stability":
         raise AnalysisError("safe_region: expected the bounds of robust_stability(..., rates=inf).")
-    if bounds.lower < 1.0 or proof.P.shape != proof.states.shape or proof.degree > 1:
+    if bounds.lower < 1.0 or not isinstance(proof, MotionProof) or proof.P.shape != proof.states.shape:
         raise AnalysisError(
             f"safe_region: the proof is for {bounds.lower:.4g} times the box"
             + ("." if bounds.lower < 1.0 else ", with parameters in V, or more than squares of states.")

@@ -56,8 +56,8 @@ def product(P: Array, N: Array) -> Array:
     both = tuple(a + b - 1 for a, b in zip(*shapes, strict=True))
     (count, *others), (length, *inner) = shapes
     places = [tuple(map(slice, at, np.add(at, inner))) for at in np.ndindex(*others)]
-    rows = np.moveaxis(P * _binomials(shapes[0])[..., None, None], 0, -2).reshape(-1, k, count, k)
-    N = np.moveaxis(N * _binomials(shapes[1])[..., None, None], -2, 1)
+    rows = np.moveaxis(P * binomials(shapes[0])[..., None, None], 0, -2).reshape(-1, k, count, k)
+    N = np.moveaxis(N * binomials(shapes[1])[..., None, None], -2, 1)
     backwards = N[::-1].reshape(length, k, -1)
     step = max(1, _CACHED // backwards[0].size)
     total = np.zeros((both[0], k, *both[1:], k))
@@ -69,12 +69,12 @@ def product(P: Array, N: Array) -> Array:
             products = (left @ columns).reshape(-1, k, *inner, k)
             for place, term in zip(places[start : start + step], products, strict=False):
                 sums[:, *place] += term
-    result = np.moveaxis(total, 1, -2) / _binomials(both)[..., None, None]
+    result = np.moveaxis(total, 1, -2) / binomials(both)[..., None, None]
     return np.asarray(np.moveaxis(result, 0, first))
 
 
 @cache
-def _binomials(shape: tuple[int, ...]) -> Array:
+def binomials(shape: tuple[int, ...]) -> Array:
     """Products of binomial coefficients, which turn Bernstein coefficients into those of powers."""
     weights = np.ones(shape)
     for axis, size in enumerate(shape):

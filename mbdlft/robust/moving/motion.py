@@ -10,7 +10,7 @@ is a linear program, one for each delta; steps towards it are taken while the gr
 is moved along its ray to where it neither grows nor falls. Floquet, Annales de l'ENS 12 (1883).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -30,7 +30,8 @@ _ROUGH, _BISECTIONS = 12, 40  # halvings of a ray: in the search, and of what it
 _LARGER = (1.0, 1.01, 1.05, 1.2)  # times what grows in coarse steps: boxes that are tried in fine ones
 _MODES = 4  # the least damped, whose periods are tried
 _UNIT = 1.0e-4  # units of work of a round, for each state cubed
-_TUNED = (0.1, 0.03, 0.01)  # changes of the period of what was found
+# changes of the period of what was found; of its exact motion, with so many times as many steps
+_TUNED, _TUNED_FINER, _FINER = (0.1, 0.03, 0.01), (0.001, 0.0), 2
 _TURNS = (1.0, 2.0)  # of half a turn of a mode: periods that are tried
 _FITS = 2  # of the middle of a motion to the end of a box
 _NEAR = 2e-3  # of a size: a smaller one is not looked for by halving
@@ -65,7 +66,7 @@ def unstable_motion(
     def climbed(size: float, period: float, deltas: Array, *, is_rough: bool = True) -> Motion:
         """The part that just does not fall of a motion that is near, and grows more."""
         rates = rates_in(size)
-        near = _climbed(model, period, deltas, (size, rates * period / _POINTS))
+        near = _climbed(model, period, deltas, (size, rates * period / len(deltas)))
         more = partial(growth, model, rates, period, fine=1 if is_rough else fine)
         return _on_ray(more, period, near, _ROUGH if is_rough else _BISECTIONS)
 
@@ -89,6 +90,18 @@ def unstable_motion(
             return best, place
         return NONE, -1
 
+    def tuned(best: Motion, steps: Sequence[float], *, is_rough: bool = True) -> Motion:
+        """With another period, as long as a smaller motion grows."""
+        for step in steps:
+            for share in (1.0 + step, 1.0 / (1.0 + step)):
+                while next(rounds, None) is not None:
+                    size = min(most, best.size * (1.0 + step))
+                    motion = climbed(size, best.period * share, best.deltas, is_rough=is_rough)
+                    if not motion.size < best.size * (1.0 - 1e-4):
+                        break
+                    best = motion
+        return best
+
     first = (smallest(share * most) for share in _LADDER)
     best, place = next((smaller for smaller in first if smaller[1] >= 0), (NONE, -1))
     while place >= 0:
@@ -96,14 +109,7 @@ def unstable_motion(
         if not motion.size < best.size * (1.0 - _NEAR):
             break
         best, place = motion, other
-    for step in _TUNED:  # another period, as long as a smaller motion grows
-        for share in (1.0 + step, 1.0 / (1.0 + step)):
-            while place >= 0 and next(rounds, None) is not None:
-                size = min(most, best.size * (1.0 + step))
-                motion = climbed(size, best.period * share, best.deltas)
-                if not motion.size < best.size * (1.0 - 1e-4):
-                    break
-                best = motion
+    best = tuned(best, _TUNED) if place >= 0 else NONE
     for factor in _LARGER if place >= 0 else ():
         size = min(most, factor * best.size)
         exact = (
@@ -112,7 +118,9 @@ def unstable_motion(
         )
         for motion in exact:
             if motion.size <= most:
-                return motion
+                near = _points(motion.deltas, rates_in(motion.size), _FINER)
+                finer = tuned(motion._replace(deltas=near), _TUNED_FINER, is_rough=False)
+                return finer if finer.size < motion.size else motion
     return NONE
 
 

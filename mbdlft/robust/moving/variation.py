@@ -219,11 +219,6 @@ def cost_of(form: Form) -> float:
     return float(_CALL + _ROWS * rows**3 + _ENTRIES * rows * entries)
 
 
-def least_cost(states: int) -> float:
-    """Units of work that forms of so many states cost at least."""
-    return float(_ROWS * (0.5 * states * (states + 1)) ** 3)
-
-
 def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns | None:
     """Unknowns with the form far below zero, if t > 0; None if the solver gave up.
 

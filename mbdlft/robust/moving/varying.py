@@ -7,7 +7,7 @@ above are constant values, or a periodic motion that does not come to rest
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import comb, inf, isinf
+from math import inf, isinf
 from typing import NamedTuple
 
 import flint
@@ -18,10 +18,10 @@ from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import Asked, Search, State, last_of
-from mbdlft.robust.evidence import Bounds, MotionProof
-from mbdlft.robust.moving import variation
+from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof
+from mbdlft.robust.moving import polynomial, variation
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
-from mbdlft.robust.moving.powers import PLAIN, SHAPES, Shape, alone, is_shape, shaped, shaped_in_balls
+from mbdlft.robust.moving.polynomial import SHAPES, Shape
 from mbdlft.robust.realization import modal, turned
 from mbdlft.system.model import System
 
@@ -94,19 +94,22 @@ class _Question(NamedTuple):
     rates: Mapping[str, float]  # bounds by name
     constant: Bounds  # for constant parameters
 
-    def proof_of(
-        self, k: float, gain: float = 0.0, shape: Shape = PLAIN
-    ) -> tuple[MotionProof | None, float]:
+    def polynomial(self, k: float, shape: Shape) -> PolynomialProof | None:
+        """A proof by a polynomial V for deltas in [-k, k], None if none is found."""
+        rates = delta_rates(self.asked.system, self.model.names, self.rates, k)
+        proof = polynomial.solved(self.model, modal(self.model).states, rates, k, shape)
+        return proof if proof and not polynomial.wrong_in(self.model, rates, k, proof) else None
+
+    def proof_of(self, k: float, gain: float = 0.0) -> tuple[MotionProof | None, float]:
         """A proof for deltas in [-k, k], None if none is found; and units of work."""
         states, _, channels, time = modal(self.model)
         model, bounds, near, (u, y) = self._near(k, gain)
-        near = shaped(near, shape, bounds)
         form = variation.form_of(near, bounds)
         unknowns = variation.solved(form, variation.sizes_of(form, k, bounds), len(near.A), gain * u * y)
         if unknowns is None:
             return None, variation.cost_of(form)
         P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
-        proof = MotionProof(P, X, Y, states, channels, time, *shape)
+        proof = MotionProof(P, X, Y, states, channels, time)
         return None if _wrong(model, bounds, k, gain, proof) else proof, variation.cost_of(form)
 
     def least(self, gain: float) -> tuple[float, float]:
@@ -120,7 +123,7 @@ class _Question(NamedTuple):
     def _near(self, k: float, gain: float) -> tuple[Realization, Array, Realization, tuple[float, float]]:
         """The model, rates of its deltas, the model near to 1 in size, and powers of two of u and y."""
         states, back, channels, time = modal(self.model)
-        model = variation.scaled(self.model if gain else alone(self.model), channels, time)
+        model = variation.scaled(self.model if gain else _alone(self.model), channels, time)
         bounds = delta_rates(self.asked.system, model.names, self.rates, k) / time
         near = turned(model, states, back)
         u, y = _powers(near, gain)
@@ -137,20 +140,16 @@ class _Question(NamedTuple):
         return unstable_motion(self.model, allowed, most, _MOTIONS * self.asked.work)
 
     def shapes(self) -> tuple[Shape, ...]:
-        """Shapes of forms that prove more than plain ones; none where a region of states is asked for."""
-        if any(p.role == "nonlinear" for p in self.asked.system.parameters):
-            return ()
-        is_slow = any(0.0 < self.rates.get(name, 0.0) < inf for name in self.model.names)
-        return SHAPES if is_slow else tuple({s._replace(order=0): None for s in SHAPES})
+        """Shapes of polynomials that prove more; none where a region of states is asked for."""
+        is_loop = any(p.role == "nonlinear" for p in self.asked.system.parameters)
+        return () if is_loop else SHAPES
 
-    def cost(self, shape: Shape) -> float:
-        """Units of work of one solution; of one that is beyond all work, at least."""
-        products = comb(len(self.model.A) + shape.degree - 1, shape.degree)
-        least = variation.least_cost(products)
-        if least > self.asked.work:  # a form of so many products would not fit into memory
-            return least
-        _, bounds, near, _ = self._near(1.0, 0.0)
-        return variation.cost_of(variation.form_of(shaped(near, shape, bounds), bounds))
+    def cost(self, shape: Shape | None) -> float:
+        """Units of work of one solution."""
+        rates = delta_rates(self.asked.system, self.model.names, self.rates, 1.0)
+        if shape:
+            return polynomial.cost_of(self.model, rates, shape)
+        return variation.cost_of(variation.form_of(self.model, rates))
 
     def too_dear(self) -> str:
         """Why the inequality cannot be solved with the work; empty if it can."""
@@ -193,6 +192,13 @@ class _Question(NamedTuple):
         )
 
 
+def _alone(model: Realization) -> Realization:
+    """The model without inputs and outputs."""
+    n, r = model.B.shape
+    none = np.zeros
+    return model._replace(E=none((n, 0)), F=none((r, 0)), G=none((0, n)), H=none((0, r)), J=none((0, 0)))
+
+
 def _powers(model: Realization, gain: float) -> tuple[float, float]:
     """Powers of two for inputs and outputs: with them E is near 1, and the gain, too."""
     largest = float(np.max(np.abs(model.E), initial=0.0))
@@ -220,27 +226,29 @@ def _margins(question: _Question) -> Search[Motion]:
     reason = question.too_dear()
     if reason:
         return state._replace(reason=reason)
-    for shape in (PLAIN, *question.shapes()):
-        if shape == PLAIN or _SOLUTIONS * question.cost(shape) <= state.left(asked):
+    for shape in (None, *question.shapes()):
+        if shape is None or _SOLUTIONS * question.cost(shape) <= state.left(asked):
             state = yield from _with_shape(question, state, shape)
         if state.is_closed(asked):
             break
     return state
 
 
-def _with_shape(question: _Question, state: State[Motion], shape: Shape) -> Search[Motion]:
+def _with_shape(question: _Question, state: State[Motion], shape: Shape | None) -> Search[Motion]:
     """A margin by forms of a shape: a box that is proved, and none that is larger by the gap."""
     asked, most = question.asked, min(state.upper, question.asked.largest)
     # the smallest size that was not proved; of a shape after another one, what is reached
     resisted, state = most if state.lower else inf, state._replace(reason="")
-    cost = question.cost(shape)
-    while state.lower < min(resisted * (1.0 - 0.5 * asked.gap), most * (1.0 - asked.gap)):
+    cost, goal = question.cost(shape), most * (1.0 - asked.gap)
+    while state.lower < min(resisted * (1.0 - 0.5 * asked.gap), goal):
         k = min(most * (1.0 - 0.5 * asked.gap), 0.5 * (state.lower + resisted))
+        if goal < resisted and abs(k - goal) < 0.5 * asked.gap * goal:
+            k = goal  # what is asked for decides
         if cost > state.left(asked):
             return state.spent(asked)
         if k < _LEAST * most:
             return state._replace(reason=f"no form was found for {resisted:.3g} times the box")
-        proof, cost = question.proof_of(k, shape=shape)
+        proof = question.polynomial(k, shape) if shape else question.proof_of(k)[0]
         state = state._replace(used=state.used + cost)
         if proof is None:
             resisted = k
@@ -301,9 +309,12 @@ def checked(
     rates: Mapping[str, float],
     k: float,
     gain: float,
-    proof: MotionProof,
+    proof: MotionProof | PolynomialProof,
 ) -> str:
     """What is wrong with a proof for deltas in [-k, k] that move; empty if it is one."""
+    if isinstance(proof, PolynomialProof):
+        rates_of_deltas = delta_rates(system, model.names, rates, k)
+        return "it proves no gain" if gain else polynomial.wrong_in(model, rates_of_deltas, k, proof)
     for powers, size in ((proof.channels, len(model.D)), (np.array([proof.time]), 1)):
         if powers.shape != (size,) or not np.all(np.frexp(powers)[0] == 0.5):
             return "its scales are not powers of two for each channel"
@@ -315,21 +326,12 @@ def checked(
 
 def _wrong(model: Realization, bounds: Array, k: float, gain: float, proof: MotionProof) -> str:
     """As `checked`, of a model in the scales of a proof, with bounds of the rates of its deltas."""
-    shape, states = Shape(proof.degree, proof.order), proof.states
-    if not is_shape(shape, len(states), len(proof.P)) or (gain and shape != PLAIN):
-        return "its form is of no degree that it may have"
     with flint.ctx.workprec(variation.BITS):
-        if shape != PLAIN:
-            try:
-                model = shaped_in_balls(alone(model), states, shape, bounds)
-            except ZeroDivisionError:
-                return "its states are not those of the system"
-            states = np.eye(len(model.A))
         form = variation.form_of(model, bounds)
         if not variation.is_structured(form, proof.P, proof.X, proof.Y):
             return "its matrices are not of the structure of Delta"
         if not variation.is_negative(
-            form, variation.sizes_of(form, k, bounds), gain, states, proof.P, proof.X, proof.Y
+            form, variation.sizes_of(form, k, bounds), gain, proof.states, proof.P, proof.X, proof.Y
         ):
             return f"its form is not negative for {k:g} times the box"
     return ""

@@ -29,6 +29,7 @@ _KINDS = {
     "LyapunovProof": "Lyapunov functions on boxes of values",
     "IntervalProof": "intervals of frequency",
     "MotionProof": "a function that falls along all motions",
+    "PolynomialProof": "a polynomial that falls along all motions",
 }
 _SCENE, _MATRIX = "mbdlft-scene/", "mbdlft-matrix/"  # in texts that models are made of
 
