@@ -10,7 +10,7 @@ is a linear program, one for each delta; steps towards it are taken while the gr
 is moved along its ray to where it neither grows nor falls. Floquet, Annales de l'ENS 12 (1883).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -90,18 +90,6 @@ def unstable_motion(
             return best, place
         return NONE, -1
 
-    def tuned(best: Motion, steps: Sequence[float], *, is_rough: bool = True) -> Motion:
-        """With another period, as long as a smaller motion grows."""
-        for step in steps:
-            for share in (1.0 + step, 1.0 / (1.0 + step)):
-                while next(rounds, None) is not None:
-                    size = min(most, best.size * (1.0 + step))
-                    motion = climbed(size, best.period * share, best.deltas, is_rough=is_rough)
-                    if not motion.size < best.size * (1.0 - 1e-4):
-                        break
-                    best = motion
-        return best
-
     first = (smallest(share * most) for share in _LADDER)
     best, place = next((smaller for smaller in first if smaller[1] >= 0), (NONE, -1))
     while place >= 0:
@@ -109,7 +97,7 @@ def unstable_motion(
         if not motion.size < best.size * (1.0 - _NEAR):
             break
         best, place = motion, other
-    best = tuned(best, _TUNED) if place >= 0 else NONE
+    best = _tuned(climbed, rounds, best, most, _TUNED) if place >= 0 else NONE
     for factor in _LARGER if place >= 0 else ():
         size = min(most, factor * best.size)
         exact = (
@@ -119,9 +107,28 @@ def unstable_motion(
         for motion in exact:
             if motion.size <= most:
                 near = _points(motion.deltas, rates_in(motion.size), _FINER)
-                finer = tuned(motion._replace(deltas=near), _TUNED_FINER, is_rough=False)
+                exactly = partial(climbed, is_rough=False)
+                finer = _tuned(exactly, rounds, motion._replace(deltas=near), most, _TUNED_FINER)
                 return finer if finer.size < motion.size else motion
     return NONE
+
+
+def _tuned(
+    climbed: Callable[[float, float, Array], Motion],
+    rounds: Iterator[int],
+    best: Motion,
+    most: float,
+    steps: Sequence[float],
+) -> Motion:
+    """A motion with another period, as long as a smaller one grows."""
+    for step in steps:
+        for share in (1.0 + step, 1.0 / (1.0 + step)):
+            while next(rounds, None) is not None:
+                motion = climbed(min(most, best.size * (1.0 + step)), best.period * share, best.deltas)
+                if not motion.size < best.size * (1.0 - 1e-4):
+                    break
+                best = motion
+    return best
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
