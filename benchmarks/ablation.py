@@ -30,7 +30,7 @@ from mbdlft.system.model import LFTModel
 _LINKS = (2, 3, 4)
 _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
-    "without bases": {"rewritten": lambda *_: iter(())},
+    "without restrictions": {"restrictions": lambda *_: iter(())},
     "without affine moves": {"affine_moved": lambda *_: iter(())},
     "without dependent channels": {"independent": lambda form, work: form},
     "without refits": {"refit": lambda forms, *_: min(forms, key=lambda form: form.order)},

@@ -34,8 +34,7 @@ from mbdlft.order.work import UNIT, Work, product
 
 _CLOSE = 2  # forms so much larger than the smallest are looked at
 _TURNS = 4  # directions that are left out, for each repetition above the bound
-_MOST_UNKNOWNS, _MOST_ANEW = 3000, 1000  # more take seconds a step, or have too many false ends
-_SPREAD = 0.5  # of the entries of a start from anywhere, over the root of their number
+_MOST_UNKNOWNS = 3000  # more take seconds a step
 _STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
 _NOISE = 0.01  # of the entries: starts where nothing vanishes by chance
 _DAMPING = 1e-2  # at first, over the difference
@@ -133,22 +132,24 @@ def fewer(
             continue
         first = seed % len(counts)  # rounds of a search begin differently
         turns += [(name, count) for count in counts[first:] + counts[:first]]
-    for _, (name, count), fit in itertools.product(range(tries), turns, (_near, _anew)):
+    for _, (name, count) in itertools.product(range(tries), turns):
         if work.is_over:
             return
         try:
-            fitted = fit(a, name, count, random, work)
+            fitted = _fitted(a, name, count, random, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
         if fitted is not None:
             yield fitted
 
 
-def _near(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
-    """From the LFT itself: without directions of a delta, whose rows and columns are the unknowns."""
-    block = a.slices()[name]
-    gone = range(block.stop - count, block.stop)
-    unknowns = _unknowns(a, gone.start - block.start, a.order - count)
+def _fitted(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
+    """Without directions of a delta, whose rows and columns are the unknowns; None without the values."""
+    block, n = a.slices()[name], a.order - count
+    span = slice(block.start, block.stop - count)
+    signals = int(np.sum(np.any(a.M21, axis=1)) + np.sum(np.any(a.M12, axis=0)))
+    size = span.stop - span.start
+    unknowns = size * (2 * n - size + signals)
     if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * _of_step(unknowns) > max(_OF_TRY, work.most):
         return None
     truth = circle_values(a, unknowns, random, work)
@@ -156,48 +157,15 @@ def _near(a: LFT, name: str, count: int, random: np.random.Generator, work: Work
     turn = np.linalg.qr(random.standard_normal((block.stop - block.start,) * 2))[0]
     M[block] = turn.T @ M[block]
     M[:, block] = M[:, block] @ turn
+    gone = range(span.stop, block.stop)
     M = np.delete(np.delete(M, gone, axis=0), gone, axis=1)
-    return _fitted(a, name, count, truth, M, slice(block.start, gone.start), random, work)
-
-
-def _unknowns(a: LFT, repetitions: int, order: int) -> int:
-    """Entries of M in the rows and columns of a delta, of an LFT with the signals of `a`."""
-    signals = np.sum(np.any(a.M21, axis=1)) + np.sum(np.any(a.M12, axis=0))
-    return repetitions * int(2 * order - repetitions + signals)
-
-
-def _anew(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
-    """From anywhere, with all of M but D as unknowns: for few of them."""
-    n = a.order - count
-    unknowns = n * (n + sum(a.shape))
-    if unknowns > _MOST_ANEW:
-        return None
-    truth = circle_values(a, unknowns, random, work)
-    outputs, inputs = truth.values.shape[1:]
-    M = _SPREAD / math.sqrt(n) * random.standard_normal((n + outputs, n + inputs))
-    M[n:, n:] = 0.0
-    return _fitted(a, name, count, truth, M, slice(0, n), random, work)
-
-
-def _fitted(
-    a: LFT,
-    name: str,
-    count: int,
-    truth: CircleValues,
-    M: Array,
-    block_span: slice,
-    random: np.random.Generator,
-    work: Work,
-) -> LFT | None:
-    """With so many repetitions of a delta less, from a start M; None if the values are not met."""
-    kept = tuple(Block(block.name, block.size - count * (block.name == name)) for block in a.blocks)
-    n = a.order - count
+    kept = tuple(Block(other.name, other.size - count * (other.name == name)) for other in a.blocks)
     unknown = np.zeros(M.shape, dtype=bool)
-    unknown[block_span], unknown[:, block_span] = True, True
+    unknown[span], unknown[:, span] = True, True
     unknown[n:, n:] = False
     noise = _NOISE * math.sqrt(np.mean(M**2)) * random.standard_normal(M.shape)
     start = fit_of(M + np.where(unknown, noise, 0.0), kept, truth, work)
-    fit = _descend(start, kept, block_span, truth, work)
+    fit = _descend(start, kept, span, truth, work)
     return unscaled(fit.M, kept, a, truth) if fit.size < _EXACT else None
 
 

@@ -16,8 +16,7 @@ independent at a generic point span all w, and with rows of K that are independe
     w = K w',   z' = (rows of K)^-1 (rows of z)
 
 has the same value with as many channels as there are columns. The other deltas may be repeated more
-often for it. Which columns, which side and which order of the blocks are good is found by trying; at
-every step the opened blocks can be closed again.
+often for it, so columns that depend on them in the simplest way come first.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -192,58 +191,8 @@ _NOISE = 1e-10  # of the largest entry beside it: rounding
 _SAME = 1e-10  # relative variation of an entry that is a constant
 _POINTS = 12
 _CENTER = 0.7  # of the range, where generic points are
-_SHIFT = (0.1, 0.3)  # of the range: of the point around which blocks are opened, where nothing vanishes
-_WAYS = (0.1, 0.1, 0.8)  # how often a delta is moved to one side, left as it is, restricted
 _NEAR = 8  # so many channels more than the smallest LFT may turn out to be dependent
 _GROWTH, _MORE = 2, 30  # channels of LFTs on the way: so many times those at the start, and more
-
-
-def rewritten(a: LFT, smallest: int, random: np.random.Generator, work: Work) -> Iterator[LFT]:
-    """LFTs of equal value, one for each block that is opened, in an order of chance.
-
-    Most of them are larger than `a`. From the order `smallest` on they are looked at for dependent
-    channels. Ranks are numerical: they are to be compared with `a`.
-    """
-    shift = random.uniform(*_SHIFT, len(a.blocks)) * random.choice([-1.0, 1.0], len(a.blocks))
-    names = [a.blocks[k].name for k in random.permutation(len(a.blocks))]
-    if random.random() < 0.5:
-        names.sort(key=lambda name: dict(a.blocks)[name])
-    opened_lft, opened = _around(a, shift), list[Block]()
-    most = _GROWTH * a.order + _MORE
-    for name in names:
-        if work.is_over or opened_lft.order + sum(block.size for block in opened) > 2 * most:
-            return
-        opened_lft, size = _opened(opened_lft, name, random, most, work)
-        opened.append(Block(name, size))
-        closed = opened_lft
-        for block in reversed(opened):
-            closed = close_block(closed, block)
-        work.add(3.0 * reduction(closed.order))
-        try:
-            closed = reduce_order(_around(closed, -shift))
-        except WellPosednessError:
-            continue
-        yield independent(closed, work) if closed.order < smallest + _NEAR else closed
-
-
-def _opened(a: LFT, name: str, random: np.random.Generator, most: int, work: Work) -> tuple[LFT, int]:
-    """An LFT opened in a block, and the size of the block: at one side, restricted, or as it is."""
-    way = random.choice(3, p=_WAYS)
-    moved = at_one_side(a, name, work) if way == 0 else None
-    if moved is not None:
-        size, opened_lft = moved
-        return opened_lft, size
-    plain, size = open_block(a, name), dict(a.blocks)[name]
-    if way == 1:
-        return reduce_order(plain), size
-    side = transpose if random.random() < 0.5 else _as_it_is
-    try:
-        opened = side(plain)
-        columns = random.permutation(opened.shape[1] - size)
-        opened_lft, fewer = restricted(opened, size, columns, random, most, work)
-    except (WellPosednessError, np.linalg.LinAlgError):  # not invertible, or too large on the way
-        return reduce_order(plain), size
-    return reduce_order(side(opened_lft)), fewer
 
 
 class Restricted(NamedTuple):
@@ -258,8 +207,8 @@ def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[Restricte
     """LFTs of equal value, each with one block restricted on one side, until the work is over.
 
     The basis has the columns that depend on the other deltas in the simplest way. Each of these may then
-    be repeated less often, so the block that is restricted may be one at its bound. Ranks are numerical,
-    as in `rewritten`.
+    be repeated less often, so the block that is restricted may be one at its bound. Ranks are numerical:
+    the LFTs are to be compared with `a`.
     """
     most, sizes = a.order + _MORE, dict(a.blocks)
     for name, side in each_pair(names, (_as_it_is, transpose)):
@@ -269,7 +218,7 @@ def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[Restricte
             opened = side(open_block(a, name))
             into, out = opened.M12[:, sizes[name] :], opened.M21[: sizes[name]]
             columns = simplest_first(opened.M11 != 0.0, into != 0.0, out != 0.0)
-            opened, size = restricted(opened, sizes[name], columns, np.random.default_rng(0), most, work)
+            opened, size = restricted(opened, sizes[name], columns, most, work)
             closed = reduce_order(close_block(reduce_order(side(opened)), Block(name, size)))
         except (WellPosednessError, np.linalg.LinAlgError):
             continue
@@ -294,28 +243,14 @@ def _as_it_is(a: LFT) -> LFT:
     return a
 
 
-def _around(a: LFT, shift: Array) -> LFT:
-    """The same value in the distances of the deltas from a point (number of blocks)."""
-    center: Array = np.repeat(shift, [block.size for block in a.blocks]).astype(float)
-    loop = np.eye(a.order) - a.M11 * center
-    try:
-        solved: Array = np.linalg.solve(loop, np.hstack([a.M11, a.M12])).astype(float)
-    except np.linalg.LinAlgError:
-        raise WellPosednessError("the LFT is singular at the point.") from None
-    M11, M12 = solved[:, : a.order], solved[:, a.order :]
-    outer = a.M21 * center
-    return LFT(M11, M12, a.M21 + outer @ M11, a.M22 + outer @ M12, a.blocks)
-
-
-def restricted(
-    opened: LFT, size: int, inputs: Iterable[int], random: np.random.Generator, most: int, work: Work
-) -> tuple[LFT, int]:
+def restricted(opened: LFT, size: int, inputs: Iterable[int], most: int, work: Work) -> tuple[LFT, int]:
     """An LFT in a basis of what its block reaches, and the size of the block then.
 
     It is opened, (w, u) to (z, y), and the first `size` of each are the block; of its `inputs` u, those
     that come first are in the basis. A WellPosednessError if
     the rows are dependent at delta = 0, or an LFT on the way has more than `most` channels.
     """
+    random = np.random.default_rng(0)
     points = random.uniform(-_CENTER, _CENTER, (_POINTS, len(opened.blocks)))
     columns = _independent_columns(evaluate_at(opened, points)[0], size, inputs)
     if not columns:

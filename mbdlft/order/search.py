@@ -31,7 +31,7 @@ from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.refit import above_bound, refit
 from mbdlft.order.restriction import Step
-from mbdlft.order.rewriting import Restricted, affine_moved, restrictions, rewritten
+from mbdlft.order.rewriting import Restricted, affine_moved, restrictions
 from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
@@ -43,9 +43,8 @@ _OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before th
 _BESIDE = 1.1  # times the order of the closed LFT: larger relations are not restricted before the rounds
 _DEAR = 1.5  # times the order of the closed LFT: larger relations come when four rounds are over
 _FAR = 3  # a form this much larger than the smallest is not started from
-_VAIN = 100  # other ways to write a value that are tried in vain, in a row
 _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
-_CLOSE, _POOL = 3, 8  # forms that are kept: less than so much larger, and so many
+_POOL = 8  # forms that are kept
 _NO_WORK = Work(0.0)
 _ROUNDS = 16  # with other random choices each
 # Of the first round. A refit succeeds from some starts only: gimbal ends at 30 or 31, ur5 at 31 to 33.
@@ -159,16 +158,15 @@ class _Side:
         return self.forms[0].order < least
 
     def step(self, proof: "_Proof", work: Work, size: float, seed: int, dropped: list[str]) -> None:
-        """A refit and a walk of some size."""
+        """A refit of some size."""
         if self.is_new:
             self.begin(work, dropped)
         with _keeping(dropped):  # the next round makes other choices
             of_refits = work.limited(size)
             keeps = partial(self.level.keeps, of_refits, self.level.fitted)
-            self.forms.insert(
-                0, refit(self.forms, proof.bound, proof.order_bound, keeps, seed, of_refits)
-            )
-            self.forms = _wandered(self.forms, self.level, proof, work.limited(size), seed)
+            smallest = refit(self.forms, proof.bound, proof.order_bound, keeps, seed, of_refits)
+            by_sizes = {form.blocks: form for form in [smallest, *self.forms][::-1]}
+            self.forms = sorted(by_sizes.values(), key=attrgetter("order"))[:_POOL]
 
 
 def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: list[str]) -> list[LFT]:
@@ -425,28 +423,6 @@ def _comparable(forms: Sequence[LFT]) -> list[LFT]:
 
 def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
-
-
-def _wandered(forms: Sequence[LFT], level: _Level, proof: _Proof, work: Work, seed: int) -> list[LFT]:
-    """Some forms and other ways to write the value, the smallest first, one for each sizes of the blocks.
-
-    Each is made from one that is there. Those with other sizes lead to other results, so what is not
-    much larger than the smallest stays.
-    """
-    random, tried = np.random.default_rng(seed), 0
-    pool = {form.blocks: form for form in forms[::-1]}
-    best = min(pool.values(), key=attrgetter("order"))
-    while tried < _VAIN and best.order > proof.order_bound and not work.is_over:
-        start = list(pool.values())[int(random.integers(len(pool)))] if tried % 2 else best
-        tried += 1
-        for form in rewritten(start, best.order, random, work):
-            near = form.order < best.order + _CLOSE and form.blocks not in pool
-            if near and level.keeps(work, level.exact, form):
-                pool[form.blocks] = form
-        kept = sorted(pool.values(), key=attrgetter("order"))[:_POOL]
-        tried = 0 if kept[0].order < best.order else tried
-        best, pool = kept[0], {form.blocks: form for form in kept}
-    return sorted(pool.values(), key=attrgetter("order"))
 
 
 def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:

@@ -38,7 +38,6 @@ from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals
 from mbdlft.order import refit as newton
-from mbdlft.order import search
 from mbdlft.order.circles import circle_values, fit_of, independent, scaled
 from mbdlft.order.degree import least_more
 from mbdlft.order.joint_bound import JointBound
@@ -158,7 +157,6 @@ def searched(a: LFT, work: float) -> LFT:
 @pytest.mark.long
 def test_a_search_has_it(monkeypatch: pytest.MonkeyPatch) -> None:
     a = chain_in_space(6, "m5", "t3")
-    monkeypatch.setattr(search, "rewritten", lambda *_: iter(()))  # it is not what is tested here
     assert searched(a, 20.0).order == 21
     monkeypatch.setattr(newton, "unscaled", forgotten_scale)
     assert searched(a, 3.0).order == 24

@@ -24,7 +24,7 @@ from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import search
 from mbdlft.order.reduction import reduce_order
-from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, restrictions, rewritten
+from mbdlft.order.rewriting import is_affine, is_polynomial, move_affine, restrictions
 from mbdlft.order.search import Budget, Truth, find_smallest, is_same, part_of_largest
 from mbdlft.order.work import Work
 from mbdlft.pipeline import stages
@@ -223,22 +223,6 @@ def test_forms_that_use_other_parameters() -> None:
     assert model.certificate.minimal
 
 
-def law_rewritten(a: LFT, walks: int = 12) -> None:
-    """Ways to write an LFT have its value, but for those with a wrong rank or a pole."""
-    truth, work = Truth(lambda: a, part_of_largest), Work()
-    forms = [
-        form for seed in range(walks) for form in rewritten(a, a.order, np.random.default_rng(seed), work)
-    ]
-    assert len(forms) > walks
-    right = sum(is_same(form, truth, work) for form in forms)
-    assert right >= 0.7 * len(forms), f"{right} of {len(forms)} have the value"
-
-
-@pytest.mark.parametrize("name", ["O1", "O3", "O13"])
-def test_other_ways_to_write_it_leave_the_value(name: str) -> None:
-    law_rewritten(reduce_order(case(name)))
-
-
 @pytest.mark.parametrize("name", ["O1", "O3", "O13"])
 def test_restrictions_leave_the_value(name: str) -> None:
     a = reduce_order(case(name))
@@ -248,11 +232,8 @@ def test_restrictions_leave_the_value(name: str) -> None:
     assert sum(is_same(form, truth, work) for form in forms) >= 0.7 * len(forms)
 
 
-def test_restrictions_need_no_luck() -> None:
-    """The mass of the lander stands eight times, and six times in a basis that depends on the height.
-
-    Walks by chance take some four times this work.
-    """
+def test_restrictions_find_the_least_order() -> None:
+    """The mass of the lander stands eight times, and six times in a basis that depends on the height."""
     model = mbdlft.to_lft(mbdlft.load_scene("scenarios/lander.toml"), search=0.3)
     assert model.order == 19
     assert model.certificate.minimal
@@ -326,7 +307,7 @@ def test_a_limit_in_seconds_cuts_off() -> None:
     assert not find_smallest([plain], bound, Budget(0.05)).is_cut_off
 
 
-@pytest.mark.parametrize("part", ["independent", "_other_forms", "refit", "_wandered"])
+@pytest.mark.parametrize("part", ["independent", "_other_forms", "refit", "_swept"])
 def test_a_part_that_fails_leaves_what_was_there(part: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The result says why; mistakes of programs are not hidden."""
     plain = reduce_order(case("O2"))
