@@ -44,6 +44,11 @@ _INCLUDED = 500  # most files that INCLUDE statements name
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
 _INCLUDE = re.compile(rb"""^[ \t]*include\s+('[^']*'|"[^"]*"|\S+)[^\n]*$""", re.IGNORECASE | re.MULTILINE)
+# on a card that is read, or a continuation: Python reads 1_0 as 10; names of continuations begin with +, *
+_UNDERSCORE = re.compile(
+    rb"""^(?:grid|cord|extrn|dmig|spoint|[+*, \t])[^$\n]*?(?<![\w+*])([\d.]+_\d[^\s,]*)""",
+    re.IGNORECASE | re.MULTILINE,
+)
 _COORDINATES = ("row", "column", "value")
 _ROW = "expected the number of a node, x, y, z and its components 1 to 6"
 
@@ -341,7 +346,10 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str, limit
     source, table = Path(matrices), Path(bulk)
 
     def text(file: Path) -> io.TextIOWrapper:  # without a name, so that pyYeti includes nothing
-        return io.TextIOWrapper(io.BytesIO(_bulk_data(file, limit)), "utf-8")
+        data = _bulk_data(file, limit)
+        if wrong := _UNDERSCORE.search(data):
+            raise StructureError(f"{file}: expected a number, got {wrong[1].decode()!r}.")
+        return io.TextIOWrapper(io.BytesIO(data), "utf-8")
 
     numbers, coordinates, axes = _grids(cards, grids, table, text(table))
     try:

@@ -24,7 +24,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
-from mbdlft.response.modes import Names, pole_text, spectrum, transfers_at
+from mbdlft.response.modes import Names, balancing, pole_text, spectrum, transfers_at
 from mbdlft.response.staircase import Plant, connected, scaled, seen, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
@@ -220,12 +220,17 @@ def _h2(plant: Plant) -> tuple[float, float, str]:
 
 
 def gramians(plant: Plant) -> tuple[Array, Array]:
-    """P and Q (n, n) with A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, of a stable system."""
+    """P and Q (n, n) with A P + P A' + B B' = 0 and A'Q + Q A + C'C = 0, of a stable system.
+
+    States have the scales that balance A: LAPACK takes others, as those of a stiff mode, for singular.
+    """
     import scipy.linalg  # here because it is slow to import
 
-    A, B, C, _ = plant
+    scale = balancing(plant.A)
+    A, B, C = plant.A * scale / scale[:, None], plant.B / scale[:, None], plant.C * scale
     P = scipy.linalg.solve_continuous_lyapunov(A, -B @ np.conj(B.T))
-    return P, scipy.linalg.solve_continuous_lyapunov(np.conj(A.T), -np.conj(C.T) @ C)
+    Q = scipy.linalg.solve_continuous_lyapunov(np.conj(A.T), -np.conj(C.T) @ C)
+    return scale[:, None] * P * scale, Q / scale[:, None] / scale
 
 
 def peak_of(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:

@@ -225,7 +225,7 @@ def worst_case(
     """
     search.check_numbers("worst_case", gap=gap, work=work)
     check_constant(system, "worst_case")
-    if isinstance(what, str) and what not in _NAMES:
+    if what not in _NAMES if isinstance(what, str) else not callable(what):
         raise AnalysisError(
             f"worst_case: expected {', '.join(map(repr, _NAMES))} or a function, got {what!r}."
         )
@@ -234,13 +234,13 @@ def worst_case(
         more: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
         more |= {"workers": workers, "client": client}
         return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
+    j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
+    i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
     with one_thread(), search.crew_of(workers, client, "worst_case") as crew:
         if isinstance(what, str) and what in POLES:
             leave_out = left_out(system, leave_out)
             asked = search.Asked(system, gap, work, progress, leave_out, crew=crew)
             return worst_poles(asked, realization(system, leave_out=leave_out), POLES[what])
-        j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
-        i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
         leave_out = left_out(system, leave_out, i)
         return _searched(system, realization(system, j, i, leave_out), what, leave_out)
 
@@ -314,11 +314,17 @@ def _searched(
         frequency=np.nan,
         sensitivity={},
         work=0.0,
-        reason=search.UNSTABLE
+        reason=_why_infinite(model, best[1])
         if what == "H2 norm" and np.isinf(best[0])
         else f"checked, not proved: the largest of {points} values that a search looked at",
         leave_out=leave_out,
     )
+
+
+def _why_infinite(model: Realization, delta: Array) -> str:
+    """What makes an H2 norm infinite."""
+    plant = ascent.at_delta(model, delta)
+    return "the direct path D is not zero" if plant and np.any(plant.D) else search.UNSTABLE
 
 
 def h2_and_slope(model: Realization, delta: Array) -> tuple[float, Callable[[], Array]]:

@@ -231,6 +231,20 @@ def test_cards_that_would_be_read_as_others(text: str, why: str, tmp_path: Path)
         load_nastran(tmp_path / "a.op4", tmp_path / "a.bdf")
 
 
+@pytest.mark.parametrize(
+    "card", ["GRID,2,,1_0.,0.,0.", "GRID    2               1_0.    0.", "SPOINT,1_0"]
+)
+def test_an_underscore_is_no_digit(card: str, tmp_path: Path) -> None:
+    """1_0 was 10; names may have underscores."""
+    op4.write(str(tmp_path / "a.op4"), {"maa": np.eye(6), "kaa": np.eye(6)})
+    named = "$ 1_0\nPARAM,A_1,1_0\nGRID,1,,0.,0.,0.,,,+1_0\n+1_0\n"
+    (tmp_path / "a.bdf").write_text(named)
+    assert load_nastran(tmp_path / "a.op4", tmp_path / "a.bdf").nodes.numbers.tolist() == [1]
+    (tmp_path / "a.bdf").write_text(f"{named}{card}\n")
+    with says(StructureError, "a.bdf: expected a number, got '1_0"):
+        load_nastran(tmp_path / "a.op4", tmp_path / "a.bdf")
+
+
 def test_scalar_points_by_their_first_and_last(tmp_path: Path) -> None:
     op4.write(str(tmp_path / "a.op4"), {"maa": np.eye(11), "kaa": np.eye(11)})
     (tmp_path / "a.bdf").write_text(GRID + "SPOINT,7,THRU,11\n")

@@ -469,7 +469,7 @@ def test_many_repetitions_have_multipliers_in_pieces(monkeypatch: pytest.MonkeyP
 
 
 def test_crews_are_checked() -> None:
-    for workers in (0, -1, True):
+    for workers in (0, -1, True, 1.5, "a"):
         with pytest.raises(mbdlft.AnalysisError, match="expected at least 1 worker"):
             mbdlft.robust_stability(cut_system(), workers=workers)
     with crew_of(None, None, "test") as crew:

@@ -1,6 +1,7 @@
 """Worst cases: proved bounds hold at all that is tried, and closed forms are reached."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,7 +148,28 @@ def test_the_h2_norm_of_an_oscillator() -> None:
     target(found.lower, 1.0 / np.sqrt(2.0 * 0.4 * 1.0), CLOSED_FORM)
     assert (found.worst["k"], found.proved, found.proof) == (1.0, False, None)
     assert "the largest of" in found.reason
-    assert worst_case(loop, "H2 norm").lower == np.inf  # a direct path
+    with_path = worst_case(loop, "H2 norm")
+    assert (with_path.lower, with_path.reason) == (np.inf, "the direct path D is not zero")
+
+
+@pytest.mark.parametrize(("k", "c"), [("1e8", "0.01"), ("1e-12", "1e-9"), ("1e14", "1e6")])
+def test_the_h2_norm_of_a_stiff_mode(k: str, c: str) -> None:
+    """x'' + c x' + k (1 + d/10) x = u; it was 0, as LAPACK took states without scales for singular."""
+    d = mbdlft.Parameter("d", 0.0, low=-1.0, high=1.0)
+    matrix = [["0", "1", "0"], [f"-{k}*(1+d/10)", f"-{c}", "1"], ["1", "0", "0"]]
+    found = worst_case(mbdlft.realize(matrix, [d], states=2, inputs=["u"], outputs=["x"]), "H2 norm")
+    target(found.lower, 1.0 / np.sqrt(1.8 * float(c) * float(k)), CLOSED_FORM)
+
+
+def test_poles_are_of_all_signals_but_names_are_checked() -> None:
+    with pytest.raises(mbdlft.MbdlftError, match="worst_case: inputs: unknown signal 'zz'"):
+        worst_case(random_loop_with_channels(), "damping", "zz")
+
+
+@pytest.mark.parametrize("what", ["x", None, 3, []])
+def test_a_property_is_a_name_or_a_function(what: Any) -> None:
+    with pytest.raises(AnalysisError, match="'H2 norm' or a function, got "):
+        worst_case(random_loop_with_channels(), what)
 
 
 @pytest.mark.parametrize("seed", [2, 3])

@@ -84,8 +84,9 @@ def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
             client.gather([client.submit(alone, function, task, pure=False) for task in tasks])
         )
         return
-    if workers is not None and (isinstance(workers, bool) or not workers >= 1):
-        raise AnalysisError(f"{what}: expected at least 1 worker, got {workers}.")
+    is_count = isinstance(workers, int) and not isinstance(workers, bool) and workers >= 1
+    if workers is not None and not is_count:
+        raise AnalysisError(f"{what}: expected at least 1 worker, got {workers!r}.")
     count = workers or cores()
     pool: Pool | None = None
     with ExitStack() as stack:
