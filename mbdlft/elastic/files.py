@@ -44,7 +44,7 @@ _INCLUDED = 500  # most files that INCLUDE statements name
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
 _INCLUDE = re.compile(rb"""^[ \t]*include\s+('[^']*'|"[^"]*"|\S+)[^\n]*$""", re.IGNORECASE | re.MULTILINE)
-# on a card that is read, or a continuation: Python reads 1_0 as 10; names of continuations begin with +, *
+# of a card that is read, or a continuation, whose name begins with + or *: Python reads 1_0 as 10
 _UNDERSCORE = re.compile(
     rb"""^(?:grid|cord|extrn|dmig|spoint|[+*, \t])[^$\n]*?(?<![\w+*])([\d.]+_\d[^\s,]*)""",
     re.IGNORECASE | re.MULTILINE,
