@@ -234,11 +234,11 @@ def _until_none_is_worse(
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
         new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
         lost = lost + 1 if worst == np.inf else 0
-        safe = min((worst, best), safe, key=lambda pair: pair[0])
+        safe = min(safe, (worst, best), key=lambda pair: pair[0])
         say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
         idle = 0 if len(new) else idle + 1
         if lost > _MOST_LOST or idle >= enough:
-            yield (safe[1] if lost else best), points
+            yield (safe[1] if safe[0] < worst == np.inf else best), points
             return
         if idle:
             continue
