@@ -1,4 +1,4 @@
-"""The command `sweep`."""
+"""The commands `sweep`, `simulate`, `view` and `report`, and commands that take robots as they stand."""
 
 import json
 from pathlib import Path
