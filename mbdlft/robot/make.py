@@ -478,19 +478,19 @@ def refuse_massless(robot: Robot, values: Values, moves: frozenset[str]) -> None
     """
     if robot.loops:
         return
-    children: dict[str, list[RobotJoint]] = {}
-    for joint in robot.joints.values():
-        children.setdefault(joint.parent, []).append(joint)
+    parents, carrying = {joint.child: joint.parent for joint in robot.joints.values()}, set[str]()
+    keys = ("mass", *(f"inertia.{entry}" for entry in ENTRIES))
+    for link in [link for link in parents if any(values[f"{link}.{key}"] != 0.0 for key in keys)]:
+        while link in parents and link not in carrying:  # it, and all that it moves with
+            carrying.add(link)
+            link = parents[link]
     for joint in robot.joints.values():
         inertias = (values.get(f"{joint.name}.{key}", 0.0) for key in _INERTIAS)
-        if joint.name not in moves or any(inertia != 0.0 for inertia in inertias):
-            continue
-        pending, carried = [joint.child], []
-        while pending:
-            carried.append(pending.pop())
-            pending += [other.child for other in children.get(carried[-1], [])]
-        keys = ("mass", *(f"inertia.{entry}" for entry in ENTRIES))
-        if all(values[f"{link}.{key}"] == 0.0 for link in carried for key in keys):
+        is_without = joint.name in moves and joint.child not in carrying
+        if is_without and all(inertia == 0.0 for inertia in inertias):
+            carried = [joint.child]
+            for link in carried:  # which grows on the way
+                carried += [child for child, parent in parents.items() if parent == link]
             where = f"line {joint.line}: " if joint.line else ""
             raise SceneError(
                 f"{where}joint {joint.name!r} moves nothing that has a mass or an inertia: "

@@ -115,6 +115,26 @@ def test_joint_that_moves_nothing(tmp_path: Path) -> None:
     )
 
 
+def test_a_joint_moves_what_lies_behind_links_without_mass(tmp_path: Path) -> None:
+    joints = [
+        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for k in range(3)
+    ]
+    links = [f'<link name="l{k}"/>' for k in range(3)]
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    )
+    for last, is_refused in ((inertial, False), ("", True)):
+        parts = [*links, f'<link name="l3">{last}</link>', *joints]
+        file = written(tmp_path, text=f'<robot name="r">{"".join(parts)}</robot>')
+        if is_refused:
+            with says(SceneError, "joint 'j0' moves nothing that has a mass or an inertia: l1, l2, l3."):
+                load_robot(file)
+        else:
+            assert len(load_robot(file)[0].joints) >= 3
+
+
 def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) -> None:
     text = ROBOT.replace('"finger" type="prismatic"', '"finger" type="continuous"')
     text = text.replace('"other" type="prismatic"', '"other" type="continuous"')
