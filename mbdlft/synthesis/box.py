@@ -21,7 +21,8 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.parameter import to_delta
 from mbdlft.base.running import one_thread
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
-from mbdlft.robust.bisect.search import check_numbers
+from mbdlft.robust.bisect.search import INTERRUPTED, check_numbers
+from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import realization
 from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
@@ -41,6 +42,7 @@ _SHARES, _FAR_TOO_BAD = 20, 4.0  # of ways to points without stability; times wh
 _RADII, _MOVES = (0.3, 0.12, 0.05), 60  # of random moves from the worst points; how many
 _PARTS = 4  # of the points of the whole box, each with its worst
 _IDLE = 4  # searches in vain that end a search for the worst at most: one for each parameter beyond two
+_LOOK = 0.3  # units of work of a search as a proof begins with: it sees peaks that climbs do not
 _WORSE = 2e-3  # of a goal: a point that is worse by less is not added
 _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no more searches begin below
 _DECIDES = 0.9  # of the largest value: points below it are idle
@@ -339,6 +341,14 @@ def _worst_points(
             if value > known * (1.0 + _WORSE) and is_apart:
                 worse.append(delta)
         found += [delta for delta in worse if np.min(np.max(np.abs(points - delta), axis=1)) > 0.0]
+        if is_whole and not found and goal.kind == HINF and net.system.parameters:
+            seen = worst_case_gain(loop, work=_LOOK)
+            if seen.reason == INTERRUPTED:
+                raise KeyboardInterrupt
+            if seen.lower > goal.limit * known * (1.0 + _WORSE):
+                by_name = [seen.delta.get(name, 0.0) for name in net.system.parameters.names]
+                found.append(np.clip(np.array(by_name), -1.0, 1.0))
+                worst = max(worst, seen.lower / goal.limit)
     return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst
 
 

@@ -2,6 +2,7 @@
 
 from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -446,6 +447,20 @@ def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.Mo
     )
     assert made.points[0]["a"] == 1.0
     assert seeds == [0, 1, 2]
+
+
+def test_what_the_search_of_a_proof_reaches_is_a_point(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A peak of a gain at 0 rad/s inside of the box was seen by the proof of the arm, and by no climb."""
+    inside, reached = {"m": 0.25, "c": -0.5, "k": 0.125}, iter([10.0])
+
+    def seen(*_: Any, **__: Any) -> SimpleNamespace:
+        return SimpleNamespace(lower=next(reached, 0.0), delta=inside, reason="")
+
+    monkeypatch.setattr(box, "worst_case_gain", seen)
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False)
+    expected = {p.name: float(to_physical(p, inside[p.name])) for p in RANGES}
+    assert any(dict(point) == expected for point in made.points)
 
 
 def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
