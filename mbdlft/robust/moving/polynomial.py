@@ -125,7 +125,8 @@ def _least(squares: Any, size: int, count: int) -> Array | None:
 def wrong_in(model: Realization, rates: Array, k: float, proof: PolynomialProof) -> str:
     """What is wrong with a proof for |delta| <= k and these rates (1/s); empty if it is one."""
     n, q, orders = len(model.A), len(model.sizes), proof.orders
-    if orders.shape != (q,) or not np.all((orders >= 0) & (orders < 2**20)) or proof.degree < 1:
+    are_whole = orders.shape == (q,) and orders.dtype.kind == "i" and isinstance(proof.degree, int)
+    if not (are_whole and np.all((orders >= 0) & (orders < 2**20)) and proof.degree >= 1):
         return "its function is of no degrees that it may have"
     if np.any(orders[np.isinf(rates)]):
         return "its function depends on a parameter that moves in any way"
