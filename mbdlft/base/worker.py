@@ -54,6 +54,14 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def processes_of(workers: Any, what: str) -> int:
+    """So many processes as a caller of `what` asks for; without a number, one for each core."""
+    is_count = isinstance(workers, int | np.integer) and not isinstance(workers, bool) and workers >= 1
+    if workers is not None and not is_count:
+        raise AnalysisError(f"{what}: expected at least 1 worker, got {workers!r}.")
+    return cores() if workers is None else int(workers)
+
+
 class Limits(NamedTuple):
     """What a call may use: seconds of the processor, bytes of memory, seconds of the clock.
 

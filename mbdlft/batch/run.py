@@ -15,7 +15,7 @@ from mbdlft.archive.archive import check_file, check_name, locked
 from mbdlft.archive.sweep import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places, finish_sweep
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError
-from mbdlft.base.worker import Pool, cores
+from mbdlft.base.worker import Pool, processes_of
 from mbdlft.batch import staging
 from mbdlft.batch.native import fastest
 from mbdlft.batch.rows import Extra, Function, Source, asked_of, source_of
@@ -118,8 +118,7 @@ def sweep(
     begun = time.perf_counter()
     if not isinstance(source, Scene | LFTModel):
         raise SceneError(f"sweep: expected a Scene or an LFTModel, got {type(source).__name__}.")
-    if workers is not None and workers < 1:
-        raise AnalysisError(f"sweep: expected at least 1 worker, got {workers}.")
+    processes = processes_of(workers, "sweep")
     file, key = Path(path), source.name if name is None else name
     check_name(file, "sweep", key)
     check_file(file)
@@ -137,7 +136,7 @@ def sweep(
         done = resumed
         if progress is not None:
             progress(done, work.count)
-        for shard in _computed(folder, source, work, todo, workers, client):
+        for shard in _computed(folder, source, work, todo, processes, client):
             done += work.rows_of(shard)
             if progress is not None:
                 progress(done, work.count)
@@ -179,7 +178,7 @@ def _computed(
     source: Scene | LFTModel,
     work: staging.Work,
     todo: list[int],
-    workers: int | None,
+    processes: int,
     client: Any,
 ) -> Iterator[int]:
     """Compute shards and put them into the folder; yield each when it is there."""
@@ -189,7 +188,6 @@ def _computed(
             staging.write_shard(folder, work, at, shard, rows)
             yield shard
         return
-    processes = workers or cores()
     if min(processes, len(todo)) > 1:
         kept = "What is finished is kept: the same sweep goes on from it, with fewer workers if you like."
         what = "sweep", "shard", kept

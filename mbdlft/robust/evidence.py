@@ -83,7 +83,8 @@ class LyapunovProof:
     states: Array  # (proved parts, n, n), modes of each part as columns, of which its function follows
 
 
-Proof = BoxProof | IntervalProof | MotionProof | PolynomialProof | LyapunovProof
+ProofOfMotions = MotionProof | PolynomialProof  # for parameters that move
+Proof = BoxProof | IntervalProof | ProofOfMotions | LyapunovProof
 STABILITY, PERFORMANCE, GAIN = "robust stability", "robust performance", "worst-case gain"
 REAL_PART, DAMPING, DISK = "largest real part", "smallest damping", "smallest disk margin"
 SENTENCES = {

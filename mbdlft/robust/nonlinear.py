@@ -31,7 +31,7 @@ from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
 from mbdlft.lft.lft import LFT
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof
+from mbdlft.robust.evidence import Bounds, MotionProof, ProofOfMotions
 from mbdlft.robust.moving.variation import form_of, is_negative, least_level, scaled, sizes_of
 from mbdlft.robust.proofs import verify
 from mbdlft.robust.realization import realization, turned
@@ -101,7 +101,7 @@ def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float
         `bounds` are not such; a range does not contain zero; nothing was proved.
     """
     proof = bounds.proof
-    if not isinstance(proof, MotionProof | PolynomialProof) or bounds.kind != "robust stability":
+    if not isinstance(proof, ProofOfMotions) or bounds.kind != "robust stability":
         raise AnalysisError("safe_region: expected the bounds of robust_stability(..., rates=inf).")
     if bounds.lower < 1.0 or not isinstance(proof, MotionProof) or proof.P.shape != proof.states.shape:
         raise AnalysisError(

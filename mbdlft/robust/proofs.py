@@ -318,7 +318,7 @@ def _malformed(system: System, claim: evidence.Claim, proof: evidence.Proof) -> 
     if claim.fixed and claim.kind != evidence.STABILITY:
         return f"a {claim.kind} has no blocks that are fixed"
     moving = bool(rates_of(system, claim.rates, "verify"))
-    if moving != isinstance(proof, evidence.MotionProof | evidence.PolynomialProof):
+    if moving != isinstance(proof, evidence.ProofOfMotions):
         return f"the proof is for {'constant' if moving else 'moving'} parameters"
     if moving and (claim.kind not in (evidence.STABILITY, evidence.GAIN) or claim.fixed):
         return f"there is no proof of a {claim.kind} for parameters that move"
@@ -345,7 +345,7 @@ def _unproved(system: System, claim: evidence.Claim, proof: evidence.Proof) -> s
     model = realization(system, inputs, outputs, claim.leave_out)._replace(shift=shift, slope=slope)
     if not characteristic.is_stable_at(model, np.zeros(len(model.sizes))):
         return "the nominal model is not proved to be stable, or in the region of the poles"
-    if isinstance(proof, evidence.MotionProof | evidence.PolynomialProof):
+    if isinstance(proof, evidence.ProofOfMotions):
         gain = claim.bound if claim.kind == evidence.GAIN else 0.0
         rates = rates_of(system, claim.rates, "verify")
         return checked(system, model, rates, claim.size, gain, proof)

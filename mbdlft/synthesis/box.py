@@ -29,7 +29,6 @@ from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
 from mbdlft.synthesis.reached import Progress, Tuning, as_matrices, as_tuning, least_values
 from mbdlft.synthesis.tuning import Tuned, Tuner, begun, begun_again, check_stabilizable, taken_on, tuned
-from mbdlft.system.model import System
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
 _MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
@@ -248,10 +247,9 @@ def _until_none_is_worse(
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
-        tuner, ways = Tuner(net, goals, points), [best.x]
+        tuner, begin = Tuner(net, goals, points), best.x
         if given is not None:
-            ways.append(safe[1].x)
-        begin = min(ways, key=lambda x: tuner.at(x).rank())
+            begin = min(begin, safe[1].x, key=lambda x: tuner.at(x).rank())
         best = taken_on(tuner, begin, starts, seed, is_near=is_near)
         yield best, points
     yield safe[1], points
@@ -308,9 +306,10 @@ def _worst_points(
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
     loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
     if is_whole:
-        crossing = smallest_crossing(realization(loops[0], range(len(loops[0].inputs))), 1.0)
+        model = realization(loops[0], range(len(loops[0].inputs)))
+        crossing = smallest_crossing(model, 1.0)
         if np.isfinite(crossing.size):
-            unstable = _in_order(net, loops[0], crossing.delta)
+            unstable = _in_order(net, dict(zip(model.names, crossing.delta, strict=True)))
             return _on_the_way(net, goals, best, unstable)[None], np.inf
     found, worst = list[Array](), 0.0
     random = np.random.default_rng(seed)
@@ -332,7 +331,8 @@ def _worst_points(
             of_model = [net.system.parameters.names.index(name) for name in model.names]
             peak = largest_peak(model, 1.0, (delta[of_model],))
             if peak.gain / goal.limit > value:
-                climbed[0] = peak.gain / goal.limit, _in_order(net, loop, peak.delta)
+                by_name = dict(zip(model.names, peak.delta, strict=True))
+                climbed[0] = peak.gain / goal.limit, _in_order(net, by_name)
         worst = max(worst, climbed[0][0])
         known = max(1.0, best.look.hard) if goal.hard else best.look.soft
         worse = list[Array]()
@@ -346,8 +346,7 @@ def _worst_points(
             if seen.reason == INTERRUPTED:
                 raise KeyboardInterrupt
             if seen.lower > goal.limit * known * (1.0 + _WORSE):
-                by_name = [seen.delta.get(name, 0.0) for name in net.system.parameters.names]
-                found.append(np.clip(np.array(by_name), -1.0, 1.0))
+                found.append(np.clip(_in_order(net, seen.delta), -1.0, 1.0))
                 worst = max(worst, seen.lower / goal.limit)
     return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst
 
@@ -368,8 +367,6 @@ def _on_the_way(net: Network, goals: Sequence[Goal], best: Tuned, unstable: Arra
     return chosen
 
 
-def _in_order(net: Network, loop: System, delta: Array) -> Array:
-    """Deltas of the blocks of a loop that are not empty, in the order of the parameters."""
-    blocks = [block.name for block in loop.lft.blocks if block.size]
-    by_name = dict(zip(blocks, delta, strict=True))
+def _in_order(net: Network, by_name: Mapping[str, Any]) -> Array:
+    """Deltas of the blocks of a loop in the order of the parameters; 0 of those it does not depend on."""
     return np.array([by_name.get(name, 0.0) for name in net.system.parameters.names])

@@ -236,6 +236,17 @@ def test_scenes_repeat_and_cover() -> None:
 # symmetry, and agrees only because the linear model of what is symmetric does not depend on time.
 
 
+def swing(mass: float) -> mbdlft.RigidBody:
+    """A body with its center off the axes, and an eye that carries what turns on it."""
+    return mbdlft.RigidBody(
+        name="swing",
+        mass=mass,
+        center_of_mass=(0.1, 0.2, -0.5),
+        inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
+        ports={"eye": (0.1, 0.0, -0.8)},
+    )
+
+
 def geared_wheel() -> mbdlft.Scene:
     """A wheel on a swing behind a gear: its center lies on its axis, and off the point of its joint."""
     return mbdlft.Scene(
@@ -246,13 +257,7 @@ def geared_wheel() -> mbdlft.Scene:
             mbdlft.Parameter("n", 3.0, low=2.0, high=5.0),
         ],
         bodies=[
-            mbdlft.RigidBody(
-                name="swing",
-                mass=3.0,
-                center_of_mass=(0.1, 0.2, -0.5),
-                inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
-                ports={"eye": (0.1, 0.0, -0.8)},
-            ),
+            swing(3.0),
             mbdlft.RigidBody(
                 name="wheel",
                 mass=1.5,
@@ -323,13 +328,7 @@ def tower() -> mbdlft.Scene:
             mbdlft.Angle("g", 20.0, low=-50.0, high=60.0),
         ],
         bodies=[
-            mbdlft.RigidBody(
-                name="swing",
-                mass=6.0,
-                center_of_mass=(0.1, 0.2, -0.5),
-                inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
-                ports={"eye": (0.1, 0.0, -0.8)},
-            ),
+            swing(6.0),
             mbdlft.RigidBody(name="ring", mass=1.0, inertia=mbdlft.Inertia(xx=0.03, yy=0.04, zz=0.05)),
             *(
                 mbdlft.RigidBody(

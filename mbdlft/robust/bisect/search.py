@@ -21,7 +21,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import after, budget, one_thread
-from mbdlft.base.worker import Pool, cores
+from mbdlft.base.worker import Pool, processes_of
 from mbdlft.robust.bisect.boxes import Check, Crew, Outcome, Task, prove
 from mbdlft.robust.bisect.characteristic import Polynomials, Realization, polynomials
 from mbdlft.robust.bisect.lyapunov import Attempt, is_small, searched
@@ -84,10 +84,7 @@ def crew_of(workers: int | None, client: Any, what: str) -> Iterator[Crew]:
             client.gather([client.submit(alone, function, task, pure=False) for task in tasks])
         )
         return
-    is_count = isinstance(workers, int) and not isinstance(workers, bool) and workers >= 1
-    if workers is not None and not is_count:
-        raise AnalysisError(f"{what}: expected at least 1 worker, got {workers!r}.")
-    count = workers or cores()
+    count = processes_of(workers, what)
     pool: Pool | None = None
     with ExitStack() as stack:
 

@@ -18,7 +18,7 @@ from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import Asked, Search, State, last_of
-from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof
+from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof, ProofOfMotions
 from mbdlft.robust.moving import polynomial, variation
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
 from mbdlft.robust.moving.polynomial import SHAPES, Shape
@@ -309,7 +309,7 @@ def checked(
     rates: Mapping[str, float],
     k: float,
     gain: float,
-    proof: MotionProof | PolynomialProof,
+    proof: ProofOfMotions,
 ) -> str:
     """What is wrong with a proof for deltas in [-k, k] that move; empty if it is one."""
     if isinstance(proof, PolynomialProof):

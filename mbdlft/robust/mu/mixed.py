@@ -143,15 +143,17 @@ def attempt(
             inherited = node.box._replace(
                 todo=cover.todo, at=cover.at, start=cover.last, reach=cover.reach, resists=False
             )
-            rough = node.rough + (not cover.beta > 1.0)
             halves = [
-                _Node(inherited._replace(low=a, high=b), (*node.path, side), rough)
-                for side, (a, b) in enumerate(_cut_in_two(node.box.low, node.box.high, axis))
+                inherited._replace(low=a, high=b)
+                for a, b in _cut_in_two(node.box.low, node.box.high, axis)
             ]
-            for k, start in enumerate(starts):
-                box = halves[k].box._replace(start=start, resists=start.beta > 1.0)
-                halves[k] = halves[k]._replace(box=box)
-            waiting += halves[::-1]
+            if starts:
+                halves = [
+                    half._replace(start=start, resists=start.beta > 1.0)
+                    for half, start in zip(halves, starts, strict=True)
+                ]
+            rough = node.rough + (not cover.beta > 1.0)
+            waiting += [_Node(half, (*node.path, side), rough) for side, half in enumerate(halves)][::-1]
     return Attempt([covers[path] for path in sorted(covers)], low, high, np.nan, used, state)
 
 
