@@ -20,8 +20,24 @@ def one_thread() -> AbstractContextManager[Any]:
     Results then do not depend on the number of cores. On a busy machine, threads that wait for each other
     would take more time than the rest of the work.
     """
+    _keep_memory()
     limit: AbstractContextManager[Any] = _controller().limit(limits=1)
     return limit
+
+
+_KEPT = 31 << 20  # bytes: glibc learns from arrays up to 32 MB
+
+
+@cache
+def _keep_memory() -> None:
+    """Have freed memory of arrays kept for the next ones: glibc does from the size of one freed array on.
+
+    Without that it gives memory of some hundred kilobytes back and gets it again, page by page, which
+    takes longer than a Newton step with matrices of that size. No page of this array is touched.
+    """
+    import numpy as np  # `--version` does without it
+
+    np.empty(_KEPT, dtype=np.uint8)
 
 
 @contextmanager

@@ -126,6 +126,51 @@ def test_multipliers_of_several_frequencies_hold_on_wider_intervals(
     assert 2 * len(several.intervals) < len(alone.intervals)
 
 
+def test_a_search_starts_from_the_next_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a frequency was looked at far away from the last one, the intervals beside it help."""
+    system = arm_loop()
+    loop, counts, center = loop_of(system, range(len(system.states))), [0, 0], multipliers._center
+    part = loops.Part(*loops.ends_of(loop, 1.5), ((0.0, np.inf),), np.nan, None, 50.0, 0.02)
+    for which in (0, 1):
+
+        def counted(*given: Any, which: int = which) -> Any:
+            counts[which] += 1
+            return center(*given)
+
+        monkeypatch.setattr(multipliers, "_center", counted)
+        assert not loops.covered(loop, part).todo
+        monkeypatch.setattr(loops, "_neighbors", lambda kept, omega: [])
+    assert 1.1 * counts[0] < counts[1]
+
+
+def test_the_best_of_several_starts_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where the first of them is bad: the search is as short as from the best alone."""
+    random, counts, center = np.random.default_rng(2), [0], multipliers._center
+    structure = structure_of([mbdlft.Block("a", 3), mbdlft.Block("b", 2)])
+    M = random.standard_normal((1, 5, 5)) + 0j
+    good = upper_bound(M, structure)
+    turns = np.diag([3.0, 1.0, 0.3, 1.0, 3.0])
+    bad = good._replace(D=turns @ good.D @ turns, G=turns @ good.G @ turns)
+
+    def counted(*given: Any) -> Any:
+        counts[-1] += 1
+        return center(*given)
+
+    monkeypatch.setattr(multipliers, "_center", counted)
+    for starts in ((good,), (bad, good), (bad,)):
+        counts.append(0)
+        target(upper_bound(M, structure, starts=starts).beta, good.beta, MU)
+    assert counts[2] == counts[1] < counts[3]
+
+
+def test_no_more_is_tried_than_was_asked_for() -> None:
+    """The first size that cuts may prove is at the end of the gap: it needs fewest cuts."""
+    system = springs()
+    asked = Asked(system, 0.05, 2.0)
+    found = by_multipliers(asked, loop_of(system, range(4)), "robust stability")
+    assert found.gap >= 0.049
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_multipliers_hold_for_all_matrices(seed: int) -> None:
     """The bound is one for each of the matrices, and not below that of one alone."""
@@ -160,7 +205,7 @@ def test_a_start_that_leads_nowhere_is_left(monkeypatch: pytest.MonkeyPatch) -> 
 
     monkeypatch.setattr(multipliers, "_center", no_center)
     monkeypatch.setattr(multipliers, "_ahead", no_step)
-    found = upper_bound(M, structure, start=start, enough=1.0)
+    found = upper_bound(M, structure, starts=(start,), enough=1.0)
     assert found.beta <= 1.0 + STABLE
 
 

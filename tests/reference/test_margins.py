@@ -6,6 +6,7 @@ import pytest
 from mbdlft import Block, ComplexBlock, FullBlock, robust_stability, structured_singular_value, verify
 from mbdlft.robust.bisect.boxes import replayed
 from mbdlft.robust.bisect.characteristic import polynomials
+from mbdlft.robust.evidence import Multipliers
 from mbdlft.robust.mu.multipliers import structure_of, upper_bound
 from mbdlft.robust.mu.singular_value import channels_at
 from mbdlft.robust.realization import realization
@@ -96,9 +97,10 @@ def test_transport_aircraft_at_frequencies() -> None:
     peers = {0.3: 0.20344, 0.62: 0.22788, 0.6229: 0.22794, 0.66: 0.22831, 1.0: 0.20913}
     peers |= {3.0: 0.12863, 10.0: 0.03095}
     system = cases.transport_aircraft()
-    structure, last = structure_of(system.lft.blocks), None
+    structure, starts = structure_of(system.lft.blocks), list[Multipliers]()
     for omega, peer in peers.items():
-        last = upper_bound(channels_at(system, omega), structure, start=last)
+        last = upper_bound(channels_at(system, omega), structure, starts=starts)
+        starts.append(last)
         assert last.beta <= 1.001 * peer
         assert last.beta >= 0.96 * peer
     found = structured_singular_value(system, 0.6228558)

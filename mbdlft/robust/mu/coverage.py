@@ -215,6 +215,14 @@ class Part(NamedTuple):
     resists: bool = False  # `start` is all that multipliers prove at `at`, which is not enough
 
 
+class _Proved(NamedTuple):
+    """An interval, its multipliers as they are, and those for size 1."""
+
+    interval: Interval
+    multipliers: Multipliers
+    unit: Multipliers
+
+
 def covered(loop: Loop, box: Part) -> Cover:
     """Prove a part of the box at the frequencies that are open, until one resists."""
     if box.resists and box.start is not None:
@@ -223,7 +231,7 @@ def covered(loop: Loop, box: Part) -> Cover:
     poles, todo = eigenvalues_of(loop.channels.A), list(box.todo)
     first = _sizes_in_order(poles)
     extent, cost = extent_of(loop, box.low, box.high), cost_at(loop)
-    kept: list[tuple[Interval, Multipliers]] = []
+    kept: list[_Proved] = []
     last, reach, used, at, beta = box.start, box.reach, 0.0, np.nan, 0.0
     for _ in range(_STEPS):
         if not todo or used + cost > box.work:
@@ -236,8 +244,9 @@ def covered(loop: Loop, box: Part) -> Cover:
         M = np.array([matrix_at(loop, w) for w in beside])
         M, half = inside(loop, M, box.low, box.high)
         interval = None
-        for start in (last, None):  # from the beginning: those of far frequencies may be extreme
-            near, multipliers = _found(M, half, loop.structure, start, box.tolerance)
+        beside_omega = [unit for unit in (last, *_neighbors(kept, omega)) if unit is not None]
+        for starts in (beside_omega, ()):  # from the beginning: those of far frequencies may be extreme
+            near, multipliers = _found(M, half, loop.structure, starts, box.tolerance)
             beta = near.beta
             if beta > 1.0:
                 break
@@ -257,10 +266,19 @@ def covered(loop: Loop, box: Part) -> Cover:
             last, at, beta = near, omega, beta if beta > 1.0 else 0.0
             break
         last, reach = near, reach if far < reach else max(reach, _LEAST_REACH) * _FARTHER
-        kept.append((interval, multipliers))
+        kept.append(_Proved(interval, multipliers, near))
         todo += [(a, b) for a, b in ((low, interval.low), (interval.high, high)) if b > a]
-    ends = tuple(interval for interval, _ in kept), tuple(multipliers for _, multipliers in kept)
+    ends = tuple(each.interval for each in kept), tuple(each.multipliers for each in kept)
     return Cover(np.nan, *ends, tuple(todo), at, beta, last, np.nan, used, reach)
+
+
+def _neighbors(kept: Sequence[_Proved], omega: float) -> list[Multipliers]:
+    """Multipliers of the next intervals below and above a frequency."""
+    below = [each for each in kept if each.interval.at < omega]
+    above = [each for each in kept if each.interval.at > omega]
+    next_below = max(below, key=lambda each: each.interval.high, default=None)
+    next_above = min(above, key=lambda each: each.interval.low, default=None)
+    return [each.unit for each in (next_below, next_above) if each is not None]
 
 
 def _beside(omega: float, low: float, high: float, poles: Complex, reach: float) -> tuple[Array, float]:
@@ -325,7 +343,8 @@ def largest_size(
 
     def bound(k: float, near: Multipliers | None) -> tuple[Multipliers, Multipliers]:
         scaled, half = inside(loop, M, *ends_of(loop, k))
-        return _found(scaled, half, loop.structure, near, tolerance, enough=0.0)
+        starts = () if near is None else (near,)
+        return _found(scaled, half, loop.structure, starts, tolerance, enough=0.0)
 
     if np.all(loop.grows):
         unit, _ = bound(1.0, start)
@@ -364,21 +383,20 @@ def multipliers_of(
 ) -> Multipliers:
     """Those of nearly the least bound of mu of a part of the box, from those of one around it."""
     inner, half = inside(loop, M, *ends)
-    return _found(inner, half, loop.structure, start, tolerance, enough=0.0)[0]
+    return _found(inner, half, loop.structure, (start,), tolerance, enough=0.0)[0]
 
 
 def _found(
     M: Complex,
     half: Array,
     structure: Structure,
-    start: Multipliers | None,
+    starts: Sequence[Multipliers],
     tolerance: float,
     enough: float = 1.0,
 ) -> tuple[Multipliers, Multipliers]:
     """Multipliers of a matrix whose rows were multiplied by half sizes: for size 1, and as they are."""
-    if start is not None:
-        start = start._replace(G=start.G * half[:, None])
-    multipliers = upper_bound(M, structure, start=start, tolerance=tolerance, enough=enough)
+    starts = [start._replace(G=start.G * half[:, None]) for start in starts]
+    multipliers = upper_bound(M, structure, starts=starts, tolerance=tolerance, enough=enough)
     positive = np.where(half > 0.0, half, 1.0)
     unit = multipliers._replace(G=multipliers.G / positive[:, None])
     return unit, multipliers._replace(beta=1.0, G=multipliers.G * half[:, None])

@@ -155,42 +155,40 @@ def upper_bound(
     M: Complex,
     structure: Structure,
     *,
-    start: Multipliers | None = None,
+    starts: Sequence[Multipliers] = (),
     tolerance: float = 1e-4,
     enough: float = 0.0,
 ) -> Multipliers:
     """Multipliers with nearly the smallest beta for M (n, n), made square, or several (k, n, n) at once.
 
-    The search starts from those of matrices near to these, and ends within a relative tolerance of
-    beta, or at one that is small enough. Where a start leads nowhere, it begins again without it.
+    The search starts from the best of those of matrices near to these, or their mean, and ends within a
+    relative tolerance of beta, or at one that is small enough. Where they lead nowhere, it begins again.
     """
-    found = _searched(M, structure, start, tolerance, enough)
-    if start is None or not 0.0 < _STUCK * enough < found.beta:
+    found = _searched(M, structure, starts, tolerance, enough)
+    if not (starts and 0.0 < _STUCK * enough < found.beta):
         return found
-    again = _searched(M, structure, None, tolerance, enough)
+    again = _searched(M, structure, (), tolerance, enough)
     return min(found, again, key=lambda each: each.beta)
 
 
 def _searched(
-    M: Complex, structure: Structure, start: Multipliers | None, tolerance: float, enough: float
+    M: Complex, structure: Structure, starts: Sequence[Multipliers], tolerance: float, enough: float
 ) -> Multipliers:
     M = M if M.ndim == 3 else M[None]
     n = structure.size
     size = float(np.max(np.linalg.norm(M, 2, axis=(1, 2)))) if n else 0.0
-    X: Complex = np.eye(n, dtype=complex)
-    D: Complex = X
-    G: Complex = 0.0 * X
+    one: Complex = np.eye(n, dtype=complex)
     if size == 0.0:
-        return Multipliers(0.0, D, G)
-    if start is not None:
-        D = start.D + _BLEND * float(np.trace(start.D).real) / n * X
-        G = start.G / size
+        return Multipliers(0.0, one, 0.0 * one)
     M, enough = M / size, enough / size
-    best = best_square(M, D, G)
-    if best >= 1.0:
-        D, G = X, 0.0 * X
-        best = best_square(M, D, G)
-    square = best + 0.3 * max(abs(best), 1e-3)
+    pairs = [(one, 0.0 * one)]
+    for start in starts:
+        of_mean = float(np.trace(start.D).real) / n
+        pairs.append((start.D / of_mean + _BLEND * one, start.G / (size * of_mean)))
+    if len(starts) > 1:
+        pairs.append(tuple(np.sum(parts, axis=0) for parts in zip(*pairs[1:], strict=True)))
+    best, D, G = min(((best_square(M, *pair), *pair) for pair in pairs), key=lambda each: each[0])
+    square = best + 0.3 * max(abs(best), min(enough * enough or 1.0, 1e-3))
     smallest = (best, D, G)
     for _ in range(_CENTERS):
         if best <= max(enough, _NOTHING) ** 2:

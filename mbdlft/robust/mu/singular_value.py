@@ -91,12 +91,12 @@ def structured_singular_value(
         )
     structure, all_grow = structure_of(blocks), bool(np.all(grows))
     bounds: list[tuple[Multipliers, SmallDelta]] = []
-    last = None
     with one_thread():
         for w in omega:
             M = channels_at(system, float(w))
             if all_grow:
-                last = upper_bound(squared(M, structure), structure, start=last)
+                starts = [high for high, _ in bounds[-1:]]
+                last = upper_bound(squared(M, structure), structure, starts=starts)
             else:
                 last = _skew_bound(M, blocks, grows)
             bounds.append((last, small_delta(M, blocks, last.beta, grows)))
@@ -191,16 +191,16 @@ def mu_bands(
         cut = [low, *np.exp(np.arange(np.log(low) + widest, np.log(high), widest))]
         todo = list(zip(cut, [*cut[1:], high], strict=True))[::-1]
         bands: list[tuple[float, float, float, float, float]] = []
-        last = None
+        starts: tuple[Multipliers, ...] = ()
         while todo and len(bands) < _MOST:
             a, b = (float(end) for end in todo.pop())
             omega = coverage.middle(a, b, first)
             M = channels_matrix(channels, omega)
-            last = upper_bound(M, structure, start=last, tolerance=0.1 * gap)
+            last = upper_bound(M, structure, starts=starts, tolerance=0.1 * gap)
             beta, band = max(last.beta, floor), None
             for again in range(_AGAIN):
                 beta *= 1.0 + gap * 2.0**again
-                last = upper_bound(M, structure, start=last, enough=beta)._replace(beta=beta)
+                last = upper_bound(M, structure, starts=(last,), enough=beta)._replace(beta=beta)
                 band = interval_around(channels, last, omega)
                 if band is not None and band.high - band.low > _NARROW * omega:
                     break
