@@ -32,7 +32,7 @@ from mbdlft.lft.lft import LFT, Block
 from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.order.work import UNIT, Work, product
 
-_CLOSE = 2  # forms so much larger than the smallest are looked at
+CLOSE = 2  # forms so much larger than the smallest are looked at
 _TURNS = 4  # directions that are left out, for each repetition above the bound
 _MOST_UNKNOWNS = 3000  # more take seconds a step
 _STEPS, _STALLED, _GAIN = 200, 10, 1.2  # at most; so many without this gain are the last
@@ -47,6 +47,7 @@ _RAISES = 10
 _SLOW, _NEAR_DOUBLE = 6.0, 1e-3  # a gain below is that of two solutions that are one; a difference near
 _NEAR_END = 1e-9  # a difference that is polished
 _POLISHED, _MOST_POLISHED = 2, 1000  # times; more unknowns take long
+_EQUATIONS = 6  # for each unknown, of combined rows and columns: fewer lose digits
 _NULL, _LEAST_POLISH = 1e-10, 2.0  # of the largest pivot; a smaller gain ends it
 _OF_TRY = 0.15  # units of work, which most tries do not need
 _PASSES = 60  # over the normal equations, beside their sums
@@ -67,7 +68,7 @@ def refit(
     `least` ends it, and `keeps` tells whether an LFT has the value.
     """
     forms = sorted(forms, key=lambda form: form.order)
-    close = [form for form in forms if form.order <= forms[0].order + _CLOSE]
+    close = [form for form in forms if form.order <= forms[0].order + CLOSE]
     if work.is_over:
         return close[0]
     for k, form in enumerate(close):
@@ -213,14 +214,24 @@ def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues
 def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
     """Newton's method without normal equations, whose rounding is that of a squared condition.
 
-    So near the end the slopes of the first step do for all.
+    So near the end the slopes of the first step do for all. Equations are random combinations of rows and
+    of columns at each point, as many as determine the unknowns.
     """
     others = np.delete(np.arange(fit.Y.shape[2]), block)
     pairs = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
     unknowns = sum(y.shape[2] * w.shape[1] for y, w in pairs)
     if unknowns > _MOST_POLISHED:
         return fit
-    columns = [np.einsum("poi,pbu->pouib", y, w).reshape(fit.difference.size, -1) for y, w in pairs]
+    points, outputs, inputs = fit.difference.shape
+    needed, random = _EQUATIONS * unknowns / (2 * points), np.random.default_rng(0)
+    high = min(outputs, math.ceil(max(math.sqrt(needed), needed / inputs)))
+    wide = min(inputs, math.ceil(needed / high))
+    left = random.standard_normal((points, high, outputs)) if high < outputs else np.eye(outputs)
+    right = random.standard_normal((points, inputs, wide)) if wide < inputs else np.eye(inputs)
+    columns = [
+        np.einsum("poi,pbu->pouib", left @ y, w @ right).reshape(points * high * wide, -1)
+        for y, w in pairs
+    ]
     slopes = np.hstack(columns)
     slopes = np.concatenate([slopes.real, slopes.imag])
     work.add(product(4 * len(slopes), unknowns, unknowns))
@@ -228,7 +239,8 @@ def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValu
     sizes = np.abs(np.diagonal(factor))
     rank = int(np.sum(sizes > _NULL * sizes[0]))
     for _ in range(_POLISHED):
-        difference = np.concatenate([fit.difference.ravel().real, fit.difference.ravel().imag])
+        combined = (left @ fit.difference @ right).ravel()
+        difference = np.concatenate([combined.real, combined.imag])
         turned = dormqr("L", "T", factor, reflectors, difference[:, None], len(difference))[0]
         step = np.zeros(unknowns)
         step[pivots[:rank] - 1] = dtrtrs(factor[:rank, :rank], turned[:rank, 0])[0]

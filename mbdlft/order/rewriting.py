@@ -203,15 +203,18 @@ class Restricted(NamedTuple):
     is_transposed: bool = False
 
 
-def restrictions(a: LFT, names: Sequence[str], work: Work) -> Iterator[Restricted]:
-    """LFTs of equal value, each with one block restricted on one side, until the work is over.
+def restrictions(
+    a: LFT, names: Sequence[str], work: Work, *, is_transposed: bool | None = None
+) -> Iterator[Restricted]:
+    """LFTs of equal value, each with one block restricted on one side, or that side, until work is over.
 
     The basis has the columns that depend on the other deltas in the simplest way. Each of these may then
     be repeated less often, so the block that is restricted may be one at its bound. Ranks are numerical:
     the LFTs are to be compared with `a`.
     """
     most, sizes = a.order + _MORE, dict(a.blocks)
-    for name, side in each_pair(names, (_as_it_is, transpose)):
+    sides = [side for side in (_as_it_is, transpose) if is_transposed in (None, side is transpose)]
+    for name, side in each_pair(names, sides):
         if work.is_over:
             return
         try:

@@ -29,19 +29,20 @@ from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.refit import above_bound, refit
+from mbdlft.order.refit import CLOSE, above_bound, refit
 from mbdlft.order.restriction import Step
 from mbdlft.order.rewriting import Restricted, affine_moved, restrictions
 from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
-_IN_VAIN = 0.1  # of the work: a search that gains nothing with so much of it ends
+_IN_VAIN = 0.08  # of the work without a gain ends a search: O8 would miss its bound with 0.07
 _OF_PAIRS, _OF_TRIPLES = 0.6, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
+_OF_STEP = 0.25  # of the work: steps that may take more are not begun, which seldom gain anything
 _OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds
-_BESIDE = 1.1  # times the order of the closed LFT: larger relations are not restricted before the rounds
-_DEAR = 1.5  # times the order of the closed LFT: larger relations come when four rounds are over
+_BESIDE, _DEAR = 1.1, 1.5  # times the closed order: larger relations are not swept, wait four rounds
+_MORE = 6  # channels more after a first side is restricted, of which the second leaves out 2 to 4
 _FAR = 3  # a form this much larger than the smallest is not started from
 _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _POOL = 8  # forms that are kept
@@ -73,14 +74,14 @@ _LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles
 
 class Smallest(NamedTuple):
     """The smallest LFT, the least order of any, whether seconds ended the search early, why a part of it
-    failed, larger LFTs on the way, the smallest first, and steps with the orders that they lead to."""
+    failed, larger LFTs on the way, the smallest first, and restrictions with the orders they lead to."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
     dropped: str = ""
     larger: tuple[LFT, ...] = ()
-    steps: tuple[tuple[int, Step], ...] = ()
+    steps: tuple[tuple[int, tuple[Step, ...]], ...] = ()
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -137,7 +138,7 @@ class _Side:
     def __init__(self, forms: Sequence[LFT], level: "_Level", *, is_opened: bool = False) -> None:
         self.is_opened = is_opened
         self.forms, self.level, self.is_new = list(forms), level, True
-        self.steps: dict[Step, int] = {}  # that may lack digits, and the order that they lead to
+        self.steps: dict[tuple[Step, ...], int] = {}  # that may lack digits, with what they lead to
         self.start = _without_empty(self.forms[0])
 
     def begin(self, work: Work, dropped: list[str]) -> None:
@@ -155,6 +156,8 @@ class _Side:
         with _keeping(dropped):
             swept = _swept(self, proof, work.limited(_OF_SWEEPS))
             self.forms = sorted(swept, key=attrgetter("order"))
+            if self.is_opened:  # closed LFTs are seldom smaller then, and take as long
+                _sweep_on_both_sides(self, proof, work.limited(_OF_SWEEPS))
         return self.forms[0].order < least
 
     def step(self, proof: "_Proof", work: Work, size: float, seed: int, dropped: list[str]) -> None:
@@ -194,6 +197,8 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
     on_the_way = list(closed.forms)
     for attempt in range(_ROUNDS):
         size = _FIRST * 2.0**attempt
+        if size > max(_FIRST, _OF_STEP * work.most):
+            break
         for side in (None, *in_order):
             if best.order <= proof.order_bound or work.is_over:
                 return on_the_way
@@ -447,7 +452,7 @@ def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
                     continue
                 is_kept = level.keeps(work, level.exact, candidate)
                 if form is start and made.name and (is_kept or _is_near(candidate, level.exact[0].truth)):
-                    side.steps[Step(*made[1:], side.is_opened)] = candidate.order
+                    side.steps[(Step(*made[1:], side.is_opened),)] = candidate.order
                 if is_kept:
                     pool[candidate.blocks] = candidate
                     if candidate.order <= proof.order_bound:
@@ -455,6 +460,27 @@ def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
             if min(form.order for form in pool.values()) < least:
                 break
     return list(pool.values())
+
+
+def _sweep_on_both_sides(side: _Side, proof: _Proof, work: Work) -> None:
+    """Steps that restrict the block furthest above its bound on one side, then on the other.
+
+    Few lead to the smallest LFT. But with the other deltas at 0 the block is a minimal realization then,
+    which is unique but for coordinates: refits of the others exclude nothing.
+    """
+    least, more = side.forms[0].order, above_bound(side.start, proof.bound)
+    names = sorted(more, key=lambda name: -more[name])[:1]
+    for once in restrictions(side.start, names, work):
+        is_least = dict(once.lft.blocks)[once.name] == proof.bound[once.name]
+        if is_least or once.lft.order > least + _MORE or least <= proof.order_bound:
+            continue
+        for twice in restrictions(once.lft, names, work, is_transposed=not once.is_transposed):
+            sizes = dict(twice.lft.blocks)
+            known = (all(sizes[b.name] >= b.size for b in form.blocks) for form in side.forms)
+            is_larger = twice.lft.order > least + CLOSE or any(known)
+            if not is_larger and _is_near(twice.lft, side.level.exact[0].truth):
+                steps = tuple(Step(*made[1:], side.is_opened) for made in (once, twice))
+                side.steps[steps] = twice.lft.order
 
 
 def _is_near(candidate: LFT, truth: Truth) -> bool:

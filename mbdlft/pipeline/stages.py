@@ -19,6 +19,7 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.degree import Bound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import residues_alone
+from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
 from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
 from mbdlft.pipeline.certification import (
@@ -46,6 +47,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
+_OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
@@ -193,13 +195,21 @@ def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
 
 
 def _search(
-    reduced: Sequence[Candidate], bound: Mapping[str, int], budget: Budget, stage: Stage
+    reduced: Sequence[Candidate],
+    bound: Mapping[str, int],
+    budget: Budget,
+    stage: Stage,
+    *,
+    is_closed: bool = False,
 ) -> Smallest:
-    """The search, from LFTs that are the same on every machine, in a process whose arithmetic is."""
+    """The search, from LFTs that are the same on every machine, in a process whose arithmetic is.
+
+    If it `is_closed`, the relations are left out.
+    """
     best = reduced[0]
     closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
     close = truth = None
-    if best.form.relations.unknown.numel():
+    if best.form.relations.unknown.numel() and not is_closed:
         # a form that is written with other unknowns is closed in another way
         relations = [candidate.relations for candidate in reduced]
         closed, forms = closed[:1], [form for form in relations if form.shape == best.relations.shape]
@@ -226,17 +236,28 @@ def _searched_exactly(
     """The result of searches that go on from what their steps lead to in exact numbers."""
     steps: list[Step] = []
     while len(steps) < _MOST_STEPS and start.lft.order <= _MOST_RESTRICTED:
-        if not result.steps or result.steps[0][0] >= result.lft.order:
+        least = result.lft.order
+        chosen = next((more for order, more in result.steps if order < least + _above(more)), ())
+        if not chosen or least <= result.order_bound:
             break
-        steps.append(result.steps[0][1])
+        steps += chosen
         candidate = restricted(problem, start.form, steps)
-        if candidate is None or candidate.lft.order >= result.lft.order:
+        if candidate is None or candidate.lft.order >= least + _above(chosen):
             break
-        more = _search([candidate], degrees, budget, stage)
+        is_closed = _above(chosen) > 0
+        of_more = budget._replace(work=(_OF_FITS if is_closed else 1.0) * budget.work)
+        more = _search([candidate], degrees, of_more, stage, is_closed=is_closed)
         bound = max(result.order_bound, more.order_bound)
+        if more.lft.order >= least:
+            return result._replace(order_bound=bound)
         larger = (*more.larger, candidate.lft, result.lft, *result.larger)
         result = more._replace(order_bound=bound, larger=larger, dropped=more.dropped or result.dropped)
     return result
+
+
+def _above(steps: Sequence[Step]) -> int:
+    """From how far above the smallest LFT a search goes on: refits from a block that is at its degree."""
+    return CLOSE if len(steps) > 1 else 0
 
 
 def _results(problem: Problem, start: Candidate, result: Smallest) -> Iterator[LFT]:
@@ -244,7 +265,7 @@ def _results(problem: Problem, start: Candidate, result: Smallest) -> Iterator[L
     yield result.lft
     others = [*result.larger]
     if result.steps and start.lft.order <= _MOST_RESTRICTED:
-        candidate = restricted(problem, start.form, [result.steps[0][1]])
+        candidate = restricted(problem, start.form, result.steps[0][1])
         others += [candidate.lft] if candidate else []
     yield from sorted(others, key=attrgetter("order"))
 

@@ -52,6 +52,7 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.models import build
 from mbdlft.problem.relations import linearize
 from tests.close import SCENARIO, roundoff, target
+from tests.cross.mechanisms import open_tree
 from tests.extracted import exactly, lower_bound, reduced
 from tests.laws.test_search import case
 from tests.strategies import random_scene
@@ -341,3 +342,10 @@ def test_a_result_that_has_lost_digits_is_made_again() -> None:
     model = to_lft(load_scene(ROOT / "scenarios" / "piezo_beam.toml"))
     assert model.order == 47
     assert model.certificate.max_relative_error < SCENARIO
+
+
+def test_a_block_at_its_degree_leads_to_the_bound() -> None:
+    """An angle restricted on both sides, and a stiffness refitted: 29, where each alone ends at 30."""
+    model = to_lft(open_tree(1004))
+    assert dict(model.lft.blocks) == {"k": 5, "th": 24}
+    assert model.certificate.minimal
