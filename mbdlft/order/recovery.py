@@ -45,10 +45,9 @@ from mbdlft.order.rational import (
 )
 from mbdlft.order.work import Work
 
-_ATTEMPTS = 3  # primes that choices are made with
 _MOST_BOX = 700  # monomials times channels: an elimination of so many columns takes half a second
-_MORE = 3  # repetitions above the least that are tried
-_WAYS, _MODULES, _LARGEST_MODULE = 6, 6, 200  # of choosing a space in a module; modules; dimension of one
+_MORE = 1  # repetitions above the least that are tried: with more, nothing else comes out
+_MODULES, _LARGEST_MODULE = 6, 200  # in which a space is chosen; dimension of one
 _MOST_SPLITS = 64  # of factors into those of a row and those of a column
 
 
@@ -69,18 +68,13 @@ def recovered(F: RationalMatrix, work: Work) -> Recovered | None:
     """An LFT with the least multiplicities or a few more, for d(0) != 0; None if none comes out."""
     if math.prod(F.box) * max(len(F.N), len(F.N[0])) > _MOST_BOX:
         return None
-    everything = tuple(range(F.parameters))
-    for prime in itertools.islice(primes(), _ATTEMPTS):
-        least = sum(_degree(F.modulo(prime, work), k) for k in everything)
-        for more in range(_MORE + 1):
-            first = _realized(F.modulo(prime, work.part(0.5)), everything, least + more)
-            if first is not None:
-                result = _along_path(F, everything, first, prime, work)
-                if result is not None:
-                    return result._replace(is_minimal=result.order == least)
-                break  # other primes have other factors
-        else:
-            return None
+    everything, prime = tuple(range(F.parameters)), next(primes())
+    least = sum(_degree(F.modulo(prime, work), k) for k in everything)
+    for more in range(_MORE + 1):
+        first = _realized(F.modulo(prime, work.part(0.5)), everything, least + more)
+        if first is not None:
+            result = _along_path(F, everything, first, prime, work)
+            return result and result._replace(is_minimal=result.order == least)
     return None
 
 
@@ -388,27 +382,20 @@ def _steps(
         for k, W in spaces.items()
         if degrees[k] <= len(W) <= _LARGEST_MODULE
     ]
-    for way in range(_WAYS):
-        for _, number, k in sorted(proposals)[:_MODULES]:
-            side, g, spaces = sides[number]
-            W = _chosen(g, spaces[k], k, degrees[k], way)
-            yield _Step((side, k, way), g, g is not f, {k: W})
+    for _, number, k in sorted(proposals)[:_MODULES]:
+        side, g, spaces = sides[number]
+        W = _lowest(g, spaces[k], k, degrees[k])
+        yield _Step((side, k, "lowest"), g, g is not f, {k: W})
 
 
-def _chosen(f: Polynomials, module: Residues, k: int, degree: int, way: int) -> Residues:
-    """Rows of a module of low, or of high, degrees in the other parameters; later ways shuffle them."""
-    weights = np.zeros(f.N.shape[1:])
+def _lowest(f: Polynomials, module: Residues, k: int, degree: int) -> Residues:
+    """Rows of a module of low degrees in the other parameters: in echelon form, high ones first."""
+    degrees = np.zeros(f.N.shape[1:], dtype=int)
     for axis, size in enumerate(f.d.shape):
         if axis != k:
-            weights += np.arange(size).reshape([-1 if a == axis else 1 for a in range(-1, f.d.ndim)])
-    shuffled = np.random.default_rng(way).random(weights.size) * (
-        0.0 if way < 2 else 1.0 if way < 4 else 8.0
-    )
-    sign = -1.0 if way % 2 == 0 else 1.0
-    order = np.argsort(sign * (weights.ravel() + shuffled), kind="stable")
-    rows = f.field.echelon(module[:, order])[0]
-    if way % 2 == 0:
-        rows = rows[::-1]
+            degrees += np.arange(size).reshape([-1 if a == axis else 1 for a in range(-1, f.d.ndim)])
+    order = np.argsort(-degrees.ravel(), kind="stable")
+    rows = f.field.echelon(module[:, order])[0][::-1]
     back = np.empty_like(rows)
     back[:, order] = rows
     return back[:degree]
