@@ -45,6 +45,7 @@ from mbdlft.order.rational import (
 )
 from mbdlft.order.work import Work
 
+_ATTEMPTS = 3  # primes that choices are made with: another one has other factors
 _MOST_BOX = 700  # monomials times channels: an elimination of so many columns takes half a second
 _MORE = 1  # repetitions above the least that are tried: with more, nothing else comes out
 _MODULES, _LARGEST_MODULE = 6, 200  # in which a space is chosen; dimension of one
@@ -68,13 +69,18 @@ def recovered(F: RationalMatrix, work: Work) -> Recovered | None:
     """An LFT with the least multiplicities or a few more, for d(0) != 0; None if none comes out."""
     if math.prod(F.box) * max(len(F.N), len(F.N[0])) > _MOST_BOX:
         return None
-    everything, prime = tuple(range(F.parameters)), next(primes())
-    least = sum(_degree(F.modulo(prime, work), k) for k in everything)
-    for more in range(_MORE + 1):
-        first = _realized(F.modulo(prime, work.part(0.5)), everything, least + more)
-        if first is not None:
-            result = _along_path(F, everything, first, prime, work)
-            return result and result._replace(is_minimal=result.order == least)
+    everything = tuple(range(F.parameters))
+    for prime in itertools.islice(primes(), _ATTEMPTS):
+        least = sum(_degree(F.modulo(prime, work), k) for k in everything)
+        for more in range(_MORE + 1):
+            first = _realized(F.modulo(prime, work.part(0.5)), everything, least + more)
+            if first is not None:
+                result = _along_path(F, everything, first, prime, work)
+                if result is not None:
+                    return result._replace(is_minimal=result.order == least)
+                break
+        else:
+            return None
     return None
 
 
