@@ -66,8 +66,8 @@ class ExactMatrix:
         residues = (self.residues + other.residues) % self.prime
         balls = np.where(self.residues != 0, self.balls, other.balls)
         both = (self.residues != 0) & (other.residues != 0)
-        balls[both] = self.balls[both] + other.balls[both]
-        return ExactMatrix(residues, _cleared(residues, balls), self.prime)
+        balls[both] = _cleared(residues[both], self.balls[both] + other.balls[both])
+        return ExactMatrix(residues, balls, self.prime)
 
     def __neg__(self) -> "ExactMatrix":
         balls, some = self.balls.copy(), self.residues != 0

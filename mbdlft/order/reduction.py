@@ -254,10 +254,11 @@ def _signals(M: Balls, a: LFT, deltas: Array) -> tuple[Array, Array, Array]:
         closed = (unit - M11 * delta).inv()
     except ZeroDivisionError:
         raise TooFewBitsError("the balls of I - M11 Delta contain a singular one.") from None
-    into, out = closed * M12, M21 * (unit + delta * closed * M11)
+    into, out = closed * M12, M21 + M21 * delta * closed * M11
     return middles_of(into), middles_of(out), a.M22 + middles_of(M21 * delta * into)
 
 
+@half_precision()  # as the coordinates
 def _has_value(a: LFT, M: Balls, deltas: Array) -> bool:
     """Whether an LFT in doubles has the value of that of balls, up to 1e-4, at deltas (n_blocks,)."""
     try:

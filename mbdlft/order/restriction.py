@@ -165,7 +165,7 @@ def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> Ex
     d, prime = len(rows), a.M.prime
     outputs = a.M.shape[0] - a.order - size
     wanted = _selected(a, [*rows, *range(size, size + outputs)], range(a.M.shape[1] - a.order))
-    moved = reduce_exactly(_after(wanted, K))
+    moved = _after(wanted, K)
     chosen = _selected(K, rows.tolist(), range(d))
     n, k = moved.order, chosen.order
     others = moved.M.shape[1] - n

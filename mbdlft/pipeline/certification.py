@@ -225,7 +225,8 @@ def open_boxes(
     # divides that of the relations that it comes from. A search may have made another one
     is_open = not (of_search or known.is_proved or known.zero is not None)
     if not is_open or not problem.is_regular():
-        looked_at.append((lft, regularity(lft, prove) if is_open else known, "the model is singular"))
+        known = regularity(lft, prove) if is_open and prove > _AT_FIRST else known
+        looked_at.append((lft, known, "the model is singular"))
     if trim is not None:
         looked_at.append((trim, regularity(trim, prove), "no finite efforts hold it"))
     if loops:

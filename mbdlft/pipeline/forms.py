@@ -21,6 +21,7 @@ from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellP
 from mbdlft.base.running import without_collection
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
+from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import (
     Closing,
     ExactLFT,
@@ -111,7 +112,10 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
     n = form.relations.unknown.numel()
     if n and opened.order > _MANY:
         ask_for_bits(2 * BITS)
-    relations = _restricted(reduce_exactly(opened), steps, of_relations=n > 0)
+    relations = reduce_exactly(opened)
+    if form.relations.lifted is not None:
+        relations = _with_affine_restricted(relations)
+    relations = _restricted(relations, steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())
         best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
@@ -131,6 +135,19 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
         exact,
         in_good_coordinates(exact, _some_deltas(problem, exact), _MOST_CONDITION),
     )
+
+
+def _with_affine_restricted(a: ExactLFT) -> ExactLFT:
+    """The LFT with parameters that it is affine in on one side of the others.
+
+    A density multiplies masses and loads, before and after products of lengths.
+    """
+    degrees = exact_degrees(a)
+    for name, size in a.blocks:
+        if size > degrees[name] and is_affine(a, name):
+            once = restricted_exactly(a, name, is_transposed=True)
+            a = once if once is not None and once.order < a.order else a
+    return a
 
 
 def _some_deltas(problem: Problem, a: ExactLFT) -> Array:

@@ -240,7 +240,9 @@ def _search(loop: _Loop, boxes: list[Box]) -> Array | None:
         diagonal = -np.einsum("nij,ji->ni", np.linalg.inv(system), loop.matrix)
         slope = np.stack([diagonal[:, loop.owner == k].sum(axis=1) for k in range(loop.deltas)], axis=1)
         steep = np.sum(slope * slope, axis=1, keepdims=True)
-        at = np.clip(at - slope / np.maximum(steep, 1.0), -1.0, 1.0)
+        before, at = at, np.clip(at - slope / np.maximum(steep, 1.0), -1.0, 1.0)
+        if np.array_equal(at, before):
+            break  # all are in corners
     return None
 
 
