@@ -2,7 +2,7 @@
 
 Run it from the top of the repository:
 
-    python -m benchmarks.ablation [--work 2.5] [--write docs/ablation.md]
+    python -m benchmarks.ablation [--work 2] [--write docs/ablation.md]
 
 Results depend on the work alone, not on the machine or its load. A search runs in a process of its own,
 in which nothing can be left out; here it runs in this process, which begins again with the same
@@ -14,6 +14,7 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest.mock import patch
@@ -23,7 +24,7 @@ from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.worker import NoProcessError, settings
-from mbdlft.order import search
+from mbdlft.order import rewriting, search
 from mbdlft.pipeline import stages
 from mbdlft.system.model import LFTModel
 
@@ -75,8 +76,9 @@ def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
         stack.enter_context(patch.object(stages, "same_everywhere", _nowhere))
-        for name, nothing in left_out.items():
-            stack.enter_context(patch.object(search, name, nothing))
+        for module, (name, nothing) in product((search, rewriting), left_out.items()):
+            if hasattr(module, name):
+                stack.enter_context(patch.object(module, name, nothing))
         models = {name: make(work) for name, make in cases()}
     return {name: Result(model.order, model.certificate.order_bound) for name, model in models.items()}
 
@@ -104,7 +106,7 @@ def table(results: dict[str, dict[str, Result]], work: float) -> str:
 def main() -> None:
     """Measure all variants, and print or write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--work", type=float, default=2.5)
+    parser.add_argument("--work", type=float, default=2.0)
     parser.add_argument("--write", type=Path)
     arguments = parser.parse_args()
     chosen = settings()
