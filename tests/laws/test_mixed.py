@@ -16,7 +16,7 @@ from mbdlft.lft.lft import LFT
 from mbdlft.robust.bisect.search import Asked, crew_of
 from mbdlft.robust.evidence import IntervalProof, Multipliers
 from mbdlft.robust.mu import coverage as loops
-from mbdlft.robust.mu import multipliers
+from mbdlft.robust.mu import mixed, multipliers
 from mbdlft.robust.mu.coverage import loop_of
 from mbdlft.robust.mu.intervals import Channels, channels_matrix, interval_around, matrix_in_balls
 from mbdlft.robust.mu.mixed import by_multipliers
@@ -110,6 +110,25 @@ def test_parts_are_cut_along_what_matters() -> None:
     assert found.gap <= 0.05
     target(found.upper, 1.0 / 0.3, BOUND)
     assert mbdlft.verify(system, found) == ""
+
+
+def test_a_half_that_is_proved_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cut with one half to do is better than one whose halves have lower bounds, and both are open."""
+    system = springs()
+    loop = loop_of(system, range(4))
+    low, high = loops.ends_of(loop, 3.5)
+    part = loops.Part(low, high, ((0.0, np.inf),), np.nan, None, 50.0, 0.02, may_be_cut=True)
+    bounds = {"k0": (1.01, 1.01), "k1": (1.05, 0.99), "c0": (1.2, 1.2), "c1": (1.2, 1.2)}
+
+    def bounded(loop: Any, _M: Any, ends: Any, start: Multipliers, _tolerance: float) -> Multipliers:
+        axis = int(np.argmax((ends[0] > low) | (ends[1] < high)))
+        return start._replace(beta=bounds[loop.blocks[axis].name][int(ends[0][axis] > low[axis])])
+
+    monkeypatch.setattr(mixed, "multipliers_of", bounded)
+    monkeypatch.setattr(mixed, "_IDLE", 0.0)
+    look = mixed._looked_at(loop, mixed._Node(part), high - low)
+    assert loop.blocks[look.axis].name == "k1"
+    assert [start.beta for start in look.starts] == [1.05, 0.99]
 
 
 def test_multipliers_of_several_frequencies_hold_on_wider_intervals(

@@ -67,6 +67,7 @@ _SMALLEST = 2.0**-16  # of the box: a part of this size is not cut again
 _TOLERANCE = 0.02  # of bounds of mu that decide whether a part is cut
 _ROUGH = 3  # parts one in the other at which rounding may fail
 _CANDIDATES, _IDLE = 4, 0.05  # parameters whose halves are tried; less of the largest part: not tried
+_STEEP = 7.0  # exponent of a bound: parts double with each 10 % of it
 _OFTEN = 4  # batches from one to the next that is looked at for a counterexample
 _INSIDE = 1.0 - 1e-15  # a size is not above what was proved, however it was rounded
 _RANGE = 1e6  # times the gain of nominal values: a size below one over that is not looked for
@@ -169,8 +170,8 @@ class _Look(NamedTuple):
 def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
     """The cover of a part, and the parameter along which it is cut where it resists.
 
-    That is the one for which the larger bound of both halves is least, of those with the largest parts in
-    the bound: these parts tell what has no effect, but not what halves at a corner of the box have.
+    That is the one whose halves need the fewest parts, as their bounds say, of those with the largest
+    shares in the bound: shares tell what has no effect, but not what halves at a corner of the box have.
     """
     box, cover = node.box, covered(loop, node.box)
     width = box.high - box.low
@@ -187,17 +188,22 @@ def _looked_at(loop: Loop, node: _Node, widths: Array) -> _Look:
     by_block = np.bincount(loop.owner, energies, len(loop.blocks))
     axes = axes[np.argsort(-by_block[axes])][:_CANDIDATES]
     axes = axes[by_block[axes] > _IDLE * by_block[axes[0]]]
-    best, least, work = _Look(cover, int(axes[0]), 0.0), np.inf, cover.work
+    best, fewest, work = _Look(cover, int(axes[0]), 0.0), np.inf, cover.work
     for axis in axes if len(axes) > 1 else ():
-        halves, bound = list[Multipliers](), 0.0
+        halves, parts = list[Multipliers](), 0.0
         for ends in _cut_in_two(box.low, box.high, int(axis)):
-            if bound < least:
+            if parts < fewest:
                 halves.append(multipliers_of(loop, M, ends, cover.last, box.tolerance))
-                bound = max(bound, halves[-1].beta)
+                parts += _parts_of(halves[-1].beta)
                 work += cost_at(loop)
-        if bound < least:
-            best, least = _Look(cover, int(axis), 0.0, tuple(halves)), bound
+        if parts < fewest:
+            best, fewest = _Look(cover, int(axis), 0.0, tuple(halves)), parts
     return best._replace(work=work)
+
+
+def _parts_of(beta: float) -> float:
+    """How many parts a half needs, nearly: one if it is proved, and more the larger its bound is."""
+    return 1.0 if beta <= 1.0 else 2.0 * beta**_STEEP
 
 
 def _cut_in_two(low: Array, high: Array, axis: int) -> tuple[tuple[Array, Array], ...]:
