@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import shutil
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,7 @@ class Work:
     extra: Extra  # what is computed besides
     block_rows: int  # a block has a digest
     shard_rows: int  # a shard has whole blocks
+    plan: str = ""  # the digest of the plan
 
     @property
     def layout(self) -> Layout:
@@ -128,6 +129,7 @@ def prepare(
         "shard_rows": work.shard_rows,
         "fingerprint": _fingerprint(definition, samples),
     }
+    work = replace(work, plan=_digest(plan))
     with _written(folder):
         if restart or (folder.exists() and not (folder / _PLAN).exists()):
             clear(folder)
@@ -148,7 +150,7 @@ def prepare(
         if isinstance(samples, GivenSamples):
             np.save(folder / _SAMPLES, samples.points)
         _make_rows(folder, work)
-        _put(folder / _PLAN, json.dumps({"digest": _digest(plan), **plan}).encode())
+        _put(folder / _PLAN, json.dumps({"digest": work.plan, **plan}).encode())
     return work
 
 
@@ -196,7 +198,7 @@ def opened(folder: Path) -> Work:
         raise _changed(folder)  # the source or the samples
     asked = {**plan["extra"], "names": tuple(plan["extra"]["names"])}
     source = source_of(definition)
-    return Work(source, samples, Extra(**asked), plan["block_rows"], plan["shard_rows"])
+    return Work(source, samples, Extra(**asked), plan["block_rows"], plan["shard_rows"], _digest(plan))
 
 
 def rows_file(folder: Path) -> Path:
@@ -246,12 +248,15 @@ def write_shard(folder: Path, work: Work, at: Places, shard: int, rows: Array) -
         at.write(rows_file(folder), shard * work.shard_rows, rows)
         noted = digests_of(rows, work.block_rows).tobytes()
         # not forced to the disk: what is noted is compared with the rows
-        _put(_note(folder, shard), noted + _seal(shard, noted), now=False)
+        _put(_note(folder, shard), noted + _seal(work, shard, noted), now=False)
 
 
-def _seal(shard: int, noted: bytes) -> bytes:
-    """The SHA-256 (32 bytes) of the note of a shard, its number among what goes into it."""
-    return hashlib.sha256(f"{shard}\n".encode() + noted).digest()
+def _seal(work: Work, shard: int, noted: bytes) -> bytes:
+    """The SHA-256 (32 bytes) of the note of a shard, with its number and its plan.
+
+    A worker whose sweep was killed may write once more, when the folder has another plan by then.
+    """
+    return hashlib.sha256(f"{work.plan}\n{shard}\n".encode() + noted).digest()
 
 
 def _noted(folder: Path, work: Work, shard: int) -> NDArray[np.uint8] | None:
@@ -261,7 +266,7 @@ def _noted(folder: Path, work: Work, shard: int) -> NDArray[np.uint8] | None:
     except FileNotFoundError:
         return None
     noted, blocks = image[:-32], -(-work.rows_of(shard) // work.block_rows)
-    if len(noted) != 32 * blocks or image[-32:] != _seal(shard, noted):
+    if len(noted) != 32 * blocks or image[-32:] != _seal(work, shard, noted):
         return None
     return np.frombuffer(noted, dtype=np.uint8).reshape(-1, 32)
 
@@ -280,10 +285,12 @@ def blocks_of(folder: Path, work: Work) -> NDArray[np.uint8]:
 
 
 def clear(folder: Path) -> None:
-    """Remove the folder, its plan first: a folder without plan, after a kill, is not continued."""
+    """Remove the folder, under another name: workers of a killed sweep do not write into it any more."""
+    gone = folder.with_name(f"{folder.name}.gone")
+    shutil.rmtree(gone, ignore_errors=True)  # of a kill
     with contextlib.suppress(FileNotFoundError):
-        (folder / _PLAN).unlink()
-    shutil.rmtree(folder, ignore_errors=True)
+        folder.rename(gone)
+    shutil.rmtree(gone, ignore_errors=True)
 
 
 def _note(folder: Path, shard: int) -> Path:

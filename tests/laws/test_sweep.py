@@ -296,6 +296,32 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(mbdlft.load_sweep(file), drawn(9000))
 
 
+def test_a_worker_of_a_killed_sweep_writes_nothing_into_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has read the plan, and writes when another sweep of this name has begun."""
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+    file = tmp_path / "a.h5"
+
+    def interrupt(done: int, count: int) -> None:
+        raise KeyboardInterrupt
+
+    for restart in (False, True):
+        with pytest.raises(KeyboardInterrupt):
+            mbdlft.sweep(
+                arm(), RandomSamples(9000, restart), file, workers=1, restart=restart, progress=interrupt
+            )
+        (folder,) = tmp_path.glob(".a.h5.two_link_arm.sweep*")
+        if not restart:
+            old = staging.opened(folder)
+            at = staging.places(folder, old)
+            rows = at.read(staging.rows_file(folder), 0, 4096)
+    staging.write_shard(folder, old, at, 0, rows)
+    report = mbdlft.sweep(arm(), RandomSamples(9000, 1), file, workers=1)
+    assert report.resumed == 0
+    check_arm(mbdlft.load_sweep(file), drawn(9000, 1))
+
+
 @pytest.mark.long
 def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
