@@ -103,7 +103,7 @@ def test_all_25_parameters_are_those_of_the_paper() -> None:
     for found, printed in zip(nominal, (M, C1, K0, K2), strict=True):
         close.target(found, np.array(printed), close.CLOSED_FORM)
     model = to_lft(scene, search=0.0)
-    assert (model.order, model.certificate.order_bound) == (75, 58)
+    assert (model.order, model.certificate.order_bound) == (72, 58)
     names = [state.name for state in model.states]
     q, r = [names.index(x) for x in ("lean.rotation.x", "steer.angle")], [2, 4]
     samples = mbdlft.random(scene.parameters, 5, seed=25)

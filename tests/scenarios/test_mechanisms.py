@@ -21,7 +21,7 @@ ORDERS = {  # order without search, and proved bound
     "differential_wrist": (15, 15),
     "lander": (21, 19),  # 19 with the search
     "motorcycle": (13, 13),
-    "rolling_disk": (9, 4),
+    "rolling_disk": (4, 4),
     "segway": (6, 6),
     "tower_crane": (7, 7),
     "wheelset": (8, 8),
