@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 import shutil
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -56,7 +56,7 @@ class Work:
     extra: Extra  # what is computed besides
     block_rows: int  # a block has a digest
     shard_rows: int  # a shard has whole blocks
-    plan: str = ""  # the digest of the plan
+    plan: str  # its digest
 
     @property
     def layout(self) -> Layout:
@@ -118,18 +118,18 @@ def prepare(
     source = source_of(definition)
     block = source.chunk * max(1, min(_BLOCK_ROWS, _SHARD_ROWS) // source.chunk)
     most = min(_SHARD_ROWS, _SHARD_BYTES // (8 * extra.layout(source.layout).width))
-    work = Work(source, samples, extra, block, block * max(1, most // block))
+    shard = block * max(1, most // block)
     plan = {
         "mbdlft": version("mbdlft"),
         "source": "model" if isinstance(definition, LFTModel) else "scene",
         "samples": described(samples),
         "extra": json.loads(json.dumps(asdict(extra))),
         "function": source_digest(extra.function),
-        "block_rows": work.block_rows,
-        "shard_rows": work.shard_rows,
+        "block_rows": block,
+        "shard_rows": shard,
         "fingerprint": _fingerprint(definition, samples),
     }
-    work = replace(work, plan=_digest(plan))
+    work = Work(source, samples, extra, block, shard, _digest(plan))
     with _written(folder):
         if restart or (folder.exists() and not (folder / _PLAN).exists()):
             clear(folder)

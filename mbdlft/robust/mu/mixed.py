@@ -343,7 +343,7 @@ def _search(question: _Question, state: State[Reached]) -> Search[Reached]:
             return state
     state = _first(question, state)
     yield state
-    most = min(asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap))  # wide intervals need room
+    most = min(asked.largest, state.upper * (1.0 - _INTO_GAP * asked.gap))
     with after(state.used):
         cover = shrunk(loop, most, asked.gap, _LARGEST_SHARE * state.left(asked))
     state = state._replace(used=state.used + cover.work)

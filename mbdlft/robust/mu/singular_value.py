@@ -204,6 +204,7 @@ def mu_bands(
                 band = interval_around(channels, last, omega)
                 if band is not None and band.high - band.low > _NARROW * omega:
                     break
+            starts = (last,)
             lower = 0.0
             if not system.lft.is_plain:
                 lower = small_delta(channels_at(system, omega), blocks, beta).bound
