@@ -44,9 +44,11 @@ _INCLUDED = 500  # most files that INCLUDE statements name
 _GRID_TABLE = ("dof", "numbers", "coordinates", "axes")
 _NASTRAN_BYTES_PER_SECOND = 10**6  # its reader is slower
 _INCLUDE = re.compile(rb"""^[ \t]*include\s+('[^']*'|"[^"]*"|\S+)[^\n]*$""", re.IGNORECASE | re.MULTILINE)
-# of a card that is read, or a continuation, whose name begins with + or *: Python reads 1_0 as 10
+# of a card that is read, or a continuation: Python reads 1_0 as 10. The first and the last field of a
+# card may be a name that begins with + or *, so a number with a sign is before column 73 or comma 8
 _UNDERSCORE = re.compile(
-    rb"""^(?:grid|cord|extrn|dmig|spoint|[+*, \t])[^$\n]*?(?<![\w+*])([\d.]+_\d[^\s,]*)""",
+    rb"""^(?:grid|cord|extrn|dmig|spoint|[+*, \t])(?:[^$\n]*?(?<![\w+*])|(?:[^,$\n]*,){1,7}[ \t]*\+"""
+    rb"""|[^,$\n]{0,65}[ \t]\+)([\d.]+_\d[^\s,]*)""",
     re.IGNORECASE | re.MULTILINE,
 )
 _COORDINATES = ("row", "column", "value")

@@ -232,7 +232,14 @@ def test_cards_that_would_be_read_as_others(text: str, why: str, tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    "card", ["GRID,2,,1_0.,0.,0.", "GRID    2               1_0.    0.", "SPOINT,1_0"]
+    "card",
+    [
+        "GRID,2,,1_0.,0.,0.",
+        "GRID,2,,0.,+1_0.,0.",
+        "SPOINT,1_0",
+        "GRID    2               1_0.    0.",
+        "GRID    2               +1_0.   0.",
+    ],
 )
 def test_an_underscore_is_no_digit(card: str, tmp_path: Path) -> None:
     """1_0 was 10; names may have underscores."""
