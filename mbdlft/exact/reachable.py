@@ -302,27 +302,26 @@ def _bases(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[Exa
         if not any(columns.any() for columns in fresh):
             _solve_together(M, blocks, bases)
             break
+        images = [
+            basis.times(M[:, block], columns)
+            for basis, block, columns in zip(bases, blocks, fresh, strict=True)
+            if columns.any()
+        ]
         for basis, block in zip(bases, blocks, strict=True):
-            images = [
-                other.times(M[block, inner], columns)
-                for other, inner, columns in zip(bases, blocks, fresh, strict=True)
-                if columns.any()
-            ]
-            basis.vectors = stacked([[basis.vectors, *images]])
+            basis.vectors = stacked([[basis.vectors, *(image[block] for image in images)]])
     return [basis.balls for basis in bases]
 
 
 def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) -> None:
     """The rows that are not found, of M11 in the coordinates that these and their columns need."""
     kept = [np.append(basis.pivots[~basis.known], basis.unknown) for basis in bases]
-    rows_of = []
-    for basis, block, rows in zip(bases, blocks, kept, strict=True):
-        parts = []
-        for other, inner in zip(bases, blocks, strict=True):
-            of_rows = M[block, inner][rows]
-            parts += [other.times(of_rows, ~other.known), of_rows[:, other.unknown]]
-        rows_of.append([*parts, basis.vectors[rows]])
-    left, sizes = stacked(rows_of), [len(rows) for rows in kept]
+    of_rows = M[np.concatenate([block.start + rows for block, rows in zip(blocks, kept, strict=True)])]
+    parts = []
+    for basis, block in zip(bases, blocks, strict=True):
+        of_block = of_rows[:, block]
+        parts += [basis.times(of_block, ~basis.known), of_block[:, basis.unknown]]
+    vectors = stacked([[basis.vectors[rows]] for basis, rows in zip(bases, kept, strict=True)])
+    left, sizes = stacked([[*parts, vectors]]), [len(rows) for rows in kept]
     n = sum(sizes)
     spaces = reachable_bases(left.residues[:, :n], left.residues[:, n:], sizes, M.prime)
     for basis, rows, vectors in zip(bases, kept, _krylov(left, _parts(sizes), spaces), strict=True):
