@@ -20,15 +20,25 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.parameter import to_delta
 from mbdlft.base.running import one_thread
+from mbdlft.base.worker import processes_of
 from mbdlft.robust.ascent import largest_peak, smallest_crossing
-from mbdlft.robust.bisect.search import INTERRUPTED, check_numbers
+from mbdlft.robust.bisect.search import INTERRUPTED, check_numbers, crew_of
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.realization import realization
 from mbdlft.synthesis.evaluation import Look
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, Network, closed_loop, first_points, network, screened
 from mbdlft.synthesis.reached import Progress, Tuning, as_matrices, as_tuning, least_values
-from mbdlft.synthesis.tuning import Tuned, Tuner, begun, begun_again, check_stabilizable, taken_on, tuned
+from mbdlft.synthesis.tuning import (
+    Tuned,
+    Tuner,
+    Way,
+    begun,
+    begun_again,
+    check_stabilizable,
+    taken_on,
+    tuned,
+)
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
 _MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
@@ -91,7 +101,10 @@ def tune(
     seed : int
     prove : bool
         Whether goals are proved on the box; those of poles and gains can be.
-    gap, work, workers : as for `worst_case_gain`, of each proof
+    gap, work : as for `worst_case_gain`, of each proof
+    workers : int, or None for one for each core
+        Processes that take starts, searches for the worst of several goals, and proofs. What is found
+        does not depend on it.
     progress : function of a text, optional
 
     Returns
@@ -116,22 +129,27 @@ def tune(
     connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
     net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
-    with one_thread():
-        points = np.zeros((1, len(net.system.parameters)))
+    at_once = processes_of(workers, "tune")
+    with one_thread(), crew_of(workers, None, "tune") as crew:
+        points, way = np.zeros((1, len(net.system.parameters))), Way(starts, seed, crew, at_once)
         first = Tuner(net, sought, points)
         first.check_fixed()
         least = least_values(net, goals, lambda: connected(as_matrices(systems)))
-        enough = _ENOUGH * max((b for b, g in zip(least, sought, strict=True) if not g.hard), default=0.0)
-        given, how = first.at(next(begun(first, 1, seed))), (starts, seed)
-        if initial and _is_good(net, sought, given):
-            best, points = given, _deciding(net, sought, given)
-            rounds = _from_good_values(net, sought, best, points, (*how, enough / _ENOUGH), say)
+        soft = [bound for bound, goal in zip(least, sought, strict=True) if not goal.hard]
+        nominal, best = max(soft, default=0.0), first.at(next(begun(first, 1, seed)))
+        if is_given := bool(initial) and _is_good(net, sought, best):
+            points = _deciding(net, sought, best)
         else:
-            best = tuned(first, *how, say, enough, lambda best: len(_growing(net, sought, best)) > 1)
-            rounds = _at_worst_points(net, sought, best, points, how, say)
+            best = tuned(
+                first, way, say, _ENOUGH * nominal, lambda best: len(_growing(net, sought, best)) > 1
+            )
+            nominal = best.look.soft
         with suppress(KeyboardInterrupt):  # the best that is known is proved
-            for later in rounds:
+            for later in _at_worst_points(
+                net, sought, (best, points), way, say, nominal, is_given=is_given
+            ):
                 best, points = later
+    with one_thread():
         proofs = {"gap": gap, "work": work, "workers": workers} if prove else None
         return as_tuning(net, goals, best.x, points, least, proofs, say)
 
@@ -151,7 +169,14 @@ def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
 
 
 def _at_worst_points(
-    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, how: tuple[int, int], say: Progress
+    net: Network,
+    goals: Sequence[Goal],
+    begun: tuple[Tuned, Array],
+    way: Way,
+    say: Progress,
+    nominal: float,
+    *,
+    is_given: bool,
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more and more of the worst points of the box, and these points.
 
@@ -159,57 +184,23 @@ def _at_worst_points(
     that are scheduled. Each part of it begins at some of its corners. Where the box costs much beside
     nominal, searches begin anew at the points that were found: other minima may cost less.
     """
-    (starts, seed), nominal = how, best.look.soft
+    best, points = begun
     growing = _growing(net, goals, best)
     for ends in growing:
         if len(growing) > 1:
-            more = np.vstack([points, first_points(net, ends, seed)])
+            more = np.vstack([points, first_points(net, ends, way.seed)])
             with suppress(AnalysisError):  # no values for all: the worst are looked for one by one
-                best, points = taken_on(Tuner(net, goals, more), best.x, starts, seed), more
-        for later in _until_none_is_worse(net, goals, best, points, (ends, seed, starts), say):
+                best, points = taken_on(Tuner(net, goals, more), best.x, way), more
+        for later in _until_none_is_worse(net, goals, (best, points), ends, way, say, is_given=is_given):
             best, points = later
             yield later
-    yield from _elsewhere(net, goals, best, points, (*how, nominal), say)
-
-
-def _from_good_values(
-    net: Network,
-    goals: Sequence[Goal],
-    given: Tuned,
-    points: Array,
-    how: tuple[int, int, float],
-    say: Progress,
-) -> Iterator[tuple[Tuned, Array]]:
-    """The same from values that are good in the whole box, and their points that decide."""
-    starts, seed, _ = how
-    where = np.ones(points.shape[1]), seed, starts
-    new, worst = _worst_points(net, goals, given, points, where)
-    say(f"{len(points)} points, {_said(given.look)}, worst {worst:.4g}, {len(new)} worse")
-    points = np.vstack([points, new])
-    best = taken_on(Tuner(net, goals, points), given.x, starts, seed, is_near=True)
-    for later in _until_none_is_worse(net, goals, best, points, where, say, (worst, given)):
-        best, points = later
-        yield later
-    yield from _elsewhere(net, goals, best, points, how, say)
-
-
-def _elsewhere(
-    net: Network,
-    goals: Sequence[Goal],
-    best: Tuned,
-    points: Array,
-    how: tuple[int, int, float],
-    say: Progress,
-) -> Iterator[tuple[Tuned, Array]]:
-    """From other starts at the same points, where these cost much beside nominal, and they less."""
-    starts, seed, nominal = how
-    if not (_COSTLY * nominal < best.look.soft < np.inf and starts > 1):
+    if not (_COSTLY * nominal < best.look.soft < np.inf and way.starts > 1):
         return
-    other = begun_again(Tuner(net, goals, points), starts, seed)
+    other = begun_again(Tuner(net, goals, points), way)
     if other is not None and other.rank() < best.rank():
         say(f"{len(points)} points, other starts, {_said(other.look)}")
-        where = np.ones(points.shape[1]), seed, starts
-        *_, (other, more) = _until_none_is_worse(net, goals, other, points, where, say)
+        ends = np.ones(points.shape[1])
+        *_, (other, more) = _until_none_is_worse(net, goals, (other, points), ends, way, say)
         if other.rank() < best.rank():
             yield other, more
 
@@ -217,27 +208,29 @@ def _elsewhere(
 def _until_none_is_worse(
     net: Network,
     goals: Sequence[Goal],
-    best: Tuned,
-    points: Array,
-    where: tuple[Array, int, int],
+    begun: tuple[Tuned, Array],
+    ends: Array,
+    way: Way,
     say: Progress,
-    given: tuple[float, Tuned] | None = None,
+    *,
+    is_given: bool = False,
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found.
 
-    Where some are given, with their worst in the box, each descent begins at those that are best at the
-    points: the last ones, or the ones with the least worst that is known. So what they reach stays.
+    Where they are given, and good in the box, they are tuned at least once, and each descent begins at
+    those that are best at the points: the last ones, or the ones with the least worst that is known. So
+    what they reach stays.
     """
-    ends, seed, starts = where
-    safe, lost, idle = given or (np.inf, best), 0, 0
+    best, points = begun
+    safe, lost, idle = (np.inf, best), 0, 0
     is_whole = bool(np.all(ends == 1.0))
     enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
-        new, worst = _worst_points(net, goals, best, points, (ends, seed + count, starts))
+        new, worst = _worst_points(net, goals, best, points, ends, way._replace(seed=way.seed + count))
         lost = lost + 1 if worst == np.inf else 0
         safe = min(safe, (worst, best), key=lambda pair: pair[0])
         say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
-        idle = 0 if len(new) else idle + 1
+        idle = 0 if len(new) or (is_given and not count) else idle + 1
         if lost > _MOST_LOST or idle >= enough:
             yield (safe[1] if safe[0] < worst == np.inf else best), points
             return
@@ -248,9 +241,9 @@ def _until_none_is_worse(
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
         tuner, begin = Tuner(net, goals, points), best.x
-        if given is not None:
+        if is_given:
             begin = min(begin, safe[1].x, key=lambda x: tuner.at(x).rank())
-        best = taken_on(tuner, begin, starts, seed, is_near=is_near)
+        best = taken_on(tuner, begin, way, is_near=is_near)
         yield best, points
     yield safe[1], points
 
@@ -289,50 +282,33 @@ def _said(look: Look) -> str:
 
 
 def _worst_points(
-    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, where: tuple[Array, int, int]
+    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, ends: Array, way: Way
 ) -> tuple[Array, float]:
     """Points of a part of the box that are worse than those known, and the worst value there.
 
     They are the worst of each goal, or those at which the loop is least stable; an AnalysisError names
     one at which no values make it stable.
     """
-    ends, seed, starts = where
     is_whole = bool(np.all(ends == 1.0))
-    some = screened(ends, seed)
+    some = screened(ends, way.seed)
     screen = Tuner(net, goals, some)
     if len(unstable := screen.least_stable(best.x)):
         for delta in unstable:
-            check_stabilizable(Tuner(net, goals, delta[None]), best.x, starts, seed)
+            check_stabilizable(Tuner(net, goals, delta[None]), best.x, way)
         return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
-    loops = [closed_loop(net, goal, best.x, "loop") for goal in goals]
     if is_whole:
-        model = realization(loops[0], range(len(loops[0].inputs)))
+        loop = closed_loop(net, goals[0], best.x, "loop")
+        model = realization(loop, range(len(loop.inputs)))
         crossing = smallest_crossing(model, 1.0)
         if np.isfinite(crossing.size):
             unstable = _in_order(net, dict(zip(model.names, crossing.delta, strict=True)))
             return _on_the_way(net, goals, best, unstable)[None], np.inf
-    found, worst = list[Array](), 0.0
-    random = np.random.default_rng(seed)
     parts = [Tuner(net, goals, some[k::_PARTS]) for k in range(_PARTS)] if is_whole else [screen]
-    begun = zip(*(part.worst(best.x) for part in parts), strict=True)
-    for goal, loop, tops in zip(goals, loops, begun, strict=True):
-        climbed = []
-        for value, delta in tops:
-            for radius in _RADII:
-                moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
-                moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
-                beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(best.x)[0]
-                value, delta = max((value, delta), beside, key=lambda pair: pair[0])
-            climbed.append((value, delta))
-        climbed.sort(key=lambda pair: -pair[0])
-        value, delta = climbed[0]
-        if is_whole and goal.kind in (HINF, MARGIN) and np.isfinite(value):
-            model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
-            of_model = [net.system.parameters.names.index(name) for name in model.names]
-            peak = largest_peak(model, 1.0, (delta[of_model],))
-            if peak.gain / goal.limit > value:
-                by_name = dict(zip(model.names, peak.delta, strict=True))
-                climbed[0] = peak.gain / goal.limit, _in_order(net, by_name)
+    tops = zip(*(part.worst(best.x) for part in parts), strict=True)
+    of_goals = enumerate(zip(goals, tops, strict=True))
+    climbs = [(net, goal, best.x, top, ends, (way.seed, k)) for k, (goal, top) in of_goals]
+    found, worst = list[Array](), 0.0
+    for goal, climbed in zip(goals, way.crew(_climbed, climbs), strict=True):
         worst = max(worst, climbed[0][0])
         known = max(1.0, best.look.hard) if goal.hard else best.look.soft
         worse = list[Array]()
@@ -341,14 +317,53 @@ def _worst_points(
             if value > known * (1.0 + _WORSE) and is_apart:
                 worse.append(delta)
         found += [delta for delta in worse if np.min(np.max(np.abs(points - delta), axis=1)) > 0.0]
-        if is_whole and not found and goal.kind == HINF and net.system.parameters:
-            seen = worst_case_gain(loop, work=_LOOK)
-            if seen.reason == INTERRUPTED:
-                raise KeyboardInterrupt
-            if seen.lower > goal.limit * known * (1.0 + _WORSE):
-                found.append(np.clip(_in_order(net, seen.delta), -1.0, 1.0))
-                worst = max(worst, seen.lower / goal.limit)
+    if is_whole and not found and net.system.parameters:
+        gains = [goal for goal in goals if goal.kind == HINF]
+        for goal, (value, delta) in zip(
+            gains, way.crew(_searched, [(net, goal, best.x) for goal in gains]), strict=True
+        ):
+            if value > (max(1.0, best.look.hard) if goal.hard else best.look.soft) * (1.0 + _WORSE):
+                found.append(delta)
+                worst = max(worst, value)
     return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst
+
+
+def _climbed(
+    net: Network,
+    goal: Goal,
+    x: Array,
+    tops: Sequence[tuple[float, Array]],
+    ends: Array,
+    seed: tuple[int, int],
+) -> list[tuple[float, Array]]:
+    """Values of a goal with their points, the largest first: moved at random, and the first climbed."""
+    random, climbed = np.random.default_rng(seed), list[tuple[float, Array]]()
+    for value, delta in tops:
+        for radius in _RADII:
+            moved = delta + radius * ends * random.standard_normal((_MOVES, len(ends)))
+            moved = np.where(random.random(moved.shape) < 0.5, moved, delta)
+            beside = Tuner(net, [goal], np.clip(moved, -ends, ends)).worst(x)[0]
+            value, delta = max((value, delta), beside, key=lambda pair: pair[0])
+        climbed.append((value, delta))
+    climbed.sort(key=lambda pair: -pair[0])
+    value, delta = climbed[0]
+    if np.all(ends == 1.0) and goal.kind in (HINF, MARGIN) and np.isfinite(value):
+        loop = closed_loop(net, goal, x, "loop")
+        model = realization(loop, range(len(loop.inputs)), range(len(loop.outputs)))
+        of_model = [net.system.parameters.names.index(name) for name in model.names]
+        peak = largest_peak(model, 1.0, (delta[of_model],))
+        if peak.gain / goal.limit > value:
+            by_name = dict(zip(model.names, peak.delta, strict=True))
+            climbed[0] = peak.gain / goal.limit, _in_order(net, by_name)
+    return climbed
+
+
+def _searched(net: Network, goal: Goal, x: Array) -> tuple[float, Array]:
+    """What the search with which a proof begins reaches of a gain, and where."""
+    seen = worst_case_gain(closed_loop(net, goal, x, "loop"), work=_LOOK)
+    if seen.reason == INTERRUPTED:
+        raise KeyboardInterrupt
+    return seen.lower / goal.limit, np.clip(_in_order(net, seen.delta), -1.0, 1.0)
 
 
 def _on_the_way(net: Network, goals: Sequence[Goal], best: Tuned, unstable: Array) -> Array:

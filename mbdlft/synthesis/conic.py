@@ -31,8 +31,8 @@ from mbdlft.synthesis.descent import (
     Descended,
     Problem,
     joined,
-    limits,
     next_radius,
+    ranges,
     risen,
 )
 from mbdlft.synthesis.evaluation import Look, Piece, Place
@@ -211,7 +211,8 @@ def _program(model: _Model, chosen: Sequence[int], T: Array, radius: float) -> t
     most = np.where(hard[:, None], [0.0, -1.0], [-1.0, 0.0])
     G = np.hstack([G / unit, most, np.zeros((len(G), len(curved)))])
     flat = [k for k, bend in enumerate(bends) if bend is None]
-    ends, side = limits(problem, x, T * radius, 1.0)
+    ends, side = ranges(problem, x, T * radius)
+    ends, side = np.vstack([np.eye(n), -np.eye(n), ends]), np.concatenate([np.ones(2 * n), side])
     rows = [G[flat], np.hstack([ends, np.zeros((len(ends), width - n))]), -np.eye(width)[[n + 1]]]
     sides = [room[flat], side, np.zeros(1)]
     if np.all(hard):  # t is nothing but zero

@@ -30,9 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.robust.moving.variation import conic_solution
 from mbdlft.synthesis.curvature import Bends
 from mbdlft.synthesis.evaluation import STABLE, Flags, Look, Place
+from mbdlft.synthesis.quadratic import least_quadratic
 
 _PIECES = 120  # in one step; more are those that matter least
 TRIES = 12  # steps that are refused before a descent ends
@@ -41,7 +41,6 @@ RADIUS, _LARGEST = 0.5, 10.0  # of scaled values
 ACCEPTED, _GOOD, _POOR = 0.05, 0.7, 0.25  # shares of the gain that was predicted
 _ALIKE = 0.7  # logarithm of the ratio of frequencies of one piece at two steps
 _ARMIJO, _WOLFE = 1e-4, 0.9
-_QP_ITERATIONS = 60
 _FIRST_SIZE = 1e-2  # of H before anything is known of it
 _ACTIVE = 1e-6  # multipliers of pieces that count
 _LEAST_CURVED = 1e-6  # the smallest eigenvalue of H
@@ -201,10 +200,8 @@ def _directions(problem: Problem, x: Array, pieces: _Pieces) -> Array:
 
 def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radius: float) -> _Step | None:
     """The step with the least merit that is predicted."""
-    import clarabel  # here because it is slow to import
-
     n, hard = len(x), pieces.hard
-    ends, side = limits(problem, x, T, radius)
+    ends, side = ranges(problem, x, T)
     rows = [
         np.hstack([pieces.slopes @ T, -(~hard[:, None]).astype(float), -hard[:, None].astype(float)]),
         np.hstack([ends, np.zeros((len(ends), 2))]),
@@ -216,24 +213,22 @@ def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radiu
         sides.append(np.zeros(1))
     cost = np.concatenate([np.zeros(n), [1.0, problem.price]])
     P = np.zeros((n + 2, n + 2))
-    P[:n, :n] = np.triu(T.T @ H @ T)
-    b = np.concatenate(sides)
-    cones = [clarabel.NonnegativeConeT(len(b))]
-    solution = conic_solution(cost, np.vstack(rows), b, cones, P, _QP_ITERATIONS)
-    z = np.array(solution.x)
+    P[:n, :n] = T.T @ H @ T
+    most = np.concatenate([np.full(n, radius), [np.inf, np.inf]])
+    z, multipliers = least_quadratic(P, cost, np.vstack(rows), np.concatenate(sides), most)
     if not np.all(np.isfinite(z)):
         return None
     d = np.clip(T @ z[:n], problem.low - x, problem.high - x)
     size = float(np.max(np.abs(z[:n])))
-    return _Step(d, size, np.array(solution.z)[: len(hard)], float(z[n] + problem.price * z[n + 1]))
+    return _Step(d, size, multipliers[: len(hard)], float(z[n] + problem.price * z[n + 1]))
 
 
-def limits(problem: Problem, x: Array, T: Array, radius: float) -> tuple[Array, Array]:
-    """Rows (k, values) and sides (k,) of |e_k| <= radius, and of x + T e in the ranges of the values."""
+def ranges(problem: Problem, x: Array, T: Array) -> tuple[Array, Array]:
+    """Rows (k, values) and sides (k,) of x + T e in the ranges of the values."""
     low, high = (np.flatnonzero(np.isfinite(end)) for end in (problem.low, problem.high))
-    eye = np.eye(len(x))
-    sides = [np.full(2 * len(x), radius), (problem.high - x)[high], (x - problem.low)[low]]
-    return np.vstack([eye, -eye, T[high], -T[low]]), np.concatenate(sides)
+    return np.vstack([T[high], -T[low]]), np.concatenate(
+        [(problem.high - x)[high], (x - problem.low)[low]]
+    )
 
 
 def _active(problem: Problem, pieces: _Pieces, multipliers: Array) -> dict[Place, float]:

@@ -10,7 +10,6 @@ states and costates, d(h^2) = 2 tr(Q dA P + Q dB B' + P C' dC).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from math import log
 from typing import NamedTuple
 
 import numpy as np
@@ -154,7 +153,7 @@ def look(
     values = _peaks(closed, found, asked)
     for k, goal in enumerate(asked.goals):
         if goal.kind == POLES:
-            values += _pole_pieces(found, moved, k, goal)
+            values += _pole_pieces(found, moved, k, goal, keep)
         elif goal.kind == H2:
             values += _h2_pieces(family, closed, k, asked.goals)
         elif goal.kind == DESIGN:
@@ -190,25 +189,20 @@ def _stable_pieces(found: _Poles, moved: Flags, decay: float) -> list[Piece]:
     ]
 
 
-def _pole_pieces(found: _Poles, moved: Flags, k: int, goal: Goal) -> list[Piece]:
-    """Ratios of what is asked of a pole and what it has, where they are large."""
-    pieces = []
-    for i, j in np.argwhere(moved & (found.poles.imag >= 0.0)):
-        pole, slope = found.poles[i, j], found.slopes[i, j]
-        size = abs(pole)
-        of_size = np.real(np.conj(pole) * slope) / size
-        for wanted, value, of_value in (
-            (goal.decay, goal.decay / -pole.real, goal.decay * slope.real / pole.real**2),
-            (
-                goal.damping,
-                goal.damping * size / -pole.real,
-                goal.damping * (size * slope.real / pole.real**2 - of_size / pole.real),
-            ),
-            (1.0 / goal.speed, size / goal.speed, of_size / goal.speed),
-        ):
-            if wanted:
-                pieces.append(Piece(k, int(i), float(pole.imag), float(value), of_value))
-    return pieces
+def _pole_pieces(found: _Poles, moved: Flags, k: int, goal: Goal, keep: float | None) -> list[Piece]:
+    """Ratios of what is asked of a pole and what it has; slopes of those near the largest."""
+    at = np.nonzero(moved & (found.poles.imag >= 0.0))
+    poles, none = found.poles[at], np.zeros(len(at[0]))
+    real, size = poles.real, np.abs(poles)
+    ratios = np.array([goal.decay / -real, goal.damping * size / -real, size / goal.speed])
+    by_real = np.array([goal.decay / real**2, goal.damping * size / real**2, none])
+    by_size = np.array([none, goal.damping / -real, none + 1.0 / goal.speed])
+    kind, j = np.nonzero((ratios > 0.0) & (ratios >= (keep or 0.0) * np.max(ratios, initial=0.0)))
+    moves = found.slopes[at[0][j], at[1][j]]
+    of_size = np.real(np.conj(poles[j, None]) * moves) / size[j, None]
+    slopes = by_real[kind, j, None] * moves.real + by_size[kind, j, None] * of_size
+    every = zip(at[0][j].tolist(), poles.imag[j].tolist(), ratios[kind, j].tolist(), slopes, strict=True)
+    return [Piece(k, point, omega, ratio, slope) for point, omega, ratio, slope in every]
 
 
 def _h2_pieces(family: Family, closed: Closed, k: int, goals: Sequence[Goal]) -> list[Piece]:
@@ -318,12 +312,12 @@ def _rises(gains: Array, at_infinity: Array) -> Flags:
 def _apart(points: Index, frequencies: Array, values: Array) -> list[int]:
     """Of peaks of one point with nearly the same frequency the largest, as indices."""
     chosen, seen = list[int](), dict[int, list[float]]()
-    for j in np.argsort(-values):
-        size = log(float(frequencies[j]) + 1e-300)
-        others = seen.setdefault(int(points[j]), [])
+    sizes, owners = np.log(frequencies + 1e-300).tolist(), points.tolist()
+    for j in np.argsort(-values).tolist():
+        size, others = sizes[j], seen.setdefault(owners[j], [])
         if not any(abs(size - other) < _SAME for other in others):
             others.append(size)
-            chosen.append(int(j))
+            chosen.append(j)
     return chosen
 
 
@@ -369,13 +363,15 @@ Response = Callable[[Index, Array], Complex]
 
 def _by_modes(found: _Poles, T: StateMatrices) -> Response:
     """Values (k, F, nz, nw) of chosen points (k,) at frequencies (k, F), as sums over modes."""
-    CV, UB = T.C @ found.right, found.left @ T.B
+    (nz, n), nw = T.C.shape[1:], T.B.shape[2]
+    before, after = found.left @ T.B, np.swapaxes(T.C @ found.right, 1, 2)
+    residues = (after[..., None] * before[:, :, None]).reshape(-1, n, nz * nw)
 
     def response(points: Index, omega: Array) -> Complex:
         with np.errstate(all="ignore"):
             modes = 1.0 / (1j * omega[..., None] - found.poles[points, None])
-            values = (CV[points, None] * modes[:, :, None]) @ UB[points, None]
-        return np.asarray(values + T.D[points, None])
+            values = modes @ residues[points]
+        return np.asarray(values.reshape(*omega.shape, nz, nw) + T.D[points, None])
 
     return response
 
@@ -394,17 +390,18 @@ def _by_solving(T: StateMatrices) -> Response:
 def _largest(values: Complex) -> Array:
     """Largest singular values (..., ) of matrices; infinite where one is not finite."""
     values = values if values.shape[-2] <= values.shape[-1] else np.swapaxes(values, -1, -2)
-    squares = values @ np.conj(np.swapaxes(values, -1, -2))
-    finite = np.all(np.isfinite(squares), axis=(-2, -1))
-    squares[~finite] = 0.0
-    if len(squares.T) == 1:
-        largest: Array = squares[..., 0, 0].real
-    elif len(squares.T) == 2:
-        a, d = squares[..., 0, 0].real, squares[..., 1, 1].real
-        largest = 0.5 * (a + d) + np.hypot(0.5 * (a - d), np.abs(squares[..., 0, 1]))
+    if values.shape[-2] <= 2:
+        rows = np.sum(values.real**2 + values.imag**2, axis=-1)
+        squares = rows[..., 0]
+        if values.shape[-2] == 2:
+            both = np.abs(np.sum(values[..., 0, :] * np.conj(values[..., 1, :]), axis=-1))
+            squares = 0.5 * (squares + rows[..., 1]) + np.hypot(0.5 * (squares - rows[..., 1]), both)
     else:
-        largest = np.asarray(np.linalg.eigvalsh(squares)[..., -1])
-    return np.asarray(np.where(finite, np.sqrt(np.maximum(largest, 0.0)), np.inf))
+        whole = values @ np.conj(np.swapaxes(values, -1, -2))
+        finite = np.all(np.isfinite(whole), axis=(-2, -1))
+        whole[~finite] = 0.0
+        squares = np.where(finite, np.linalg.eigvalsh(whole)[..., -1], np.inf)
+    return np.asarray(np.sqrt(np.where(np.isfinite(squares), np.maximum(squares, 0.0), np.inf)))
 
 
 class Responses(NamedTuple):

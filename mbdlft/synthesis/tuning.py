@@ -10,6 +10,7 @@ others.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ from mbdlft.exact.rounding import eigenvectors_of
 from mbdlft.response.modes import pole_text
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
+from mbdlft.robust.bisect.boxes import Crew
+from mbdlft.robust.bisect.search import by_itself
 from mbdlft.robust.realization import AXIS, or_left_out
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.conic import sqcqp
@@ -56,6 +59,18 @@ Told = Callable[[str], None]
 
 def _where(pole: complex, size: float) -> str:
     return "on the right" if pole.real > AXIS * size else "on the axis"
+
+
+class Way(NamedTuple):
+    """How values are sought: from so many starts, by a seed; a crew takes some of them at once.
+
+    What is found does not depend on the crew: starts after one that is good enough are not taken.
+    """
+
+    starts: int
+    seed: int
+    crew: Crew = by_itself
+    at_once: int = 1
 
 
 class Tuned(NamedTuple):
@@ -324,10 +339,46 @@ def begun(tuner: Tuner, starts: int, seed: int) -> Iterator[Array]:
         yield np.clip(x, tuner.low, tuner.high)
 
 
+def _stable(tuner: Tuner, start: Array) -> tuple[Array, float]:
+    with tuner.in_doubles(start):
+        return copy(tuner).stabilized(start)
+
+
+def _rough(tuner: Tuner, x: Array, plan: Plan) -> Tuned:
+    with tuner.in_doubles(x):
+        return copy(tuner).descended(x, plan, _STEPS, is_first=True, tolerance=_ROUGH)
+
+
+def _polished(tuner: Tuner, best: Tuned) -> tuple[Array, Array]:
+    """Values, and the frequencies that the grid needs to have there."""
+    own = copy(tuner)
+    return own.polished(best).x, own.asked.extra
+
+
+def _from_starts(tuner: Tuner, way: Way) -> Iterator[tuple[Array, float, list[Tuned]]]:
+    """Of each start the values that are as stable as they get, their real part, and where they lead.
+
+    The first is taken with both plans, the others with one or the other.
+    """
+    starts, done = [*begun(tuner, way.starts, way.seed)], 0
+    while done < len(starts):
+        some = starts[done : done + (way.at_once if done else 1)]
+        ends = way.crew(_stable, [(tuner, start) for start in some])
+        tasks = [
+            (k, (tuner, x, plan))
+            for k, (x, real) in enumerate(ends, done)
+            for plan in (_PLANS if not k else (_PLANS[k % 2],))
+            if real < 0.0
+        ]
+        reached = way.crew(_rough, [task for _, task in tasks])
+        for k, (x, real) in enumerate(ends, done):
+            yield x, real, [best for best, (start, _) in zip(reached, tasks, strict=True) if start == k]
+        done += len(some)
+
+
 def tuned(
     tuner: Tuner,
-    starts: int,
-    seed: int,
+    way: Way,
     say: Told,
     enough: float = 0.0,
     is_rough: Callable[[Tuned], bool] = lambda best: False,
@@ -340,22 +391,22 @@ def tuned(
     found: list[Tuned] = []
     nearest = (np.inf, np.zeros(len(tuner.net.free)))
     try:
-        for count, start in enumerate(begun(tuner, starts, seed)):
-            with tuner.in_doubles(start):
-                x, real = tuner.stabilized(start)
-            if real >= 0.0:
+        for count, (x, real, reached) in enumerate(_from_starts(tuner, way), 1):
+            found += reached
+            if not reached:
                 nearest = min(nearest, (real, x), key=lambda pair: pair[0])
-                say(f"start {count + 1} of {starts}, not stable: real part {real:.3g}")
+                say(f"start {count} of {way.starts}, not stable: real part {real:.3g}")
                 continue
-            plans = _PLANS if not count else (_PLANS[count % 2],)
-            with tuner.in_doubles(x):
-                found += [tuner.descended(x, p, _STEPS, is_first=True, tolerance=_ROUGH) for p in plans]
             best = min(found, key=Tuned.rank)
-            say(f"start {count + 1} of {starts}, best {best.look.soft:.4g}")
+            say(f"start {count} of {way.starts}, best {best.look.soft:.4g}")
             if best.rank() <= (0.0, enough):
                 break
         if found and not is_rough(min(found, key=Tuned.rank)):
-            found = [tuner.polished(best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
+            some = [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
+            ends = way.crew(_polished, some)
+            extra = np.unique(np.concatenate([seen for _, seen in ends]))
+            tuner.asked = tuner.asked._replace(extra=extra)
+            found = [tuner.at(x) for x, _ in ends]
     except KeyboardInterrupt:
         if not found:
             raise
@@ -373,14 +424,14 @@ def tuned(
     return best
 
 
-def check_stabilizable(tuner: Tuner, x: Array, starts: int, seed: int) -> None:
+def check_stabilizable(tuner: Tuner, x: Array, way: Way) -> None:
     """An AnalysisError says that loops were made stable neither from values x nor from other starts.
 
     What no values can move at the first point is said before.
     """
     tuner.check_fixed()
     ends = []
-    for start in (x, *begun(tuner, starts, seed)):
+    for start in (x, *begun(tuner, way.starts, way.seed)):
         values, real = tuner.stabilized(start)
         if real < 0.0:
             return
@@ -388,19 +439,17 @@ def check_stabilizable(tuner: Tuner, x: Array, starts: int, seed: int) -> None:
     raise AnalysisError(tuner.unstable(min(ends, key=lambda end: end[0])[1]))
 
 
-def taken_on(tuner: Tuner, x: Array, starts: int, seed: int, *, is_near: bool = False) -> Tuned:
+def taken_on(tuner: Tuner, x: Array, way: Way, *, is_near: bool = False) -> Tuned:
     """Values of other points, made stable at these and tuned; from new starts, where that fails."""
     stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
     if real >= 0.0:
-        return tuned(tuner, starts, seed, lambda text: None)
+        return tuned(tuner, way, lambda text: None)
     return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
 
 
-def begun_again(tuner: Tuner, starts: int, seed: int) -> Tuned | None:
+def begun_again(tuner: Tuner, way: Way) -> Tuned | None:
     """The best from all starts but the first; None if no loop became stable."""
-    found = list[Tuned]()
-    for start in [*begun(tuner, starts, seed)][1:]:
-        x, real = tuner.stabilized(start)
-        if real < 0.0:
-            found.append(tuner.descended(x, _PLANS[0], _STEPS, is_first=True, tolerance=_ROUGH))
+    starts = [*begun(tuner, way.starts, way.seed)][1:]
+    ends = way.crew(_stable, [(tuner, start) for start in starts])
+    found = way.crew(_rough, [(tuner, x, _PLANS[0]) for x, real in ends if real < 0.0])
     return tuner.polished(min(found, key=Tuned.rank)) if found else None

@@ -404,22 +404,25 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
 
 
 def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No search at nominal; each descent begins at them, as where it ends is worse at the next points."""
+    """No search at nominal; each descent begins at them, as where it ends is worse at the next points.
+
+    The first begins although no point of the box is worse.
+    """
     pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
     good = dict(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values)
-    begun, corners = list[Any](), iter([[-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+    begun, corners = list[Any](), iter([[], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
 
-    def descended(tuner: Any, x: Any, *_: int, is_near: bool) -> Any:
+    def descended(tuner: Any, x: Any, *_: Any, is_near: bool) -> Any:
         begun.append(x)
         return tuner.at(0.5 * x)
 
     def worst(net: Any, goals: Any, best: Any, *_: Any) -> tuple[Any, float]:
-        return np.array([next(corners)]), best.look.soft
+        return np.reshape(next(corners), (-1, 3)), best.look.soft
 
     monkeypatch.setattr(box, "tuned", lambda *_: pytest.fail("a search at nominal"))
     monkeypatch.setattr(box, "taken_on", descended)
     monkeypatch.setattr(box, "_worst_points", worst)
-    monkeypatch.setattr(box, "_ROUNDS", 2)
+    monkeypatch.setattr(box, "_ROUNDS", 3)
     made = tune([PLANT, pid], [GOALS[0]], LOOP, initial=good, starts=1, prove=False)
     assert len(begun) == 3
     for x in [*begun, list(made.values.values())]:
@@ -461,6 +464,21 @@ def test_what_the_search_of_a_proof_reaches_is_a_point(monkeypatch: pytest.Monke
     made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False)
     expected = {p.name: float(to_physical(p, inside[p.name])) for p in RANGES}
     assert any(dict(point) == expected for point in made.points)
+    assert len(made.points) > 2  # of climbs
+
+
+def test_what_is_found_does_not_depend_on_workers() -> None:
+    """Starts, polishing, and the worst of two goals, in this process and in two."""
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    ways: list[tuple[list[str], Any]] = []
+    for workers in (1, 2):
+        said = list[str]()
+        made = tune(
+            [PLANT, pid], GOALS[:3:2], LOOP, starts=4, prove=False, workers=workers, progress=said.append
+        )
+        ways.append((said, (made.values, made.points)))
+    assert "start 4 of 4" in "".join(ways[0][0])
+    assert ways[0] == ways[1]
 
 
 def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
