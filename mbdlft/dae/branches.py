@@ -70,10 +70,19 @@ def side_on(value: ca.SX, ranges: Mapping[int, tuple[Fraction, Fraction]]) -> Si
     if not all(symbol.element_hash() in ranges for symbol in free):
         return "open"
     try:
-        sign = sign_on(_fraction_of(value, free), [ranges[s.element_hash()] for s in free])
+        sign = sign_on(fraction_of(value, free), [ranges[s.element_hash()] for s in free])
     except NotFractionError:
         return "open"
     return "above" if sign > 0 else "below" if sign < 0 else "open"
+
+
+def changes_its_branch(place: str, text: str, names: Sequence[str]) -> NotRationalError:
+    """The error for a function that switches within the range of parameters."""
+    return NotRationalError(
+        f"{place}: {text} changes its branch inside of the range of {', '.join(sorted(names))}, or no "
+        "enclosure shows that it does not. A model has one branch: narrow the range so that it ends "
+        "before the branch does, and make a model of each."
+    )
 
 
 def with_roots_of_squares(dae: Dae) -> Dae:
@@ -104,7 +113,7 @@ def root_of_square(value: ca.SX) -> ca.SX | None:
     """An r with value = r^2 for all values of its symbols, if there is one that is rational in them."""
     free = free_symbols(value)
     try:
-        found = square_root(_fraction_of(value, free))
+        found = square_root(fraction_of(value, free))
     except NotFractionError:
         return None
     if found is None:
@@ -113,7 +122,7 @@ def root_of_square(value: ca.SX) -> ca.SX | None:
     return ca.SX(root(number)) * _expression(r.n, free) / _expression(r.d, free)
 
 
-def _fraction_of(value: ca.SX, free: Sequence[ca.SX]) -> Ratio:
+def fraction_of(value: ca.SX, free: Sequence[ca.SX]) -> Ratio:
     """A function as a fraction of polynomials in its symbols; a NotFractionError if it is none."""
     symbols, numbers = constants_in(value)
     function = ca.Function("fraction", [symbols, column_of(free)], [ca.densify(value)])

@@ -2,44 +2,41 @@
 
 Each has an argument s that decides its branch, as x does of |x|, and a - b of max(a, b). Where s has one
 sign, at an equilibrium or on the whole range of the parameters, the branch takes the place of the
-function. Where s is zero at the equilibrium, both branches are compared there: if values and slopes are
-equal, either is right; otherwise there is no linear model, and an error says which equation has which
-two slopes.
+function. Where s is zero at the equilibrium, both branches are compared there, of several functions in
+each combination: if values and slopes are equal, any is right; otherwise there is no linear model, and an
+error says which equation has which two slopes.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
-from typing import NamedTuple
+from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError
-from mbdlft.dae.branches import SWITCHES, Side, ranges_of, side_on
+from mbdlft.dae.branches import SWITCHES, Side, changes_its_branch, fraction_of, ranges_of, side_on
 from mbdlft.dae.newton import values_of
 from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symbols, parameter_points
-from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, unsupported
+from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
 from mbdlft.exact.interval import Interval, decimal, find_zero
+from mbdlft.exact.ratio import NotFractionError, Ratio
 from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, numbers_of
-from mbdlft.problem.sx.tapes import Rules, arithmetic, fold
+from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, steps
 
 _RANGES = arithmetic(decimal, OF_INTERVALS)
 _ROUNDING = 1e-12  # of the terms of a value in doubles: less is zero, as in solutions of equilibria
-
-
+_MOST = 256  # combinations of branches of an expression, of some milliseconds each
 _LOGIC = ("and", "or", "not")
 
-
-_SideOf = Callable[[ca.SX, Sequence[Side]], Side]  # of an argument, and of branches at its zero
-
-
-class _Decided(NamedTuple):
-    """A function that switches, in words, and on which side of its zero the equilibrium is."""
-
-    text: str
-    side: Side
+_Call = tuple[Any, ...]  # the name of a function and its operands
+# of a call that switches, its argument, and the branches that it has at the zero, too; "at" for one that
+# stays at its zero
+_SideOf = Callable[[_Call, ca.SX, Sequence[Side]], Side]
 
 
 def near_points(s: Structure, stacked: ca.SX, unknown: Sequence[Quantity], points: Array) -> ca.SX:
@@ -51,55 +48,70 @@ def near_points(s: Structure, stacked: ca.SX, unknown: Sequence[Quantity], point
     p = parameter_points(s.dae, len(points))
     symbols = column_of(q.symbol for q in unknown)
 
-    def side(argument: ca.SX, at_zero: Sequence[Side]) -> Side:
+    def side(call: _Call, argument: ca.SX, at_zero: Sequence[Side]) -> Side:
         function = ca.Function("argument", [symbols, s.dae.p], [ca.densify(in_doubles(argument))])
         values = np.array([float(function(*at)) for at in zip(points, p, strict=True)])
         return "above" if np.all(values > 0.0) else "below" if np.all(values < 0.0) else "open"
 
-    return _branches(stacked, side, [], {})
+    return _branches(stacked, side)
+
+
+def beside_switches(
+    s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX, places: Sequence[str]
+) -> ca.SX:
+    """Expressions (n, 1), those in which functions switch at the equilibrium with branches beside it.
+
+    `values` are those of all quantities at the equilibrium, and `places` (n,) name the expressions. A
+    TrimError or NotRationalError says which has no value or slopes that all branches share.
+    """
+    near = _Equilibrium(s, values, slopes=False)
+    sides: list[Side] = []
+
+    def side(call: _Call, argument: ca.SX, at_zero: Sequence[Side]) -> Side:
+        sides.append(near.side(argument, at_zero))
+        return sides[-1]
+
+    _branches(stacked, side)
+    if not {"at", "open"} & {*sides}:
+        return stacked
+    return column_of(near.beside(stacked[k], place) for k, place in enumerate(places))
 
 
 def without_switches(
-    s: Structure,
-    values: Mapping[str, ca.SX],
-    stacked: ca.SX,
-    places: Sequence[str],
-    *,
-    slopes: bool = False,
+    s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX, *, slopes: bool = False
 ) -> ca.SX:
-    """Expressions (n, 1) near an equilibrium, with a branch in place of each function that switches.
+    """Expressions of `beside_switches` with a branch in place of each function that switches.
 
-    `values` are those of all quantities at the equilibrium, and `places` (n,) name the expressions.
     Functions whose argument may change its sign in the range of the parameters stay as they are. In
     `slopes`, a comparison that changes at an end of the range is a kink there.
     """
     near = _Equilibrium(s, values, slopes=slopes)
-    decided: list[_Decided] = []
-    smooth = _branches(stacked, near.side, decided, {})
-    for k, switch in enumerate(decided):
-        if switch.side == "at":
-            above = _branches(stacked, near.side, [], {k: "above"})
-            near.compare(smooth, above, switch.text, places)
-    return smooth
+    return _branches(stacked, lambda _, *argument: near.side(*argument))
 
 
-def _branches(
-    stacked: ca.SX, side_of: _SideOf, decided: list[_Decided], chosen: Mapping[int, Side]
-) -> ca.SX:
-    """The expressions with branches; those at a zero are below it, unless `chosen` says otherwise."""
+def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
+    """The expressions with branches, or with the value at the zero, in place of functions that switch."""
 
     def switched(name: str, *operands: ca.SX) -> ca.SX:
         switch, entries = SWITCHES[name], [ca.SX(x) for x in operands]
         argument = switch.argument(*entries)
         if name == "fabs" and is_constant(argument) and not numbers_of(argument)[0, 0]:
             return ca.SX(0)  # on either side
-        side = side_of(argument, switch.at_zero)
-        side = "above" if side == "below" and name in ("eq", "ne") else side
-        decided.append(_Decided(f"{name}({', '.join(map(str, entries))})", side))
-        side = chosen.get(len(decided) - 1, decided[-1].side)
+        side = side_of((name, *entries), argument, switch.at_zero)
         if side == "open":
             return ca.SX(FUNCTIONS[name](*entries))
-        return ca.SX((switch.above if side == "above" else switch.below)(*entries))
+        if side == "at" and name == "sign":
+            return ca.SX(0)
+        is_above = side == "above" or (side == "below" and name in ("eq", "ne"))
+        is_above |= side == "at" and "above" in switch.at_zero
+        return ca.SX((switch.above if is_above else switch.below)(*entries))
+
+    def angle(y: ca.SX, x: ca.SX) -> ca.SX:
+        if side_of(call := ("atan2", y, x), x, ("at",)) == "below":  # where it jumps as y does
+            side = side_of(call, y, ())
+            if side in ("below", "above"):
+                return ca.SX(ca.atan(y / x) + (ca.pi if side == "above" else -ca.pi))
+        return ca.SX(FUNCTIONS["atan2"](y, x))
 
     def logical(name: str, *operands: ca.SX) -> ca.SX:
         made = ca.SX(FUNCTIONS[name](*operands))
@@ -116,6 +128,7 @@ def _branches(
         **{name: partial(switched, name) for name in SWITCHES},
         **{name: partial(logical, name) for name in _LOGIC},
         "if_else_zero": chosen_value,
+        "atan2": angle,
     }
     free = column_of(ca.symvar(stacked))
     function = ca.Function("switches", [free], [ca.densify(stacked)])
@@ -182,26 +195,104 @@ class _Equilibrium:
         """The value of an expression of the parameters at nominal."""
         return float(values_of([value], self.dae.p, parameter_points(self.dae, 1)[0])[0])
 
-    def compare(self, below: ca.SX, above: ca.SX, text: str, places: Sequence[str]) -> None:
-        """Raise a TrimError if two branches differ in their values or slopes at the equilibrium."""
-        for k, place in enumerate(places):
-            change = above[k] - below[k]
-            if not ca.symvar(change) and float(change) == 0.0:
-                continue
-            if not self.vanishes(change):
-                ends = [self.number(self.there(x[k])) for x in (below, above)]
-                raise self._error(place, text, f"jumps from {ends[0]:g} to {ends[1]:g}")
-            slopes = ca.densify(ca.jacobian(change, self.symbols))
-            for j, q in enumerate(self.quantities):
-                if not self.vanishes(slopes[j]):
-                    rows = (self.there(ca.jacobian(x[k], self.symbols[j])) for x in (below, above))
-                    ends = [self.number(ca.densify(row)) for row in rows]
-                    what = f"has two slopes by {q.name!r}, {ends[0] + 0.0:g} and {ends[1] + 0.0:g}"
-                    raise self._error(place, text, what)
+    def beside(self, expression: ca.SX, place: str) -> ca.SX:
+        """An expression with branches beside the equilibrium, if functions switch there."""
+        below, *others = _Sides(self, expression, place).combinations()
+        for other, text in others:
+            self._compare(below[0], other, text, place)
+        return below[0] if others else expression
 
-    def _error(self, place: str, text: str, what: str) -> TrimError:
+    def _compare(self, below: ca.SX, above: ca.SX, text: str, place: str) -> None:
+        change = above - below
+        if not ca.symvar(change) and float(change) == 0.0:
+            return
+        ends = [self.there(x) for x in (below, above)]
+        self._check_decided(ends[1] - ends[0], text, place)
+        if not self.vanishes(change):
+            low, high = map(self.number, ends)
+            raise self.error(place, text, f"jumps from {low:g} to {high:g}")
+        gradient = ca.densify(ca.jacobian(change, self.symbols))
+        for j, q in enumerate(self.quantities):
+            if not self.vanishes(gradient[j]):
+                rows = (self.there(ca.jacobian(x, self.symbols[j])) for x in (below, above))
+                low, high = (self.number(ca.densify(row)) + 0.0 for row in rows)
+                raise self.error(place, text, f"has two slopes by {q.name!r}, {low:g} and {high:g}")
+
+    def _check_decided(self, change: ca.SX, text: str, place: str) -> None:
+        """Raise a NotRationalError if a change has functions that switch within the range."""
+        names = [p.name() for p in free_symbols(change)]
+        function = ca.Function("change", [column_of(ca.symvar(change))], [ca.densify(change)])
+        if any(operation in SWITCHES for operation, _, _ in steps(function)):
+            raise changes_its_branch(f"{self.dae.owner}, {place}", text, names)
+
+    def error(self, place: str, text: str, what: str) -> TrimError:
         return TrimError(
             f"{self.dae.owner}, {place}: {what} at this equilibrium, where {text} switches: there is no "
             "linear model. Linearize beside it (other inputs or states in trim, at={...}), or write a "
             "smooth function, such as tanh(x/e) or sqrt(x^2 + e^2)."
         )
+
+
+class _Sides:
+    """Sides of arguments that are zero at an equilibrium, where multiples of one change together."""
+
+    def __init__(self, near: _Equilibrium, expression: ca.SX, place: str) -> None:
+        self.near, self.expression, self.place = near, expression, place
+        self.free = free_symbols(expression)
+        self.arguments: list[Ratio | str] = []
+        self.texts: list[str] = []  # of the functions that had them first
+
+    def combinations(self) -> Iterator[tuple[ca.SX, str]]:
+        """The expression for all choices of sides, and what switched last; first all are below.
+
+        In the last one functions that jump have their values at the zero.
+        """
+        waiting: deque[dict[int, Side]] = deque([{}])
+        for _ in range(_MOST):
+            sides = waiting.popleft()
+            fixed, text = len(sides), self.texts[[*sides][-1]] if sides else ""
+            yield _branches(self.expression, partial(self._side, sides)), text
+            every = [*sides.items()]
+            waiting += [{**dict(every[:k]), every[k][0]: "above"} for k in range(fixed, len(every))]
+            if not waiting:
+                if self.texts:
+                    yield _branches(self.expression, partial(self._side, None)), self.texts[0]
+                return
+        raise self.near.error(self.place, text, f"has more than {_MOST} branches that meet")
+
+    def _side(
+        self, sides: dict[int, Side] | None, call: _Call, argument: ca.SX, at_zero: Sequence[Side]
+    ) -> Side:
+        side, jumps = self.near.side(argument, at_zero), len(at_zero) < 2 and "at" not in at_zero
+        if side == "open" and jumps:
+            names = [p.name() for p in free_symbols(self.near.there(argument))]
+            raise changes_its_branch(f"{self.near.dae.owner}, {self.place}", _text(call), names)
+        if side != "at" or "at" in at_zero or (sides is None and jumps):
+            return side
+        own: Ratio | str = str(argument)
+        with suppress(NotFractionError):
+            own = fraction_of(argument, self.free)
+        if isinstance(own, Ratio) and not own.n:
+            return "at"
+        signs = [_sign_of_multiple(own, other) for other in self.arguments]
+        if not any(signs):
+            self.arguments.append(own)
+            self.texts.append(_text(call))
+            signs.append(1)
+        k = next(k for k, sign in enumerate(signs) if sign)
+        side = "below" if sides is None else sides.setdefault(k, "below")
+        return side if signs[k] > 0 else "below" if side == "above" else "above"
+
+
+def _text(call: _Call) -> str:
+    return f"{call[0]}({', '.join(str(in_doubles(operand)) for operand in call[1:])})"
+
+
+def _sign_of_multiple(a: Ratio | str, b: Ratio | str) -> int:
+    """The sign of the number that one argument is of another, 0 if it is not known to be one."""
+    if isinstance(a, str) or isinstance(b, str):
+        return int(a == b)
+    ratio = a / b
+    if not (ratio.n.is_constant() and ratio.d.is_constant()):
+        return 0
+    return 1 if ratio.n.leading_coefficient() > 0 else -1

@@ -12,7 +12,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, TrimError, WellPosednessError
 from mbdlft.base.unit import Signal
 from mbdlft.dae.equilibria import DaeTrim
-from mbdlft.dae.kinks import without_switches
+from mbdlft.dae.kinks import beside_switches, without_switches
 from mbdlft.dae.newton import System, follow_all
 from mbdlft.dae.structure import Structure, at_odd_parameters, in_symbols, parameter_points
 from mbdlft.dae.text import column_of
@@ -35,11 +35,11 @@ Slopes = tuple[ca.Function, Entries]
 
 def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> Problem:
     """The linearized equations of a DAE at an equilibrium, rational in the parameters."""
-    s = at.structure
     with stage("linearize"):
+        at = _beside_switches(at)
         linear = _Linear(at)
         relations = linear.relations()
-    trimmed = linear.trimmed()
+    trimmed, s = linear.trimmed(), at.structure
     signals = [tuple(Signal(x.name, x.unit) for x in every) for every in (s.inputs, s.dae.outputs)]
     return problem_of(
         s,
@@ -52,6 +52,17 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
     )
 
 
+def _beside_switches(at: DaeTrim) -> DaeTrim:
+    """The equilibrium of equations with branches where functions switch there."""
+    s, outputs = at.structure, at.structure.dae.outputs
+    places = [f"equation {place}" for place, _ in s.equations]
+    stacked = ca.vertcat(s.residual, *(y.expression for y in outputs))
+    smooth = beside_switches(s, at.values, stacked, [*places, *(f"output {y.name!r}" for y in outputs)])
+    equations = tuple((place, smooth[k]) for k, (place, _) in enumerate(s.equations))
+    read = tuple(replace(y, expression=smooth[len(places) + k]) for k, y in enumerate(outputs))
+    return replace(at, structure=replace(s, equations=equations, dae=replace(s.dae, outputs=read)))
+
+
 class _Linear:
     """Slopes at an equilibrium, followed so that what is not rational is named."""
 
@@ -59,10 +70,7 @@ class _Linear:
         self.at, self.s = at, at.structure
         dae = self.s.dae
         stacked = ca.vertcat(self.s.residual, *(y.expression for y in dae.outputs))
-        places = [f"equation {place}" for place, _ in self.s.equations]
-        places += [f"output {y.name!r}" for y in dae.outputs]
-        self.places = places
-        self.stacked = without_switches(self.s, at.values, stacked, places)
+        self.stacked = without_switches(self.s, at.values, stacked)
         every = ca.vertcat(self.stacked, *at.values.values())
         self.separation = Separation(dae, every, "fewest")
         self.internal = self.separation.internal
@@ -72,7 +80,7 @@ class _Linear:
         s = self.s
         small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
         moved = self._moved(self.stacked, small)
-        moved = without_switches(self.s, self.at.values, moved, self.places, slopes=True)
+        moved = without_switches(self.s, self.at.values, moved, slopes=True)
         count = len(s.equations)
         equations = self.separation.equations(s, moved[:count], moved[count:], small)
         return LinearModel(
@@ -274,7 +282,16 @@ def linearized(s: Structure, slopes: Slopes, z: Array, points: Array) -> Array:
     """[A B ; C D] (N, ., .) of the nonlinear equations at z (N, n) = [unknowns ; states ; inputs]."""
     function, places = slopes
     (every,) = evaluate_many(function, z, in_symbols(s.dae, points))
+    _check_finite(s, every)
     return np.array([_solved(s, places.matrix(values[:, 0])) for values in every])
+
+
+def _check_finite(s: Structure, slopes: Array) -> None:
+    if not np.all(np.isfinite(slopes)):
+        raise TrimError(
+            f"{s.owner}: a slope of the equations, or what rounding makes of it, is not finite at the "
+            "equilibrium, as that of a root at zero is: there is no linear model. Linearize beside it."
+        )
 
 
 def felt_sizes(s: Structure, slopes: Slopes, z: Array, point: Array) -> Array:
@@ -292,6 +309,7 @@ def felt_sizes(s: Structure, slopes: Slopes, z: Array, point: Array) -> Array:
         felt = felt_terms(function, z, p)[:, 0]
     except NotRationalError:
         return np.zeros_like(exact)
+    _check_finite(s, felt)
     changes = _SHAKE * felt * random.uniform(-1.0, 1.0, (_SHAKES, len(values)))
     moved = np.array([_solved(s, places.matrix(values + change)) for change in changes])
     return np.asarray(np.max(np.abs(moved - exact), axis=0) / _SHAKE)

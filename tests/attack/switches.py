@@ -22,7 +22,7 @@ from tests.close import CLOSED_FORM, target
 K = (0.8, 1.0, 1.0625, 1.2)  # values of the parameter
 _STEP = mpmath.mpf(10) ** -35  # of differences, of 100 digits
 _NAMES: dict[str, Any] = {
-    **{name: getattr(mpmath, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan")},
+    **{name: getattr(mpmath, name) for name in ("sin", "cos", "exp", "log", "sqrt", "atan", "atan2")},
     **{"sign": mpmath.sign, "mpf": mpmath.mpf, "abs": abs, "max": max, "min": min},
 }
 # f of der(x) = u - s f(v, k) at v = 1, where v is x/s
@@ -40,6 +40,13 @@ _REFUSED = {  # by words of the message
     "not rational": ("sqrt(k)*v", "exp(v/k)", "sin(k*v)"),
 }
 _IMPLICIT = "sin(w)", "w + w^3", "sqrt(w)", "w*abs(w)", "atan(w)", "w*exp(w)", "max(w, 2*w)"  # = v/2
+
+
+_PARTS = "(x - 1)", "(z - 2)", "(2*x - z)", "(k*x - k)", "x", "z", "k", "2"
+_NESTED = "max({}, {})", "min({}, {})", "abs({})", "sign({})", "({})*({})", "({}) + ({})", "({}) - 1"
+_EPSILON = mpmath.mpf(10) ** -30
+# of x and z
+_DIRECTIONS = [(a, b) for a in (-5, -2, -1, 0, 1, 2, 5) for b in (-7, -3, -1, 0, 1, 3, 7) if a or b]
 
 
 def text_of(equations: str, starts: dict[str, float], declared: str = "") -> str:
@@ -104,9 +111,56 @@ def check(linear: mbdlft.LFTModel, right: dict[float, Array]) -> None:
             target(np.ravel(matrix), np.array([value]), CLOSED_FORM)
 
 
+def nested(random: np.random.Generator, depth: int = 4) -> str:
+    """A function of x, z and k with switches in each other, many of which meet at x = 1, z = 2."""
+    if not depth or random.random() < 0.15:
+        return str(random.choice(_PARTS))
+    form = str(random.choice(_NESTED))
+    return form.format(*(nested(random, depth - 1) for _ in range(form.count("{}"))))
+
+
+def slopes_beside(function: str, k: str) -> tuple[Any, Any] | None:
+    """The slopes by x and z at x = 1, z = 2, or None where those of directions contradict them."""
+    with mpmath.workdps(100):
+        code = compile(re.sub(r"(?<![\w.])(\d+)", r"mpf(\1)", function), "function", "eval")
+
+        def slope(dx: int, dz: int) -> Any:
+            at = {"x": 1 + dx * _EPSILON, "z": 2 + dz * _EPSILON, "k": mpmath.mpf(k)}
+            return (mpmath.mpf(eval(code, _NAMES | at)) - value) / _EPSILON
+
+        value = mpmath.mpf(0)
+        value = slope(0, 0) * _EPSILON
+        by_x, by_z = slope(1, 0), slope(0, 1)
+        errors = [abs(slope(dx, dz) - dx * by_x - dz * by_z) for dx, dz in _DIRECTIONS]
+        return (mpmath.chop(by_x, 1e-20), mpmath.chop(by_z, 1e-20)) if max(errors) < 1e-20 else None
+
+
+def nested_switches(random: np.random.Generator) -> str:
+    """A rate with switches in each other: its slopes, or an error; where it has none an error."""
+    function = nested(random)
+    right = {k: slopes_beside(function, repr(k)) for k in K}
+    declared = "output Real z(start=2); input Real v;"
+    text = text_of(f"der(x) = u - ({function}); der(z) = v - z", {"x": 1.0, "z": 2.0}, declared)
+    at = trim(reduce_index(translate(flat_model(text))[0]), {"x": 1.0, "z": 2.0}, free=["u", "v"])
+    try:
+        linear = mbdlft.linearize_dae(at, search=0.0, prove=0.0)
+    except MbdlftError as error:
+        if "please report" in str(error):
+            raise AssertionError(function) from error
+        return "nested, refused"
+    places = [[s.name for s in linear.states].index(name) for name in "xz"]
+    for k, slopes in right.items():
+        assert slopes is not None, f"{function} has no slopes at k = {k}"
+        found = mbdlft.matrices_at(linear, {"k": k}).A[places[0], places]
+        target(-found, np.array(slopes, dtype=float), CLOSED_FORM)
+    return "nested, right"
+
+
 def attack(seed: int, folder: Path) -> str:
     """One function of the lists in other scales, with an implicit one beside it now and then."""
     random = np.random.default_rng(seed)
+    if seed % 3 == 2:
+        return nested_switches(random)
     mantissas, powers = random.uniform(1, 9, 4), random.integers(-12, 13, 4)
     s, scale, t, other = (float(f"{m:.3g}e{e}") for m, e in zip(mantissas, powers, strict=True))
     kinds = [(f, "") for f in _RIGHT]

@@ -29,6 +29,17 @@ ROWS: list[tuple[str, dict[str, float], str]] = [
     ("der(x) = u - k*abs(x) - 2*x", {}, "two slopes by 'x', 1 and 3"),
     ("der(x) = u - x*abs(x) - k*x", {}, ""),
     ("der(x) = u - k*sign(x)", {}, "jumps from -1 to 1"),
+    ("der(x) = u - abs(sign(x)*k)", {}, "jumps from 1 to 0"),
+    ("der(x) = u - (if x >= 0 or z >= 0 then 3*x else x); der(z) = -z", {}, "two slopes by 'x', 3 and 1"),
+    ("der(x) = u - max(0, sign(x) + sign(z) - 1); der(z) = -z", {}, "jumps from 0 to 1"),
+    ("der(x) = u - min(max(0, x), max(0, -x)) - k*x", {}, ""),
+    ("der(x) = u - max(0, x)*max(0, k*x) - k*x", {}, ""),
+    ("der(x) = u - min(max(1, abs(x + 1)) - 1, 0) - k*x", {}, ""),
+    ("der(x) = u - k*x; z = sign(x + k - 1)", {}, "changes its branch inside of the range of k"),
+    ("der(x) = u - k*x; z = max(sign(x), k)", {}, "changes its branch inside of the range of k"),
+    ("der(x) = u - k*x; z = atan2(1, x)", {}, ""),
+    ("der(x) = u - k*x; z = atan2(x, x - 1)", {}, "jumps from 6.28319 to 0"),
+    ("der(x) = u - k*x; z = (x^4)^0.25", {}, "there is no linear model"),
     ("der(x) = u - k*x*sign(x - 3)", {}, ""),
     ("der(x) = u - max(k*x, 3*x)", {}, "two slopes by 'x', 3 and 1"),
     ("der(x) = u - max(k*x, -x)", {"x": 1.0, "u": 1.0}, ""),
@@ -130,12 +141,18 @@ def model(force, start: float = 0.0) -> mbdlft.LFTModel:
         (lambda k, x: ca.if_else(x <= 0, x, 2 * x), "two slopes by 'x', 1 and 2"),
         (lambda k, x: ca.if_else(ca.sin(x) > 0, x, 2 * x), "two slopes"),
         (lambda k, x: ca.if_else(x == 0, 1, x), "jumps"),
-        (lambda k, x: ca.if_else(x != 0, x, -x), "two slopes by 'x', -1 and 1"),
+        (lambda k, x: ca.if_else(x != 0, x, -x), "two slopes by 'x', 1 and -1"),
     ],
 )
 def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
     with pytest.raises(TrimError, match=rf"equation .*der\(x\).*{slopes}.*switches.*smooth"):
         model(force)
+
+
+@pytest.mark.parametrize("force", [lambda x: ca.asin(x + 1), ca.sqrt, lambda x: (x**4) ** 0.25])
+def test_no_linear_model_where_a_slope_is_infinite(force) -> None:
+    with pytest.raises(MbdlftError, match=r"there is no linear model\. Linearize beside it"):
+        model(lambda k, x: k * force(x))
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ becomes an argument of its own.
 Source: Casella, Donida, Lovera (2009), sections 3.4 and 6.2.
 """
 
+import math
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -15,7 +16,7 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.alias import rational
-from mbdlft.dae.branches import SWITCHES, ranges_of, root_of_square, side_on
+from mbdlft.dae.branches import SWITCHES, changes_its_branch, ranges_of, root_of_square, side_on
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
@@ -54,7 +55,7 @@ class Separation:
         self.values: dict[int, Mixed] = {}  # of replaced unknowns, by the hash of their symbol
         self.place = self.hint = ""
         self._rules = rules(
-            lambda value: coefficient(number(constant_of(value))),
+            self._number,
             add=plus,
             neg=lambda a: times(a, ca.SX(-1)),
             twice=lambda a: times(a, ca.SX(2)),
@@ -127,6 +128,17 @@ class Separation:
             return coefficient(symbol)
         return self.values.get(key) or args.signal(symbol)
 
+    def _number(self, value: float) -> Mixed:
+        self._check_finite(value)
+        return coefficient(number(constant_of(value)))
+
+    def _check_finite(self, value: float) -> None:
+        if not math.isfinite(value):
+            raise NotRationalError(
+                f"{self.owner}, {self.place}: a value or slope is {value} at this equilibrium, as that "
+                "of a root at zero is: there is no linear model. Linearize beside it."
+            )
+
     def _refused(self, operation: str, where: str, *operands: Mixed) -> Mixed:
         raise NotRationalError(f"{self.owner}, {self.place}: operation {operation!r} is not supported.")
 
@@ -156,8 +168,9 @@ class Separation:
         if all(map(constants.is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
-            near = constants.numbers_of(_OPERATIONS[operation](*values))
-            return coefficient(ca.SX(constants.literal(float(near[0, 0]))))
+            near = float(constants.numbers_of(_OPERATIONS[operation](*values))[0, 0])
+            self._check_finite(near)
+            return coefficient(ca.SX(constants.literal(near)))
         if operation in ("sin", "cos") and values[0].is_symbolic():
             pair = self.angles.get(values[0].element_hash())
             if pair is not None:
@@ -167,11 +180,7 @@ class Separation:
         text = f"{operation}({', '.join(str(constants.in_doubles(value)) for value in values)})"
         names = sorted({s.name() for value in values for s in free_symbols(value)})
         if operation in SWITCHING:
-            raise NotRationalError(
-                f"{self.owner}, {self.place}: {text} changes its branch inside of the range of "
-                f"{', '.join(names)}, or no enclosure shows that it does not. A model has one branch: "
-                "narrow the range so that it ends before the branch does, and make a model of each."
-            )
+            raise changes_its_branch(f"{self.owner}, {self.place}", text, names)
         raise NotRationalError(
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
             f"{', '.join(names)}. Either declare the value of {text} as a parameter of its own, with "
