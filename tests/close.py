@@ -36,6 +36,7 @@ ENCLOSURE = Method(5e-2)  # bounds of slopes over a range, beside the true extre
 MUJOCO = Method(1e-5)  # by finite differences
 MECHANISM = 1e-9
 CROSS = 1e-9  # against another tool
+WRITTEN_ANGLE = Method(1e-9)  # of files: -1.570796327 is read as -90 deg, and by another tool as it is
 # entries of M^-1 K of finite elements fall by many orders from the diagonal, and so do their digits
 ELASTIC = 1e-5
 

@@ -14,7 +14,7 @@ from mbdlft.base.errors import SceneError
 from mbdlft.robot import load_robot
 from mbdlft.show.viewer.data import view_data
 from mbdlft.show.viewer.looks import robot_looks, thinned
-from tests.close import CROSS, MESH, target
+from tests.close import CROSS, MESH, WRITTEN_ANGLE, target
 from tests.laws.test_viewer import interpret
 
 BALL = """<robot name="b">
@@ -80,8 +80,8 @@ def test_meshes_stand_where_pinocchio_has_them(file: str) -> None:
         r, *axes = vectors[shape["at"]]
         place = np.array(given["place"]).reshape(4, 4)
         turned = np.array(axes).T @ place[:3, :3]
-        target(turned, placed.rotation, CROSS)
-        target(r + np.array(axes).T @ place[:3, 3], placed.translation, CROSS, 1.0)
+        target(turned, placed.rotation, WRITTEN_ANGLE)
+        target(r + np.array(axes).T @ place[:3, 3], placed.translation, WRITTEN_ANGLE, 1.0)
         box = thing.geometry
         box.computeLocalAABB()
         ours = (corners(given) - place[:3, 3]) @ place[:3, :3]
