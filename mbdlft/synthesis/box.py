@@ -129,7 +129,8 @@ def tune(
     connected = partial(network, connections=connections, goals=goals, more=inputs, leave_out=leave_out)
     net = _begun_at(connected(systems), initial or {})
     sought = goals if any(not g.hard for g in goals) else [replace(g, hard=False) for g in goals]
-    at_once = processes_of(workers, "tune")
+    processes = processes_of(workers, "tune")
+    at_once = 2 * processes if processes > 1 else 1  # starts: the long ones then wait for fewer others
     with one_thread(), crew_of(workers, None, "tune") as crew:
         points, way = np.zeros((1, len(net.system.parameters))), Way(starts, seed, crew, at_once)
         first = Tuner(net, sought, points)
