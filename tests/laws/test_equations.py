@@ -126,6 +126,7 @@ def model(force, start: float = 0.0) -> mbdlft.LFTModel:
     k, x, u = draft.parameter(K_SWITCHED), draft.variable("x", start=start), draft.input("u")
     draft.equation(draft.der(x), equals=u - force(k, x))
     draft.output("x")
+    draft.output("force", force(k, x))
     structure = reduce_index(draft.dae())
     return mbdlft.linearize_dae(trim(structure, at={"x": start}, free=["u"]))
 
@@ -161,6 +162,7 @@ def test_no_linear_model_where_a_slope_is_infinite(force) -> None:
         (lambda k, x: ca.if_else(x < 0, -x * x, x * x) + k * x, 0.0, lambda k: -k),
         (lambda k, x: x * ca.fabs(x) + k * x, 0.0, lambda k: -k),
         (lambda k, x: ca.fmax(x * x, x * x * x) + k * x, 0.0, lambda k: -k),
+        (lambda k, x: ca.fmin(ca.fmax(1, ca.fabs(x + 1)) - 1, 0) + k * x, 0.0, lambda k: -k),
         (lambda k, x: k * ca.fabs(x), -2.0, lambda k: k),
         (lambda k, x: ca.if_else(x == 0, 5, k * x), -2.0, lambda k: -k),
         (lambda k, x: ca.if_else(x != 0, k * x, 5), 2.0, lambda k: -k),
@@ -176,7 +178,9 @@ def test_branches_that_are_one_function_or_stay_in_the_range(force, start, slope
     linear = model(force, start)
     assert linear.certificate.exact
     for k in (0.8, 1.0, 1.13, 1.2):
-        target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[slope(k)]]), CLOSED_FORM)
+        A, _, C, _ = mbdlft.matrices_at(linear, {"k": k})
+        target(A, np.array([[slope(k)]]), CLOSED_FORM)
+        target(C, np.array([[1.0], [-slope(k)]]), CLOSED_FORM)
 
 
 @pytest.mark.parametrize(
