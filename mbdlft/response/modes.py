@@ -40,7 +40,7 @@ def eigenpair(A: Array, pole: complex, v: NDArray[Any], u: NDArray[Any]) -> list
     Entries of A (n, n) that are rounding of its norm may be anything up to their size.
     """
     n, scale = len(A), complex(np.conj(u) @ v)
-    if scale == 0.0:
+    if abs(scale) < EPS**2:  # far below what rounding makes of it: no direction is known
         return None
     with flint.ctx.workprec(_BITS):
         near = flint.acb_mat(A.astype(complex).tolist())

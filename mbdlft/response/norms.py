@@ -25,13 +25,13 @@ from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
 from mbdlft.response.modes import Names, balancing, pole_text, spectrum, transfers_at
-from mbdlft.response.staircase import Plant, connected, scaled, seen, without_one
+from mbdlft.response.staircase import Plant, connected, exactly_seen, scaled, seen, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
 _AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
-_LIGHT, _BITS = 1e-6, 128  # damping of a pole beside which gains are computed in balls; bits of these
+_BITS = 128  # of balls in which gains beside a lightly damped pole are computed
 _ROUNDS = 60  # of the level; far more than are needed
 
 
@@ -150,11 +150,13 @@ def h2_norm(
 def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
     """A system without poles on or right of the axis, or why there is none.
 
-    Poles that the channels do not see leave it: those of states that no entries lead to, and simple ones
-    whose vectors, in balls, do not tell the direction in from zero, or the one out. Of multiple ones, the
-    staircase decides at the rounding of the scaled matrices.
+    Poles that the channels do not see leave it: those of states that no entries lead to, those that
+    fractions show of few states, and simple ones whose vectors, in balls, do not tell the direction in
+    from zero, or the one out. Of others the staircase decides at the rounding of the scaled matrices.
     """
     plant = connected(plant)
+    if spectrum(plant.A).stability != "stable":
+        plant = exactly_seen(plant)
     for _ in range(len(plant.A) + 1):
         poles = spectrum(plant.A)
         if poles.stability == "stable":
@@ -182,7 +184,8 @@ def _peak(plant: Plant, tolerance: float) -> tuple[float, float, float, str]:
         return np.inf, np.inf, abs(spectrum(stable.A).worst.imag), reason
     lower, upper, frequency, reason = peak_of(stable, tolerance)
     poles = eigenvalues_of(stable.A)
-    if 0.0 < frequency < np.inf and np.any(np.abs(poles.real) < _LIGHT * np.abs(poles)):
+    rounded = EPS * len(poles) * float(np.linalg.norm(stable.A))  # what a pole may be off by
+    if 0.0 < frequency < np.inf and np.any(rounded > tolerance * np.abs(poles.real)):
         with suppress(ZeroDivisionError):  # at a pole on the axis that is not seen
             lower = _gain_in_balls(connected(plant), frequency)
         upper = max(upper, lower * (1.0 + tolerance))

@@ -5,7 +5,8 @@ largest: a part that is smaller than that is taken for what rounding left.
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from fractions import Fraction
+from typing import Any, NamedTuple
 
 import flint
 import numpy as np
@@ -18,6 +19,8 @@ from mbdlft.response.modes import Names, balancing, eigenpair, transfers_at, wit
 from mbdlft.system.model import System
 
 _ROUNDING = 16.0 * float(np.finfo(float).eps)  # times the size of the system and its norm
+_MOST_EXACT = 16  # states of a system that is reduced in fractions: a second where all entries are full
+_PRIME = 2**61 - 1
 
 
 class Plant(NamedTuple):
@@ -117,6 +120,66 @@ def connected(plant: Plant) -> Plant:
         read = read | np.any(A[read] != 0.0, axis=0)
     kept = np.flatnonzero(reached & read)
     return Plant(A[np.ix_(kept, kept)], B[kept], C[:, kept], D)
+
+
+def exactly_seen(plant: Plant) -> Plant:
+    """The part of a real system that channels see, decided in fractions; of many states the system."""
+    if len(plant.A) > _MOST_EXACT or not all(map(np.isrealobj, plant)):
+        return plant
+    A, B, C = (flint.fmpq_mat(*x.shape, [_fraction(v) for v in x.flat]) for x in plant[:3])
+    if all(map(_reaches_all, (A, A.transpose()), (B, C.transpose()))):
+        return plant
+    A, B, C = _exactly_reached(A, B, C)
+    A, C, B = (x.transpose() for x in _exactly_reached(A.transpose(), C.transpose(), B.transpose()))
+    if A.nrows() == len(plant.A):
+        return plant
+    sizes = (A.nrows(), A.nrows()), (A.nrows(), plant.B.shape[1]), (len(plant.C), A.nrows())
+    found = (np.array([float(Fraction(int(v.p), int(v.q))) for v in x.entries()]) for x in (A, B, C))
+    return Plant(*(x.reshape(size) for x, size in zip(found, sizes, strict=True)), plant.D)
+
+
+def _fraction(value: float) -> flint.fmpq:
+    return flint.fmpq(*float(value).as_integer_ratio())
+
+
+def _reaches_all(A: Any, B: Any) -> bool:
+    """Whether [B, A B, A^2 B, ...] has full rank modulo a prime, and so in fractions."""
+    A, step = (
+        flint.nmod_mat(
+            x.nrows(), x.ncols(), [int(v.p) * pow(int(v.q), -1, _PRIME) for v in x.entries()], _PRIME
+        )
+        for x in (A, B)
+    )
+    columns = step.transpose().table()
+    for _ in range(A.nrows() - 1):
+        step = A * step
+        columns += step.transpose().table()
+    return bool(columns and flint.nmod_mat(columns, _PRIME).rank() == A.nrows())
+
+
+def _exactly_reached(A: Any, B: Any, C: Any) -> tuple[Any, Any, Any]:
+    """A, B, C of the reachable states: a vector of their space, in echelon form, is its pivot entries."""
+    n = A.nrows()
+    rows = B.transpose()
+    echelon, rank = rows.rref()
+    for _ in range(n):
+        basis = echelon.table()[:rank]
+        rows = (
+            flint.fmpq_mat([*basis, *(flint.fmpq_mat(basis) * A.transpose()).table()]) if rank else rows
+        )
+        echelon, more = rows.rref()
+        if more == rank:
+            break
+        rank = more
+    basis = echelon.table()[:rank]
+    pivots = [next(j for j, v in enumerate(row) if v) for row in basis]
+    V = flint.fmpq_mat(rank, n, [v for row in basis for v in row]).transpose()
+    at_pivots = [(A * V).table()[j] for j in pivots]
+    return (
+        flint.fmpq_mat(rank, rank, [v for row in at_pivots for v in row]),
+        flint.fmpq_mat(rank, B.ncols(), [v for j in pivots for v in B.table()[j]]),
+        C * V,
+    )
 
 
 def without_one(plant: Plant, poles: NDArray[np.complex128]) -> Plant | None:

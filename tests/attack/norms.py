@@ -1,10 +1,15 @@
-"""Norms of structures that fly freely, whose nutation is hardly damped: against 60 digits."""
+"""Norms of structures that fly freely, whose nutation is hardly damped: against 60 digits.
+
+And of one mode beside poles on or right of the axis that another channel sees, in any coordinates.
+"""
 
 from pathlib import Path
 
 import numpy as np
 
 import mbdlft
+from mbdlft import System, state_space
+from mbdlft.base.array import Array
 from mbdlft.response.modes import samples_at, spectrum
 from tests.light import FINITE, free_flyer, peak_of_60_digits
 
@@ -13,6 +18,8 @@ MOST = 1e-6  # relative error of a norm
 
 def attack(seed: int, folder: Path) -> str:
     """Eight channels of one structure: six are finite, two integrate the other torque."""
+    if seed % 2:
+        return unseen(np.random.default_rng(seed))
     system = free_flyer(seed)
     seen = spectrum(samples_at(system).A[0])
     assert np.array_equal(seen.on_axis, seen.at_zero), seen
@@ -23,3 +30,52 @@ def attack(seed: int, folder: Path) -> str:
             expected = peak_of_60_digits(seed, y, u, seen.poles)
             assert abs(found.lower[0] / expected - 1.0) <= MOST, (y, u, found.lower[0], expected)
     return "right"
+
+
+def unseen(random: np.random.Generator) -> str:
+    """One mode from u to y in closed form; others, up to three times, from w to z."""
+    system, peak = beside_poles(random)
+    seen = mbdlft.hinf_norm(system, outputs="y", inputs="u")
+    assert abs(seen.lower[0] / peak - 1.0) <= MOST, (seen.lower[0], peak, seen.reason)
+    is_stable = np.all(np.linalg.eigvals(samples_at(system).A[0]).real < -1e-9)
+    assert is_stable or np.isinf(mbdlft.hinf_norm(system, outputs="z", inputs="w").lower[0])
+    return "right, with poles that are not seen"
+
+
+def beside_poles(random: np.random.Generator) -> tuple[System, float]:
+    """The system, and the norm from u to y; all entries are exact in doubles."""
+    omega, damping = 2.0 ** random.integers(-3, 6), 2.0 ** -random.integers(1, 23)
+    mode = np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping * omega]])
+    other = 2.0 ** random.integers(-3, 6)
+    pole = (
+        np.zeros((1, 1)),
+        np.array([[0.5]]),
+        np.array([[-16.0]]),
+        other * np.array([[0.0, 1.0], [-1, 0]]),
+    )
+    block = pole[int(random.integers(4))]
+    count = int(random.integers(1, 4))
+    chain = np.kron(np.eye(count), block) + np.kron(np.eye(count, k=1), np.eye(len(block)))
+    n = 2 + len(chain)
+    A, B, C = np.zeros((n, n)), np.zeros((n, 2)), np.zeros((2, n))
+    A[:2, :2], A[2:, 2:] = mode, chain
+    B[1, 0] = B[-1, 1] = C[0, 0] = C[1, 2] = 1.0
+    shared = random.integers(-2, 3, (2, len(chain)))
+    if random.random() < 0.5:
+        A[:2, 2:] = shared
+    else:
+        A[2:, :2] = shared.T
+    A, B, C = in_other_coordinates(random, A, B, C)
+    system = state_space(A, B, C, np.zeros((2, 2)), inputs=["u", "w"], outputs=["y", "z"], name="poles")
+    return system, 1.0 / (2.0 * damping * omega**2 * np.sqrt(1.0 - damping**2))
+
+
+def in_other_coordinates(random: np.random.Generator, A: Array, B: Array, C: Array) -> list[Array]:
+    """T A T^-1, T B, C T^-1 with a T of whole numbers, whose inverse is one, too: nothing is rounded."""
+    for _ in range(4 * len(A)):
+        i, j = random.choice(len(A), 2, replace=False)
+        factor = float(random.choice([-1, 1]))
+        A, B, C = A.copy(), B.copy(), C.copy()
+        A[i], B[i] = A[i] + factor * A[j], B[i] + factor * B[j]
+        A[:, j], C[:, j] = A[:, j] - factor * A[:, i], C[:, j] - factor * C[:, i]
+    return [A, B, C]
