@@ -5,7 +5,6 @@ largest: a part that is smaller than that is taken for what rounding left.
 """
 
 from collections.abc import Mapping
-from fractions import Fraction
 from typing import Any, NamedTuple
 
 import flint
@@ -126,20 +125,24 @@ def exactly_seen(plant: Plant) -> Plant:
     """The part of a real system that channels see, decided in fractions; of many states the system."""
     if len(plant.A) > _MOST_EXACT or not all(map(np.isrealobj, plant)):
         return plant
-    A, B, C = (flint.fmpq_mat(*x.shape, [_fraction(v) for v in x.flat]) for x in plant[:3])
+    A, B, C = (_fractions(x) for x in plant[:3])
     if all(map(_reaches_all, (A, A.transpose()), (B, C.transpose()))):
         return plant
     A, B, C = _exactly_reached(A, B, C)
     A, C, B = (x.transpose() for x in _exactly_reached(A.transpose(), C.transpose(), B.transpose()))
     if A.nrows() == len(plant.A):
         return plant
-    sizes = (A.nrows(), A.nrows()), (A.nrows(), plant.B.shape[1]), (len(plant.C), A.nrows())
-    found = (np.array([float(Fraction(int(v.p), int(v.q))) for v in x.entries()]) for x in (A, B, C))
-    return Plant(*(x.reshape(size) for x, size in zip(found, sizes, strict=True)), plant.D)
+    return Plant(_doubles(A), _doubles(B), _doubles(C), plant.D)
 
 
-def _fraction(value: float) -> flint.fmpq:
-    return flint.fmpq(*float(value).as_integer_ratio())
+def _doubles(a: Any) -> Array:
+    values = [int(v.p) / int(v.q) for v in a.entries()]
+    return np.reshape(np.array(values), (a.nrows(), a.ncols()))
+
+
+def _fractions(a: Array) -> Any:
+    rows, columns = a.shape
+    return flint.fmpq_mat(rows, columns, [flint.fmpq(*float(v).as_integer_ratio()) for v in a.flat])
 
 
 def _reaches_all(A: Any, B: Any) -> bool:
