@@ -12,7 +12,6 @@ from mbdlft.synthesis.conic import sqcqp
 from mbdlft.synthesis.curvature import Bends, bends
 from mbdlft.synthesis.descent import Problem, sqp
 from mbdlft.synthesis.evaluation import Look, Piece
-from mbdlft.synthesis.quadratic import least_quadratic
 from tests.close import CROSS, FITTED, target
 from tests.laws.test_synthesis import CONTROLLERS, GOALS, _gain, case
 
@@ -108,26 +107,3 @@ def test_coupled_singular_values_are_followed_together() -> None:
     found = sqcqp(problem, np.zeros(4), 40, 1e-9)
     target(found.x[:3], [-0.5, 0.5, -0.5], FITTED)
     assert len(looks) < 5
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_programs_end_where_slopes_and_multipliers_cancel(seed: int) -> None:
-    """Rows and bounds that are active at a point, with multipliers, give the slope there."""
-    random = np.random.default_rng(seed)
-    n, m, active = 12, 15, np.arange(15) < 4
-    root, G, x = (random.standard_normal(shape) for shape in ((n, n - 1), (m, n), n))
-    most = np.where(np.arange(n) < 8, np.abs(x) + random.uniform(0.1, 10.0, n), np.inf)
-    most[:3] = np.abs(x[:3])
-    z, of_bounds = (random.uniform(0.5, 5.0, size) for size in (m, 3))
-    h = G @ x + np.where(active, 0.0, random.uniform(0.1, 1e4, m))
-    cost = -root @ root.T @ x - G.T @ (z * active)
-    cost[:3] -= of_bounds * np.sign(x[:3])
-    found, multipliers = least_quadratic(root @ root.T, cost, G, h, most)
-    target(found, x, FITTED)
-    target(multipliers, z * active, FITTED)
-
-
-def test_a_program_without_numbers_has_no_end() -> None:
-    assert np.all(
-        np.isnan(least_quadratic(np.eye(2), np.ones(2), np.full((1, 2), np.nan), np.ones(1), FREE[:2])[0])
-    )
