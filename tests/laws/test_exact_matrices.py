@@ -146,6 +146,19 @@ def test_values_are_the_nearest_doubles() -> None:
         module.from_rows([{0: left * left * left + left * third - left * third}], 1, PRIME).values()
 
 
+@pytest.mark.parametrize("bits", [52, 57, 59, 70])
+def test_values_are_told_up_to_their_last_unit_only(bits: int) -> None:
+    """An entry known to so many bits: its nearest double, or an error, and not one of another end."""
+    third = FIELD.rational(Fraction(1, 3))
+    value = type(third)(third.ball + flint.arb(0, 2.0 ** -(bits + 2)), third.residue)
+    a = module.from_rows([{0: value}], 1, PRIME)
+    if bits > 58:
+        exact(a.values(), [[1.0 / 3.0]])
+    else:
+        with pytest.raises(TooFewBitsError, match="is too wide"):
+            a.values()
+
+
 def test_rough_values_never_fail() -> None:
     third = FIELD.rational(Fraction(1, 3))
     left = third - FIELD.rational(Fraction(10**120 // 3, 10**120))
