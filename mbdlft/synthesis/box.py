@@ -218,12 +218,12 @@ def _until_none_is_worse(
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found.
 
-    Where they are given, and good in the box, they are tuned at least once, and each descent begins at
-    those that are best at the points: the last ones, or the ones with the least worst that is known. So
+    Where they are given, and good in the box, they are tuned until a descent gains little, and each begins
+    at those that are best at the points: the last ones, or the ones with the least worst that is known. So
     what they reach stays.
     """
     best, points = begun
-    safe, lost, idle = (np.inf, best), 0, 0
+    safe, lost, idle, gains = (np.inf, best), 0, 0, is_given
     is_whole = bool(np.all(ends == 1.0))
     enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
@@ -231,7 +231,7 @@ def _until_none_is_worse(
         lost = lost + 1 if worst == np.inf else 0
         safe = min(safe, (worst, best), key=lambda pair: pair[0])
         say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
-        idle = 0 if len(new) or (is_given and not count) else idle + 1
+        idle = 0 if len(new) or gains else idle + 1
         if lost > _MOST_LOST or idle >= enough:
             yield (safe[1] if safe[0] < worst == np.inf else best), points
             return
@@ -245,6 +245,7 @@ def _until_none_is_worse(
         if is_given:
             begin = min(begin, safe[1].x, key=lambda x: tuner.at(x).rank())
         best = taken_on(tuner, begin, way, is_near=is_near)
+        gains = is_given and best.look.soft < (1.0 - _WORSE) * tuner.at(begin).look.soft
         yield best, points
     yield safe[1], points
 

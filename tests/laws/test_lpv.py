@@ -195,20 +195,21 @@ def test_the_arm_while_its_angles_move() -> None:
     }
     arm, gain = model.with_range(narrow), tunable_gain("K", ["e1", "e2"], ["u1", "u2"])
     how = {"inputs": task.inputs, "measured": angles, "prove": False, "work": 1.0}
-    found = lpv_synthesis([arm, gain], task.goals, task.connections, **how)
+    goals = [goal for goal in task.goals if goal.kind != "poles"]
+    found = lpv_synthesis([arm, gain], goals, task.connections, **how)
     assert found.motion.upper < 1.26
     assert mbdlft.verify(found.loop, found.motion) == ""
     parts = [arm, found.structure]
-    small = reduced_structure(parts, task.goals, task.connections, states=4, inputs=task.inputs)
+    small = reduced_structure(parts, goals, task.connections, states=4, inputs=task.inputs)
     random, inputs = np.random.default_rng(0), ["r1", "r2"]
     points = {p.name: random.uniform(p.low, p.high, 20) for p in model.parameters if p.name in angles}
     for controller in (found.tuning.controllers[0], small.with_values({})):
         whole = mbdlft.connect(
             [model, controller], task.connections, inputs=inputs, outputs=["e1", "e2", "u1", "u2"]
         )
-        error, torque = (goal.limit for goal in task.goals)
-        assert task.goals[0].after is not None
-        assert np.max(largest(task.goals[0].after * whole[:2, :], points)) < 0.95 * error
+        error, torque = (goal.limit for goal in goals)
+        assert goals[0].after is not None
+        assert np.max(largest(goals[0].after * whole[:2, :], points)) < 0.95 * error
         assert np.max(largest(whole[2:, :], points)) < 1.05 * torque
 
 

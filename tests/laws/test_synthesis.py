@@ -429,6 +429,25 @@ def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.Mo
         target(x, list(good.values()), CLOSED_FORM)
 
 
+def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each descent goes half of the way: it was the only one where no point of the box is worse."""
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    best = dict(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values)
+    reached = list[float]()
+
+    def descended(tuner: Any, x: Any, *_: Any, is_near: bool) -> Any:
+        reached.append(tuner.at(x).look.soft)
+        return tuner.at(0.5 * (x + np.array([*best.values()])))
+
+    monkeypatch.setattr(box, "taken_on", descended)
+    monkeypatch.setattr(box, "_worst_points", lambda *at: (np.zeros((0, 3)), at[2].look.soft))
+    given = {name: 0.9 * value for name, value in best.items()}
+    tune([PLANT, pid], [GOALS[0]], LOOP, initial=given, starts=1, prove=False)
+    gains = -np.diff(np.log(reached))
+    assert len(gains) > 2
+    assert np.all(gains > 2e-3)
+
+
 def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each begins at other points; with five parameters the third in vain is the last.
 
