@@ -218,8 +218,8 @@ def _until_none_is_worse(
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found.
 
-    Where they are given, and good in the box, they are tuned until a descent gains little, and each begins
-    at those that are best at the points: the last ones, or the ones with the least worst that is known. So
+    Where they are given, and good in the box, they are tuned until a descent gains little. Each begins at
+    those that are best at the points: the last ones, or the ones with the least worst that is known. So
     what they reach stays.
     """
     best, points = begun
