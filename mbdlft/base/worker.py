@@ -100,6 +100,7 @@ class Worker:
         # by the process that has them: a fork begins without
         self._locks: dict[int, threading.Lock] = {}
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
+        self._is_stopped = False
 
     @property
     def process(self) -> "subprocess.Popen[bytes] | None":
@@ -160,8 +161,16 @@ class Worker:
         except OSError as error:
             raise NoProcessError(str(error)) from None
         self._processes[os.getpid()] = process
+        if self._is_stopped:
+            process.kill()
         atexit.register(self.end)
         return process
+
+    def stop(self) -> None:
+        """End the process that another thread waits for, and each that it starts later."""
+        self._is_stopped = True
+        if (process := self.process) is not None:
+            process.kill()
 
     def end(self) -> None:
         """End the process of this one, if there is one; a fork leaves that of its parent alone."""
@@ -290,8 +299,8 @@ class Pool:
 
     def __exit__(self, *error: object) -> None:
         self._stop.set()
-        for process in filter(None, (worker.process for worker in self._workers)):
-            process.kill()
+        for worker in self._workers:
+            worker.stop()
         self._threads.shutdown(cancel_futures=True)
         for worker in self._workers:
             worker.end()

@@ -132,27 +132,46 @@ def tune(
     processes = processes_of(workers, "tune")
     at_once = 2 * processes if processes > 1 else 1  # starts: the long ones then wait for fewer others
     with one_thread(), crew_of(workers, None, "tune") as crew:
-        points, way = np.zeros((1, len(net.system.parameters))), Way(starts, seed, crew, at_once)
-        first = Tuner(net, sought, points)
+        way = Way(starts, seed, crew, at_once)
+        first = Tuner(net, sought, np.zeros((1, len(net.system.parameters))))
         first.check_fixed()
         least = least_values(net, goals, lambda: connected(as_matrices(systems)))
         soft = [bound for bound, goal in zip(least, sought, strict=True) if not goal.hard]
-        nominal, best = max(soft, default=0.0), first.at(next(begun(first, 1, seed)))
-        if is_given := bool(initial) and _is_good(net, sought, best):
-            points = _deciding(net, sought, best)
-        else:
-            best = tuned(
-                first, way, say, _ENOUGH * nominal, lambda best: len(_growing(net, sought, best)) > 1
-            )
-            nominal = best.look.soft
-        with suppress(KeyboardInterrupt):  # the best that is known is proved
-            for later in _at_worst_points(
-                net, sought, (best, points), way, say, nominal, is_given=is_given
-            ):
-                best, points = later
+        nominal, known = max(soft, default=0.0), list[tuple[Tuned, Array]]()
+        try:
+            for later in _improved(net, sought, first, way, say, nominal, is_given=bool(initial)):
+                known = [later]
+        except KeyboardInterrupt:  # the best that is known is proved
+            if not known:
+                raise
+    [(best, points)] = known
     with one_thread():
         proofs = {"gap": gap, "work": work, "workers": workers} if prove else None
         return as_tuning(net, goals, best.x, points, least, proofs, say)
+
+
+def _improved(
+    net: Network,
+    goals: Sequence[Goal],
+    first: Tuner,
+    way: Way,
+    say: Progress,
+    nominal: float,
+    *,
+    is_given: bool,
+) -> Iterator[tuple[Tuned, Array]]:
+    """Better and better values, and the points they were tuned at: the nominal one, then worst ones."""
+    best, points = first.at(next(begun(first, 1, way.seed))), first.points
+    if is_given := is_given and _is_good(net, goals, best):
+        points = _deciding(net, goals, best)
+        yield best, points
+    else:
+        for best in tuned(
+            first, way, say, _ENOUGH * nominal, lambda best: len(_growing(net, goals, best)) > 1
+        ):
+            yield best, points
+        nominal = best.look.soft
+    yield from _at_worst_points(net, goals, (best, points), way, say, nominal, is_given=is_given)
 
 
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
@@ -297,14 +316,14 @@ def _worst_points(
     if len(unstable := screen.least_stable(best.x)):
         for delta in unstable:
             check_stabilizable(Tuner(net, goals, delta[None]), best.x, way)
-        return np.array([_on_the_way(net, goals, best, delta) for delta in unstable]), np.inf
+        return np.array([_on_the_way(net, goals, best, points, delta) for delta in unstable]), np.inf
     if is_whole:
         loop = closed_loop(net, goals[0], best.x, "loop")
         model = realization(loop, range(len(loop.inputs)))
         crossing = smallest_crossing(model, 1.0)
         if np.isfinite(crossing.size):
             unstable = _in_order(net, dict(zip(model.names, crossing.delta, strict=True)))
-            return _on_the_way(net, goals, best, unstable)[None], np.inf
+            return _on_the_way(net, goals, best, points, unstable)[None], np.inf
     parts = [Tuner(net, goals, some[k::_PARTS]) for k in range(_PARTS)] if is_whole else [screen]
     tops = zip(*(part.worst(best.x) for part in parts), strict=True)
     of_goals = enumerate(zip(goals, tops, strict=True))
@@ -366,20 +385,27 @@ def _searched(net: Network, goal: Goal, x: Array) -> tuple[float, Array]:
     return seen.lower / goal.limit, np.clip(_in_order(net, seen.delta), -1.0, 1.0)
 
 
-def _on_the_way(net: Network, goals: Sequence[Goal], best: Tuned, unstable: Array) -> Array:
+def _on_the_way(
+    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, unstable: Array
+) -> Array:
     """A point on the way from the middle to one without stability: the last that is not far too bad.
 
     From there values are tuned without a new search for stable ones, which would lose what they reach.
+    Beyond a point that they were tuned at, it is the next at which loops are stable.
     """
-    shares = np.linspace(0.0, 1.0, _SHARES + 1)[1:, None]
+
+    def worst(share: float) -> float:
+        return max(value for value, _ in Tuner(net, goals, share * unstable[None]).worst(best.x))
+
+    shares = np.linspace(0.0, 1.0, _SHARES + 1)
     most = _FAR_TOO_BAD * max(best.look.soft, best.look.hard, 1.0)
-    chosen = unstable
-    for share in shares[::-1]:
-        values = [value for value, _ in Tuner(net, goals, share * unstable[None]).worst(best.x)]
-        chosen = share * unstable
-        if max(values) <= most:
-            break
-    return chosen
+    k = next((k for k in range(_SHARES, 1, -1) if worst(shares[k]) <= most), 1)
+    if k == _SHARES or not np.any(np.all(points == shares[k] * unstable, axis=1)):
+        return np.asarray(shares[k] * unstable)
+    known, beyond = shares[k : k + 2]
+    while worst(beyond) == np.inf and known < (middle := 0.5 * (known + beyond)) < beyond:
+        beyond = middle
+    return np.asarray(beyond * unstable)
 
 
 def _in_order(net: Network, by_name: Mapping[str, Any]) -> Array:

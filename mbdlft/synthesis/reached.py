@@ -8,6 +8,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import to_physical
+from mbdlft.robust.bisect.search import INTERRUPTED
 from mbdlft.robust.evidence import Bounds
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.worst import worst_case
@@ -134,12 +135,20 @@ def as_tuning(
     how: Mapping[str, Any] | None,
     say: Progress = lambda text: None,
 ) -> Tuning:
-    """What values reach: at points, in the box, and proved on it if it is said `how`."""
+    """What values reach: at points, in the box, and proved on it if it is said `how`, until Ctrl-C."""
     reached = []
     for goal, bound in zip(goals, least, strict=True):
-        if how is not None:
-            say(f"proof of {goal.name}")
-        reached.append(_reached(net, goal, x, points, bound, how))
+        try:
+            if how is not None:
+                say(f"proof of {goal.name}")
+            reached.append(_reached(net, goal, x, points, bound, how))
+        except KeyboardInterrupt:
+            if how is None:
+                raise
+            how = None
+            reached.append(_reached(net, goal, x, points, bound, how))
+        if any(b.reason == INTERRUPTED for b in reached[-1].bounds):
+            how = None
     values = _values(net, x)
     controllers = tuple(c.with_values({v.name: values[v.name] for v in c.free}) for c in net.controllers)
     loop = closed_loop(net, Goal(HINF, "loop", net.inputs, net.outputs), x, net.system.name)

@@ -382,37 +382,33 @@ def tuned(
     say: Told,
     enough: float = 0.0,
     is_rough: Callable[[Tuned], bool] = lambda best: False,
-) -> Tuned:
-    """The best of several starts, taken on; Ctrl-C ends it with the best that is known.
+) -> Iterator[Tuned]:
+    """The best of the starts so far, and at last the best of several taken on.
 
     No more searches begin when soft goals are at most `enough`. Nothing is taken on where it `is_rough`.
     An AnalysisError says that no start led to stable loops, and which pole is on the right.
     """
     found: list[Tuned] = []
     nearest = (np.inf, np.zeros(len(tuner.net.free)))
-    try:
-        for count, (x, real, reached) in enumerate(_from_starts(tuner, way), 1):
-            found += reached
-            if not reached:
-                nearest = min(nearest, (real, x), key=lambda pair: pair[0])
-                say(f"start {count} of {way.starts}, not stable: real part {real:.3g}")
-                continue
-            best = min(found, key=Tuned.rank)
-            say(f"start {count} of {way.starts}, best {best.look.soft:.4g}")
-            if best.rank() <= (0.0, enough):
-                break
-        if found and not is_rough(min(found, key=Tuned.rank)):
-            some = [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
-            ends = way.crew(_polished, some)
-            extra = np.unique(np.concatenate([seen for _, seen in ends]))
-            tuner.asked = tuner.asked._replace(extra=extra)
-            found = [tuner.at(x) for x, _ in ends]
-    except KeyboardInterrupt:
-        if not found:
-            raise
+    for count, (x, real, reached) in enumerate(_from_starts(tuner, way), 1):
+        found += reached
+        if not reached:
+            nearest = min(nearest, (real, x), key=lambda pair: pair[0])
+            say(f"start {count} of {way.starts}, not stable: real part {real:.3g}")
+            continue
+        best = min(found, key=Tuned.rank)
+        yield best
+        say(f"start {count} of {way.starts}, best {best.look.soft:.4g}")
+        if best.rank() <= (0.0, enough):
+            break
     if not found:
         raise AnalysisError(tuner.unstable(nearest[1]))
-    best = min(found, key=Tuned.rank)
+    if not is_rough(best):
+        some = [(tuner, best) for best in sorted(found, key=Tuned.rank)[:_BEST]]
+        ends = way.crew(_polished, some)
+        extra = np.unique(np.concatenate([seen for _, seen in ends]))
+        tuner.asked = tuner.asked._replace(extra=extra)
+        best = min((tuner.at(x) for x, _ in ends), key=Tuned.rank)
     for goal, (value, _) in zip(tuner.goals, tuner.worst(best.x), strict=True):
         if value == np.inf:
             raise AnalysisError(
@@ -421,7 +417,7 @@ def tuned(
                 if goal.kind == H2
                 else f"tune: goal {goal.name!r}: it is not finite beside its limit, {goal.limit:g}."
             )
-    return best
+    yield best
 
 
 def check_stabilizable(tuner: Tuner, x: Array, way: Way) -> None:
@@ -443,7 +439,8 @@ def taken_on(tuner: Tuner, x: Array, way: Way, *, is_near: bool = False) -> Tune
     """Values of other points, made stable at these and tuned; from new starts, where that fails."""
     stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
     if real >= 0.0:
-        return tuned(tuner, way, lambda text: None)
+        *_, best = tuned(tuner, way, lambda text: None)
+        return best
     return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
 
 

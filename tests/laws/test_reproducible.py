@@ -106,6 +106,34 @@ def test_ctrl_c_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     assert same_everywhere("os:getpid") != first
 
 
+@pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="no signals to threads here")
+@pytest.mark.parametrize("delay", [0.2, 1.5])
+def test_ctrl_c_ends_the_tasks_of_a_crew(delay: float, tmp_path: Path) -> None:
+    """Workers that start half a second after they are asked to are ended before, and while, they work."""
+    program = f"""
+import signal, threading, time
+from mbdlft.base import worker
+from mbdlft.robust.bisect.search import crew_of
+
+start, interrupted = worker.Worker._start, False
+def late(self, *modules):
+    time.sleep(0.5)
+    return start(self, *modules)
+worker.Worker._start = late
+signal.signal(signal.SIGINT, signal.default_int_handler)
+main = threading.main_thread().ident
+try:
+    with crew_of(2, None, "test") as crew:
+        threading.Timer({delay}, signal.pthread_kill, (main, signal.SIGINT)).start()
+        crew(exec, [("import time; time.sleep(3.0); open('{tmp_path / "ended"}', 'w')",)] * 2)
+except KeyboardInterrupt:
+    interrupted = True
+assert interrupted
+"""
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, check=True)
+    assert not (tmp_path / "ended").exists()
+
+
 def test_a_fork_has_its_own() -> None:
     """It neither speaks to the process of its parent, nor ends it."""
     program = """

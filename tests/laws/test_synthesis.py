@@ -10,6 +10,7 @@ import pytest
 from mpmath import mp
 
 import mbdlft
+from mbdlft import synthesis
 from mbdlft.base.parameter import to_physical
 from mbdlft.base.running import one_thread
 from mbdlft.synthesis import (
@@ -393,7 +394,7 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
     pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
     good = list(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values.values())
     poor = [60.0, 20.0, 60.0]
-    monkeypatch.setattr(box, "tuned", lambda tuner, *_: tuner.at(np.array(poor)))
+    monkeypatch.setattr(box, "tuned", lambda tuner, *_: [tuner.at(np.array(poor))])
     monkeypatch.setattr(box, "taken_on", lambda tuner, x, *_, **__: tuner.at(x))
     monkeypatch.setattr(box, "begun_again", lambda tuner, *_: tuner.at(np.array(good)))
     monkeypatch.setattr(box, "_ROUNDS", 2)
@@ -513,6 +514,35 @@ def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
     assert len(made.points) > 1, said
 
 
+def test_an_interrupt_ends_the_search_and_the_next_one_the_proofs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The start is kept, and no points of the box are looked for; of two goals neither is proved then."""
+    said = []
+
+    def interrupted(text: str) -> None:
+        said.append(text)
+        if text.startswith(("start 1", f"proof of {GOALS[0].name}")):
+            raise KeyboardInterrupt
+
+    def stopped(loop: Any, **how: Any) -> Any:
+        return mbdlft.worst_case_gain(loop, **how, progress=interrupted_proof)
+
+    def interrupted_proof(lower: float, upper: float) -> None:
+        raise KeyboardInterrupt
+
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    made = tune([PLANT, pid], GOALS[:2], LOOP, starts=2, progress=interrupted)
+    assert said == [said[0], f"proof of {GOALS[0].name}"]
+    assert len(made.points) == 1
+    assert all(np.isfinite(reached.tuned) and not reached.bounds for reached in made.goals)
+    monkeypatch.setattr(synthesis.reached, "worst_case_gain", stopped)
+    made = tune([PLANT, pid], GOALS[:2], LOOP, starts=1)
+    first, second = made.goals
+    assert first.bounds[0].reason == "it was interrupted"
+    assert not second.bounds
+
+
 def test_a_hard_goal_stops_the_others() -> None:
     """Of u = -k y, y/w = 1/(s + 1 + k), and |u/w| = k/(1 + k) is at most a half: k = 1."""
     names = {"inputs": ["w", "u"], "outputs": ["y"], "name": "P"}
@@ -554,11 +584,15 @@ def test_a_box_grows_where_the_loop_is_unstable() -> None:
     assert made.goals[0].proved < 300.6
     net = _begun_at(network([plant, K], wired, goals), {"K.D[1,1]": 100.0})
     target([value.initial for value in net.free], [100.0, 0.0], CLOSED_FORM)
-    # on the way to a = 150, the last of 20 points with a/(1 - a/100) <= 4 100 is that before a = 80
-    here = Tuner(net, goals, np.zeros((1, 1))).at(np.array([100.0, 0.0]))
-    shares = np.linspace(0.05, 1.0, 20)
-    last = max(s for s in shares if float(to_physical(a, s)) <= 80.0)
-    target(_on_the_way(net, goals, here, np.ones(1)), [last], CLOSED_FORM)
+    # on the way to a = 150, the last of 20 points with 4 times the gain of a = 50 is before 80
+    # for k = 100; for k = 51.9 it is the first, and the loop is unstable at the second
+    alone, shares = np.zeros((1, 1)), np.linspace(0.05, 1.0, 20)
+    for k, most, beyond in ((100.0, 80.0, 0.05), (51.9, 51.0, 0.025)):
+        here = Tuner(net, goals, alone).at(np.array([k, 0.0]))
+        last = max(s for s in shares if float(to_physical(a, s)) <= most)
+        point = _on_the_way(net, goals, here, alone, np.ones(1))
+        target(point, [last], CLOSED_FORM)
+        target(_on_the_way(net, goals, here, point[None], np.ones(1)), [last + beyond], CLOSED_FORM)
 
 
 @pytest.mark.long
