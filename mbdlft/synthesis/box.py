@@ -42,7 +42,7 @@ from mbdlft.synthesis.tuning import (
 
 _ROUNDS, _GROWING_ROUNDS = 80, 6  # of the worst-case loop; of a part of the box
 _MOST_LOST = 12  # rounds in a row that leave a point of the box without stability, and are the last
-_MOST_POINTS = 45  # beyond which the idle ones leave
+_MOST_POINTS = 45  # beyond which the idle ones leave, where no other is far worse
 _FAR = 4.0  # times what is tuned: where the box has more, it grows
 _SIZES, _SLOW_SIZES = (0.4, 0.7, 1.0), (0.15, 0.3, 0.45, 0.6, 0.8, 1.0)  # of parts of the box
 _NEAR = 1.1  # times what is tuned: where the box has no more, gains bend in steps, and all parts count
@@ -256,7 +256,7 @@ def _until_none_is_worse(
             return
         if idle:
             continue
-        if len(points) > _MOST_POINTS:
+        if len(points) > _MOST_POINTS and worst <= _FAR * max(best.look.soft, best.look.hard):
             points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)

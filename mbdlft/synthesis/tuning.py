@@ -29,7 +29,7 @@ from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.conic import sqcqp
 from mbdlft.synthesis.curvature import Bends, bends, curvatures
 from mbdlft.synthesis.descent import Descended, Problem, bfgs, sqp
-from mbdlft.synthesis.evaluation import STABLE, Asked, Flags, Look, Place, abscissas, look
+from mbdlft.synthesis.evaluation import STABLE, UNSTABLE, Asked, Flags, Look, Place, abscissas, look
 from mbdlft.synthesis.fixed import fixed_poles
 from mbdlft.synthesis.goals import H2, HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Family, Network, family, places, weighted
@@ -47,6 +47,9 @@ _GAIN = 1e-6  # of a merit: two rounds that gain less are the last
 _UNSTABLE = 2  # points that are added where loops are not stable
 _MISSED = 1e-5  # of a norm: a peak that the grid did not see is added to it
 _PEAK = 1e-9  # of a norm: its tolerance
+# times what stable loops reach, while others are made stable; little enough to come back, and more than
+# the 1.1 from which on the box counts as near
+_KEPT = 1.3
 _BEST = 2  # of the first descents are taken on
 Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
@@ -437,11 +440,49 @@ def check_stabilizable(tuner: Tuner, x: Array, way: Way) -> None:
 
 def taken_on(tuner: Tuner, x: Array, way: Way, *, is_near: bool = False) -> Tuned:
     """Values of other points, made stable at these and tuned; from new starts, where that fails."""
-    stable, real = (x, -np.inf) if tuner.at(x).look.is_stable else tuner.stabilized(x)
-    if real >= 0.0:
-        *_, best = tuned(tuner, way, lambda text: None)
-        return best
+    stable = x if tuner.at(x).look.is_stable else _stabilized_beside(tuner, x)
+    if stable is None:
+        stable, real = tuner.stabilized(x)
+        if real >= 0.0:
+            *_, best = tuned(tuner, way, lambda text: None)
+            return best
     return tuner.descended(stable, _NEAR_END if is_near else _TAKEN_ON, _FIRST_STEPS, tolerance=_ROUGH)
+
+
+def _stabilized_beside(tuner: Tuner, x: Array) -> Array | None:
+    """Values near x with which all loops are stable, where some are: what these reach is not lost.
+
+    It may grow by a factor, and is a hard goal beside the poles of the others. None if that fails.
+    """
+    closed = tuner.family.closed(x)
+    is_unstable = closed is None or np.max(np.linalg.eigvals(closed.A).real, axis=1) >= 0.0
+    if np.all(is_unstable):
+        return None
+    others = tuner.family.at(np.flatnonzero(is_unstable).tolist())
+    kept = Tuner(tuner.net, tuner.goals, tuner.points[~is_unstable])
+    begun = kept.at(x)
+    if not 0.0 < begun.look.soft < np.inf:
+        return None
+    start = kept._scaled_for(begun, _KEEPS[1], begun.look.soft, is_first=True)
+    most = {False: _KEPT * begun.look.soft, True: _KEPT * max(1.0, begun.look.hard)}
+    poles, near = len(tuner.goals), _NEAR * tuner.bandwidth
+
+    def at(scaled: Array, held: Sequence[Place] = ()) -> Look:
+        values = scaled * kept.scale
+        reached, there = kept.look(values, _KEEPS[1]), abscissas(others, values, near)
+        if not reached.is_stable:
+            return UNSTABLE
+        pieces = [p._replace(goal=poles) for p in there.pieces]
+        for p in reached.pieces:
+            limit = 1.0 if p.goal == STABLE else most[tuner.goals[p.goal].hard]
+            pieces.append(p._replace(value=p.value / limit, slope=p.slope / limit))
+        hard = max(reached.soft / most[False], reached.hard / most[True])
+        return kept._scaled(Look(there.soft, hard, tuple(pieces), there.abscissa))
+
+    low, high = tuner.low / kept.scale, tuner.high / kept.scale
+    problem = Problem(at, low, high, lambda goal: goal != poles, _PRICES[0], tuner.bandwidth)
+    ended = sqp(problem, start / kept.scale, _STABLE_STEPS, 1e-6, -_STABLE).x * kept.scale
+    return ended if tuner.at(ended).look.is_stable else None
 
 
 def begun_again(tuner: Tuner, way: Way) -> Tuned | None:

@@ -36,7 +36,7 @@ from mbdlft.synthesis.descent import _CURVED, _NEAR, Problem, _directions, _piec
 from mbdlft.synthesis.evaluation import Asked, Look, Piece, _largest, look
 from mbdlft.synthesis.loop import closed_loop, family, network, places, weighted
 from mbdlft.synthesis.pieces import in_modes
-from mbdlft.synthesis.tuning import Tuner, begun
+from mbdlft.synthesis.tuning import Tuner, Way, begun, taken_on
 from mbdlft.system import state_space
 from tests.attack.tunings import task
 from tests.close import CLOSED_FORM, CROSS, FITTED, target
@@ -593,6 +593,52 @@ def test_a_box_grows_where_the_loop_is_unstable() -> None:
         point = _on_the_way(net, goals, here, alone, np.ones(1))
         target(point, [last], CLOSED_FORM)
         target(_on_the_way(net, goals, here, point[None], np.ones(1)), [last + beyond], CLOSED_FORM)
+
+
+def test_loops_are_made_stable_beside_what_others_reach(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of x' = a x - k (x + n), k x is at most k and k a/(k - a): 130 at a = 50 with 81.25 <= k <= 130.
+
+    With k = 100 at first the loop is not stable at a = 250: k0 + k1 has to grow by 150 there.
+    """
+    a = mbdlft.Parameter("a", 50.0, low=40.0, high=250.0)
+    plant = mbdlft.realize(
+        [["a", "1"], ["1", "0"]], [a], states=1, inputs=["f"], outputs=["x"], name="P", search=0.0
+    )
+    goals = [gain_goal("n", "v")]
+    net = network(
+        [plant, scheduled(tunable_gain("K", "e", "v"), [a])], {"f": "-v", "e": ["x", "n"]}, goals
+    )
+    tuner, x = Tuner(net, goals, np.array([[0.0], [1.0]])), np.array([100.0, 0.0])
+    near, _ = tuner.stabilized(x)
+    assert near[0] > 170.0
+    monkeypatch.setattr(Tuner, "stabilized", lambda *_: pytest.fail("what is reached at a = 50 is lost"))
+    monkeypatch.setattr(Tuner, "descended", lambda self, x, *_, **__: self.at(x))
+    k, more = taken_on(tuner, x, Way(1, 0)).x
+    assert 81.25 < k < 130.1
+    assert k + more > 250.0
+
+
+def test_points_stay_where_the_box_is_far_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which of them decide is not known before values are good there."""
+    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
+    good, counts = [60.0, 20.0, 60.0], list[int]()  # with 0.872 at nominal
+
+    def descended(tuner: Any, x: Any, *_: Any, **__: Any) -> Any:
+        counts.append(len(tuner.points))
+        return tuner.at(x)
+
+    monkeypatch.setattr(box, "tuned", lambda tuner, *_: [tuner.at(np.array(good))])
+    monkeypatch.setattr(box, "taken_on", descended)
+    monkeypatch.setattr(box, "_ROUNDS", 4)
+    monkeypatch.setattr(box, "_MOST_POINTS", 2)
+    monkeypatch.setattr(Tuner, "deciding", lambda *_: [0])
+    for times, expected in ((1.0, [2, 3, 2, 3]), (100.0, [2, 3, 4, 5])):
+        new = [np.array([[1.0, 1.0, share]]) for share in (0.4, 0.3, 0.2, 0.1)]
+        answers = [(points, times * 0.872) for points in new]
+        monkeypatch.setattr(box, "_worst_points", lambda *_, left=answers: left.pop())
+        counts.clear()
+        tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False)
+        assert counts == expected
 
 
 @pytest.mark.long
