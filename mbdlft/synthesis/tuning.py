@@ -50,7 +50,7 @@ _PEAK = 1e-9  # of a norm: its tolerance
 # times what stable loops reach, while others are made stable; little enough to come back, and more than
 # the 1.1 from which on the box counts as near
 _KEPT = 1.3
-_BEST = 2  # of the first descents are taken on
+_BEST = 2  # of the first descents are taken on by a round, and the better one by more
 Engine = Callable[[Problem, Array, int, float], Descended]
 Plan = Sequence[tuple[Engine, float]]  # engines, with the part from which on peaks are pieces
 # from the first start both, from the others one or the other
@@ -214,10 +214,10 @@ class Tuner:
         self.scale = self.first_scale / np.maximum(1.0, largest)
         return x
 
-    def polished(self, best: Tuned) -> Tuned:
+    def polished(self, best: Tuned, rounds: Sequence[int] = range(_ROUNDS)) -> Tuned:
         """Values taken on until two rounds gain nothing; peaks between lines of the grid are seen."""
         idle = 0
-        for k in range(_ROUNDS):
+        for k in rounds:
             new = self.descended(best.x, [(sqp, _KEEPS[k % len(_KEEPS)])], _STEPS)
             is_complete = self.peaks_are_seen(new)
             new = self.at(new.x)
@@ -353,9 +353,9 @@ def _rough(tuner: Tuner, x: Array, plan: Plan) -> Tuned:
 
 
 def _polished(tuner: Tuner, best: Tuned) -> tuple[Array, Array]:
-    """Values, and the frequencies that the grid needs to have there."""
+    """Values after a first round, and the frequencies that the grid needs to have there."""
     own = copy(tuner)
-    return own.polished(best).x, own.asked.extra
+    return own.polished(best, range(1)).x, own.asked.extra
 
 
 def _from_starts(tuner: Tuner, way: Way) -> Iterator[tuple[Array, float, list[Tuned]]]:
@@ -411,7 +411,7 @@ def tuned(
         ends = way.crew(_polished, some)
         extra = np.unique(np.concatenate([seen for _, seen in ends]))
         tuner.asked = tuner.asked._replace(extra=extra)
-        best = min((tuner.at(x) for x, _ in ends), key=Tuned.rank)
+        best = tuner.polished(min((tuner.at(x) for x, _ in ends), key=Tuned.rank), range(1, _ROUNDS))
     for goal, (value, _) in zip(tuner.goals, tuner.worst(best.x), strict=True):
         if value == np.inf:
             raise AnalysisError(
