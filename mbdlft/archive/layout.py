@@ -76,6 +76,9 @@ _SYSTEM = f"""{_SIGNALS}
     parameters/role parameters/substitution: text p
     parameters/nominal parameters/low parameters/high parameters/reference: float64 p
     parameters/map: float64 p 3
+"""
+MATRICES = ("A", "B_w", "B_u", "C_z", "D_zw", "D_zu", "C_y", "D_yw", "D_yu")
+_MATRICES = """
     A: float64 x x
     B_w: float64 x w
     B_u: float64 x u
@@ -85,6 +88,11 @@ _SYSTEM = f"""{_SIGNALS}
     C_y: float64 y x
     D_yw: float64 y w
     D_yu: float64 y u
+"""
+_SPARSE = """
+    sparse/row sparse/column sparse/block: int64 entries
+    sparse/entry: float64 entries
+    sparse@signals: int64
 """
 _EVIDENCE = """
     trim/name trim/unit: text t
@@ -227,7 +235,9 @@ _LYAPUNOV = """
 # what a group needs, by type and version: all of "", and of the others what it has the beginning of
 _CONDITION = "certificate@condition: float64\ncertificate@sign_changes: int64"
 _TRANSFERS = "certificate/frequencies: float64 frequency\ncertificate@transfer_error: float64"
+_LFT_PARTS = {**dict.fromkeys(MATRICES, _MATRICES), "sparse": _SPARSE}
 _MODEL_PARTS = {
+    **_LFT_PARTS,
     **dict.fromkeys(("certificate@condition", "certificate@sign_changes"), _CONDITION),
     **dict.fromkeys(("certificate/frequencies", "certificate@transfer_error"), _TRANSFERS),
     **{"theta/": _THETA, "theta/table": _TABLES, "program/": _PROGRAM},
@@ -252,7 +262,7 @@ _LAYOUTS: dict[tuple[str, str], dict[str, Layout]] = {
             **_MODEL_PARTS,
         },
         (MODEL_TYPE, VERSION): {"": _MODEL_1_1, "trim/lft/": _TRIM_LFT + _TRIM_BLOCKS, **_MODEL_PARTS},
-        (SYSTEM_TYPE, VERSION): {"": _SYSTEM_1_1},
+        (SYSTEM_TYPE, VERSION): {"": _SYSTEM_1_1, **_LFT_PARTS},
         (SWEEP_TYPE, FIRST): {"": _SWEEP, **_SWEEP_PARTS},
         (SWEEP_TYPE, VERSION): {"": _SWEEP_1_1, **_SWEEP_PARTS},
         (ANALYSIS_TYPE, VERSION): {"": _ANALYSIS, **_ANALYSIS_PARTS},
@@ -365,6 +375,8 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
         raise ArchiveError(f"encoding_version is {version}, and {kind!r} exists since {VERSION}.")
     number = specs["A"].type if kind == SWEEP_TYPE and "A" in specs else ""
     number = number if number in _FLOATS else _FLOATS[0]
+    if kind in (MODEL_TYPE, SYSTEM_TYPE) and not specs.keys() & {"A", "sparse/entry"}:
+        raise ArchiveError("is not whole: the dataset 'A' is missing.")
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for beginning, layout in _LAYOUTS[kind, version].items():
         if not any(path.startswith(beginning) for path in specs):

@@ -19,6 +19,7 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Signal
 from mbdlft.lft.block import ComplexBlock, FullBlock
 from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.sparse import SparseLFT
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.theta import DeltaThetaModel
 
@@ -43,6 +44,9 @@ def items_of_model(model: System | DeltaThetaModel) -> layout.Items:
     for name in _SIGNALS:
         values |= signal_values(name, getattr(model, name))
     values |= _block_values("delta", model.lft, model.parameters)
+    if isinstance(model.lft, SparseLFT):  # and none of its values, which would be said twice
+        values = {path: value for path, value in values.items() if path not in layout.MATRICES}
+        values |= layout.of_fields("sparse", kind, model.lft)
     values |= layout.columns("parameters", (*_TEXTS, *_NUMBERS), model.parameters)
     values["parameters/map"] = [_row(p) for p in model.parameters]
     if isinstance(model, LFTModel):
@@ -102,17 +106,9 @@ def model_of_items(items: layout.Items, name: str) -> System | DeltaThetaModel:
 def _system(items: layout.Items, name: str) -> System:
     parameters = _parameters(items)
     blocks = _blocks(items, "delta", parameters)
-    M = items
-    lft = LFT(
-        M["D_zw"],
-        np.hstack([M["C_z"], M["D_zu"]]),
-        np.vstack([M["B_w"], M["D_yw"]]),
-        np.block([[M["A"], M["B_u"]], [M["C_y"], M["D_yu"]]]),
-        blocks,
-    )
     common: dict[str, Any] = {
         "name": name,
-        "lft": lft,
+        "lft": (lft := _lft(items, blocks)),
         **{key: signals_of(items, key) for key in _SIGNALS},
         "parameters": Parameters(parameters),
         "description": layout.word(items, "@description"),
@@ -129,6 +125,22 @@ def _system(items: layout.Items, name: str) -> System:
         certificate=_certificate(items, sizes),
         provenance=layout.record(Provenance, items, "provenance", scene=scene),
     )
+
+
+def _lft(items: layout.Items, blocks: tuple[Block, ...]) -> LFT:
+    M = items
+    if "sparse/entry" not in M:
+        return LFT(
+            M["D_zw"],
+            np.hstack([M["C_z"], M["D_zu"]]),
+            np.vstack([M["B_w"], M["D_yw"]]),
+            np.block([[M["A"], M["B_u"]], [M["C_y"], M["D_yu"]]]),
+            blocks,
+        )
+    states, inputs, outputs = (len(M[f"{name}/name"]) for name in _SIGNALS)
+    row, column, entry, block = (M[f"sparse/{name}"] for name in ("row", "column", "entry", "block"))
+    shape = (states + outputs, states + inputs)
+    return SparseLFT(row, column, entry, block, int(M["sparse@signals"]), shape, blocks)
 
 
 def _parameters(items: layout.Items) -> tuple[Parameter, ...]:

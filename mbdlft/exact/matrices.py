@@ -17,7 +17,7 @@ Residues = NDArray[np.int64]
 Balls = NDArray[np.object_]
 
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
-_LIMB, _MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
+_LIMB, MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
 _HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
 _FEW = 1000  # products, for which FLINT is faster
 _LARGE = 64  # rows, of which those with few entries are eliminated one by one
@@ -93,11 +93,15 @@ class ExactMatrix:
         """Doubles (n, m) next to the entries, 0.0 for zeros; a TooFewBitsError if balls are wide."""
         values = np.zeros(self.shape)
         for place in zip(*np.nonzero(self.residues), strict=True):
-            ball = self.balls[place]
-            if ball.rel_accuracy_bits() < _ENOUGH_BITS:
-                raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
-            values[place] = float(ball.mid())
+            values[place] = double_of(self.balls[place])
         return values
+
+
+def double_of(ball: Any) -> float:
+    """The double next to a ball that is not zero; a TooFewBitsError if it is wide."""
+    if ball.rel_accuracy_bits() < _ENOUGH_BITS:
+        raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
+    return float(ball.mid())
 
 
 def eliminate(
@@ -254,12 +258,16 @@ def limbs(a: Residues) -> Array:
 
 def times(a: Residues, b: Array, prime: int) -> Residues:
     """a b modulo a prime, also of stacks, for the `limbs` of b, whose sums are exact doubles."""
-    if a.shape[-1] > _MOST_SUMMED:
+    if a.shape[-1] > MOST_SUMMED:
         half = a.shape[-1] // 2
         first = times(a[..., :half], b[..., :half, :], prime)
         second = times(a[..., half:], b[..., half:, :], prime)
         return np.asarray((first + second) % prime)
-    C = np.matmul(limbs(a)[:, None], b).astype(np.int64)
+    return joined(np.matmul(limbs(a)[:, None], b).astype(np.int64), prime)
+
+
+def joined(C: Residues, prime: int) -> Residues:
+    """The residue of products C (3, 3, ...) of limbs with limbs."""
     total_so_far: Residues = C[2, 2] % prime
     for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
         quotient = (total_so_far * (2.0**_LIMB / prime)).astype(np.int64)

@@ -9,8 +9,10 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning
+from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT
-from mbdlft.lft.sampling import rounding_sizes, values_at, vanishes
+from mbdlft.lft.sampling import rounding_sizes
+from mbdlft.lft.sparse import SparseLFT
 from mbdlft.order.degree import Bound
 from mbdlft.problem.references import frequencies_of, largest_of_rows, rounded_transfers, transfers
 from mbdlft.problem.relations import Nouns, Problem, Reference
@@ -64,7 +66,8 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
         truth = at.in_digits(problem.points[some])
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         ratios, count = np.abs(values[some] - truth) / rounding, len(some)
-        if np.any(ratios > MOST_ROUNDINGS):  # evaluation has lost digits, and other kernels lose others
+        # evaluation has lost digits, and other kernels lose others
+        if np.any(ratios > MOST_ROUNDINGS) and not isinstance(lft, SparseLFT):
             finer = in_twofold(lft, deltas_at(problem.parameters, problem.points[some]))
             ratios = np.abs(finer - truth) / rounding
     nouns = problem.nouns

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from math import pi
+from math import inf, pi
 from typing import NamedTuple
 
 import casadi as ca
@@ -21,6 +21,7 @@ from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellP
 from mbdlft.base.running import without_collection
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
+from mbdlft.lft.sparse import solved_for, value_and_sign
 from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import (
     Closing,
@@ -33,7 +34,8 @@ from mbdlft.order.reduction import (
     transposed,
 )
 from mbdlft.order.restriction import Step, restricted_exactly
-from mbdlft.pipeline.extract import extract
+from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees
+from mbdlft.pipeline.extract import SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
@@ -55,17 +57,24 @@ class Candidate:
     closed: LFT  # solved for the unknown signals, not reduced
     # the same, reduced. None for what is too large for exact numbers: it is
     # reduced in doubles
-    exact: ExactLFT | None
+    exact: ExactLFT | SparseResidues | None
     lft: LFT  # `exact` in doubles
 
 
 def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
-    """A candidate of each form, the smallest first."""
+    """A candidate of each form, the smallest first; none of a transposed one that would be sparse."""
     with without_collection():
         reduced = [
             in_enough_bits(partial(_candidate, problem, form), problem.nouns.owner) for form in forms
         ]
-    return sorted(reduced, key=lambda candidate: candidate.lft.order)
+    return sorted(filter(None, reduced), key=lambda candidate: candidate.lft.order)
+
+
+def degrees(candidate: Candidate, seed: int) -> dict[str, int] | None:
+    """Lower bounds of the repetitions by parameter; None for what is too large for exact numbers."""
+    if isinstance(candidate.exact, SparseResidues):
+        return sparse_degrees(candidate.exact, seed)
+    return exact_degrees(candidate.exact, seed) if candidate.exact else None
 
 
 def reduced_relations(relations: LinearModel) -> LFT:
@@ -94,11 +103,13 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
     return a
 
 
-def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate:
+def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate | None:
     try:
-        extracted = extract(form.relations, form.maps)
+        extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
     except (StructureError, WellPosednessError) as error:
         raise type(error)(f"{problem.nouns.owner}: {error}") from None
+    if isinstance(extracted, SparseExtraction):
+        return None if form.is_transposed else _sparsely(problem, form, extracted)
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
     count = sum(block.size > 0 for block in opened.blocks)
     if count > _MOST_PARAMETERS:
@@ -156,6 +167,17 @@ def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
     points = problem.points[sorted({0, len(problem.points) // 2, len(problem.points) - 1})]
     deltas = deltas_at(problem.parameters, points)
     return np.asarray(deltas[:, [names.index(block.name) for block in a.blocks]])
+
+
+def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Candidate:
+    """The same as sparse equations, whose unknown signals are signals like others."""
+    lft, entries, prime = relations.lft
+    first = form.relations.derivatives
+    lft = solved_for(lft, form.relations.unknown.numel(), first)
+    if value_and_sign(lft, np.zeros(len(lft.blocks)))[1] == 0.0:
+        raise WellPosednessError(f"{problem.nouns.owner}: {problem.singular(inf, ())}")
+    residues = SparseResidues(lft, np.append(entries, np.ones(first, dtype=np.int64)), prime)
+    return Candidate(form, relations.channels, lft, lft, residues, lft)
 
 
 def _in_doubles(problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT) -> Candidate:

@@ -13,9 +13,8 @@ from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.search import SEARCH, Budget, budget_of
-from mbdlft.pipeline.forms import candidates
+from mbdlft.pipeline.forms import candidates, degrees
 from mbdlft.pipeline.stages import realization
 from mbdlft.system.model import LFTModel
 from mbdlft.system.regular import PROVE, check_work
@@ -210,9 +209,10 @@ def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
     with one_thread():
         posed = problem_of_matrix(problem)
         (candidate,) = candidates(posed, posed.forms[:1])
-        if candidate.exact is None:
+        known = degrees(candidate, seed)
+        if known is None:
             raise AnalysisError(
                 f"{posed.nouns.owner}: has too many channels for exact numbers. Declare parts of it as "
                 "parameters."
             )
-        return exact_degrees(candidate.exact, seed)
+        return known

@@ -16,9 +16,9 @@ from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
+from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.degree import Bound
-from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.reduction import residues_alone
+from mbdlft.order.reduction import ExactLFT, residues_alone
 from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
 from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
@@ -35,6 +35,7 @@ from mbdlft.pipeline.forms import (
     Candidate,
     candidates,
     closing,
+    degrees,
     near_relations,
     reduced_relations,
     restricted,
@@ -63,8 +64,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         reduced = candidates(problem, problem.forms)
     with stage("bound"):
         bounds = _degree_bounds(reduced[0])
-    degrees = {name: bound.degree for name, bound in bounds.items()}
-    order_bound = sum(degrees.values())
+    least = {name: bound.degree for name, bound in bounds.items()}
+    order_bound = sum(least.values())
     if order_bound < reduced[0].lft.order and (forms := problem.more_forms()):
         with stage("more forms"):
             found = (restricted(problem, form) for form in forms)
@@ -76,7 +77,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     lft, of_search = _in_units(problem, reduced[0].lft), None
     if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
         lft, of_search, order_bound = _searched(
-            problem, reduced, degrees, budget, stage, prove, check, trim.lft
+            problem, reduced, least, budget, stage, prove, check, trim.lft
         )
     with stage("prove"):
         loops = tuple(map(reduced_relations, problem.constraints() or ()))
@@ -189,9 +190,8 @@ class _Check:
 
 def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
     """Lower bounds of the repetitions; none for what is too large for exact numbers."""
-    if candidate.exact is None:
-        return {block.name: Bound(0, 0) for block in candidate.lft.blocks}
-    return {name: Bound(n, 0) for name, n in exact_degrees(candidate.exact, SEED).items()}
+    known = degrees(candidate, SEED) or dict.fromkeys((b.name for b in candidate.lft.blocks), 0)
+    return {name: Bound(n, 0) for name, n in known.items()}
 
 
 def _search(
@@ -214,7 +214,7 @@ def _search(
         relations = [candidate.relations for candidate in reduced]
         closed, forms = closed[:1], [form for form in relations if form.shape == best.relations.shape]
         close, truth = closing(best.form), best.closed
-    exact = residues_alone(best.exact) if best.exact else None
+    exact = residues_alone(best.exact) if isinstance(best.exact, ExactLFT) else None
     target = "mbdlft.order.search:find_smallest"
     arguments = (closed, dict(bound), budget, forms, close, truth, exact)
     try:
@@ -290,6 +290,10 @@ def _what_is_lost(smaller: LFT, known: Regularity, lft: LFT, check: _Check, trim
 
 def _in_units(problem: Problem, a: LFT) -> LFT:
     """An LFT of the divided relations as one of the problem, with all of its parameters."""
+    if isinstance(a, SparseLFT):
+        units = (problem.row_units, problem.column_units)
+        by_row, by_column = (np.ones(n) if x is None else x for n, x in zip(a.shape, units, strict=True))
+        return in_units(a, [p.name for p in problem.parameters], by_row, by_column)
     a = with_blocks(a, [p.name for p in problem.parameters])
     if problem.row_units is None or problem.column_units is None:
         return a

@@ -26,8 +26,9 @@ from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.samples import check_points
 from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS
+from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
-from mbdlft.lft.sampling import evaluate, evaluate_at, rounding_sizes, values_at, vanishes
+from mbdlft.lft.sampling import evaluate, evaluate_at, rounding_sizes
 from mbdlft.order.degree import degree_bounds, moved
 from mbdlft.system.conversion import check_once
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim

@@ -31,6 +31,7 @@ from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import Parameter, to_physical
 from mbdlft.base.running import after, budget, tell
 from mbdlft.lft.lft import LFT
+from mbdlft.lft.sparse import SparseLFT
 from mbdlft.system.sampled import at_values
 
 PROVED, SAMPLED = "proved", "sampled"  # what a certificate says
@@ -73,7 +74,12 @@ def check_work(prove: float) -> None:
 
 
 def regularity(a: LFT, prove: float = PROVE) -> Regularity:
-    """What is known of the determinant of I - M11 Delta of a plain LFT, after so many units of work."""
+    """What is known of the determinant of I - M11 Delta of a plain LFT, after so many units of work.
+
+    Nothing is known of a sparse one.
+    """
+    if isinstance(a, SparseLFT):
+        return Regularity((Box(np.zeros(len(a.blocks)), np.ones(len(a.blocks))),))
     owner = np.repeat(np.arange(len(a.blocks)), [block.size for block in a.blocks])
     work, open_boxes = prove * _UNIT, []
     with budget(prove):

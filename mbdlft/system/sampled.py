@@ -24,6 +24,7 @@ from mbdlft.exact.rounding import equilibrate
 from mbdlft.lft import sampling
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.program.native import is_available
+from mbdlft.lft.sparse import SparseLFT
 from mbdlft.system.model import OUTSIDE, LFTModel, System
 
 if TYPE_CHECKING:
@@ -166,6 +167,8 @@ def check_regular_at(lft: LFT, deltas: Array, parameters: Sequence[Parameter], w
 
     It is so exactly, or to working precision: rounding of its entries makes it singular.
     """
+    if isinstance(lft, SparseLFT):  # refused where it has no value
+        return
     spread = np.repeat(deltas, [block.size for block in lft.blocks], axis=1)
     for chunk in sampling.chunks(len(deltas), lft.order):
         numbers = _conditions(np.eye(lft.order) - lft.M11 * spread[chunk, None, :])
@@ -230,6 +233,8 @@ def in_twofold(a: LFT, points: Array) -> Array:
 def needs_digits(a: LFT, points: Array, values: Array) -> bool:
     """Whether values in doubles lose digits that are worth their work."""
     if not a.order or a.is_complex or not len(points) or len(points) * a.order**3 > _MOST:
+        return False
+    if isinstance(a, SparseLFT):
         return False
     far = {int(np.argmax(size)) for size in (np.max(np.abs(points), 1), np.sum(np.abs(points), 1))}
     spread = np.repeat(points, [block.size for block in a.blocks], axis=1)

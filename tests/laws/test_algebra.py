@@ -17,11 +17,12 @@ from hypothesis import strategies as st
 
 from mbdlft import ComplexBlock, FullBlock
 from mbdlft.base.errors import StructureError, WellPosednessError
+from mbdlft.lft import determinant
 from mbdlft.lft import lft as algebra
-from mbdlft.lft import sampling
 from mbdlft.lft.box_gain import gain_bound
+from mbdlft.lft.determinant import values_at
 from mbdlft.lft.lft import LFT, Block, constant, delta, fix
-from mbdlft.lft.sampling import evaluate, evaluate_at, values_at
+from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.circles import pole_distance
 from mbdlft.order.degree import degree_bounds
 from mbdlft.order.reduction import reduce_order
@@ -327,7 +328,7 @@ LOOPS = [(1,), (3, 1, 2), (1,) * 100, (2, 3) * 30, (70, 1, 1, 20, 5, 90), (1, 1,
 
 def law_blocks(matrix: np.ndarray) -> int:
     """The number of blocks."""
-    blocks = sampling.diagonal_blocks(matrix)
+    blocks = determinant.diagonal_blocks(matrix)
     exact(np.sort(np.concatenate(blocks)), np.arange(len(matrix)))
     for k, block in enumerate(blocks):
         for later in blocks[k + 1 :]:
@@ -336,7 +337,7 @@ def law_blocks(matrix: np.ndarray) -> int:
 
 
 def law_values(a: LFT, at: np.ndarray) -> None:
-    values, signs = sampling.values_at(a, at)
+    values, signs = determinant.values_at(a, at)
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     exact(signs, [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
     roundoff(values, evaluate_at(a, at), KAPPA_OF_LOOPS)
@@ -344,7 +345,7 @@ def law_values(a: LFT, at: np.ndarray) -> None:
 
 def law_vanishing(a: LFT, at: np.ndarray) -> np.ndarray:
     """Every line is searched: at most 32 points, small blocks."""
-    found = sampling.vanishes(a, at)
+    found = determinant.vanishes(a, at)
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     poles = [np.linalg.eigvals(a.M11 * row) for row in spread]
     exact(found, [bool(np.any((s.imag == 0.0) & (s.real >= 1.0))) for s in poles])
@@ -367,7 +368,7 @@ def test_signs_far_from_nominal() -> None:
     spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
     expected = [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread]
     assert set(expected) == {-1.0, 1.0}
-    exact(sampling.values_at(a, at)[1], expected)
+    exact(determinant.values_at(a, at)[1], expected)
 
 
 @given(lfts(2, 3), seeds)
@@ -377,18 +378,18 @@ def test_small_lfts(a: LFT, seed: int) -> None:
 
 def test_an_lft_without_channels() -> None:
     a = LFT(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.ones((1, 2)))
-    values, signs = sampling.values_at(a, np.zeros((3, 0)))
+    values, signs = determinant.values_at(a, np.zeros((3, 0)))
     exact(values, np.ones((3, 1, 2)))
     exact(signs, np.ones(3))
-    assert not sampling.vanishes(a, np.zeros((3, 0))).any()
+    assert not determinant.vanishes(a, np.zeros((3, 0))).any()
 
 
 @pytest.mark.parametrize("size", [1, 70])
 def test_a_singular_point_has_the_sign_zero(size: int) -> None:
     a = LFT(np.eye(size), np.ones((size, 1)), np.ones((1, size)), np.zeros((1, 1)), (Block("a", size),))
-    _, signs = sampling.values_at(a, np.array([[0.5], [1.0], [2.0]]))
+    _, signs = determinant.values_at(a, np.array([[0.5], [1.0], [2.0]]))
     exact(signs, [1.0, 0.0, (-1.0) ** size])
-    exact(sampling.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])
+    exact(determinant.vanishes(a, np.array([[0.5], [1.0], [2.0], [-2.0]])), [False, True, True, False])
 
 
 def test_a_double_root_does_not_change_the_sign() -> None:
@@ -396,8 +397,8 @@ def test_a_double_root_does_not_change_the_sign() -> None:
     for gap, expected in ((0.0, True), (0.1, False)):
         M11 = np.array([[0.5, gap], [-gap, 0.5]])
         a = LFT(M11, np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), (Block("a", 2),))
-        exact(sampling.values_at(a, np.array([[3.0]]))[1], [1.0])
-        exact(sampling.vanishes(a, np.array([[3.0]])), [expected])
+        exact(determinant.values_at(a, np.array([[3.0]]))[1], [1.0])
+        exact(determinant.vanishes(a, np.array([[3.0]])), [expected])
 
 
 def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -408,5 +409,5 @@ def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(np.linalg, "eigvals", failing)
     a = LFT(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
-    assert not sampling.vanishes(a, np.array([[2.0]])).any()
+    assert not determinant.vanishes(a, np.array([[2.0]])).any()
     exact(pole_distance(np.array([[0.0, 4.0], [0.0, 0.0]]), 10.0), 0.25)

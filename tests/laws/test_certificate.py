@@ -13,7 +13,8 @@ import mbdlft
 from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
 from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT, delta
-from mbdlft.matrix.relations import problem_of_matrix
+from mbdlft.lft.sparse import SparseLFT
+from mbdlft.matrix.relations import matrix_problem, problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
 from mbdlft.order.degree import Bound
@@ -21,7 +22,7 @@ from mbdlft.order.reduction import in_scales
 from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import certification, forms, stages
 from mbdlft.pipeline.certification import MOST_ROUNDINGS, Checked, certificate, values_at_points
-from mbdlft.pipeline.models import build
+from mbdlft.pipeline.models import build, exact_lower_bound
 from mbdlft.pipeline.stages import _Check
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.references import entry_sizes
@@ -29,6 +30,7 @@ from mbdlft.problem.relations import Problem
 from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.show.report.sentences import checked_beside
 from scenarios import two_link_arm
+from tests.attack import frames
 from tests.close import CLOSED_FORM, SCENARIO, exact, roundoff, target
 
 
@@ -161,16 +163,34 @@ def test_a_singular_result_of_a_search_is_dropped(factor: float, monkeypatch: py
 
 
 def test_nothing_is_proved_where_exact_numbers_are_too_dear(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The model is reduced in doubles, and its certificate has no bound."""
-    exact_model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
+    """A frame under loads is reduced in doubles, and its certificate has no bound."""
+    frame = frames.scene_of(frames.structure(0))
+    exact_model = mbdlft.to_lft(frame, search=0.0)
     monkeypatch.setattr(forms, "_MOST_EXACT", 10)
-    model = mbdlft.to_lft(two_link_arm.scene(), search=0.0)
-    assert model.order == exact_model.order
+    model = mbdlft.to_lft(frame, search=0.0)
+    assert model.order >= exact_model.order
     assert model.certificate.max_relative_error <= SCENARIO
     certificate = model.certificate
     assert set(certificate.lower_bound) == {0} == set(certificate.doubtful)
     assert (certificate.order_bound, certificate.exact_bound) == (0, False)
     assert not certificate.minimal
+
+
+def test_a_matrix_that_is_sparse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the matrix as it is written; what is written as its transpose is left out."""
+    rows, parameters = (
+        [["p/q", "q*r"], ["p*q", "r/p + q"]],
+        [mbdlft.Parameter(n, 2.0, percent=20) for n in "pqr"],
+    )
+    dense = mbdlft.realize(rows, parameters, search=0.0)
+    monkeypatch.setattr(forms, "_MOST_EXACT", 3)
+    model = mbdlft.realize(rows, parameters, search=0.0)
+    assert isinstance(model.lft, SparseLFT)
+    assert model.certificate.lower_bound == dense.certificate.lower_bound
+    assert model.certificate.max_relative_error <= SCENARIO
+    assert exact_lower_bound(matrix_problem(rows, parameters)) == dict(
+        zip("pqr", dense.certificate.lower_bound, strict=True)
+    )
 
 
 @pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])

@@ -21,7 +21,7 @@ from mbdlft.exact.rounding import cleaned
 from mbdlft.lft.sampling import evaluate as evaluate_text
 from mbdlft.matrix.relations import matrix_problem
 from mbdlft.multibody.equilibrium.branches import _ARRAYS
-from mbdlft.pipeline.extract.graph import close, walk
+from mbdlft.pipeline.extract.graph import reduced, walk
 from mbdlft.problem import digits
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx import tapes
@@ -108,7 +108,7 @@ def of_graphs(function: ca.Function, x: float, y: float) -> None:
     graph = walk(ca.Function("f", [s, p], [value * s]), ["x", "y"])
     maps = [mbdlft.Parameter("p", at, 0.5 * at, 2.0 * at).map for at in (x, y)]
     with precision(BITS):
-        found = close(graph, ["x", "y"], maps).rounded()
+        found = reduced(graph, ["x", "y"], maps).closed().lft.rounded()
     roundoff(found.M22, [[float(function(x, y))]])
 
 

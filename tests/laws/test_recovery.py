@@ -28,7 +28,7 @@ from mbdlft.order.reduction import reduce_order
 from mbdlft.order.work import Work
 from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.extract import noncommuting as words
-from mbdlft.pipeline.extract.graph import Scaled, SignalGraph, close
+from mbdlft.pipeline.extract.graph import Scaled, SignalGraph, opened, reduced
 from mbdlft.pipeline.extract.noncommuting import Dependence, Row
 from mbdlft.problem.relations import linearize
 from tests.close import roundoff, target
@@ -326,8 +326,8 @@ def graph_value(graph: SignalGraph, p: np.ndarray) -> np.ndarray:
 def both(graph: SignalGraph) -> tuple[LFT, LFT]:
     """In doubles, with all channels and with those that stay."""
     with precision(BITS):
-        whole = close(graph, NAMES, MAPS, all_kept=True)
-        return whole.rounded(), close(graph, NAMES, MAPS).rounded()
+        whole = words.closed(words.with_sums_put_in(opened(graph)), len(graph.quotients), NAMES, MAPS)
+        return whole.rounded(), reduced(graph, NAMES, MAPS).closed().lft.rounded()
 
 
 def law_values(graph: SignalGraph, seed: int) -> LFT:
@@ -339,8 +339,11 @@ def law_values(graph: SignalGraph, seed: int) -> LFT:
     size = max(1.0, float(np.max(np.abs(expected))))
     at = dict(zip(NAMES, deltas.T, strict=True))
     whole, small = both(graph)
-    for lft in (whole, small):
+    with precision(BITS):
+        sparse = reduced(graph, NAMES, MAPS).sparse()
+    for lft in (whole, small, sparse):
         roundoff(evaluate(lft, at), expected, KAPPA, size)
+    assert sparse.blocks == small.blocks
     return small
 
 

@@ -26,7 +26,16 @@ from mbdlft.base.errors import NotRationalError, StructureError, WellPosednessEr
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.numbers import Constant, Exact, Field, constant_of, zero_of
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.pipeline.extract.noncommuting import Item, Term, Words, closed, reached, smallest
+from mbdlft.order.sparse_bound import SparseResidues
+from mbdlft.pipeline.extract.noncommuting import (
+    Item,
+    Term,
+    Words,
+    closed,
+    smallest,
+    sparse,
+    with_sums_put_in,
+)
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constants_in
 from mbdlft.problem.sx.tapes import Rules, fold, rules
@@ -39,8 +48,40 @@ class Extraction(NamedTuple):
     channels: dict[str, int]
 
 
-def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
-    """LFT of [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
+class SparseExtraction(NamedTuple):
+    """The same of an LFT that is sparse."""
+
+    lft: SparseResidues
+    channels: dict[str, int]
+
+
+class Reduced(NamedTuple):
+    """Relations as words, reduced, before their channels are closed."""
+
+    words: Words
+    quotients: int
+    names: Sequence[str]
+    maps: Sequence[BilinearMap]
+    channels: dict[str, int]  # as of an `Extraction`
+
+    @property
+    def order(self) -> int:
+        """Number of its channels."""
+        return sum(item.letter is not None for item in self.words.items)
+
+    def closed(self) -> Extraction:
+        """The LFT."""
+        words = with_sums_put_in(self.words)
+        return Extraction(closed(words, self.quotients, self.names, self.maps), self.channels)
+
+    def sparse(self) -> SparseExtraction:
+        """The LFT as sparse equations."""
+        lft = sparse(self.words, self.quotients, self.names, self.maps)
+        return SparseExtraction(lft, self.channels)
+
+
+def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Reduced:
+    """Relations [unknown ; known] -> [residual ; output] in the normalized deltas of the parameters.
 
     `maps` are those of the deltas to the symbols p, if these are not the internal values. A
     NotRationalError if an operation on a coefficient is not rational, or one on a signal is not linear;
@@ -59,9 +100,15 @@ def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None)
             "products stand inside of each other more deeply than can be followed. Declare a part as a "
             "parameter."
         ) from None
+    return reduced(graph, names, maps or [parameter.map for parameter in model.parameters])
+
+
+def reduced(graph: "SignalGraph", names: Sequence[str], maps: Sequence[BilinearMap]) -> Reduced:
+    """A graph as words; parameters have `names`."""
     counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
-    lft = close(graph, names, maps or [parameter.map for parameter in model.parameters])
-    return Extraction(lft, {name: counts[name] for name in sorted(names)})
+    small = condensed(graph)
+    channels = {name: counts[name] for name in sorted(names)}
+    return Reduced(smallest(opened(small)), len(small.quotients), names, maps, channels)
 
 
 class Coefficient(NamedTuple):
@@ -348,16 +395,6 @@ def _output(graph: SignalGraph, element: Element, row: int) -> Scaled:
     )
 
 
-def close(
-    graph: SignalGraph, names: Sequence[str], maps: Sequence[BilinearMap], *, all_kept: bool = False
-) -> ExactLFT:
-    """The LFT in the deltas of the parameters `names`; with `all_kept`, of every channel that is used."""
-    small = graph if all_kept else condensed(graph)
-    words = opened(small)
-    words = reached(words, all_kept=True) if all_kept else smallest(words)
-    return closed(words, len(small.quotients), names, maps)
-
-
 def condensed(graph: SignalGraph) -> SignalGraph:
     """The same outputs from the fewest channels if divisors were letters, or the graph itself."""
     if not graph.quotients:
@@ -375,9 +412,10 @@ def condensed(graph: SignalGraph) -> SignalGraph:
     small = graph.without_signals()
     signals = [Scaled(graph.field.one, k) for k in range(words.inputs)]
     for item in words.items:
-        assert item.letter is not None
         z, number = _combined(small, signals, item.terms), item.letter
-        signals.append(small.divide(-1 - number, z) if number < 0 else small.apply(number, z))
+        if number is not None:
+            z = small.divide(-1 - number, z) if number < 0 else small.apply(number, z)
+        signals.append(z)
     small.outputs = [_combined(small, signals, output) for output in words.outputs]
     return small if len(small.channels) < len(graph.channels) else graph
 

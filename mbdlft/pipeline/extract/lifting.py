@@ -19,15 +19,28 @@ from mbdlft.exact.matrices import ExactMatrix, stacked, zeros
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
-from mbdlft.pipeline.extract.graph import Extraction, extract_graph
+from mbdlft.pipeline.extract.graph import Extraction, SparseExtraction, extract_graph
 from mbdlft.problem.relations import LinearModel
+
+
+def extract_within(
+    model: LinearModel, maps: Sequence[BilinearMap] | None, most: float
+) -> Extraction | SparseExtraction:
+    """As `extract`; sparse if there are more than `most` channels after the reduction of words.
+
+    Relations with lifted loads are never sparse.
+    """
+    if model.lifted is not None:
+        return extract(model, maps)
+    reduced = extract_graph(model, maps)
+    return reduced.sparse() if reduced.order > most else reduced.closed()
 
 
 def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
     """As `extract_graph`, with the lifted loads of the relations."""
     lifted = model.lifted
     if lifted is None:
-        return extract_graph(model, maps)
+        return extract_graph(model, maps).closed()
     m, t = model, lifted.trim
     both = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
@@ -39,7 +52,7 @@ def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Ex
             lifted=None,
         ),
         maps,
-    )
+    ).closed()
     z, r, held, y, loads = _places(both.lft.order, m.residual, t.residual, m.output, t.output)
     w, u, efforts, x, lifts, constant = _places(
         both.lft.order, m.unknown, t.unknown, m.known, lifted.loads, t.known

@@ -31,11 +31,13 @@ import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.exact.matrices import ExactMatrix, from_rows, identity, to_rows
+from mbdlft.exact.matrices import ExactMatrix, double_of, from_rows, identity, to_rows
 from mbdlft.exact.numbers import Exact, Field
 from mbdlft.lft.block import Block
-from mbdlft.lft.sampling import components
+from mbdlft.lft.determinant import components
+from mbdlft.lft.sparse import ALWAYS, SparseLFT
 from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.sparse_bound import SparseResidues
 
 Row = dict[int, Exact]  # entries by column, none of them zero
 Term = tuple[Exact, int]  # factor, and the number of a signal
@@ -58,53 +60,74 @@ class Words(NamedTuple):
 
 
 def smallest(words: Words) -> Words:
-    """The same outputs from the fewest items, if letters did not commute; sums are put in."""
+    """The same outputs from the fewest letters, if letters did not commute; sums stay."""
     return transposed(reached(transposed(reached(words))))
 
 
-def reached(words: Words, *, all_kept: bool = False) -> Words:
-    """The same outputs from items with a letter, no combination of others of the same letter.
+class _Rows:
+    """Signals in inputs and items that stay, one after the other, each dropped after its last use."""
 
-    With `all_kept`, sums are put in, and nothing else is done. A row is dropped after its last use:
-    there are many more sums than items that stay.
+    def __init__(self, words: Words) -> None:
+        self.rows: list[Row] = [{k: words.field.one} for k in range(words.inputs)]
+        # how often each signal is read, by what is read itself
+        self.waiting = [0] * (words.inputs + len(words.items))
+        for terms in (*(item.terms for item in words.items), *words.outputs):
+            self._count(terms, 1)
+        for k in reversed(range(len(words.items))):
+            if not self.waiting[words.inputs + k]:
+                self._count(words.items[k].terms, -1)
+
+    def _count(self, terms: Sequence[Term], step: int) -> None:
+        for _, number in terms:
+            self.waiting[number] += step
+
+    def read(self, terms: Sequence[Term]) -> Row:
+        row = combined(terms, self.rows)
+        for _, number in terms:
+            self.waiting[number] -= 1
+            if not self.waiting[number]:
+                self.rows[number] = {}
+        return row
+
+
+def reached(words: Words) -> Words:
+    """The same outputs; items that are combinations of others of their letter become sums of these.
+
+    Rows decide. Written out they are longer than sums of sums, which stay.
     """
-    used = [0] * (words.inputs + len(words.items))
-    for terms in (*(item.terms for item in words.items), *words.outputs):
-        for _, number in terms:
-            used[number] += 1
-    # each signal in inputs and kept items
-    one = words.field.one
-    held: list[Row] = [{k: one} for k in range(words.inputs)]
-    kept: list[Item] = []
+    known = _Rows(words)
+    place = list(range(words.inputs))  # of each signal in what is made
+    items: list[Item] = []
     letters: dict[int, Dependence] = {}
-
-    def added(terms: Sequence[Term]) -> Row:
-        values = combined(terms, held)
-        for _, number in terms:
-            used[number] -= 1
-            if not used[number]:
-                held[number] = {}
-        return values
-
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
-        if not used[number]:
-            for _, unused in terms:
-                used[unused] -= 1
-            held.append({})
+        new, factors = words.inputs + len(items), None
+        place.append(new)
+        if not known.waiting[number]:
+            known.rows.append({})
             continue
-        values = added(terms)
-        if letter is None:
-            held.append(values)
-            continue
-        new, factors = words.inputs + len(kept), None
-        if not all_kept:
-            factors = letters.setdefault(letter, Dependence()).combination(new, values)
-        if factors is None:
-            kept.append(Item(letter, _terms(values)))
-            factors = {new: one}
-        held.append(factors)
-    outputs = [_terms(added(terms)) for terms in words.outputs]
-    return Words(words.inputs, kept, outputs, words.field)
+        row = known.read(terms)
+        if letter is not None:
+            factors = letters.setdefault(letter, Dependence()).combination(new, row)
+            row = {new: words.field.one} if factors is None else factors
+        known.rows.append(row)
+        read = [(factor, place[k]) for factor, k in terms]
+        items.append(Item(letter, read) if factors is None else Item(None, _terms(factors)))
+    outputs = [[(factor, place[k]) for factor, k in terms] for terms in words.outputs]
+    return Words(words.inputs, items, outputs, words.field)
+
+
+def with_sums_put_in(words: Words, *, of_one_reader: bool = False) -> Words:
+    """The same without sums, or without those that are read once."""
+    known, items = _Rows(words), list[Item]()
+    readers = list(known.waiting)
+    for number, (letter, terms) in enumerate(words.items, start=words.inputs):
+        row = known.read(terms) if readers[number] else {}
+        if readers[number] and (letter is not None or (of_one_reader and readers[number] > 1)):
+            items.append(Item(letter, _terms(row)))
+            row = {words.inputs + len(items) - 1: words.field.one}
+        known.rows.append(row)
+    outputs = [_terms(known.read(terms)) for terms in words.outputs]
+    return Words(words.inputs, items, outputs, words.field)
 
 
 def _terms(values: Row) -> list[Term]:
@@ -112,7 +135,7 @@ def _terms(values: Row) -> list[Term]:
 
 
 def transposed(words: Words) -> Words:
-    """Outputs and inputs exchanged, and the items in the opposite order; there are no sums."""
+    """Outputs and inputs exchanged, and the items in the opposite order."""
     inputs, count = len(words.outputs), len(words.items)
     readers: list[list[Term]] = [[] for _ in range(words.inputs + count)]
     for k, terms in enumerate(words.outputs):
@@ -222,6 +245,49 @@ def _add(row: Row, other: Row, ball: Any, residue: Any) -> list[int]:
         else:
             del row[column]
     return new
+
+
+def sparse(
+    words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
+) -> SparseResidues:
+    """As `closed`, with quotients and items as the signals of sparse equations.
+
+    That of a channel is (1 + a1 delta) w = (b0 + (b0 a1 + gain) delta) z.
+    """
+    words = with_sums_put_in(words, of_one_reader=True)
+    inputs, one = words.inputs - quotients, words.field.one
+    signals = quotients + len(words.items)
+    order = sorted(range(len(names)), key=names.__getitem__)
+    exact = words.field.decimals([x for k in order for x in (maps[k].b0, maps[k].gain, maps[k].a1)])
+    block = {k: position for position, k in enumerate(order)}
+    entries: list[tuple[int, int, Exact, int]] = []
+
+    def put(row: int, terms: Sequence[Term], factor: Exact = one, owner: int = ALWAYS) -> None:
+        for value, k in terms:
+            column = k - inputs if k >= inputs else signals + k
+            entries.append((row, column, value * factor, owner))
+
+    for row, terms in enumerate(words.outputs):
+        put(row if row < quotients else row - quotients + signals, terms)
+    for row, (letter, terms) in enumerate(words.items, start=quotients):
+        itself = [(one, inputs + row)]
+        put(row, itself)
+        if letter is None:
+            put(row, terms, -one)
+            continue
+        b0, gain, a1 = exact[3 * block[letter] : 3 * block[letter] + 3]
+        put(row, itself, a1, block[letter])
+        put(row, terms, -b0)
+        put(row, terms, -(b0 * a1 + gain), block[letter])
+    entries = [entry for entry in entries if entry[2]]
+    rows, columns, values, owners = zip(*entries, strict=True)
+    doubles = np.array([double_of(value.ball) for value in values])
+    counts = Counter(names[item.letter] for item in words.items if item.letter is not None)
+    blocks = tuple(Block(names[k], counts[names[k]]) for k in order)
+    shape = (len(words.outputs) - quotients, inputs)
+    lft = SparseLFT(np.array(rows), np.array(columns), doubles, np.array(owners), signals, shape, blocks)
+    residues = np.array([int(value.residue) for value in values], dtype=np.int64)
+    return SparseResidues(lft, residues, words.field.prime)
 
 
 def closed(words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]) -> ExactLFT:

@@ -1,0 +1,171 @@
+"""Degrees of a sparse LFT: the lower bounds of its repetitions, on residues modulo a prime.
+
+With all deltas at random residues, and one of them eps away from there, the equations K s + B u of the
+signals have a regular K, and the channels w = eps z of that delta have the LFT
+
+    z = -F_s K^-1 P w + (F_u - F_s K^-1 B) u,      y = -Y_s K^-1 P w + ...
+
+P has the columns of the unit matrix at the equations of the delta, and [F_s, F_u] what is multiplied with
+it there. The McMillan degree is the bound (`mbdlft/order/lower_bound.py`). K^-1 is a product of sparse
+triangular matrices, with the pivots of doubles; columns are solved for together, level by level, as the
+rows of a level need those of earlier ones only.
+"""
+
+from collections.abc import Sequence
+from heapq import heapify, heappop, heappush
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from mbdlft.base.array import Array
+from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limbs
+from mbdlft.exact.reachable import reduced_residues
+from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
+
+_MOST_COLUMNS = 256  # that are solved for together
+Rows = list[dict[int, int]]
+
+
+class SparseResidues(NamedTuple):
+    """A sparse LFT, and its entries as residues."""
+
+    lft: SparseLFT
+    entries: Residues
+    prime: int
+
+
+def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
+    """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
+    lft, prime, n = a.lft, a.prime, a.lft.signals
+    random, owned = np.random.default_rng(seed), lft.block != ALWAYS
+    at = random.integers(1, prime, len(lft.blocks), dtype=np.int64)
+    E = _matrix(lft, np.where(owned, entrywise(a.entries, at[lft.block], prime), a.entries), prime)
+    F = _matrix(lft, np.where(owned, a.entries, 0), prime)
+    inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
+    of_inputs = inverse.times(E[:n, n:].toarray())
+    degrees = {}
+    for k, block in enumerate(lft.blocks):
+        rows = np.unique(lft.row[lft.block == k])
+        P = np.zeros((n, len(rows)), dtype=np.int64)
+        P[rows, range(len(rows))] = 1
+        solved = np.hstack([inverse.times(P), of_inputs])
+        z = -_times(F[rows, :n], solved, prime)
+        z[:, len(rows) :] += F[rows, n:].toarray()
+        M = np.vstack([z, -_times(E[n:, :n], solved, prime)]) % prime
+        degrees[block.name] = sum(reduced_residues(M, [len(rows)], prime)[1])
+    return degrees
+
+
+def _matrix(a: SparseLFT, entries: Residues, prime: int) -> csr_array:
+    """The sparse matrix of some entries of an LFT: at most two of one place, which are added."""
+    some, shape = entries != 0, (a.signals + a.shape[0], a.signals + a.shape[1])
+    matrix = csr_array((entries[some], (a.row[some], a.column[some])), shape=shape)
+    matrix.data %= prime
+    return matrix
+
+
+def _times(a: csr_array, right: Residues, prime: int) -> Residues:
+    """a right (n, m) modulo a prime."""
+    n, m = right.shape
+    return joined(_products(a, limbs(right).transpose(1, 0, 2).reshape(n, 3 * m)), prime)
+
+
+def _products(a: csr_array, right: Array) -> Residues:
+    """Limbs of a (n, k) times the limbs (k, 3 m) of a right side, whose sums are exact doubles."""
+    lengths = np.diff(a.indptr)
+    assert np.max(lengths, initial=0) <= MOST_SUMMED
+    parts = [csr_array((x, a.indices, a.indptr), shape=a.shape) @ right for x in limbs(a.data)]
+    return (
+        np.array(parts, dtype=np.int64)
+        .reshape(3, len(lengths), 3, right.shape[1] // 3)
+        .transpose(0, 2, 1, 3)
+    )
+
+
+class _Level(NamedTuple):
+    """Rows of a triangular matrix that depend on rows of earlier levels only."""
+
+    rows: NDArray[np.int64]
+    entries: csr_array  # (rows, n), beside the diagonal
+
+
+class _Inverse:
+    """K^-1 modulo a prime: K = P_r^-1 L D U P_c^-1, with unit diagonals of L and U."""
+
+    def __init__(self, K: csr_array, a: SparseLFT, deltas: Array, prime: int) -> None:
+        n = self.n = a.signals
+        self.prime = prime
+        factors = factors_of(matrix_at(a, deltas)[:n, :n])
+        assert factors is not None  # regular at random deltas, as at zero
+        self.of_row, self.of_column = factors.perm_r, factors.perm_c
+        moved = K.tocoo()
+        rows: Rows = [{} for _ in range(n)]
+        places = (self.of_row[moved.row].tolist(), self.of_column[moved.col].tolist())
+        for i, j, x in zip(*places, moved.data.tolist(), strict=True):
+            rows[i][j] = x
+        below, diagonal = _eliminated(rows, prime)
+        self.diagonal = np.array(diagonal, dtype=np.int64)[:, None]
+        self.levels = [*_levels(below, range(n)), *_levels(rows, range(n - 1, -1, -1))]
+        self.below = len(_levels(below, range(n)))
+
+    def times(self, right: Residues) -> Residues:
+        """K^-1 right (n, m)."""
+        if right.shape[1] > _MOST_COLUMNS:
+            spans = range(0, right.shape[1], _MOST_COLUMNS)
+            return np.hstack([self.times(right[:, k : k + _MOST_COLUMNS]) for k in spans])
+        n, m = right.shape
+        x = np.empty_like(right)
+        x[self.of_row] = right
+        parts = limbs(x).transpose(1, 0, 2).reshape(n, 3 * m)
+        for k, (rows, entries) in enumerate(self.levels):
+            if k == self.below:
+                x = entrywise(x, self.diagonal, self.prime)
+                parts = limbs(x).transpose(1, 0, 2).reshape(n, 3 * m)
+            x[rows] = (x[rows] - joined(_products(entries, parts), self.prime)) % self.prime
+            parts[rows] = limbs(x[rows]).transpose(1, 0, 2).reshape(len(rows), 3 * m)
+        return np.asarray(x[self.of_column])
+
+
+def _eliminated(rows: Rows, prime: int) -> tuple[Rows, list[int]]:
+    """L beside its diagonal, and inverses of pivots; the rows become those of U beside its diagonal."""
+    below: Rows = []
+    inverses: list[int] = []
+    for i, row in enumerate(rows):
+        waiting, left = [j for j in row if j < i], dict[int, int]()
+        heapify(waiting)
+        while waiting:
+            j = heappop(waiting)
+            factor = row.pop(j, 0)
+            if not factor:
+                continue
+            # row j of U is divided by its pivot, so this is L times that pivot
+            for k, x in rows[j].items():
+                if k < i and k not in row:
+                    heappush(waiting, k)
+                row[k] = (row.get(k, 0) - factor * x) % prime
+            left[j] = factor * inverses[j] % prime
+        below.append(left)
+        inverses.append(pow(row.pop(i), -1, prime))
+        rows[i] = {k: x * inverses[i] % prime for k, x in row.items() if x}
+    return below, inverses
+
+
+def _levels(rows: Rows, order: Sequence[int]) -> list[_Level]:
+    """Rows of a triangular matrix by how many others they wait for; without those that need none."""
+    depth = dict[int, int]()
+    by_depth: dict[int, list[int]] = {}
+    for i in order:
+        depth[i] = 1 + max((depth[j] for j in rows[i]), default=-1)
+        if depth[i]:
+            by_depth.setdefault(depth[i], []).append(i)
+    levels = []
+    for _, some in sorted(by_depth.items()):
+        ends = np.cumsum([0, *(len(rows[i]) for i in some)])
+        columns = np.array([j for i in some for j in rows[i]], dtype=np.int64)
+        data = np.array([x for i in some for x in rows[i].values()], dtype=np.int64)
+        levels.append(
+            _Level(np.array(some), csr_array((data, columns, ends), shape=(len(some), len(rows))))
+        )
+    return levels
