@@ -24,7 +24,7 @@ from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limb
 from mbdlft.exact.reachable import reduced_residues
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
 
-_MOST_COLUMNS = 256  # that are solved for together
+_MOST_COLUMNS = 512  # that are solved for together, if they are of several deltas
 Rows = list[dict[int, int]]
 
 
@@ -45,17 +45,32 @@ def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
     F = _matrix(lft, np.where(owned, a.entries, 0), prime)
     inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
     of_inputs = inverse.times(E[:n, n:].toarray())
-    degrees = {}
-    for k, block in enumerate(lft.blocks):
-        rows = np.unique(lft.row[lft.block == k])
+    outputs, degrees = _in_limbs(E[n:, :n]), {}
+    for group in _groups(lft):
+        rows = np.concatenate([*group.values(), np.zeros(0, dtype=np.int64)])
         P = np.zeros((n, len(rows)), dtype=np.int64)
         P[rows, range(len(rows))] = 1
-        solved = np.hstack([inverse.times(P), of_inputs])
-        z = -_times(F[rows, :n], solved, prime)
-        z[:, len(rows) :] += F[rows, n:].toarray()
-        M = np.vstack([z, -_times(E[n:, :n], solved, prime)]) % prime
-        degrees[block.name] = sum(reduced_residues(M, [len(rows)], prime)[1])
+        of_channels, start = inverse.times(P), 0
+        for name, own in group.items():
+            size = len(own)
+            solved = np.hstack([of_channels[:, start : start + size], of_inputs])
+            z = -_times(_in_limbs(F[own, :n]), solved, prime)
+            z[:, size:] += F[own, n:].toarray()
+            M = np.vstack([z, -_times(outputs, solved, prime)]) % prime
+            degrees[name] = sum(reduced_residues(M, [size], prime)[1])
+            start += size
     return degrees
+
+
+def _groups(a: SparseLFT) -> list[dict[str, NDArray[np.int64]]]:
+    """Equations of each delta by its name, some deltas together."""
+    groups, most = [dict[str, NDArray[np.int64]]()], _MOST_COLUMNS
+    for k, block in enumerate(a.blocks):
+        rows = np.unique(a.row[a.block == k])
+        if groups[-1] and sum(map(len, groups[-1].values())) + len(rows) > most:
+            groups.append({})
+        groups[-1][block.name] = rows
+    return groups
 
 
 def _matrix(a: SparseLFT, entries: Residues, prime: int) -> csr_array:
@@ -66,29 +81,35 @@ def _matrix(a: SparseLFT, entries: Residues, prime: int) -> csr_array:
     return matrix
 
 
-def _times(a: csr_array, right: Residues, prime: int) -> Residues:
-    """a right (n, m) modulo a prime."""
-    n, m = right.shape
-    return joined(_products(a, limbs(right).transpose(1, 0, 2).reshape(n, 3 * m)), prime)
+Limbs = list[csr_array]  # of the entries of a sparse matrix
 
 
-def _products(a: csr_array, right: Array) -> Residues:
-    """Limbs of a (n, k) times the limbs (k, 3 m) of a right side, whose sums are exact doubles."""
-    lengths = np.diff(a.indptr)
-    assert np.max(lengths, initial=0) <= MOST_SUMMED
-    parts = [csr_array((x, a.indices, a.indptr), shape=a.shape) @ right for x in limbs(a.data)]
-    return (
-        np.array(parts, dtype=np.int64)
-        .reshape(3, len(lengths), 3, right.shape[1] // 3)
-        .transpose(0, 2, 1, 3)
-    )
+def _in_limbs(a: csr_array) -> Limbs:
+    assert np.max(np.diff(a.indptr), initial=0) <= MOST_SUMMED
+    return [csr_array((x, a.indices, a.indptr), shape=a.shape) for x in limbs(a.data)]
+
+
+def _times(a: Limbs, right: Residues, prime: int) -> Residues:
+    """The product with (n, m) modulo a prime."""
+    return joined(_products(a, _side_by_side(right)), prime)
+
+
+def _side_by_side(right: Residues) -> Array:
+    """Limbs (n, 3 m) of (n, m)."""
+    return limbs(right).transpose(1, 0, 2).reshape(len(right), 3 * right.shape[1])
+
+
+def _products(a: Limbs, right: Array) -> Residues:
+    """Limbs times limbs (n, 3 m): (3, 3, rows, m), sums that are exact doubles."""
+    parts = np.array([x @ right for x in a], dtype=np.int64)
+    return parts.reshape(3, a[0].shape[0], 3, right.shape[1] // 3).transpose(0, 2, 1, 3)
 
 
 class _Level(NamedTuple):
     """Rows of a triangular matrix that depend on rows of earlier levels only."""
 
     rows: NDArray[np.int64]
-    entries: csr_array  # (rows, n), beside the diagonal
+    entries: Limbs  # (rows, n), beside the diagonal
 
 
 class _Inverse:
@@ -112,19 +133,17 @@ class _Inverse:
 
     def times(self, right: Residues) -> Residues:
         """K^-1 right (n, m)."""
-        if right.shape[1] > _MOST_COLUMNS:
-            spans = range(0, right.shape[1], _MOST_COLUMNS)
-            return np.hstack([self.times(right[:, k : k + _MOST_COLUMNS]) for k in spans])
-        n, m = right.shape
         x = np.empty_like(right)
         x[self.of_row] = right
-        parts = limbs(x).transpose(1, 0, 2).reshape(n, 3 * m)
+        parts = _side_by_side(x)
         for k, (rows, entries) in enumerate(self.levels):
             if k == self.below:
                 x = entrywise(x, self.diagonal, self.prime)
-                parts = limbs(x).transpose(1, 0, 2).reshape(n, 3 * m)
+                parts = _side_by_side(x)
             x[rows] = (x[rows] - joined(_products(entries, parts), self.prime)) % self.prime
-            parts[rows] = limbs(x[rows]).transpose(1, 0, 2).reshape(len(rows), 3 * m)
+            parts[rows] = _side_by_side(x[rows])
+        if self.below == len(self.levels):
+            x = entrywise(x, self.diagonal, self.prime)
         return np.asarray(x[self.of_column])
 
 
@@ -165,7 +184,6 @@ def _levels(rows: Rows, order: Sequence[int]) -> list[_Level]:
         ends = np.cumsum([0, *(len(rows[i]) for i in some)])
         columns = np.array([j for i in some for j in rows[i]], dtype=np.int64)
         data = np.array([x for i in some for x in rows[i].values()], dtype=np.int64)
-        levels.append(
-            _Level(np.array(some), csr_array((data, columns, ends), shape=(len(some), len(rows))))
-        )
+        entries = csr_array((data, columns, ends), shape=(len(some), len(rows)))
+        levels.append(_Level(np.array(some), _in_limbs(entries)))
     return levels

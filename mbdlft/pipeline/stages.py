@@ -62,15 +62,15 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     check = _Check(problem)
     with stage("reduce"):
         reduced = candidates(problem, problem.forms)
+    is_sparse = isinstance(reduced[0].lft, SparseLFT)
+    if is_sparse:  # its bound takes longer than another form
+        reduced = _with_more_forms(problem, reduced, prove, stage)
     with stage("bound"):
         bounds = _degree_bounds(reduced[0])
     least = {name: bound.degree for name, bound in bounds.items()}
     order_bound = sum(least.values())
-    if order_bound < reduced[0].lft.order and (forms := problem.more_forms()):
-        with stage("more forms"):
-            found = (restricted(problem, form) for form in forms)
-            more = [c for c in found if c is not None and not _is_singular(c, prove)]
-            reduced = sorted([*reduced, *more], key=lambda candidate: candidate.lft.order)
+    if order_bound < reduced[0].lft.order and not is_sparse:
+        reduced = _with_more_forms(problem, reduced, prove, stage)
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
@@ -144,6 +144,18 @@ def _searched(
         with stage(CUT_OFF):  # with more time the model may be smaller
             pass
     return lft, of_search, result.order_bound
+
+
+def _with_more_forms(
+    problem: Problem, reduced: list[Candidate], prove: float, stage: Stage
+) -> list[Candidate]:
+    """Candidates of other forms, too, the smallest first."""
+    if not (forms := problem.more_forms()):
+        return reduced
+    with stage("more forms"):
+        found = (restricted(problem, form) for form in forms)
+        more = [c for c in found if c is not None and not _is_singular(c, prove)]
+        return sorted([*reduced, *more], key=lambda candidate: candidate.lft.order)
 
 
 def _is_singular(candidate: Candidate, prove: float) -> bool:

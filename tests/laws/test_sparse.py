@@ -18,7 +18,7 @@ from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.determinant import values_at
 from mbdlft.lft.lft import LFT, Block, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
-from mbdlft.lft.sparse import ALWAYS, SparseLFT, in_units, solved_for
+from mbdlft.lft.sparse import ALWAYS, SparseLFT, in_units, solved_for, value_and_sign
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees
 from mbdlft.system.sampled import matrices_at
@@ -38,10 +38,9 @@ def sparse(a: LFT) -> SparseLFT:
     M = np.block([[-a.M11, -a.M12], [a.M21, a.M22]])
     blocks = np.append(owner, ALWAYS)[np.minimum(i, n)]
     own = np.arange(n)
-    j = np.where(j < n, n - 1 - j, j)
     return SparseLFT(
         np.append(i, own),
-        np.append(j, n - 1 - own),
+        np.append(np.where(j < n, n - 1 - j, j), n - 1 - own),
         np.append(M[i, j], np.ones(n)),
         np.append(blocks, np.full(n, ALWAYS)),
         n,
@@ -69,6 +68,16 @@ def test_signs_of_the_determinant(a: LFT, seed: int) -> None:
     """Far away, where it has either sign."""
     at = drawn(a, seed, 9.0)
     exact(values_at(sparse(a), at)[1], values_at(a, at)[1])
+
+
+@given(st.integers(0, 10**6))
+def test_signs_of_permuted_factors(seed: int) -> None:
+    random, n = np.random.default_rng(seed), 7
+    some = random.random((n, n)) < 0.3
+    K = random.integers(1, 4, (n, n)) * some + 9.0 * np.eye(n)[random.permutation(n)]
+    i, j = np.nonzero(K)
+    a = SparseLFT(i, j, K[i, j], np.full(len(i), ALWAYS), n, (0, 0), ())
+    assert value_and_sign(a, np.zeros(0))[1] == np.linalg.slogdet(K)[0]
 
 
 @given(lfts(n_out=3, n_in=3, scales=(1.0,)), st.integers(0, 2), st.integers(0, 9))
