@@ -89,11 +89,9 @@ _MATRICES = """
     D_yw: float64 y w
     D_yu: float64 y u
 """
-_SPARSE = """
+_SPARSE = """sparse@signals: int64
     sparse/row sparse/column sparse/block: int64 entries
-    sparse/entry: float64 entries
-    sparse@signals: int64
-"""
+    sparse/entry: float64 entries"""
 _EVIDENCE = """
     trim/name trim/unit: text t
     trim/nominal: float64 t
@@ -375,8 +373,6 @@ def check_layout(specs: Mapping[str, Spec], kind: str, version: str) -> None:
         raise ArchiveError(f"encoding_version is {version}, and {kind!r} exists since {VERSION}.")
     number = specs["A"].type if kind == SWEEP_TYPE and "A" in specs else ""
     number = number if number in _FLOATS else _FLOATS[0]
-    if kind in (MODEL_TYPE, SYSTEM_TYPE) and not specs.keys() & {"A", "sparse/entry"}:
-        raise ArchiveError("is not whole: the dataset 'A' is missing.")
     sizes = {"1": 1, "2": 2, "3": 3, "32": 32}
     for beginning, layout in _LAYOUTS[kind, version].items():
         if not any(path.startswith(beginning) for path in specs):

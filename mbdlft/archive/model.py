@@ -130,6 +130,8 @@ def _system(items: layout.Items, name: str) -> System:
 def _lft(items: layout.Items, blocks: tuple[Block, ...]) -> LFT:
     M = items
     if "sparse/entry" not in M:
+        if "A" not in M:
+            raise ArchiveError("is not whole: the dataset 'A' is missing.")
         return LFT(
             M["D_zw"],
             np.hstack([M["C_z"], M["D_zu"]]),

@@ -267,12 +267,15 @@ def times(a: Residues, b: Array, prime: int) -> Residues:
 
 
 def joined(C: Residues, prime: int) -> Residues:
-    """The residue of products C (3, 3, ...) of limbs with limbs."""
-    total_so_far: Residues = C[2, 2] % prime
+    """The residue of products C (3, 3, ...) of limbs with limbs.
+
+    Sums stay below 2^62 in size, as 2^21 times one of them is reduced by its quotient.
+    """
+    sums: Residues = C[2, 2]
     for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
-        quotient = (total_so_far * (2.0**_LIMB / prime)).astype(np.int64)
-        total_so_far = ((total_so_far << _LIMB) - quotient * prime + total) % prime
-    return total_so_far
+        quotient = (sums * (2.0**_LIMB / prime)).astype(np.int64)
+        sums = (sums << _LIMB) - quotient * prime + total
+    return np.asarray(sums % prime)
 
 
 def entrywise(a: Residues, b: Residues, prime: int) -> Residues:

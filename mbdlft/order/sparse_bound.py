@@ -24,7 +24,7 @@ from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limb
 from mbdlft.exact.reachable import reduced_residues
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
 
-_MOST_COLUMNS = 512  # that are solved for together, if they are of several deltas
+_MOST_COLUMNS = 128  # that are solved for together, if they are of several deltas
 Rows = list[dict[int, int]]
 
 
@@ -45,7 +45,7 @@ def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
     F = _matrix(lft, np.where(owned, a.entries, 0), prime)
     inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
     of_inputs = inverse.times(E[:n, n:].toarray())
-    outputs, degrees = _in_limbs(E[n:, :n]), {}
+    degrees = dict[str, int]()
     for group in _groups(lft):
         rows = np.concatenate([*group.values(), np.zeros(0, dtype=np.int64)])
         P = np.zeros((n, len(rows)), dtype=np.int64)
@@ -54,9 +54,9 @@ def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
         for name, own in group.items():
             size = len(own)
             solved = np.hstack([of_channels[:, start : start + size], of_inputs])
-            z = -_times(_in_limbs(F[own, :n]), solved, prime)
+            z = -_times(F[own, :n], solved, prime)
             z[:, size:] += F[own, n:].toarray()
-            M = np.vstack([z, -_times(outputs, solved, prime)]) % prime
+            M = np.vstack([z, -_times(E[n:, :n], solved, prime)]) % prime
             degrees[name] = sum(reduced_residues(M, [size], prime)[1])
             start += size
     return degrees
@@ -89,9 +89,10 @@ def _in_limbs(a: csr_array) -> Limbs:
     return [csr_array((x, a.indices, a.indptr), shape=a.shape) for x in limbs(a.data)]
 
 
-def _times(a: Limbs, right: Residues, prime: int) -> Residues:
-    """The product with (n, m) modulo a prime."""
-    return joined(_products(a, _side_by_side(right)), prime)
+def _times(a: csr_array, right: Residues, prime: int) -> Residues:
+    """a right (n, m) modulo a prime."""
+    used = np.unique(a.indices)
+    return joined(_products(_in_limbs(a[:, used]), _side_by_side(right[used])), prime)
 
 
 def _side_by_side(right: Residues) -> Array:

@@ -31,7 +31,7 @@ from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.show.report.sentences import checked_beside
 from scenarios import two_link_arm
 from tests.attack import frames
-from tests.close import CLOSED_FORM, SCENARIO, exact, roundoff, target
+from tests.close import CLOSED_FORM, SAME_MESH, SCENARIO, exact, roundoff, target
 
 
 def pan_tilt(offset: float) -> mbdlft.Scene:
@@ -169,7 +169,7 @@ def test_nothing_is_proved_where_exact_numbers_are_too_dear(monkeypatch: pytest.
     monkeypatch.setattr(forms, "_MOST_EXACT", 10)
     model = mbdlft.to_lft(frame, search=0.0)
     assert model.order >= exact_model.order
-    assert model.certificate.max_relative_error <= SCENARIO
+    assert model.certificate.max_relative_error <= SAME_MESH
     certificate = model.certificate
     assert set(certificate.lower_bound) == {0} == set(certificate.doubtful)
     assert (certificate.order_bound, certificate.exact_bound) == (0, False)

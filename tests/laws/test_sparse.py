@@ -1,6 +1,7 @@
 """Sparse LFTs: values, signs, sizes and degrees are those of the dense form; models, archives, errors."""
 
 import pickle
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from mbdlft.lft.sparse import ALWAYS, SparseLFT, in_units, solved_for, value_and
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees
 from mbdlft.system.sampled import matrices_at
+from tests.archive.plain_digest import PAGE
 from tests.close import CHAIN, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import exactly
@@ -195,6 +197,10 @@ def test_archive(both: tuple[mbdlft.LFTModel, mbdlft.LFTModel], tmp_path: Path) 
     assert read.lft.blocks == model.lft.blocks
     for array in ("row", "column", "entry", "block"):
         exact(getattr(read.lft, array), getattr(model.lft, array))
+    exec(re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)[3], names := {})
+    at = np.linspace(-0.9, 0.9, len(model.parameters))
+    (expected,) = evaluate_at(model.lft, at[None])
+    roundoff(names["sparse_value"](file, "chain", at), expected, model.certificate.condition)
     with h5py.File(file, "r+") as whole:
         del whole["models/chain/sparse/row"]
     with says(ArchiveError, "is not whole", "sparse/row"):
