@@ -136,7 +136,7 @@ def test_multipliers_of_several_frequencies_hold_on_wider_intervals(
 ) -> None:
     system = arm_loop()
     loop = loop_of(system, range(len(system.states)))
-    part = loops.Part(*loops.ends_of(loop, 1.9), ((0.0, np.inf),), np.nan, None, 50.0, 0.02)
+    part = loops.Part(*loops.ends_of(loop, 1.5), ((0.0, np.inf),), np.nan, None, 50.0, 0.02)
     several = loops.covered(loop, part)
     monkeypatch.setattr(loops, "_beside", lambda omega, *_: (np.array([omega]), 0.0))
     alone = loops.covered(loop, part)

@@ -39,6 +39,7 @@ from mbdlft.lft.sparse import ALWAYS, SparseLFT
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.sparse_bound import SparseResidues
 
+_MANY = 5000  # items: with fewer, sums in sums take more time than longer rows
 Row = dict[int, Exact]  # entries by column, none of them zero
 Term = tuple[Exact, int]  # factor, and the number of a signal
 
@@ -60,8 +61,9 @@ class Words(NamedTuple):
 
 
 def smallest(words: Words) -> Words:
-    """The same outputs from the fewest letters, if letters did not commute; sums stay."""
-    return transposed(reached(transposed(reached(words))))
+    """The same outputs from the fewest letters, if letters did not commute; many sums stay."""
+    stay = len(words.items) > _MANY
+    return transposed(reached(transposed(reached(words, sums_stay=stay)), sums_stay=stay))
 
 
 class _Rows:
@@ -90,10 +92,10 @@ class _Rows:
         return row
 
 
-def reached(words: Words) -> Words:
+def reached(words: Words, *, sums_stay: bool = False) -> Words:
     """The same outputs; items that are combinations of others of their letter become sums of these.
 
-    Rows decide. Written out they are longer than sums of sums, which stay.
+    Rows decide. They are what items read where sums do not stay.
     """
     known = _Rows(words)
     place = list(range(words.inputs))  # of each signal in what is made
@@ -105,19 +107,27 @@ def reached(words: Words) -> Words:
         if not known.waiting[number]:
             known.rows.append({})
             continue
-        row = known.read(terms)
+        row = read = known.read(terms)
         if letter is not None:
             factors = letters.setdefault(letter, Dependence()).combination(new, row)
             row = {new: words.field.one} if factors is None else factors
         known.rows.append(row)
-        read = [(factor, place[k]) for factor, k in terms]
-        items.append(Item(letter, read) if factors is None else Item(None, _terms(factors)))
-    outputs = [[(factor, place[k]) for factor, k in terms] for terms in words.outputs]
+        if sums_stay:
+            reads = _terms(factors) if factors is not None else [(x, place[k]) for x, k in terms]
+            items.append(Item(letter if factors is None else None, reads))
+        elif letter is not None and factors is None:
+            items.append(Item(letter, _terms(read)))
+    if sums_stay:
+        outputs = [[(factor, place[k]) for factor, k in terms] for terms in words.outputs]
+    else:
+        outputs = [_terms(known.read(terms)) for terms in words.outputs]
     return Words(words.inputs, items, outputs, words.field)
 
 
 def with_sums_put_in(words: Words, *, of_one_reader: bool = False) -> Words:
     """The same without sums, or without those that are read once."""
+    if all(item.letter is not None for item in words.items):
+        return words
     known, items = _Rows(words), list[Item]()
     readers = list(known.waiting)
     for number, (letter, terms) in enumerate(words.items, start=words.inputs):
