@@ -91,7 +91,8 @@ _MATRICES = """
 """
 _SPARSE = """sparse@signals: int64
     sparse/row sparse/column sparse/block: int64 entries
-    sparse/entry: float64 entries"""
+    sparse/entry: float64 entries
+    sparse/nonzero: bool sparse_rows sparse_columns"""
 _EVIDENCE = """
     trim/name trim/unit: text t
     trim/nominal: float64 t

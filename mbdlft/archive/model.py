@@ -142,7 +142,8 @@ def _lft(items: layout.Items, blocks: tuple[Block, ...]) -> LFT:
     states, inputs, outputs = (len(M[f"{name}/name"]) for name in _SIGNALS)
     row, column, entry, block = (M[f"sparse/{name}"] for name in ("row", "column", "entry", "block"))
     shape = (states + outputs, states + inputs)
-    return SparseLFT(row, column, entry, block, int(M["sparse@signals"]), shape, blocks)
+    signals, nonzero = int(M["sparse@signals"]), M["sparse/nonzero"]
+    return SparseLFT(row, column, entry, block, signals, shape, blocks, nonzero)
 
 
 def _parameters(items: layout.Items) -> tuple[Parameter, ...]:

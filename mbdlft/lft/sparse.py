@@ -46,14 +46,17 @@ class SparseLFT(LFT):
     shape : (outputs, inputs)
     blocks : tuple of Block
         As of an `LFT`; real ones only.
+    nonzero : bool array (outputs, inputs), optional
+        Which entries of the value are zero, whatever the deltas are, says False: rounding does not.
     """
 
-    __slots__ = ("_shape", "block", "column", "entry", "row", "signals")
+    __slots__ = ("_shape", "block", "column", "entry", "nonzero", "row", "signals")
     row: Places
     column: Places
     entry: Array
     block: Places
     signals: int
+    nonzero: NDArray[np.bool_]
     _shape: tuple[int, int]
 
     def __init__(
@@ -65,10 +68,14 @@ class SparseLFT(LFT):
         signals: int,
         shape: tuple[int, int],
         blocks: tuple[Block, ...],
+        nonzero: NDArray[np.bool_] | None = None,
     ) -> None:
-        arrays = {"row": row, "column": column, "block": block}
+        arrays: dict[str, NDArray[Any]] = {"row": row, "column": column, "block": block}
         arrays = {name: np.array(places, dtype=np.int64) for name, places in arrays.items()}
         arrays["entry"] = np.array(entry, dtype=float)
+        arrays["nonzero"] = (
+            np.ones(shape, dtype=bool) if nonzero is None else np.array(nonzero, dtype=bool)
+        )
         for name, array in arrays.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -81,7 +88,7 @@ class SparseLFT(LFT):
 
     def __reduce__(self) -> Any:
         arrays = (self.row, self.column, self.entry, self.block)
-        return SparseLFT, (*arrays, self.signals, self._shape, self.blocks)
+        return SparseLFT, (*arrays, self.signals, self._shape, self.blocks, self.nonzero)
 
     def __getattr__(self, name: str) -> Array:
         if name == "M22":
@@ -116,6 +123,8 @@ def _misfit(a: SparseLFT) -> str | None:
         return f"blocks must be real and sorted by name, each name once; got {', '.join(names)}."
     if any(places.shape != (count,) for places in (a.row, a.column, a.block)):
         return "row, column, entry and block need one length."
+    if a.nonzero.shape != a.shape:
+        return f"nonzero needs shape {a.shape}, got {a.nonzero.shape}."
     limits = [(a.row, 0, a.signals + a.shape[0]), (a.column, 0, a.signals + a.shape[1])]
     for places, low, high in (*limits, (a.block, ALWAYS, len(names))):
         if count and not (low <= places.min() and places.max() < high):
@@ -151,6 +160,11 @@ def solved_for(a: SparseLFT, count: int, first: int) -> SparseLFT:
     )
 
 
+def with_zeros(a: SparseLFT, nonzero: NDArray[np.bool_]) -> SparseLFT:
+    """The LFT with the entries of its value that are zero, whatever the deltas are."""
+    return SparseLFT(a.row, a.column, a.entry, a.block, a.signals, a.shape, a.blocks, nonzero)
+
+
 def in_units(a: SparseLFT, names: Sequence[str], rows: Array, columns: Array) -> SparseLFT:
     """The LFT with outputs and inputs times numbers (outputs,), (inputs,), and a block for each name."""
     by_row, by_column = (np.concatenate([np.ones(a.signals), x]) for x in (rows, columns))
@@ -159,7 +173,7 @@ def in_units(a: SparseLFT, names: Sequence[str], rows: Array, columns: Array) ->
     block = np.array([*(place[name] for name, _ in a.blocks), ALWAYS])[a.block]
     blocks = tuple(Block(name, sizes[name]) for name in place)
     entry = a.entry * by_row[a.row] * by_column[a.column]
-    return SparseLFT(a.row, a.column, entry, block, a.signals, a.shape, blocks)
+    return SparseLFT(a.row, a.column, entry, block, a.signals, a.shape, blocks, a.nonzero)
 
 
 def matrix_at(a: SparseLFT, deltas: Array, *, in_sizes: bool = False) -> Any:
@@ -179,11 +193,13 @@ def value_and_sign(a: SparseLFT, deltas: Array) -> tuple[Array, float]:
     factors = factors_of(E[:n, :n])
     if factors is None:
         return np.zeros(a.shape), 0.0
-    Y = E[n:]
-    value = Y[:, n:].toarray() - Y[:, :n] @ factors.solve(E[:n, n:].toarray())
+    K, B, Y = E[:n, :n], E[:n, n:].toarray(), E[n:]
+    solved = factors.solve(B)
+    solved += factors.solve(B - K @ solved)  # rounding is then that of single entries (Skeel)
+    value = Y[:, n:].toarray() - Y[:, :n] @ solved
     signs = np.sign(factors.U.diagonal())
     sign = float(np.prod(signs)) * _parity(factors.perm_r) * _parity(factors.perm_c)
-    return np.asarray(value), sign
+    return np.where(a.nonzero, value, 0.0), sign
 
 
 def values(a: SparseLFT, points: Array) -> tuple[Array, Array]:

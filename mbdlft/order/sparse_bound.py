@@ -36,15 +36,37 @@ class SparseResidues(NamedTuple):
     prime: int
 
 
+class _AtRandom(NamedTuple):
+    """The equations at random residues of the deltas."""
+
+    E: csr_array  # [K, B ; Y, D]
+    inverse: "_Inverse"
+    solved: Residues  # K^-1 B
+
+
+def _at_random(a: SparseResidues, seed: int) -> _AtRandom:
+    lft, prime, n = a.lft, a.prime, a.lft.signals
+    random = np.random.default_rng(seed)
+    at = np.append(
+        random.integers(1, prime, len(lft.blocks), dtype=np.int64), 1
+    )  # the last is that of -1
+    E = _matrix(lft, entrywise(a.entries, at[lft.block], prime), prime)
+    inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
+    return _AtRandom(E, inverse, inverse.times(E[:n, n:].toarray()))
+
+
+def nonzero_entries(a: SparseResidues, seed: int = 0) -> NDArray[np.bool_]:
+    """Which entries (outputs, inputs) of the value are not zero at random residues."""
+    n, (E, _, solved) = a.lft.signals, _at_random(a, seed)
+    value = E[n:, n:].toarray() - _times(E[n:, :n], solved, a.prime)
+    return np.asarray(value % a.prime != 0)
+
+
 def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
     lft, prime, n = a.lft, a.prime, a.lft.signals
-    random, owned = np.random.default_rng(seed), lft.block != ALWAYS
-    at = random.integers(1, prime, len(lft.blocks), dtype=np.int64)
-    E = _matrix(lft, np.where(owned, entrywise(a.entries, at[lft.block], prime), a.entries), prime)
-    F = _matrix(lft, np.where(owned, a.entries, 0), prime)
-    inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
-    of_inputs = inverse.times(E[:n, n:].toarray())
+    E, inverse, of_inputs = _at_random(a, seed)
+    F = _matrix(lft, np.where(lft.block == ALWAYS, 0, a.entries), prime)
     degrees = dict[str, int]()
     for group in _groups(lft):
         rows = np.concatenate([*group.values(), np.zeros(0, dtype=np.int64)])

@@ -271,7 +271,6 @@ def certificate(
     checked: Checked,
     seed: int,
     *,
-    is_exact: bool,
     boxes: Boxes,
     near: tuple[str, ...] = (),
 ) -> Certificate:
@@ -304,7 +303,7 @@ def certificate(
         seed=seed,
         exact=problem.fit_error_bound == 0.0,
         fit_error_bound=problem.fit_error_bound,
-        exact_bound=is_exact,
+        exact_bound=True,
         doubtful=doubtful,
         order_bound=sum(lower.values()) if contradicted else order_bound,
         well_posed=SAMPLED if boxes else PROVED,

@@ -21,7 +21,7 @@ from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellP
 from mbdlft.base.running import without_collection
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
-from mbdlft.lft.sparse import solved_for, value_and_sign
+from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
 from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import (
     Closing,
@@ -30,11 +30,10 @@ from mbdlft.order.reduction import (
     in_good_coordinates,
     in_scales,
     reduce_exactly,
-    reduce_order,
     transposed,
 )
 from mbdlft.order.restriction import Step, restricted_exactly
-from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees
+from mbdlft.order.sparse_bound import SparseResidues, nonzero_entries, sparse_degrees
 from mbdlft.pipeline.extract import SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
@@ -55,9 +54,7 @@ class Candidate:
     channels: Mapping[str, int]  # of the signal graph before any reduction, by parameter
     relations: LFT  # as extracted, reduced
     closed: LFT  # solved for the unknown signals, not reduced
-    # the same, reduced. None for what is too large for exact numbers: it is
-    # reduced in doubles
-    exact: ExactLFT | SparseResidues | None
+    exact: ExactLFT | SparseResidues  # the same, reduced
     lft: LFT  # `exact` in doubles
 
 
@@ -70,11 +67,11 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     return sorted(filter(None, reduced), key=lambda candidate: candidate.lft.order)
 
 
-def degrees(candidate: Candidate, seed: int) -> dict[str, int] | None:
-    """Lower bounds of the repetitions by parameter; None for what is too large for exact numbers."""
+def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
+    """Lower bounds of the repetitions by parameter."""
     if isinstance(candidate.exact, SparseResidues):
         return sparse_degrees(candidate.exact, seed)
-    return exact_degrees(candidate.exact, seed) if candidate.exact else None
+    return exact_degrees(candidate.exact, seed)
 
 
 def reduced_relations(relations: LinearModel) -> LFT:
@@ -118,8 +115,6 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
             "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
             "products of them. A sweep takes any number."
         )
-    if opened.order > _MOST_EXACT:
-        return _in_doubles(problem, form, extracted.channels, in_scales(opened.rounded()))
     n = form.relations.unknown.numel()
     if n and opened.order > _MANY:
         ask_for_bits(2 * BITS)
@@ -173,24 +168,12 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     """The same as sparse equations, whose unknown signals are signals like others."""
     lft, entries, prime = relations.lft
     first = form.relations.derivatives
-    lft = solved_for(lft, form.relations.unknown.numel(), first)
+    lft = solved_for(lft, relations.unknown, first)
     if value_and_sign(lft, np.zeros(len(lft.blocks)))[1] == 0.0:
         raise WellPosednessError(f"{problem.nouns.owner}: {problem.singular(inf, ())}")
     residues = SparseResidues(lft, np.append(entries, np.ones(first, dtype=np.int64)), prime)
+    lft = with_zeros(lft, nonzero_entries(residues))
     return Candidate(form, relations.channels, lft, lft, residues, lft)
-
-
-def _in_doubles(problem: Problem, form: Form, channels: Mapping[str, int], opened: LFT) -> Candidate:
-    """The same, reduced with ranks that are decided by the rounding error of doubles."""
-    relations = reduce_order(opened)
-    n = form.relations.unknown.numel()
-    if not n:
-        return Candidate(form, channels, relations, relations, None, relations)
-    try:
-        closed = closing(form).solved(relations)
-    except WellPosednessError:
-        raise _singular(problem, relations, n) from None
-    return Candidate(form, channels, relations, closed, None, reduce_order(closed))
 
 
 def closing(form: Form) -> Closing:

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
-from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
 from mbdlft.matrix import MatrixProblem, matrix_problem
@@ -203,16 +203,8 @@ def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
     ------
     SceneError, NotRationalError, WellPosednessError
         As `realize`.
-    AnalysisError
-        The matrix is too large.
     """
     with one_thread():
         posed = problem_of_matrix(problem)
         (candidate,) = candidates(posed, posed.forms[:1])
-        known = degrees(candidate, seed)
-        if known is None:
-            raise AnalysisError(
-                f"{posed.nouns.owner}: has too many channels for exact numbers. Declare parts of it as "
-                "parameters."
-            )
-        return known
+        return degrees(candidate, seed)

@@ -66,8 +66,8 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     if is_sparse:  # its bound takes longer than another form
         reduced = _with_more_forms(problem, reduced, prove, stage)
     with stage("bound"):
-        bounds = _degree_bounds(reduced[0])
-    least = {name: bound.degree for name, bound in bounds.items()}
+        least = degrees(reduced[0], SEED)
+    bounds = {name: Bound(n, 0) for name, n in least.items()}
     order_bound = sum(least.values())
     if order_bound < reduced[0].lft.order and not is_sparse:
         reduced = _with_more_forms(problem, reduced, prove, stage)
@@ -85,16 +85,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
-            lft,
-            raw,
-            bounds,
-            order_bound,
-            problem,
-            checked,
-            SEED,
-            is_exact=reduced[0].exact is not None,
-            boxes=boxes,
-            near=near,
+            lft, raw, bounds, order_bound, problem, checked, SEED, boxes=boxes, near=near
         )
     return LFTModel(
         name=problem.nouns.name,
@@ -198,12 +189,6 @@ class _Check:
         rounding, _ = rounding_of(problem, lft, errors, at, some)
         ratio = float(np.max(errors / rounding, initial=0.0))
         return (error, ratio) if np.isfinite(error + ratio) else (float("inf"), float("inf"))
-
-
-def _degree_bounds(candidate: Candidate) -> dict[str, Bound]:
-    """Lower bounds of the repetitions; none for what is too large for exact numbers."""
-    known = degrees(candidate, SEED) or dict.fromkeys((b.name for b in candidate.lft.blocks), 0)
-    return {name: Bound(n, 0) for name, n in known.items()}
 
 
 def _search(

@@ -39,6 +39,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "loops": (3,),
     "switches": range(4),
     "mechanisms": (0,),
+    "sparse": (0,),
     "couplings": (16,),
     "contacts": (3,),
     "motions": (0,),

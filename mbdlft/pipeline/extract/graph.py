@@ -53,6 +53,7 @@ class SparseExtraction(NamedTuple):
 
     lft: SparseResidues
     channels: dict[str, int]
+    unknown: int  # the first inputs and outputs are relations, to be solved
 
 
 class Reduced(NamedTuple):
@@ -63,6 +64,7 @@ class Reduced(NamedTuple):
     names: Sequence[str]
     maps: Sequence[BilinearMap]
     channels: dict[str, int]  # as of an `Extraction`
+    unknown: int
 
     @property
     def order(self) -> int:
@@ -77,7 +79,7 @@ class Reduced(NamedTuple):
     def sparse(self) -> SparseExtraction:
         """The LFT as sparse equations."""
         lft = sparse(self.words, self.quotients, self.names, self.maps)
-        return SparseExtraction(lft, self.channels)
+        return SparseExtraction(lft, self.channels, self.unknown)
 
 
 def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Reduced:
@@ -100,15 +102,18 @@ def extract_graph(model: LinearModel, maps: Sequence[BilinearMap] | None = None)
             "products stand inside of each other more deeply than can be followed. Declare a part as a "
             "parameter."
         ) from None
-    return reduced(graph, names, maps or [parameter.map for parameter in model.parameters])
+    maps = maps or [parameter.map for parameter in model.parameters]
+    return reduced(graph, names, maps, model.unknown.numel())
 
 
-def reduced(graph: "SignalGraph", names: Sequence[str], maps: Sequence[BilinearMap]) -> Reduced:
+def reduced(
+    graph: "SignalGraph", names: Sequence[str], maps: Sequence[BilinearMap], unknown: int = 0
+) -> Reduced:
     """A graph as words; parameters have `names`."""
     counts = Counter(names[parameter] for _, parameter, _ in graph.channels)
     small = condensed(graph)
     channels = {name: counts[name] for name in sorted(names)}
-    return Reduced(smallest(opened(small)), len(small.quotients), names, maps, channels)
+    return Reduced(smallest(opened(small)), len(small.quotients), names, maps, channels, unknown)
 
 
 class Coefficient(NamedTuple):

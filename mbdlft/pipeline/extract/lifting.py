@@ -9,6 +9,7 @@ elements in each of the three beams of a portal the order is 84 and 121 so. It w
 displacement had all deflections of the frame, and 1,500 channels were the most for exact numbers.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -20,29 +21,31 @@ from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 from mbdlft.pipeline.extract.graph import Extraction, SparseExtraction, extract_graph
-from mbdlft.problem.relations import LinearModel
+from mbdlft.problem.relations import Lifted, LinearModel
+
+
+def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
+    """As `extract_graph`, with the lifted loads of the relations, and channels closed."""
+    made = _extracted(model, maps, math.inf)
+    assert made is not None
+    return made
 
 
 def extract_within(
     model: LinearModel, maps: Sequence[BilinearMap] | None, most: float
 ) -> Extraction | SparseExtraction:
-    """As `extract`; sparse if there are more than `most` channels after the reduction of words.
-
-    Relations with lifted loads are never sparse.
-    """
-    if model.lifted is not None:
-        return extract(model, maps)
-    reduced = extract_graph(model, maps)
-    return reduced.sparse() if reduced.order > most else reduced.closed()
+    """As `extract`; sparse if there are more than `most` channels after the reduction of words."""
+    return _extracted(model, maps, most) or extract_graph(_inlined(model), maps).sparse()
 
 
-def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
-    """As `extract_graph`, with the lifted loads of the relations."""
+def _extracted(model: LinearModel, maps: Sequence[BilinearMap] | None, most: float) -> Extraction | None:
+    """The LFT; None if it has more than `most` channels."""
     lifted = model.lifted
     if lifted is None:
-        return extract_graph(model, maps).closed()
+        reduced = extract_graph(model, maps)
+        return reduced.closed() if reduced.order <= most else None
     m, t = model, lifted.trim
-    both = extract_graph(  # together, as the numbers of both decide on the prime of their residues
+    reduced = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
             m,
             residual=ca.vertcat(m.residual, t.residual),
@@ -52,19 +55,54 @@ def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Ex
             lifted=None,
         ),
         maps,
-    ).closed()
+    )
+    if reduced.order > most:
+        return None
+    both = reduced.closed()
     z, r, held, y, loads = _places(both.lft.order, m.residual, t.residual, m.output, t.output)
     w, u, efforts, x, lifts, constant = _places(
         both.lft.order, m.unknown, t.unknown, m.known, lifted.loads, t.known
     )
     relations = ExactLFT(both.lft.M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], both.lft.blocks)
     trim = ExactLFT(both.lft.M[[*z, *held, *loads]][:, [*w, *efforts, *constant]], both.lft.blocks)
-    signals = ca.vertcat(m.unknown, m.known)
-    places = ca.jacobian_sparsity(lifted.displacements, signals).T.row()  # one for each load
+    places = _displaced(model, lifted)
     # what outputs do not see goes first: it is more than what inputs do not reach
-    relations = transposed(reduce_exactly(transposed(relations)))
-    lft = _with_loads(relations, _loads(trim, len(held)), places, lifted.outputs)
-    return Extraction(lft, both.channels)
+    relations, held_by = transposed(reduce_exactly(transposed(relations))), _loads(trim, len(held))
+    if relations.order + len(set(places)) * held_by.order > most:
+        return None
+    return Extraction(_with_loads(relations, held_by, places, lifted.outputs), both.channels)
+
+
+def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
+    """The place among the signals of the displacement of each load."""
+    signals = ca.vertcat(model.unknown, model.known)
+    return list(ca.jacobian_sparsity(lifted.displacements, signals).T.row())
+
+
+def _inlined(model: LinearModel) -> LinearModel:
+    """The relations with loads as unknown signals T x: a copy of the trim for each displacement."""
+    lifted = model.lifted
+    if lifted is None:
+        return model
+    trim, places, signals = lifted.trim, _displaced(model, lifted), ca.vertcat(model.unknown, model.known)
+    residuals, unknown, loads = [], [], {}
+    for place in sorted(set(places)):
+        copy = ca.SX.sym(f"held{place}", trim.unknown.numel())
+        residual, loads[place] = ca.substitute(
+            [trim.residual, trim.output], [trim.unknown, trim.known], [copy, signals[place]]
+        )
+        residuals.append(residual)
+        unknown.append(copy)
+    pairs = zip(places, lifted.outputs, strict=True)
+    values = ca.vertcat(*(loads[place][k] for place, k in pairs))
+    residual, output = ca.substitute([model.residual, model.output], [lifted.loads], [values])
+    return replace(
+        model,
+        residual=ca.vertcat(residual, *residuals),
+        output=output,
+        unknown=ca.vertcat(model.unknown, *unknown),
+        lifted=None,
+    )
 
 
 def _places(channels: int, *signals: ca.SX) -> list[range]:
