@@ -463,7 +463,7 @@ def _stabilized_beside(tuner: Tuner, x: Array) -> Array | None:
     begun = kept.at(x)
     if not 0.0 < begun.look.soft < np.inf:
         return None
-    start = kept._scaled_for(begun, _TAKEN_ON[0][1], begun.look.soft, is_first=True)
+    start = kept._scaled_for(begun, _KEEPS[1], begun.look.soft, is_first=True)
     most = {False: _KEPT * begun.look.soft, True: _KEPT * max(1.0, begun.look.hard)}
     poles, near = len(tuner.goals), _NEAR * tuner.bandwidth
 
