@@ -122,9 +122,27 @@ def root_of_square(value: ca.SX) -> ca.SX | None:
     return ca.SX(root(number)) * _expression(r.n, free) / _expression(r.d, free)
 
 
-def fraction_of(value: ca.SX, free: Sequence[ca.SX]) -> Ratio:
-    """A function as a fraction of polynomials in its symbols; a NotFractionError if it is none."""
+def without_parameters(value: ca.SX) -> ca.SX:
+    """A function with the same value for all values of its symbols, such as (2 k)/(3 k), without them."""
+    free = free_symbols(value)
     symbols, numbers = constants_in(value)
+    others = [symbols[k] for k, number in enumerate(numbers) if number.kind != "rational"]
+    try:
+        fraction = fraction_of(value, [*free, *others]) if free else None
+    except NotFractionError:
+        return value
+    if fraction is None or any(any(x.degrees()[: len(free)]) for x in (fraction.n, fraction.d)):
+        return value
+    n, d = (_expression(x, [*free, *others]) for x in (fraction.n, fraction.d))
+    return n / d
+
+
+def fraction_of(value: ca.SX, free: Sequence[ca.SX]) -> Ratio:
+    """A function as a fraction of polynomials in `free`; a NotFractionError if it is none."""
+    taken = {s.element_hash() for s in free}
+    symbols, numbers = constants_in(value)
+    places = [k for k in range(len(numbers)) if symbols[k].element_hash() not in taken]
+    symbols, numbers = symbols[places], tuple(numbers[k] for k in places)
     function = ca.Function("fraction", [symbols, column_of(free)], [ca.densify(value)])
     if any(number.kind != "rational" for number in numbers) or function.n_instructions() > _MOST_STEPS:
         raise NotFractionError

@@ -38,6 +38,8 @@ ROWS: list[tuple[str, dict[str, float], str]] = [
     ("der(x) = u - k*x; z = sign(x + k - 1)", {}, "changes its branch inside of the range of k"),
     ("der(x) = u - k*x; z = max(sign(x), k)", {}, "changes its branch inside of the range of k"),
     ("der(x) = u - k*x; z = atan2(1, x)", {}, ""),
+    ("der(x) = u - x*sin(z); k*(1.7*z - 0.85) = 0", {"z": 0.5}, ""),
+    ("der(x) = u - x*exp(z); (2*z - sqrt(2))/k = 0", {"z": 0.7}, ""),
     ("der(x) = u - k*x; z = atan2(x, x - 1)", {}, "jumps from 6.28319 to 0"),
     ("der(x) = u - k*x; z = (x^4)^0.25", {}, "there is no linear model"),
     ("der(x) = u - k*x*sign(x - 3)", {}, ""),

@@ -16,7 +16,14 @@ import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.alias import rational
-from mbdlft.dae.branches import SWITCHES, changes_its_branch, ranges_of, root_of_square, side_on
+from mbdlft.dae.branches import (
+    SWITCHES,
+    changes_its_branch,
+    ranges_of,
+    root_of_square,
+    side_on,
+    without_parameters,
+)
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
@@ -164,7 +171,7 @@ class Separation:
 
     def _of_coefficients(self, operation: str, *operands: Mixed) -> Mixed:
         """A function of parameters and numbers."""
-        values = [ca.SX(0) if m.constant is None else m.constant for m in operands]
+        values = [ca.SX(0) if m.constant is None else without_parameters(m.constant) for m in operands]
         if all(map(constants.is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
