@@ -7,6 +7,7 @@ each combination: if values and slopes are equal, any is right; otherwise there 
 error says which equation has which two slopes.
 """
 
+import itertools
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -14,6 +15,7 @@ from functools import partial
 from typing import Any
 
 import casadi as ca
+import flint
 import numpy as np
 
 from mbdlft.base.array import Array
@@ -197,26 +199,39 @@ class _Equilibrium:
 
     def beside(self, expression: ca.SX, place: str) -> ca.SX:
         """An expression with branches beside the equilibrium, if functions switch there."""
-        below, *others = _Sides(self, expression, place).combinations()
-        for other, text in others:
-            self._compare(below[0], other, text, place)
-        return below[0] if others else expression
+        first, *others = _Sides(self, expression, place).combinations()
+        for other, zeros, text in others:
+            self._compare(first[0], other, [*first[1], *zeros], text, place)
+        return first[0] if others else expression
 
-    def _compare(self, below: ca.SX, above: ca.SX, text: str, place: str) -> None:
-        change = above - below
+    def _compare(self, one: ca.SX, other: ca.SX, zeros: Sequence[ca.SX], text: str, place: str) -> None:
+        """Values are equal, and slopes where arguments stay at their zeros."""
+        change = other - one
         if not ca.symvar(change) and float(change) == 0.0:
             return
-        ends = [self.there(x) for x in (below, above)]
+        ends = [self.there(x) for x in (one, other)]
         self._check_decided(ends[1] - ends[0], text, place)
         if not self.vanishes(change):
             low, high = map(self.number, ends)
             raise self.error(place, text, f"jumps from {low:g} to {high:g}")
-        gradient = ca.densify(ca.jacobian(change, self.symbols))
+        along, gradient = (self._along(change, which) for which in (zeros, ()))
+        if all(self.vanishes(along[j]) for j in range(along.numel())):
+            return
         for j, q in enumerate(self.quantities):
             if not self.vanishes(gradient[j]):
-                rows = (self.there(ca.jacobian(x, self.symbols[j])) for x in (below, above))
+                rows = (self.there(ca.jacobian(x, self.symbols[j])) for x in (one, other))
                 low, high = (self.number(ca.densify(row)) + 0.0 for row in rows)
                 raise self.error(place, text, f"has two slopes by {q.name!r}, {low:g} and {high:g}")
+
+    def _along(self, change: ca.SX, zeros: Sequence[ca.SX]) -> ca.SX:
+        """The slopes of a change, without what it has across the zeros of arguments."""
+        *normals, slopes = (ca.densify(ca.jacobian(x, self.symbols)) for x in (*zeros, change))
+        while normals:
+            normal = normals.pop()
+            at = next((j for j in range(normal.numel()) if not self.vanishes(normal[j])), None)
+            if at is not None:
+                *normals, slopes = (x - x[at] / normal[at] * normal for x in (*normals, slopes))
+        return slopes
 
     def _check_decided(self, change: ca.SX, text: str, place: str) -> None:
         """Raise a NotRationalError if a change has functions that switch within the range."""
@@ -240,34 +255,44 @@ class _Sides:
         self.near, self.expression, self.place = near, expression, place
         self.free = free_symbols(expression)
         self.arguments: list[Ratio | str] = []
+        self.zeros: list[ca.SX] = []  # the same, as expressions
         self.texts: list[str] = []  # of the functions that had them first
+        self.at_zero: list[set[Side]] = []  # what functions that jump do at the zero, as on which side
 
-    def combinations(self) -> Iterator[tuple[ca.SX, str]]:
-        """The expression for all choices of sides, and what switched last; first all are below.
+    def combinations(self) -> Iterator[tuple[ca.SX, Sequence[ca.SX], str]]:
+        """The expression for all choices of sides, the arguments at their zeros, what switched last.
 
-        In the last one functions that jump have their values at the zero.
+        Choices that contradict each other, such as x < 0, z < 0, x + z > 0, are left out. An argument is
+        at its zero where a function has another value than on either side.
         """
         waiting: deque[dict[int, Side]] = deque([{}])
+        met, made = set[frozenset[tuple[int, Side]]](), set[frozenset[tuple[int, Side]]]()
         for _ in range(_MOST):
             sides = waiting.popleft()
-            fixed, text = len(sides), self.texts[[*sides][-1]] if sides else ""
-            yield _branches(self.expression, partial(self._side, sides)), text
+            text = self.texts[[*sides][-1]] if sides else ""
+            branch = _branches(self.expression, partial(self._side, sides))
             every = [*sides.items()]
-            waiting += [{**dict(every[:k]), every[k][0]: "above"} for k in range(fixed, len(every))]
+            if self._is_possible(sides) and frozenset(every) not in made:
+                yield branch, [self.zeros[k] for k, side in every if side == "at"], text
+            made.add(frozenset(every))
+            for n, (k, _) in enumerate(every):
+                for side in _SIDES[: 2 + (self.at_zero[k] not in _ONE_SIDED)]:
+                    other = {**dict(every[:n]), k: side}
+                    if frozenset(other.items()) not in met | made:
+                        met.add(frozenset(other.items()))
+                        waiting.append(other)
             if not waiting:
-                if self.texts:
-                    yield _branches(self.expression, partial(self._side, None)), self.texts[0]
                 return
         raise self.near.error(self.place, text, f"has more than {_MOST} branches that meet")
 
     def _side(
-        self, sides: dict[int, Side] | None, call: _Call, argument: ca.SX, at_zero: Sequence[Side]
+        self, sides: dict[int, Side], call: _Call, argument: ca.SX, at_zero: Sequence[Side]
     ) -> Side:
         side, jumps = self.near.side(argument, at_zero), len(at_zero) < 2 and "at" not in at_zero
         if side == "open" and jumps:
             names = [p.name() for p in free_symbols(self.near.there(argument))]
             raise changes_its_branch(f"{self.near.dae.owner}, {self.place}", _text(call), names)
-        if side != "at" or "at" in at_zero or (sides is None and jumps):
+        if side != "at" or "at" in at_zero:
             return side
         own: Ratio | str = str(argument)
         with suppress(NotFractionError):
@@ -277,11 +302,46 @@ class _Sides:
         signs = [_sign_of_multiple(own, other) for other in self.arguments]
         if not any(signs):
             self.arguments.append(own)
+            self.zeros.append(argument)
             self.texts.append(_text(call))
+            self.at_zero.append(set())
             signs.append(1)
         k = next(k for k, sign in enumerate(signs) if sign)
-        side = "below" if sides is None else sides.setdefault(k, "below")
-        return side if signs[k] > 0 else "below" if side == "above" else "above"
+        if jumps:
+            self.at_zero[k] |= {_turned(x, signs[k]) for x in at_zero or ("at",)}
+        side = sides.setdefault(k, "below")
+        return side if side == "at" and jumps else _turned(side, signs[k])
+
+    def _is_possible(self, sides: Mapping[int, Side]) -> bool:
+        """Whether no three arguments, of which one is a sum of multiples of the others, contradict it."""
+        for three in itertools.combinations(sides, 3):
+            factors = _sum_of_two([self.arguments[k] for k in three])
+            terms = [f * _SIGNS[sides[k]] for f, k in zip(factors, three, strict=True)]
+            if len({term > 0 for term in terms if term}) == 1:
+                return False
+        return True
+
+
+_SIDES: tuple[Side, ...] = ("below", "above", "at")
+_SIGNS: Mapping[Side, int] = {"below": -1, "above": 1, "at": 0}
+_ONE_SIDED: tuple[set[Side], ...] = (set(), {"below"}, {"above"})
+
+
+def _turned(side: Side, sign: int) -> Side:
+    """A side of an argument for one that is a multiple of it."""
+    if sign > 0 or side == "at":
+        return side
+    return "below" if side == "above" else "above"
+
+
+def _sum_of_two(arguments: Sequence[Ratio | str]) -> Sequence[Any]:
+    """Numbers with which three polynomials, none a multiple of another, sum up to zero, if there are."""
+    polynomials = [a.n.to_dict() for a in arguments if isinstance(a, Ratio) and a.d.is_constant()]
+    if len(polynomials) < 3:
+        return 0, 0, 0
+    monomials = {exponents for p in polynomials for exponents in p}
+    rows, rank = flint.fmpq_mat([[p.get(e, 0) for p in polynomials] for e in monomials]).rref()
+    return (rows[0, 2], rows[1, 2], -1) if rank == 2 else (0, 0, 0)
 
 
 def _text(call: _Call) -> str:

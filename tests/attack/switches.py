@@ -31,7 +31,7 @@ _RIGHT = (
     "max(k*v, -v)", "min(k*v, 3*v + 9)", "v*abs(v)", "(if v > 0 then k*v else v^2)", "abs(k + 3)*v",
     "(if v < -1 then 0 else k*v)", "max(k, 0.5)*v", "(if k > 0.5 then v else 0)", "sqrt((1/k)^2)*v",
     "sqrt(k*(k*0.09))*v", "k*v*sign(v - 3)", "(v - 1)*abs(v - 1) + k*v",
-    "(if v > 1 then k*v else k*v + v^2 - 2*v + 1)",
+    "(if v > 1 then k*v else k*v + v^2 - 2*v + 1)", "k*v + sign(v - 1)*abs(v - 1)",
 )  # fmt: skip
 _REFUSED = {  # by words of the message
     "two slopes": ("k*abs(v - 1)", "max(v, k*(v - 1) + 1)", "(if v > 1 then v else 3*v - 2)"),

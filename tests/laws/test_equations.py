@@ -35,6 +35,8 @@ ROWS: list[tuple[str, dict[str, float], str]] = [
     ("der(x) = u - min(max(0, x), max(0, -x)) - k*x", {}, ""),
     ("der(x) = u - max(0, x)*max(0, k*x) - k*x", {}, ""),
     ("der(x) = u - min(max(1, abs(x + 1)) - 1, 0) - k*x", {}, ""),
+    ("der(x) = u - k*x - (if x < 0 and z < 0 and 2*x - 3*z > 0 then 5 else 0); der(z) = -z", {}, "jumps"),
+    ("der(x) = u - k*x - (1 - sign(x)^2)*max(z, 0); der(z) = -z", {}, "two slopes by 'z', 0 and 1"),
     ("der(x) = u - k*x; z = sign(x + k - 1)", {}, "changes its branch inside of the range of k"),
     ("der(x) = u - k*x; z = max(sign(x), k)", {}, "changes its branch inside of the range of k"),
     ("der(x) = u - k*x; z = atan2(1, x)", {}, ""),
@@ -144,12 +146,19 @@ def model(force, start: float = 0.0) -> mbdlft.LFTModel:
         (lambda k, x: ca.if_else(x <= 0, x, 2 * x), "two slopes by 'x', 1 and 2"),
         (lambda k, x: ca.if_else(ca.sin(x) > 0, x, 2 * x), "two slopes"),
         (lambda k, x: ca.if_else(x == 0, 1, x), "jumps"),
-        (lambda k, x: ca.if_else(x != 0, x, -x), "two slopes by 'x', 1 and -1"),
     ],
 )
 def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
     with pytest.raises(TrimError, match=rf"equation .*der\(x\).*{slopes}.*switches.*smooth"):
         model(force)
+
+
+@pytest.mark.parametrize("no", ["2*x + 3*z > 0", "z > 0 and 2*x + 3*z <= z/2", "x + 3*z == 0"])
+def test_sides_that_contradict_each_other_are_no_branches(no: str) -> None:
+    rate = f"u - k*x - (if x < 0 and z <= 0 and {no} then 5 else 0)"
+    text = text_of(f"der(x) = {rate}; der(z) = -z", {"z": 0.0})
+    linear = mbdlft.linearize_dae(trim(reduce_index(translate(flat_model(text))[0])))
+    target(mbdlft.matrices_at(linear, {"k": 1.1}).A, np.diag([-1.1, -1.0]), CLOSED_FORM)
 
 
 @pytest.mark.parametrize("force", [lambda x: ca.asin(x + 1), ca.sqrt, lambda x: (x**4) ** 0.25])
@@ -166,6 +175,9 @@ def test_no_linear_model_where_a_slope_is_infinite(force) -> None:
         (lambda k, x: ca.fmax(x * x, x * x * x) + k * x, 0.0, lambda k: -k),
         (lambda k, x: ca.fmin(ca.fmax(1, ca.fabs(x + 1)) - 1, 0) + k * x, 0.0, lambda k: -k),
         (lambda k, x: k * ca.fabs(x), -2.0, lambda k: k),
+        (lambda k, x: ca.if_else(x != 0, k * x, -x), 0.0, lambda k: -k),
+        (lambda k, x: k * ca.sign(x) * ca.fabs(x), 0.0, lambda k: -k),
+        (lambda k, x: ca.if_else(x > 0, k * x, -k * ca.fabs(x)), 0.0, lambda k: -k),
         (lambda k, x: ca.if_else(x == 0, 5, k * x), -2.0, lambda k: -k),
         (lambda k, x: ca.if_else(x != 0, k * x, 5), 2.0, lambda k: -k),
         (lambda k, x: ca.fmax(k, x) * x, 0.5, lambda k: -k),  # k > x in the whole range
