@@ -8,7 +8,7 @@ real pole or a conjugate pair.
 An eigenvalue has an enclosure with its vector, in balls, for all matrices whose entries are as near as
 rounding is. With (v, lambda) for A to many digits, and R near to the inverse of the derivative J of
 
-    f(v, lambda) = [(A - lambda) v; u'v - 1],
+    f(v, lambda) = [(A - lambda) v; u'v - 1],    u the vector of doubles,
 
 an eigenpair is in (v, lambda) + X if -R f + (I - R J) X is in X (Krawczyk; S. M. Rump, Verification
 methods, Acta Numerica 19, 2010, section 13). Of eigenvalues that are not simple there is none.
@@ -34,19 +34,17 @@ ROUNDING = 16.0 * EPS  # times the number of states and the size of A: what roun
 _BITS, _REFINED, _INFLATED = 192, 4, 3  # of balls; steps to an eigenpair; boxes that are tried around it
 
 
-def eigenpair(A: Array, pole: complex, v: NDArray[Any], u: NDArray[Any]) -> list[Any] | None:
-    """v with u'v = 1 and the eigenvalue, n + 1 balls, near to those of doubles; None if none are proved.
+def eigenpair(A: Array, pole: complex, u: NDArray[Any]) -> list[Any] | None:
+    """v with u'v = 1 and the eigenvalue, n + 1 balls, near to u and that of doubles; None if not proved.
 
     Entries of A (n, n) that are rounding of its norm may be anything up to their size.
     """
-    n, scale = len(A), complex(np.conj(u) @ v)
-    if abs(scale) < EPS**2:  # far below what rounding makes of it: no direction is known
-        return None
+    n = len(A)
     with flint.ctx.workprec(_BITS):
         near = flint.acb_mat(A.astype(complex).tolist())
         all_near = with_rounding(A, EPS * n * float(np.linalg.norm(A)))
         left = flint.acb_mat([np.conj(u).astype(complex).tolist()])
-        x = flint.acb_mat([[entry] for entry in [*(v / scale).tolist(), pole]])
+        x = flint.acb_mat([[entry] for entry in [*u.tolist(), pole]])
         try:
             R = _derivative(near, x, left).inv().mid()  # once: it takes the longest
         except ZeroDivisionError:
@@ -249,7 +247,7 @@ def _of_block(A: Array) -> Spectrum:
         apart = np.abs(poles - poles[k]) * overlap[k]
         beside = np.any((apart > ROUNDING * norm) & (apart <= 4.0 * _CLEAR * rounding))
         if unclear[k] and not (reversible and poles[k].imag and not beside):
-            pair = eigenpair(A, complex(poles[k]), V[:, k], U[:, k])
+            pair = eigenpair(A, complex(poles[k]), V[:, k])
             unclear[k] = pair is None or pair[-1].real.contains(0)
     small = unclear & (np.abs(poles) <= _ZERO * norm)
     if np.any(small):

@@ -160,11 +160,11 @@ def without_one(plant: Plant, poles: NDArray[np.complex128]) -> Plant | None:
 
     A, B, C, D = plant
     values, U, V = eigenvectors_of(A)
-    dual = np.conj(A.T), np.conj(B.T), np.conj(values), U, V
+    dual = np.conj(A.T), np.conj(B.T), np.conj(values), U
     for pole in poles[poles.imag >= 0.0] if np.isrealobj(A) else poles:
         k = int(np.argmin(np.abs(values - pole)))
-        for a, read, eigenvalues, v, u in (dual, (A, C, values, V, U)):
-            pair = eigenpair(a, complex(eigenvalues[k]), v[:, k], u[:, k])
+        for a, read, eigenvalues, v in (dual, (A, C, values, V)):
+            pair = eigenpair(a, complex(eigenvalues[k]), v[:, k])
             if pair is None:
                 continue
             along = with_rounding(read) * flint.acb_mat(len(A), 1, pair[:-1])
