@@ -303,12 +303,12 @@ def with_digest(items: Items) -> Items:
     return {**items, DIGEST: text(digest(items))}
 
 
-def of_fields(group: str, kind: str, owner: Any) -> dict[str, Any]:
+def of_fields(group: str, kind: str, owner: Any, left_out: Sequence[str] = ()) -> dict[str, Any]:
     """Values by path of the fields of an object: those items of a group that have their names."""
     values = {}
-    for path in (path for section in _LAYOUTS[kind, VERSION].values() for path in section):
+    for path in dict.fromkeys(p for section in _LAYOUTS[kind, VERSION].values() for p in section):
         name = re.split("[@/]", path)[-1]
-        if path.removesuffix(name)[:-1] == group and hasattr(owner, name):
+        if path not in left_out and path.removesuffix(name)[:-1] == group and hasattr(owner, name):
             values[path] = getattr(owner, name)
     return values
 

@@ -39,13 +39,13 @@ def items_of_model(model: System | DeltaThetaModel) -> layout.Items:
     if isinstance(model, DeltaThetaModel):
         values, model = theta_values(model), model.linear
     kind = layout.MODEL_TYPE if isinstance(model, LFTModel) else layout.SYSTEM_TYPE
-    values |= layout.of_fields("", kind, model)
+    is_sparse = isinstance(model.lft, SparseLFT)  # has matrices as values only, which are not stored
+    values |= layout.of_fields("", kind, model, layout.MATRICES if is_sparse else ())
     values |= {"@time_domain": "continuous", "@description": model.description or None}
     for name in _SIGNALS:
         values |= signal_values(name, getattr(model, name))
     values |= _block_values("delta", model.lft, model.parameters)
-    if isinstance(model.lft, SparseLFT):  # and none of its values, which would be said twice
-        values = {path: value for path, value in values.items() if path not in layout.MATRICES}
+    if is_sparse:
         values |= layout.of_fields("sparse", kind, model.lft)
     values |= layout.columns("parameters", (*_TEXTS, *_NUMBERS), model.parameters)
     values["parameters/map"] = [_row(p) for p in model.parameters]
@@ -106,9 +106,10 @@ def model_of_items(items: layout.Items, name: str) -> System | DeltaThetaModel:
 def _system(items: layout.Items, name: str) -> System:
     parameters = _parameters(items)
     blocks = _blocks(items, "delta", parameters)
+    lft = _lft(items, blocks)
     common: dict[str, Any] = {
         "name": name,
-        "lft": (lft := _lft(items, blocks)),
+        "lft": lft,
         **{key: signals_of(items, key) for key in _SIGNALS},
         "parameters": Parameters(parameters),
         "description": layout.word(items, "@description"),
@@ -127,8 +128,7 @@ def _system(items: layout.Items, name: str) -> System:
     )
 
 
-def _lft(items: layout.Items, blocks: tuple[Block, ...]) -> LFT:
-    M = items
+def _lft(M: layout.Items, blocks: tuple[Block, ...]) -> LFT:
     if "sparse/entry" not in M:
         if "A" not in M:
             raise ArchiveError("is not whole: the dataset 'A' is missing.")

@@ -93,6 +93,8 @@ class SparseLFT(LFT):
     def __getattr__(self, name: str) -> Array:
         if name == "M22":
             return value_and_sign(self, np.zeros(len(self.blocks)))[0]
+        if name not in ("M11", "M12", "M21"):
+            raise AttributeError(name)
         raise NoMatrixError(
             f"an LFT of order {self.order} is stored as sparse equations, as {name} and the others would "
             f"have {_BYTES * self.order**2 / 1e9:.2g} GB. It has values, responses and archives; for all "
@@ -190,10 +192,10 @@ def matrix_at(a: SparseLFT, deltas: Array, *, in_sizes: bool = False) -> Any:
 def value_and_sign(a: SparseLFT, deltas: Array) -> tuple[Array, float]:
     """The value (outputs, inputs) at deltas (blocks,), and the sign of det K: at 0.0 it means nothing."""
     n, E = a.signals, matrix_at(a, deltas)
-    factors = factors_of(E[:n, :n])
+    K, B, Y = E[:n, :n], E[:n, n:].toarray(), E[n:]
+    factors = factors_of(K)
     if factors is None:
         return np.zeros(a.shape), 0.0
-    K, B, Y = E[:n, :n], E[:n, n:].toarray(), E[n:]
     solved = factors.solve(B)
     solved += factors.solve(B - K @ solved)  # rounding is then that of single entries (Skeel)
     value = Y[:, n:].toarray() - Y[:, :n] @ solved
@@ -205,14 +207,20 @@ def value_and_sign(a: SparseLFT, deltas: Array) -> tuple[Array, float]:
 def values(a: SparseLFT, points: Array) -> tuple[Array, Array]:
     """Values (N, outputs, inputs) at points (N, blocks), and signs (N,) of det K over that at zero."""
     _, nominal = value_and_sign(a, np.zeros(len(a.blocks)))
+    made, signs = _each(a, points)
+    return made, nominal * signs
+
+
+def _each(a: SparseLFT, points: Array) -> tuple[Array, Array]:
+    """Values (N, outputs, inputs) at points (N, blocks), and signs (N,) of det K."""
     pairs = [value_and_sign(a, point) for point in points]
     made = np.array([value for value, _ in pairs]).reshape(len(points), *a.shape)
-    return made, nominal * np.array([sign for _, sign in pairs])
+    return made, np.array([sign for _, sign in pairs])
 
 
 def regular_values(a: SparseLFT, points: Array) -> Array:
     """Values (N, outputs, inputs) at points (N, blocks); a WellPosednessError where K is singular."""
-    made, signs = values(a, points)
+    made, signs = _each(a, points)
     if np.any(signs == 0.0):
         raise WellPosednessError("the equations of a sparse LFT are singular at one of the points.")
     return made

@@ -12,6 +12,8 @@ rows of a level need those of earlier ones only.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
@@ -28,7 +30,8 @@ _MOST_COLUMNS = 128  # that are solved for together, if they are of several delt
 Rows = list[dict[int, int]]
 
 
-class SparseResidues(NamedTuple):
+@dataclass(frozen=True, slots=True, eq=False)
+class SparseResidues:
     """A sparse LFT, and its entries as residues."""
 
     lft: SparseLFT
@@ -44,12 +47,12 @@ class _AtRandom(NamedTuple):
     solved: Residues  # K^-1 B
 
 
+@lru_cache(maxsize=1)  # zeros and degrees of the same LFT are asked for one after the other
 def _at_random(a: SparseResidues, seed: int) -> _AtRandom:
     lft, prime, n = a.lft, a.prime, a.lft.signals
     random = np.random.default_rng(seed)
-    at = np.append(
-        random.integers(1, prime, len(lft.blocks), dtype=np.int64), 1
-    )  # the last is that of -1
+    at = random.integers(1, prime, len(lft.blocks), dtype=np.int64)
+    at = np.append(at, 1)  # the last is that of -1
     E = _matrix(lft, entrywise(a.entries, at[lft.block], prime), prime)
     inverse = _Inverse(E[:n, :n], lft, random.uniform(-0.5, 0.5, len(lft.blocks)), prime)
     return _AtRandom(E, inverse, inverse.times(E[:n, n:].toarray()))
@@ -139,7 +142,7 @@ class _Inverse:
     """K^-1 modulo a prime: K = P_r^-1 L D U P_c^-1, with unit diagonals of L and U."""
 
     def __init__(self, K: csr_array, a: SparseLFT, deltas: Array, prime: int) -> None:
-        n = self.n = a.signals
+        n = a.signals
         self.prime = prime
         factors = factors_of(matrix_at(a, deltas)[:n, :n])
         assert factors is not None  # regular at random deltas, as at zero
@@ -151,8 +154,8 @@ class _Inverse:
             rows[i][j] = x
         below, diagonal = _eliminated(rows, prime)
         self.diagonal = np.array(diagonal, dtype=np.int64)[:, None]
-        self.levels = [*_levels(below, range(n)), *_levels(rows, range(n - 1, -1, -1))]
-        self.below = len(_levels(below, range(n)))
+        first = _levels(below, range(n))
+        self.levels, self.below = [*first, *_levels(rows, range(n - 1, -1, -1))], len(first)
 
     def times(self, right: Residues) -> Residues:
         """K^-1 right (n, m)."""

@@ -166,12 +166,13 @@ def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
 
 def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Candidate:
     """The same as sparse equations, whose unknown signals are signals like others."""
-    lft, entries, prime = relations.lft
-    first = form.relations.derivatives
-    lft = solved_for(lft, relations.unknown, first)
+    opened, first = relations.lft, form.relations.derivatives
+    lft = solved_for(opened.lft, relations.unknown, first)
     if value_and_sign(lft, np.zeros(len(lft.blocks)))[1] == 0.0:
         raise WellPosednessError(f"{problem.nouns.owner}: {problem.singular(inf, ())}")
-    residues = SparseResidues(lft, np.append(entries, np.ones(first, dtype=np.int64)), prime)
+    residues = SparseResidues(
+        lft, np.append(opened.entries, np.ones(first, dtype=np.int64)), opened.prime
+    )
     lft = with_zeros(lft, nonzero_entries(residues))
     return Candidate(form, relations.channels, lft, lft, residues, lft)
 

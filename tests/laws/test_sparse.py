@@ -15,13 +15,14 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from mbdlft.base.errors import ArchiveError, StructureError, WellPosednessError
+from mbdlft.exact.matrices import multiplied
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.determinant import values_at
 from mbdlft.lft.lft import LFT, Block, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, in_units, solved_for, value_and_sign
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees
+from mbdlft.order.sparse_bound import SparseResidues, _at_random, sparse_degrees
 from mbdlft.system.sampled import matrices_at
 from tests.archive.plain_digest import PAGE
 from tests.close import CHAIN, exact, roundoff, target
@@ -109,7 +110,11 @@ def test_degrees(a: LFT, seed: int) -> None:
     prime = of_dense.M.prime
     numerators = np.array(np.round(form.entry * 4), dtype=np.int64)
     residues = np.array([int(x) * pow(4, -1, prime) % prime for x in numerators], dtype=np.int64)
-    assert sparse_degrees(SparseResidues(form, residues, prime), seed) == exact_degrees(of_dense, seed)
+    whole = SparseResidues(form, residues, prime)
+    assert sparse_degrees(whole, seed) == exact_degrees(of_dense, seed)
+    E, _, solved = _at_random(whole, seed)  # ranks would not see a wrong pivot
+    n = form.signals
+    exact(multiplied(E[:n, :n].toarray(), solved, prime), E[:n, n:].toarray())
 
 
 def test_a_singular_point_has_no_value() -> None:

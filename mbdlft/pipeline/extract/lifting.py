@@ -26,8 +26,8 @@ from mbdlft.problem.relations import Lifted, LinearModel
 
 def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
     """As `extract_graph`, with the lifted loads of the relations, and channels closed."""
-    made = _extracted(model, maps, math.inf)
-    assert made is not None
+    made = extract_within(model, maps, math.inf)
+    assert isinstance(made, Extraction)
     return made
 
 
@@ -35,15 +35,17 @@ def extract_within(
     model: LinearModel, maps: Sequence[BilinearMap] | None, most: float
 ) -> Extraction | SparseExtraction:
     """As `extract`; sparse if there are more than `most` channels after the reduction of words."""
-    return _extracted(model, maps, most) or extract_graph(_inlined(model), maps).sparse()
-
-
-def _extracted(model: LinearModel, maps: Sequence[BilinearMap] | None, most: float) -> Extraction | None:
-    """The LFT; None if it has more than `most` channels."""
-    lifted = model.lifted
-    if lifted is None:
+    if model.lifted is None:
         reduced = extract_graph(model, maps)
-        return reduced.closed() if reduced.order <= most else None
+        return reduced.closed() if reduced.order <= most else reduced.sparse()
+    made = _with_lifted(model, model.lifted, maps, most)
+    return made or extract_graph(_inlined(model, model.lifted), maps).sparse()
+
+
+def _with_lifted(
+    model: LinearModel, lifted: Lifted, maps: Sequence[BilinearMap] | None, most: float
+) -> Extraction | None:
+    """The LFT with lifted loads; None if it has more than `most` channels."""
     m, t = model, lifted.trim
     reduced = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
@@ -79,11 +81,8 @@ def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
     return list(ca.jacobian_sparsity(lifted.displacements, signals).T.row())
 
 
-def _inlined(model: LinearModel) -> LinearModel:
+def _inlined(model: LinearModel, lifted: Lifted) -> LinearModel:
     """The relations with loads as unknown signals T x: a copy of the trim for each displacement."""
-    lifted = model.lifted
-    if lifted is None:
-        return model
     trim, places, signals = lifted.trim, _displaced(model, lifted), ca.vertcat(model.unknown, model.known)
     residuals, unknown, loads = [], [], {}
     for place in sorted(set(places)):
