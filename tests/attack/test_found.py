@@ -18,6 +18,7 @@ from mbdlft.pipeline import forms, stages
 from mbdlft.pipeline.certification import Checked
 from mbdlft.robust import ascent
 from mbdlft.robust.bisect import boxes
+from tests import kit
 from tests.attack import (
     analyses,
     contacts,
@@ -142,25 +143,16 @@ def test_kernels_that_differ_are_told(what: str, monkeypatch: Patch, tmp_path: P
 
 def test_a_refusal_as_singular_is_asked_where_it_says() -> None:
     """A push across a rail that carries a weight has no bound where the rail is upright."""
-    scene = mbdlft.Scene(
-        name="hoist",
+    scene = kit.scene(
+        "hoist",
+        mbdlft.Parameter("m", 3.0, low=2.0, high=4.0, unit="kg"),
+        mbdlft.Angle("th", 20.0, low=-10.0, high=100.0),
+        kit.body("cage", "m", (1.0, 1.0, 1.0)),
+        kit.rail(
+            "rail", "ground", "cage", (0, 0, 1), orientation=(kit.turn((0, 1, 0), "th"),), preload=0.0
+        ),
+        kit.force("push", "cage", (1, 0, 0), frame="ground"),
         gravity=(0.0, 0.0, -9.81),
-        parameters=(
-            mbdlft.Parameter("m", 3.0, low=2.0, high=4.0, unit="kg"),
-            mbdlft.Angle("th", 20.0, low=-10.0, high=100.0),
-        ),
-        bodies=(mbdlft.RigidBody(name="cage", mass="m", inertia=mbdlft.Inertia(xx=1.0, yy=1.0, zz=1.0)),),
-        joints=(
-            mbdlft.Prismatic(
-                name="rail",
-                parent="ground",
-                child="cage",
-                axis=(0, 0, 1),
-                orientation=(mbdlft.Rotation(axis=(0, 1, 0), angle="th"),),
-                preload=0.0,
-            ),
-        ),
-        loads=(mbdlft.Force(name="push", port="cage", direction=(1, 0, 0), frame="ground"),),
     )
     with pytest.raises(WellPosednessError) as refused:
         to_lft(scene)

@@ -6,8 +6,9 @@ Lengths are parameters in trees; a closed loop keeps its shape, with ports where
 import numpy as np
 
 import mbdlft
-from mbdlft import Angle, Loop, Parameter, Rotation, Scene
+from mbdlft import Angle, Parameter, Rotation, Scene
 from mbdlft.multibody.joint import Joint
+from tests import kit
 from tests.cross.at_rest import at_rest, turned
 
 KINDS = ("revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
@@ -37,12 +38,8 @@ PARAMETERS = (
 )
 RATE = Parameter("rate", 1.5, low=0.5, high=3.0, unit="rad/s")
 # of closed chains: their last body, and a spring
-END = mbdlft.RigidBody(
-    name="end", mass=0.5, center_of_mass=(0.1, 0, 0), inertia=mbdlft.Inertia(xx=0.02, yy=0.02, zz=0.03)
-)
-STAY = mbdlft.Spring(
-    name="stay", parent="b1.side", child="ground.wall", stiffness="k", damping=2.0, rest_length=0.7
-)
+END = kit.body("end", 0.5, (0.02, 0.02, 0.03), center_of_mass=(0.1, 0, 0))
+STAY = kit.spring("stay", "b1.side", "ground.wall", stiffness="k", damping=2.0, rest_length=0.7)
 
 
 def open_tree(seed: int) -> Scene:
@@ -66,62 +63,44 @@ def open_tree(seed: int) -> Scene:
     ground = mbdlft.Ground(ports={"wall": _vector(random, 2.0)})
     last = bodies[-1].name
     loads = [
-        mbdlft.Spring(
-            name="stay",
-            parent=f"{last}.side",
-            child="ground.wall",
-            stiffness="k",
-            damping=2.0,
-            force_density="0.2*k",
+        kit.spring(
+            "stay", f"{last}.side", "ground.wall", stiffness="k", damping=2.0, force_density="0.2*k"
         ),
-        mbdlft.Force(
-            name="thrust", port=f"{last}.tip", direction=_vector(random, 1.0), magnitude="2*m*one_g"
-        ),
-        mbdlft.Torque(
-            name="twist",
-            port=bodies[0].name,
-            direction=_vector(random, 1.0),
-            frame="ground",
-            magnitude=1.5,
-        ),
-        mbdlft.Force(
-            name="wind",
-            port=f"{bodies[0].name}.side",
-            direction=_vector(random, 1.0),
-            frame="ground",
-            magnitude=-2.0,
-        ),
-        mbdlft.Torque(name="wheel", port=last, direction=_vector(random, 1.0), magnitude="0.3*k*L*one_m"),
-        mbdlft.Spring(
-            name="strut",
-            parent=f"{bodies[0].name}.side",
-            child=f"{last}.tip",
+        kit.force("thrust", f"{last}.tip", _vector(random, 1.0), magnitude="2*m*one_g"),
+        kit.torque("twist", bodies[0].name, _vector(random, 1.0), frame="ground", magnitude=1.5),
+        kit.force("wind", f"{bodies[0].name}.side", _vector(random, 1.0), frame="ground", magnitude=-2.0),
+        kit.torque("wheel", last, _vector(random, 1.0), magnitude="0.3*k*L*one_m"),
+        kit.spring(
+            "strut",
+            f"{bodies[0].name}.side",
+            f"{last}.tip",
             stiffness=30.0,
             damping="0.1*m*one_per_s",
             force_density=-4.0,
         ),
         mbdlft.Buoyancy(name="float", port=f"{last}.side", displaced_mass="0.4*m"),
-        mbdlft.Strut(
-            name="leg",
-            parent=f"{bodies[0].name}.tip",
-            child=f"{last}.side",
-            direction=_vector(np.random.default_rng(3000 + seed), 1.0),
+        kit.strut(
+            "leg",
+            f"{bodies[0].name}.tip",
+            f"{last}.side",
+            _vector(np.random.default_rng(3000 + seed), 1.0),
             stiffness="0.5*k",
             damping=3.0,
             force="m*one_g",
         ),
     ]
-    return Scene(
-        name=f"tree_{seed}",
+    return kit.scene(
+        f"tree_{seed}",
+        *parameters,
+        ground,
+        *bodies,
+        *joints,
+        *loads,
+        *_sensors(last, joints[-1].name),
         gravity=tuple(gravity),
         acceleration=(0.3, -0.2, 0.5),
         spin=spin,
         constants=constants,
-        parameters=parameters,
-        bodies=(ground, *bodies),
-        joints=joints,
-        loads=loads,
-        sensors=_sensors(last, joints[-1].name),
         inputs=_inputs(joints, loads),
     )
 
@@ -151,7 +130,7 @@ def closed_by(kind: str, seed: int) -> Scene:
     axis, second = (1.0, 2.0, -1.0), (2.0, 0.0, 1.0)
     parameters = tuple(p for p in PARAMETERS if p.name in ("m", "k"))
     tip = f"{bodies[-1].name}.tip"
-    turn = mbdlft.Fixed(name="turn", parent=tip, child="end", axis=about, position=angle)
+    turn = kit.weld("turn", tip, "end", about, position=angle)
     copies, welds, first = at_rest(bodies, joints)
     ends, turn_of_loop = {"parent": f"{copies[-1].name}.anchor", "child": "end"}, angle
     if slides:
@@ -166,15 +145,20 @@ def closed_by(kind: str, seed: int) -> Scene:
     axes = {"axis": axis} if kind in mbdlft.multibody.loop.WITH_AXIS else {}
     if kind == "universal":
         axes = {"axis1": axis, "axis2": second}
-    return Scene(
-        name=f"closed_by_{kind}_{seed}",
+    return kit.scene(
+        f"closed_by_{kind}_{seed}",
+        *((*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters),
+        ground,
+        *bodies,
+        *copies,
+        END,
+        *joints,
+        *welds,
+        turn,
+        kit.loop("pin", kind, **ends, orientation=_in_three(about, turn_of_loop), **axes),
+        STAY,
+        *_sensors("end", joints[0].name),
         gravity=tuple(random.uniform(-6.0, 6.0, 3)),
-        parameters=(*parameters, Angle("psi", 20.0, low=10.0, high=30.0)) if varies else parameters,
-        bodies=(ground, *bodies, *copies, END),
-        joints=(*joints, *welds, turn),
-        loops=[Loop(name="pin", kind=kind, **ends, orientation=_in_three(about, turn_of_loop), **axes)],
-        loads=[STAY],
-        sensors=_sensors("end", joints[0].name),
     )
 
 
@@ -194,9 +178,9 @@ def _in_three(about, angle) -> list[Rotation]:
     """The same rotation as a turn about x, one about the axis seen from there, and the turn back."""
     x, y, z = about
     return [
-        Rotation(axis=(1.0, 0.0, 0.0), angle="90*deg"),
-        Rotation(axis=(x, z, -y), angle=angle),
-        Rotation(axis=(1.0, 0.0, 0.0), angle="-90*deg"),
+        kit.turn((1.0, 0.0, 0.0), "90*deg"),
+        kit.turn((x, z, -y), angle),
+        kit.turn((1.0, 0.0, 0.0), "-90*deg"),
     ]
 
 
@@ -250,9 +234,9 @@ def _body(random, k: int, length) -> mbdlft.RigidBody:
         d = center - (side if about == "side" else 0.0)
         central = central + mass * (d @ d * np.eye(3) - np.outer(d, d))
     entries = {"xyz"[i] + "xyz"[j]: float(central[i, j]) for i in range(3) for j in range(i, 3)}
-    return mbdlft.RigidBody(
-        name=f"b{k}",
-        mass=mass if k else "m",
+    return kit.body(
+        f"b{k}",
+        mass if k else "m",
         center_of_mass=tuple(center),
         inertia=mbdlft.Inertia(**entries, about=about),
         ports={"tip": (length, *_vector(random, 0.6)[1:]), "side": tuple(side)},
@@ -274,7 +258,7 @@ def _joint(random, k: int, kind: str, parent: str, angle, may_impose: bool) -> J
         "stiffness": each(lambda: float(random.uniform(5.0, 20.0))),
         "damping": each(lambda: float(random.uniform(0.1, 2.0))),
         "actuator_inertia": each(lambda: float(random.uniform(0.1, 0.5))),
-        "orientation": [Rotation(axis=_vector(random, 1.0), angle=angle)],
+        "orientation": [kit.turn(_vector(random, 1.0), angle)],
         "imposed": bool(may_impose and random.random() < 0.2),
     }
     if kind != "spherical":

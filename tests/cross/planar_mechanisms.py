@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 import mbdlft
+from tests import kit
 
 M = mbdlft.Parameter("m", 3.0, percent=20, unit="kg")
 K = mbdlft.Parameter("k", 50.0, percent=40, unit="N/m")
@@ -14,11 +15,12 @@ DOWN = (0.0, 0.0, -9.81)
 
 def link(name: str, length: float | str = 1.0, mass: float | str = 1.0, **ports: Any) -> mbdlft.RigidBody:
     """A bar along y that moves in the plane across x."""
-    return mbdlft.RigidBody(
-        name=name,
-        mass=mass,
+    return kit.body(
+        name,
+        mass,
+        (0.1, 0.08, 0.06),
+        yz=0.01,
         center_of_mass=(0.0, 0.4, 0.1),
-        inertia=mbdlft.Inertia(xx=0.1, yy=0.08, zz=0.06, yz=0.01),
         ports={"tip": (0.0, length, 0.0), **ports},
     )
 
@@ -26,50 +28,36 @@ def link(name: str, length: float | str = 1.0, mass: float | str = 1.0, **ports:
 def pin(
     name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any
 ) -> mbdlft.Revolute:
-    return mbdlft.Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return kit.hinge(name, parent, child, (1, 0, 0), position=position, **fields)
 
 
 def closed(name: str, parent: str, child: str, kind: str = "revolute") -> mbdlft.Loop:
     axis = (1, 0, 0) if kind == "revolute" else None
-    return mbdlft.Loop(name=name, kind=kind, parent=parent, child=child, axis=axis)
+    return kit.loop(name, kind, parent, child, axis=axis)
 
 
 def four_bar(driven: str = "jl", kind: str = "revolute") -> mbdlft.Scene:
     """A parallelogram whose angle is a parameter, with a spring across; one joint is held."""
     free = {"jl": {}, "jc": {}, "jr": {}}
     free = {name: {} if name == driven else {"preload": 0.3} for name in free}
-    return mbdlft.Scene(
-        name=f"four_{driven}_{kind}",
+    return kit.scene(
+        f"four_{driven}_{kind}",
+        M,
+        mbdlft.Angle("th", 30.0, low=10.0, high=80.0),
+        K,
+        LENGTH,
+        mbdlft.Ground(ports={"right": (0, "1.2*L", 0), "wall": (0, -1, 0.5)}),
+        link("left", "L"),
+        link("coupler", "1.2*L", "m"),
+        link("right", "L", 0.7),
+        pin("jl", "ground", "left", "th", damping=0.4, stiffness=2.0, **free["jl"]),
+        pin("jc", "left.tip", "coupler", "-th", actuator_inertia=0.05, **free["jc"]),
+        pin("jr", "ground.right", "right", "th", damping=0.1, **free["jr"]),
+        closed("close", "coupler.tip", "right.tip", kind),
+        kit.spring("s", "coupler.tip", "ground.wall", stiffness="k", damping=1.0, force_density="0.1*k"),
+        mbdlft.Position(name="p", port="coupler.center_of_mass"),
+        mbdlft.Acceleration(name="a", port="coupler.tip", frame="left"),
         gravity=DOWN,
-        parameters=[M, mbdlft.Angle("th", 30.0, low=10.0, high=80.0), K, LENGTH],
-        bodies=[
-            mbdlft.Ground(ports={"right": (0, "1.2*L", 0), "wall": (0, -1, 0.5)}),
-            link("left", "L"),
-            link("coupler", "1.2*L", "m"),
-            link("right", "L", 0.7),
-        ],
-        joints=[
-            pin("jl", "ground", "left", "th", damping=0.4, stiffness=2.0, **free["jl"]),
-            pin("jc", "left.tip", "coupler", "-th", actuator_inertia=0.05, **free["jc"]),
-            pin("jr", "ground.right", "right", "th", damping=0.1, **free["jr"]),
-        ],
-        loops=[closed("close", "coupler.tip", "right.tip", kind)],
-        loads=[
-            mbdlft.Spring(
-                name="s",
-                parent="coupler.tip",
-                child="ground.wall",
-                stiffness="k",
-                damping=1.0,
-                force_density="0.1*k",
-            )
-        ],
-        sensors=[
-            mbdlft.Position(name="p", port="coupler.center_of_mass"),
-            mbdlft.Acceleration(name="a", port="coupler.tip", frame="left"),
-        ],
     )
 
 
@@ -77,39 +65,37 @@ def two_loops() -> mbdlft.Scene:
     """Two parallelograms in a row, closed by a hinge and a ball; the mass of the end varies."""
     bars = [link("a", "L"), link("b", 1.0, "m"), link("c", "L", 0.5), link("d", 1.0, 2.0)]
     bars += [link("e", "L", 0.8)]
-    return mbdlft.Scene(
-        name="two_loops",
+    return kit.scene(
+        "two_loops",
+        M,
+        LENGTH,
+        mbdlft.Angle("th", 50.0, low=20.0, high=80.0),
+        mbdlft.Ground(ports={"c": (0, 1, 0), "e": (0, 2, 0)}),
+        *bars,
+        pin("ja", "ground", "a", "th"),
+        pin("jb", "a.tip", "b", "-th", preload=0),
+        pin("jc", "ground.c", "c", "th", preload=0.2),
+        pin("jd", "c.tip", "d", "-th", preload=0, stiffness=1.0),
+        pin("je", "ground.e", "e", "th", preload=0, damping=0.3),
+        closed("one", "b.tip", "c.tip"),
+        closed("two", "d.tip", "e.tip", "spherical"),
         gravity=DOWN,
-        parameters=[M, LENGTH, mbdlft.Angle("th", 50.0, low=20.0, high=80.0)],
-        bodies=[mbdlft.Ground(ports={"c": (0, 1, 0), "e": (0, 2, 0)}), *bars],
-        joints=[
-            pin("ja", "ground", "a", "th"),
-            pin("jb", "a.tip", "b", "-th", preload=0),
-            pin("jc", "ground.c", "c", "th", preload=0.2),
-            pin("jd", "c.tip", "d", "-th", preload=0, stiffness=1.0),
-            pin("je", "ground.e", "e", "th", preload=0, damping=0.3),
-        ],
-        loops=[closed("one", "b.tip", "c.tip"), closed("two", "d.tip", "e.tip", "spherical")],
     )
 
 
 def free_satellite() -> mbdlft.Scene:
     """A body that spins freely about a principal axis, with a flexible appendage."""
-    return mbdlft.Scene(
-        name="satellite",
+    return kit.scene(
+        "satellite",
+        M,
+        RATE,
+        K,
+        kit.body("hub", 20.0, (3, 4, 6)),
+        kit.point("tip", "0.1*m"),
+        kit.free("base", "ground", "hub"),
+        kit.rail("boom", "hub", "tip", (0, 0, 1), position=0.5, stiffness="k"),
+        mbdlft.Momentum(name="whole"),
         spin=mbdlft.Spin(axis=(0, 0, 1), rate="rate"),
-        parameters=[M, RATE, K],
-        bodies=[
-            mbdlft.RigidBody(name="hub", mass=20.0, inertia=mbdlft.Inertia(xx=3, yy=4, zz=6)),
-            mbdlft.PointMass(name="tip", mass="0.1*m"),
-        ],
-        joints=[
-            mbdlft.Free(name="base", parent="ground", child="hub"),
-            mbdlft.Prismatic(
-                name="boom", parent="hub", child="tip", axis=(0, 0, 1), position=0.5, stiffness="k"
-            ),
-        ],
-        sensors=[mbdlft.Momentum(name="whole")],
     )
 
 

@@ -6,11 +6,12 @@ In two of seven the wheels have tires without relaxation, or are on rails.
 import numpy as np
 
 import mbdlft
-from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
+from mbdlft import Inertia, Parameter, Prismatic, Revolute, RigidBody, Scene
 from mbdlft.multibody.contact import Contact, KnifeEdge, Rolling
 from mbdlft.multibody.coupling import Belt, Coupling, Gear
 from mbdlft.multibody.force import Creep, Load, Tire
 from mbdlft.multibody.joint import Joint
+from tests import kit
 
 SPEED = Parameter("v", 3.0, low=1.0, high=6.0, unit="m/s")
 RADIUS = Parameter("R", 0.4, low=0.3, high=0.5, unit="m")
@@ -38,9 +39,9 @@ def rolling(seed: int) -> Scene:
     if seed % 5 == 4:
         contacts.append(KnifeEdge(name="keel", port="frame.keel", heading=(1, 0, 0)))
     wheels = _as_loads(seed, random, contacts) if moves and seed % 7 in (2, 5) else []
-    frame = RigidBody(
-        name="frame",
-        mass=float(random.uniform(3.0, 9.0)),
+    frame = kit.body(
+        "frame",
+        float(random.uniform(3.0, 9.0)),
         center_of_mass=(*random.uniform(-0.2, 0.7, 2), float(random.uniform(0.3, 1.0))),
         inertia=_inertia(random),
         ports=ports,
@@ -62,20 +63,18 @@ def rolling(seed: int) -> Scene:
     torque = None if wheels else 0.4
     couplings = [_drive(random, moves, torque, bodies, joints)] if seed % 3 == 1 else []
     names = [f"{joint.name}.{f.measures[1].name}" for joint in joints for f in joint.freedoms]
-    return Scene(
-        name=f"rolling_{seed}",
+    return kit.scene(
+        f"rolling_{seed}",
+        *([SPEED, RADIUS, MASS] if moves else [RADIUS, MASS]),
+        *bodies,
+        *joints,
+        *contacts,
+        *wheels,
+        *couplings,
+        mbdlft.multibody.Accelerometer(name="felt", port="frame.head"),
+        mbdlft.multibody.Velocity(name="way", port="frame.head"),
         gravity=(0.0, 0.0, -9.81),
         velocity=("v", 0.0, 0.0) if moves else (0.0, 0.0, 0.0),
-        parameters=[SPEED, RADIUS, MASS] if moves else [RADIUS, MASS],
-        bodies=bodies,
-        joints=joints,
-        contacts=contacts,
-        loads=wheels,
-        couplings=couplings,
-        sensors=[
-            mbdlft.multibody.Accelerometer(name="felt", port="frame.head"),
-            mbdlft.multibody.Velocity(name="way", port="frame.head"),
-        ],
         outputs=[
             *names,
             *(coupling.signal(joints).name for coupling in couplings),
@@ -93,10 +92,10 @@ def _carrier() -> tuple[list[RigidBody], list[Joint]]:
     ]  # fmt: skip
     bodies, joints, parent = list[RigidBody](), list[Joint](), "ground"
     for name, kind, axis in steps[:-1]:
-        bodies.append(RigidBody(name=f"after_{name}", mass=0.0, inertia=_NOTHING))
+        bodies.append(kit.body(f"after_{name}", 0.0, inertia=_NOTHING))
         joints.append(kind(name=name, parent=parent, child=f"after_{name}", axis=axis, preload=0.0))
         parent = f"after_{name}"
-    joints.append(Revolute(name="lean", parent=parent, child="frame", axis=(1, 0, 0), preload=0.0))
+    joints.append(kit.hinge("lean", parent, "frame", (1, 0, 0), preload=0.0))
     return bodies, joints
 
 
@@ -116,9 +115,9 @@ def _under(name, kind, radius, place, moves, random, ports, bodies, joints, cont
     if kind == "fork":
         trail, tilt = float(random.uniform(0.02, 0.2)), float(random.uniform(-0.4, 0.4))
         bodies.append(
-            RigidBody(
-                name=f"{name}_fork",
-                mass=float(random.uniform(0.5, 2.0)),
+            kit.body(
+                f"{name}_fork",
+                float(random.uniform(0.5, 2.0)),
                 center_of_mass=tuple(random.uniform(-0.1, 0.3, 3)),
                 inertia=_inertia(random),
                 ports={"crown": (trail, 0.0, 0.0)},
@@ -127,31 +126,17 @@ def _under(name, kind, radius, place, moves, random, ports, bodies, joints, cont
         axis = (float(np.sin(tilt)), 0.0, float(np.cos(tilt)))
         ports[f"{name}_crown"] = (x + trail, y, radius)
         joints.append(
-            Revolute(
-                name=f"{name}_steer",
-                parent=f"frame.{name}_crown",
-                child=f"{name}_fork.crown",
-                axis=axis,
-                damping=0.1,
-            )
+            kit.hinge(f"{name}_steer", f"frame.{name}_crown", f"{name}_fork.crown", axis, damping=0.1)
         )
         parent = f"{name}_fork"
     transverse, spin = random.uniform(0.03, 0.05), random.uniform(0.02, 0.06)
-    bodies.append(
-        RigidBody(
-            name=name,
-            mass="m" if kind == "wheel" else 1.5,
-            inertia=Inertia(xx=transverse, yy=spin, zz=transverse),
-        )
-    )
+    bodies.append(kit.body(name, "m" if kind == "wheel" else 1.5, (transverse, spin, transverse)))
     rate = {"rate": f"v/({radius}{'' if isinstance(radius, str) else ' [m]'})"} if moves else {}
     if kind == "ball":
-        joints.append(mbdlft.Spherical(name=f"{name}_axle", parent=parent, child=name, preload=(0, 0, 0)))
+        joints.append(kit.ball(f"{name}_axle", parent, name, preload=(0, 0, 0)))
         contacts.append(Rolling(name=f"{name}_touch", port=name, radius=radius))
         return
-    joints.append(
-        Revolute(name=f"{name}_axle", parent=parent, child=name, axis=(0, 1, 0), preload=0.0, **rate)
-    )
+    joints.append(kit.hinge(f"{name}_axle", parent, name, (0, 1, 0), preload=0.0, **rate))
     tire = float(random.uniform(0.0, 0.1))
     contacts.append(Rolling(name=f"{name}_touch", port=name, axis=(0, 1, 0), radius=radius, tire=tire))
 
@@ -159,31 +144,33 @@ def _under(name, kind, radius, place, moves, random, ports, bodies, joints, cont
 def _swing(random, bodies, joints) -> None:
     """A load on a spring that swings about any axis."""
     bodies.append(
-        RigidBody(
-            name="load",
-            mass="m",
-            center_of_mass=tuple(random.uniform(-0.2, 0.2, 3)),
-            inertia=_inertia(random),
+        kit.body(
+            "load", "m", center_of_mass=tuple(random.uniform(-0.2, 0.2, 3)), inertia=_inertia(random)
         )
     )
     axis = tuple(random.uniform(-1.0, 1.0, 3))
-    turn = Rotation(axis=(1, 2, 0), angle=float(random.uniform(-0.5, 0.5)))
+    turn = kit.turn((1, 2, 0), float(random.uniform(-0.5, 0.5)))
     joints.append(
-        Revolute(
-            name="swing", parent="frame.head", child="load", axis=axis, orientation=(turn,),
-            stiffness=float(random.uniform(5.0, 40.0)), damping=0.3,
+        kit.hinge(
+            "swing",
+            "frame.head",
+            "load",
+            axis,
+            orientation=(turn,),
+            stiffness=float(random.uniform(5.0, 40.0)),
+            damping=0.3,
         )
-    )  # fmt: skip
+    )
 
 
 def _drive(random, moves, torque, bodies, joints) -> Coupling:
     """A motor on the frame that turns the first wheel by a gear or a belt, rigid or soft."""
     spin = float(random.uniform(0.01, 0.03))
-    bodies.append(RigidBody(name="rotor", mass=0.8, inertia=Inertia(xx=0.02, yy=spin, zz=0.02)))
+    bodies.append(kit.body("rotor", 0.8, (0.02, spin, 0.02)))
     ratio = float(random.choice([-3.0, 2.5]))
     rate = {"rate": f"{ratio}*v/R"} if moves else {}
     place = {"parent": "frame.head", "child": "rotor", "axis": (0, 1, 0)}
-    joints.append(Revolute(name="motor", **place, **rate, preload=torque))
+    joints.append(kit.hinge("motor", **place, **rate, preload=torque))
     law = {"stiffness": 30.0, "damping": 0.2} if random.random() < 0.5 else {}
     shafts = ("motor", "w0_axle")
     if ratio < 0.0:

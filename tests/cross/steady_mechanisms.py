@@ -3,7 +3,8 @@
 import numpy as np
 
 import mbdlft
-from mbdlft import Inertia, Loop, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
+from mbdlft import Parameter, Revolute, RigidBody, Scene
+from tests import kit
 from tests.cross.mechanisms import closed_loop, open_tree
 
 WHEEL = Parameter("wheel_rate", 40.0, low=-20.0, high=90.0, unit="rad/s")
@@ -49,49 +50,42 @@ def spinning(seed: int, base: Scene | None = None) -> Scene:
 
 def second_bearing() -> Scene:
     """A rotor between two bearings of a frame on springs: the second one closes a loop."""
-    frame = RigidBody(
-        name="frame",
-        mass=4.0,
-        inertia=Inertia(xx=0.3, yy=0.4, zz=0.5, xy=0.05),
-        ports={"left": (-0.4, 0, 0.1), "right": (0.4, 0, 0.1)},
+    frame = kit.body(
+        "frame", 4.0, (0.3, 0.4, 0.5), xy=0.05, ports={"left": (-0.4, 0, 0.1), "right": (0.4, 0, 0.1)}
     )
-    rotor = RigidBody(
-        name="rotor",
-        mass=2.0,
+    rotor = kit.body(
+        "rotor",
+        2.0,
+        ("axial", "0.7*axial", "0.7*axial"),
         center_of_mass=(0.5, 0, 0),
-        inertia=Inertia(xx="axial", yy="0.7*axial", zz="0.7*axial"),
         ports={"end": (0.8, 0, 0)},
     )
-    return Scene(
-        name="second_bearing",
+    return kit.scene(
+        "second_bearing",
+        WHEEL,
+        AXIAL,
+        frame,
+        rotor,
+        kit.cross(
+            "table",
+            "ground",
+            "frame",
+            axis1=(0, 1, 0),
+            axis2=(0, 0, 1),
+            stiffness=(30.0, 40.0),
+            damping=(0.3, 0.4),
+        ),
+        kit.hinge(
+            "motor",
+            "frame.left",
+            "rotor",
+            (1, 0, 0),
+            rate="wheel_rate",
+            damping=0.02,
+            actuator_inertia=0.03,
+        ),
+        kit.loop("bearing", "revolute", "frame.right", "rotor.end", axis=(1, 0, 0)),
         gravity=(0, 1.0, -9.81),
-        parameters=(WHEEL, AXIAL),
-        bodies=(frame, rotor),
-        joints=(
-            mbdlft.Universal(
-                name="table",
-                parent="ground",
-                child="frame",
-                axis1=(0, 1, 0),
-                axis2=(0, 0, 1),
-                stiffness=(30.0, 40.0),
-                damping=(0.3, 0.4),
-            ),
-            Revolute(
-                name="motor",
-                parent="frame.left",
-                child="rotor",
-                axis=(1, 0, 0),
-                rate="wheel_rate",
-                damping=0.02,
-                actuator_inertia=0.03,
-            ),
-        ),
-        loops=(
-            Loop(
-                name="bearing", kind="revolute", parent="frame.right", child="rotor.end", axis=(1, 0, 0)
-            ),
-        ),
         outputs=("motor.angle", "table.angle.1", "table.angle.2", "motor.acceleration"),
     )
 
@@ -99,23 +93,23 @@ def second_bearing() -> Scene:
 def _wheel(random, name: str, *, parameters: bool) -> RigidBody:
     axial = "axial" if parameters else float(random.uniform(0.2, 0.6))
     across = "0.6*axial + 0.01" if parameters else 0.4
-    return RigidBody(
-        name=name,
-        mass=float(random.uniform(0.5, 2.0)),
+    return kit.body(
+        name,
+        float(random.uniform(0.5, 2.0)),
+        (across, across, axial),
         center_of_mass=(0.0, 0.0, float(random.uniform(-0.3, 0.3))),
-        inertia=Inertia(xx=across, yy=across, zz=axial),
         ports={"top": (0.0, 0.0, 0.35)},
     )
 
 
 def _bearing(random, k: int, carrier: str) -> Revolute:
     """The rate is a parameter, or a multiple of it: two wheels may turn against each other."""
-    return Revolute(
-        name=f"r{k}",
-        parent=f"{carrier}.side",
-        child=f"w{k}",
-        axis=(0, 0, 1 if k == 0 else -2),
-        orientation=[Rotation(axis=tuple(random.uniform(-1, 1, 3)), angle=float(random.uniform(-2, 2)))],
+    return kit.hinge(
+        f"r{k}",
+        f"{carrier}.side",
+        f"w{k}",
+        (0, 0, 1 if k == 0 else -2),
+        orientation=[kit.turn(tuple(random.uniform(-1, 1, 3)), float(random.uniform(-2, 2)))],
         rate="wheel_rate" if k == 0 else "3.0 - 0.5*wheel_rate",
         damping=float(random.uniform(0.01, 0.1)),
         actuator_inertia=float(random.uniform(0.01, 0.1)),
@@ -125,53 +119,35 @@ def _bearing(random, k: int, carrier: str) -> Revolute:
 def _loads(name: str, k: int) -> list[mbdlft.multibody.force.Load]:
     top = f"{name}.top"
     return [
-        mbdlft.Force(name=f"f{k}", port=top, direction=(0.3, -1, 0.5), frame="ground", magnitude=3.0),
-        mbdlft.Force(name=f"p{k}", port=top, direction=(0, 0, 1), magnitude=-2.0),
-        mbdlft.Torque(name=f"t{k}", port=name, direction=(0, 0, 1), magnitude=0.7),
-        mbdlft.Torque(name=f"g{k}", port=name, direction=(1, 0, 0.2), frame="ground", magnitude=0.5),
-        mbdlft.Spring(name=f"s{k}", parent=top, child="ground.wall", stiffness=20.0, force_density=1.5),
+        kit.force(f"f{k}", top, (0.3, -1, 0.5), frame="ground", magnitude=3.0),
+        kit.force(f"p{k}", top, (0, 0, 1), magnitude=-2.0),
+        kit.torque(f"t{k}", name, (0, 0, 1), magnitude=0.7),
+        kit.torque(f"g{k}", name, (1, 0, 0.2), frame="ground", magnitude=0.5),
+        kit.spring(f"s{k}", top, "ground.wall", stiffness=20.0, force_density=1.5),
     ]
 
 
 def _disc(random):
     """A disc on a twisting shaft that slides, both along the axis of the wheel, in the other sense."""
-    slider = RigidBody(name="slider", mass=0.3, inertia=Inertia(xx=0.02, yy=0.02, zz=0.03))
-    disc = RigidBody(
-        name="disc",
-        mass=0.8,
-        center_of_mass=(0, 0, 0.1),
-        inertia=Inertia(xx=0.2, yy=0.2, zz="0.5*axial"),
-        ports={"hub": (0, 0, -0.05)},
+    slider = kit.body("slider", 0.3, (0.02, 0.02, 0.03))
+    disc = kit.body(
+        "disc", 0.8, (0.2, 0.2, "0.5*axial"), center_of_mass=(0, 0, 0.1), ports={"hub": (0, 0, -0.05)}
     )
     held = {"stiffness": 15.0, "damping": 0.2}
     return [slider, disc], [
-        Prismatic(name="play", parent="w0.top", child="slider", axis=(0, 0, 1), **held),
-        Revolute(
-            name="torsion",
-            parent="slider",
-            child="disc.hub",
-            axis=(0, 0, -1),
-            actuator_inertia=0.05,
-            **held,
-        ),
+        kit.rail("play", "w0.top", "slider", (0, 0, 1), **held),
+        kit.hinge("torsion", "slider", "disc.hub", (0, 0, -1), actuator_inertia=0.05, **held),
     ]
 
 
 def _halves(random):
     """Two bodies on the wheel that are symmetric only together: at right angles to each other."""
     blades = [
-        RigidBody(
-            name=name,
-            mass=0.5,
-            center_of_mass=(x, y, 0.2),
-            inertia=Inertia(xx=0.01, yy=0.02, zz=0.03, about="center_of_mass"),
-        )
+        kit.body(name, 0.5, (0.01, 0.02, 0.03), about="center_of_mass", center_of_mass=(x, y, 0.2))
         for name, x, y in (("b_x", 0.3, 0), ("b_mx", 0.3, 0), ("b_y", 0.3, 0), ("b_my", 0.3, 0))
     ]
     turns = (0, 180, 90, -90)
     return blades, [
-        mbdlft.Fixed(
-            name=f"root{k}", parent="w0", child=blade.name, axis=(0, 0, 1), position=f"{turn}*deg"
-        )
+        kit.weld(f"root{k}", "w0", blade.name, (0, 0, 1), position=f"{turn}*deg")
         for k, (blade, turn) in enumerate(zip(blades, turns, strict=True))
     ]

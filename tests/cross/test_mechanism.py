@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from tests import close
+from tests import close, kit
 from tests.attack.mechanisms import check
 from tests.attack.mechanisms import points_of as points_of_drawn
 from tests.cross.mechanisms import closed_by, open_tree
@@ -186,11 +186,11 @@ def split(scene: mbdlft.Scene, *, turned: bool) -> mbdlft.Scene:
     else:
         fields["ports"] = {"handle": seen((0.0, 0.0, 0.0))}
         quarter["ports"] = body.ports
-    weld = mbdlft.Fixed(
-        name="weld",
-        parent=f"{body.name}.split" if body.kind == "rigid" else body.name,
-        child="rest",
-        axis=(0.0, 0.0, 1.0),
+    weld = kit.weld(
+        "weld",
+        f"{body.name}.split" if body.kind == "rigid" else body.name,
+        "rest",
+        (0.0, 0.0, 1.0),
         position="90*deg" if turned else 0.0,
     )
     rest = mbdlft.RigidBody(**fields) if body.kind == "rigid" else mbdlft.PointMass(**fields)
@@ -238,49 +238,40 @@ def test_scenes_repeat_and_cover() -> None:
 
 def swing(mass: float) -> mbdlft.RigidBody:
     """A body with its center off the axes, and an eye that carries what turns on it."""
-    return mbdlft.RigidBody(
-        name="swing",
-        mass=mass,
+    return kit.body(
+        "swing",
+        mass,
+        (0.4, 0.5, 0.3),
+        xz=0.05,
         center_of_mass=(0.1, 0.2, -0.5),
-        inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.3, xz=0.05),
         ports={"eye": (0.1, 0.0, -0.8)},
     )
 
 
 def geared_wheel() -> mbdlft.Scene:
     """A wheel on a swing behind a gear: its center lies on its axis, and off the point of its joint."""
-    return mbdlft.Scene(
-        name="geared_wheel",
+    return kit.scene(
+        "geared_wheel",
+        mbdlft.Parameter("W", 40.0, low=-20.0, high=90.0, unit="rad/s"),
+        mbdlft.Parameter("n", 3.0, low=2.0, high=5.0),
+        swing(3.0),
+        kit.body("wheel", 1.5, (0.06, 0.06, 0.1), center_of_mass=(0.0, 0.0, 0.2)),
+        kit.cross("cross", "ground", "swing", actuator_inertia=(0.2, 0.3)),
+        kit.hinge(
+            "motor",
+            "swing.eye",
+            "wheel",
+            (0, 0, 1),
+            orientation=[kit.turn((1, 1, 0), "40*deg")],
+            rate="W",
+            gear_ratio="n",
+            actuator_inertia=0.02,
+            reflected_inertia=0.01,
+            damping=0.01,
+        ),
+        mbdlft.Momentum(name="whole"),
+        mbdlft.JointWrench(name="cut", joint="cross"),
         gravity=(0.3, 0.0, -9.81),
-        parameters=[
-            mbdlft.Parameter("W", 40.0, low=-20.0, high=90.0, unit="rad/s"),
-            mbdlft.Parameter("n", 3.0, low=2.0, high=5.0),
-        ],
-        bodies=[
-            swing(3.0),
-            mbdlft.RigidBody(
-                name="wheel",
-                mass=1.5,
-                center_of_mass=(0.0, 0.0, 0.2),
-                inertia=mbdlft.Inertia(xx=0.06, yy=0.06, zz=0.1),
-            ),
-        ],
-        joints=[
-            mbdlft.Universal(name="cross", parent="ground", child="swing", actuator_inertia=(0.2, 0.3)),
-            mbdlft.Revolute(
-                name="motor",
-                parent="swing.eye",
-                child="wheel",
-                axis=(0, 0, 1),
-                orientation=[mbdlft.Rotation(axis=(1, 1, 0), angle="40*deg")],
-                rate="W",
-                gear_ratio="n",
-                actuator_inertia=0.02,
-                reflected_inertia=0.01,
-                damping=0.01,
-            ),
-        ],
-        sensors=[mbdlft.Momentum(name="whole"), mbdlft.JointWrench(name="cut", joint="cross")],
         outputs=["motor.rate", "whole.angular.x", "whole.linear.y", "cut.torque.x", "cut.force.z"],
     )
 
@@ -289,70 +280,51 @@ def carried_rotor() -> mbdlft.Scene:
     """A frame that spins tilts a body, in which a geared joint turns an arm about a tilted axis."""
 
     def body(name: str, xx: float, yy: float, zz: float) -> mbdlft.RigidBody:
-        return mbdlft.RigidBody(name=name, mass=1.0, inertia=mbdlft.Inertia(xx=xx, yy=yy, zz=zz))
+        return kit.body(name, 1.0, (xx, yy, zz))
 
-    return mbdlft.Scene(
-        name="carried_rotor",
+    return kit.scene(
+        "carried_rotor",
+        mbdlft.Parameter("W", 2.0, low=0.5, high=4.0, unit="rad/s"),
+        mbdlft.Parameter("n", -20.0, low=-30.0, high=-10.0),
+        mbdlft.Parameter("J", 0.01, percent=40, unit="kg m^2"),
+        mbdlft.Angle("g", 20.0, low=-40.0, high=60.0),
+        body("body", 2.0, 3.0, 2.5),
+        body("arm", 0.4, 0.7, 0.9),
+        kit.hinge("tilt", "ground", "body", (1, 0, 0), position="g"),
+        kit.hinge(
+            "gear", "body", "arm", (0.0, 0.6, 0.8), position=0.6, actuator_inertia="J", gear_ratio="n"
+        ),
         spin=mbdlft.Spin(axis=(0, 0, 1), rate="W"),
-        parameters=[
-            mbdlft.Parameter("W", 2.0, low=0.5, high=4.0, unit="rad/s"),
-            mbdlft.Parameter("n", -20.0, low=-30.0, high=-10.0),
-            mbdlft.Parameter("J", 0.01, percent=40, unit="kg m^2"),
-            mbdlft.Angle("g", 20.0, low=-40.0, high=60.0),
-        ],
-        bodies=[body("body", 2.0, 3.0, 2.5), body("arm", 0.4, 0.7, 0.9)],
-        joints=[
-            mbdlft.Revolute(name="tilt", parent="ground", child="body", axis=(1, 0, 0), position="g"),
-            mbdlft.Revolute(
-                name="gear",
-                parent="body",
-                child="arm",
-                axis=(0.0, 0.6, 0.8),
-                position=0.6,
-                actuator_inertia="J",
-                gear_ratio="n",
-            ),
-        ],
     )
 
 
 def tower() -> mbdlft.Scene:
     """A gimbal with two rotors across each other on a swing, under gravity, without loads."""
     wheel = {"xx": 0.06, "yy": 0.06, "zz": "J"}
-    return mbdlft.Scene(
-        name="tower",
+    return kit.scene(
+        "tower",
+        mbdlft.Parameter("W", 300.0, percent=40, unit="rpm"),
+        mbdlft.Parameter("J", 0.1, percent=15, unit="kg m^2"),
+        mbdlft.Angle("g", 20.0, low=-50.0, high=60.0),
+        swing(6.0),
+        kit.body("ring", 1.0, (0.03, 0.04, 0.05)),
+        *(
+            kit.body(name, 2.0, center_of_mass=(0, 0, 0.05), inertia=mbdlft.Inertia(**wheel))
+            for name in ("first", "second")
+        ),
+        kit.ball("ball", "ground", "swing"),
+        kit.hinge("gimbal", "swing.eye", "ring", (1, 0, 0), position="g"),
+        kit.hinge("up", "ring", "first", (0, 0, 1), rate="W"),
+        kit.hinge(
+            "across",
+            "ring",
+            "second",
+            (0, 0, 1),
+            orientation=[kit.turn((0, 1, 0), "90*deg")],
+            rate="-2*W",
+            damping=0.01,
+        ),
         gravity=(0.5, 0, -9.81),
-        parameters=[
-            mbdlft.Parameter("W", 300.0, percent=40, unit="rpm"),
-            mbdlft.Parameter("J", 0.1, percent=15, unit="kg m^2"),
-            mbdlft.Angle("g", 20.0, low=-50.0, high=60.0),
-        ],
-        bodies=[
-            swing(6.0),
-            mbdlft.RigidBody(name="ring", mass=1.0, inertia=mbdlft.Inertia(xx=0.03, yy=0.04, zz=0.05)),
-            *(
-                mbdlft.RigidBody(
-                    name=name, mass=2.0, center_of_mass=(0, 0, 0.05), inertia=mbdlft.Inertia(**wheel)
-                )
-                for name in ("first", "second")
-            ),
-        ],
-        joints=[
-            mbdlft.Spherical(name="ball", parent="ground", child="swing"),
-            mbdlft.Revolute(
-                name="gimbal", parent="swing.eye", child="ring", axis=(1, 0, 0), position="g"
-            ),
-            mbdlft.Revolute(name="up", parent="ring", child="first", axis=(0, 0, 1), rate="W"),
-            mbdlft.Revolute(
-                name="across",
-                parent="ring",
-                child="second",
-                axis=(0, 0, 1),
-                orientation=[mbdlft.Rotation(axis=(0, 1, 0), angle="90*deg")],
-                rate="-2*W",
-                damping=0.01,
-            ),
-        ],
         outputs=["up.angle", "across.angle", "gimbal.angle"],
     )
 

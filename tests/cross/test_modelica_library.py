@@ -13,10 +13,11 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene
+from mbdlft import Inertia, Parameter, RigidBody, Scene
 from mbdlft.modelica import ModelicaTable, operating_point, translate
 from mbdlft.modelica.loading import compiled_model
 from mbdlft.modelica.tree import FlatModel
+from tests import kit
 from tests.close import CROSS, target
 
 pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
@@ -139,17 +140,12 @@ G = (0, -9.80665, 0)
 
 def springs(parameters: list[Parameter]) -> Scene:
     """Two masses that hang on springs, one at the axis of its joint and one between two frames."""
-    return Scene(
-        name="springs",
+    return kit.scene(
+        "springs",
+        *parameters,
+        *(kit.point(f"body{k}", f"body{k}_m") for k in (1, 2)),
+        *(kit.rail(f"p{k}", "ground", f"body{k}", (0, -1, 0), stiffness=f"spring{k}_c") for k in (1, 2)),
         gravity=G,
-        parameters=parameters,
-        bodies=[PointMass(name=f"body{k}", mass=f"body{k}_m") for k in (1, 2)],
-        joints=[
-            Prismatic(
-                name=f"p{k}", parent="ground", child=f"body{k}", axis=(0, -1, 0), stiffness=f"spring{k}_c"
-            )
-            for k in (1, 2)
-        ],
         inputs=["p1.force", "p2.force"],
         outputs=["p1.position", "p2.position"],
     )
@@ -162,26 +158,22 @@ def bar(name: str, x: float, y: float) -> RigidBody:
     I = f"{mass}*{(length**2 + width**2) / 12!r} [m^2]"  # noqa: E741
     own = Inertia(xx=I, yy=I, zz=I)  # the motion is in the plane
     center = (x / 2, y / 2, 0)
-    return RigidBody(name=name, mass=mass, center_of_mass=center, inertia=own, ports={"tip": (x, y, 0)})
+    return kit.body(name, mass, center_of_mass=center, inertia=own, ports={"tip": (x, y, 0)})
 
 
 def four_bar(parameters: list[Parameter]) -> Scene:
     z = (0, 0, 1)
-    return Scene(
-        name="four_bar",
+    return kit.scene(
+        "four_bar",
+        *parameters,
+        *(bar("body1", 0.4, 0.0), bar("body2", 0.1, 1.1), bar("body4", 0.65, 0.1)),
+        kit.body("body3", 0, ports={"tip": (-0.15, 1, 0)}),
+        kit.weld("weld", "ground", "body3"),
+        kit.hinge("r1", "ground", "body1", z, damping="damper_d"),
+        kit.hinge("r2", "body1.tip", "body2", z, preload=0),
+        kit.hinge("r3", "body3.tip", "body4", z, preload=0),
+        kit.loop("cut", "revolute", "body4.tip", "body2.tip", axis=z),
         gravity=G,
-        parameters=parameters,
-        bodies=[
-            *(bar("body1", 0.4, 0.0), bar("body2", 0.1, 1.1), bar("body4", 0.65, 0.1)),
-            RigidBody(name="body3", mass=0, ports={"tip": (-0.15, 1, 0)}),
-        ],
-        joints=[
-            Fixed(name="weld", parent="ground", child="body3"),
-            Revolute(name="r1", parent="ground", child="body1", axis=z, damping="damper_d"),
-            Revolute(name="r2", parent="body1.tip", child="body2", axis=z, preload=0),
-            Revolute(name="r3", parent="body3.tip", child="body4", axis=z, preload=0),
-        ],
-        loops=[Loop(name="cut", kind="revolute", parent="body4.tip", child="body2.tip", axis=z)],
         inputs=["r1.torque"],
         outputs=["r1.angle", "r3.angle"],
     )
@@ -213,25 +205,22 @@ _POSE = (0.2, 0.3, -0.5, 0.1, 0.4, -0.2)
 
 def robot(parameters: list[Parameter]) -> Scene:
     """The mechanics of the R3, with a load in its hand."""
-    bodies = [RigidBody(name="base", mass=0, ports={"tip": (0, 0.351, 0)})]
-    joints: list[Any] = [Fixed(name="weld", parent="ground", child="base")]
+    bodies = [kit.body("base", 0, ports={"tip": (0, 0.351, 0)})]
+    joints: list[Any] = [kit.weld("weld", "ground", "base")]
     for k, (axis, mass, center, inertia, tip) in enumerate(_ROBOT, 1):
         parent = f"{bodies[-1].name}.tip"
-        joints.append(
-            Revolute(name=f"r{k}", parent=parent, child=f"b{k}", axis=axis, position=_POSE[k - 1])
-        )
+        joints.append(kit.hinge(f"r{k}", parent, f"b{k}", axis, position=_POSE[k - 1]))
         own = Inertia(**inertia)
-        bodies.append(
-            RigidBody(name=f"b{k}", mass=mass, center_of_mass=center, inertia=own, ports={"tip": tip})
-        )
+        bodies.append(kit.body(f"b{k}", mass, center_of_mass=center, inertia=own, ports={"tip": tip}))
     own = Inertia(xx=0.001, yy=0.001, zz=0.001)
-    bodies.append(RigidBody(name="load", mass="mLoad", center_of_mass=(0, 0.25, 0), inertia=own))
-    return Scene(
-        name="robot",
+    bodies.append(kit.body("load", "mLoad", center_of_mass=(0, 0.25, 0), inertia=own))
+    return kit.scene(
+        "robot",
+        *parameters,
+        *bodies,
+        *joints,
+        kit.weld("grip", "b6.tip", "load"),
         gravity=(0, -9.81, 0),
-        parameters=parameters,
-        bodies=bodies,
-        joints=[*joints, Fixed(name="grip", parent="b6.tip", child="load")],
         inputs=[f"r{k}.torque" for k in range(1, 7)],
         outputs=[f"r{k}.angle" for k in range(1, 7)],
     )

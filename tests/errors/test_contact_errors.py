@@ -8,6 +8,7 @@ import mbdlft
 from mbdlft.multibody.contact import KINDS
 from mbdlft.multibody.coupling import Gear
 from mbdlft.multibody.force import KINDS as KINDS_OF_LOADS
+from tests import kit
 from tests.errors.table import refused
 
 
@@ -22,19 +23,10 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
             "name": "cart",
             "velocity": (3.0, 0.0, 0.0),
             "gravity": (0.0, 0.0, 0.0),
-            "bodies": [
-                mbdlft.RigidBody(name="frame", mass=2.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1)),
-                mbdlft.RigidBody(name="wheel", mass=1.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1)),
-            ],
+            "bodies": [kit.body("frame", 2.0, (0.1, 0.1, 0.1)), kit.body("wheel", 1.0, (0.1, 0.2, 0.1))],
             "joints": [
-                mbdlft.Free(name="base", parent="ground", child="frame", position=(0, 0, height)),
-                mbdlft.Revolute(
-                    name="axle",
-                    parent="frame",
-                    child="wheel",
-                    axis=(0, 1, 0),
-                    rate=fields.pop("rate", 6.0),
-                ),
+                kit.free("base", "ground", "frame", position=(0, 0, height)),
+                kit.hinge("axle", "frame", "wheel", (0, 1, 0), rate=fields.pop("rate", 6.0)),
             ],
             "contacts": [KINDS[kind](name="touch", **{**touch, **(contact or {})})],
             **fields,
@@ -45,14 +37,14 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
 def on_tire(speed: float | str = 3.0, **law: Any) -> mbdlft.Scene:
     """A wheel of 0.5 m on a tire, without a joint that turns it."""
     given = {"child": "wheel", "axis": (0, 1, 0), "radius": 0.5, "cornering": 1e4, **law}
-    return mbdlft.Scene(
-        name="cart",
+    return kit.scene(
+        "cart",
+        mbdlft.Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s"),
+        kit.body("wheel", 1.0, (0.1, 0.2, 0.1)),
+        kit.free("base", "ground", "wheel", position=(0, 0, 0.5)),
+        KINDS_OF_LOADS["tire"](name="tire", **given),
         velocity=(speed, 0.0, 0.0),
         gravity=(0.0, 0.0, 0.0),
-        parameters=[mbdlft.Parameter("v", 5.0, low=0.0, high=9.0, unit="m/s")],
-        bodies=[mbdlft.RigidBody(name="wheel", mass=1.0, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1))],
-        joints=[mbdlft.Free(name="base", parent="ground", child="wheel", position=(0, 0, 0.5))],
-        loads=[KINDS_OF_LOADS["tire"](name="tire", **given)],
     )
 
 
@@ -63,23 +55,14 @@ def trolley(outputs: list[str], aside: float = 0.0, gears: tuple[Gear, ...] = ()
     if gears:
         wheels = {"left": (0.3, 0, 0), "right": (-0.3, 0, 0)}
     round_ = mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.1)
-    bodies = [mbdlft.RigidBody(name="frame", mass=2.0, inertia=round_, ports=wheels)]
-    bodies += [mbdlft.RigidBody(name=name, mass=1.0, inertia=round_) for name in wheels]
-    joints = [mbdlft.Free(name="base", parent="ground", child="frame", position=(0, 0, 0.5))]
+    bodies = [kit.body("frame", 2.0, inertia=round_, ports=wheels)]
+    bodies += [kit.body(name, 1.0, inertia=round_) for name in wheels]
+    joints = [kit.free("base", "ground", "frame", position=(0, 0, 0.5))]
     held = {"preload": 0.0} if gears else {}
-    joints += [
-        mbdlft.Revolute(name=f"axle_{name}", parent=f"frame.{name}", child=name, axis=(0, 1, 0), **held)
-        for name in wheels
-    ]
+    joints += [kit.hinge(f"axle_{name}", f"frame.{name}", name, (0, 1, 0), **held) for name in wheels]
     contacts = [KINDS["rolling"](name=name, port=name, axis=(0, 1, 0), radius=0.5) for name in wheels]
-    return mbdlft.Scene(
-        name="trolley",
-        bodies=bodies,
-        joints=joints,
-        contacts=contacts,
-        outputs=outputs,
-        couplings=gears,
-        gravity=(0.0, aside, -9.0),
+    return kit.scene(
+        "trolley", *bodies, *joints, *contacts, *gears, outputs=outputs, gravity=(0.0, aside, -9.0)
     )
 
 

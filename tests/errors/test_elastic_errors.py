@@ -7,6 +7,7 @@ import numpy as np
 import mbdlft
 from mbdlft import Beam, Fixed, FlexibleBody, Inertia, Mode, Revolute, Scene
 from mbdlft.multibody.body import Body
+from tests import kit
 from tests.errors.table import refused, says
 from tests.laws import elastic as scenes
 
@@ -29,7 +30,7 @@ def panel(**given: Any) -> FlexibleBody:
 
 
 def on_hinge(body: Body, **fields: Any) -> Scene:
-    hinge = Revolute(name="hinge", parent="ground", child=body.name, axis=(0, 0, 1))
+    hinge = kit.hinge("hinge", "ground", body.name, (0, 0, 1))
     return Scene(**{"name": "held", "bodies": [body], "joints": [hinge], **fields})
 
 
@@ -138,22 +139,15 @@ stations={"tip": 2} => stations.tip … a new name
 
 def test_rigid_redundancy_is_not_healed_by_elasticity() -> None:
     """Two rigid hinges in line hold the same; a beam somewhere else does not say how they share it."""
-    scene = mbdlft.Scene(
-        name="door",
-        bodies=[
-            mbdlft.RigidBody(
-                name="door", mass=1.0, inertia=Inertia(xx=1.0, yy=1.0, zz=1.0),
-                ports={"far": (0, 0, 1)},
-            ),
-            scenes.beam(),
-            mbdlft.Ground(ports={"far": (0, 0, 1)}),
-        ],
-        joints=[
-            Revolute(name="near", parent="ground", child="door", axis=(0, 0, 1), preload=0.0),
-            Fixed(name="root", parent="door", child="beam"),
-        ],
-        loops=[mbdlft.Loop(name="second", kind="spherical", parent="ground.far", child="door.far")],
-    )  # fmt: skip
+    scene = kit.scene(
+        "door",
+        kit.body("door", 1.0, (1.0, 1.0, 1.0), ports={"far": (0, 0, 1)}),
+        scenes.beam(),
+        mbdlft.Ground(ports={"far": (0, 0, 1)}),
+        kit.hinge("near", "ground", "door", (0, 0, 1), preload=0.0),
+        kit.weld("root", "door", "beam"),
+        kit.loop("second", "spherical", "ground.far", "door.far"),
+    )
     model = build(scene)  # the second hinge holds nothing that the first one does not
     assert not any(signal.name.startswith("second") for signal in model.trim.signals)
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import mbdlft
+from tests import kit
 from tests.errors.scenes import cart
 from tests.errors.table import refused
 
@@ -12,19 +13,13 @@ OMEGA = mbdlft.Parameter("omega", 2.0, percent=50, unit="rad/s")
 
 
 def link(name: str, length: float | str = 1.0) -> mbdlft.RigidBody:
-    return mbdlft.RigidBody(
-        name=name,
-        mass=1.0,
-        center_of_mass=(0.0, 0.5, 0.0),
-        inertia=mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1),
-        ports={"tip": (0.0, length, 0.0)},
+    return kit.body(
+        name, 1.0, (0.1, 0.1, 0.1), center_of_mass=(0.0, 0.5, 0.0), ports={"tip": (0.0, length, 0.0)}
     )
 
 
 def hinge(name: str, parent: str, child: str, position: float | str = 0.0, **fields: Any):
-    return mbdlft.Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return kit.hinge(name, parent, child, (1, 0, 0), position=position, **fields)
 
 
 def four_bar(
@@ -51,7 +46,7 @@ def four_bar(
                 hinge("jc", "left.tip", "coupler", f"-({angle})", preload=0),
                 hinge("jr", "ground.pivot", "right", angle, preload=0),
             ],
-            "loops": [mbdlft.Loop(name="pin", **{**pin, **(loop or {})})],
+            "loops": [kit.loop("pin", **{**pin, **(loop or {})})],
             **fields,
         }
     )
@@ -61,12 +56,13 @@ def four_bar(
 
 
 def stayed(port: tuple[Any, ...] = (0, 2, 1), **fields: Any) -> mbdlft.Scene:
-    return mbdlft.Scene(
-        name="stayed",
-        parameters=[mbdlft.Parameter("L", 1.0, percent=10, unit="m")],
-        bodies=[mbdlft.Ground(ports={"wall": port}), link("arm", "L")],
-        joints=[hinge("j", "ground", "arm")],
-        loads=[mbdlft.Spring(**{"name": "s", "parent": "arm.tip", "child": "ground.wall", **fields})],
+    return kit.scene(
+        "stayed",
+        mbdlft.Parameter("L", 1.0, percent=10, unit="m"),
+        mbdlft.Ground(ports={"wall": port}),
+        link("arm", "L"),
+        hinge("j", "ground", "arm"),
+        mbdlft.Spring(**{"name": "s", "parent": "arm.tip", "child": "ground.wall", **fields}),
     )
 
 
@@ -171,9 +167,5 @@ def test_trim_of_a_held_joint_is_its_weight():
 
 
 def test_imposed_prismatic_is_driven():
-    scene = mbdlft.Scene(
-        name="driven",
-        bodies=[link("arm")],
-        joints=[mbdlft.Prismatic(name="x", parent="ground", child="arm", axis=(0, 1, 0), imposed=True)],
-    )
+    scene = kit.scene("driven", link("arm"), kit.rail("x", "ground", "arm", (0, 1, 0), imposed=True))
     assert [s.name for s in mbdlft.to_lft(scene, search=0.0).inputs] == ["x.acceleration"]

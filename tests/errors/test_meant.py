@@ -8,6 +8,7 @@ from mbdlft.base.errors import unknown_name
 from mbdlft.base.expression import parse
 from mbdlft.base.unit import parse_unit
 from mbdlft.show.report.content import _said
+from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.errors.table import refused, says
 
@@ -71,25 +72,20 @@ mbdlft.scene_from_toml("mass = m") => not valid TOML: … Texts stand in quotes
 
 
 def test_motions_of_bodies_are_those_of_sensors() -> None:
-    body = mbdlft.PointMass(name="cart", mass=1.0, ports={"top": (0, 0, 1)})
+    body = kit.point("cart", 1.0, ports={"top": (0, 0, 1)})
     for output, port in (("top.x", "cart.top"), ("cart.x", "cart")):
-        scene = mbdlft.Scene(
-            name="s",
-            bodies=[body],
-            joints=[mbdlft.Prismatic(name="j", parent="ground", child="cart", axis=(1, 0, 0))],
-            outputs=[output],
-        )
+        scene = kit.scene("s", body, kit.rail("j", "ground", "cart", (1, 0, 0)), outputs=[output])
         with says(mbdlft.SceneError, f"signal {output!r}", f"port = {port!r} has the outputs"):
             mbdlft.to_lft(scene)
 
 
 def test_a_rocket_accelerates() -> None:
-    rocket = mbdlft.Scene(
-        name="rocket",
+    rocket = kit.scene(
+        "rocket",
+        kit.point("b", 2.0),
+        kit.rail("up", "ground", "b", (0, 0, 1), preload=0),
+        kit.force("thrust", "b", (0, 0, 1), magnitude=50.0),
         gravity=(0, 0, -9.81),
-        bodies=[mbdlft.PointMass(name="b", mass=2.0)],
-        joints=[mbdlft.Prismatic(name="up", parent="ground", child="b", axis=(0, 0, 1), preload=0)],
-        loads=[mbdlft.Force(name="thrust", port="b", direction=(0, 0, 1), magnitude=50.0)],
     )
     with says(mbdlft.TrimError, "up.force misses", "the scene's acceleration 'unknown'"):
         mbdlft.to_lft(rocket)
@@ -101,15 +97,8 @@ def test_a_rocket_accelerates() -> None:
 def test_why_a_gain_is_infinite() -> None:
     """A damper that may be negative: the reason is in the result, and in what verify says."""
     d = mbdlft.Parameter("d", 1.0, low=-0.5, high=2.5, unit="N s/m")
-    scene = mbdlft.Scene(
-        name="s",
-        parameters=[d],
-        bodies=[mbdlft.PointMass(name="b", mass=1.0)],
-        joints=[
-            mbdlft.Prismatic(
-                name="j", parent="ground", child="b", axis=(1, 0, 0), stiffness=1.0, damping="d"
-            )
-        ],
+    scene = kit.scene(
+        "s", d, kit.point("b", 1.0), kit.rail("j", "ground", "b", (1, 0, 0), stiffness=1.0, damping="d")
     )
     with pytest.warns(mbdlft.MbdlftWarning, match="damping is negative"):
         model = mbdlft.to_lft(scene, search=0.0)

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 import mbdlft
+from tests import kit
 from tests.errors.table import refused, says
 from tests.laws.test_couplings import TANGENT, arm
 from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
@@ -13,28 +14,26 @@ from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
 def faller(**fields: Any) -> mbdlft.Scene:
     """A mass on a vertical slide that nothing holds."""
     slide = {"name": "slide", "parent": "ground", "child": "bob", "axis": (0, 0, 1)}
-    return mbdlft.Scene(
-        name="faller",
+    return kit.scene(
+        "faller",
+        kit.point("bob", 2.0),
+        mbdlft.Prismatic(**{**slide, "preload": 0.0, **fields}),
         gravity=(0, 0, -9.81),
-        bodies=[mbdlft.PointMass(name="bob", mass=2.0)],
-        joints=[mbdlft.Prismatic(**{**slide, "preload": 0.0, **fields})],
     )
 
 
 def ball(stiffness: float, **fields: Any) -> mbdlft.Scene:
-    return mbdlft.Scene(
-        name="ball",
+    return kit.scene(
+        "ball",
+        kit.point("bob", 1.0, ports={"top": (0, 0, 1)}),
+        kit.ball(
+            "ball",
+            "ground",
+            "bob.top",
+            preload=(0.0, 0.0, 0.0),
+            stiffness=(stiffness, stiffness, stiffness),
+        ),
         gravity=(0, 0, -9.81),
-        bodies=[mbdlft.PointMass(name="bob", mass=1.0, ports={"top": (0, 0, 1)})],
-        joints=[
-            mbdlft.Spherical(
-                name="ball",
-                parent="ground",
-                child="bob.top",
-                preload=(0.0, 0.0, 0.0),
-                stiffness=(stiffness, stiffness, stiffness),
-            )
-        ],
         **fields,
     )
 
@@ -142,24 +141,22 @@ def test_ball_with_springs_and_bounds() -> None:
 
 def column(**fields: Any) -> mbdlft.Scene:
     """A mass on top of a rod with a spring at its foot: k theta = m g sin(theta), critical at k = m g."""
-    return mbdlft.Scene(
-        name="column",
+    return kit.scene(
+        "column",
+        mbdlft.Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad"),
+        kit.point("bob", 2.0, ports={"foot": (0, 0, -1)}),
+        mbdlft.Revolute(
+            **{
+                "name": "foot",
+                "parent": "ground",
+                "child": "bob.foot",
+                "axis": (1, 0, 0),
+                "stiffness": "k",
+                "preload": 0.0,
+                **fields,
+            }
+        ),
         gravity=(0, 0, -9.81),
-        parameters=[mbdlft.Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad")],
-        bodies=[mbdlft.PointMass(name="bob", mass=2.0, ports={"foot": (0, 0, -1)})],
-        joints=[
-            mbdlft.Revolute(
-                **{
-                    "name": "foot",
-                    "parent": "ground",
-                    "child": "bob.foot",
-                    "axis": (1, 0, 0),
-                    "stiffness": "k",
-                    "preload": 0.0,
-                    **fields,
-                }
-            )
-        ],
     )
 
 
@@ -168,16 +165,14 @@ def column(**fields: Any) -> mbdlft.Scene:
 
 def test_loads_are_too_many_unknowns() -> None:
     """Two unknown forces for one slide: one of them is not determined, by name."""
-    loads = [
-        mbdlft.Force(name=name, port="bob", direction=(0, 0, 1), frame="ground") for name in ("a", "b")
-    ]
+    loads = [kit.force(name, "bob", (0, 0, 1), frame="ground") for name in ("a", "b")]
     point = mbdlft.find_equilibrium(faller().model_copy(update={"loads": tuple(loads)}))
     assert set(point.undetermined) == {"slide.position", "a.force", "b.force"}
 
 
 def test_unused_spring_keeps_its_rest_length() -> None:
     """A spring with no stiffness and no force density does nothing."""
-    spring = mbdlft.Spring(name="s", parent="ground", child="bob", stiffness=0.0, force_density=0.0)
+    spring = kit.spring("s", "ground", "bob", stiffness=0.0, force_density=0.0)
     scene = faller(position=-1.0, stiffness=30.0).model_copy(update={"loads": (spring,)})
     moved = mbdlft.at_equilibrium(scene, mbdlft.find_equilibrium(scene))
     assert moved.loads[0] == spring

@@ -15,27 +15,20 @@ from mbdlft.multibody.scene import checks
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.relations import Nouns
 from mbdlft.system.sampled import check_regular_at
+from tests import kit
 from tests.errors.scenes import cart
 from tests.errors.table import refused, says
 
 
 def lever(low: float, high: float, nominal: float = 0.2) -> mbdlft.Scene:
     """A bar that a force at x holds: F = 0.3 m g/x."""
-    return mbdlft.Scene(
-        name="lever",
+    return kit.scene(
+        "lever",
+        mbdlft.Parameter("x", nominal, low=low, high=high, unit="m"),
+        kit.body("a", 1.0, (1, 1, 1), center_of_mass=(0.0, 0.3, 0.0), ports={"q": (0.0, "x", 0.0)}),
+        kit.hinge("j", "ground", "a", (1.0, 0.0, 0.0), preload=0.0),
+        kit.force("F", "a.q", (0.0, 0.0, 1.0), frame="body"),
         gravity=(0.0, 0.0, -9.81),
-        parameters=[mbdlft.Parameter("x", nominal, low=low, high=high, unit="m")],
-        bodies=[
-            mbdlft.RigidBody(
-                name="a",
-                mass=1.0,
-                center_of_mass=(0.0, 0.3, 0.0),
-                inertia=mbdlft.Inertia(xx=1, yy=1, zz=1),
-                ports={"q": (0.0, "x", 0.0)},
-            )
-        ],
-        joints=[mbdlft.Revolute(name="j", parent="ground", child="a", axis=(1.0, 0.0, 0.0), preload=0.0)],
-        loads=[mbdlft.Force(name="F", port="a.q", direction=(0.0, 0.0, 1.0), frame="body")],
     )
 
 
@@ -155,14 +148,13 @@ def test_what_gains_energy_is_a_warning(joint: dict[str, Any], message: str) -> 
 
 
 def test_a_spring_that_pushes_is_a_warning() -> None:
-    spring = mbdlft.Spring(
-        name="stay", parent="ground.wall", child="cart", stiffness=-3.0, force_density=1.0
-    )
-    whole = mbdlft.Scene(
-        name="pushed",
-        bodies=[mbdlft.Ground(ports={"wall": (0.0, 1.0, 0.0)}), mbdlft.PointMass(name="cart", mass=1.0)],
-        joints=[mbdlft.Prismatic(name="rail", parent="ground", child="cart", axis=(0, 1, 0))],
-        loads=[spring],
+    spring = kit.spring("stay", "ground.wall", "cart", stiffness=-3.0, force_density=1.0)
+    whole = kit.scene(
+        "pushed",
+        mbdlft.Ground(ports={"wall": (0.0, 1.0, 0.0)}),
+        kit.point("cart", 1.0),
+        kit.rail("rail", "ground", "cart", (0, 1, 0)),
+        spring,
     )
     with pytest.warns(MbdlftWarning, match="load 'stay': stiffness is negative in the range: -3 N/m."):
         mbdlft.assemble(whole)
@@ -186,17 +178,14 @@ def test_a_mass_that_is_open_is_a_warning(monkeypatch: pytest.MonkeyPatch) -> No
 
 def hinged(axis: tuple[float, float, float]) -> mbdlft.Scene:
     """A body on a hinge, closed on the ground by another hinge at the same place."""
-    body = mbdlft.RigidBody(
-        name="b", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1), ports={"p": (0, 0, 0)}
-    )
-    return mbdlft.Scene(
-        name="two hinges",
-        bodies=[body, mbdlft.PointMass(name="tip", mass=0.5)],
-        joints=[
-            mbdlft.Revolute(name="j", parent="ground", child="b", axis=(0.0, 0.0, 0.8)),
-            mbdlft.Fixed(name="weld", parent="b.p", child="tip"),
-        ],
-        loops=[mbdlft.Loop(name="loop", kind="revolute", parent="ground", child="b.p", axis=axis)],
+    body = kit.body("b", 1.0, (1, 1, 1), ports={"p": (0, 0, 0)})
+    return kit.scene(
+        "two hinges",
+        body,
+        kit.point("tip", 0.5),
+        kit.hinge("j", "ground", "b", (0.0, 0.0, 0.8)),
+        kit.weld("weld", "b.p", "tip"),
+        kit.loop("loop", "revolute", "ground", "b.p", axis=axis),
     )
 
 
@@ -212,37 +201,27 @@ def test_ports_of_a_loop_at_the_origin_of_the_scene() -> None:
     """The port is there by lengths that cancel up to rounding."""
     body = {"mass": 1.0, "inertia": mbdlft.Inertia(xx=1, yy=1, zz=1)}
     far = (0.1 + 0.2, 0.0, 0.0)
-    scene = mbdlft.Scene(
-        name="back",
-        bodies=[
-            mbdlft.RigidBody(name="a", ports={"p": far}, **body),
-            mbdlft.RigidBody(name="b", ports={"q": (-0.3, 0.0, 0.0)}, **body),
-        ],
-        joints=[
-            mbdlft.Revolute(name="i", parent="ground", child="a", axis=(0, 0, 1), stiffness=1.0),
-            mbdlft.Revolute(name="j", parent="a.p", child="b", axis=(0, 0, 1), preload=0.0),
-        ],
-        loops=[mbdlft.Loop(name="loop", kind="spherical", parent="ground", child="b.q")],
+    scene = kit.scene(
+        "back",
+        mbdlft.RigidBody(name="a", ports={"p": far}, **body),
+        mbdlft.RigidBody(name="b", ports={"q": (-0.3, 0.0, 0.0)}, **body),
+        kit.hinge("i", "ground", "a", (0, 0, 1), stiffness=1.0),
+        kit.hinge("j", "a.p", "b", (0, 0, 1), preload=0.0),
+        kit.loop("loop", "spherical", "ground", "b.q"),
     )
     assert len(mbdlft.to_lft(scene, search=0.0).states) == 2
 
 
 def test_a_spring_through_a_hinge() -> None:
     """Its torque is exactly zero, and what rounding makes of that is judged beside its stiffness."""
-    body = mbdlft.RigidBody(
-        name="b", mass=0.0, inertia=mbdlft.Inertia(yy=0.1), ports={"p": (0.0, 0.0, 0.462)}
-    )
-    scene = mbdlft.Scene(
-        name="through",
-        bodies=[
-            body,
-            mbdlft.RigidBody(name="c", mass=0.0, inertia=mbdlft.Inertia(xx=0.4, yy=0.5, zz=0.4)),
-        ],
-        joints=[
-            mbdlft.Revolute(name="j", parent="ground", child="b", axis=(0, 1, 0)),
-            mbdlft.Spherical(name="k", parent="b.p", child="c"),
-        ],
-        loads=[mbdlft.Spring(name="l", parent="ground", child="c", force_density=19.124)],
+    body = kit.body("b", 0.0, yy=0.1, ports={"p": (0.0, 0.0, 0.462)})
+    scene = kit.scene(
+        "through",
+        body,
+        kit.body("c", 0.0, (0.4, 0.5, 0.4)),
+        kit.hinge("j", "ground", "b", (0, 1, 0)),
+        kit.ball("k", "b.p", "c"),
+        kit.spring("l", "ground", "c", force_density=19.124),
     )
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -10,6 +10,7 @@ from mbdlft.multibody.body import Body
 from mbdlft.multibody.joint import Joint
 from mbdlft.problem.equations import equation_function, load_value, physical_symbols
 from mbdlft.problem.trim import trim_efforts
+from tests import kit
 
 GRAVITY = 9.81
 
@@ -48,20 +49,13 @@ def beam(name: str = "beam", elements: int = 3, **given: object) -> mbdlft.Beam:
 
 def lever(angle: float, prestress: str | None = "neglected", **given: object) -> mbdlft.Scene:
     """A beam with a mass at its tip on a hinge about y, held at an angle (deg) from the horizontal."""
-    return mbdlft.Scene(
-        name="lever",
+    return kit.scene(
+        "lever",
+        beam(prestress=prestress, **given),
+        kit.point("bob", 1.0),
+        kit.hinge("hinge", "ground", "beam", (0, 1, 0), position=float(np.radians(angle))),
+        kit.weld("end", "beam.tip", "bob"),
         gravity=(0, 0, -GRAVITY),
-        bodies=[beam(prestress=prestress, **given), mbdlft.PointMass(name="bob", mass=1.0)],
-        joints=[
-            mbdlft.Revolute(
-                name="hinge",
-                parent="ground",
-                child="beam",
-                axis=(0, 1, 0),
-                position=float(np.radians(angle)),
-            ),
-            mbdlft.Fixed(name="end", parent="beam.tip", child="bob"),
-        ],
     )
 
 
@@ -73,20 +67,16 @@ def beside_the_tip() -> mbdlft.Scene:
         torsion_constant=1.0,
         prestress="neglected",
     )
-    weight = mbdlft.RigidBody(
-        name="weight",
-        mass=2.0,
-        center_of_mass=(0.3, 0.5, 0.4),
-        inertia=mbdlft.Inertia(xx=0.2, yy=0.3, zz=0.25, about="center_of_mass"),
+    weight = kit.body(
+        "weight", 2.0, (0.2, 0.3, 0.25), about="center_of_mass", center_of_mass=(0.3, 0.5, 0.4)
     )
-    return mbdlft.Scene(
-        name="beside the tip",
+    return kit.scene(
+        "beside the tip",
+        every,
+        weight,
+        kit.weld("root", "ground", "beam"),
+        kit.weld("end", "beam.tip", "weight"),
         gravity=(0.0, 2.0, -GRAVITY),
-        bodies=[every, weight],
-        joints=[
-            mbdlft.Fixed(name="root", parent="ground", child="beam"),
-            mbdlft.Fixed(name="end", parent="beam.tip", child="weight"),
-        ],
     )
 
 
@@ -102,27 +92,27 @@ def segments(count: int, angle: float = 0.0, bending: float = 1e3) -> mbdlft.Sce
     joints: list[Joint] = []
     for k, length in enumerate(lengths):
         bodies.append(
-            mbdlft.RigidBody(
-                name=f"rod{k}",
-                mass=length,
+            kit.body(
+                f"rod{k}",
+                length,
+                yy=length**3 / 12.0,
                 center_of_mass=(length / 2, 0, 0),
-                inertia=mbdlft.Inertia(yy=length**3 / 12.0),
                 ports={"tip": (length, 0, 0)},
             )
         )
         joints.append(
-            mbdlft.Revolute(
-                name=f"j{k}",
-                parent=f"rod{k - 1}.tip" if k else "ground",
-                child=f"rod{k}",
-                axis=(0, 1, 0),
+            kit.hinge(
+                f"j{k}",
+                f"rod{k - 1}.tip" if k else "ground",
+                f"rod{k}",
+                (0, 1, 0),
                 position=0.0 if k else float(np.radians(angle)),
                 stiffness=bending / h if k else 0.0,
             )
         )
-    bodies.append(mbdlft.PointMass(name="bob", mass=1.0))
-    joints.append(mbdlft.Fixed(name="end", parent=f"rod{count}.tip", child="bob"))
-    return mbdlft.Scene(name="rods", gravity=(0, 0, -GRAVITY), bodies=bodies, joints=joints)
+    bodies.append(kit.point("bob", 1.0))
+    joints.append(kit.weld("end", f"rod{count}.tip", "bob"))
+    return kit.scene("rods", *bodies, *joints, gravity=(0, 0, -GRAVITY))
 
 
 PANEL_PARAMETERS = [
@@ -142,37 +132,33 @@ def panel() -> mbdlft.Scene:
     zero = (0.0, 0.0, 0.0)
     first = (0.0, "p", 0.0, 0.0, 0.0, "1.2*p")
     second = (0.0, 0.6, 0.0, 0.0, 0.0, -0.3)
-    return mbdlft.Scene(
-        name="panel",
-        parameters=PANEL_PARAMETERS,
-        bodies=[
-            mbdlft.FlexibleBody(
-                name="panel",
-                mass="m",
-                center_of_mass=("c", 0, 0),
-                inertia=mbdlft.Inertia(zz="J"),
-                ports={"tip": (2.0, 0, 0)},
-                modes=(
-                    mbdlft.Mode(
-                        frequency="f",
-                        damping="xi",
-                        participation=first,
-                        shapes={"tip": (0.0, "s", 0.0, 0.0, 0.0, 0.3)},
-                    ),
-                    mbdlft.Mode(
-                        frequency=31.0,
-                        damping=0.01,
-                        participation=second,
-                        shapes={"tip": (0.0, -0.5, 0.0, *zero)},
-                    ),
+    return kit.scene(
+        "panel",
+        *PANEL_PARAMETERS,
+        mbdlft.FlexibleBody(
+            name="panel",
+            mass="m",
+            center_of_mass=("c", 0, 0),
+            inertia=mbdlft.Inertia(zz="J"),
+            ports={"tip": (2.0, 0, 0)},
+            modes=(
+                mbdlft.Mode(
+                    frequency="f",
+                    damping="xi",
+                    participation=first,
+                    shapes={"tip": (0.0, "s", 0.0, 0.0, 0.0, 0.3)},
+                ),
+                mbdlft.Mode(
+                    frequency=31.0,
+                    damping=0.01,
+                    participation=second,
+                    shapes={"tip": (0.0, -0.5, 0.0, *zero)},
                 ),
             ),
-            mbdlft.PointMass(name="bob", mass="mt"),
-        ],
-        joints=[
-            mbdlft.Revolute(name="hinge", parent="ground", child="panel", axis=(0, 0, 1)),
-            mbdlft.Fixed(name="end", parent="panel.tip", child="bob"),
-        ],
+        ),
+        kit.point("bob", "mt"),
+        kit.hinge("hinge", "ground", "panel", (0, 0, 1)),
+        kit.weld("end", "panel.tip", "bob"),
         outputs=("hinge.angle",),
     )
 
@@ -208,22 +194,15 @@ def free_beam() -> mbdlft.Scene:
         deformations=("axial", "torsion", "bending_y", "bending_z"),
         stiffness_damping=1e-3,
     )
-    return mbdlft.Scene(
-        name="free_beam",
-        bodies=[
-            mbdlft.RigidBody(name="hub", mass=2.0, inertia=mbdlft.Inertia(xx=1.0, yy=1.5, zz=2.0)),
-            slender,
-        ],
-        joints=[
-            mbdlft.Free(name="flight", parent="ground", child="hub"),
-            mbdlft.Fixed(name="root", parent="hub", child="beam", axis=(0, 0, 1), position=0.4),
-        ],
-        loads=[
-            mbdlft.Force(
-                name="push", port="beam.tip", direction=(0, 0.6, 0.8), frame="ground", magnitude=0
-            )
-        ],
-        sensors=[mbdlft.Momentum(name="momentum"), mbdlft.CenterOfMass(name="center")],
+    return kit.scene(
+        "free_beam",
+        kit.body("hub", 2.0, (1.0, 1.5, 2.0)),
+        slender,
+        kit.free("flight", "ground", "hub"),
+        kit.weld("root", "hub", "beam", (0, 0, 1), position=0.4),
+        kit.force("push", "beam.tip", (0, 0.6, 0.8), frame="ground", magnitude=0),
+        mbdlft.Momentum(name="momentum"),
+        mbdlft.CenterOfMass(name="center"),
         inputs=("push.force",),
         outputs=tuple(
             f"{name}.{axis}"

@@ -17,6 +17,7 @@ from mbdlft.exact.numbers import Constant
 from mbdlft.multibody.assembly import resolved
 from mbdlft.pipeline.forms import Signed, neighbors
 from scenarios import two_link_arm
+from tests import kit
 from tests.close import ELASTIC, SCENARIO, error, exact, roundoff
 
 SKEW = (TURNED, np.linalg.qr(np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 3.0], [2.0, 0.3, 0.7]]))[0])
@@ -35,58 +36,46 @@ def rich() -> mbdlft.Scene:
         mbdlft.CenterOfMass(name="center"),
         mbdlft.JointWrench(name="load", joint="pivot"),
     ]
-    return mbdlft.Scene(
-        name="rich",
+    return kit.scene(
+        "rich",
+        mbdlft.Parameter("m", 2.0, percent=30, unit="kg"),
+        mbdlft.Parameter("L", 0.8, percent=20, unit="m"),
+        mbdlft.Parameter("a", 0.3, percent=20, unit="m/s^2"),
+        mbdlft.Angle("t", 20.0, 0.0, 50.0),
+        mbdlft.Ground(ports={"wall": (1.0, 2.0, "L")}),
+        kit.point("cart", "m"),
+        kit.body(
+            "link",
+            1.5,
+            (0.2, 0.3, "0.1*m*area"),
+            xy=0.01,
+            xz=0.0,
+            yz=-0.02,
+            center_of_mass=("0.3*L", 0.1, "0.2*L + 0.05"),
+            ports={"tip": tuple(f"{x!r}*L" for x in (along + 0.2 * across).tolist())},
+        ),
+        kit.rail("rail", "ground", "cart", tuple(along)),
+        kit.hinge(
+            "pivot",
+            "cart",
+            "link",
+            tuple(-normal),
+            position="t",
+            damping=0.1,
+            orientation=[kit.turn(tuple(normal), 0.4)],
+        ),
+        kit.spring("spring", "ground.wall", "link.tip", stiffness=20.0, damping=1.0, force_density=3.0),
+        kit.force("thrust", "link.tip", tuple(across), magnitude=2.0),
+        kit.force("pull", "link", (1, 2, 3), frame="ground", magnitude=1.0),
+        kit.torque("motor", "link", tuple(normal), magnitude="0.2*m*circle"),
+        mbdlft.Buoyancy(name="lift", port="link.tip", displaced_mass="0.1*m"),
+        *sensors,
         gravity=(0.5, -1.0, -9.0),
         acceleration=(0.1, "a", 0.0),
         constants={
             "area": mbdlft.Constant(value=1.0, unit="m^2"),
             "circle": mbdlft.Constant(value=1.0, unit="m^2/s^2"),
         },
-        parameters=[
-            mbdlft.Parameter("m", 2.0, percent=30, unit="kg"),
-            mbdlft.Parameter("L", 0.8, percent=20, unit="m"),
-            mbdlft.Parameter("a", 0.3, percent=20, unit="m/s^2"),
-            mbdlft.Angle("t", 20.0, 0.0, 50.0),
-        ],
-        bodies=[
-            mbdlft.Ground(ports={"wall": (1.0, 2.0, "L")}),
-            mbdlft.PointMass(name="cart", mass="m"),
-            mbdlft.RigidBody(
-                name="link",
-                mass=1.5,
-                center_of_mass=("0.3*L", 0.1, "0.2*L + 0.05"),
-                inertia=mbdlft.Inertia(xx=0.2, yy=0.3, zz="0.1*m*area", xy=0.01, xz=0.0, yz=-0.02),
-                ports={"tip": tuple(f"{x!r}*L" for x in (along + 0.2 * across).tolist())},
-            ),
-        ],
-        joints=[
-            mbdlft.Prismatic(name="rail", parent="ground", child="cart", axis=tuple(along)),
-            mbdlft.Revolute(
-                name="pivot",
-                parent="cart",
-                child="link",
-                axis=tuple(-normal),
-                position="t",
-                damping=0.1,
-                orientation=[mbdlft.Rotation(axis=tuple(normal), angle=0.4)],
-            ),
-        ],
-        loads=[
-            mbdlft.Spring(
-                name="spring",
-                parent="ground.wall",
-                child="link.tip",
-                stiffness=20.0,
-                damping=1.0,
-                force_density=3.0,
-            ),
-            mbdlft.Force(name="thrust", port="link.tip", direction=tuple(across), magnitude=2.0),
-            mbdlft.Force(name="pull", port="link", direction=(1, 2, 3), frame="ground", magnitude=1.0),
-            mbdlft.Torque(name="motor", port="link", direction=tuple(normal), magnitude="0.2*m*circle"),
-            mbdlft.Buoyancy(name="lift", port="link.tip", displaced_mass="0.1*m"),
-        ],
-        sensors=sensors,
     )
 
 
@@ -119,19 +108,13 @@ def test_rotations_about_skew_axes_meet_two_components() -> None:
     """As many channels as about a coordinate axis, where the bodies are balls about the axes."""
 
     def spun(axis: tuple[float, float, float]) -> int:
-        scene = mbdlft.Scene(
-            name="ball",
-            parameters=[mbdlft.Angle("t", 20.0, 0.0, 60.0)],
-            bodies=[
-                mbdlft.PointMass(name="a", mass=1.0, ports={"p": (0.1, 0.2, 0.3)}),
-                mbdlft.RigidBody(name="b", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1)),
-            ],
-            joints=[
-                mbdlft.Planar(name="base", parent="ground", child="a", axis=(0.0, 0.0, 1.0)),
-                mbdlft.Revolute(
-                    name="pivot", parent="a.p", child="b", axis=axis, position="t", damping=0.1
-                ),
-            ],
+        scene = kit.scene(
+            "ball",
+            mbdlft.Angle("t", 20.0, 0.0, 60.0),
+            kit.point("a", 1.0, ports={"p": (0.1, 0.2, 0.3)}),
+            kit.body("b", 1.0, (1, 1, 1)),
+            kit.planar("base", "ground", "a", (0.0, 0.0, 1.0)),
+            kit.hinge("pivot", "a.p", "b", axis, position="t", damping=0.1),
             gravity=(0.0, 0.0, 0.0),
         )
         return sum(mbdlft.to_lft(scene, search=0.0).certificate.raw_order)
@@ -187,29 +170,16 @@ INERTIA = mbdlft.Inertia(xx=1.0, yy=2.0, zz=2.5)
 def two_axes(axis: tuple[float, ...], tilt: float | str = "30*deg") -> mbdlft.Scene:
     """Two joints with angles as parameters, the second in a frame that is tilted around x."""
     own = {"center_of_mass": (0.1, 0.2, 0.3), "inertia": INERTIA}
-    return mbdlft.Scene(
-        name="axes",
+    return kit.scene(
+        "axes",
+        mbdlft.Parameter("m", 1, percent=20, unit="kg"),
+        mbdlft.Angle("theta", 20, plus=40),
+        mbdlft.Angle("phi", 20, plus=40),
+        kit.body("a", 2.0, **own, ports={"tip": (0, 1, 0.2)}),
+        kit.body("b", "m", **own),
+        kit.hinge("j", "ground", "a", (0, 0, 1), position="theta"),
+        kit.hinge("k", "a.tip", "b", axis, orientation=[kit.turn((1, 0, 0), tilt)], position="phi"),
         gravity=(0, 0, -9.81),
-        parameters=[
-            mbdlft.Parameter("m", 1, percent=20, unit="kg"),
-            mbdlft.Angle("theta", 20, plus=40),
-            mbdlft.Angle("phi", 20, plus=40),
-        ],
-        bodies=[
-            mbdlft.RigidBody(name="a", mass=2.0, **own, ports={"tip": (0, 1, 0.2)}),
-            mbdlft.RigidBody(name="b", mass="m", **own),
-        ],
-        joints=[
-            mbdlft.Revolute(name="j", parent="ground", child="a", axis=(0, 0, 1), position="theta"),
-            mbdlft.Revolute(
-                name="k",
-                parent="a.tip",
-                child="b",
-                axis=axis,
-                orientation=[mbdlft.Rotation(axis=(1, 0, 0), angle=tilt)],
-                position="phi",
-            ),
-        ],
     )
 
 
@@ -278,26 +248,16 @@ def test_neighbors() -> None:
 def test_what_nearly_vanishes_needs_more_bits_and_no_traceback() -> None:
     """Loops that an angle of 1e-12 rad divides by are singular in doubles, and in balls of 384 bits."""
     own = {"center_of_mass": (0.1, 0.2, 0.3), "inertia": INERTIA}
-    scene = mbdlft.Scene(
-        name="nearly parallel",
+    scene = kit.scene(
+        "nearly parallel",
+        mbdlft.Parameter("m", 1, percent=20, unit="kg"),
+        mbdlft.Parameter("l", 1, percent=20, unit="m"),
+        mbdlft.Angle("theta", 20, plus=40),
+        kit.body("a", 2.0, **own, ports={"tip": (0, "l", 0.2)}),
+        kit.body("b", "m", **own),
+        kit.hinge("j", "ground", "a", (1, 0, 0), position="theta", stiffness=1.0),
+        kit.hinge("k", "a.tip", "b", (1, 0, 1e-12), position="20*deg", stiffness=2.0),
         gravity=(0, 0, -9.81),
-        parameters=[
-            mbdlft.Parameter("m", 1, percent=20, unit="kg"),
-            mbdlft.Parameter("l", 1, percent=20, unit="m"),
-            mbdlft.Angle("theta", 20, plus=40),
-        ],
-        bodies=[
-            mbdlft.RigidBody(name="a", mass=2.0, **own, ports={"tip": (0, "l", 0.2)}),
-            mbdlft.RigidBody(name="b", mass="m", **own),
-        ],
-        joints=[
-            mbdlft.Revolute(
-                name="j", parent="ground", child="a", axis=(1, 0, 0), position="theta", stiffness=1.0
-            ),
-            mbdlft.Revolute(
-                name="k", parent="a.tip", child="b", axis=(1, 0, 1e-12), position="20*deg", stiffness=2.0
-            ),
-        ],
     )
     assert certified(scene).max_relative_error < ELASTIC
 
@@ -307,20 +267,14 @@ def test_an_angle_in_the_decimals_of_a_double_is_a_right_angle() -> None:
 
     def arm(angle: float | str) -> mbdlft.LFTModel:
         none = mbdlft.Inertia(xx=0, yy=0, zz=0)
-        scene = mbdlft.Scene(
-            name="arm",
-            parameters=[mbdlft.Parameter("L", 0.5, percent=20, unit="m")],
-            bodies=[
-                mbdlft.RigidBody(name="link", mass=0.0, inertia=none, ports={"tip": ("L", 0, 0)}),
-                mbdlft.RigidBody(name="hand", mass=2.0, inertia=INERTIA, center_of_mass=(0.2, 0.1, 0)),
-            ],
-            joints=[
-                mbdlft.Revolute(name="a", parent="ground", child="link", axis=(0, 0, 1), position=angle),
-                mbdlft.Revolute(name="b", parent="link.tip", child="hand", axis=(0, -1, 0)),
-            ],
-            loads=[
-                mbdlft.Force(name="f", port="hand", direction=(0, 1, 0), frame="ground", magnitude=-5.7)
-            ],
+        scene = kit.scene(
+            "arm",
+            mbdlft.Parameter("L", 0.5, percent=20, unit="m"),
+            kit.body("link", 0.0, inertia=none, ports={"tip": ("L", 0, 0)}),
+            kit.body("hand", 2.0, inertia=INERTIA, center_of_mass=(0.2, 0.1, 0)),
+            kit.hinge("a", "ground", "link", (0, 0, 1), position=angle),
+            kit.hinge("b", "link.tip", "hand", (0, -1, 0)),
+            kit.force("f", "hand", (0, 1, 0), frame="ground", magnitude=-5.7),
         )
         return mbdlft.to_lft(scene, search=0.0, prove=0.0)
 
@@ -338,9 +292,9 @@ def balanced_arm(angle: float) -> mbdlft.Scene:
     """Three links about one axis without gravity, the last one balanced on its joint."""
     inertia = mbdlft.Inertia(xx=0.7)
     bodies = [
-        mbdlft.RigidBody(
-            name=f"b{k}",
-            mass="m" if k == 2 else 1.3,
+        kit.body(
+            f"b{k}",
+            "m" if k == 2 else 1.3,
             center_of_mass=(0, 0 if k == 2 else 0.4, 0),
             inertia=inertia,
             ports={"tip": (0, 0.9, 0)},
@@ -348,17 +302,17 @@ def balanced_arm(angle: float) -> mbdlft.Scene:
         for k in range(3)
     ]
     joints = [
-        mbdlft.Revolute(
-            name=f"j{k}",
-            parent=f"b{k - 1}.tip" if k else "ground",
-            child=f"b{k}",
-            axis=(1, 0, 0),
+        kit.hinge(
+            f"j{k}",
+            f"b{k - 1}.tip" if k else "ground",
+            f"b{k}",
+            (1, 0, 0),
             position="t" if k == 2 else 0.3,
         )
         for k in range(3)
     ]
     parameters = [mbdlft.Parameter("m", 2.0, percent=20, unit="kg"), mbdlft.Angle("t", angle, plus=20)]
-    return mbdlft.Scene(name="balanced", parameters=parameters, bodies=bodies, joints=joints)
+    return kit.scene("balanced", *parameters, *bodies, *joints)
 
 
 @pytest.mark.parametrize("angle", [0.0, 20.0, 37.0])
@@ -373,39 +327,27 @@ def test_an_angle_that_does_not_matter_has_bound_zero(angle: float) -> None:
 @pytest.mark.parametrize("axis", [(1, 0, 0), (3, 4, 0), (1, 2, 2), (0.3, -0.7, 0.2)])
 def test_a_slide_along_the_axis_of_rotation_changes_nothing(axis: tuple[float, ...]) -> None:
     """The position of a slide along the axis of a revolute joint is not felt, whatever the axis."""
-    scene = mbdlft.Scene(
-        name="screw",
-        parameters=[mbdlft.Parameter("d", 0.5, percent=40, unit="m")],
-        bodies=[
-            mbdlft.RigidBody(name="rotor", mass=1, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1)),
-            mbdlft.RigidBody(name="slide", mass=2, inertia=mbdlft.Inertia(xx=1, yy=1, zz=1)),
-        ],
-        joints=[
-            mbdlft.Revolute(name="turn", parent="ground", child="rotor", axis=axis),
-            mbdlft.Prismatic(name="push", parent="rotor", child="slide", axis=axis, position="d"),
-        ],
+    scene = kit.scene(
+        "screw",
+        mbdlft.Parameter("d", 0.5, percent=40, unit="m"),
+        kit.body("rotor", 1, (1, 1, 1)),
+        kit.body("slide", 2, (1, 1, 1)),
+        kit.hinge("turn", "ground", "rotor", axis),
+        kit.rail("push", "rotor", "slide", axis, position="d"),
     )
     assert mbdlft.to_lft(scene, search=0.0).order == 0
 
 
 def pendulum(percent: float) -> mbdlft.Scene:
-    return mbdlft.Scene(
-        name="pendulum",
+    return kit.scene(
+        "pendulum",
+        mbdlft.Parameter("m", 2.0, percent=percent, unit="kg"),
+        mbdlft.Parameter("L", 0.8, percent=percent, unit="m"),
+        kit.body("link", 0, xx=0, ports={"tip": (0, 0, "-L")}),
+        kit.point("bob", "m"),
+        kit.hinge("pivot", "ground", "link", (1, 0, 0)),
+        kit.weld("tip", "link.tip", "bob"),
         gravity=(0, 0, -9.81),
-        parameters=[
-            mbdlft.Parameter("m", 2.0, percent=percent, unit="kg"),
-            mbdlft.Parameter("L", 0.8, percent=percent, unit="m"),
-        ],
-        bodies=[
-            mbdlft.RigidBody(
-                name="link", mass=0, inertia=mbdlft.Inertia(xx=0), ports={"tip": (0, 0, "-L")}
-            ),
-            mbdlft.PointMass(name="bob", mass="m"),
-        ],
-        joints=[
-            mbdlft.Revolute(name="pivot", parent="ground", child="link", axis=(1, 0, 0)),
-            mbdlft.Fixed(name="tip", parent="link.tip", child="bob"),
-        ],
     )
 
 
@@ -419,7 +361,7 @@ def test_wide_and_narrow_ranges(percent: float) -> None:
 
 def test_long_sums_do_not_recurse() -> None:
     scene = pendulum(20.0)
-    bob = mbdlft.PointMass(name="bob", mass=" + ".join(["0.001*m"] * 1500))
+    bob = kit.point("bob", " + ".join(["0.001*m"] * 1500))
     model = mbdlft.to_lft(scene.model_copy(update={"bodies": (scene.bodies[0], bob)}), search=0.0)
     assert dict(model.lft.blocks) == {"L": 2, "m": 1}
 

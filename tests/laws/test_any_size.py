@@ -10,24 +10,13 @@ import pytest
 from scipy.linalg import expm
 
 import mbdlft
-from mbdlft import (
-    Fixed,
-    FlexibleBody,
-    Free,
-    Ground,
-    Inertia,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    load_scene,
-)
+from mbdlft import FlexibleBody, Free, Ground, Inertia, Scene, load_scene
 from mbdlft.base.array import Array
 from mbdlft.base.description import Axis
 from mbdlft.dae import simulate
 from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin, Tire
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
+from tests import kit
 from tests.close import CLOSED_FORM, EPS, KEPT, target
 from tests.cross.mechanisms import closed_loop
 from tests.cross.planar_mechanisms import driven_four_bar
@@ -98,15 +87,15 @@ class Forces:
 
 def with_tip(body: Beam | FlexibleBody) -> Scene:
     """A free hub with an elastic body that holds a rigid one by its tip."""
-    hub = RigidBody(name="hub", mass=3.0, inertia=Inertia(xx=1.0, yy=2.0, zz=1.5))
+    hub = kit.body("hub", 3.0, (1.0, 2.0, 1.5))
     off = {"inertia": Inertia(xx=0.3, yy=0.5, zz=0.4), "center_of_mass": (0.1, 0.2, 0.3)}
-    tip = RigidBody(name="tip", mass=0.5, **off)
+    tip = kit.body("tip", 0.5, **off)
     joints = [
-        Free(name="f", parent="ground", child="hub"),
-        Fixed(name="root", parent="hub", child=body.name),
-        Fixed(name="end", parent=f"{body.name}.tip", child="tip"),
+        kit.free("f", "ground", "hub"),
+        kit.weld("root", "hub", body.name),
+        kit.weld("end", f"{body.name}.tip", "tip"),
     ]
-    return Scene(name="tip", bodies=[hub, body, tip], joints=joints)
+    return kit.scene("tip", hub, body, tip, *joints)
 
 
 _SIX = {
@@ -198,14 +187,14 @@ def test_a_disk_that_leans_rolls_on_a_circle() -> None:
     spin = first / (first - second)
     wrong, omega = missing(spin)
     assert abs(wrong) <= CLOSED_FORM
-    disk = RigidBody(name="disk", mass=mass, inertia=Inertia(xx=A, yy=C, zz=A))
-    scene = Scene(
-        name="circle",
+    disk = kit.body("disk", mass, (A, C, A))
+    scene = kit.scene(
+        "circle",
+        disk,
+        kit.free("f", "ground", "disk", position=(0.0, 0.0, R)),
+        Rolling(name="touch", port="disk", axis=(0, 1, 0), radius=R),
+        Position(name="center", port="disk"),
         gravity=(0.0, 0.0, -g),
-        bodies=[disk],
-        joints=[Free(name="f", parent="ground", child="disk", position=(0.0, 0.0, R))],
-        contacts=[Rolling(name="touch", port="disk", axis=(0, 1, 0), radius=R)],
-        sensors=[Position(name="center", port="disk")],
         outputs=["center.x", "center.y", "center.z"],
     )
     turn = np.array([[1, 0, 0], [0, np.cos(lean), np.sin(lean)], [0, -np.sin(lean), np.cos(lean)]])
@@ -222,10 +211,10 @@ def test_a_disk_that_leans_rolls_on_a_circle() -> None:
 
 def test_a_skate_runs_on_a_circle() -> None:
     """Nothing turns it or slows it down: at a rate w its heading turns, and its speed v stays ahead."""
-    blade = RigidBody(name="skate", mass=2.0, inertia=Inertia(xx=1.0, yy=1.0, zz=0.5))
-    joints = [Free(name="f", parent="ground", child="skate")]
+    blade = kit.body("skate", 2.0, (1.0, 1.0, 0.5))
+    joints = [kit.free("f", "ground", "skate")]
     edge = KnifeEdge(name="edge", port="skate", heading=(1, 0, 0))
-    scene = Scene(name="skate", bodies=[blade], joints=joints, contacts=[edge])
+    scene = kit.scene("skate", blade, *joints, edge)
     w, v, times = 2.0, 3.0, np.linspace(0.0, 4.0, 21)
     run = simulate(scene, times, initial={"f.rate.z": w, "f.velocity.x": v})
     x, y = (run.states[:, run.state_names.index(f"f.position.{axis}")] for axis in "xy")
@@ -234,19 +223,15 @@ def test_a_skate_runs_on_a_circle() -> None:
 
 def on_hub(spin: float, axis: Axis, **beam: Any) -> Scene:
     """A beam on a heavy hub, in a frame that spins."""
-    hub = RigidBody(
-        name="hub", mass=1.0, inertia=Inertia(xx=1e9, yy=1e9, zz=1e9), ports={"rim": (0.3, 0.0, 0.0)}
-    )
+    hub = kit.body("hub", 1.0, (1e9, 1e9, 1e9), ports={"rim": (0.3, 0.0, 0.0)})
     rod = Beam(name="rod", length=2.0, density=1.0, area=1.0, modulus=30.0, **beam)
     joints = [
-        Revolute(name="turn", parent="ground", child="hub", axis=axis),
-        Fixed(name="root", parent="hub.rim", child="rod"),
-        Fixed(name="end", parent="rod.tip", child="mass"),
+        kit.hinge("turn", "ground", "hub", axis),
+        kit.weld("root", "hub.rim", "rod"),
+        kit.weld("end", "rod.tip", "mass"),
     ]
     frame = Spin(axis=axis, rate=spin) if spin else None
-    return Scene(
-        name="hub", bodies=[hub, rod, PointMass(name="mass", mass=0.5)], joints=joints, spin=frame
-    )
+    return kit.scene("hub", hub, rod, kit.point("mass", 0.5), *joints, spin=frame)
 
 
 @pytest.mark.parametrize(
@@ -274,25 +259,19 @@ def test_a_tire_that_leans_pushes_along_the_ground() -> None:
     """With the slip of its point over the speed ahead, however far it leans."""
     V, R, C, mass, J, aside, lean = 8.0, 0.3, 900.0, 2.0, 0.1, 0.5, 0.6
     massless = Inertia(xx=0, yy=0, zz=0)
-    scene = Scene(
-        name="tire",
+    scene = kit.scene(
+        "tire",
+        Ground(ports={"center": (0, 0, R)}),
+        kit.point("slider", 0),
+        kit.point("lift", 0),
+        kit.body("yoke", 0, inertia=massless),
+        kit.body("wheel", mass, (J, 0.2, J)),
+        kit.rail("aside", "ground.center", "slider", (0, 1, 0), preload=0.0),
+        kit.rail("up", "slider", "lift", (0, 0, 1), preload=0.0),
+        kit.hinge("lean", "lift", "yoke", (1, 0, 0), preload=0.0),
+        kit.hinge("spin", "yoke", "wheel", (0, 1, 0), rate=V / R, preload=0.0),
+        Tire(name="tire", child="wheel", axis=(0, 1, 0), radius=R, cornering=C, camber=0.0, force=0.0),
         velocity=(V, 0, 0),
-        bodies=[
-            Ground(ports={"center": (0, 0, R)}),
-            PointMass(name="slider", mass=0),
-            PointMass(name="lift", mass=0),
-            RigidBody(name="yoke", mass=0, inertia=massless),
-            RigidBody(name="wheel", mass=mass, inertia=Inertia(xx=J, yy=0.2, zz=J)),
-        ],
-        joints=[
-            Prismatic(name="aside", parent="ground.center", child="slider", axis=(0, 1, 0), preload=0.0),
-            Prismatic(name="up", parent="slider", child="lift", axis=(0, 0, 1), preload=0.0),
-            Revolute(name="lean", parent="lift", child="yoke", axis=(1, 0, 0), preload=0.0),
-            Revolute(name="spin", parent="yoke", child="wheel", axis=(0, 1, 0), rate=V / R, preload=0.0),
-        ],
-        loads=[
-            Tire(name="tire", child="wheel", axis=(0, 1, 0), radius=R, cornering=C, camber=0.0, force=0.0)
-        ],
     )
     m = equations_of_motion(scene, {})
     names, still = [signal.name for signal in m.coordinates], np.zeros(m.z.numel())

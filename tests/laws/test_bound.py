@@ -22,6 +22,7 @@ from mbdlft.order import lower_bound as exact
 from mbdlft.order.degree import Bound, degree_bounds
 from mbdlft.order.reduction import reduce_order
 from mbdlft.problem.relations import linearize
+from tests import kit
 from tests.close import roundoff
 from tests.extracted import exactly, extracted, lower_bound
 from tests.laws.lfts import DENOMINATOR, lfts, padded, sparse_lfts
@@ -145,21 +146,17 @@ def chain(links: int) -> LFT:
             mbdlft.Parameter(f"L{k}", 1.0, percent=20, unit="m"),
             mbdlft.Angle(f"t{k}", 20.0 + 10 * k, 0.0, 80.0),
         ]
-        body = mbdlft.RigidBody(
-            name=f"b{k}",
-            mass=f"m{k}",
+        body = kit.body(
+            f"b{k}",
+            f"m{k}",
+            (0.1, 0.05, 0.1),
             center_of_mass=(0, f"0.5*L{k}", 0),
-            inertia=mbdlft.Inertia(xx=0.1, yy=0.05, zz=0.1),
             ports={"tip": (0, f"L{k}", 0)},
         )
         parent = f"b{k - 1}.tip" if k else "ground"
         bodies.append(body)
-        joints.append(
-            mbdlft.Revolute(name=f"j{k}", parent=parent, child=f"b{k}", axis=(1, 0, 0), position=f"t{k}")
-        )
-    scene = mbdlft.Scene(
-        name="chain", gravity=(0, 0, -9.81), parameters=parameters, bodies=bodies, joints=joints
-    )
+        joints.append(kit.hinge(f"j{k}", parent, f"b{k}", (1, 0, 0), position=f"t{k}"))
+    scene = kit.scene("chain", *parameters, *bodies, *joints, gravity=(0, 0, -9.81))
     return extracted(linearize(assemble(scene), range(links), range(links)))
 
 
@@ -188,25 +185,11 @@ def scaled_scene(mass: float, length: float) -> mbdlft.Scene:
         mbdlft.Parameter("k", 7.0 * stiffness, percent=50, unit="N/m"),
         mbdlft.Angle("t", 20.0, -30.0, 60.0),
     ]
-    arm = mbdlft.RigidBody(
-        name="arm",
-        mass=1.5 * mass,
-        center_of_mass=(0, "0.4*L", 0),
-        inertia=mbdlft.Inertia(xx="J"),
-        ports={"tip": (0, "L", 0)},
-    )
-    swing = mbdlft.Revolute(
-        name="swing", parent="ground", child="arm", axis=(1, 0, 0), position="t", damping=0.1 * inertia
-    )
-    slide = mbdlft.Prismatic(
-        name="slide", parent="arm.tip", child="load", axis=(0, 1, 0), position=0.2 * length, stiffness="k"
-    )
-    return mbdlft.Scene(
-        name="slide",
-        gravity=(0, 0, -9.81 * length),
-        parameters=parameters,
-        bodies=[arm, mbdlft.PointMass(name="load", mass="m")],
-        joints=[swing, slide],
+    arm = kit.body("arm", 1.5 * mass, xx="J", center_of_mass=(0, "0.4*L", 0), ports={"tip": (0, "L", 0)})
+    swing = kit.hinge("swing", "ground", "arm", (1, 0, 0), position="t", damping=0.1 * inertia)
+    slide = kit.rail("slide", "arm.tip", "load", (0, 1, 0), position=0.2 * length, stiffness="k")
+    return kit.scene(
+        "slide", *parameters, arm, kit.point("load", "m"), swing, slide, gravity=(0, 0, -9.81 * length)
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Inertia, Parameter, PointMass, Prismatic, Revolute, RigidBody, Scene, Spin
+from mbdlft import Inertia, Parameter, RigidBody, Scene, Spin
 from mbdlft.base.samples import check_points
 from mbdlft.lft.lft import LFT, delta
 from mbdlft.lft.sparse import SparseLFT
@@ -30,29 +30,21 @@ from mbdlft.problem.relations import Problem
 from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.show.report.sentences import checked_beside
 from scenarios import two_link_arm
+from tests import kit
 from tests.attack import frames
 from tests.close import CLOSED_FORM, SAME_MESH, SCENARIO, exact, roundoff, target
 
 
 def pan_tilt(offset: float) -> mbdlft.Scene:
     """Pan about the vertical carries no torque: its trim is zero by cancellation."""
-    return mbdlft.Scene(
-        name="pan_tilt",
+    return kit.scene(
+        "pan_tilt",
+        mbdlft.Angle("tilt", 0, -60, 60),
+        kit.body("yoke", 1, zz=0.01),
+        kit.body("camera", 2, (0.004, 0.009, 0.008), center_of_mass=(0.04, offset, 0)),
+        kit.hinge("pan", "ground", "yoke", (0, 0, 1)),
+        kit.hinge("tilt", "yoke", "camera", (0, 1, 0), position="tilt"),
         gravity=(0, 0, -9.81),
-        parameters=[mbdlft.Angle("tilt", 0, -60, 60)],
-        bodies=[
-            mbdlft.RigidBody(name="yoke", mass=1, inertia=mbdlft.Inertia(zz=0.01)),
-            mbdlft.RigidBody(
-                name="camera",
-                mass=2,
-                center_of_mass=(0.04, offset, 0),
-                inertia=mbdlft.Inertia(xx=0.004, yy=0.009, zz=0.008),
-            ),
-        ],
-        joints=[
-            mbdlft.Revolute(name="pan", parent="ground", child="yoke", axis=(0, 0, 1)),
-            mbdlft.Revolute(name="tilt", parent="yoke", child="camera", axis=(0, 1, 0), position="tilt"),
-        ],
     )
 
 
@@ -84,26 +76,18 @@ def test_a_wrong_model_or_trim_is_refused() -> None:
 def nozzle() -> mbdlft.Scene:
     """A cart under a thrust that a given force balances: its nozzle moves it by its angle alone."""
     held = {"preload": 0.0}
-    return mbdlft.Scene(
-        name="nozzle",
-        parameters=[
-            Parameter("m", 2.0, percent=20, unit="kg"),
-            Parameter("F", 5.0, percent=30, unit="N"),
-        ],
-        bodies=[
-            PointMass(name="slide", mass=1.0),
-            RigidBody(name="cart", mass="m", inertia=Inertia(xx=1.0, yy=1.0, zz=1.0)),
-            RigidBody(name="nozzle", mass=0.5, inertia=Inertia(xx=0.2, yy=0.3, zz=0.2)),
-        ],
-        joints=[
-            Prismatic(name="up", parent="ground", child="slide", axis=(0, 0, 1), **held),
-            Prismatic(name="aside", parent="slide", child="cart", axis=(1, 0, 0), **held),
-            Revolute(name="hinge", parent="cart", child="nozzle", axis=(0, 1, 0), **held),
-        ],
-        loads=[
-            mbdlft.Force(name="thrust", port="nozzle", direction=(0, 0, 1)),
-            mbdlft.Force(name="drag", port="cart", direction=(0, 0, -1), frame="ground", magnitude="F"),
-        ],
+    return kit.scene(
+        "nozzle",
+        Parameter("m", 2.0, percent=20, unit="kg"),
+        Parameter("F", 5.0, percent=30, unit="N"),
+        kit.point("slide", 1.0),
+        kit.body("cart", "m", (1.0, 1.0, 1.0)),
+        kit.body("nozzle", 0.5, (0.2, 0.3, 0.2)),
+        kit.rail("up", "ground", "slide", (0, 0, 1), **held),
+        kit.rail("aside", "slide", "cart", (1, 0, 0), **held),
+        kit.hinge("hinge", "cart", "nozzle", (0, 1, 0), **held),
+        kit.force("thrust", "nozzle", (0, 0, 1)),
+        kit.force("drag", "cart", (0, 0, -1), frame="ground", magnitude="F"),
         inputs=["hinge.torque"],
         outputs=["aside.position"],
         states="needed",
@@ -193,16 +177,12 @@ def test_a_matrix_that_is_sparse(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("mass", [2.0, 1e6, 1e10])
 def test_a_wrong_input_matrix_is_refused_whatever_its_size(mass: float) -> None:
     """B = 1/(m L^2) is tiny beside A for a large mass; three times too large is wrong all the same."""
-    scene = mbdlft.Scene(
-        name="pendulum",
+    scene = kit.scene(
+        "pendulum",
+        mbdlft.Parameter("m", mass, percent=20, unit="kg"),
+        kit.body("bob", "m", xx=0, center_of_mass=(0, 0, -1)),
+        kit.hinge("pivot", "ground", "bob", (1, 0, 0)),
         gravity=(0, 0, -9.81),
-        parameters=[mbdlft.Parameter("m", mass, percent=20, unit="kg")],
-        bodies=[
-            mbdlft.RigidBody(
-                name="bob", mass="m", center_of_mass=(0, 0, -1), inertia=mbdlft.Inertia(xx=0)
-            )
-        ],
-        joints=[mbdlft.Revolute(name="pivot", parent="ground", child="bob", axis=(1, 0, 0))],
     )
     problem = problem_of_scene(scene)
     model = mbdlft.to_lft(scene, search=0.0)
@@ -236,19 +216,15 @@ def test_sizes_of_terms_do_not_cancel() -> None:
 
 def test_a_singularity_that_does_not_change_the_sign_is_found() -> None:
     """Two rails at an angle theta: det M = m^2 sin(theta)^2 is zero at theta = 0 only."""
-    scene = mbdlft.Scene(
-        name="rails",
-        parameters=[mbdlft.Angle("theta", 5.0, -30.0, 40.0)],
-        bodies=[
-            mbdlft.RigidBody(name="first", mass=0.0),
-            mbdlft.RigidBody(name="turned", mass=0.0),
-            mbdlft.PointMass(name="second", mass=1.0),
-        ],
-        joints=[
-            mbdlft.Prismatic(name="a", parent="ground", child="first", axis=(1, 0, 0)),
-            mbdlft.Fixed(name="t", parent="first", child="turned", axis=(0, 0, 1), position="theta"),
-            mbdlft.Prismatic(name="b", parent="turned", child="second", axis=(1, 0, 0)),
-        ],
+    scene = kit.scene(
+        "rails",
+        mbdlft.Angle("theta", 5.0, -30.0, 40.0),
+        kit.body("first", 0.0),
+        kit.body("turned", 0.0),
+        kit.point("second", 1.0),
+        kit.rail("a", "ground", "first", (1, 0, 0)),
+        kit.weld("t", "first", "turned", (0, 0, 1), position="theta"),
+        kit.rail("b", "turned", "second", (1, 0, 0)),
     )
     with pytest.raises(mbdlft.WellPosednessError, match="the model is singular"):
         mbdlft.to_lft(scene, search=0.0)
@@ -296,11 +272,14 @@ def test_a_pole_between_nominal_and_a_point_is_found() -> None:
 
 # rows and columns that are nothing but rounding ------------------------------------------------
 
-BLOCK = mbdlft.RigidBody(
-    name="block",
-    mass="m",
+BLOCK = kit.body(
+    "block",
+    "m",
+    (0.31, 0.42, 0.53),
+    xy=0.04,
+    xz=0.03,
+    yz=-0.02,
     center_of_mass=(0.11, 0.23, -0.37),
-    inertia=mbdlft.Inertia(xx=0.31, yy=0.42, zz=0.53, xy=0.04, xz=0.03, yz=-0.02),
     ports={"tip": (0.3, -0.7, 0.1)},
 )
 WEIGHT = (mbdlft.Parameter("m", 2.0, percent=30, unit="kg"),)
@@ -312,39 +291,30 @@ SKEW = (2.0, -3.0, 5.0)
 
 def test_a_joint_that_carries_nothing_is_certified() -> None:
     """The wrench of a free joint is zero, the sum of what two bodies need."""
-    tilt = mbdlft.Rotation(axis=(1.0, 2.0, 3.0), angle=0.7)
-    scene = mbdlft.Scene(
-        name="free",
-        parameters=(*WEIGHT, THETA),
-        bodies=(BLOCK, BLOCK.model_copy(update={"name": "other"})),
-        joints=(
-            mbdlft.Free(name="base", parent="ground", child="block.tip", orientation=(tilt,)),
-            mbdlft.Revolute(
-                name="pivot",
-                parent="block",
-                child="other.tip",
-                axis=SKEW,
-                position="theta",
-                stiffness=3.0,
-                preload=0.0,
-            ),
-        ),
-        sensors=(mbdlft.JointWrench(name="held", joint="base"),),
+    tilt = kit.turn((1.0, 2.0, 3.0), 0.7)
+    scene = kit.scene(
+        "free",
+        *WEIGHT,
+        THETA,
+        BLOCK,
+        BLOCK.model_copy(update={"name": "other"}),
+        kit.free("base", "ground", "block.tip", orientation=(tilt,)),
+        kit.hinge("pivot", "block", "other.tip", SKEW, position="theta", stiffness=3.0, preload=0.0),
+        mbdlft.JointWrench(name="held", joint="base"),
     )
     assert mbdlft.to_lft(scene, search=0.0).certificate.max_relative_error <= SCENARIO
 
 
 def test_a_load_that_moves_nothing_is_certified() -> None:
     """A weight along the axis of a pivot: its torque is rounding, and so is all it does."""
-    scene = mbdlft.Scene(
-        name="across",
+    scene = kit.scene(
+        "across",
+        *WEIGHT,
+        THETA,
+        BLOCK,
+        kit.hinge("pivot", "ground", "block", SKEW, position="theta"),
+        mbdlft.Buoyancy(name="float", port="block.tip", displaced_mass=0.5),
         gravity=(-2.0, 3.0, -5.0),
-        parameters=(*WEIGHT, THETA),
-        bodies=(BLOCK,),
-        joints=(
-            mbdlft.Revolute(name="pivot", parent="ground", child="block", axis=SKEW, position="theta"),
-        ),
-        loads=(mbdlft.Buoyancy(name="float", port="block.tip", displaced_mass=0.5),),
     )
     assert mbdlft.to_lft(scene, search=0.0).certificate.max_relative_error <= SCENARIO
 
@@ -357,12 +327,13 @@ RATE = Parameter("rate", 2.0, percent=50, unit="rad/s")
 
 def balanced_boom() -> Scene:
     """Without gravity the stiffness of a turning boom is W^2 m L^2 cos(2 th): zero at 45 degrees."""
-    return Scene(
-        name="boom",
+    return kit.scene(
+        "boom",
+        M,
+        RATE,
+        kit.point("tip", "m", ports={"root": (-0.7, 0, 0)}),
+        kit.hinge("j", "ground", "tip.root", (0, 1, 0), position="45*deg"),
         spin=Spin(axis=(0, 0, 1), rate="rate"),
-        parameters=[M, RATE],
-        bodies=[PointMass(name="tip", mass="m", ports={"root": (-0.7, 0, 0)})],
-        joints=[Revolute(name="j", parent="ground", child="tip.root", axis=(0, 1, 0), position="45*deg")],
     )
 
 
@@ -370,20 +341,17 @@ def driven_rail() -> Scene:
     """The acceleration of the rail is imposed, so nothing else drives it; solving mixes the rows."""
     arm = {"mass": 1.0, "center_of_mass": (0.1, 0.3, 0.2)}
     inertia = Inertia(xx=0.3, yy=0.4, zz=0.5, xy=0.1, xz=0.05, yz=-0.07)
-    return Scene(
-        name="rail",
+    return kit.scene(
+        "rail",
+        M,
+        RATE,
+        RigidBody(name="a", **arm, inertia=inertia, ports={"tip": (0.2, 0.5, 0.1)}),
+        RigidBody(name="b", **arm, inertia=inertia, ports={"tip": (0.2, 0.5, 0.1)}),
+        kit.body("c", "m", center_of_mass=(0.3, 0.1, -0.2), inertia=inertia),
+        kit.ball("ball", "ground", "a", imposed=True),
+        kit.rail("rail", "a.tip", "b", (3, 1, 2), imposed=True),
+        kit.hinge("j", "b.tip", "c", (1, -2, 1), stiffness=30.0),
         spin=Spin(axis=(1, 2, 3), rate="rate"),
-        parameters=[M, RATE],
-        bodies=[
-            RigidBody(name="a", **arm, inertia=inertia, ports={"tip": (0.2, 0.5, 0.1)}),
-            RigidBody(name="b", **arm, inertia=inertia, ports={"tip": (0.2, 0.5, 0.1)}),
-            RigidBody(name="c", mass="m", center_of_mass=(0.3, 0.1, -0.2), inertia=inertia),
-        ],
-        joints=[
-            mbdlft.Spherical(name="ball", parent="ground", child="a", imposed=True),
-            Prismatic(name="rail", parent="a.tip", child="b", axis=(3, 1, 2), imposed=True),
-            Revolute(name="j", parent="b.tip", child="c", axis=(1, -2, 1), stiffness=30.0),
-        ],
     )
 
 

@@ -8,23 +8,11 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Angle,
-    Ground,
-    Inertia,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    Strut,
-    to_lft,
-)
+from mbdlft import Angle, Ground, Inertia, Parameter, Scene, Strut, to_lft
 from mbdlft.multibody import at_equilibrium, find_equilibrium, fit_positions
 from mbdlft.multibody.assembly.coupled import with_positions
 from mbdlft.multibody.coupling import KINDS, Coupling
-from tests import close
+from tests import close, kit
 from tests.attack.couplings import attack
 from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
 from tests.cross.test_mechanism import equals_truth
@@ -38,18 +26,18 @@ def machine(coupling: Coupling, *more: Coupling, inputs: Any = ("a.torque",), **
     """Rotors a, b and c about z and a slide s along x, each on the ground; a is driven."""
     fields = {"parent": "ground", "axis": (0, 0, 1), "preload": 0.0}
     made = [
-        Revolute(name=name, child=f"rotor_{name}", **{**fields, **joints.get(name, {})}) for name in "abc"
+        kit.hinge(name, child=f"rotor_{name}", **{**fields, **joints.get(name, {})}) for name in "abc"
     ]
     slide = {**fields, "axis": (1, 0, 0), **joints.get("s", {})}
-    return Scene(
-        name="machine",
-        parameters=[N],
-        bodies=[
-            *(RigidBody(name=f"rotor_{name}", mass=1.0, inertia=ROUND) for name in "abc"),
-            RigidBody(name="sled", mass=3.0),
-        ],
-        joints=[*made, Prismatic(name="s", child="sled", **slide)],
-        couplings=[coupling, *more],
+    return kit.scene(
+        "machine",
+        N,
+        *(kit.body(f"rotor_{name}", 1.0, inertia=ROUND) for name in "abc"),
+        kit.body("sled", 3.0),
+        *made,
+        kit.rail("s", child="sled", **slide),
+        coupling,
+        *more,
         inputs=inputs,
     )
 
@@ -125,21 +113,18 @@ def test_a_position_follows(
     kind: str, fields: dict[str, Any], b_of: str, a_of: str, ratio: float
 ) -> None:
     """Of two levers on a coupling, a = r b + offset: m g c (sin b + r^2 sin a) pulls them back."""
-    levers = [
-        RigidBody(name=f"lever_{name}", mass=1.5, center_of_mass=(0.2, 0, 0), inertia=Inertia(yy=0.1))
-        for name in "ab"
-    ]
+    levers = [kit.body(f"lever_{name}", 1.5, yy=0.1, center_of_mass=(0.2, 0, 0)) for name in "ab"]
     hinges = [
-        Revolute(name=name, parent="ground", child=f"lever_{name}", axis=(0, 1, 0), **given)
+        kit.hinge(name, "ground", f"lever_{name}", (0, 1, 0), **given)
         for name, given in (("a", {"preload": 0.0}), ("b", {"position": b_of}))
     ]
-    scene = Scene(
-        name="levers",
+    scene = kit.scene(
+        "levers",
+        mbdlft.Angle("th", 20.0, low=0.0, high=40.0),
+        *levers,
+        *hinges,
+        KINDS[kind](name="k", **fields),
         gravity=(0.0, 0.0, -10.0),
-        parameters=[mbdlft.Angle("th", 20.0, low=0.0, high=40.0)],
-        bodies=levers,
-        joints=hinges,
-        couplings=[KINDS[kind](name="k", **fields)],
     )
     model = to_lft(scene, search=0.0)
     for th in (0.0, 20.0, 33.0):
@@ -188,18 +173,14 @@ def test_what_a_screw_turns_turns_on(stiffness: float | None, spring: float) -> 
     """100 kg on 5 kN/m turn a screw of 10 mm pitch 19.6 times, against a weak spring or none."""
     law = {} if stiffness is None else {"stiffness": stiffness, "preload": 0.0}
     fields = {"parent": "ground", "axis": (0, 0, 1), "preload": 0.0}
-    scene = Scene(
-        name="jack",
+    scene = kit.scene(
+        "jack",
+        kit.point("load", 100.0),
+        kit.body("rotor", 1, inertia=ROUND),
+        kit.rail("s", child="load", stiffness=5e3, **fields),
+        kit.hinge("m", child="rotor", stiffness=spring, **fields),
+        KINDS["screw"](name="screw", joint="m", slider="s", pitch=0.01, **law),
         gravity=(0, 0, -9.81),
-        bodies=[
-            mbdlft.PointMass(name="load", mass=100.0),
-            RigidBody(name="rotor", mass=1, inertia=ROUND),
-        ],
-        joints=[
-            Prismatic(name="s", child="load", stiffness=5e3, **fields),
-            Revolute(name="m", child="rotor", stiffness=spring, **fields),
-        ],
-        couplings=[KINDS["screw"](name="screw", joint="m", slider="s", pitch=0.01, **law)],
     )
     point, lead, soft = mbdlft.find_equilibrium(scene), 0.01 / (2.0 * np.pi), 1.0 / (stiffness or np.inf)
     equations = [[5e3, 0.0, -1.0], [0.0, spring, lead], [-1.0, lead, -soft]]
@@ -220,7 +201,7 @@ K = mbdlft.Parameter("k", 900.0, percent=30, unit="N m/rad")
 
 
 def wheel(name: str, inertia: float) -> mbdlft.RigidBody:
-    return mbdlft.RigidBody(name=name, mass=2.0, inertia=mbdlft.Inertia(xx=5.0, yy=5.0, zz=inertia))
+    return kit.body(name, 2.0, (5.0, 5.0, inertia))
 
 
 def spacecraft() -> mbdlft.Scene:
@@ -236,15 +217,17 @@ def spacecraft() -> mbdlft.Scene:
         damping=0.4,
         friction=0.2,
     )
-    return mbdlft.Scene(
-        name="spacecraft",
-        parameters=[RATIO, J, K],
-        bodies=[wheel("hub", 7.0), wheel("array", 3.0), drive.body],
-        joints=[
-            mbdlft.Revolute(name="spin", parent="ground", child="hub", axis=(0, 0, 1)),
-            drive.motor,
-            drive.shaft,
-        ],
+    return kit.scene(
+        "spacecraft",
+        RATIO,
+        J,
+        K,
+        wheel("hub", 7.0),
+        wheel("array", 3.0),
+        drive.body,
+        kit.hinge("spin", "ground", "hub", (0, 0, 1)),
+        drive.motor,
+        drive.shaft,
         inputs=["spin.torque", "drive.torque"],
         outputs=["spin.angle", "drive.angle", "drive_shaft.angle"],
     )
@@ -258,16 +241,14 @@ def test_drive_equals_maximal_coordinates() -> None:
 
 def test_without_a_gear_nothing_changes() -> None:
     """A ratio of 1 is the actuator that turns with the child."""
-    one = mbdlft.Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), actuator_inertia=0.3)
+    one = kit.hinge("a", "ground", "b", (0, 0, 1), actuator_inertia=0.3)
     geared = one.model_copy(update={"gear_ratio": 1.0})
     body = wheel("b", 2.0)
     for joint in (one, geared):
-        model = mbdlft.to_lft(mbdlft.Scene(name="s", bodies=[body], joints=[joint]))
+        model = mbdlft.to_lft(kit.scene("s", body, joint))
         target(model.B_u[1, 0], 1.0 / 2.3, CLOSED_FORM)
-    assert mbdlft.assemble(mbdlft.Scene(name="s", bodies=[body], joints=[one])).degrees_of_freedom == 1
-    model = mbdlft.to_lft(
-        mbdlft.Scene(name="s", bodies=[body], joints=[one.model_copy(update={"gear_ratio": 10.0})])
-    )
+    assert mbdlft.assemble(kit.scene("s", body, one)).degrees_of_freedom == 1
+    model = mbdlft.to_lft(kit.scene("s", body, one.model_copy(update={"gear_ratio": 10.0})))
     target(model.B_u[1, 0], 1.0 / (2.0 + 100.0 * 0.3), CLOSED_FORM)
 
 
@@ -285,8 +266,8 @@ def hanging(**strut: object) -> Scene:
             mbdlft.Parameter("m", 2.0, low=1.0, high=3.0, unit="kg"),
             mbdlft.Parameter("k", 500.0, low=400.0, high=800.0, unit="N/m"),
         ],
-        bodies=[PointMass(name="b", mass="m"), Ground(ports={"foot": (0.3, 0, -1)})],
-        joints=[Prismatic(name="z", parent="ground", child="b", axis=(0, 0, 1), preload=0)],
+        bodies=[kit.point("b", "m"), Ground(ports={"foot": (0.3, 0, -1)})],
+        joints=[kit.rail("z", "ground", "b", (0, 0, 1), preload=0)],
         loads=[
             Strut(
                 name="s",
@@ -331,19 +312,16 @@ def test_equilibria_on_a_strut() -> None:
 
 def test_a_fit_of_a_lever_on_a_strut() -> None:
     """sin q m g l = cos q k (sin q - sin q0): the stiffness there follows by hand."""
-    lever = RigidBody(
-        name="l", mass="m", center_of_mass=(0, 0, 0.5), inertia=Inertia(yy=0.1), ports={"t": (0, 0, 1)}
-    )
-    strut = Strut(
-        name="s", parent="ground.w", child="l.t", direction=(1, 0, 0), stiffness=100.0, force=0.0
-    )
-    scene = Scene(
-        name="lever",
+    lever = kit.body("l", "m", yy=0.1, center_of_mass=(0, 0, 0.5), ports={"t": (0, 0, 1)})
+    strut = kit.strut("s", "ground.w", "l.t", (1, 0, 0), stiffness=100.0, force=0.0)
+    scene = kit.scene(
+        "lever",
+        mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
+        lever,
+        Ground(ports={"w": (-1, 0, 1)}),
+        kit.hinge("h", "ground", "l", (0, 1, 0), position=0.3, preload=0),
+        strut,
         gravity=(0, 0, -_G),
-        parameters=[mbdlft.Parameter("m", 2.0, percent=20, unit="kg")],
-        bodies=[lever, Ground(ports={"w": (-1, 0, 1)})],
-        joints=[Revolute(name="h", parent="ground", child="l", axis=(0, 1, 0), position=0.3, preload=0)],
-        loads=[strut],
     )
     model = mbdlft.to_lft(fit_positions(scene, ["h"], tolerance=1e-7), search=0.0)
     for m in (1.6, 2.0, 2.4):
@@ -360,22 +338,14 @@ def test_a_strut_on_what_spins() -> None:
     """Its direction turns with its parent: only a parent that does not spin may carry it."""
 
     def scene(parent: str, child: str) -> Scene:
-        return Scene(
-            name="spins",
-            bodies=[
-                PointMass(name="slide", mass=1.0),
-                RigidBody(
-                    name="disc", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=2), ports={"top": (0, 0, 0.1)}
-                ),
-                Ground(ports={"wall": (1, 0, 0.1)}),
-            ],
-            joints=[
-                Prismatic(name="x", parent="ground", child="slide", axis=(1, 0, 0)),
-                Revolute(name="r", parent="slide", child="disc", axis=(0, 0, 1), rate=30.0),
-            ],
-            loads=[
-                Strut(name="s", parent=parent, child=child, direction=(1, 0, 0), stiffness=9, force=0)
-            ],
+        return kit.scene(
+            "spins",
+            kit.point("slide", 1.0),
+            kit.body("disc", 2.0, (1, 1, 2), ports={"top": (0, 0, 0.1)}),
+            Ground(ports={"wall": (1, 0, 0.1)}),
+            kit.rail("x", "ground", "slide", (1, 0, 0)),
+            kit.hinge("r", "slide", "disc", (0, 0, 1), rate=30.0),
+            kit.strut("s", parent, child, (1, 0, 0), stiffness=9, force=0),
             inputs=["x.force"],
         )
 
@@ -387,7 +357,7 @@ def test_a_strut_on_what_spins() -> None:
 
 def test_direction_of_a_strut_has_a_length() -> None:
     with says(mbdlft.SceneError, "direction has zero length"):
-        Strut(name="s", parent="a", child="b", direction=(0, 0, 0))
+        kit.strut("s", "a", "b", (0, 0, 0))
 
 
 # Laws of angles 2*atan(r): they are the angle, as an angle parameter is, and exactly.
@@ -395,31 +365,24 @@ def test_direction_of_a_strut_has_a_length() -> None:
 
 def arm(position: float | str, parameters: list[Parameter], orientation: float | str = 0.0) -> Scene:
     """A link with a mass at its tip, on a tilted hinge."""
-    return Scene(
-        name="arm",
+    return kit.scene(
+        "arm",
+        Parameter("m", 2.0, percent=30, unit="kg"),
+        *parameters,
+        kit.body(
+            "link", 1.0, (0.2, 0.3, 0.4), center_of_mass=(0.1, 0.4, 0), ports={"tip": (0, 0.8, 0.1)}
+        ),
+        kit.point("tip", "m"),
+        kit.hinge(
+            "hinge",
+            "ground",
+            "link",
+            (1, 0.2, 0),
+            orientation=[kit.turn((0, 0, 1), orientation)],
+            position=position,
+        ),
+        kit.weld("weld", "link.tip", "tip"),
         gravity=(0, 0, -9.81),
-        parameters=[Parameter("m", 2.0, percent=30, unit="kg"), *parameters],
-        bodies=[
-            RigidBody(
-                name="link",
-                mass=1.0,
-                center_of_mass=(0.1, 0.4, 0),
-                inertia=Inertia(xx=0.2, yy=0.3, zz=0.4),
-                ports={"tip": (0, 0.8, 0.1)},
-            ),
-            PointMass(name="tip", mass="m"),
-        ],
-        joints=[
-            Revolute(
-                name="hinge",
-                parent="ground",
-                child="link",
-                axis=(1, 0.2, 0),
-                orientation=[mbdlft.Rotation(axis=(0, 0, 1), angle=orientation)],
-                position=position,
-            ),
-            mbdlft.Fixed(name="weld", parent="link.tip", child="tip"),
-        ],
     )
 
 

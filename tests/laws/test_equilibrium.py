@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Fixed, Inertia, Loop, Parameter, PointMass, Revolute, RigidBody, Scene, Spring
+from mbdlft import Inertia, Parameter, Revolute, RigidBody, Scene
 from mbdlft.multibody.equilibrium import conditions
 from mbdlft.problem.equations import Equations, equation_function, load_value, physical_symbols
+from tests import kit
 from tests.close import SCENARIO, exact, roundoff, target
 from tests.equilibria import Known, known_equilibrium
 from tests.laws.test_weights import forces_turned_on_the_way
@@ -23,36 +24,32 @@ G = 9.81
 def pendulum(position: float = 1.0, **fields: Any) -> Scene:
     """A point mass that hangs 0.8 m under a hinge with a spring, relaxed at `position`."""
     hinge = {"preload": 0.0, "stiffness": 20.0, **fields}
-    return Scene(
-        name="pendulum",
+    return kit.scene(
+        "pendulum",
+        Parameter("m", 2.0, percent=40, unit="kg"),
+        kit.point("bob", "m", ports={"top": (0, 0, 0.8)}),
+        kit.hinge("hinge", "ground", "bob.top", (1, 0, 0), position=position, **hinge),
         gravity=(0, 0, -G),
-        parameters=[Parameter("m", 2.0, percent=40, unit="kg")],
-        bodies=[PointMass(name="bob", mass="m", ports={"top": (0, 0, 0.8)})],
-        joints=[
-            Revolute(
-                name="hinge", parent="ground", child="bob.top", axis=(1, 0, 0), position=position, **hinge
-            )
-        ],
     )
 
 
 def chain(count: int, **fields: Any) -> Scene:
     """Point masses of 1 kg on links of 1 m, one under the other."""
-    return Scene(
-        name="chain",
-        gravity=(0, 0, -G),
-        bodies=[PointMass(name=f"b{k}", mass=1.0, ports={"top": (0, 0, 1)}) for k in range(count)],
-        joints=[
-            Revolute(
-                name=f"j{k}",
-                parent="ground" if k == 0 else f"b{k - 1}",
-                child=f"b{k}.top",
-                axis=(1, 0, 0),
+    return kit.scene(
+        "chain",
+        *(kit.point(f"b{k}", 1.0, ports={"top": (0, 0, 1)}) for k in range(count)),
+        *(
+            kit.hinge(
+                f"j{k}",
+                "ground" if k == 0 else f"b{k - 1}",
+                f"b{k}.top",
+                (1, 0, 0),
                 position=0.3,
                 preload=0.0,
             )
             for k in range(count)
-        ],
+        ),
+        gravity=(0, 0, -G),
         **fields,
     )
 
@@ -121,16 +118,13 @@ def test_cable() -> None:
 
 
 def cable(**spring: Any) -> Scene:
-    return Scene(
-        name="cable",
+    return kit.scene(
+        "cable",
+        kit.point("cart", 2.0),
+        mbdlft.Ground(ports={"hook": (0.3, 0, 0)}),
+        kit.rail("slide", "ground", "cart", (0, 0, 1), position=-0.4, preload=0.0),
+        kit.spring("rope", "ground.hook", "cart", stiffness=150.0, **spring),
         gravity=(0, 0, -G),
-        bodies=[PointMass(name="cart", mass=2.0), mbdlft.Ground(ports={"hook": (0.3, 0, 0)})],
-        joints=[
-            mbdlft.Prismatic(
-                name="slide", parent="ground", child="cart", axis=(0, 0, 1), position=-0.4, preload=0.0
-            )
-        ],
-        loads=[Spring(name="rope", parent="ground.hook", child="cart", stiffness=150.0, **spring)],
     )
 
 
@@ -169,28 +163,23 @@ def four_bar(
     """A crank of 0.5 m, a coupler of 1 m and a rocker of 0.7 m; 0.9 m between the fixed hinges."""
 
     def bar(name: str, length: float) -> RigidBody:
-        return RigidBody(
-            name=name,
-            mass=1.0,
-            center_of_mass=(0, 0.5 * length, 0),
-            inertia=Inertia(xx=0.1, yy=0.1, zz=0.1),
-            ports={"tip": (0, length, 0)},
+        return kit.body(
+            name, 1.0, (0.1, 0.1, 0.1), center_of_mass=(0, 0.5 * length, 0), ports={"tip": (0, length, 0)}
         )
 
     def hinge(name: str, parent: str, position: float, **more: Any) -> Revolute:
-        return Revolute(name=name, parent=parent, child=name, axis=(1, 0, 0), position=position, **more)
+        return kit.hinge(name, parent, name, (1, 0, 0), position=position, **more)
 
     axis = {"axis": (1, 0, 0)} if kind == "revolute" else {}
-    return Scene(
-        name="four_bar",
+    return kit.scene(
+        "four_bar",
+        *map(bar, "abc", lengths),
+        mbdlft.Ground(ports={"hook": hook}),
+        hinge("a", "ground", angles[0], **crank),
+        hinge("b", "a.tip", angles[1], preload=0.0),
+        hinge("c", "b.tip", angles[2], preload=0.0),
+        kit.loop("close", kind, "c.tip", "ground.hook", **axis),
         gravity=(0, 0, -G),
-        bodies=[*map(bar, "abc", lengths), mbdlft.Ground(ports={"hook": hook})],
-        joints=[
-            hinge("a", "ground", angles[0], **crank),
-            hinge("b", "a.tip", angles[1], preload=0.0),
-            hinge("c", "b.tip", angles[2], preload=0.0),
-        ],
-        loops=[Loop(name="close", kind=kind, parent="c.tip", child="ground.hook", **axis)],
     )
 
 
@@ -226,23 +215,12 @@ def test_a_flat_loop_is_one_equilibrium(
 
 def test_ball_finds_down() -> None:
     """A body on a ball joint hangs with its center under the ball; it may turn about the vertical."""
-    tilt = mbdlft.Rotation(axis=(1, 2, 3), angle=1.9)
-    scene = Scene(
-        name="ball",
+    tilt = kit.turn((1, 2, 3), 1.9)
+    scene = kit.scene(
+        "ball",
+        kit.body("body", 1.5, (0.1, 0.2, 0.3), center_of_mass=(0.2, -0.3, 0.1)),
+        kit.ball("ball", "ground", "body", orientation=[tilt], preload=(0.0, 0.0, 0.0)),
         gravity=(0, 0, -G),
-        bodies=[
-            RigidBody(
-                name="body",
-                mass=1.5,
-                center_of_mass=(0.2, -0.3, 0.1),
-                inertia=Inertia(xx=0.1, yy=0.2, zz=0.3),
-            )
-        ],
-        joints=[
-            mbdlft.Spherical(
-                name="ball", parent="ground", child="body", orientation=[tilt], preload=(0.0, 0.0, 0.0)
-            )
-        ],
     )
     point = mbdlft.find_equilibrium(scene, starts=20)
     assert set(point.undetermined) <= {f"ball.rotation.{axis}" for axis in "xyz"}
@@ -338,8 +316,8 @@ def test_fixed_joint_stays_fixed() -> None:
     scene = chain(1)
     scene = scene.model_copy(
         update={
-            "bodies": (*scene.bodies, PointMass(name="tip", mass=0.5)),
-            "joints": (*scene.joints, Fixed(name="weld", parent="b0", child="tip")),
+            "bodies": (*scene.bodies, kit.point("tip", 0.5)),
+            "joints": (*scene.joints, kit.weld("weld", "b0", "tip")),
         }
     )
     assert set(mbdlft.find_equilibrium(scene).positions) == {"j0.angle"}
@@ -357,10 +335,8 @@ def test_elastic_body_keeps_its_shape() -> None:
     bodies = [RigidBody(**fields), mbdlft.FlexibleBody(**fields, modes=[mode], prestress="neglected")]
     found = []
     for body in bodies:
-        hinge = Revolute(
-            name="hinge", parent="ground", child="panel", axis=(1, 0, 0), stiffness=40.0, preload=0.0
-        )
-        scene = Scene(name="panel", gravity=(0, 0, -G), bodies=[body], joints=[hinge])
+        hinge = kit.hinge("hinge", "ground", "panel", (1, 0, 0), stiffness=40.0, preload=0.0)
+        scene = kit.scene("panel", body, hinge, gravity=(0, 0, -G))
         found.append(mbdlft.find_equilibrium(scene))
         assert found[-1].undetermined == ()
         assert found[-1].efforts == {}

@@ -10,11 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import mbdlft
-from mbdlft import Angle, Inertia, Parameter, Revolute, RigidBody, Scene
+from mbdlft import Angle, Parameter
 from mbdlft.base.display import table
 from mbdlft.show import save_orders, save_trims
 from mbdlft.show.figures.figures import over_frequency
 from mbdlft.show.figures.properties import orders_figure, trim_curves
+from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.laws.test_report import read
 
@@ -24,20 +25,14 @@ _G = 9.81
 def held_arm() -> mbdlft.LFTModel:
     """A link whose joint holds it at the angle theta from the vertical: m g L sin(theta)."""
     return mbdlft.to_lft(
-        Scene(
-            name="arm",
+        kit.scene(
+            "arm",
+            Parameter("m", 2.0, low=1.0, high=4.0, unit="kg"),
+            Parameter("L", 0.8, low=0.6, high=1.2, unit="m"),
+            Angle("theta", 30.0, low=-20.0, high=80.0),
+            kit.body("link", "m", xx=0.1, center_of_mass=(0, 0, "-L")),
+            kit.hinge("joint", "ground", "link", (1, 0, 0), position="theta"),
             gravity=(0, 0, -_G),
-            parameters=[
-                Parameter("m", 2.0, low=1.0, high=4.0, unit="kg"),
-                Parameter("L", 0.8, low=0.6, high=1.2, unit="m"),
-                Angle("theta", 30.0, low=-20.0, high=80.0),
-            ],
-            bodies=[
-                RigidBody(name="link", mass="m", center_of_mass=(0, 0, "-L"), inertia=Inertia(xx=0.1))
-            ],
-            joints=[
-                Revolute(name="joint", parent="ground", child="link", axis=(1, 0, 0), position="theta")
-            ],
         ),
         search=0.0,
     )
@@ -98,15 +93,11 @@ def test_what_cannot_be_drawn_is_an_error(tmp_path: Path) -> None:
 
 def test_names_with_dollars_are_no_mathematics(tmp_path: Path) -> None:
     name = r"$\frac$ of 5 $ and 6 $"
-    scene = mbdlft.Scene(
-        name=name,
-        parameters=[Parameter("k", 2.0, percent=10, unit="N/m")],
-        bodies=[mbdlft.PointMass(name="bob", mass=1.0)],
-        joints=[
-            mbdlft.Prismatic(
-                name=name, parent="ground", child="bob", axis=(1, 0, 0), stiffness="k", damping=0.1
-            )
-        ],
+    scene = kit.scene(
+        name,
+        Parameter("k", 2.0, percent=10, unit="N/m"),
+        kit.point("bob", 1.0),
+        kit.rail(name, "ground", "bob", (1, 0, 0), stiffness="k", damping=0.1),
     )
     model = mbdlft.to_lft(scene, search=0.0)
     for kind in ("singular_values", "bode", "step", "pole_map"):

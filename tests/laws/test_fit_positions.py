@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Fit, Parameter, PointMass, Revolute, Scene, Spring
+from mbdlft import Fit, Parameter, Revolute, Scene
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
+from tests import kit
 from tests.close import SCENARIO, roundoff, target
 from tests.laws.test_equilibrium import four_bar, whirling
 
@@ -25,25 +26,24 @@ VALUES = [(m, k) for m in (1.4, 1.7, 2.0, 2.35, 2.6) for k in (16.0, 18.5, 20.0,
 
 def sag(**fields: Any) -> Scene:
     """A mass on a hinge with a spring: k (theta - 1) + m g 0.8 sin(theta) = 0."""
-    return Scene(
-        name="sag",
+    return kit.scene(
+        "sag",
+        MASS,
+        STIFFNESS,
+        kit.point("bob", "m", ports={"top": (0, 0, 0.8)}),
+        Revolute(
+            **{
+                "name": "hinge",
+                "parent": "ground",
+                "child": "bob.top",
+                "axis": (1, 0, 0),
+                "position": 1.0,
+                "preload": 0.0,
+                "stiffness": "k",
+                **fields,
+            }
+        ),
         gravity=(0, 0, -G),
-        parameters=[MASS, STIFFNESS],
-        bodies=[PointMass(name="bob", mass="m", ports={"top": (0, 0, 0.8)})],
-        joints=[
-            Revolute(
-                **{
-                    "name": "hinge",
-                    "parent": "ground",
-                    "child": "bob.top",
-                    "axis": (1, 0, 0),
-                    "position": 1.0,
-                    "preload": 0.0,
-                    "stiffness": "k",
-                    **fields,
-                }
-            )
-        ],
     )
 
 
@@ -152,7 +152,7 @@ def test_cable(tension: dict[str, Any]) -> None:
     scene = sag(stiffness=0.0, position=0.9).model_copy(
         update={
             "parameters": (MASS, k),
-            "loads": (Spring(name="cable", parent="ground.hook", child="bob", stiffness="k", **tension),),
+            "loads": (kit.spring("cable", "ground.hook", "bob", stiffness="k", **tension),),
         }
     )
     scene = scene.model_copy(
@@ -243,16 +243,12 @@ def test_spinning_pendulum() -> None:
 
 def test_position_that_is_rational_is_fitted_as_such() -> None:
     """A mass on a spring: z = -m g/k, where k is a number the fit is exact and of the first degree."""
-    scene = Scene(
-        name="weight",
+    scene = kit.scene(
+        "weight",
+        MASS,
+        kit.point("bob", "m"),
+        kit.rail("slide", "ground", "bob", (0, 0, 1), preload=0.0, stiffness=50.0),
         gravity=(0, 0, -G),
-        parameters=[MASS],
-        bodies=[PointMass(name="bob", mass="m")],
-        joints=[
-            mbdlft.Prismatic(
-                name="slide", parent="ground", child="bob", axis=(0, 0, 1), preload=0.0, stiffness=50.0
-            )
-        ],
     )
     found = mbdlft.fit_positions(scene, ["slide"], 1e-6)
     position: Any = found.joints[0].position  # type: ignore[attr-defined]

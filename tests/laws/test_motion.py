@@ -9,21 +9,11 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    AnalysisError,
-    Free,
-    Inertia,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    SceneError,
-    Spherical,
-)
+from mbdlft import AnalysisError, Inertia, RigidBody, Scene, SceneError
 from mbdlft.dae import Simulation, simulate
-from mbdlft.multibody import Gear, Ground, Loop, Spring
+from mbdlft.multibody import Gear, Ground
 from mbdlft.multibody.motion.equations import _whole, equations_of_motion, moved_reference
+from tests import kit
 from tests.close import CLOSED_FORM, KEPT, PINOCCHIO, target
 from tests.cross.planar_mechanisms import driven_four_bar
 from tests.robot_files import as_urdf, chain
@@ -53,8 +43,8 @@ def kept(values: np.ndarray, size: float) -> None:
 
 
 def test_a_free_body_keeps_its_momentum_and_energy() -> None:
-    body = RigidBody(name="b", mass=2.0, inertia=Inertia(xx=J[0], yy=J[1], zz=J[2]))
-    scene = Scene(name="free", bodies=[body], joints=[Free(name="f", parent="ground", child="b")])
+    body = kit.body("b", 2.0, (J[0], J[1], J[2]))
+    scene = kit.scene("free", body, kit.free("f", "ground", "b"))
     start = {"f.rate.x": 0.1, "f.rate.y": 0.2, "f.rate.z": 0.05, "f.velocity.x": 0.3}
     run = simulate(scene, TIMES, initial=start)
     rates = vectors(run, "f.rate")
@@ -67,14 +57,14 @@ def test_a_free_body_keeps_its_momentum_and_energy() -> None:
 @pytest.mark.parametrize("kind", ["free", "spherical"])
 def test_a_spring_of_a_ball_keeps_its_place(kind: str) -> None:
     """About one axis its torque is 2 k tan(angle/2), whose energy is -4 k log cos(angle/2)."""
-    body = RigidBody(name="b", mass=1.0, inertia=Inertia(xx=J[0], yy=J[1], zz=J[2]))
+    body = kit.body("b", 1.0, (J[0], J[1], J[2]))
     springs = (5.0, 0.0, 0.0)
     joint = (
-        Free(name="f", parent="ground", child="b", stiffness=(0.0, 0.0, 0.0, *springs))
+        kit.free("f", "ground", "b", stiffness=(0.0, 0.0, 0.0, *springs))
         if kind == "free"
-        else Spherical(name="f", parent="ground", child="b", stiffness=springs)
+        else kit.ball("f", "ground", "b", stiffness=springs)
     )
-    scene = Scene(name="sprung", bodies=[body], joints=[joint])
+    scene = kit.scene("sprung", body, joint)
     run = simulate(scene, TIMES, initial={"f.rotation.x": 0.8})
     q, w = column(run, "f.rotation.x"), column(run, "f.rate.x")
     assert np.min(q) < -0.79
@@ -85,11 +75,9 @@ def test_a_spherical_pendulum_keeps_its_energy_and_its_spin() -> None:
     """It turns by more than half a turn; gravity has no moment about the vertical."""
     arm, mass = np.array([0.1, 0.05, -0.8]), 2.0
     inertia = np.array([0.1, 0.2, 0.15])
-    bob = RigidBody(
-        name="b", mass=mass, inertia=Inertia(xx=0.1, yy=0.2, zz=0.15), ports={"top": tuple(-arm)}
-    )
-    ball = Spherical(name="s", parent="ground", child="b.top")
-    scene = Scene(name="pendulum", gravity=DOWN, bodies=[bob], joints=[ball])
+    bob = kit.body("b", mass, (0.1, 0.2, 0.15), ports={"top": tuple(-arm)})
+    ball = kit.ball("s", "ground", "b.top")
+    scene = kit.scene("pendulum", bob, ball, gravity=DOWN)
     model = mbdlft.to_lft(scene, search=0.0)
     held = np.ravel(mbdlft.trim_at(model, {}))  # where it is declared
     push = {signal.name: -x for signal, x in zip(model.trim.signals, held, strict=True)}
@@ -106,19 +94,17 @@ def test_a_spherical_pendulum_keeps_its_energy_and_its_spin() -> None:
 
 def test_springs_have_their_length_in_their_law() -> None:
     """Two hinges and a spring that becomes twice as long, beside gravity."""
-    bar = RigidBody(
-        name="a", mass=1.5, inertia=Inertia(xx=0.1, yy=0.1, zz=0.1), ports={"end": (0, 0, -0.7)}
-    )
-    bob = PointMass(name="b", mass=0.8, ports={"top": (0, 0, 0.5)})
-    scene = Scene(
-        name="double",
+    bar = kit.body("a", 1.5, (0.1, 0.1, 0.1), ports={"end": (0, 0, -0.7)})
+    bob = kit.point("b", 0.8, ports={"top": (0, 0, 0.5)})
+    scene = kit.scene(
+        "double",
+        Ground(ports={"wall": (0.0, 0.9, -0.4)}),
+        bar,
+        bob,
+        kit.hinge("j", "ground", "a", (1, 0, 0)),
+        kit.hinge("k", "a.end", "b.top", (1, 0, 0)),
+        kit.spring("s", "b", "ground.wall", stiffness=20.0, rest_length=0.5),
         gravity=DOWN,
-        bodies=[Ground(ports={"wall": (0.0, 0.9, -0.4)}), bar, bob],
-        joints=[
-            Revolute(name="j", parent="ground", child="a", axis=(1, 0, 0)),
-            Revolute(name="k", parent="a.end", child="b.top", axis=(1, 0, 0)),
-        ],
-        loads=[Spring(name="s", parent="b", child="ground.wall", stiffness=20.0, rest_length=0.5)],
     )
     hold = mbdlft.trim_at(mbdlft.to_lft(scene, search=0.0), {})
     push = dict(zip(("j.torque", "k.torque"), -np.ravel(hold), strict=True))
@@ -136,24 +122,20 @@ def test_springs_have_their_length_in_their_law() -> None:
 def test_a_loop_and_a_gear_stay_closed() -> None:
     """A four-bar with a flywheel behind a gear: its energy by the angles of its bars."""
     crank = {"mass": 1.0, "inertia": Inertia(xx=0.03, yy=0.03, zz=0.03), "center_of_mass": (0, 0, -0.3)}
-    scene = Scene(
-        name="four-bar",
+    scene = kit.scene(
+        "four-bar",
+        Ground(ports={"other": (0.0, 0.9, 0.2)}),
+        RigidBody(name="a", ports={"end": (0, 0, -0.6)}, **crank),
+        RigidBody(name="b", ports={"end": (0, 0, -0.8)}, **crank),
+        kit.body("c", 2.0, (1, 1, 1), ports={"far": (0, 0.9, 0)}),
+        kit.body("w", 1.0, (0.02, 0.02, 0.02)),
+        kit.hinge("j", "ground", "a", (1, 0, 0), preload=0.0),
+        kit.hinge("k", "ground.other", "b", (1, 0, 0), preload=0.0),
+        kit.hinge("m", "a.end", "c", (1, 0, 0), preload=0.0),
+        kit.hinge("n", "ground", "w", (1, 0, 0), preload=0.0),
+        kit.loop("l", "revolute", "c.far", "b.end", axis=(1, 0, 0)),
+        Gear(name="g", joints=("n", "j"), ratio=-5.0),
         gravity=DOWN,
-        bodies=[
-            Ground(ports={"other": (0.0, 0.9, 0.2)}),
-            RigidBody(name="a", ports={"end": (0, 0, -0.6)}, **crank),
-            RigidBody(name="b", ports={"end": (0, 0, -0.8)}, **crank),
-            RigidBody(name="c", mass=2.0, inertia=Inertia(xx=1, yy=1, zz=1), ports={"far": (0, 0.9, 0)}),
-            RigidBody(name="w", mass=1.0, inertia=Inertia(xx=0.02, yy=0.02, zz=0.02)),
-        ],
-        joints=[
-            Revolute(name="j", parent="ground", child="a", axis=(1, 0, 0), preload=0.0),
-            Revolute(name="k", parent="ground.other", child="b", axis=(1, 0, 0), preload=0.0),
-            Revolute(name="m", parent="a.end", child="c", axis=(1, 0, 0), preload=0.0),
-            Revolute(name="n", parent="ground", child="w", axis=(1, 0, 0), preload=0.0),
-        ],
-        loops=[Loop(name="l", kind="revolute", parent="c.far", child="b.end", axis=(1, 0, 0))],
-        couplings=[Gear(name="g", joints=("n", "j"), ratio=-5.0)],
     )
     states = mbdlft.to_lft(scene, search=0.0).states
     start = {states[0].name: {"n": 4.0}.get(states[0].name[0], -0.8)}
@@ -172,12 +154,12 @@ def test_a_loop_and_a_gear_stay_closed() -> None:
 
 def test_what_a_moved_base_carries_feels_its_acceleration_as_gravity() -> None:
     """A pendulum below a slide that is moved: its base is where the input says."""
-    base, bob = PointMass(name="a", mass=0.0), PointMass(name="b", mass=1.0, ports={"top": (0, 0, 1)})
-    slide = Prismatic(name="s", parent="ground", child="a", axis=(0, 0, 1), imposed="motion")
-    joint = Revolute(name="j", parent="a", child="b.top", axis=(1, 0, 0))
+    base, bob = kit.point("a", 0.0), kit.point("b", 1.0, ports={"top": (0, 0, 1)})
+    slide = kit.rail("s", "ground", "a", (0, 0, 1), imposed="motion")
+    joint = kit.hinge("j", "a", "b.top", (1, 0, 0))
     runs = []
     for lift in (0.0, 3.0):
-        scene = Scene(name="lift", gravity=(0, 0, lift - 9.81), bodies=[base, bob], joints=[slide, joint])
+        scene = kit.scene("lift", base, bob, slide, joint, gravity=(0, 0, lift - 9.81))
         inputs = {"s.position": 2.0 * TIMES, "s.acceleration": lift}
         runs.append(simulate(scene, TIMES, initial={"j.angle": 1.5}, inputs=inputs))
         target(column(runs[-1], "s.position"), 2.0 * TIMES, CLOSED_FORM)
@@ -235,9 +217,9 @@ def test_accelerations_of_a_robot_are_those_of_pinocchio(tmp_path: Path) -> None
 
 def test_a_controller_closes_the_loop() -> None:
     """An inverted pendulum falls, and stands with a filtered derivative."""
-    bob = PointMass(name="b", mass=1.0, ports={"foot": (0, 0, -1.0)})
-    joint = Revolute(name="j", parent="ground", child="b.foot", axis=(1, 0, 0))
-    scene = Scene(name="stand", gravity=DOWN, bodies=[bob], joints=[joint])
+    bob = kit.point("b", 1.0, ports={"foot": (0, 0, -1.0)})
+    joint = kit.hinge("j", "ground", "b.foot", (1, 0, 0))
+    scene = kit.scene("stand", bob, joint, gravity=DOWN)
     filtered = control.ss([[-50.0]], [[1.0]], [[2500.0]], [[-80.0]])
     law = mbdlft.as_system(filtered, inputs=["j.angle"], outputs=["j.torque"])
     start = {"j.angle": 0.5}
@@ -249,10 +231,8 @@ def test_a_controller_closes_the_loop() -> None:
 
 
 def test_what_cannot_be_simulated_is_named() -> None:
-    ball = Spherical(name="s", parent="ground", child="b.top")
-    scene = Scene(
-        name="thread", bodies=[PointMass(name="b", mass=1.0, ports={"top": (0, 0, 1)})], joints=[ball]
-    )
+    ball = kit.ball("s", "ground", "b.top")
+    scene = kit.scene("thread", kit.point("b", 1.0, ports={"top": (0, 0, 1)}), ball)
     with pytest.raises(AnalysisError, match="do not determine the accelerations"):
         simulate(scene, TIMES)
 

@@ -13,6 +13,7 @@ from mbdlft import hinf_norm
 from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, eigenvalues_of, eigenvectors_of
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.response.modes import eigenpair, samples_at, spectrum
+from tests import kit
 from tests.close import CLOSED_FORM, NORM, ROOM, ZEROS, exact, finite_difference, roundoff, target
 from tests.light import FINITE, free_flyer, peak_of_60_digits
 from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
@@ -423,26 +424,16 @@ def test_responses_over_time(seed: int) -> None:
 
 def test_the_trim_in_digits_has_them_whoever_asks_first() -> None:
     """Two weights on a beam at 45 deg that nearly balance: seven of 16 digits cancel."""
-    turned = mbdlft.Rotation(axis=(0, 1, 0), angle=0.7853981633974483)
+    turned = kit.turn((0, 1, 0), 0.7853981633974483)
     inertia = mbdlft.Inertia(xx=0.1, yy=0.1, zz=0.1)
     arms = {"left": 0.7, "right": -0.7000001}
-    scene = mbdlft.Scene(
-        name="scales",
+    scene = kit.scene(
+        "scales",
+        kit.body("beam", 0.2, inertia=inertia),
+        *(kit.body(name, 1.3, center_of_mass=(x, 0, 0), inertia=inertia) for name, x in arms.items()),
+        kit.hinge("pin", "ground", "beam", (0, 1, 0)),
+        *(kit.weld(f"{name} weld", "beam", name, orientation=[turned]) for name in arms),
         gravity=(0.0, 0.0, -9.81),
-        bodies=[
-            mbdlft.RigidBody(name="beam", mass=0.2, inertia=inertia),
-            *(
-                mbdlft.RigidBody(name=name, mass=1.3, center_of_mass=(x, 0, 0), inertia=inertia)
-                for name, x in arms.items()
-            ),
-        ],
-        joints=[
-            mbdlft.Revolute(name="pin", parent="ground", child="beam", axis=(0, 1, 0)),
-            *(
-                mbdlft.Fixed(name=f"{name} weld", parent="beam", child=name, orientation=[turned])
-                for name in arms
-            ),
-        ],
     )
     in_digits = problem_of_scene(scene).reference().trim_in_digits
     assert in_digits is not None

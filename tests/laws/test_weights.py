@@ -20,7 +20,7 @@ from mbdlft.multibody.assembly.newton_euler import Assembly
 from mbdlft.multibody.assembly.weights import Weights
 from mbdlft.pipeline.models import build
 from mbdlft.problem.equations import rounded
-from tests import close
+from tests import close, kit
 from tests.cross.mechanisms import open_tree
 from tests.strategies import random_scene
 
@@ -207,22 +207,12 @@ def turret() -> mbdlft.Scene:
     """A chain in space on two turntables about the vertical, one on the other."""
     scene = chain(3, spatial=True)
     turned = [
-        mbdlft.Revolute(
-            name=name,
-            parent=parent,
-            child=child,
-            axis=(0, 0, 1),
-            position="t1" if name == "inner" else 0.3,
-        )
+        kit.hinge(name, parent, child, (0, 0, 1), position="t1" if name == "inner" else 0.3)
         for name, parent, child in (("inner", "ground", "base"), ("outer", "base.top", "table"))
     ]
     bodies = [
-        mbdlft.RigidBody(
-            name=name,
-            mass=3.0,
-            center_of_mass=(0.1, 0.0, 0.0),
-            inertia=mbdlft.Inertia(xx=1.0, yy=1.0, zz=1.0),
-            ports={"top": (0.2, 0.3, 0.5)},
+        kit.body(
+            name, 3.0, (1.0, 1.0, 1.0), center_of_mass=(0.1, 0.0, 0.0), ports={"top": (0.2, 0.3, 0.5)}
         )
         for name in ("base", "table")
     ]
@@ -240,13 +230,10 @@ def test_turns_about_the_vertical_are_not_felt() -> None:
 def wheeled(axis: tuple[float, float, float]) -> mbdlft.Scene:
     """A chain in space with a steady wheel whose center of mass is on its axis, off its joint."""
     scene = chain(3, spatial=True)
-    wheel = mbdlft.RigidBody(
-        name="wheel",
-        mass=0.5,
-        center_of_mass=tuple(0.3 * x for x in axis),
-        inertia=mbdlft.Inertia(xx=0.2, yy=0.2, zz=0.2, about="center_of_mass"),
+    wheel = kit.body(
+        "wheel", 0.5, (0.2, 0.2, 0.2), about="center_of_mass", center_of_mass=tuple(0.3 * x for x in axis)
     )
-    spin = mbdlft.Revolute(name="spin", parent="link1.tip", child="wheel", axis=axis, rate="W")
+    spin = kit.hinge("spin", "link1.tip", "wheel", axis, rate="W")
     return scene.model_copy(
         update={
             "bodies": (*scene.bodies, wheel),

@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import brentq
 
 import mbdlft
+from tests import kit
 from tests.close import BENCHMARK, CLOSED_FORM, SCENARIO, target
 from tests.laws import elastic as scenes
 from tests.reference.beams import CLAMPED, PINNED, frequencies
@@ -40,10 +41,8 @@ def held_beam(kind: str, **fields: object) -> mbdlft.Scene:
         **{
             "name": "held",
             "bodies": [scenes.beam(**beam), mbdlft.Ground(ports={"wall": (length, 0, 0)})],
-            "joints": [mbdlft.Fixed(name="root", parent="ground", child="beam")],
-            "loops": [
-                mbdlft.Loop(name="hold", kind=kind, parent="ground.wall", child="beam.tip", **axis)
-            ],
+            "joints": [kit.weld("root", "ground", "beam")],
+            "loops": [kit.loop("hold", kind, "ground.wall", "beam.tip", **axis)],
             "inputs": ["ground.acceleration.y"],
             "outputs": ["beam.bending_y.1.displacement"],
             **fields,
@@ -127,32 +126,33 @@ def test_a_truss_of_bars_on_pins() -> None:
     own = {"deformations": ("axial",), "modes": 2, "density": 1e-9, "area": 1.0, "modulus": 300.0}
     lengths = {name: 1.0 / np.cos(angle) for name, angle in bars.items()}
     hooks = {name: (0.0, float(np.tan(angle)), 0.0) for name, angle in bars.items()}
-    joints = [mbdlft.Fixed(name="hang", parent="ground.middle", child="middle", orientation=())]
-    joints += [mbdlft.Fixed(name="load", parent="middle.tip", child="bob")]
+    joints = [kit.weld("hang", "ground.middle", "middle", orientation=())]
+    joints += [kit.weld("load", "middle.tip", "bob")]
     joints += [
-        mbdlft.Revolute(
-            name=name, parent="bob", child=name, axis=(0, 0, 1), preload=0.0,
-            orientation=(mbdlft.Rotation(axis=(0, 0, 1), angle=float(np.pi - bars[name])),),
+        kit.hinge(
+            name,
+            "bob",
+            name,
+            (0, 0, 1),
+            preload=0.0,
+            orientation=(kit.turn((0, 0, 1), float(np.pi - bars[name])),),
         )
         for name in ("left", "right")
-    ]  # fmt: skip
-    scene = mbdlft.Scene(
-        name="truss",
-        gravity=(gravity, 0, 0),
-        bodies=[
-            *(mbdlft.Beam(name=name, length=float(lengths[name]), **own) for name in bars),
-            mbdlft.RigidBody(name="bob", mass=2.0, inertia=mbdlft.Inertia(zz=1.0)),
-            mbdlft.Ground(ports={name: hooks[name] for name in bars}),
-        ],
-        joints=joints,
-        loops=[
-            mbdlft.Loop(name=f"{name}_pin", kind="revolute", axis=(0, 0, 1), parent=f"ground.{name}",
-                 child=f"{name}.tip")
+    ]
+    scene = kit.scene(
+        "truss",
+        *(mbdlft.Beam(name=name, length=float(lengths[name]), **own) for name in bars),
+        kit.body("bob", 2.0, zz=1.0),
+        mbdlft.Ground(ports={name: hooks[name] for name in bars}),
+        *joints,
+        *(
+            kit.loop(f"{name}_pin", "revolute", f"ground.{name}", f"{name}.tip", axis=(0, 0, 1))
             for name in ("left", "right")
-        ],
+        ),
+        gravity=(gravity, 0, 0),
         inputs=["ground.acceleration.x"],
         outputs=["left.angle"],
-    )  # fmt: skip
+    )
     model = mbdlft.to_lft(scene, search=0.0)
     efforts = dict(zip([s.name for s in model.trim.signals], model.trim.nominal, strict=True))
     c = np.cos(half)
@@ -178,22 +178,19 @@ def double_cross() -> mbdlft.Scene:
         f"end{k}": (arm + arm * float(np.cos(a)), arm * float(np.sin(a)), 0) for k, a in enumerate(angles)
     }
     others = [k for k in range(8) if k != 4]
-    turns = {k: (mbdlft.Rotation(axis=(0, 0, 1), angle=float(angles[k])),) for k in others}
-    joints = [mbdlft.Revolute(name="pin", parent="ground", child="arm4", axis=(0, 0, 1), preload=0.0)]
-    joints += [
-        mbdlft.Fixed(name=f"hub{k}", parent="arm4.tip", child=f"arm{k}", orientation=turns[k])
-        for k in others
-    ]
+    turns = {k: (kit.turn((0, 0, 1), float(angles[k])),) for k in others}
+    joints = [kit.hinge("pin", "ground", "arm4", (0, 0, 1), preload=0.0)]
+    joints += [kit.weld(f"hub{k}", "arm4.tip", f"arm{k}", orientation=turns[k]) for k in others]
     loops = [
-        mbdlft.Loop(name=f"pin{k}", kind="revolute", axis=(0, 0, 1), parent=f"ground.end{k}",
-             child=f"arm{k}.tip")
+        kit.loop(f"pin{k}", "revolute", f"ground.end{k}", f"arm{k}.tip", axis=(0, 0, 1))
         for k in others
     ]  # fmt: skip
-    return mbdlft.Scene(
-        name="FV2",
-        bodies=[*arms, mbdlft.Ground(ports=ends)],
-        joints=joints,
-        loops=loops,
+    return kit.scene(
+        "FV2",
+        *arms,
+        mbdlft.Ground(ports=ends),
+        *joints,
+        *loops,
         inputs=["ground.acceleration.x"],
         outputs=["pin.angle"],
     )
@@ -230,26 +227,17 @@ def test_nafems_fv4_cantilever_with_masses_beside_its_end() -> None:
         name="beam", length=10.0, density=RHO, area=area, modulus=E, shear_modulus=SHEAR, I_y=second,
         I_z=second, torsion_constant=2.0 * second, modes=8,
     )  # fmt: skip
-    cross = mbdlft.RigidBody(
-        name="cross",
-        mass=1e-9,
-        inertia=mbdlft.Inertia(xx=0, yy=0, zz=0),
-        ports={"a": (0, 2, 0), "b": (0, -2, 0)},
-    )
-    scene = mbdlft.Scene(
-        name="FV4",
-        bodies=[
-            beam,
-            cross,
-            mbdlft.PointMass(name="m1", mass=1e4),
-            mbdlft.PointMass(name="m2", mass=1e3),
-        ],
-        joints=[
-            mbdlft.Fixed(name="root", parent="ground", child="beam"),
-            mbdlft.Fixed(name="end", parent="beam.tip", child="cross"),
-            mbdlft.Fixed(name="first", parent="cross.a", child="m1"),
-            mbdlft.Fixed(name="second", parent="cross.b", child="m2"),
-        ],
+    cross = kit.body("cross", 1e-9, (0, 0, 0), ports={"a": (0, 2, 0), "b": (0, -2, 0)})
+    scene = kit.scene(
+        "FV4",
+        beam,
+        cross,
+        kit.point("m1", 1e4),
+        kit.point("m2", 1e3),
+        kit.weld("root", "ground", "beam"),
+        kit.weld("end", "beam.tip", "cross"),
+        kit.weld("first", "cross.a", "m1"),
+        kit.weld("second", "cross.b", "m2"),
         inputs=["ground.acceleration.x", "ground.acceleration.z"],
         outputs=["beam.axial.1.displacement"],
     )
@@ -266,16 +254,17 @@ def test_nafems_fv5_deep_simply_supported_beam() -> None:
         name="beam", length=10.0, density=RHO, area=4.0, modulus=E, shear_modulus=SHEAR, I_y=second,
         I_z=second, torsion_constant=2.0 * second, shear_coefficient=0.85, elements=12,
     )  # fmt: skip
-    shoe = mbdlft.RigidBody(name="shoe", mass=1e-6, inertia=mbdlft.Inertia(xx=0, yy=0, zz=0))
-    pin = mbdlft.Universal(
-        name="pin", parent="ground", child="beam", axis1=(0, 1, 0), axis2=(0, 0, 1), preload=(0, 0)
-    )
-    slide = mbdlft.Prismatic(name="slide", parent="ground.far", child="shoe", axis=(1, 0, 0), preload=0.0)
-    scene = mbdlft.Scene(
-        name="FV5",
-        bodies=[beam, shoe, mbdlft.Ground(ports={"far": (10, 0, 0)})],
-        joints=[pin, slide],
-        loops=[mbdlft.Loop(name="far", kind="spherical", parent="shoe", child="beam.tip")],
+    shoe = kit.body("shoe", 1e-6, (0, 0, 0))
+    pin = kit.cross("pin", "ground", "beam", axis1=(0, 1, 0), axis2=(0, 0, 1), preload=(0, 0))
+    slide = kit.rail("slide", "ground.far", "shoe", (1, 0, 0), preload=0.0)
+    scene = kit.scene(
+        "FV5",
+        beam,
+        shoe,
+        mbdlft.Ground(ports={"far": (10, 0, 0)}),
+        pin,
+        slide,
+        kit.loop("far", "spherical", "shoe", "beam.tip"),
         inputs=["ground.acceleration.x"],
         outputs=["beam.axial.1.displacement"],
     )

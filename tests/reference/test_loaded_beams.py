@@ -13,6 +13,7 @@ import pytest
 
 import mbdlft
 from mbdlft.multibody.body import Beam, beam_elements
+from tests import kit
 from tests.close import CLOSED_FORM, LOADED_BEAM, THICK_BEAM, published, target
 from tests.laws import elastic as scenes
 from tests.reference.beams import CLAMPED, FREE, frequencies
@@ -37,12 +38,12 @@ BECK = 20.0509536  # that of flutter under a thrust: Beck 1952; Timoshenko, Gere
 def column(load: float, frame: str = "ground", **given: object) -> mbdlft.Scene:
     """A cantilever along x with E I = rho A = L = 1 and a force along x at the tip."""
     shapes = {"modes": 6, "deformations": ("bending_y",), "modulus": 1.0, **given}
-    push = mbdlft.Force(name="push", port="beam.tip", direction=(1, 0, 0), magnitude=load, frame=frame)
-    return mbdlft.Scene(
-        name="column",
-        bodies=[scenes.beam(**shapes)],
-        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
-        loads=[push] if load else [],
+    push = kit.force("push", "beam.tip", (1, 0, 0), magnitude=load, frame=frame)
+    return kit.scene(
+        "column",
+        scenes.beam(**shapes),
+        kit.weld("root", "ground", "beam"),
+        *([push] if load else []),
         inputs=["ground.acceleration.y"],
         outputs=["beam.bending_y.1.displacement"],
     )
@@ -112,7 +113,7 @@ def test_loads_at_stations_add_up() -> None:
     """Two pulls at inner nodes are one at the farther one, as far as the nearer one."""
     stations = {"near": 1, "far": 3}
     pulls = [
-        mbdlft.Force(name=name, port=f"beam.{name}", direction=(1, 0, 0), magnitude=load, frame="ground")
+        kit.force(name, f"beam.{name}", (1, 0, 0), magnitude=load, frame="ground")
         for name, load in (("near", 0.7), ("far", -0.4))
     ]
     scene = column(0.0, stations=stations, elements=4, modes=4)
@@ -158,16 +159,15 @@ def whirling() -> mbdlft.Scene:
     """A beam that elongates and bends both ways, askew in a spinning frame, with a mass at its tip."""
     every = ("axial", "bending_y", "bending_z")
     body = scenes.beam(deformations=every, modes=3, modulus=500.0, I_y=0.02, I_z=0.05, prestress="axial")
-    turn = mbdlft.Rotation(axis=(0.2, 1.0, -0.5), angle=0.7)
-    bob = mbdlft.RigidBody(name="bob", mass=0.5, inertia=mbdlft.Inertia(xx=0.1, yy=0.2, zz=0.25))
-    return mbdlft.Scene(
-        name="whirl",
+    turn = kit.turn((0.2, 1.0, -0.5), 0.7)
+    bob = kit.body("bob", 0.5, (0.1, 0.2, 0.25))
+    return kit.scene(
+        "whirl",
+        body,
+        bob,
+        kit.weld("root", "ground", "beam", orientation=(turn,)),
+        kit.weld("end", "beam.tip", "bob"),
         spin=mbdlft.Spin(axis=(0, 0, 1), rate=1.5),
-        bodies=[body, bob],
-        joints=[
-            mbdlft.Fixed(name="root", parent="ground", child="beam", orientation=(turn,)),
-            mbdlft.Fixed(name="end", parent="beam.tip", child="bob"),
-        ],
         inputs=["ground.acceleration.y"],
         outputs=["beam.axial.1.displacement"],
     )
@@ -189,13 +189,8 @@ def test_spin_terms_are_those_of_energy() -> None:
 def test_spin_on_a_hinge_is_that_of_energy() -> None:
     """As `spin_terms_are_those_of_energy`, with a joint inside: wrench and efforts fit together."""
     scene = whirling()
-    hinge = mbdlft.Revolute(
-        name="root",
-        parent="ground",
-        child="beam",
-        axis=(0, 1, 0),
-        stiffness=3.0,
-        orientation=scene.joints[0].orientation,
+    hinge = kit.hinge(
+        "root", "ground", "beam", (0, 1, 0), stiffness=3.0, orientation=scene.joints[0].orientation
     )
     found = scenes.motion(scene.model_copy(update={"joints": (hinge, scene.joints[1])}))
     target(found.M, found.M.T, 10 * CLOSED_FORM)
@@ -237,10 +232,10 @@ def cantilever(slenderness: float, elements: int) -> mbdlft.Scene:
         elements=elements,
         **section(slenderness),
     )
-    return mbdlft.Scene(
-        name="cantilever",
-        bodies=[body],
-        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
+    return kit.scene(
+        "cantilever",
+        body,
+        kit.weld("root", "ground", "beam"),
         inputs=["ground.acceleration.y"],
         outputs=["beam.bending_y.1.displacement"],
     )

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Inertia, Loop, Parameter, Prismatic, Revolute, RigidBody, Rotation, Scene
+from mbdlft import Inertia, Parameter, RigidBody, Scene
 from mbdlft.base.errors import SceneError
+from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.cross.test_mechanism import equals_truth, points_of
 
@@ -14,53 +15,32 @@ PISTON = Parameter("m", 0.8, percent=30, unit="kg")
 
 def slider_crank(*, cut_at_piston: bool) -> Scene:
     """A crank of 0.3 m upright, a rod of 0.5 m to a piston at x = 0.4 m; cut at one end or the other."""
-    crank = RigidBody(name="crank", mass=1.0, inertia=Inertia(zz=0.02), ports={"pin": (0, 0.3, 0)})
-    rod = RigidBody(
-        name="rod",
-        mass=0.5,
-        center_of_mass=(0.25, 0, 0),
-        inertia=Inertia(zz=0.01),
-        ports={"end": (0.5, 0, 0)},
-    )
-    piston = RigidBody(name="piston", mass="m", inertia=Inertia(zz=0.001))
-    down = [Rotation(axis=(0, 0, 1), angle="-2*atan(1/3)")]  # cos 4/5, sin -3/5
-    up = [Rotation(axis=(0, 0, 1), angle="2*atan(1/3)")]
+    crank = kit.body("crank", 1.0, zz=0.02, ports={"pin": (0, 0.3, 0)})
+    rod = kit.body("rod", 0.5, zz=0.01, center_of_mass=(0.25, 0, 0), ports={"end": (0.5, 0, 0)})
+    piston = kit.body("piston", "m", zz=0.001)
+    down = [kit.turn((0, 0, 1), "-2*atan(1/3)")]  # cos 4/5, sin -3/5
+    up = [kit.turn((0, 0, 1), "2*atan(1/3)")]
     joints = [
-        Revolute(name="motor", parent="ground", child="crank", axis=(0, 0, 1)),
-        Revolute(
-            name="knee", parent="crank.pin", child="rod", axis=(0, 0, 1), orientation=down, preload=0
-        ),
+        kit.hinge("motor", "ground", "crank", (0, 0, 1)),
+        kit.hinge("knee", "crank.pin", "rod", (0, 0, 1), orientation=down, preload=0),
     ]
     if cut_at_piston:
-        joints += [
-            Revolute(
-                name="wrist", parent="rod.end", child="piston", axis=(0, 0, 1), orientation=up, preload=0
-            )
-        ]
+        joints += [kit.hinge("wrist", "rod.end", "piston", (0, 0, 1), orientation=up, preload=0)]
         # the bore stands at an angle to the ground, and its axis along x of that frame
-        loop = Loop(name="bore", kind="prismatic", parent="ground", child="piston", axis=(1, 0, 0))
+        loop = kit.loop("bore", "prismatic", "ground", "piston", axis=(1, 0, 0))
     else:
-        joints += [
-            Prismatic(
-                name="bore", parent="ground", child="piston", axis=(1, 0, 0), position=0.4, preload=0
-            )
-        ]
-        loop = Loop(
-            name="wrist",
-            kind="revolute",
-            parent="piston",
-            child="rod.end",
-            axis=(0, 0, 1),
-            orientation=down,
-        )
-    return Scene(
-        name="slider_crank",
+        joints += [kit.rail("bore", "ground", "piston", (1, 0, 0), position=0.4, preload=0)]
+        loop = kit.loop("wrist", "revolute", "piston", "rod.end", axis=(0, 0, 1), orientation=down)
+    return kit.scene(
+        "slider_crank",
+        PISTON,
+        crank,
+        rod,
+        piston,
+        *joints,
+        loop,
+        mbdlft.Position(name="piston_at", port="piston"),
         gravity=(0, -9.81, 0),
-        parameters=[PISTON],
-        bodies=[crank, rod, piston],
-        joints=joints,
-        loops=[loop],
-        sensors=[mbdlft.Position(name="piston_at", port="piston")],
         inputs=["motor.torque"],
         outputs=["motor.angle", "piston_at.x"],
     )
@@ -75,22 +55,17 @@ def cardan(kind: str) -> Scene:
     """Two shafts at the angle b, on bearings, joined by a cross whose first axis is across both."""
     b = mbdlft.Angle("b", 30.0, low=10.0, high=50.0)
     shaft = {"mass": 1.0, "inertia": Inertia(xx=1, yy=1, zz="J")}
-    tilt = [Rotation(axis=(1, 0, 0), angle="b")]
+    tilt = [kit.turn((1, 0, 0), "b")]
     axes = {"axis1": (1, 0, 0), "axis2": (0, 1, 0)}
-    return Scene(
-        name="cardan",
-        parameters=[b, Parameter("J", 0.6, percent=20, unit="kg m^2")],
-        bodies=[
-            RigidBody(name="driver", mass=1.0, inertia=Inertia(xx=1, yy=1, zz=0.4)),
-            RigidBody(name="driven", **shaft),
-        ],
-        joints=[
-            Revolute(name="motor", parent="ground", child="driver", axis=(0, 0, 1)),
-            Revolute(
-                name="load", parent="ground", child="driven", axis=(0, 0, 1), orientation=tilt, preload=0
-            ),
-        ],
-        loops=[Loop(name="cross", kind=kind, parent="driver", child="driven", **axes)],
+    return kit.scene(
+        "cardan",
+        b,
+        Parameter("J", 0.6, percent=20, unit="kg m^2"),
+        kit.body("driver", 1.0, (1, 1, 0.4)),
+        RigidBody(name="driven", **shaft),
+        kit.hinge("motor", "ground", "driver", (0, 0, 1)),
+        kit.hinge("load", "ground", "driven", (0, 0, 1), orientation=tilt, preload=0),
+        kit.loop("cross", kind, "driver", "driven", **axes),
         inputs=["motor.torque"],
         outputs=["motor.rate", "load.rate"],
     )
@@ -136,7 +111,7 @@ def test_an_equilibrium_is_found_through_a_sliding_loop() -> None:
 )
 def test_axes_belong_to_kinds(fields: dict, words: str) -> None:
     with pytest.raises(SceneError, match=words):
-        Loop(name="l", parent="ground", child="b", **fields)
+        kit.loop("l", parent="ground", child="b", **fields)
 
 
 def test_ports_of_what_slides_are_on_one_line() -> None:

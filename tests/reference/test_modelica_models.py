@@ -13,6 +13,7 @@ import mbdlft
 from mbdlft.modelica import operating_point
 from mbdlft.pipeline.dae_models import linearize_dae
 from mbdlft.system.model import LFTModel
+from tests import kit
 from tests.close import CROSS, target
 from tests.modelica import flat
 
@@ -282,20 +283,15 @@ def test_hydraulic_servo() -> None:
 
 
 def scene(m: mbdlft.Parameter, L: mbdlft.Parameter, damping: float) -> mbdlft.Scene:
-    return mbdlft.Scene(
-        name="pendulum",
+    return kit.scene(
+        "pendulum",
+        m,
+        L,
+        kit.body("link", 0, xx=0, ports={"tip": (0, 0, "-L")}),
+        kit.point("bob", "m"),
+        kit.hinge("pivot", "ground", "link", (1, 0, 0), damping=damping),
+        kit.weld("tip", "link.tip", "bob"),
         gravity=(0, 0, -G),
-        parameters=[m, L],
-        bodies=[
-            mbdlft.RigidBody(
-                name="link", mass=0, inertia=mbdlft.Inertia(xx=0), ports={"tip": (0, 0, "-L")}
-            ),
-            mbdlft.PointMass(name="bob", mass="m"),
-        ],
-        joints=[
-            mbdlft.Revolute(name="pivot", parent="ground", child="link", axis=(1, 0, 0), damping=damping),
-            mbdlft.Fixed(name="tip", parent="link.tip", child="bob"),
-        ],
     )
 
 

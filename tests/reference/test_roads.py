@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Loop, PointMass, Prismatic, Revolute, Scene, Spring
+from mbdlft import Scene, Spring
 from mbdlft.base.errors import SceneError
+from tests import kit
 from tests.close import CLOSED_FORM, CROSS, target
 from tests.cross.mechanisms import closed_loop, open_tree
 from tests.cross.test_mechanism import equals_truth, points_of
@@ -124,25 +125,19 @@ def test_motion_is_that_of_its_acceleration() -> None:
 
 def table(**fields) -> Scene:
     """A mass on a spring, on a table that is moved; another spring holds it to the ground."""
-    return Scene(
-        name="table",
-        bodies=[
-            mbdlft.Ground(ports={"wall": (2.0, 0, 0)}),
-            PointMass(name="table", mass=3.0),
-            PointMass(name="load", mass=1.0),
-        ],
-        joints=[
-            Prismatic(name="shake", parent="ground", child="table", axis=(1, 0, 0), imposed="motion"),
-            Prismatic(
-                name="slide", parent="table", child="load", axis=(1, 0, 0), stiffness=9.0, damping=1
-            ),
-        ],
+    return kit.scene(
+        "table",
+        mbdlft.Ground(ports={"wall": (2.0, 0, 0)}),
+        kit.point("table", 3.0),
+        kit.point("load", 1.0),
+        kit.rail("shake", "ground", "table", (1, 0, 0), imposed="motion"),
+        kit.rail("slide", "table", "load", (1, 0, 0), stiffness=9.0, damping=1),
         **fields,
     )
 
 
 def stay(**fields) -> Spring:
-    return Spring(name="stay", parent="ground.wall", child="load", force_density=0, **fields)
+    return kit.spring("stay", "ground.wall", "load", force_density=0, **fields)
 
 
 def test_inputs_are_those_that_are_felt() -> None:
@@ -161,18 +156,14 @@ def test_an_input_whose_column_is_zero_is_not_demanded() -> None:
     tire = {"axis": (0, 1, 0), "radius": 0.3, "force": 0.0, "cornering": 9e4}
 
     def steered(**law: float) -> Scene:
-        return Scene(
-            name="steered",
+        return kit.scene(
+            "steered",
+            kit.point("car", 700.0, ports={"hub": (0, 0, 0.3)}),
+            kit.point("fork", 0.0),
+            kit.rail("side", "ground", "car", (0, 1, 0), preload=0.0),
+            kit.hinge("steer", "car.hub", "fork", (0, 0, 1), imposed="motion"),
+            mbdlft.Tire(name="front", child="fork", **tire, **law),
             velocity=(20.0, 0, 0),
-            bodies=[
-                PointMass(name="car", mass=700.0, ports={"hub": (0, 0, 0.3)}),
-                PointMass(name="fork", mass=0.0),
-            ],
-            joints=[
-                Prismatic(name="side", parent="ground", child="car", axis=(0, 1, 0), preload=0.0),
-                Revolute(name="steer", parent="car.hub", child="fork", axis=(0, 0, 1), imposed="motion"),
-            ],
-            loads=[mbdlft.Tire(name="front", child="fork", **tire, **law)],
             inputs=["steer.angle"],
         )
 
@@ -202,7 +193,7 @@ def test_a_motion_without_a_part_that_is_felt_is_refused() -> None:
 
 
 def test_a_loop_that_only_a_motion_could_close_is_refused() -> None:
-    loop = Loop(name="pin", kind="spherical", parent="ground", child="table")
+    loop = kit.loop("pin", "spherical", "ground", "table")
     scene = table(loops=[loop])
     only = scene.model_copy(update={"joints": scene.joints[:1], "bodies": scene.bodies[:2]})
     with pytest.raises(SceneError, match="nothing else is left that could follow"):
@@ -211,4 +202,4 @@ def test_a_loop_that_only_a_motion_could_close_is_refused() -> None:
 
 def test_the_word_is_checked() -> None:
     with pytest.raises(SceneError, match="imposed: expected true, false or 'motion', got 'moved'"):
-        Revolute(name="a", parent="ground", child="b", axis=(0, 0, 1), imposed="moved")
+        kit.hinge("a", "ground", "b", (0, 0, 1), imposed="moved")

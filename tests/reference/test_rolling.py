@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Free, Inertia, Parameter, RigidBody, Scene, robust_stability, to_lft, worst_case
-from mbdlft.multibody import KnifeEdge, Planar, Rolling
-from tests import close
+from mbdlft import Parameter, Scene, robust_stability, to_lft, worst_case
+from mbdlft.multibody import KnifeEdge, Rolling
+from tests import close, kit
 from tests.attack.contacts import attack
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
@@ -167,16 +167,14 @@ def test_the_self_stable_range_is_proved_for_all_masses_and_trails() -> None:
 
 def sleigh() -> Scene:
     """Chaplygin's sleigh: a knife edge at the origin, the center of mass b ahead of it."""
-    return Scene(
-        name="sleigh",
+    return kit.scene(
+        "sleigh",
+        Parameter("v", 2.0, low=-3.0, high=3.0, unit="m/s"),
+        Parameter("b", 0.3, low=-0.5, high=0.5, unit="m"),
+        kit.body("sled", 3.0, zz=0.2, center_of_mass=("b", 0, 0)),
+        kit.planar("base", "ground", "sled", (0, 0, 1), preload=(0, 0, 0)),
+        KnifeEdge(name="edge", port="sled", heading=(1, 0, 0)),
         velocity=("v", 0.0, 0.0),
-        parameters=[
-            Parameter("v", 2.0, low=-3.0, high=3.0, unit="m/s"),
-            Parameter("b", 0.3, low=-0.5, high=0.5, unit="m"),
-        ],
-        bodies=[RigidBody(name="sled", mass=3.0, center_of_mass=("b", 0, 0), inertia=Inertia(zz=0.2))],
-        joints=[Planar(name="base", parent="ground", child="sled", axis=(0, 0, 1), preload=(0, 0, 0))],
-        contacts=[KnifeEdge(name="edge", port="sled", heading=(1, 0, 0))],
         inputs=["base.torque"],
         outputs=["base.rate"],
     )
@@ -194,12 +192,12 @@ def test_chaplygins_sleigh() -> None:
 
 
 def test_a_ball_rolls_down_a_slope_with_five_sevenths() -> None:
-    ball = Scene(
-        name="ball",
+    ball = kit.scene(
+        "ball",
+        kit.body("ball", 2.0, (0.072, 0.072, 0.072)),
+        kit.free("base", "ground", "ball", position=(0, 0, 0.3)),
+        Rolling(name="touch", port="ball", radius=0.3),
         gravity=(0.0, 0.0, -9.81),
-        bodies=[RigidBody(name="ball", mass=2.0, inertia=Inertia(xx=0.072, yy=0.072, zz=0.072))],
-        joints=[Free(name="base", parent="ground", child="ball", position=(0, 0, 0.3))],
-        contacts=[Rolling(name="touch", port="ball", radius=0.3)],
         inputs=["base.force.x"],
         outputs=["base.velocity.x", "touch.force.1", "touch.force.normal"],
     )
@@ -214,15 +212,13 @@ def test_a_ball_rolls_down_a_slope_with_five_sevenths() -> None:
 
 def test_a_ball_is_held_on_an_inclined_plane() -> None:
     """On a slope of 3 in 4: the load is m g 3/5 along the slope, the ground carries m g 4/5."""
-    ball = Scene(
-        name="ball",
+    ball = kit.scene(
+        "ball",
+        kit.body("ball", 2.0, (0.072, 0.072, 0.072)),
+        kit.free("base", "ground", "ball", position=(-0.18, 0, 0.24), preload=(0,) * 6),
+        kit.force("hold", "ball", (4, 0, 3), frame="ground"),
+        Rolling(name="touch", port="ball", radius=0.3, normal=(-3, 0, 4)),
         gravity=(0.0, 0.0, -10.0),
-        bodies=[RigidBody(name="ball", mass=2.0, inertia=Inertia(xx=0.072, yy=0.072, zz=0.072))],
-        joints=[
-            Free(name="base", parent="ground", child="ball", position=(-0.18, 0, 0.24), preload=(0,) * 6)
-        ],
-        loads=[mbdlft.Force(name="hold", port="ball", direction=(4, 0, 3), frame="ground")],
-        contacts=[Rolling(name="touch", port="ball", radius=0.3, normal=(-3, 0, 4))],
         inputs=["hold.force"],
         outputs=["base.velocity.x", "base.velocity.z", "touch.force.normal"],
     )

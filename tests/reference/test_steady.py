@@ -9,7 +9,8 @@ Dynamics (1986), chapters 6 and 7. With the momentum h of a rotor along e and th
 import numpy as np
 
 import mbdlft
-from mbdlft import Inertia, Parameter, Revolute, RigidBody, Rotation, Scene, Spherical, Spin
+from mbdlft import Inertia, Parameter, RigidBody, Scene, Spin
+from tests import kit
 from tests.close import CLOSED_FORM, CROSS, published, target
 from tests.cross.test_mechanism import points_of
 
@@ -20,23 +21,23 @@ HUB, ACROSS = np.array([3.0, 4.0, 5.0]), 0.06
 
 
 def rotor(axial: str | float = "Ja") -> RigidBody:
-    return RigidBody(name="rotor", mass=5.0, inertia=Inertia(xx=ACROSS, yy=ACROSS, zz=axial))
+    return kit.body("rotor", 5.0, (ACROSS, ACROSS, axial))
 
 
 def hub() -> RigidBody:
     inertia = dict(zip(("xx", "yy", "zz"), map(float, HUB), strict=True))
-    return RigidBody(name="hub", mass=50.0, inertia=Inertia(**inertia))
+    return kit.body("hub", 50.0, inertia=Inertia(**inertia))
 
 
 def gyrostat() -> Scene:
-    return Scene(
-        name="gyrostat",
-        parameters=[RATE, AXIAL],
-        bodies=[hub(), rotor()],
-        joints=[
-            Spherical(name="attitude", parent="ground", child="hub"),
-            Revolute(name="wheel", parent="hub", child="rotor", axis=(0, 0, 1), rate="W"),
-        ],
+    return kit.scene(
+        "gyrostat",
+        RATE,
+        AXIAL,
+        hub(),
+        rotor(),
+        kit.ball("attitude", "ground", "hub"),
+        kit.hinge("wheel", "hub", "rotor", (0, 0, 1), rate="W"),
     )
 
 
@@ -87,7 +88,7 @@ def test_dual_spin_satellite_nutates() -> None:
     stands still in space, moves by -n.
     """
     n = 0.5
-    body = RigidBody(name="hub", mass=1.0, inertia=Inertia(xx=3.0, yy=3.0, zz=5.0))
+    body = kit.body("hub", 1.0, (3.0, 3.0, 5.0))
     scene = gyrostat().model_copy(
         update={"bodies": (body, rotor()), "spin": Spin(axis=(0, 0, 1), rate=n)}
     )
@@ -105,30 +106,15 @@ def test_sleeping_top_becomes_stable() -> None:
     """A top on its point: upright and stable for J_e W > 2 sqrt(J m g l), and not below."""
     m, length, J, g = 0.5, 0.1, 6e-3, 9.81
     limit = 2.0 * np.sqrt(J * m * g * length) / 2e-3
-    top = RigidBody(
-        name="top",
-        mass=m,
-        center_of_mass=(0, 0, length),
-        inertia=Inertia(xx=J, yy=J, zz=2e-3, about="origin"),
-    )
-    scene = Scene(
-        name="top",
+    top = kit.body("top", m, (J, J, 2e-3), about="origin", center_of_mass=(0, 0, length))
+    scene = kit.scene(
+        "top",
+        Parameter("W", limit, percent=50, unit="rad/s"),
+        kit.body("cap", 0.0, (0, 0, 0)),
+        top,
+        kit.cross("point", "ground", "cap", axis1=(1, 0, 0), axis2=(0, 1, 0)),
+        kit.hinge("spin", "cap", "top", (0, 0, 3), rate="W", orientation=[kit.turn((0, 0, 1), "25*deg")]),
         gravity=(0, 0, -g),
-        parameters=[Parameter("W", limit, percent=50, unit="rad/s")],
-        bodies=[RigidBody(name="cap", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0)), top],
-        joints=[
-            mbdlft.Universal(
-                name="point", parent="ground", child="cap", axis1=(1, 0, 0), axis2=(0, 1, 0)
-            ),
-            Revolute(
-                name="spin",
-                parent="cap",
-                child="top",
-                axis=(0, 0, 3),
-                rate="W",
-                orientation=[Rotation(axis=(0, 0, 1), angle="25*deg")],
-            ),
-        ],
         inputs=["point.torque.1"],
         outputs=["point.angle.1"],
     )
@@ -155,27 +141,23 @@ def values_of(model: mbdlft.LFTModel) -> dict[str, np.ndarray]:
 
 
 def pin(name: str, parent: str, child: str, position: float | str = 0.0, **fields) -> mbdlft.Revolute:
-    return mbdlft.Revolute(
-        name=name, parent=parent, child=child, axis=(1, 0, 0), position=position, **fields
-    )
+    return kit.hinge(name, parent, child, (1, 0, 0), position=position, **fields)
 
 
 def ziegler(frame: str) -> mbdlft.LFTModel:
     """Two rods with masses 2 m and m at their ends, springs of 1 N m/rad, a load along the last rod."""
     rod = {"ports": {"foot": (0, 0, "-L")}}
     return mbdlft.to_lft(
-        mbdlft.Scene(
-            name="ziegler",
-            parameters=[M, LENGTH, mbdlft.Parameter("P", 2.0, low=0.5, high=3.0, unit="N")],
-            bodies=[
-                mbdlft.PointMass(name="a", mass="2*m", **rod),
-                mbdlft.PointMass(name="b", mass="m", **rod),
-            ],
-            joints=[
-                pin("ja", "ground", "a.foot", stiffness=1.0, preload=0),
-                pin("jb", "a", "b.foot", stiffness=1.0, preload=0),
-            ],
-            loads=[mbdlft.Force(name="P", port="b", direction=(0, 0, -1), frame=frame, magnitude="P")],
+        kit.scene(
+            "ziegler",
+            M,
+            LENGTH,
+            mbdlft.Parameter("P", 2.0, low=0.5, high=3.0, unit="N"),
+            kit.point("a", "2*m", **rod),
+            kit.point("b", "m", **rod),
+            pin("ja", "ground", "a.foot", stiffness=1.0, preload=0),
+            pin("jb", "a", "b.foot", stiffness=1.0, preload=0),
+            kit.force("P", "b", (0, 0, -1), frame=frame, magnitude="P"),
         ),
         search=0.0,
     )

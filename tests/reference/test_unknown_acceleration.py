@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Inertia, Parameter, PointMass, Revolute, RigidBody, Scene, Universal
+from mbdlft import Parameter, RigidBody, Scene
 from mbdlft.base.errors import SceneError, TrimError
+from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.cross.test_mechanism import equals_truth, points_of
 
@@ -46,27 +47,17 @@ def test_launcher_accelerates_by_thrust_over_mass() -> None:
 
 def dropped() -> Scene:
     """A box that falls freely, with a pendulum on a spring in it."""
-    box = RigidBody(name="box", mass="m", inertia=Inertia(xx=2, yy=3, zz=4), ports={"eye": (0, 0, 0.5)})
-    return Scene(
-        name="dropped",
+    box = kit.body("box", "m", (2, 3, 4), ports={"eye": (0, 0, 0.5)})
+    return kit.scene(
+        "dropped",
+        Parameter("m", 9.0, percent=30, unit="kg"),
+        Parameter("L", 0.4, percent=20, unit="m"),
+        box,
+        kit.point("bob", 2.0, ports={"eye": (0, 0, "L")}),
+        kit.free("fall", "ground", "box", preload=(0, 0, 0, 0, 0, 0)),
+        kit.cross("pivot", "box.eye", "bob.eye", axis1=(1, 0, 0), axis2=(0, 1, 0), preload=(0, 0)),
         gravity=(0, 0, -9.81),
         acceleration=(0, 0, "unknown"),
-        parameters=[
-            Parameter("m", 9.0, percent=30, unit="kg"),
-            Parameter("L", 0.4, percent=20, unit="m"),
-        ],
-        bodies=[box, PointMass(name="bob", mass=2.0, ports={"eye": (0, 0, "L")})],
-        joints=[
-            mbdlft.Free(name="fall", parent="ground", child="box", preload=(0, 0, 0, 0, 0, 0)),
-            Universal(
-                name="pivot",
-                parent="box.eye",
-                child="bob.eye",
-                axis1=(1, 0, 0),
-                axis2=(0, 1, 0),
-                preload=(0, 0),
-            ),
-        ],
         inputs=["pivot.torque.1"],
         outputs=["pivot.angle.1"],
     )
@@ -83,50 +74,39 @@ def test_nothing_swings_in_free_fall() -> None:
 
 def thrust_in_space() -> Scene:
     """A body under oblique thrust with a tilted arm, free in space: its trim is what balances it."""
-    hull = RigidBody(
-        name="hull",
-        mass="m",
+    hull = kit.body(
+        "hull",
+        "m",
+        (2, 3, 4),
+        xy=0.2,
         center_of_mass=(0.1, 0, 0.2),
-        inertia=Inertia(xx=2, yy=3, zz=4, xy=0.2),
         ports={"motor": (0, 0, -0.6), "arm": (0.2, 0, 0.7)},
     )
-    arm = RigidBody(
-        name="arm", mass=1.5, center_of_mass=(0.3, 0, 0.1), inertia=Inertia(xx=0.1, yy=0.2, zz=0.2)
-    )
-    return Scene(
-        name="thrust_in_space",
+    arm = kit.body("arm", 1.5, (0.1, 0.2, 0.2), center_of_mass=(0.3, 0, 0.1))
+    return kit.scene(
+        "thrust_in_space",
+        Parameter("m", 9.0, percent=30, unit="kg"),
+        Parameter("T", 120.0, percent=30, unit="N"),
+        mbdlft.Angle("q", 25.0, low=-30.0, high=60.0),
+        *(_point(name) for name in ("sx", "sy", "sz")),
+        hull,
+        arm,
+        kit.rail("x", "ground", "sx", (1, 0, 0), preload=0),
+        kit.rail("y", "sx", "sy", (0, 1, 0), preload=0),
+        kit.rail("z", "sy", "sz", (0, 0, 1), preload=0),
+        kit.ball("turn", "sz", "hull"),
+        kit.hinge("elbow", "hull.arm", "arm", (0, 1, 0), position="q", stiffness=5.0, damping=0.2),
+        kit.force("thrust", "hull.motor", (0.2, 0.1, 1.0), magnitude="T"),
+        mbdlft.Accelerometer(name="imu", port="arm"),
         gravity=(0.3, -1.0, -9.0),
         acceleration=("unknown", "unknown", "unknown"),
-        parameters=[
-            Parameter("m", 9.0, percent=30, unit="kg"),
-            Parameter("T", 120.0, percent=30, unit="N"),
-            mbdlft.Angle("q", 25.0, low=-30.0, high=60.0),
-        ],
-        bodies=[*(_point(name) for name in ("sx", "sy", "sz")), hull, arm],
-        joints=[
-            mbdlft.Prismatic(name="x", parent="ground", child="sx", axis=(1, 0, 0), preload=0),
-            mbdlft.Prismatic(name="y", parent="sx", child="sy", axis=(0, 1, 0), preload=0),
-            mbdlft.Prismatic(name="z", parent="sy", child="sz", axis=(0, 0, 1), preload=0),
-            mbdlft.Spherical(name="turn", parent="sz", child="hull"),
-            Revolute(
-                name="elbow",
-                parent="hull.arm",
-                child="arm",
-                axis=(0, 1, 0),
-                position="q",
-                stiffness=5.0,
-                damping=0.2,
-            ),
-        ],
-        loads=[mbdlft.Force(name="thrust", port="hull.motor", direction=(0.2, 0.1, 1.0), magnitude="T")],
-        sensors=[mbdlft.Accelerometer(name="imu", port="arm")],
         inputs=["thrust.force", "ground.acceleration.z", "elbow.torque"],
         outputs=["elbow.angle", "imu.x", "imu.y", "imu.z"],
     )
 
 
 def _point(name: str) -> RigidBody:
-    return RigidBody(name=name, mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0))
+    return kit.body(name, 0.0, (0, 0, 0))
 
 
 def test_thrust_in_space_equals_maximal_coordinates() -> None:
@@ -148,7 +128,7 @@ def test_acceleration_that_nothing_determines() -> None:
 def test_the_word_is_not_a_name() -> None:
     named = Parameter("unknown", 1.0, percent=10, unit="m/s^2")
     with pytest.raises(SceneError, match="'unknown' stands for a component that the trim solves"):
-        Scene(name="s", acceleration=(0, 0, "unknown"), parameters=[named])
+        kit.scene("s", named, acceleration=(0, 0, "unknown"))
 
 
 def test_an_equilibrium_is_found_with_it() -> None:

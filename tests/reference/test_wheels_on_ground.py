@@ -7,22 +7,10 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import (
-    Free,
-    Ground,
-    Inertia,
-    Parameter,
-    PointMass,
-    Prismatic,
-    Revolute,
-    RigidBody,
-    Scene,
-    robust_stability,
-    to_lft,
-)
-from mbdlft.multibody import Creep, Planar, Rolling, Support, Tire
+from mbdlft import Ground, Inertia, Parameter, Scene, robust_stability, to_lft
+from mbdlft.multibody import Creep, Rolling, Support, Tire
 from mbdlft.multibody.force import Load
-from tests import close
+from tests import close, kit
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
 SPEED = Parameter("v", 20.0, low=5.0, high=40.0, unit="m/s")
@@ -36,16 +24,15 @@ def car(**law: Any) -> Scene:
         for n in ("front", "rear")
     ]
     ports = {"front": (1.1, 0, 0), "rear": (-1.4, 0, 0)}
-    return Scene(
-        name="car",
+    return kit.scene(
+        "car",
+        SPEED,
+        STIFF,
+        kit.body("body", 1200.0, zz=1800.0, ports=ports),
+        Ground(name="ground", ports={"up": (0, 0, 0.3)}),
+        kit.planar("p", "ground.up", "body", (0, 0, 1), preload=(0, 0, 0)),
+        *tires,
         velocity=("v", 0, 0),
-        parameters=[SPEED, STIFF],
-        bodies=[
-            RigidBody(name="body", mass=1200.0, inertia=Inertia(zz=1800.0), ports=ports),
-            Ground(name="ground", ports={"up": (0, 0, 0.3)}),
-        ],
-        joints=[Planar(name="p", parent="ground.up", child="body", axis=(0, 0, 1), preload=(0, 0, 0))],
-        loads=tires,
         inputs=["p.force.y"],
         outputs=["p.velocity.y", "p.rate", "front.side_force", "rear.side_force"],
     )
@@ -79,22 +66,18 @@ def test_a_car_on_tires_is_that_of_textbooks(length: float) -> None:
 
 def unicycle(wheel: Load, m: float, J: float, R: float, v: float) -> Scene:
     """A wheel that moves aside and up, and leans."""
-    return Scene(
-        name="unicycle",
+    return kit.scene(
+        "unicycle",
+        kit.point("slider", 0.0),
+        kit.point("lift", 0.0),
+        kit.body("wheel", m, xx=J),
+        Ground(name="ground", ports={"up": (0, 0, R)}),
+        kit.rail("y", "ground.up", "slider", (0, 1, 0), preload=0.0),
+        kit.rail("z", "slider", "lift", (0, 0, 1), preload=0.0),
+        kit.hinge("lean", "lift", "wheel", (1, 0, 0), preload=0.0),
+        wheel,
         gravity=(0, 0, -9.81),
         velocity=(v, 0, 0),
-        bodies=[
-            PointMass(name="slider", mass=0.0),
-            PointMass(name="lift", mass=0.0),
-            RigidBody(name="wheel", mass=m, inertia=Inertia(xx=J)),
-            Ground(name="ground", ports={"up": (0, 0, R)}),
-        ],
-        joints=[
-            Prismatic(name="y", parent="ground.up", child="slider", axis=(0, 1, 0), preload=0.0),
-            Prismatic(name="z", parent="slider", child="lift", axis=(0, 0, 1), preload=0.0),
-            Revolute(name="lean", parent="lift", child="wheel", axis=(1, 0, 0), preload=0.0),
-        ],
-        loads=[wheel],
         inputs=["lean.torque"],
         outputs=["lean.angle", "tire.side_force", "tire.force"],
     )
@@ -182,19 +165,12 @@ def test_feet_sink_until_they_carry() -> None:
         Support(name=name, child=f"plate.{name}", stiffness=k, side_stiffness=50.0, force=0.0)
         for name, k in (("left", 2000.0), ("right", 3000.0))
     ]
-    scene = Scene(
-        name="plate",
+    scene = kit.scene(
+        "plate",
+        kit.body("plate", 10.0, (1, 1, 1), ports={"left": (0, 0.3, 0), "right": (0, -0.3, 0)}),
+        kit.rail("lift", "ground", "plate", (0, 0, 1), preload=0.0),
+        *feet,
         gravity=(0, 0, -10.0),
-        bodies=[
-            RigidBody(
-                name="plate",
-                mass=10.0,
-                inertia=Inertia(xx=1, yy=1, zz=1),
-                ports={"left": (0, 0.3, 0), "right": (0, -0.3, 0)},
-            )
-        ],
-        joints=[Prismatic(name="lift", parent="ground", child="plate", axis=(0, 0, 1), preload=0.0)],
-        loads=feet,
     )
     point = mbdlft.find_equilibrium(scene)
     assert np.isclose(point.positions["lift.position"], -100.0 / 5000.0, rtol=close.CLOSED_FORM)
@@ -303,8 +279,8 @@ def test_spin_creep_couples_yaw_with_the_side() -> None:
 def test_rails_that_are_not_straight_steer_a_wheelset() -> None:
     """The wheelset runs over rails that are w aside: it creeps by its motion over them."""
     scene, v, c, s = mbdlft.load_scene(FOLDER / "wheelset.toml"), 30.0, 0.1, 1.0 + 8j
-    bed = RigidBody(name="bed", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0))
-    alignment = Prismatic(name="line", parent="ground", child="bed", axis=(0, 1, 0), imposed="motion")
+    bed = kit.body("bed", 0.0, (0, 0, 0))
+    alignment = kit.rail("line", "ground", "bed", (0, 1, 0), imposed="motion")
     over = scene.model_copy(
         update={
             "bodies": (*scene.bodies, bed),
@@ -359,13 +335,13 @@ def test_a_foot_on_a_point_holds_aside_and_one_on_a_plane_slides() -> None:
     for side in (0.0, 400.0):
         law = {"stiffness": k, "damping": 2.0, "side_stiffness": side, "side_damping": 3.0}
         inertia = Inertia(xx=J, yy=J, zz=J)
-        body = RigidBody(name="body", mass=m, inertia=inertia, ports={"foot": (0, 0, -h)})
-        scene = Scene(
-            name="leg",
+        body = kit.body("body", m, inertia=inertia, ports={"foot": (0, 0, -h)})
+        scene = kit.scene(
+            "leg",
+            body,
+            kit.free("base", "ground", "body", position=(0, 0, h)),
+            Support(name="foot", child="body.foot", **law),
             gravity=(0, 0, -10.0),
-            bodies=[body],
-            joints=[Free(name="base", parent="ground", child="body", position=(0, 0, h))],
-            loads=[Support(name="foot", child="body.foot", **law)],
             inputs=["base.force.x", "base.force.z"],
             outputs=["base.position.x", "base.rotation.y", "base.position.z", "foot.force"],
         )
