@@ -8,6 +8,7 @@ import numpy as np
 import mbdlft
 from mbdlft import MbdlftError, WellPosednessError, scene_from_toml, scene_to_toml, to_lft
 from mbdlft.multibody.to_problem import problem_of_scene
+from tests import kit
 from tests.attack.mechanisms import check, points_of
 from tests.attack.mutations import changed, check_message
 from tests.attack.structures import as_toml, restructured
@@ -22,53 +23,26 @@ SOURCES = (
     "double_pendulum_inverted", "balloon_gondola", "spinning_satellite", "flexible_manipulator",
     "launcher_bending", "mast_observatory", "ur5",
 )  # fmt: skip
-CART = """
-format = "mbdlft-scene/1"
-name = "cart"
-gravity = [0.0, -9.81, 0.0]
-
-[parameters]
-m = { nominal = 1.0, percent = 20, unit = "kg" }
-k = { nominal = 0.1, low = 0.05, high = 0.3, unit = "N/m" }
-
-[bodies.cart]
-kind = "rigid"
-mass = "m"
-center_of_mass = [0, 0.1, 0]
-inertia = { xx = 0.2, yy = 0.1, zz = 0.2 }
-ports.tip = [0, 1.0, 0]
-
-[bodies.boom]
-kind = "beam"
-length = 2.0
-density = 2700.0
-modulus = 7e10
-prestress = "neglected"
-area = 1e-3
-I_y = 1e-7
-I_z = 1e-7
-deformations = ["bending_z"]
-
-[joints.rail]
-kind = "prismatic"
-parent = "ground"
-child = "cart"
-axis = [0, 1, 0]
-stiffness = "k"
-
-[joints.hinge]
-kind = "revolute"
-parent = "cart.tip"
-child = "boom"
-axis = [1, 0, 0]
-stiffness = 2.0
-damping = 0.1
-"""
+CART = kit.scene(
+    "cart",
+    mbdlft.Parameter("m", 1.0, percent=20, unit="kg"),
+    mbdlft.Parameter("k", 0.1, low=0.05, high=0.3, unit="N/m"),
+    kit.body("cart", "m", (0.2, 0.1, 0.2), center_of_mass=(0, 0.1, 0), ports={"tip": (0, 1.0, 0)}),
+    mbdlft.Beam(
+        name="boom", length=2.0, density=2700.0, modulus=7e10, prestress="neglected", area=1e-3, I_y=1e-7,
+        I_z=1e-7, deformations=("bending_z",),
+    ),
+    kit.rail("rail", "ground", "cart", (0, 1, 0), stiffness="k"),
+    kit.hinge("hinge", "cart.tip", "boom", (1, 0, 0), stiffness=2.0, damping=0.1),
+    gravity=(0.0, -9.81, 0.0),
+)  # fmt: skip
 
 
 def texts() -> list[str]:
     """The scenes that are mutated."""
-    return [(ROOT / "scenarios" / f"{name}.toml").read_text("utf-8") for name in SOURCES] + [CART]
+    return [(ROOT / "scenarios" / f"{name}.toml").read_text("utf-8") for name in SOURCES] + [
+        scene_to_toml(CART)
+    ]
 
 
 def attack(seed: int, folder: Path) -> str:

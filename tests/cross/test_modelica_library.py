@@ -25,62 +25,33 @@ pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
 LIBRARY = Path(
     os.environ.get("MODELICA_LIBRARY", Path(__file__).parents[3] / "shared" / "modelica-library.zip")
 )
-PENDULUM = """
-format = "mbdlft-scene/1"
-name = "pendulum"
-gravity = [0.0, -9.80665, 0.0]
-[parameters]
-m = { nominal = 1.0, percent = 20, unit = "kg" }
-[bodies.body]
-kind = "rigid"
-mass = "m"
-center_of_mass = [0.5, 0.0, 0.0]
-inertia = { xx = 0.001, yy = 0.001, zz = 0.001 }
-[joints.rev]
-kind = "revolute"
-parent = "ground"
-child = "body"
-axis = [0, 0, 1]
-position = "90 [deg]"
-damping = 0.1
-[linearize]
-inputs = ["rev.torque"]
-outputs = ["rev.angle"]
-"""
+STANDS = {"gravity": (0.0, -9.80665, 0.0)}
 
 
-BOX = """
-[bodies.{name}]
-kind = "rigid"
-mass = "m"
-center_of_mass = [0.25, 0.0, 0.0]
-ports.tip = [0.5, 0.0, 0.0]
-inertia = {{ xx = "m*0.0006 [m^2]", yy = "m*0.2536 [m^2]/12", zz = "m*0.2536 [m^2]/12" }}
-"""
-DOUBLE = f"""
-format = "mbdlft-scene/1"
-name = "double"
-gravity = [0.0, -9.80665, 0.0]
-[parameters]
-m = {{ nominal = 13.86, percent = 20, unit = "kg" }}
-{BOX.format(name="first")}
-{BOX.format(name="second")}
-[joints.one]
-kind = "revolute"
-parent = "ground"
-child = "first"
-axis = [0, 0, 1]
-position = "90 [deg]"
-damping = 0.1
-[joints.two]
-kind = "revolute"
-parent = "first.tip"
-child = "second"
-axis = [0, 0, 1]
-[linearize]
-inputs = ["one.torque"]
-outputs = ["one.angle"]
-"""
+def pendulum() -> Scene:
+    return kit.scene(
+        "pendulum",
+        Parameter("m", 1.0, percent=20, unit="kg"),
+        kit.body("body", "m", (0.001, 0.001, 0.001), center_of_mass=(0.5, 0, 0)),
+        kit.hinge("rev", "ground", "body", (0, 0, 1), position="90 [deg]", damping=0.1),
+        inputs=["rev.torque"],
+        outputs=["rev.angle"],
+        **STANDS,
+    )
+
+
+def double() -> Scene:
+    across, shape = "m*0.2536 [m^2]/12", {"center_of_mass": (0.25, 0, 0), "ports": {"tip": (0.5, 0, 0)}}
+    return kit.scene(
+        "double",
+        Parameter("m", 13.86, percent=20, unit="kg"),
+        *(kit.body(x, "m", ("m*0.0006 [m^2]", across, across), **shape) for x in ("first", "second")),
+        kit.hinge("one", "ground", "first", (0, 0, 1), position="90 [deg]", damping=0.1),
+        kit.hinge("two", "first.tip", "second", (0, 0, 1)),
+        inputs=["one.torque"],
+        outputs=["one.angle"],
+        **STANDS,
+    )
 
 
 def of_pendulum() -> Any:
@@ -115,18 +86,16 @@ def flat_example(tmp_path: Path, example: str, more: str = "") -> FlatModel:
 @pytest.mark.long
 @LIBRARY_IS_THERE
 @pytest.mark.parametrize(
-    ("name", "text", "mass", "poles_of"),
-    [("Pendulum", PENDULUM, 1.0, of_pendulum), ("DoublePendulum", DOUBLE, 13.86, of_double)],
+    ("name", "scene", "mass", "poles_of"),
+    [("Pendulum", pendulum, 1.0, of_pendulum), ("DoublePendulum", double, 13.86, of_double)],
 )
 def test_a_mechanism_of_the_library_has_the_poles_of_the_scene(
-    tmp_path: Path, name: str, text: str, mass: float, poles_of: Callable[[], Any]
+    tmp_path: Path, name: str, scene: Callable[[], Scene], mass: float, poles_of: Callable[[], Any]
 ) -> None:
     dae, report = translate(flat_example(tmp_path, f"Elementary.{name}"), ModelicaTable())
     of_library = mbdlft.linearize_dae(operating_point(dae, report))
     nominal = {p.name: [p.nominal] for p in dae.parameters}
-    scene = tmp_path / "pendulum.toml"
-    scene.write_text(text)
-    of_scene = mbdlft.to_lft(mbdlft.load_scene(scene))
+    of_scene = mbdlft.to_lft(scene())
     for model, point in ((of_library, nominal), (of_scene, {"m": [mass]})):
         A = np.asarray(mbdlft.matrices_at(model, point)[0])
         poles = np.linalg.eigvals(A.reshape(A.shape[-2:]))

@@ -16,7 +16,10 @@ import mbdlft
 from benchmarks.needs import Transfer, instructions, requests, transfers
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.batch.rows import source_of
+from mbdlft.multibody.coupling import Gear
+from mbdlft.multibody.force import Tire
 from mbdlft.problem import needs as need
+from tests import kit
 from tests.close import roundoff
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
@@ -151,102 +154,59 @@ def test_benchmark_at_its_smallest(capsys: pytest.CaptureFixture[str]) -> None:
 
 # States that no output sees together are gone, exactly.
 
-DRIVE = """
-format = "mbdlft-scene/1"
-name = "drive"
-[parameters]
-n = { nominal = 5.0, low = 4.0, high = 6.0 }
-J = { nominal = 0.3, percent = 50, unit = "kg m^2" }
-k = { nominal = 300.0, percent = 30, unit = "N m/rad" }
-[bodies]
-ground = { kind = "ground", ports.load = [0.2, 0, 0] }
-rotor = { kind = "rigid", mass = 1.0, inertia = { zz = 0.01 } }
-drum = { kind = "rigid", mass = 3.0, inertia = { zz = "J" } }
-[joints]
-motor = { kind = "revolute", parent = "ground", child = "rotor", axis = [0, 0, 1] }
-load = { kind = "revolute", parent = "ground.load", child = "drum", axis = [0, 0, 1], preload = 0 }
-[couplings.shaft]
-kind = "gear"
-joints = ["motor", "load"]
-ratio = "n"
-stiffness = "k"
-damping = 0.02
-preload = 0
-[linearize]
-inputs = ["motor.torque", "load.torque"]
-outputs = ["motor.rate", "load.rate"]
-states = "needed"
-"""
 
-SECOND = """
-[bodies.blade]
-kind = "rigid"
-mass = 1.0
-inertia = { zz = 0.02 }
-[joints.fan]
-kind = "revolute"
-parent = "ground"
-child = "blade"
-axis = [0, 0, 1]
-damping = 0.01
-[couplings.second]
-kind = "gear"
-joints = ["fan", "motor"]
-ratio = "n^2"
-stiffness = 70.0
-damping = 0.01
-preload = 0
-[linearize]"""
+def drive(*more: Any, outputs: tuple[str, ...] = ("motor.rate", "load.rate")) -> mbdlft.Scene:
+    """A motor that turns a drum through a soft gear."""
+    return kit.scene(
+        "drive",
+        mbdlft.Parameter("n", 5.0, low=4.0, high=6.0),
+        mbdlft.Parameter("J", 0.3, percent=50, unit="kg m^2"),
+        mbdlft.Parameter("k", 300.0, percent=30, unit="N m/rad"),
+        mbdlft.Ground(ports={"load": (0.2, 0, 0)}),
+        kit.body("rotor", 1.0, zz=0.01),
+        kit.body("drum", 3.0, zz="J"),
+        kit.hinge("motor", "ground", "rotor", (0, 0, 1)),
+        kit.hinge("load", "ground.load", "drum", (0, 0, 1), preload=0),
+        Gear(name="shaft", joints=("motor", "load"), ratio="n", stiffness="k", damping=0.02, preload=0),
+        *more,
+        inputs=["motor.torque", "load.torque"],
+        outputs=outputs,
+        states="needed",
+    )
 
-CAR = """
-format = "mbdlft-scene/1"
-name = "car"
-velocity = ["v", 0, 0]
-constants.r = { value = 0.3, unit = "m" }
-[parameters]
-v = { nominal = 20.0, low = 10.0, high = 30.0, unit = "m/s" }
-m = { nominal = 1200.0, percent = 20, unit = "kg" }
-[bodies]
-ground = { kind = "ground", ports.center = [0, 0, 0.3] }
-slider = { kind = "point_mass", mass = 0 }
-front = { kind = "rigid", mass = 0, inertia = { xx = 0.5, yy = 0.8, zz = 0.5 } }
-rear = { kind = "rigid", mass = 0, inertia = { xx = 0.5, yy = 0.8, zz = 0.5 } }
-[bodies.car]
-kind = "rigid"
-mass = "m"
-inertia = { xx = 300.0, yy = 1500.0, zz = 1500.0 }
-ports = { front = [1.2, 0, 0], rear = [-1.5, 0, 0] }
-[joints]
-aside = { kind = "prismatic", parent = "ground.center", child = "slider", axis = [0, 1, 0], preload = 0 }
-heading = { kind = "revolute", parent = "slider", child = "car", axis = [0, 0, 1], preload = 0 }
-[linearize]
-inputs = ["heading.torque"]
-outputs = ["heading.rate"]
-states = "needed"
-""" + "".join(
-    f"""
-[joints.spin_{name}]
-kind = "revolute"
-parent = "car.{name}"
-child = "{name}"
-axis = [0, 1, 0]
-rate = "v/r"
-preload = 0
-[loads.tire_{name}]
-kind = "tire"
-child = "{name}"
-axis = [0, 1, 0]
-radius = "r"
-cornering = {cornering}
-camber = 0
-force = 0
-"""
-    for name, cornering in (("front", 4e4), ("rear", 5e4))
+
+SECOND = (
+    kit.body("blade", 1.0, zz=0.02),
+    kit.hinge("fan", "ground", "blade", (0, 0, 1), damping=0.01),
+    Gear(name="second", joints=("fan", "motor"), ratio="n^2", stiffness=70.0, damping=0.01, preload=0),
 )
 
 
-def both_of(text: str) -> tuple[mbdlft.LFTModel, mbdlft.LFTModel]:
-    scene = mbdlft.scene_from_toml(text)
+def car() -> mbdlft.Scene:
+    """A body on two wheels with tires that slip, at the speed v."""
+    across, tire = {"axis": (0, 1, 0)}, {"radius": "r", "camber": 0, "force": 0}
+    wheels = {"front": 4e4, "rear": 5e4}
+    return kit.scene(
+        "car",
+        mbdlft.Parameter("v", 20.0, low=10.0, high=30.0, unit="m/s"),
+        mbdlft.Parameter("m", 1200.0, percent=20, unit="kg"),
+        mbdlft.Ground(ports={"center": (0, 0, 0.3)}),
+        kit.point("slider", 0),
+        *(kit.body(name, 0, (0.5, 0.8, 0.5)) for name in wheels),
+        kit.body("car", "m", (300.0, 1500.0, 1500.0), ports={"front": (1.2, 0, 0), "rear": (-1.5, 0, 0)}),
+        kit.rail("aside", "ground.center", "slider", **across, preload=0),
+        kit.hinge("heading", "slider", "car", (0, 0, 1), preload=0),
+        *(kit.hinge(f"spin_{x}", f"car.{x}", x, **across, rate="v/r", preload=0) for x in wheels),
+        *(Tire(name=f"tire_{x}", child=x, **across, **tire, cornering=c) for x, c in wheels.items()),
+        velocity=("v", 0, 0),
+        constants={"r": mbdlft.Constant(value=0.3, unit="m")},
+        inputs=["heading.torque"],
+        outputs=["heading.rate"],
+        states="needed",
+    )
+
+
+def both_of(scene: mbdlft.Scene) -> tuple[mbdlft.LFTModel, mbdlft.LFTModel]:
     every = scene.model_copy(update={"states": "all"})
     return tuple(mbdlft.to_lft(s, search=0.0) for s in (scene, every))  # type: ignore[return-value]
 
@@ -259,7 +219,7 @@ def same_transfers(part: mbdlft.LFTModel, whole: mbdlft.LFTModel) -> dict[str, A
 
 
 def test_twist_of_a_drive() -> None:
-    part, whole = both_of(DRIVE)
+    part, whole = both_of(drive())
     names = ["motor.angle - n load.angle", "motor.rate", "load.rate"]
     assert [(s.name, s.unit) for s in part.states] == list(
         zip(names, ["rad", "rad/s", "rad/s"], strict=True)
@@ -274,18 +234,17 @@ def test_twist_of_a_drive() -> None:
 
 def test_a_coefficient_may_divide() -> None:
     """Gears with ratios n and n^2 on both sides of a motor: one of them divides, whatever goes."""
-    more = DRIVE.replace("[linearize]", SECOND).replace(', "load.rate"]', ', "load.rate", "fan.rate"]')
-    part, whole = both_of(more)
+    part, whole = both_of(drive(*SECOND, outputs=("motor.rate", "load.rate", "fan.rate")))
     same_transfers(part, whole)
     assert len(part.states) == 5
     assert part.states[0].name == "load.angle - n^-1 motor.angle"
 
 
 def test_rows_of_a_sweep_have_them_too() -> None:
-    part, _ = both_of(DRIVE)
+    part, _ = both_of(drive())
     values = mbdlft.random(part.parameters, 4)
     points = np.stack([values[p.name] for p in part.parameters], axis=1)
-    numeric, evaluated = (source_of(x) for x in (mbdlft.scene_from_toml(DRIVE), part))
+    numeric, evaluated = (source_of(x) for x in (drive(), part))
     assert numeric.layout == evaluated.layout
     for found, expected in zip(numeric.rows(points)[:2], evaluated.rows(points)[:2], strict=True):
         roundoff(found, expected, kappa=1e3)
@@ -293,7 +252,7 @@ def test_rows_of_a_sweep_have_them_too() -> None:
 
 def test_heading_of_a_car() -> None:
     """Whitcomb and Milliken (1956): v_y of the car itself, and its rate of yaw."""
-    part, whole = both_of(CAR)
+    part, whole = both_of(car())
     assert [s.name for s in part.states] == ["aside.velocity - v heading.angle", "heading.rate"]
     values = same_transfers(part, whole)
     v, m, (a, b), (f, r) = values["v"], values["m"], (1.2, 1.5), (4e4, 5e4)
@@ -333,7 +292,7 @@ def test_a_speed_loop() -> None:
     controller = mbdlft.synthesis.tunable_pid("C", "e", "u", filter=100.0, scale=1.0)
     goal = mbdlft.synthesis.tracking_goal("r", "e", time=0.5)
     wires = [["drive.motor.torque", "u"], ["e", "r", "-drive.motor.rate"]]
-    part, whole = both_of(DRIVE)
+    part, whole = both_of(drive())
     how: dict[str, Any] = {"starts": 1, "prove": False}
     assert mbdlft.tune([part, controller], [goal], wires, **how).soft < 1.0
     with pytest.raises(AnalysisError, match=r"stays on the axis.*states = 'needed'"):

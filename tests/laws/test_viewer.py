@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 import mbdlft
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.scene import scene_from_toml
 from mbdlft.problem.trim import solve_trim
 from mbdlft.show.viewer import page as page_of_scene
 from mbdlft.show.viewer.data import OPERATIONS, tape_of, view_data
 from mbdlft.show.viewer.drawing import draw, solid_of
 from mbdlft.show.viewer.poses import scene_poses
+from tests import kit
 from tests.close import CROSS, EVALUATION, FINITE_ELEMENTS, target
 from tests.cross.maximal import Bodies
 from tests.cross.mechanisms import open_tree
@@ -137,86 +137,53 @@ def test_arrows_of_loads_are_forces_on_bodies() -> None:
         target(along[:2], [0.0, 0.0], EVALUATION, along[2])
 
 
-CHAIN = """
-format = "mbdlft-scene/1"
-name = "chain"
-[parameters]
-k = { nominal = 2.0, low = 1.0, high = 3.0, unit = "N/m" }
-[bodies.a]
-kind = "point_mass"
-mass = 1.0
-[bodies.b]
-kind = "point_mass"
-mass = 1.0
-[joints.first]
-kind = "prismatic"
-parent = "ground"
-child = "a"
-axis = [1, 0, 0]
-stiffness = "k"
-[joints.second]
-kind = "prismatic"
-parent = "a"
-child = "b"
-axis = [1, 0, 0]
-stiffness = "k"
-damping = DAMPING
-"""
+def chain(damping: float = 0.0, **first: Any) -> mbdlft.Scene:
+    """Two masses one after the other on springs along x."""
+    along = {"axis": (1, 0, 0)}
+    return kit.scene(
+        "chain",
+        mbdlft.Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m"),
+        *(kit.point(name, 1.0) for name in "ab"),
+        kit.rail("first", "ground", "a", **along | {"stiffness": "k"} | first),
+        kit.rail("second", "a", "b", **along, stiffness="k", damping=damping),
+    )
 
 
 def test_modes_of_a_chain() -> None:
     """Relative coordinates of two masses: [2 1; 1 1] q'' + k q = 0, omega^2 = k (3 -+ sqrt 5)/2."""
-    data = view_data(scene_from_toml(CHAIN.replace("DAMPING", "0.0")), {"k": 2.5})
+    data = view_data(chain(), {"k": 2.5})
     assert [sample["point"] for sample in data["modes"][:4]] == [[2.5], [2.0], [1.0], [3.0]]
     for sample in data["modes"]:
         k = sample["point"][0]
         squares = k * np.array([(3 - np.sqrt(5)) / 2, (3 + np.sqrt(5)) / 2])
         target([m["imag"] for m in sample["modes"]], np.sqrt(squares), EVALUATION * 10)
         assert [m["real"] for m in sample["modes"]] == [0.0, 0.0]
-    damped = view_data(scene_from_toml(CHAIN.replace("DAMPING", "0.1")))["modes"][0]["modes"]
+    damped = view_data(chain(0.1))["modes"][0]["modes"]
     assert all(m["real"] < 0.0 for m in damped)
 
 
 def test_modes_at_zero_are_listed_once_for_each_shape() -> None:
-    free = CHAIN.replace('stiffness = "k"', "", 1).replace("DAMPING", "0.0")
-    for sample in view_data(scene_from_toml(free))["modes"]:
+    for sample in view_data(chain(stiffness=0.0))["modes"]:
         still, swinging = sample["modes"]
         assert (still["real"], still["imag"]) == (0.0, 0.0)
         assert still["shape"] == [[1.0, 0.0], [0.0, 0.0]]
         target(swinging["imag"], np.sqrt(2 * sample["point"][0]), EVALUATION * 10)
 
 
-PAIR = """
-format = "mbdlft-scene/1"
-name = "pair"
-[bodies.a]
-kind = "point_mass"
-mass = 1.0
-[bodies.b]
-kind = "point_mass"
-mass = 1e6
-[joints.first]
-kind = "prismatic"
-parent = "ground"
-child = "a"
-axis = [1, 0, 0]
-[joints.second]
-kind = "prismatic"
-parent = "ground"
-child = "b"
-axis = [1, 0, 0]
-position = 2.0
-[loads.between]
-kind = "spring"
-parent = "a"
-child = "b"
-stiffness = 1.0
-force_density = 0.0
-"""
+def pair() -> mbdlft.Scene:
+    """Masses side by side that differ by a million, with a spring between them."""
+    return kit.scene(
+        "pair",
+        kit.point("a", 1.0),
+        kit.point("b", 1e6),
+        kit.rail("first", "ground", "a", (1, 0, 0)),
+        kit.rail("second", "ground", "b", (1, 0, 0), position=2.0),
+        kit.spring("between", "a", "b", stiffness=1.0, force_density=0.0),
+    )
 
 
 def test_a_mode_at_zero_of_unequal_masses_moves_them_together() -> None:
-    (sample,) = view_data(scene_from_toml(PAIR))["modes"]
+    (sample,) = view_data(pair())["modes"]
     still, _ = sample["modes"]
     target(still["shape"], [[1.0, 1.0], [0.0, 0.0]], FINITE_ELEMENTS)
 
@@ -266,10 +233,7 @@ def test_center_of_mass_of_elastic_bodies() -> None:
 
 def test_texts_end_no_element() -> None:
     evil = "</script><script>alert(1)</script>"
-    text = CHAIN.replace("DAMPING", "0.0").replace(
-        'name = "chain"', f'name = "chain"\ndescription = "{evil}"'
-    )
-    html = mbdlft.view(scene_from_toml(text)).html
+    html = mbdlft.view(chain().model_copy(update={"description": evil})).html
     assert evil not in html
     found = re.search(r'<script type="application/json" id="data">(.*?)</script>', html, re.DOTALL)
     assert found is not None
@@ -283,7 +247,7 @@ def test_a_page_asks_for_nothing() -> None:
 
 
 def test_a_notebook_shows_a_page() -> None:
-    page = mbdlft.view(scene_from_toml(CHAIN.replace("DAMPING", "0.0")))
+    page = mbdlft.view(chain())
     assert page._repr_html_().startswith('<iframe srcdoc="&lt;!doctype html&gt;')
     assert re.fullmatch(r"Page\('chain', \d\.\d MB\)", repr(page))
 

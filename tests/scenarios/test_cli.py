@@ -9,6 +9,7 @@ import pytest
 import mbdlft
 from mbdlft.cli import options
 from mbdlft.order import search
+from tests import kit
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
 from tests.scenarios.commands import Call
@@ -22,20 +23,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 def test_figure_of_an_undamped_system(tmp_path: Path, call: Call) -> None:
     """m = k = 1 rings at 1 rad/s without end: all figures are drawn, and the table says it."""
     scene, figure = tmp_path / "scene.toml", tmp_path / "figure.png"
-    scene.write_text(
-        """format = "mbdlft-scene/1"
-name = "oscillator"
-[bodies.mass]
-kind = "point_mass"
-mass = 1.0
-[joints.slide]
-kind = "prismatic"
-parent = "ground"
-child = "mass"
-axis = [0, 1, 0]
-stiffness = 1.0
-"""
-    )
+    slide = kit.rail("slide", "ground", "mass", (0, 1, 0), stiffness=1.0)
+    scene.write_text(mbdlft.scene_to_toml(kit.scene("oscillator", kit.point("mass", 1.0), slide)))
     files = [f"bode={figure}.b.png", f"poles={figure}.p.png", f"step={figure}.s.png", str(figure)]
     plots = [word for file in files for word in ("--plot", file)]
     code, out, err = call("linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots)

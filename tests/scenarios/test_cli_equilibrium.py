@@ -9,6 +9,7 @@ import pytest
 
 import mbdlft
 from scenarios import sagging_arm
+from tests import kit
 from tests.close import roundoff
 from tests.scenarios.commands import Call
 
@@ -20,25 +21,12 @@ def sagging(tmp_path: Path) -> str:
     return str(file)
 
 
-PENDULUM = """
-format = "mbdlft-scene/1"
-name = "pendulum"
-gravity = [0.0, 0.0, -9.81]
-
-[bodies.bob]
-kind = "point_mass"
-mass = 2.0
-ports.top = [0, 0, 1]
-
-[joints.hinge]
-kind = "revolute"
-parent = "ground"
-child = "bob.top"
-axis = [1, 0, 0]
-position = 1.0
-preload = 0
-damping = DAMPING
-"""
+def pendulum(damping: float = 0.1, preload: float = 0.0, g: float = 9.81) -> str:
+    bob = kit.point("bob", 2.0, ports={"top": (0, 0, 1)})
+    hinge = kit.hinge(
+        "hinge", "ground", "bob.top", (1, 0, 0), position=1.0, preload=preload, damping=damping
+    )
+    return mbdlft.scene_to_toml(kit.scene("pendulum", bob, hinge, gravity=(0, 0, -g)))
 
 
 def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, call: Call) -> None:
@@ -59,7 +47,7 @@ def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, call: Call)
 
 def test_all_equilibria(tmp_path: Path, call: Call) -> None:
     file = tmp_path / "pendulum.toml"
-    file.write_text(PENDULUM.replace("DAMPING", "0.1"), encoding="utf-8")
+    file.write_text(pendulum(), encoding="utf-8")
     code, out, err = call("trim", str(file), "--all", "--starts", "10")
     assert (code, err) == (0, "")
     assert "equilibrium 2" in out
@@ -71,19 +59,17 @@ def test_all_equilibria(tmp_path: Path, call: Call) -> None:
         _, out, _ = call("trim", str(file), "--all", "--starts", "10", "-o", str(written), *form)
         assert str(written) in "".join(out.split("\n"))
     assert json.loads(out)["scene"] == str(written)
-    file.write_text(PENDULUM.replace("DAMPING", "0.0"), encoding="utf-8")
+    file.write_text(pendulum(0.0), encoding="utf-8")
     code, out, err = call("trim", str(file), "--positions")
     assert "neither stable nor unstable: something moves without damping" in out
-    weightless = PENDULUM.replace("-9.81", "0.0").replace("DAMPING", "0.1")
-    file.write_text(weightless, encoding="utf-8")
+    file.write_text(pendulum(g=0.0), encoding="utf-8")
     code, out, err = call("trim", str(file), "--positions")
     assert "not determined: hinge.angle" in out
 
 
 def test_errors_say_where(sagging: str, tmp_path: Path, call: Call) -> None:
     file = tmp_path / "pendulum.toml"
-    text = PENDULUM.replace("DAMPING", "0.1").replace("preload = 0", "preload = 25.0")
-    file.write_text(text, encoding="utf-8")
+    file.write_text(pendulum(preload=25.0), encoding="utf-8")
     code, _, err = call("trim", str(file), "--positions")
     assert code == 2
     assert "no equilibrium found from 30 starts" in err

@@ -2,60 +2,41 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import mbdlft
+from tests import kit
 from tests.scenarios.commands import Call
 
-POLE = """
-format = "mbdlft-scene/1"
-name = "pole"
-gravity = [0, 0, -9.81]
+LEANS = {"position": "20*deg"}
 
-[constants]
-spare = 2.0
 
-[bodies.cart]
-kind = "point_mass"
-mass = 1.0
+def pole(*more: Any, pivot: Any = LEANS, mass: Any = 0.1, J: Any = 0.01, **fields: Any) -> mbdlft.Scene:
+    """A pole that leans on a cart; it has a constant and a port that nothing uses."""
+    return kit.scene(
+        "pole",
+        kit.point("cart", 1.0),
+        kit.body(
+            "pole", mass, xx=J, center_of_mass=(0, 0, 0.5), ports={"tip": (0, 0, 1), "eye": (0, 0, 0.9)}
+        ),
+        kit.rail("track", "ground", "cart", (0, 1, 0)),
+        kit.hinge("pivot", "cart", "pole", (1, 0, 0), **pivot),
+        mbdlft.Position(name="seen", port="pole.tip"),
+        *more,
+        **{"gravity": (0, 0, -9.81), "constants": {"spare": 2.0}, "inputs": ["track.force"], **fields},
+    )
 
-[bodies.pole]
-kind = "rigid"
-mass = 0.1
-center_of_mass = [0, 0, 0.5]
-inertia = { xx = 0.01 }
-ports.tip = [0, 0, 1]
-ports.eye = [0, 0, 0.9]
 
-[joints.track]
-kind = "prismatic"
-parent = "ground"
-child = "cart"
-axis = [0, 1, 0]
-
-[joints.pivot]
-kind = "revolute"
-parent = "cart"
-child = "pole"
-axis = [1, 0, 0]
-position = "20*deg"
-
-[sensors.seen]
-kind = "position"
-port = "pole.tip"
-
-[linearize]
-inputs = ["track.force"]
-"""
 HELD = "note: pivot.torque holds the equilibrium with -0.1678 N m at nominal, and is no input"
 
 Patch, Capture = pytest.MonkeyPatch, pytest.CaptureFixture[str]
 
 
-def written(tmp_path: Path, text: str = POLE) -> str:
+def written(tmp_path: Path, scene: mbdlft.Scene | None = None) -> str:
     file = tmp_path / "pole.toml"
-    file.write_text(text, encoding="utf-8")
+    file.write_text(mbdlft.scene_to_toml(scene or pole()), encoding="utf-8")
     return str(file)
 
 
@@ -73,15 +54,15 @@ def test_a_leaning_pole_is_held_by_something(command: str, tmp_path: Path, call:
 
 
 @pytest.mark.parametrize(
-    ("old", "new"),
+    "changed",
     [
-        ('inputs = ["track.force"]', 'inputs = ["track.force", "pivot.torque"]'),
-        ('position = "20*deg"', "preload = 0"),
-        ('position = "20*deg"', 'position = "20*deg"\nstiffness = 30'),  # its static load
+        {"inputs": ["track.force", "pivot.torque"]},
+        {"pivot": {"preload": 0}},
+        {"pivot": LEANS | {"stiffness": 30}},  # its static load
     ],
 )
-def test_no_note_where_all_is_said(old: str, new: str, tmp_path: Path, call: Call) -> None:
-    code, out, _ = call("check", written(tmp_path, POLE.replace(old, new)))
+def test_no_note_where_all_is_said(changed: dict[str, Any], tmp_path: Path, call: Call) -> None:
+    code, out, _ = call("check", written(tmp_path, pole(**changed)))
     assert code == 0
     assert "holds the equilibrium" not in out.replace("efforts that hold", "")
 
@@ -102,22 +83,20 @@ def test_notes_in_python(tmp_path: Path) -> None:
     assert "constant 'spare' is declared and not used." in said
     for height, pushed in ((-1.0, True), (2.5, False)):
         ground = mbdlft.Ground(ports={"end": (0, 0, height)})
-        spring = mbdlft.Spring(name="s", parent="ground.end", child="b", stiffness=9.0)
-        body = mbdlft.PointMass(name="b", mass=1.0)
-        joint = mbdlft.Prismatic(name="j", parent="ground", child="b", axis=(0, 0, 1), preload=0)
-        on_spring = mbdlft.Scene(
-            name="s", gravity=(0, 0, -9.81), bodies=[ground, body], joints=[joint], loads=[spring]
-        )
+        spring = kit.spring("s", "ground.end", "b", stiffness=9.0)
+        joint = kit.rail("j", "ground", "b", (0, 0, 1), preload=0)
+        on_spring = kit.scene("s", ground, kit.point("b", 1.0), joint, spring, gravity=(0, 0, -9.81))
         assert ("in compression at nominal: spring 's'" in " ".join(mbdlft.notes(on_spring))) is pushed
 
 
 def test_what_is_used_and_changes_nothing(tmp_path: Path, call: Call) -> None:
     """A parameter that cancels, a sensor that is no output."""
-    text = POLE.replace("xx = 0.01", 'xx = "0.01 + 0*p"')
-    text += 'outputs = ["pivot.angle"]\n[parameters]\n'
-    text += 'p = { nominal = 1, percent = 5, unit = "kg m^2" }\n'
-    text += "unused = { nominal = 1, percent = 5 }\n"
-    code, out, _ = call("linearize", written(tmp_path, text))
+    p, unused = (
+        mbdlft.Parameter("p", 1, percent=5, unit="kg m^2"),
+        mbdlft.Parameter("unused", 1, percent=5),
+    )
+    scene = pole(p, unused, J="0.01 + 0*p", outputs=["pivot.angle"])
+    code, out, _ = call("linearize", written(tmp_path, scene))
     out = " ".join(out.split())
     assert code == 0
     assert "parameter 'p' has no effect on this model." in out
@@ -129,8 +108,8 @@ def test_what_is_used_and_changes_nothing(tmp_path: Path, call: Call) -> None:
 @pytest.mark.filterwarnings("always::mbdlft.base.errors.MbdlftWarning")
 @pytest.mark.parametrize("command", ["check", "trim", "poles", "response", "linearize"])
 def test_json_of_every_command_has_warnings(command: str, tmp_path: Path, call: Call) -> None:
-    text = POLE.replace('position = "20*deg"', "preload = 0\ndamping = -2.0")
-    code, out, err = call(command, written(tmp_path, text), "--json")
+    scene = pole(pivot={"preload": 0, "damping": -2.0})
+    code, out, err = call(command, written(tmp_path, scene), "--json")
     said = "joint 'pivot': damping is negative in the range: -2 N m s/rad."
     assert code == 0
     assert f"mbdlft: warning: {said}" in err
@@ -138,11 +117,8 @@ def test_json_of_every_command_has_warnings(command: str, tmp_path: Path, call: 
 
 
 def test_sweep_says_that_it_replaces_rows(tmp_path: Path, call: Call) -> None:
-    text = (
-        POLE.replace("mass = 0.1", 'mass = "m"')
-        + '[parameters]\nm = { nominal = 0.1, percent = 5, unit = "kg" }\n'
-    )
-    file, archive = written(tmp_path, text), str(tmp_path / "rows.h5")
+    scene = pole(mbdlft.Parameter("m", 0.1, percent=5, unit="kg"), mass="m")
+    file, archive = written(tmp_path, scene), str(tmp_path / "rows.h5")
     wanted = ("sweep", file, "--random", "3", "-o", archive, "--workers", "1")
     code, _, err = call(*wanted)
     assert (code, "replaced" in err) == (0, False)
