@@ -1,12 +1,15 @@
 """Errors of the command line: exit code 2 and one readable message, never a traceback."""
 
 import json
+from pathlib import Path
 
 import pytest
 
 from tests.errors.robots import written
 from tests.errors.table import MessageError, refused, says
 from tests.scenarios.commands import run as run_here
+
+MISSILE = str(Path(__file__).parents[2] / "scenarios" / "missile.toml")
 
 
 @pytest.fixture
@@ -37,8 +40,8 @@ test_messages = refused(
 > command({}) => MessageError:
 "{check|linearize}", arm_file('outputs = ["shoulder.angle"', 'outputs = ["shoulder.angel"')
     => scene 'two_link_arm', outputs: unknown signal 'shoulder.angel'. Did you mean 'shoulder.angle'
-"{check|trim|linearize}", "none.toml" => none.toml: cannot be read:  … No such file
-"show", "none.h5" => none.h5: cannot be read: No such file or directory.
+"{check|trim|linearize|realize|poles}", "none.toml" => none.toml: cannot be read:  … No such file
+"{show|poles}", "none.h5" => none.h5: cannot be read: No such file or directory.
 "import", crane, "-o", "none/crane.toml" => none/crane.toml: cannot be written: No such file or directory.
 # one of two would be lost
 "linearize", arm_file(), "-o", "a.pdf", "--plot", "a.pdf" => a.pdf: it is given twice
@@ -49,6 +52,25 @@ test_messages = refused(
 "tune", "t.toml", "--plot", "a.svg", "--scene", "a.svg" => a.svg: it is given twice
 "import", crane, "-o", crane => crane.urdf: it is given twice
 "poles", arm_file(), "--over", "m1" => --over m1: expected a figure, too
+"realize", arm_file() => arm.toml: format: expected 'mbdlft-matrix/1', got 'mbdlft-scene/1'. Scenes are
+"linearize", MISSILE => missile.toml: format: expected 'mbdlft-scene/1', got 'mbdlft-matrix/1'.
+> command("linearize", arm_file(), {}) => MessageError:
+"--plot", "any=a.png" => --plot any=a.png: unknown figure 'any'. Existing: bode … over a parameter: poles:
+"--plot", "order:theta1=a.png" => --plot order:theta1=a.png: unknown figure 'order:theta1'.
+"--truncate", "0" => truncation needs a tolerance above 0, such as 0.01, got 0.0.
+"--truncate", "nan" => truncation needs a tolerance above 0, such as 0.01, got nan.
+> command("poles", arm_file(), {}) => MessageError:
+"--model", "arm" => --model arm: arm.toml is no archive; only an archive has models.
+"--set", "theta1" => --set theta1: expected name=value with a number … Parameters: J1, L2, m1
+"--set", "theta1=600" => model 'two_link_arm': theta1 = 600 is outside its range [45, 90] deg.
+"-o", "figure.nonsense" => figure.nonsense: the figure cannot be written: … got '.nonsense'.
+> command("response", arm_file(), {}) => MessageError:
+"--input", "any" => model 'two_link_arm': unknown input 'any'. Existing: elbow.torque, shoulder.torque.
+"--output", "any" => model 'two_link_arm': unknown output 'any'. Existing: elbow.angle, shoulder.angle.
+"--at", "0" => --at 0: expected a positive finite frequency (rad/s), such as 1.5.
+"--at", "nan" => --at nan: expected a positive finite frequency
+"--kind", "any" => --kind any: expected one of sigma, bode
+"-o", "/no/such/f.png" => /no/such/f.png: the figure cannot be written: /no/such is not a folder.
 > command("simulate", arm_file(), {}) => MessageError:
 "--amplitude", "nan" => --amplitude: expected finite numbers, got [nan].
 "--amplitude", "inf" => --amplitude: expected finite numbers, got [inf].

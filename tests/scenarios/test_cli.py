@@ -16,7 +16,6 @@ from tests.scenarios.commands import Call
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
-MISSILE = str(ROOT / "scenarios" / "missile.toml")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -277,46 +276,6 @@ def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
     code, out, _ = call("check", str(scene))
     assert code == 0
     assert "'spare' is declared and not used" in out
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("check", "missing.toml"),
-        ("linearize", "missing.toml"),
-        ("realize", "missing.toml"),
-        ("realize", ARM),
-        ("linearize", MISSILE),
-        ("show", "missing.h5"),
-        ("trim", ARM, "--set", "nonsense"),
-        ("trim", ARM, "--set", "theta=3"),
-        ("trim", ARM, "--set", "m1=1000"),
-        ("linearize", ARM, "-o", "/no/such/folder/arm.h5"),
-        ("linearize", ARM, "--plot", "figure.nonsense"),
-        ("linearize", ARM, "--plot", "nonsense=figure.png"),
-        ("linearize", ARM, "--plot", "order:theta1=figure.png"),
-        ("poles", "missing.h5"),
-        ("poles", "missing.toml"),
-        ("poles", ARM, "--model", "arm"),
-        ("poles", ARM, "--set", "theta1"),
-        ("poles", ARM, "--set", "theta1=600"),
-        ("poles", ARM, "-o", "figure.nonsense"),
-        ("response", ARM, "--input", "nonsense"),
-        ("response", ARM, "--output", "nonsense"),
-        ("response", ARM, "--at", "0"),
-        ("response", ARM, "--at", "nan"),
-        ("response", ARM, "--kind", "nonsense"),
-        ("response", ARM, "-o", "/no/such/folder/f.png"),
-        ("linearize", ARM, "--truncate", "0"),
-        ("linearize", ARM, "--truncate", "nan"),
-    ],
-)
-def test_bad_input_is_one_message_and_exit_code_2(arguments: tuple[str, ...], call: Call) -> None:
-    code, _, err = call(*arguments)
-    assert code == 2
-    assert err.startswith("mbdlft: ")
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
 
 
 def test_version_and_help(call: Call) -> None:
