@@ -8,6 +8,7 @@ import pytest
 from mbdlft.cli.commands import main
 
 Call = Callable[..., tuple[int, str, str]]  # exit code, output, errors
+Output = Callable[..., str]
 
 
 def run(

@@ -12,22 +12,21 @@ from mbdlft.order import search
 from tests import kit
 from tests.close import CLOSED_FORM, roundoff
 from tests.errors.robots import written
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
-def test_figure_of_an_undamped_system(tmp_path: Path, call: Call) -> None:
+def test_figure_of_an_undamped_system(tmp_path: Path, output: Output) -> None:
     """m = k = 1 rings at 1 rad/s without end: all figures are drawn, and the table says it."""
     scene, figure = tmp_path / "scene.toml", tmp_path / "figure.png"
     slide = kit.rail("slide", "ground", "mass", (0, 1, 0), stiffness=1.0)
     scene.write_text(mbdlft.scene_to_toml(kit.scene("oscillator", kit.point("mass", 1.0), slide)))
     files = [f"bode={figure}.b.png", f"poles={figure}.p.png", f"step={figure}.s.png", str(figure)]
     plots = [word for file in files for word in ("--plot", file)]
-    code, out, err = call("linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots)
-    assert (code, err) == (0, "")
+    out = output("linearize", str(scene), "-o", str(tmp_path / "o.h5"), *plots)
     for file in files:
         assert Path(file.rpartition("=")[2]).read_bytes().startswith(PNG)
     assert "not asymptotically stable at nominal: poles are on the axis" in out
@@ -59,14 +58,13 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
     assert (code, len(json.loads(out)["points"])) == (2, 2)
 
 
-def test_linearize_stores_a_program(tmp_path: Path, call: Call) -> None:
+def test_linearize_stores_a_program(tmp_path: Path, call: Call, output: Output) -> None:
     archive = tmp_path / "arm.h5"
     command = ("linearize", ARM, "--search", "0", "--program")
     code, _, err = call(*command)
     assert code == 2
     assert "--program: it is stored in an archive; give one with -o" in err
-    code, _, _ = call(*command, "-o", str(archive))
-    assert code == 0
+    output(*command, "-o", str(archive))
     model = mbdlft.load(archive)
     assert model.known_program is not None
     _, out, _ = call("show", str(archive))
@@ -85,10 +83,9 @@ def test_a_figure_that_fails_takes_no_other_away(tmp_path: Path, call: Call) -> 
     assert second.read_bytes().startswith(PNG)
 
 
-def test_linearize_writes_archive_figure_and_table(tmp_path: Path, call: Call) -> None:
+def test_linearize_writes_archive_figure_and_table(tmp_path: Path, output: Output) -> None:
     archive, figure = tmp_path / "arm.h5", tmp_path / "arm.png"
-    code, out, err = call("linearize", ARM, "-o", str(archive), "--plot", str(figure))
-    assert (code, err) == (0, "")
+    out = output("linearize", ARM, "-o", str(archive), "--plot", str(figure))
     for word in ("shoulder.angle (rad)", "elbow.torque (N m)", "kg m^2", "[0.16, 0.24]", "lower bound"):
         assert word in out
     assert "order 16, lower bound 16: minimal: proved" in out
@@ -97,8 +94,7 @@ def test_linearize_writes_archive_figure_and_table(tmp_path: Path, call: Call) -
     assert "UNSTABLE at nominal: 2 of 4 modes grow, the fastest by e in 0.3221 s" in out
     assert figure.read_bytes().startswith(PNG)
     assert mbdlft.load(archive).order == 16
-    code, shown, err = call("show", str(archive))
-    assert (code, err) == (0, "")
+    shown = output("show", str(archive))
     assert "order 16, lower bound 16: minimal: proved" in shown
     assert "condition " in shown
     assert "poles at nominal" in shown
@@ -161,18 +157,16 @@ def servo(tmp_path: Path) -> str:
     return str(tmp_path / "servo.toml")
 
 
-def test_realize_writes_archive_and_table(tmp_path: Path, servo: str, call: Call) -> None:
+def test_realize_writes_archive_and_table(tmp_path: Path, servo: str, call: Call, output: Output) -> None:
     archive = tmp_path / "servo.h5"
-    code, out, err = call("realize", servo, "-o", str(archive), "--search", "20")
-    assert (code, err) == (0, "")
+    out = output("realize", servo, "-o", str(archive), "--search", "20")
     assert "order 3, lower bound 3: minimal: proved (bound in exact arithmetic)" in out
     assert "against the matrix itself at 105 points and corners" in out
     assert "seconds: read" in out
     model = mbdlft.load(archive)
     assert model.certificate.exact_bound
     assert [signal.name for signal in model.states] == ["alpha", "q"]
-    code, shown, _ = call("show", str(archive))
-    assert code == 0
+    shown = output("show", str(archive))
     assert "minimal: proved (bound in exact arithmetic)" in shown
     code, out, _ = call("realize", servo, "--json", "--search", "0")
     found = json.loads(out)
@@ -210,20 +204,18 @@ def test_bound_by_pairs_is_printed(tmp_path: Path, call: Call) -> None:
     assert found["minimal"] is True
 
 
-def test_realize_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
+def test_realize_says_what_is_not_used(tmp_path: Path, output: Output) -> None:
     file = tmp_path / "spare.toml"
     file.write_text(SERVO + "[constants]\nspare = 2.0\n", encoding="utf-8")
-    code, out, _ = call("realize", str(file))
-    assert code == 0
+    out = output("realize", str(file))
     assert out.count("is declared and not used") == 1
     assert "'spare' is declared and not used" in out
 
 
-def test_truncate_says_that_the_model_is_not_exact(tmp_path: Path, call: Call) -> None:
+def test_truncate_says_that_the_model_is_not_exact(tmp_path: Path, call: Call, output: Output) -> None:
     archive = tmp_path / "arm.h5"
     command = ("linearize", ARM, "--search", "60", "--truncate", "0.1", "-o", str(archive))
-    code, out, err = call(*command)
-    assert (code, err) == (0, "")
+    out = output(*command)
     assert "not exact: values differ by at most" in out
     assert ", truncate " in out
     assert "minimal: proved" not in out
@@ -234,26 +226,23 @@ def test_truncate_says_that_the_model_is_not_exact(tmp_path: Path, call: Call) -
     assert 0.0 < found["truncation_error"] <= 0.1
 
 
-def test_truncate_says_that_nothing_can_be_left_out(call: Call) -> None:
+def test_truncate_says_that_nothing_can_be_left_out(call: Call, output: Output) -> None:
     command = ("linearize", ARM, "--search", "0", "--truncate")
-    code, out, _ = call(*command, "1e-9")
-    assert code == 0
+    out = output(*command, "1e-9")
     assert "note: no channel can be left out within 1e-09; nothing is truncated." in out
     assert "no channel can be left out" not in call(*command, "0.1")[1]
 
 
-def test_trim_prints_the_torques(call: Call) -> None:
-    code, out, _ = call("trim", ARM, "--set", "theta1=90", "--set", "theta2=90")
-    assert code == 0
+def test_trim_prints_the_torques(output: Output) -> None:
+    out = output("trim", ARM, "--set", "theta1=90", "--set", "theta2=90")
     assert "-58.86" in out
     assert "N m" in out
 
 
-def test_check_counts_the_states_that_the_model_has(call: Call) -> None:
+def test_check_counts_the_states_that_the_model_has(output: Output) -> None:
     """Angles of rotors that no output asks for are none."""
     path = "scenarios/control_moment_gyros.toml"
-    code, out, _ = call("check", path, "--json")
-    assert code == 0
+    out = output("check", path, "--json")
     model = mbdlft.to_lft(mbdlft.load_scene(path), search=0.0)
     assert (
         json.loads(out)["states"]
@@ -262,9 +251,8 @@ def test_check_counts_the_states_that_the_model_has(call: Call) -> None:
     )
 
 
-def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
-    code, out, _ = call("check", ARM)
-    assert code == 0
+def test_check_says_what_is_not_used(tmp_path: Path, output: Output) -> None:
+    out = output("check", ARM)
     assert "note" not in out
     text = (
         Path(ARM)
@@ -273,28 +261,25 @@ def test_check_says_what_is_not_used(tmp_path: Path, call: Call) -> None:
     )
     scene = tmp_path / "spare.toml"
     scene.write_text(text, encoding="utf-8")
-    code, out, _ = call("check", str(scene))
-    assert code == 0
+    out = output("check", str(scene))
     assert "'spare' is declared and not used" in out
 
 
-def test_version_and_help(call: Call) -> None:
+def test_version_and_help(call: Call, output: Output) -> None:
     assert call("--version")[1].strip() == f"mbdlft {mbdlft.__version__}"
-    code, out, _ = call("--help")
-    assert code == 0
+    out = output("--help")
     for command in ("check", "trim", "linearize", "realize", "show", "poles", "response"):
         assert command in out
 
 
-def test_import_of_a_robot(tmp_path: Path, call: Call) -> None:
+def test_import_of_a_robot(tmp_path: Path, output: Output) -> None:
     """The scene that is written is that of `load_robot`, and the report is printed."""
     file, scene = written(tmp_path), tmp_path / "crane.toml"
-    code, out, err = call("import", str(file), "-o", str(scene),
+    out = output("import", str(file), "-o", str(scene),
         "--parameter", "load=1,2,3,kg", "--parameter", "theta=40,60,80,deg",
         "--set", "tip.left.mass=load", "--set", "swing.position=theta", "--vary", "arm.mass=20",
         "--moving", "slide", "--moving", "swing",
     )  # fmt: skip
-    assert (code, err) == (0, "")
     assert "ignored: Coulomb friction of slide: it is not linear" in out
     assert "assumed: links without <inertial> have no mass: rail" in out
     assert "crane: 5 bodies, 5 joints, 3 parameters." in out
@@ -309,10 +294,8 @@ def test_import_of_a_robot(tmp_path: Path, call: Call) -> None:
         moving=["slide", "swing"],
     )
     assert mbdlft.load_scene(scene) == expected
-    code, out, err = call("check", str(scene))
-    assert (code, err) == (0, "")
+    out = output("check", str(scene))
     assert "slide.force" in out
     free = [str(file), "-o", str(scene), "--free-base", "--keep-unphysical"]
-    code, out, err = call("import", *free)
-    assert (code, err) == (0, "")
+    out = output("import", *free)
     assert mbdlft.load_scene(scene).joints[0].kind == "free"

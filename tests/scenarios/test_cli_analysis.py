@@ -12,7 +12,7 @@ from scipy.io import savemat
 import mbdlft
 from mbdlft.show import save_growth
 from tests.laws.test_margins import random_loop_with_channels
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 
 KEYS = {"lower", "upper", "frequency", "worst", "proved", "seconds"}
 
@@ -47,20 +47,17 @@ def test_a_nominal_model_on_the_edge_is_called_so(tmp_path: Path, call: Call) ->
     assert "edge, smallest damping:\nnothing is proved" in out
 
 
-def test_margin_gain_and_their_proofs(archive: Path, call: Call) -> None:
-    code, out, _ = call("margin", str(archive), "--json")
-    assert code == 0
+def test_margin_gain_and_their_proofs(archive: Path, call: Call, output: Output) -> None:
+    out = output("margin", str(archive), "--json")
     found = json.loads(out)
     assert set(found) >= KEYS
     assert found["proved"] is True
     assert 0.99 * found["upper"] <= found["lower"] <= found["upper"]
     assert set(found["worst"]) == {"k", "m"}
-    code, out, _ = call("wcgain", str(archive), "--input", "f", "--output", "x")
-    assert code == 0
+    out = output("wcgain", str(archive), "--input", "f", "--output", "x")
     assert "at most" in out
     assert "proved" in out
-    code, out, _ = call("verify", str(archive), "--json")
-    assert code == 0
+    out = output("verify", str(archive), "--json")
     assert [entry["proved"] for entry in json.loads(out)] == [True, True]
     code, out, _ = call("verify", str(archive))
     assert (code, out.count(": proved")) == (0, 2)
@@ -115,10 +112,9 @@ def test_a_proof_that_is_none_ends_with_1(archive: Path, call: Call) -> None:
     assert "NOT PROVED: there is no proof" in out
 
 
-def test_rates_of_parameters(small: Path, call: Call) -> None:
+def test_rates_of_parameters(small: Path, call: Call, output: Output) -> None:
     arguments = ("margin", str(small), "--rate", "k=inf", "--gap", "0.5")
-    code, out, _ = call(*arguments)
-    assert code == 0
+    out = output(*arguments)
     assert "also while they move at rates up to k inf per second: proved" in " ".join(out.split())
     assert "not stable at a motion of" in out
     found = json.loads(call(*arguments, "--no-save", "--json")[1])
@@ -131,7 +127,7 @@ def test_rates_of_parameters(small: Path, call: Call) -> None:
     assert "--rate k: expected NAME=BOUND" in err
 
 
-def test_worst_cases(archive: Path, call: Call) -> None:
+def test_worst_cases(archive: Path, call: Call, output: Output) -> None:
     """Each property, stored beside the model; words for what is proved."""
     said = {
         "real-part": "rad/s for all values in the ranges: proved",
@@ -142,8 +138,7 @@ def test_worst_cases(archive: Path, call: Call) -> None:
     channel = ("--input", "f", "--output", "x")
     for what, words in said.items():
         arguments = ("worst", str(archive), "--of", what, *channel)
-        code, out, _ = call(*arguments)
-        assert code == 0
+        out = output(*arguments)
         assert words in " ".join(out.split())
     found = json.loads(call(*arguments, "--json")[1])
     assert set(found) >= KEYS
@@ -160,10 +155,9 @@ def test_worst_cases(archive: Path, call: Call) -> None:
     assert "real-part" in err
 
 
-def test_fixed_parameters(archive: Path, call: Call) -> None:
+def test_fixed_parameters(archive: Path, call: Call, output: Output) -> None:
     arguments = ("margin", str(archive), "--fixed", "m")
-    code, out, _ = call(*arguments)
-    assert code == 0
+    out = output(*arguments)
     assert "times the ranges, m in theirs: proved" in " ".join(out.split())
     found = json.loads(call(*arguments, "--json")[1])
     assert found["fixed"] == ["m"]

@@ -11,7 +11,7 @@ import mbdlft
 from scenarios import sagging_arm
 from tests import kit
 from tests.close import roundoff
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 
 
 @pytest.fixture
@@ -29,10 +29,9 @@ def pendulum(damping: float = 0.1, preload: float = 0.0, g: float = 9.81) -> str
     return mbdlft.scene_to_toml(kit.scene("pendulum", bob, hinge, gravity=(0, 0, -g)))
 
 
-def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, call: Call) -> None:
+def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, output: Output) -> None:
     written = tmp_path / "there.toml"
-    code, out, err = call("trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written))
-    assert (code, err) == (0, "")
+    out = output("trim", sagging, "--positions", "--set", "m=2.4", "-o", str(written))
     assert "sagging_arm: equilibrium 1" in out
     assert "hinge.angle" in out
     assert "0.526640989" in out
@@ -41,15 +40,13 @@ def test_positions_and_the_scene_there(sagging: str, tmp_path: Path, call: Call)
     scene = mbdlft.load_scene(written)
     point = mbdlft.find_equilibrium(scene, {"m": 2.4})
     roundoff(point.positions["hinge.angle"], 0.5266409894615065)
-    code, out, err = call("trim", str(written), "--set", "m=2.4")
-    assert (code, err) == (0, "")
+    out = output("trim", str(written), "--set", "m=2.4")
 
 
-def test_all_equilibria(tmp_path: Path, call: Call) -> None:
+def test_all_equilibria(tmp_path: Path, call: Call, output: Output) -> None:
     file = tmp_path / "pendulum.toml"
     file.write_text(pendulum(), encoding="utf-8")
-    code, out, err = call("trim", str(file), "--all", "--starts", "10")
-    assert (code, err) == (0, "")
+    out = output("trim", str(file), "--all", "--starts", "10")
     assert "equilibrium 2" in out
     assert "equilibrium 3" not in out
     assert out.count("; stable: decays with") == 1
@@ -60,10 +57,10 @@ def test_all_equilibria(tmp_path: Path, call: Call) -> None:
         assert str(written) in "".join(out.split("\n"))
     assert json.loads(out)["scene"] == str(written)
     file.write_text(pendulum(0.0), encoding="utf-8")
-    code, out, err = call("trim", str(file), "--positions")
+    out = output("trim", str(file), "--positions")
     assert "neither stable nor unstable: something moves without damping" in out
     file.write_text(pendulum(g=0.0), encoding="utf-8")
-    code, out, err = call("trim", str(file), "--positions")
+    out = output("trim", str(file), "--positions")
     assert "not determined: hinge.angle" in out
 
 
@@ -79,13 +76,12 @@ def test_errors_say_where(sagging: str, tmp_path: Path, call: Call) -> None:
     assert "x.toml: cannot be written: No such file" in err
 
 
-def test_fit_is_shown(tmp_path: Path, call: Call) -> None:
+def test_fit_is_shown(tmp_path: Path, output: Output) -> None:
     """`linearize` says that positions are fits, and so does the archive, by an attribute."""
     fitted = mbdlft.fit_positions(sagging_arm.scene(), ["hinge"], 1e-4)
     file, archive = tmp_path / "fitted.toml", tmp_path / "fitted.h5"
     file.write_text(mbdlft.scene_to_toml(fitted), encoding="utf-8")
-    code, out, err = call("linearize", str(file), "-o", str(archive), "--search", "0")
-    assert (code, err) == (0, "")
+    out = output("linearize", str(file), "-o", str(archive), "--search", "0")
     assert "not exact: positions are fits, within 7.71e-05 rad or m of the equilibrium" in out
     assert "minimal" not in out
     with h5py.File(archive) as stored:

@@ -13,7 +13,7 @@ from typer.main import get_command
 import mbdlft
 from mbdlft.cli.commands import app
 from mbdlft.cli.output import time_left
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 from tests.scenarios.test_cli_tuning import MODEL, TASK
 
 ROOT = Path(__file__).parents[2]
@@ -74,10 +74,11 @@ def test_every_command_is_tried() -> None:
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_command_prints_json(place: Path, monkeypatch: pytest.MonkeyPatch, name: str, call: Call) -> None:
+def test_command_prints_json(
+    place: Path, monkeypatch: pytest.MonkeyPatch, name: str, output: Output
+) -> None:
     monkeypatch.chdir(place)
-    code, out, _ = call(name, *RUNS[name], "--json")
-    assert code == 0
+    out = output(name, *RUNS[name], "--json")
     found = json.loads(out, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert found
 

@@ -9,7 +9,7 @@ import pytest
 import mbdlft
 from tests.close import CLOSED_FORM, NORM, PEAK, target
 from tests.oscillators import oscillator, spring_and_mass
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Output
 
 ROOT = Path(__file__).parents[2]
 ARM = str(ROOT / "scenarios" / "two_link_arm.toml")
@@ -24,16 +24,10 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 
 @pytest.fixture
-def run(call: Call, monkeypatch, tmp_path):
+def run(output: Output, monkeypatch, tmp_path) -> Output:
     """Run a command in an empty folder; its standard output."""
     monkeypatch.chdir(tmp_path)
-
-    def _run(*words: str) -> str:
-        code, out, err = call(*words)
-        assert (code, err) == (0, "")
-        return out
-
-    return _run
+    return output
 
 
 @pytest.fixture

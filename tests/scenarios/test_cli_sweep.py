@@ -12,12 +12,12 @@ from mbdlft.dae import simulate
 from mbdlft.multibody.scene import load_scene
 from tests.close import CLOSED_FORM, KEPT, exact, target
 from tests.errors.test_robot_format_errors import MJCF, SDF
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 from tests.scenarios.test_cli import ARM
 
 
 @pytest.mark.parametrize("kind", ["grid", "random", "file"])
-def test_samples_of_each_kind(tmp_path: Path, kind: str, call: Call) -> None:
+def test_samples_of_each_kind(tmp_path: Path, kind: str, output: Output) -> None:
     archive, table = tmp_path / "a.h5", tmp_path / "s.csv"
     table.write_text("theta1, m1\n50.0,2.5\n60.0,3.5\n", encoding="utf-8")
     options = {
@@ -25,8 +25,7 @@ def test_samples_of_each_kind(tmp_path: Path, kind: str, call: Call) -> None:
         "random": ("--random", "10", "--seed", "4"),
         "file": ("--file", str(table)),
     }[kind]
-    code, out, err = call("sweep", ARM, *options, "-o", str(archive), "--name", kind)
-    assert (code, err) == (0, "")
+    out = output("sweep", ARM, *options, "-o", str(archive), "--name", kind)
     count = 2 if kind == "file" else 10
     assert f"{kind}: {count} samples, {count} solved, 0 not converged, 0 without" in out
     found = mbdlft.load_sweep(archive, kind)
@@ -37,24 +36,22 @@ def test_samples_of_each_kind(tmp_path: Path, kind: str, call: Call) -> None:
     target(found.trim, torques, CLOSED_FORM)
 
 
-def test_model_of_an_archive(tmp_path: Path, call: Call) -> None:
+def test_model_of_an_archive(tmp_path: Path, output: Output) -> None:
     archive = tmp_path / "a.h5"
     model = mbdlft.to_lft(mbdlft.load_scene(ARM), search=0.0)
     mbdlft.save(archive, model)
     command = ("sweep", str(archive), "--random", "20", "-o", str(archive), "--json")
-    code, out, err = call(*command)
-    assert (code, err) == (0, "")
+    out = output(*command)
     assert json.loads(out)["solved"] == 20
     found = mbdlft.load_sweep(archive)
     exact(found.A, mbdlft.matrices_at(model, mbdlft.random(model.parameters, 20)).A)
     assert mbdlft.model_names(archive) == ("two_link_arm",)
-    code, out, err = call("show", str(archive))
-    assert (code, err) == (0, "")
+    out = output("show", str(archive))
     assert "sweeps: two_link_arm" in out
 
 
 def test_poles_and_a_function_in_single_precision(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: Call, output: Output
 ) -> None:
     (tmp_path / "my_margin.py").write_text(
         "import numpy as np\ndef lag(part):\n    return {'lag': np.sqrt(part.samples['m1'] - 2.5)}\n",
@@ -64,8 +61,7 @@ def test_poles_and_a_function_in_single_precision(
     (tmp_path / "arm.toml").write_bytes(Path(ARM).read_bytes())
     monkeypatch.chdir(tmp_path)
     command = ("sweep", "arm.toml", "--grid", "m1=5", "-o", str(archive), "--poles", "--float32")
-    code, out, err = call(*command, "--function", "my_margin:lag")
-    assert (code, err) == (0, "")
+    out = output(*command, "--function", "my_margin:lag")
     found = mbdlft.load_sweep(archive)
     m1 = found.samples[:, [p.name for p in found.layout.parameters].index("m1")]
     failed = int(np.sum(m1 < 2.5))
@@ -101,13 +97,12 @@ ARM_FILE = str(Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml")
 ASKED = ("simulate", ARM_FILE, "--until", "0.5", "--set", "m1=3.2", "--json")
 
 
-def test_the_linear_model_holds_for_small_motions(call: Call, tmp_path: Path) -> None:
+def test_the_linear_model_holds_for_small_motions(output: Output, tmp_path: Path) -> None:
     """Ten times smaller, it is ten times nearer; the table of the last run has all columns."""
     table, figure = tmp_path / "motion.csv", tmp_path / "motion.png"
     pushed = ("--input", "shoulder.torque=step:1@0.1", "--input", "elbow.torque=sine:2:5", "--initial")
     more = ("elbow.angle=0.05", "--amplitude", "0.1", "--amplitude", "0.01", "--steps", "50")
-    code, out, err = call(*ASKED, *pushed, *more, "-o", str(table), "--plot", str(figure))
-    assert (code, err) == (0, "")
+    out = output(*ASKED, *pushed, *more, "-o", str(table), "--plot", str(figure))
     large, small = json.loads(out)["runs"]
     assert 8.0 <= large["linear_error"] / small["linear_error"] <= 12.0
     lines = table.read_text(encoding="utf-8").splitlines()
@@ -187,10 +182,9 @@ def test_import_takes_the_base_and_the_model(place: Path, call: Call) -> None:
     assert "model: unknown model 'tow'. Did you mean 'two'?" in err
 
 
-def test_view_shows_a_robot(place: Path, call: Call) -> None:
+def test_view_shows_a_robot(place: Path, output: Output) -> None:
     pytest.importorskip("k3d", reason="pages need k3d: '.[viewer]'")
-    code, _, err = call("view", "two.sdf", "-o", "two.html")
-    assert (code, err) == (0, "")
+    output("view", "two.sdf", "-o", "two.html")
     assert "two" in (place / "two.html").read_text(encoding="utf-8")
 
 

@@ -9,7 +9,7 @@ from mbdlft.synthesis import load_tuning
 from tests.close import CLOSED_FORM, target
 from tests.errors.table import MessageError, refused
 from tests.laws.test_synthesis import S, transfer
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Call, Output
 from tests.scenarios.commands import run as run_here
 
 MODEL = """
@@ -57,9 +57,8 @@ def task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return Path("task.toml")
 
 
-def test_a_task_is_tuned_proved_and_checked(task: Path, call: Call) -> None:
-    code, out, _ = call("tune", str(task), "-o", "made.h5", "--starts", "1", "--json")
-    assert code == 0
+def test_a_task_is_tuned_proved_and_checked(task: Path, call: Call, output: Output) -> None:
+    out = output("tune", str(task), "-o", "made.h5", "--starts", "1", "--json")
     found = json.loads(out)
     assert found["reached"] is True
     assert set(found["values"]) == {"pi.kp", "pi.ki"}

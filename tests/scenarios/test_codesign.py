@@ -11,7 +11,7 @@ from mbdlft.synthesis import design_goal, designed_scene, gain_goal, tune
 from mbdlft.synthesis.codesign import budgets
 from mbdlft.synthesis.loop import network
 from tests.close import CLOSED_FORM, FITTED, target
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Output
 
 FOLDER = Path(__file__).parents[2] / "scenarios" / "tasks"
 DESIGNED = mbdlft.realize(
@@ -51,12 +51,11 @@ def test_a_budget_and_a_size_meet() -> None:
     assert made.goals[0].proved == made.goals[0].worst
 
 
-def test_the_spacecraft_is_designed_with_its_controllers(tmp_path: Path, call: Call) -> None:
+def test_the_spacecraft_is_designed_with_its_controllers(tmp_path: Path, output: Output) -> None:
     """Table 8.1 of the thesis, and the design in finer elements behind a wheel and an amplifier."""
     task, scene, archive = FOLDER / "rotatory_spacecraft.toml", tmp_path / "new.toml", tmp_path / "new.h5"
     how = ("-o", str(archive), "--scene", str(scene), "--starts", "1", "--no-proof", "--json")
-    code, text, _ = call("tune", str(task), *how)
-    assert code == 0
+    text = output("tune", str(task), *how)
     out = json.loads(text)
     v = out["values"]
     shares = {n: (v[n] / (1.2192 if n[0] == "L" else 2.290382) - 1.0) / 0.3 for n in v if n[0] in "LM"}

@@ -14,7 +14,7 @@ from mbdlft.pipeline.dae_models import delta_theta, linearize_dae
 from tests.close import EXTRAPOLATED, SCENARIO, SIMULATED, target
 from tests.daes import differences
 from tests.modelica import FLAT, ROOT, SCENARIOS, flat
-from tests.scenarios.commands import Call
+from tests.scenarios.commands import Output
 
 NAMES = [file.stem for file in SCENARIOS]
 # time (s) that shows what moves, and steps of the inputs
@@ -96,12 +96,7 @@ def test_linearizations_are_those_of_differences(name: str) -> None:
     target((16.0 * second - first) / 15.0, exact, EXTRAPOLATED)
 
 
-def test_commands(tmp_path: Path, call: Call) -> None:
-    def output(*words: str) -> str:
-        code, out, _ = call(*words)
-        assert code == 0
-        return out
-
+def test_commands(tmp_path: Path, output: Output) -> None:
     flat_file, archive = str(FLAT / "thermal_network.mof"), tmp_path / "box.h5"
     table = str(ROOT / "scenarios" / "modelica" / "thermal_network.toml")
     out = output("check", flat_file, "--parameters", table, "--model", "ThermalNetwork")

@@ -2,17 +2,13 @@
 
 from pathlib import Path
 
-import casadi as ca
 import pytest
 
 import mbdlft
 from benchmarks import arm as benchmark
 from benchmarks import orders as orders_benchmark
 from benchmarks.cases.orders import CASES
-from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.body import ElasticBody
-from mbdlft.problem.relations import linearize
-from mbdlft.problem.sx.constants import in_doubles
 from scenarios import two_link_arm
 from tests.close import ELASTIC, SCENARIO, exact
 
@@ -97,13 +93,6 @@ def test_batch_script_prints_its_table(capsys: pytest.CaptureFixture[str]) -> No
     assert values[:4] == ["90.0", "90.0", f"{-weight:.4f}", f"{-weight:.4f}"]
 
 
-def test_same_scene_gives_the_same_bytes() -> None:
-    scene = two_link_arm.scene()
-    first, second = mbdlft.to_lft(scene, search=0.0), mbdlft.to_lft(scene, search=0.0)
-    for name in ("M11", "M12", "M21", "M22"):
-        assert getattr(first.lft, name).tobytes() == getattr(second.lft, name).tobytes()
-
-
 @pytest.mark.long
 def test_benchmark_at_its_smallest() -> None:
     found = benchmark.rows(repeats=1, step=45.0)
@@ -122,31 +111,3 @@ def test_orders_benchmark_at_its_smallest() -> None:
     chains = [orders_benchmark.measure_chain(2, spatial=False, search=10.0)]
     assert (chains[0].plain, chains[0].searched, chains[0].bound) == (16, 15, 15)
     assert orders_benchmark.chain_table(chains).count("\n") == len(chains) + 1
-
-
-def instructions(text: str) -> int:
-    """Length of the tape of the linearized arm."""
-    equations = assemble(mbdlft.scene_from_toml(text))
-    m = linearize(equations, [0, 1], [0, 1])
-    found = in_doubles(ca.vertcat(m.residual, m.output))
-    tape = ca.Function("tape", [m.unknown, m.known, m.p], [found])
-    return int(tape.n_instructions())
-
-
-def test_planar_scene_costs_planar_work() -> None:
-    """Terms that are zero are never built: what lies off the plane adds nothing."""
-    text = (ROOT / "scenarios" / "two_link_arm.toml").read_text(encoding="utf-8")
-    planar = instructions(text)
-    assert planar <= 170
-    thick = text.replace('center_of_mass = [0, "rho1', 'center_of_mass = ["0.2*L2", "rho1')
-    thick = thick.replace('ports.tip = [0, "L2", 0]', 'ports.tip = ["rho1*L1", "L2", 0]')
-    thick = thick.replace('{ xx = "J1" }', '{ xx = "J1", yy = "2*J1", zz = "2*J1", xy = 0.1 }')
-    assert thick.count("2*J1") == 2
-    assert instructions(thick) == planar
-    # the same arm with one axis out of the plane is a larger problem
-    spatial = text.replace("{ xx = 0.1 }", "{ xx = 0.1, yy = 0.1, zz = 0.1 }")
-    spatial = spatial.replace(
-        'child = "link2"\naxis = [1, 0, 0]', 'child = "link2"\naxis = [0, 0.6, 0.8]'
-    )
-    assert instructions(spatial) > 1.5 * planar
-    assert sum(mbdlft.to_lft(two_link_arm.scene(), search=0.0).certificate.raw_order) <= 46
