@@ -15,6 +15,7 @@ import numpy as np
 import mbdlft
 from mbdlft import Beam, Fixed, Ground, Loop, Parameter, Rotation, Scene
 from mbdlft.base.array import Array
+from tests import kit
 from tests.reference.frames import Section, element
 
 MOST = 1e-7  # of the largest load of its kind
@@ -116,32 +117,28 @@ def scene_of(s: Structure) -> Scene:
     turns: list[tuple[Rotation, ...]] = []
     joints, loops, ports = list[Fixed](), list[Loop](), {}
     for k, (bar, (times, share)) in enumerate(zip(s.bars, ends_of(s), strict=True)):
-        turn = (Rotation(axis=AXES[bar.axis], angle=f"{bar.angle}*deg"),) if bar.angle else ()
+        turn = (kit.turn(AXES[bar.axis], f"{bar.angle}*deg"),) if bar.angle else ()
         turns.append((*(turns[bar.parent] if bar.parent >= 0 else ()), *turn))
         parent = f"b{bar.parent}.tip" if bar.parent >= 0 else "ground"
-        joints.append(Fixed(name=f"f{k}", parent=parent, child=f"b{k}", orientation=turn))
+        joints.append(kit.weld(f"f{k}", parent, f"b{k}", orientation=turn))
         if bar.held:
             ports[f"w{k}"] = tuple(
                 f"{n!r}*h + {round(x, _DIGITS)!r} [m]"
                 for n, x in zip(times.tolist(), share.tolist(), strict=True)
             )
             turned = {"orientation": turns[k]} if bar.held == "fixed" and turns[k] else {}
-            loops.append(
-                Loop(name=f"l{k}", kind=bar.held, parent=f"ground.w{k}", child=f"b{k}.tip", **turned)
-            )
-    return Scene(
-        name="structure",
+            loops.append(kit.loop(f"l{k}", bar.held, f"ground.w{k}", f"b{k}.tip", **turned))
+    return kit.scene(
+        "structure",
+        *(Parameter(n, s.values[n], percent=20, unit=UNITS[n]) for n in s.names),
+        Ground(ports=ports),
+        *(Beam(name=f"b{k}", length=bar.share or "h", **own) for k, bar in enumerate(s.bars)),
+        *joints,
+        *loops,
         gravity=s.gravity,
         acceleration=s.thrust,
         spin=mbdlft.Spin(rate=s.spin, axis=AXES[0]) if s.spin else None,
-        parameters=[Parameter(n, s.values[n], percent=20, unit=UNITS[n]) for n in s.names],
         constants={n: value for n, value in s.values.items() if n not in s.names},
-        bodies=[
-            Ground(ports=ports),
-            *(Beam(name=f"b{k}", length=bar.share or "h", **own) for k, bar in enumerate(s.bars)),
-        ],
-        joints=joints,
-        loops=loops,
         inputs=["ground.acceleration.x"],
         outputs=["b0.axial.1.displacement"],
     )

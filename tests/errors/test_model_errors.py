@@ -13,6 +13,7 @@ from mbdlft.multibody.body import Inertia
 from mbdlft.problem.linearization import relinearize
 from mbdlft.problem.relations import trim_relations
 from mbdlft.show import save_singular_values
+from tests import kit
 from tests.errors.scenes import ARM, cart
 from tests.errors.table import refused, says
 
@@ -139,19 +140,15 @@ realize([['1']], [], search='long')
 def two_rails(low: float) -> mbdlft.Scene:
     """A mass on two rails at an angle theta: det M = m^2 sin(theta)^2."""
     along_y = {"axis": (0, 1, 0), "stiffness": 1.0}
-    return mbdlft.Scene(
-        name="two_rails",
-        parameters=[mbdlft.Angle("theta", 10, low, 40)],
-        bodies=[
-            mbdlft.RigidBody(name="a", mass=0.0, inertia=Inertia(xx=0, yy=0, zz=0)),
-            mbdlft.RigidBody(name="b", mass=0.0),
-            mbdlft.PointMass(name="c", mass=2.0),
-        ],
-        joints=[
-            mbdlft.Prismatic(name="first", parent="ground", child="a", **along_y),
-            mbdlft.Fixed(name="turn", parent="a", child="b", axis=(1, 0, 0), position="theta"),
-            mbdlft.Prismatic(name="second", parent="b", child="c", **along_y),
-        ],
+    return kit.scene(
+        "two_rails",
+        mbdlft.Angle("theta", 10, low, 40),
+        kit.body("a", 0.0, (0, 0, 0)),
+        kit.body("b", 0.0),
+        kit.point("c", 2.0),
+        kit.rail("first", "ground", "a", **along_y),
+        kit.weld("turn", "a", "b", (1, 0, 0), position="theta"),
+        kit.rail("second", "b", "c", **along_y),
     )
 
 
@@ -160,11 +157,11 @@ def test_state_space_of_a_name_with_a_dot(model):
 
 
 def test_figure_of_a_model_without_inputs(tmp_path):
-    clamp = mbdlft.Fixed(name="clamp", parent="ground", child="mast")
+    clamp = kit.weld("clamp", "ground", "mast")
     mode = mbdlft.Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
     inertia = Inertia(xx=1, yy=1, zz=1)
     mast = mbdlft.FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
-    alone = mbdlft.to_lft(mbdlft.Scene(name="mode", bodies=[mast], joints=[clamp]), search=0.0)
+    alone = mbdlft.to_lft(kit.scene("mode", mast, clamp), search=0.0)
     with says(
         mbdlft.AnalysisError, "model 'mode': without inputs or outputs there are no singular values"
     ):

@@ -21,6 +21,7 @@ from mbdlft.multibody.body.beam_elements import (
     strain,
     values_at,
 )
+from tests import kit
 from tests.close import CLOSED_FORM, TRUNCATED, roundoff, target
 from tests.laws import elastic as scenes
 
@@ -195,20 +196,16 @@ def hub(**shapes: object) -> mbdlft.Scene:
         mbdlft.Parameter("E", 1e3, percent=20, unit="Pa"),
     )
     body = scenes.beam(length="L", modulus="E", deformations=("bending_y",), **shapes)
-    return mbdlft.Scene(
-        name="hub",
-        parameters=parameters,
-        bodies=[
-            mbdlft.RigidBody(name="hub", mass=1.0, inertia=mbdlft.Inertia(zz=2.0)),
-            body,
-            mbdlft.PointMass(name="bob", mass=0.2),
-        ],
-        joints=[
-            mbdlft.Revolute(name="turn", parent="ground", child="hub", axis=(0, 0, 1)),
-            mbdlft.Fixed(name="root", parent="hub", child="beam"),
-            mbdlft.Fixed(name="end", parent="beam.tip", child="bob"),
-        ],
-        sensors=[mbdlft.Acceleration(name="a", port="bob")],
+    return kit.scene(
+        "hub",
+        *parameters,
+        kit.body("hub", 1.0, zz=2.0),
+        body,
+        kit.point("bob", 0.2),
+        kit.hinge("turn", "ground", "hub", (0, 0, 1)),
+        kit.weld("root", "hub", "beam"),
+        kit.weld("end", "beam.tip", "bob"),
+        mbdlft.Acceleration(name="a", port="bob"),
         inputs=("turn.torque",),
         outputs=("a.y", "turn.acceleration"),
     )

@@ -6,6 +6,7 @@ import pytest
 
 import mbdlft
 from mbdlft.multibody.body.beam import Beam
+from tests import kit
 from tests.close import CLOSED_FORM, HARD_NUMERIC, SAME_MESH, SCENARIO, STABLE, conditioned, target
 from tests.laws import elastic as scenes
 
@@ -103,18 +104,14 @@ def test_six_rigid_modes() -> None:
 
 
 def cantilever(**given: object) -> mbdlft.Scene:
-    return mbdlft.Scene(
-        name="cantilever",
-        bodies=[
-            mbdlft.RigidBody(name="root", mass=1.0, inertia=mbdlft.Inertia(yy=1.0)),
-            scenes.beam(elements=4, **given),
-        ],
-        joints=[
-            mbdlft.Revolute(name="hold", parent="ground", child="root", axis=(0, 1, 0), imposed=True),
-            mbdlft.Fixed(name="clamp", parent="root", child="beam"),
-        ],
-        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 0, 1), magnitude=0)],
-        sensors=[mbdlft.Position(name="tip", port="beam.tip")],
+    return kit.scene(
+        "cantilever",
+        kit.body("root", 1.0, yy=1.0),
+        scenes.beam(elements=4, **given),
+        kit.hinge("hold", "ground", "root", (0, 1, 0), imposed=True),
+        kit.weld("clamp", "root", "beam"),
+        kit.force("push", "beam.tip", (0, 0, 1), magnitude=0),
+        mbdlft.Position(name="tip", port="beam.tip"),
         inputs=("push.force", "ground.acceleration.z"),
         outputs=("tip.z",),
     )
@@ -169,8 +166,8 @@ def test_inertia_of_a_beam_that_is_not_deformed(
         torsion_constant=1.0,
         rotary_inertia=True,
     )
-    hinge = mbdlft.Revolute(name="hinge", parent="ground", child="beam", axis=axis)
-    scene = mbdlft.Scene(name="beam", bodies=[body], joints=[hinge])
+    hinge = kit.hinge("hinge", "ground", "beam", axis)
+    scene = kit.scene("beam", body, hinge)
     target(scenes.motion(scene).M[0, 0], inertia, CLOSED_FORM)
 
 
@@ -225,7 +222,7 @@ def test_parameters_of_a_beam_are_rebuilt(functions: str) -> None:
             shape_functions=functions,
             prestress="neglected",
         )
-        bob = mbdlft.PointMass(name="bob", mass=v["mt"])
+        bob = kit.point("bob", v["mt"])
         found = () if given else tuple(parameters)
         given_too = {"bodies": (beam, bob), "parameters": found, "constants": wide}
         return scenes.lever(20.0).model_copy(update=given_too)

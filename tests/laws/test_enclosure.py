@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import Constant, Inertia, Parameter, PointMass, Revolute, RigidBody, Scene, SceneError
+from mbdlft import Constant, Inertia, Parameter, Scene, SceneError
 from mbdlft.base import expression
 from mbdlft.base.expression import Number, evaluate
 from mbdlft.exact import interval, taylor
@@ -20,6 +20,7 @@ from mbdlft.exact.interval import FUNCTIONS, Interval
 from mbdlft.exact.taylor import lowest, not_negative
 from mbdlft.multibody.scene import checks
 from mbdlft.multibody.scene.checks import check_positive
+from tests import kit
 from tests.close import EPS, roundoff
 
 SIZES = [0.0, 5e-324, 2.5e-308, 1e-200, 1e-16, 0.1, 0.7, 1.0, 3.0, 22.0, 1e16, 1e200, 1.7e308]
@@ -328,17 +329,13 @@ CONSTANTS = {
 
 def bob(mass: str, **inertia: Any) -> Scene:
     parameters = [Parameter(n, 0.5, low=0.0, high=1.0, unit="m") for n in "ab"]
-    body = (
-        RigidBody(name="bob", mass=mass, inertia=Inertia(**inertia))
-        if inertia
-        else PointMass(name="bob", mass=mass)
-    )
-    return Scene(
-        name="disc",
-        parameters=parameters,
+    body = kit.body("bob", mass, inertia=Inertia(**inertia)) if inertia else kit.point("bob", mass)
+    return kit.scene(
+        "disc",
+        *parameters,
+        body,
+        kit.hinge("s", "ground", "bob", (1, 0, 0), preload=0.0),
         constants=CONSTANTS,
-        bodies=[body],
-        joints=[Revolute(name="s", parent="ground", child="bob", axis=(1, 0, 0), preload=0.0)],
     )
 
 

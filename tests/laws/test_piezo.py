@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import mbdlft
+from tests import kit
 from tests.close import BALANCE, CLOSED_FORM, FREQUENCY_RESPONSE, LAMINATE, target
 
 # a strip bonded to an aluminum beam, as published, with the permittivity of its erratum
@@ -42,15 +43,13 @@ def strip(*patches: mbdlft.PiezoPatch, **fields) -> mbdlft.PiezoBeam:
 def clamped(body: mbdlft.PiezoBeam | mbdlft.Beam, parameters=()) -> mbdlft.LFTModel:
     """Its static gains are displacements of the tip, and charges."""
     return mbdlft.to_lft(
-        mbdlft.Scene(
-            name="clamped",
-            parameters=parameters,
-            bodies=[body],
-            joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")],
-            sensors=[
-                mbdlft.Position(name="tip", port="boom.tip"),
-                mbdlft.SmallRotation(name="turn", port="boom.tip"),
-            ],
+        kit.scene(
+            "clamped",
+            *parameters,
+            body,
+            kit.weld("wall", "ground", "boom"),
+            mbdlft.Position(name="tip", port="boom.tip"),
+            mbdlft.SmallRotation(name="turn", port="boom.tip"),
         ),
         search=0.0,
     )
@@ -146,12 +145,12 @@ def test_without_voltage_it_is_the_laminated_beam() -> None:
 
 def test_the_neutral_axis_moves() -> None:
     """A moment at the tip of a unimorph: its stiffness is EI - ES^2/EA."""
-    scene = mbdlft.Scene(
-        name="bent",
-        bodies=[strip(patch())],
-        joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")],
-        loads=[mbdlft.Torque(name="bend", port="boom.tip", direction=(0, 0, 1), magnitude=0.0)],
-        sensors=[mbdlft.SmallRotation(name="turn", port="boom.tip")],
+    scene = kit.scene(
+        "bent",
+        strip(patch()),
+        kit.weld("wall", "ground", "boom"),
+        kit.torque("bend", "boom.tip", (0, 0, 1), magnitude=0.0),
+        mbdlft.SmallRotation(name="turn", port="boom.tip"),
         inputs=["bend.torque"],
     )
     lower, upper = 0.5 * T, 0.5 * T + H
@@ -163,11 +162,11 @@ def test_the_neutral_axis_moves() -> None:
 
 def floating(body: mbdlft.PiezoBeam) -> mbdlft.LFTModel:
     return mbdlft.to_lft(
-        mbdlft.Scene(
-            name="floating",
-            bodies=[body],
-            joints=[mbdlft.Planar(name="base", parent="ground", child="boom", axis=(0, 0, 1))],
-            sensors=[mbdlft.Momentum(name="momentum")],
+        kit.scene(
+            "floating",
+            body,
+            kit.planar("base", "ground", "boom", (0, 0, 1)),
+            mbdlft.Momentum(name="momentum"),
             inputs=["boom.voltage.1"],
             outputs=["momentum.linear.x", "momentum.linear.y", "momentum.angular.z"],
         ),
@@ -303,9 +302,7 @@ def test_a_quintic_beam_with_all_its_numbers_as_parameters() -> None:
 
 def test_a_scene_file_has_patches() -> None:
     body = strip(patch(0, 1), patch(1, 3, "both"), common_voltage=True)
-    scene = mbdlft.Scene(
-        name="s", bodies=[body], joints=[mbdlft.Fixed(name="wall", parent="ground", child="boom")]
-    )
+    scene = kit.scene("s", body, kit.weld("wall", "ground", "boom"))
     text = mbdlft.scene_to_toml(scene)
     assert "[[bodies.boom.patches]]" in text
     assert mbdlft.scene_from_toml(text) == scene

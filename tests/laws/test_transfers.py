@@ -16,6 +16,7 @@ from mbdlft.problem import references
 from mbdlft.problem.relations import Problem
 from mbdlft.system import regular, sampled
 from mbdlft.system.regular import Box, physical_boxes, regularity
+from tests import kit
 from tests.close import EPS, EVALUATION, conditioned, exact, roundoff
 from tests.laws.planted_singular import RADIUS, planted
 from tests.reference.chain_of_beams import scene as beams
@@ -199,16 +200,12 @@ def test_no_entries() -> None:
 def buckling(near: float, far: float) -> mbdlft.Scene:
     """An inverted pendulum of 1 kg and 1 m whose spring balances gravity but for these parts of it."""
     low, high = sorted((G * (1.0 + near), G * (1.0 + far)))
-    return mbdlft.Scene(
-        name="buckling",
+    return kit.scene(
+        "buckling",
+        mbdlft.Parameter("k", 0.5 * (low + high), low=low, high=high, unit="N m/rad"),
+        kit.point("bob", 1.0, ports={"foot": (0, 0, -1.0)}),
+        kit.hinge("pivot", "ground", "bob.foot", (1, 0, 0), stiffness="k"),
         gravity=(0.0, 0.0, -G),
-        parameters=[mbdlft.Parameter("k", 0.5 * (low + high), low=low, high=high, unit="N m/rad")],
-        bodies=[mbdlft.PointMass(name="bob", mass=1.0, ports={"foot": (0, 0, -1.0)})],
-        joints=[
-            mbdlft.Revolute(
-                name="pivot", parent="ground", child="bob.foot", axis=(1, 0, 0), stiffness="k"
-            )
-        ],
         inputs=["pivot.torque"],
         outputs=["pivot.acceleration"],
     )

@@ -10,7 +10,8 @@ import mpmath as mp
 import numpy as np
 
 import mbdlft
-from mbdlft import Beam, Constant, Fixed, Inertia, Planar, Revolute, RigidBody, Scene
+from mbdlft import Beam, Constant, Inertia, Scene
+from tests import kit
 
 DIGITS = 50
 HUB_MASS, HUB_INERTIA, TIP_MASS, TIP_INERTIA = "40", "5", "2", "0.04"
@@ -23,45 +24,41 @@ def scene(beams: int, elements: int) -> Scene:
     hub = Inertia(xx=3, yy=4, zz=float(HUB_INERTIA))
     tip = Inertia(xx=0.02, yy=0.03, zz=float(TIP_INERTIA))
     hinges = [
-        Revolute(
-            name=f"hinge{k}",
-            parent=f"beam{k - 1}.tip" if k else "hub",
-            child=f"beam{k}",
-            axis=(0, 0, 1),
+        kit.hinge(
+            f"hinge{k}",
+            f"beam{k - 1}.tip" if k else "hub",
+            f"beam{k}",
+            (0, 0, 1),
             position=float(ANGLE) if k else 0.0,
             stiffness=float(STIFFNESS),
             damping=float(DAMPING),
         )
         for k in range(beams)
     ]
-    return Scene(
-        name="chain of beams",
+    return kit.scene(
+        "chain of beams",
+        kit.body("hub", float(HUB_MASS), inertia=hub),
+        kit.body("tip", float(TIP_MASS), inertia=tip),
+        *(
+            Beam(
+                name=f"beam{k}",
+                length="L",
+                density=float(DENSITY),
+                area=float(AREA),
+                modulus=float(MODULUS),
+                I_z=float(SECOND_MOMENT),
+                elements=elements,
+                stiffness_damping=float(STIFFNESS_DAMPING),
+                deformations=["bending_y"],
+            )
+            for k in range(beams)
+        ),
+        kit.planar("base", "ground", "hub", (0, 0, 1), preload=(0, 0, 0)),
+        *hinges,
+        kit.weld("end", f"beam{beams - 1}.tip", "tip"),
+        kit.torque("T", "hub", (0, 0, 1), magnitude=0),
+        mbdlft.Acceleration(name="a", port="tip"),
         constants={"L": Constant(value=float(LENGTH), unit="m")},
-        bodies=[
-            RigidBody(name="hub", mass=float(HUB_MASS), inertia=hub),
-            RigidBody(name="tip", mass=float(TIP_MASS), inertia=tip),
-            *(
-                Beam(
-                    name=f"beam{k}",
-                    length="L",
-                    density=float(DENSITY),
-                    area=float(AREA),
-                    modulus=float(MODULUS),
-                    I_z=float(SECOND_MOMENT),
-                    elements=elements,
-                    stiffness_damping=float(STIFFNESS_DAMPING),
-                    deformations=["bending_y"],
-                )
-                for k in range(beams)
-            ),
-        ],
-        joints=[
-            Planar(name="base", parent="ground", child="hub", axis=(0, 0, 1), preload=(0, 0, 0)),
-            *hinges,
-            Fixed(name="end", parent=f"beam{beams - 1}.tip", child="tip"),
-        ],
-        loads=[mbdlft.Torque(name="T", port="hub", direction=(0, 0, 1), magnitude=0)],
-        sensors=[mbdlft.Acceleration(name="a", port="tip")],
         inputs=["T.torque", *(f"hinge{k}.torque" for k in range(beams))],
         outputs=["a.x", "a.y"],
     )

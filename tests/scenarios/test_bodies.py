@@ -12,6 +12,7 @@ from bodies import solar_panel
 from mbdlft.cli.commands import app
 from mbdlft.elastic.catalogue import reduced_body
 from mbdlft.multibody.scene.toml import body_to_toml
+from tests import kit
 from tests.close import SCENARIO, exact, roundoff
 
 ROOT = Path(__file__).parents[2]
@@ -64,17 +65,14 @@ def test_panel_has_the_mass_of_its_volume() -> None:
 
 
 def satellite(body: mbdlft.FlexibleBody) -> mbdlft.Scene:
-    hub = mbdlft.RigidBody(
-        name="hub", mass="m", inertia=mbdlft.Inertia(xx=20, yy=25, zz=30), ports={"side": (0.5, 0, 0)}
-    )
-    return mbdlft.Scene(
-        name="satellite",
-        parameters=[mbdlft.Parameter("m", 100.0, percent=20, unit="kg")],
-        bodies=[hub, body],
-        joints=[
-            mbdlft.Free(name="orbit", parent="ground", child="hub", position=(0, 0, 0)),
-            mbdlft.Fixed(name="root", parent="hub.side", child=body.name),
-        ],
+    hub = kit.body("hub", "m", (20, 25, 30), ports={"side": (0.5, 0, 0)})
+    return kit.scene(
+        "satellite",
+        mbdlft.Parameter("m", 100.0, percent=20, unit="kg"),
+        hub,
+        body,
+        kit.free("orbit", "ground", "hub", position=(0, 0, 0)),
+        kit.weld("root", "hub.side", body.name),
         inputs=["orbit.torque.y"],
         outputs=["orbit.rotation.y"],
     )

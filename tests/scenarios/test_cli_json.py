@@ -13,6 +13,7 @@ from typer.main import get_command
 import mbdlft
 from mbdlft.cli.commands import app
 from mbdlft.cli.output import time_left
+from tests import kit
 from tests.scenarios.commands import Call, Output
 from tests.scenarios.test_cli_tuning import MODEL, TASK
 
@@ -53,15 +54,11 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "task.toml").write_text(TASK, encoding="utf-8")
     arm = mbdlft.to_lft(mbdlft.load_scene(ROOT / ARM), search=0.0)
     mbdlft.save(folder / "arm.h5", arm)
-    mass = mbdlft.Scene(
-        name="mass",
-        parameters=[mbdlft.Parameter("k", 2.0, percent=10, unit="N/m")],
-        bodies=[mbdlft.PointMass(name="m", mass=1.0)],
-        joints=[
-            mbdlft.Prismatic(
-                name="s", parent="ground", child="m", axis=(1, 0, 0), stiffness="k", damping=0.5
-            )
-        ],
+    mass = kit.scene(
+        "mass",
+        mbdlft.Parameter("k", 2.0, percent=10, unit="N/m"),
+        kit.point("m", 1.0),
+        kit.rail("s", "ground", "m", (1, 0, 0), stiffness="k", damping=0.5),
     )
     model = mbdlft.to_lft(mass, search=0.0)
     mbdlft.save(folder / "mass.h5", model)
