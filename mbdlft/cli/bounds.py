@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -17,10 +17,6 @@ from mbdlft.base.errors import AnalysisError, StructureError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_json, print_table, progress_of, say, write_scene
 from mbdlft.cli.responses import WITH_WORST, chosen_channels, draw
-
-if TYPE_CHECKING:
-    from mbdlft.robust.evidence import Bounds
-    from mbdlft.system import System
 
 _EDGE = 1e-3  # of the ranges: a smaller margin is said to be none
 _WITH = " with "  # in the name of a loop
@@ -166,7 +162,7 @@ def _asked(
     return {**asked, "inputs": inputs or slice(None), "outputs": outputs or slice(None)}
 
 
-def _loop(archive: Path, model: str | None, controller: Path | None) -> "System":
+def _loop(archive: Path, model: str | None, controller: Path | None) -> "systems.System":
     """The model of an archive, closed through a controller if there is one."""
     names = archives.model_names(archive)
     if model is None:  # loops that were stored beside a model are not meant
@@ -184,7 +180,7 @@ def _loop(archive: Path, model: str | None, controller: Path | None) -> "System"
     return systems.as_system(loop, name=name)
 
 
-def _same(a: "System", b: "System") -> bool:
+def _same(a: "systems.System", b: "systems.System") -> bool:
     """Whether two systems have the same numbers and names."""
     same = all(np.array_equal(getattr(a.lft, M), getattr(b.lft, M)) for M in ("M11", "M12", "M21", "M22"))
     return same and a.parameters == b.parameters and a.inputs == b.inputs and a.outputs == b.outputs
@@ -214,13 +210,13 @@ def _controller(file: Path) -> Any:
 
 def _answer(
     archive: Path,
-    system: "System",
-    search: Callable[..., "Bounds"],
+    system: "systems.System",
+    search: Callable[..., "analyze.Bounds"],
     asked: dict[str, Any],
     *,
     store: bool,
     as_json: bool,
-) -> tuple["Bounds", bool]:
+) -> tuple["analyze.Bounds", bool]:
     """Search, and say how far it is; store and print the bounds. Also whether their claim is proved."""
     start = time.perf_counter()
     with progress_of(system.name) as progress:
@@ -237,7 +233,7 @@ def _answer(
     return bounds, not wrong
 
 
-def _print(system: "System", bounds: "Bounds", wrong: str) -> None:
+def _print(system: "systems.System", bounds: "analyze.Bounds", wrong: str) -> None:
     """What is proved, the worst case, and why not more is proved."""
     is_empty = wrong or bounds.proof is None  # such as that no damping is below -1
     say(f"{system.name}, {bounds.kind}:", "nothing is proved" if is_empty else f"{bounds.claim}: proved")

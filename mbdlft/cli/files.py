@@ -2,26 +2,17 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import Annotated, Any, cast
 
 import typer
 
 from mbdlft import archive as archives
-from mbdlft import batch, show
+from mbdlft import batch, multibody, show
+from mbdlft import system as systems
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.commands import warn
 from mbdlft.cli.output import print_files, print_json, progress_of, say
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from mbdlft.base.array import Array
-    from mbdlft.batch import GridSamples, RandomSamples
-    from mbdlft.export.exports import Counts
-    from mbdlft.multibody import Scene
-    from mbdlft.system import LFTModel
-
 
 Grid = Annotated[
     options.Texts,
@@ -92,11 +83,11 @@ def sweep(
     say(f"seconds: {counts.seconds:.3f}", f"archive: {output}")
 
 
-def _source(file: Path, model: str | None) -> "Scene | LFTModel":
+def _source(file: Path, model: str | None) -> "multibody.Scene | systems.LFTModel":
     """The scene of a file, or the model `model` if the file is an archive."""
     if options.is_archive(file):
         # the sweep refuses what is neither
-        return cast("Scene | LFTModel", options.stored_system(file, model))
+        return cast("multibody.Scene | systems.LFTModel", options.stored_system(file, model))
     if model is not None:
         raise AnalysisError(f"--model {model}: {file} is a scene; only an archive has models.")
     return options.scene_in(file)
@@ -104,7 +95,7 @@ def _source(file: Path, model: str | None) -> "Scene | LFTModel":
 
 def _samples(
     grid: options.Texts, random: int | None, file: Path | None, seed: int | None
-) -> "GridSamples | RandomSamples | Mapping[str, Array]":
+) -> "batch.GridSamples | batch.RandomSamples | dict[str, Any]":
     """The samples that exactly one of the options --grid, --random and --file gives."""
     if (bool(grid) + (random is not None) + (file is not None)) != 1:
         raise AnalysisError("sweep: expected exactly one of --grid, --random and --file.")
@@ -156,7 +147,7 @@ def export(
     print_files(*(("file", path) for path in files), as_json=as_json)
 
 
-def _counts(texts: options.Texts) -> "Counts | None":
+def _counts(texts: options.Texts) -> "int | dict[str, int] | None":
     """Numbers of values of the options --grid: one for all parameters, or one for each of some names."""
     if not texts:
         return None
@@ -224,7 +215,7 @@ def view(
     print_files(("page", page.save(file)), as_json=as_json)
 
 
-def _worst_cases(source: Path, scene: "Scene") -> dict[str, dict[str, float]]:
+def _worst_cases(source: Path, scene: "multibody.Scene") -> dict[str, dict[str, float]]:
     """Values of the parameters of a scene in the worst cases that an archive has, by title."""
     if not options.is_archive(source):
         return {}
@@ -237,7 +228,7 @@ def _worst_cases(source: Path, scene: "Scene") -> dict[str, dict[str, float]]:
     return points
 
 
-def _scene(source: Path, model: str | None) -> "Scene":
+def _scene(source: Path, model: str | None) -> "multibody.Scene":
     """The scene of a file, or that of a model of an archive."""
     if options.is_archive(source):
         return show.scene_of(archives.load(source, model))

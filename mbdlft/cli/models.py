@@ -4,12 +4,12 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from mbdlft import analyze, batch, matrix, modelica, multibody, problem
+from mbdlft import analyze, base, batch, matrix, modelica, multibody, problem
 from mbdlft import archive as archives
 from mbdlft import system as systems
 from mbdlft.base import worker
@@ -28,14 +28,9 @@ from mbdlft.cli.output import (
 from mbdlft.cli.responses import KINDS, OVER, draw, modes_data, print_poles
 from mbdlft.cli.scenes import efforts_data, print_efforts, shortened_list
 
-if TYPE_CHECKING:
-    from mbdlft.base.unit import Signal
-    from mbdlft.multibody import Scene
-    from mbdlft.system import DeltaThetaModel, LFTModel, System
-
 
 def report_model(
-    model: "LFTModel",
+    model: "systems.LFTModel",
     seconds: Mapping[str, float],
     paths: Mapping[str, Path | None],
     notes: Sequence[str],
@@ -85,7 +80,7 @@ def show(
         say(f"analysis {entry['name']}: {entry['kind']} {lower} to {upper}")
 
 
-def _print_stored(model: "System | DeltaThetaModel") -> None:
+def _print_stored(model: "systems.System | systems.DeltaThetaModel") -> None:
     """Print a model, its nonlinear functions, and from when it is."""
     linear = model if isinstance(model, systems.System) else model.linear
     print_model(linear)
@@ -97,7 +92,7 @@ def _print_stored(model: "System | DeltaThetaModel") -> None:
             say(f"stored program: {linear.known_program.length} instructions")
 
 
-def print_model(model: "System") -> None:
+def print_model(model: "systems.System") -> None:
     """Print the signals, parameters and poles of a model, and what its certificate says."""
     console().print(f"{model.name}  {model.description}", style="bold", highlight=False)
     for what in ("states", "inputs", "outputs"):
@@ -119,7 +114,7 @@ def print_model(model: "System") -> None:
     print_poles(model)
 
 
-def _print_repetitions(model: "LFTModel") -> None:
+def _print_repetitions(model: "systems.LFTModel") -> None:
     """Print a row for each parameter: its range and its repetitions, with their sums below."""
     certificate = model.certificate
     counts = (certificate.order, certificate.lower_bound, certificate.raw_order)
@@ -132,7 +127,7 @@ def _print_repetitions(model: "LFTModel") -> None:
     print_table(None, f"{headings} reduction >", rows, sums)
 
 
-def _stored_data(model: "System | DeltaThetaModel") -> dict[str, Any]:
+def _stored_data(model: "systems.System | systems.DeltaThetaModel") -> dict[str, Any]:
     """A stored model as plain data: that of its linear part if it has nonlinear functions."""
     if not isinstance(model, systems.System):
         return {**_stored_data(model.linear), "functions": [str(f) for f in model.functions]}
@@ -142,7 +137,7 @@ def _stored_data(model: "System | DeltaThetaModel") -> dict[str, Any]:
     return {"name": model.name, **signals_data(model), "order": model.order}
 
 
-def _model_data(model: "LFTModel") -> dict[str, Any]:
+def _model_data(model: "systems.LFTModel") -> dict[str, Any]:
     """A model and its certificate as plain data."""
     c = model.certificate
     parameters = parameters_data(model.parameters)
@@ -363,14 +358,14 @@ def realize(
     report_model(built.model, seconds, {"archive": output}, notes, as_json=as_json)
 
 
-def _written(archive: Path, model: "LFTModel") -> float:
+def _written(archive: Path, model: "systems.LFTModel") -> float:
     """Save a model; return the seconds that this took."""
     start = time.perf_counter()
     archives.save(archive, model)
     return time.perf_counter() - start
 
 
-def _drawn(figures: list[tuple[str, Path]], model: "LFTModel") -> dict[str, Path | None]:
+def _drawn(figures: list[tuple[str, Path]], model: "systems.LFTModel") -> dict[str, Path | None]:
     """Draw all figures; then raise the first error, if there was one."""
     drawn: dict[str, Path | None] = {}
     failed: list[MbdlftError] = []
@@ -387,13 +382,13 @@ def _drawn(figures: list[tuple[str, Path]], model: "LFTModel") -> dict[str, Path
 
 
 def _of_scene(
-    scene: "Scene",
+    scene: "multibody.Scene",
     search: float,
     most_seconds: float | None,
     prove: float,
     progress: Callable[[str], None],
     truncate: float | None,
-) -> "tuple[LFTModel, dict[str, float], list[str]]":
+) -> "tuple[systems.LFTModel, dict[str, float], list[str]]":
     """The linear model of a scene, the seconds of its stages, and notes."""
     built = rooms.models.build(
         scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate
@@ -411,7 +406,9 @@ def _of_scene(
     return built.model, seconds, notes
 
 
-def _notes(scene: "Scene", signals: Sequence["Signal"], values: Sequence[float]) -> list[str]:
+def _notes(
+    scene: "multibody.Scene", signals: Sequence["base.Signal"], values: Sequence[float]
+) -> list[str]:
     """Lines with the notes on a scene; `signals` were unknown in the trim, with nominal `values`."""
     return [f"note: {text}" for text in multibody.notes(scene, dict(zip(signals, values, strict=True)))]
 

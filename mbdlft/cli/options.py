@@ -8,24 +8,16 @@ from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import Annotated, Any, cast
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
 from mbdlft import archive as archives
-from mbdlft import matrix, modelica, multibody, robot, show, system
+from mbdlft import dae, matrix, modelica, multibody, robot, show, system
 from mbdlft.base.errors import AnalysisError, MbdlftError, SceneError
 from mbdlft.cli import rooms
-
-if TYPE_CHECKING:
-    from mbdlft.dae import Dae
-    from mbdlft.modelica import ModelicaReport, ModelicaTable
-    from mbdlft.multibody import Scene
-    from mbdlft.system import LFTModel, System
-
-    ModelicaFile = tuple[Dae, ModelicaReport, ModelicaTable]
 
 SEARCH = 2.0  # equal to SEARCH of mbdlft.order.search, which is slow to import
 MOST = 1_000_000  # samples or times of an analysis; sweeps have more
@@ -213,7 +205,7 @@ def is_modelica(file: Path) -> bool:
     return file.suffix.lower() in SUFFIXES
 
 
-def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "Scene":
+def scene_in(file: Path, model: str | None = None, *, look: bool = False) -> "multibody.Scene":
     """The scene of a TOML file, or that of a robot (URDF, SDF, MJCF), whose report goes to stderr.
 
     `model` says which one of an SDF file that has several. A scene that somebody will only `look` at may
@@ -240,7 +232,7 @@ _VARY = "NAME=20% or NAME=LOW:HIGH, such as spring.c=100:400. The unit is that o
 
 def read_modelica(
     file: Path, table_file: Path | None, name: str | None, vary: Texts = None, at: str | None = None
-) -> "ModelicaFile":
+) -> "tuple[dae.Dae, modelica.ModelicaReport, modelica.ModelicaTable]":
     """A Modelica model, the report on it, and the table beside it; `name` says which one of the file.
 
     Parameters that `vary`, and the operating point `at`, are those of the options; they come before what
@@ -265,7 +257,7 @@ def modelica_model(
     seconds: float | None,
     prove: float,
     progress: Callable[[str], None],
-) -> "tuple[LFTModel, dict[str, float], list[str]]":
+) -> "tuple[system.LFTModel, dict[str, float], list[str]]":
     """The linear model of a Modelica model, the seconds of its stages, and notes."""
     times = [time.perf_counter()]
     dae, report, kept = read_modelica(file, table_file, name, vary, at)
@@ -282,7 +274,7 @@ def modelica_model(
     return model, {stage: b - a for stage, (a, b) in stages}, notes
 
 
-def load_system(file: Path, name: str | None = None) -> "System":
+def load_system(file: Path, name: str | None = None) -> "system.System":
     """The system of an archive, or one that is made of a scene, a robot, a matrix or a Modelica model.
 
     `name` says which model of an archive that has several; for other files it is an AnalysisError.
@@ -308,7 +300,7 @@ def _is_matrix(file: Path) -> bool:
     return isinstance(form, str) and form.startswith("mbdlft-matrix")
 
 
-def stored_system(archive: Path, name: str | None) -> "System":
+def stored_system(archive: Path, name: str | None) -> "system.System":
     """A linear model of an archive; nonlinear functions, not to be left out, are an AnalysisError."""
     model = archives.load(archive, name)
     if isinstance(model, system.DeltaThetaModel):
@@ -317,4 +309,4 @@ def stored_system(archive: Path, name: str | None) -> "System":
             "linear. Linearize it around an equilibrium (linearize_dae); in Python, model.linear is its "
             "linear part with the functions left open."
         )
-    return cast("System", model)
+    return cast("system.System", model)

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -15,14 +15,10 @@ from rich.status import Status
 from rich.table import Table
 from rich.text import Text
 
-from mbdlft import multibody
+from mbdlft import base, multibody
 from mbdlft.base.errors import SceneError
 from mbdlft.base.running import heard
 from mbdlft.cli.commands import WARNINGS
-
-if TYPE_CHECKING:
-    from mbdlft.base.parameter import Parameter
-    from mbdlft.multibody import Scene
 
 _WIDTH = 110  # characters in a line of a table that goes into a file or a pipe
 _OFTEN = 0.1  # s between two looks
@@ -55,7 +51,7 @@ def print_table(
     console().print(table)
 
 
-def print_parameters(parameters: "Sequence[Parameter]") -> None:
+def print_parameters(parameters: "Sequence[base.Parameter]") -> None:
     """A table of parameters, if there are any."""
     if parameters:
         numbers = ((f"{p.low:g}", f"{p.nominal:g}", f"{p.high:g}") for p in parameters)
@@ -79,7 +75,7 @@ def _plain(data: Any) -> Any:
     return [_plain(value) for value in data] if isinstance(data, list | tuple) else data
 
 
-def parameters_data(parameters: "Iterable[Parameter]") -> list[dict[str, Any]]:
+def parameters_data(parameters: "Iterable[base.Parameter]") -> list[dict[str, Any]]:
     """Parameters as plain data."""
     keys = ("name", "unit", "low", "nominal", "high", "role")
     return [{key: getattr(p, key) for key in keys} for p in parameters]
@@ -110,7 +106,7 @@ def write_text(path: Path, text: str) -> None:
         raise SceneError(f"{path}: cannot be written: {error.strerror or error}.") from None
 
 
-def write_scene(path: Path, scene: "Scene") -> None:
+def write_scene(path: Path, scene: "multibody.Scene") -> None:
     """Write a scene as a TOML file."""
     write_text(path, multibody.scene_to_toml(scene))
 

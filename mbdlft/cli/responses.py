@@ -4,22 +4,17 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 import typer
 
-from mbdlft import analyze, base, dae, pipeline, show
+from mbdlft import analyze, base, dae, multibody, pipeline, show
+from mbdlft import system as systems
+from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_files, print_json, print_table, progress_of, say, write_text
-
-if TYPE_CHECKING:
-    from mbdlft.analyze import DampingTable, ModeRow, StabilityVerdict
-    from mbdlft.base.array import Array, ArrayLike
-    from mbdlft.dae import Simulation
-    from mbdlft.multibody import Scene
-    from mbdlft.system import LFTModel, System
 
 KINDS = ("sigma", "bode", "nyquist", "nichols", "step", "poles", "order", "trim")  # of figures
 WITH_WORST = KINDS[:5]  # kinds that show a worst case
@@ -71,7 +66,7 @@ def response(
 
 
 def draw(
-    kind: str, figure: Path, system: "System", seed: int = 0, over: str | None = None, **more: Any
+    kind: str, figure: Path, system: "systems.System", seed: int = 0, over: str | None = None, **more: Any
 ) -> None:
     """Draw a figure of one of the `KINDS`, if need be over a parameter, or with a worst case."""
     if kind in OVER:
@@ -84,12 +79,14 @@ def draw(
         )
 
 
-def _known(system: "System") -> str:
+def _known(system: "systems.System") -> str:
     """What may be set, at the end of a message."""
     return f" Parameters: {', '.join(system.parameters.names) or 'none'}."
 
 
-def chosen_channels(system: "System", outputs: list[str] | None, inputs: list[str] | None) -> "System":
+def chosen_channels(
+    system: "systems.System", outputs: list[str] | None, inputs: list[str] | None
+) -> "systems.System":
     """The system with some of its outputs and inputs; all states stay."""
     chosen = rooms.modes.chosen
     rows = chosen(system.name, "output", outputs, system.outputs, "responses")
@@ -111,7 +108,7 @@ def _check(figure: Path | None, kind: str, frequencies: list[float] | None) -> N
     options.check_paths(None, figure)
 
 
-def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str, Any]:
+def _gains(system: "systems.System", what: str, values: Mapping[str, float]) -> dict[str, Any]:
     """Norms at one point, and the highest peak, which is there where norms are infinite, too."""
     hinf = analyze.hinf_norm(system, values)
     try:
@@ -131,7 +128,7 @@ def _gains(system: "System", what: str, values: Mapping[str, float]) -> dict[str
     }
 
 
-def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None:
+def _worst(system: "systems.System", samples: int, seed: int) -> dict[str, float] | None:
     """The sample of the highest peak; nothing without parameters or samples."""
     if not (samples and system.parameters):
         return None
@@ -140,7 +137,7 @@ def _worst(system: "System", samples: int, seed: int) -> dict[str, float] | None
     return {name: float(column[k]) for name, column in values.items()}
 
 
-def _largest(system: "System", values: "Mapping[str, ArrayLike]") -> "tuple[Array, Array]":
+def _largest(system: "systems.System", values: Mapping[str, ArrayLike]) -> tuple[Array, Array]:
     """Frequencies (N, F) of samples, and the largest singular values at them."""
     omega = analyze.response_frequencies(system, values)
     response = analyze.frequency_response(system, values, omega)
@@ -148,7 +145,7 @@ def _largest(system: "System", values: "Mapping[str, ArrayLike]") -> "tuple[Arra
 
 
 def _values_at(
-    system: "System", point: dict[str, float], samples: int, seed: int, frequencies: list[float]
+    system: "systems.System", point: dict[str, float], samples: int, seed: int, frequencies: list[float]
 ) -> list[dict[str, Any]]:
     """Size and phase of each channel at frequencies, and the range of the size over samples."""
     if not frequencies:
@@ -176,7 +173,7 @@ def _values_at(
     ]
 
 
-def _print(system: "System", points: list[dict[str, Any]], values: list[dict[str, Any]]) -> None:
+def _print(system: "systems.System", points: list[dict[str, Any]], values: list[dict[str, Any]]) -> None:
     """Tables, and sentences on what is infinite."""
     rows = []
     for point in points:
@@ -251,11 +248,11 @@ def poles(
 
 
 def _print_poles(
-    system: "System",
+    system: "systems.System",
     point: dict[str, float],
-    modes: "DampingTable",
+    modes: "analyze.DampingTable",
     at_zero: list[complex] | None,
-    verdict: "StabilityVerdict",
+    verdict: "analyze.StabilityVerdict",
 ) -> None:
     """Tables and sentences."""
     where = ", ".join(f"{name} = {value:g}" for name, value in point.items()) or "nominal"
@@ -271,7 +268,7 @@ def _print_poles(
     say(str(verdict))
 
 
-def _verdict_data(verdict: "StabilityVerdict") -> dict[str, Any]:
+def _verdict_data(verdict: "analyze.StabilityVerdict") -> dict[str, Any]:
     """A verdict as plain data."""
     worst = verdict.worst_pole
     return {
@@ -285,7 +282,7 @@ def _verdict_data(verdict: "StabilityVerdict") -> dict[str, Any]:
     }
 
 
-def print_poles(system: "System") -> None:
+def print_poles(system: "systems.System") -> None:
     """Print a short table of the poles at nominal, and a line if it is not stable there."""
     if not system.states:
         return
@@ -304,7 +301,7 @@ def print_poles(system: "System") -> None:
         say("not asymptotically stable at nominal: poles are on the axis")
 
 
-def modes_data(modes: "DampingTable") -> dict[str, Any]:
+def modes_data(modes: "analyze.DampingTable") -> dict[str, Any]:
     """Poles as plain data, for JSON."""
     numbers = ("natural_frequency", "frequency", "damping", "time_constant")
     poles = [
@@ -314,7 +311,7 @@ def modes_data(modes: "DampingTable") -> dict[str, Any]:
     return {"poles": poles, "stability": modes.stability()}
 
 
-def _print_modes(rows: "Sequence[ModeRow]", title: str, most: int | None) -> None:
+def _print_modes(rows: "Sequence[analyze.ModeRow]", title: str, most: int | None) -> None:
     """A table of modes, equal ones in one row; the slowest ones if not all have room."""
     counts = Counter(tuple(cell.strip() for cell in rooms.modes.cells(row)) for row in rows)
     shown = list(counts.items())[:most]
@@ -407,7 +404,7 @@ def simulate(
     print_files(*files, as_json=False)
 
 
-def _compared(run: "Simulation", beside: "Array") -> dict[str, Any]:
+def _compared(run: "dae.Simulation", beside: Array) -> dict[str, Any]:
     """The largest value of all outputs, which it is, and the error of the linear model relative to it."""
     sizes, off = (np.max(np.abs(x), axis=0).tolist() for x in (run.outputs, run.outputs - beside))
     size, name = max(zip(sizes, run.output_names, strict=True), default=(0.0, ""))
@@ -421,16 +418,16 @@ def _of_motion(row: Mapping[str, Any], units: Mapping[str, str]) -> tuple[str, .
 
 
 def _both(
-    scene: "Scene", model: "LFTModel", times: "Array", **asked: Any
-) -> tuple["Simulation", "Array"]:
+    scene: "multibody.Scene", model: "systems.LFTModel", times: Array, **asked: Any
+) -> tuple["dae.Simulation", Array]:
     """The motion, and its outputs by the model; forces of constraints are of the model only."""
     run, linear = (dae.simulate(each, times, **asked) for each in (scene, model))
     return run, linear.outputs[:, [linear.output_names.index(name) for name in run.output_names]]
 
 
 def _of_time(
-    texts: list[str] | None, times: "Array", scene: "Scene", model: "LFTModel"
-) -> dict[str, "Array"]:
+    texts: list[str] | None, times: Array, scene: "multibody.Scene", model: "systems.LFTModel"
+) -> dict[str, Array]:
     """Values (N,) of inputs; a motion that is one has its rate and acceleration, if they are felt."""
     every = options.by_name("--input", texts, _INPUT, lambda text: _signal(text, times), AnalysisError)
     values, felt = {name: x[0] for name, x in every.items()}, {s.name for s in model.inputs}
@@ -442,7 +439,7 @@ def _of_time(
     return values
 
 
-def _table(run: "Simulation") -> str:
+def _table(run: "dae.Simulation") -> str:
     """Times, states and outputs as text with commas."""
     lines = [",".join(["time", *run.state_names, *run.output_names])]
     whole = np.column_stack([run.times, run.states, run.outputs])
@@ -457,7 +454,7 @@ def _check_run(until: float, factors: list[float]) -> None:
         raise AnalysisError(f"--amplitude: expected finite numbers, got {factors}.")
 
 
-def _signal(text: str, times: "Array") -> "Array":
+def _signal(text: str, times: Array) -> Array:
     """Values of an input at times, of its rate and of its rate's (3, N); a ValueError if it is none."""
     kind, colon, size_text = text.partition(":")
     if not colon or kind == "step":

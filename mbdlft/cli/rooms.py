@@ -25,21 +25,16 @@ if TYPE_CHECKING:
     from mbdlft.show.report import content as content
     from mbdlft.show.report import sentences as sentences
 
-_PLACES = {
-    path.rpartition(".")[2]: path
-    for path in (
-        *("archive.archive", "elastic.catalogue", "export.exports", "matrix.problem", "pipeline.models"),
-        *("multibody.scene.toml", "multibody.to_problem", "problem.linearization", "response.frequency"),
-        *("response.modes", "show.figures.figures", "show.report.content"),
-        *("modelica.table", "modelica.translation"),
-        "multibody.assembly",
-        "pipeline.dae_models",
-        "show.report.sentences",
-    )
-}
+_PLACES = """
+archive.archive elastic.catalogue export.exports matrix.problem modelica.table modelica.translation
+multibody.assembly multibody.scene.toml multibody.to_problem pipeline.dae_models pipeline.models
+problem.linearization response.frequency response.modes show.figures.figures show.report.content
+show.report.sentences
+"""
 
 
 def __getattr__(name: str) -> Any:
-    if name in _PLACES:
-        return import_module(f"mbdlft.{_PLACES[name]}")
+    for path in _PLACES.split():
+        if path.rpartition(".")[2] == name:
+            return import_module(f"mbdlft.{path}")
     raise AttributeError(name)

@@ -16,7 +16,6 @@ from mbdlft.cli import options, rooms
 from mbdlft.cli.output import print_files, print_json, print_table, say, write_scene, write_text
 
 if TYPE_CHECKING:
-    from mbdlft.multibody import EquilibriumPoint, Scene
     from mbdlft.problem.trim import TrimPoint
 
 _MOST_NAMES = 6  # of a list that is printed
@@ -78,7 +77,7 @@ def shortened_list(names: Sequence[str]) -> str:
 
 
 def _print_equilibria(
-    scene: "Scene",
+    scene: "multibody.Scene",
     values: dict[str, float],
     starts: int,
     output: Path | None,
@@ -109,7 +108,7 @@ def _print_equilibria(
         say(f"scene at equilibrium 1: {output}" if len(points) > 1 else f"scene: {output}")
 
 
-def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, object]:
+def _equilibrium_data(scene: "multibody.Scene", point: "multibody.EquilibriumPoint") -> dict[str, object]:
     """An equilibrium as plain data."""
     unknowns = {**point.positions, **point.efforts}
     return {
@@ -122,7 +121,7 @@ def _equilibrium_data(scene: "Scene", point: "EquilibriumPoint") -> dict[str, ob
     }
 
 
-def _stability(scene: "Scene", point: "EquilibriumPoint") -> str:
+def _stability(scene: "multibody.Scene", point: "multibody.EquilibriumPoint") -> str:
     """A sentence that says whether an equilibrium is stable."""
     try:
         eigenvalues = multibody.eigenvalues_at(scene, point)
