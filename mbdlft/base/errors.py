@@ -72,17 +72,14 @@ def shortened(text: str) -> str:
     data = text.encode("utf-8", "backslashreplace")
     if len(data) <= _LONGEST:
         return text
-    text = re.sub(rf"\S{{{_LETTERS + 20},}}", lambda word: _middle_out(word[0]), text)
+    half = _LETTERS // 2
+    text = re.sub(rf"\S{{{_LETTERS + 20},}}", lambda word: f"{word[0][:half]}...{word[0][-half:]}", text)
     data = text.encode("utf-8", "backslashreplace")
     if len(data) <= _LONGEST:
         return text
     begin = data[: _LONGEST - _END - 60].decode("utf-8", "ignore")
     end = data[-_END:].decode("utf-8", "ignore")
     return f"{begin} ... ({len(data)} bytes, the middle is left out) ... {end}"
-
-
-def _middle_out(word: str) -> str:
-    return f"{word[: _LETTERS // 2]}...{word[-_LETTERS // 2 :]}"
 
 
 def _cut(name: str) -> str:

@@ -20,20 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.archive import sweep
 from mbdlft.archive.archive import load, save, writing
 from mbdlft.archive.layout import DIGEST
 from mbdlft.archive.model import items_of_model
-from mbdlft.archive.sweep import (
-    Layout,
-    Places,
-    check_room,
-    digests_of,
-    make_rows,
-    pack,
-    places_in,
-    reserve,
-    restore,
-)
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, ArchiveError
 from mbdlft.base.running import one_thread
@@ -59,7 +49,7 @@ class Work:
     plan: str  # its digest
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> sweep.Layout:
         """That of the rows."""
         return self.extra.layout(self.source.layout)
 
@@ -104,7 +94,7 @@ def rows_at(source: Source, chunk: int, extra: Extra, points: Array) -> Array:
                 "status": status,
                 **more,
             }
-            pack(layout, datasets, rows[start : start + chunk])
+            sweep.pack(layout, datasets, rows[start : start + chunk])
     return rows
 
 
@@ -206,26 +196,26 @@ def rows_file(folder: Path) -> Path:
     return folder / "rows.h5"
 
 
-def places(folder: Path, work: Work) -> Places:
+def places(folder: Path, work: Work) -> sweep.Places:
     """Where rows are in their file."""
-    return places_in(rows_file(folder), work.layout, work.count)
+    return sweep.places_in(rows_file(folder), work.layout, work.count)
 
 
 def _make_rows(folder: Path, work: Work) -> None:
     """Make the file of rows; if there is one, it keeps its rows, and the rest of it is made anew."""
     file, fresh = rows_file(folder), folder / "fresh.h5"
     if not file.exists():
-        check_room(folder, work.layout, work.count)
-    made = make_rows(fresh, work.layout, work.count)
+        sweep.check_room(folder, work.layout, work.count)
+    made = sweep.make_rows(fresh, work.layout, work.count)
     if not file.exists():
         try:
-            reserve(fresh)
+            sweep.reserve(fresh)
         except OSError:
             fresh.unlink()
             raise
         fresh.replace(file)
         return
-    restore(file, fresh, made)
+    sweep.restore(file, fresh, made)
     fresh.unlink()
 
 
@@ -236,17 +226,17 @@ def missing(folder: Path, work: Work) -> list[int]:
         noted = _noted(folder, work, shard)
         if noted is not None:
             rows = at.read(file, shard * work.shard_rows, work.rows_of(shard))
-            if np.array_equal(digests_of(rows, work.block_rows), noted):
+            if np.array_equal(sweep.digests_of(rows, work.block_rows), noted):
                 continue
         shards.append(shard)
     return shards
 
 
-def write_shard(folder: Path, work: Work, at: Places, shard: int, rows: Array) -> None:
+def write_shard(folder: Path, work: Work, at: sweep.Places, shard: int, rows: Array) -> None:
     """Put the rows (n, width) of a shard to their places, and note that it is finished."""
     with _written(folder):
         at.write(rows_file(folder), shard * work.shard_rows, rows)
-        noted = digests_of(rows, work.block_rows).tobytes()
+        noted = sweep.digests_of(rows, work.block_rows).tobytes()
         # not forced to the disk: what is noted is compared with the rows
         _put(_note(folder, shard), noted + _seal(work, shard, noted), now=False)
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi as ca
 
@@ -93,13 +93,6 @@ SYMBOLIC: Functions = {
 }
 
 
-class Formula(NamedTuple):
-    """A text, and the tables that are called `table1`, `table2` in it."""
-
-    text: str
-    tables: tuple[Table, ...]
-
-
 def formula_function(
     name: str, arguments: Sequence[str], text: str, tables: Sequence[Table] = ()
 ) -> ca.Function:
@@ -151,11 +144,11 @@ class _Piece:
 
 def formula_of(
     expression: ca.SX, symbols: Sequence[ca.SX], names: Sequence[str], *, tables: bool = True
-) -> Formula:
-    """The formula of a scalar expression of symbols; parts that are used twice have names.
+) -> tuple[str, tuple[Table, ...]]:
+    """The formula of a scalar expression of symbols, and the tables `table1`, `table2` in it.
 
-    With `tables`, parts that are lines or cubic polynomials between breakpoints, three or more, or two
-    where they are long, are tables.
+    Parts that are used twice have names. With `tables`, parts that are lines or cubic polynomials
+    between breakpoints, three or more, or two where they are long, are tables.
     """
     constants, numbers = constants_in(expression)
     function = ca.Function("formula", [column_of(symbols), constants], [ca.densify(expression)])
@@ -165,7 +158,7 @@ def formula_of(
     return _written(root, set(names), tables=tables)
 
 
-def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
+def _written(root: _Piece, taken: set[str], *, tables: bool) -> tuple[str, tuple[Table, ...]]:
     order: list[_Piece] = []
     known: dict[Table, str] = {}
     uses: Counter[int] = Counter()
@@ -198,7 +191,7 @@ def _written(root: _Piece, taken: set[str], *, tables: bool) -> Formula:
             named.append(f"{name} = {written}")
             written, level = name, 9
         text[id(piece)] = (written, level)
-    return Formula("; ".join([*named, text[id(root)][0]]), tuple(known))
+    return "; ".join([*named, text[id(root)][0]]), tuple(known)
 
 
 def _wrapped(piece: tuple[str, int], least: int) -> str:

@@ -211,11 +211,8 @@ def _in_rows(space: Space, rows: NDArray[np.int64]) -> Space:
     order = np.append(rows, np.setdiff1d(np.arange(space.size), rows))
     basis, pivots = row_echelon(space.basis[:, order], space.prime)
     other = Space(space.size, space.prime)
-    other.basis, other.pivots, other.taken = (
-        basis[:, np.argsort(order)],
-        order[pivots].tolist(),
-        space.taken,
-    )
+    other.basis, other.pivots = basis[:, np.argsort(order)], order[pivots].tolist()
+    other.taken = space.taken
     return other
 
 

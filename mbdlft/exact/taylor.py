@@ -262,7 +262,8 @@ def not_negative(
     function: Function, bounds: Mapping[str, tuple[float, float]], slack: float = 0.0, boxes: int = BOXES
 ) -> Sign:
     """Whether function >= -slack in the box of `bounds`, (low, high) by name, by at most `boxes`."""
-    monomials = space(len(bounds), _order(len(bounds)))
+    # a product of three factors is exact where there are few variables
+    monomials = space(len(bounds), 4 if len(bounds) <= 2 else 3 if len(bounds) <= 5 else 2)
     low, high = (np.array([[ends[k] for ends in bounds.values()]]) for k in (0, 1))
     width = high - low
     boxes_left = boxes
@@ -286,11 +287,6 @@ def not_negative(
         ended += _parts(low[small], high[small])
         low, high = _halved(low[~small], high[~small], along[~small])
     return Sign(open_parts=tuple(ended))
-
-
-def _order(variables: int) -> int:
-    """Order of the models: a product of three factors is exact where there are few variables."""
-    return 4 if variables <= 2 else 3 if variables <= 5 else 2
 
 
 def _enclosed(

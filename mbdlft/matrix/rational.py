@@ -140,14 +140,11 @@ def _recovered(
     n, M = len(channels), _balanced(lft.M, len(channels))
     z, u = ca.SX.sym("z", n), ca.SX.sym("input", M.shape[1] - n)
     w = [(q[k] - literal(shifts[k])) * z[i] for i, k in enumerate(channels)]
-    values = [_combination(row, [*w, *ca.vertsplit(u)]) for row in M.tolist()]
+    signals = [*w, *ca.vertsplit(u)]
+    rows = (zip(row, signals, strict=True) for row in M.tolist())
+    values = [sum((literal(x) * signal for x, signal in row if x), ca.SX(0)) for row in rows]
     residual = z - ca.vertcat(ca.SX(0, 1), *values[:n])
     return LinearModel(residual, ca.vertcat(*values[n:]), z, u, q, tuple(problem.parameters))
-
-
-def _combination(factors: Sequence[Fraction], signals: Sequence[ca.SX]) -> ca.SX:
-    pairs = zip(factors, signals, strict=True)
-    return sum((literal(factor) * signal for factor, signal in pairs if factor), ca.SX(0))
 
 
 def _balanced(M: Fractions, n: int) -> Fractions:

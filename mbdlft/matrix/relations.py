@@ -349,13 +349,6 @@ def written_matrix(problem: MatrixProblem, resolved: Resolved, q: ca.SX) -> ca.S
     return ca.vertcat(*(ca.horzcat(*(ca.SX(entry) for entry in row)) for row in rows))
 
 
-class _Node(NamedTuple):
-    """An instruction: how its expression is made of those of other nodes, and their numbers."""
-
-    write_node: Callable[..., Expression]
-    sources: tuple[int, ...]
-
-
 class _Texts:
     """The instructions of an SX matrix as expressions; what is used twice gets a name."""
 
@@ -372,7 +365,8 @@ class _Texts:
         self.parameters = {p.name for p in parameters}
         self.shared: dict[str, str] = {}
         self.depends: dict[str, frozenset[str]] = {}
-        self.nodes: list[_Node] = []
+        # how its expression is made of those of other nodes, and their numbers
+        self.nodes: list[tuple[Callable[..., Expression], tuple[int, ...]]] = []
         if 0 in matrix.shape:
             self.rows: list[list[float | str]] = []
             return
@@ -403,7 +397,7 @@ class _Texts:
         """Texts of the entries, by columns: first a node for each instruction, then names for nodes."""
         inputs = [self._node(partial(Name, name)) for name in self.free_names]
         (self.entries,) = fold(self.tape, self._rules(), inputs)
-        uses = Counter(source for node in self.nodes for source in node.sources)
+        uses = Counter(source for _, sources in self.nodes for source in sources)
         uses.update(self.entries)
         done: list[tuple[Expression, int]] = []  # and the depth
         for k, (write_node, sources) in enumerate(self.nodes):
@@ -415,7 +409,7 @@ class _Texts:
         return [e.value if isinstance(e, Number) else write(e) for e in texts]
 
     def _node(self, write_node: Callable[..., Expression], *sources: int) -> int:
-        self.nodes.append(_Node(write_node, sources))
+        self.nodes.append((write_node, sources))
         return len(self.nodes) - 1
 
     def _rules(self) -> Rules:
@@ -448,8 +442,8 @@ class _Texts:
     def _refuse(self, operation: str, *operands: Expression) -> Expression:
         used = sorted({name for operand in operands for name in self._parameters(operand)})
         reached = {self.node}
-        for k, node in enumerate(self.nodes):
-            if reached & {*node.sources}:
+        for k, (_, sources) in enumerate(self.nodes):
+            if reached & {*sources}:
                 reached.add(k)
         first = next(entry for entry, k in enumerate(self.entries) if k in reached)
         j, i = divmod(first, self.shape[0])

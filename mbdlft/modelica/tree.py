@@ -155,13 +155,11 @@ class Declaration:
     causality: str = ""  # or "input", "output"
     final: bool = False
     top: bool = True  # whether it belongs to the model itself and not to a component of it
-    attributes: Mapping[str, Expression] = field(
-        default_factory=dict
-    )  # such as start, fixed, min, max, nominal, unit
+    # such as start, fixed, min, max, nominal, unit
+    attributes: Mapping[str, Expression] = field(default_factory=dict)
     binding: Expression | None = None  # behind the "="
-    annotation: Mapping[str, Expression] = field(
-        default_factory=dict
-    )  # the entries of ``annotation(mbdlft(...))``
+    # the entries of ``annotation(mbdlft(...))``
+    annotation: Mapping[str, Expression] = field(default_factory=dict)
     comment: str = ""
 
 

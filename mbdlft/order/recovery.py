@@ -33,16 +33,7 @@ import flint
 import numpy as np
 
 from mbdlft.exact.matrices import Residues, multiplied, powers_of, solved
-from mbdlft.order.rational import (
-    Field,
-    Fractions,
-    Polynomials,
-    RationalMatrix,
-    along,
-    lifted,
-    primes,
-    residue_of,
-)
+from mbdlft.order import rational
 from mbdlft.order.work import Work
 
 _ATTEMPTS = 3  # primes that choices are made with: another one has other factors
@@ -55,7 +46,7 @@ _MOST_SPLITS = 64  # of factors into those of a row and those of a column
 class Recovered(NamedTuple):
     """An LFT [z ; y] = M [p z ; u] in exact numbers, with its blocks one after the other."""
 
-    M: Fractions  # (order + rows, order + columns)
+    M: rational.Fractions  # (order + rows, order + columns)
     blocks: tuple[tuple[int, int], ...]  # parameter and its multiplicity
     is_minimal: bool = False  # whether all multiplicities are least
 
@@ -65,12 +56,12 @@ class Recovered(NamedTuple):
         return sum(size for _, size in self.blocks)
 
 
-def recovered(F: RationalMatrix, work: Work) -> Recovered | None:
+def recovered(F: rational.RationalMatrix, work: Work) -> Recovered | None:
     """An LFT with the least multiplicities or a few more, for d(0) != 0; None if none comes out."""
     if math.prod(F.box) * max(len(F.N), len(F.N[0])) > _MOST_BOX:
         return None
     everything = tuple(range(F.parameters))
-    for prime in itertools.islice(primes(), _ATTEMPTS):
+    for prime in itertools.islice(rational.primes(), _ATTEMPTS):
         least = sum(_degree(F.modulo(prime, work), k) for k in everything)
         for more in range(_MORE + 1):
             first = _realized(F.modulo(prime, work.part(0.5)), everything, least + more)
@@ -85,7 +76,7 @@ def recovered(F: RationalMatrix, work: Work) -> Recovered | None:
 
 
 def _along_path(
-    F: RationalMatrix, left: Sequence[int], first: "_Partial", prime: int, work: Work
+    F: rational.RationalMatrix, left: Sequence[int], first: "_Partial", prime: int, work: Work
 ) -> Recovered | None:
     """In fractions what came out modulo one prime: at once, or by steps where factors are chosen."""
     budget = sum(size for _, size in first.blocks)
@@ -95,7 +86,7 @@ def _along_path(
         return again.M if again is not None and again.blocks == first.blocks else None
 
     if not any(isinstance(name, _Factors) for name in first.path):
-        M = lifted(whole, work)
+        M = rational.lifted(whole, work)
         return None if M is None else Recovered(M, first.blocks)
     name, (k, size) = first.path[0], first.blocks[-1]
     step = _named(F.modulo(prime, work), left, budget, name)
@@ -112,7 +103,7 @@ def _along_path(
             again = _named(F.modulo(prime, work), left, budget, name)
             return None if again is None else again.spaces[k]
 
-        W = lifted(space, work)
+        W = rational.lifted(space, work)
     if W is None:
         return None
 
@@ -125,7 +116,7 @@ def _along_path(
             else np.concatenate([opened.N.reshape(-1, *opened.d.shape), opened.d[None]])
         )
 
-    polynomials = lifted(inner, work)
+    polynomials = rational.lifted(inner, work)
     if polynomials is None:
         return None
     *entries, d = ({e: x for e, x in np.ndenumerate(polynomial) if x} for polynomial in polynomials)
@@ -136,23 +127,23 @@ def _along_path(
         rows = [[entries[i * q + j] for j in range(q)] for i in range(p)]
     following = first._replace(path=first.path[1:], blocks=first.blocks[:-1])
     others = [other for other in left if other != k]
-    result = _along_path(RationalMatrix(rows, d, F.parameters), others, following, prime, work)
+    result = _along_path(rational.RationalMatrix(rows, d, F.parameters), others, following, prime, work)
     return None if result is None else result._replace(blocks=first.blocks)
 
 
-def _image(a: Fractions, prime: int) -> Residues:
+def _image(a: rational.Fractions, prime: int) -> Residues:
     """Modulo a prime."""
-    flat = [residue_of(x, prime) for x in a.ravel().tolist()]
+    flat = [rational.residue_of(x, prime) for x in a.ravel().tolist()]
     return np.array(flat, dtype=np.int64).reshape(a.shape)
 
 
-def _named(f: "Polynomials", left: Sequence[int], budget: int, name: "_Name") -> "_Step | None":
+def _named(f: "rational.Polynomials", left: Sequence[int], budget: int, name: "_Name") -> "_Step | None":
     """The step of a name."""
     steps = _steps(f, _degrees(f, left), budget, name)
     return next((step for step in steps if step.name == name), None)
 
 
-def _bezout(f: Polynomials, k: int, points: Residues) -> Residues:
+def _bezout(f: rational.Polynomials, k: int, points: Residues) -> Residues:
     """Bezout matrices (points, p D, q D) in one parameter of degree D, at values of the others."""
     prime, D = f.field.prime, f.d.shape[k] - 1
     N, d = f.at(f.N, points, k), f.at(f.d, points, k)[:, None, None]
@@ -165,17 +156,17 @@ def _bezout(f: Polynomials, k: int, points: Residues) -> Residues:
     return B[..., :D, :D].swapaxes(2, 3).reshape(count, p * D, q * D)
 
 
-def _degree(f: Polynomials, k: int) -> int:
+def _degree(f: rational.Polynomials, k: int) -> int:
     """The McMillan degree in a parameter, the others being anything."""
     return f.field.rank(_bezout(f, k, f.field.points(1, f.d.ndim))[0]) if f.d.shape[k] > 1 else 0
 
 
-def _degrees(f: Polynomials, left: Sequence[int]) -> dict[int, int]:
+def _degrees(f: rational.Polynomials, left: Sequence[int]) -> dict[int, int]:
     """Of the parameters that the matrix depends on."""
     return {k: degree for k in left if (degree := _degree(f, k))}
 
 
-def _module(f: Polynomials, k: int, degree: int) -> Residues:
+def _module(f: rational.Polynomials, k: int, degree: int) -> Residues:
     """Rows (dimension, q * box) that lie in the row space of the Bezout matrix at every point."""
     prime, D, shape = f.field.prime, f.d.shape[k] - 1, f.N.shape[1:]
     below = [size - (axis == 1 + k) for axis, size in enumerate(shape)]  # degree below D in p_k
@@ -202,12 +193,12 @@ def _module(f: Polynomials, k: int, degree: int) -> Residues:
 _Spaces = dict[int, Residues]  # rows (dimension, q * box) of each parameter
 
 
-def _generated(f: Polynomials, spaces: _Spaces) -> Residues:
+def _generated(f: rational.Polynomials, spaces: _Spaces) -> Residues:
     """Rows of p_k W_k for all k, and then of d."""
     return np.vstack([*(f.shifted(W, k) for k, W in spaces.items()), f.constant_rows()])
 
 
-def _shrunk(f: Polynomials, modules: _Spaces) -> tuple[_Spaces, bool]:
+def _shrunk(f: rational.Polynomials, modules: _Spaces) -> tuple[_Spaces, bool]:
     """What of the modules follows from themselves; whether the rows of N do."""
     while True:
         generated, pivots = f.field.echelon(_generated(f, modules))
@@ -218,7 +209,7 @@ def _shrunk(f: Polynomials, modules: _Spaces) -> tuple[_Spaces, bool]:
         modules = smaller
 
 
-def _intersection(field: Field, a: Residues, b: Residues, pivots: Sequence[int]) -> Residues:
+def _intersection(field: rational.Field, a: Residues, b: Residues, pivots: Sequence[int]) -> Residues:
     """Of the spaces of rows of two matrices, the second in echelon form."""
     outside = (a - multiplied(a[:, pivots], b, field.prime)) % field.prime
     zero = field.null_space(outside.T).T
@@ -247,13 +238,13 @@ class _Step(NamedTuple):
     """Spaces that close the LFT, or one that opens its parameter; its name is the same for all primes."""
 
     name: _Name
-    f: Polynomials  # or its transpose
+    f: rational.Polynomials  # or its transpose
     is_transposed: bool
     spaces: _Spaces
 
 
 def _realized(
-    f: Polynomials, left: Sequence[int], budget: int, path: Sequence[_Name] = ()
+    f: rational.Polynomials, left: Sequence[int], budget: int, path: Sequence[_Name] = ()
 ) -> _Partial | None:
     """An LFT of at most so many repetitions; along a path, if there is one."""
     degrees = _degrees(f, left)
@@ -297,7 +288,7 @@ def _opened_and_realized(
     return None if partial is None else partial._replace(blocks=(*partial.blocks, (k, len(W))))
 
 
-def _opened(f: Polynomials, k: int, W: Residues) -> Polynomials | None:
+def _opened(f: rational.Polynomials, k: int, W: Residues) -> rational.Polynomials | None:
     """[z_k ; y] of [p_k z_k ; u], by interpolation; None if its degrees are not below those of F."""
     prime, K = f.field.prime, f.d.ndim
     sizes = [1 if axis == k else size for axis, size in enumerate(f.d.shape)]
@@ -308,7 +299,7 @@ def _opened(f: Polynomials, k: int, W: Residues) -> Polynomials | None:
     for axis in range(K):
         if axis != k:
             powers = powers_of(nodes[axis], f.d.shape[axis], prime)
-            grids = [along(a, axis - K, powers, prime) for a in grids]
+            grids = [rational.along(a, axis - K, powers, prime) for a in grids]
     N, d = np.zeros((*shape, *sizes), dtype=np.int64), np.zeros(sizes, dtype=np.int64)
     for place in np.ndindex(*sizes):
         line = (..., *(slice(None) if axis == k else i for axis, i in enumerate(place)))
@@ -321,8 +312,8 @@ def _opened(f: Polynomials, k: int, W: Residues) -> Polynomials | None:
         inverse = solved(
             powers_of(nodes[axis], sizes[axis], prime), np.eye(sizes[axis], dtype=np.int64), prime
         )
-        N, d = (along(a, axis - K, inverse, prime) for a in (N, d))
-    inner = Polynomials(N, d, f.field)
+        N, d = (rational.along(a, axis - K, inverse, prime) for a in (N, d))
+    inner = rational.Polynomials(N, d, f.field)
     point = f.field.points(1, K)
     X = _opened_at(f.field, *(f.at(a, point, k)[0] for a in (f.N, f.d, rows)))
     if X is None or np.any((inner.at(N, point)[0] - X * inner.at(d, point)[0]) % prime):
@@ -330,7 +321,7 @@ def _opened(f: Polynomials, k: int, W: Residues) -> Polynomials | None:
     return _trimmed(inner)
 
 
-def _opened_at(field: Field, N: Residues, d: Residues, W: Residues) -> Residues | None:
+def _opened_at(field: rational.Field, N: Residues, d: Residues, W: Residues) -> Residues | None:
     """[A B ; C D] of polynomials in one parameter: N (p, q, D + 1), d (D + 1,), W (n, q, D + 1)."""
     q = N.shape[1]
     columns = q * len(d)
@@ -340,7 +331,7 @@ def _opened_at(field: Field, N: Residues, d: Residues, W: Residues) -> Residues 
     return field.combinations(np.vstack(generated), wanted)
 
 
-def _trimmed(f: Polynomials) -> Polynomials:
+def _trimmed(f: rational.Polynomials) -> rational.Polynomials:
     """In the smallest box."""
     used = np.any(f.N != 0, axis=(0, 1)) | (f.d != 0)
     sizes = [1 + int(np.max(places, initial=0)) for places in np.nonzero(used)]
@@ -349,7 +340,7 @@ def _trimmed(f: Polynomials) -> Polynomials:
 
 
 def _steps(
-    f: Polynomials, degrees: Mapping[int, int], budget: int, wanted: _Name | None = None
+    f: rational.Polynomials, degrees: Mapping[int, int], budget: int, wanted: _Name | None = None
 ) -> Iterator[_Step]:
     """What to try, the best first; where no repetition is to spare, forced spaces leave no choice.
 
@@ -394,7 +385,7 @@ def _steps(
         yield _Step((side, k, "lowest"), g, g is not f, {k: W})
 
 
-def _lowest(f: Polynomials, module: Residues, k: int, degree: int) -> Residues:
+def _lowest(f: rational.Polynomials, module: Residues, k: int, degree: int) -> Residues:
     """Rows of a module of low degrees in the other parameters: in echelon form, high ones first."""
     degrees = np.zeros(f.N.shape[1:], dtype=int)
     for axis, size in enumerate(f.d.shape):
@@ -407,7 +398,7 @@ def _lowest(f: Polynomials, module: Residues, k: int, degree: int) -> Residues:
     return back[:degree]
 
 
-def _rows_modulo(f: Polynomials, k: int) -> Iterator[Residues]:
+def _rows_modulo(f: rational.Polynomials, k: int) -> Iterator[Residues]:
     """Candidates (1, q * box) of z_k d, modulo a prime."""
     context = flint.nmod_mpoly_ctx.get(
         [f"p{axis}" for axis in range(f.d.ndim)], modulus=f.field.prime, ordering=flint.Ordering.lex
@@ -420,7 +411,7 @@ def _rows_modulo(f: Polynomials, k: int) -> Iterator[Residues]:
         yield f.field.echelon(np.array(row, dtype=np.int64).reshape(1, -1))[0]
 
 
-def _rational_rows(F: RationalMatrix, k: int) -> Iterator[Fractions]:
+def _rational_rows(F: rational.RationalMatrix, k: int) -> Iterator[rational.Fractions]:
     """The same in fractions, their first entry that is not zero being 1."""
     context = flint.fmpq_mpoly_ctx.get(
         [f"p{axis}" for axis in range(F.parameters)], ordering=flint.Ordering.lex

@@ -10,7 +10,7 @@ around each pole.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -230,19 +230,12 @@ def from_positions(
     return response[:, :, : response.shape[2] - len(accelerations)]
 
 
-class Carried(NamedTuple):
-    """From where the sum has six digits of an acceleration; whether a position has them below."""
-
-    omega: float  # rad/s
-    has_position: bool
-
-
-def carried_from(system: System) -> dict[str, Carried]:
+def carried_from(system: System) -> dict[str, tuple[float, bool]]:
     """Frequencies (rad/s) from which D + C (s I - A)^-1 B has six digits of an acceleration, by output.
 
-    At nominal. Outputs are accelerations, of states or of other places, if at rest nothing is left of
-    their terms D and C (-A)^-1 B. Far below its modes a structure that is held has the acceleration
-    s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
+    Also whether a position has them below. At nominal. Outputs are accelerations, of states or of other
+    places, if at rest nothing is left of their terms D and C (-A)^-1 B. Far below its modes a structure
+    that is held has the acceleration s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
     """
     whole = modes.samples_at(system)
     places = with_positions(whole)[1]
@@ -258,7 +251,7 @@ def carried_from(system: System) -> dict[str, Carried]:
         some = x > 0.0
         if np.any(some) and np.all(np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms):
             omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
-            late[system.outputs[i].name] = Carried(omega, i in places)
+            late[system.outputs[i].name] = omega, i in places
     return late
 
 

@@ -233,10 +233,8 @@ def _bounded(
     goal: float,
 ) -> search.State[Peak]:
     """The state after an attempt to prove that no gain is above a goal."""
-    is_wrong, box = (
-        partial(_is_above, model, 1.0, 1.0 / goal),
-        (1.0, np.ones(len(model.sizes)), polynomials),
-    )
+    is_wrong = partial(_is_above, model, 1.0, 1.0 / goal)
+    box = 1.0, np.ones(len(model.sizes)), polynomials
     work = _SHARE * state.left(asked)
     state, attempt = search.attempted(asked, state, model, box, is_wrong, work, one_over(goal))
     if attempt.proof is not None:

@@ -20,21 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.robust.moving.variation import conic_solution
-from mbdlft.synthesis.descent import (
-    ACCEPTED,
-    RADIUS,
-    REFUSED,
-    RISING,
-    SLOW,
-    SMALL,
-    TRIES,
-    Descended,
-    Problem,
-    joined,
-    next_radius,
-    ranges,
-    risen,
-)
+from mbdlft.synthesis import descent
 from mbdlft.synthesis.evaluation import Look, Piece, Place
 
 _NEAR = 3e-3  # of the merit: pieces that are less below the largest are in the first program of a step
@@ -62,7 +48,7 @@ class _Bend(NamedTuple):
 class _Model:
     """Pieces at values x as functions of a step; bends of gains are computed where they are asked for."""
 
-    def __init__(self, problem: Problem, x: Array, look: Look, held: Sequence[Place]) -> None:
+    def __init__(self, problem: descent.Problem, x: Array, look: Look, held: Sequence[Place]) -> None:
         self.problem, self.x = problem, x
         pieces, seen = list[Piece](), set[Place]()
         for piece in sorted(look.pieces, key=lambda p: -p.value):
@@ -138,43 +124,47 @@ class _Step(NamedTuple):
     is_solved: bool
 
 
-def sqcqp(problem: Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf) -> Descended:
+def sqcqp(
+    problem: descent.Problem, x: Array, steps: int, tolerance: float, goal: float = -np.inf
+) -> descent.Descended:
     """Steps with bends of all gains, from a stable start; it ends below a merit `goal`."""
-    radius, slow, held, here = RADIUS, 0, list[Place](), problem.evaluate(x)
+    radius, slow, held, here = descent.RADIUS, 0, list[Place](), problem.evaluate(x)
     merit = problem.merit(here)
     for _ in range(min(steps, _STEPS) if np.isfinite(merit) else 0):
         model = _Model(problem, x, here, held)
         chosen = model.first()
         model.bend(chosen)
         T, there, least = model.directions(), None, tolerance * max(1e-3, abs(merit))
-        for count in range(TRIES):
+        for count in range(descent.TRIES):
             step, chosen = _stepped(model, chosen, T, radius)
             if merit - step.merit <= least:
                 if step.is_solved or count >= _UNSOLVED:
                     break
-                radius *= REFUSED
+                radius *= descent.REFUSED
                 continue
             look = problem.evaluate(x + step.d, held)
             new = problem.merit(look)
             share = (merit - new) / (merit - step.merit) if np.isfinite(new) else -np.inf
-            if share > ACCEPTED:
+            if share > descent.ACCEPTED:
                 there = look
                 break
             look = look._replace(pieces=tuple(sorted(look.pieces, key=lambda p: -p.value)))
-            more = joined(held, risen(problem, look, _RISEN)[:_FEW], _BESIDE)
-            radius = (REFUSED if len(more) == len(held) else RISING) * min(radius, step.size)
+            more = descent.joined(held, descent.risen(problem, look, _RISEN)[:_FEW], _BESIDE)
+            radius = (descent.REFUSED if len(more) == len(held) else descent.RISING) * min(
+                radius, step.size
+            )
             if len(more) > len(held):
                 held = more
                 model = _Model(problem, x, problem.evaluate(x, held), held)
                 chosen = model.first()
         if there is None:
             break
-        radius = next_radius(radius, share, step.size, _LARGEST)
-        slow = slow + 1 if merit - new < SMALL * least else 0
+        radius = descent.next_radius(radius, share, step.size, _LARGEST)
+        slow = slow + 1 if merit - new < descent.SMALL * least else 0
         x, merit, here = x + step.d, new, there
-        if merit <= goal or slow >= SLOW:
+        if merit <= goal or slow >= descent.SLOW:
             break
-    return Descended(x, merit)
+    return descent.Descended(x, merit)
 
 
 def _stepped(model: _Model, chosen: list[int], T: Array, radius: float) -> tuple[_Step, list[int]]:
@@ -211,7 +201,7 @@ def _program(model: _Model, chosen: Sequence[int], T: Array, radius: float) -> t
     most = np.where(hard[:, None], [0.0, -1.0], [-1.0, 0.0])
     G = np.hstack([G / unit, most, np.zeros((len(G), len(curved)))])
     flat = [k for k, bend in enumerate(bends) if bend is None]
-    ends, side = ranges(problem, x, T * radius)
+    ends, side = descent.ranges(problem, x, T * radius)
     ends, side = np.vstack([np.eye(n), -np.eye(n), ends]), np.concatenate([np.ones(2 * n), side])
     rows = [G[flat], np.hstack([ends, np.zeros((len(ends), width - n))]), -np.eye(width)[[n + 1]]]
     sides = [room[flat], side, np.zeros(1)]

@@ -18,6 +18,7 @@ from mbdlft.archive.archive import save
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
+from mbdlft.synthesis import pieces
 from mbdlft.synthesis.box import tune
 from mbdlft.synthesis.goals import (
     Goal,
@@ -36,25 +37,15 @@ from mbdlft.synthesis.laws import (
     integral_force_feedback,
     positive_position_feedback,
 )
-from mbdlft.synthesis.pieces import (
-    Names,
-    Ranges,
-    TunableSystem,
-    scheduled,
-    tunable_gain,
-    tunable_pid,
-    tunable_state_space,
-    tunable_transfer,
-)
 from mbdlft.synthesis.reached import Tuning
 from mbdlft.system.model import System
 
 FORMAT = "mbdlft-tuning/1"
-_CONTROLLERS: dict[str, Callable[..., TunableSystem]] = {
-    "gain": tunable_gain,
-    "pid": tunable_pid,
-    "transfer": tunable_transfer,
-    "state_space": tunable_state_space,
+_CONTROLLERS: dict[str, Callable[..., pieces.TunableSystem]] = {
+    "gain": pieces.tunable_gain,
+    "pid": pieces.tunable_pid,
+    "transfer": pieces.tunable_transfer,
+    "state_space": pieces.tunable_state_space,
     "pd from inertia": inertia_pd,
     "acceleration feedback": acceleration_feedback,
     "positive position feedback": positive_position_feedback,
@@ -95,12 +86,12 @@ class TuningTask:
     model: str
     connections: list[list[str]]
     inputs: tuple[str, ...]
-    controllers: tuple[TunableSystem, ...]
+    controllers: tuple[pieces.TunableSystem, ...]
     blocks: tuple[System, ...]
     schedules: Mapping[str, tuple[Sequence[str], Sequence[str]]]
     goals: tuple[Goal, ...]
     initial: Mapping[str, float]
-    leave_out: Names = ()
+    leave_out: pieces.Names = ()
 
 
 def load_tuning(path: str | Path) -> TuningTask:
@@ -129,7 +120,7 @@ def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
         As `tune`; or a controller is scheduled in a parameter that the model does not have.
     """
     controllers = [
-        scheduled(c, [model.parameters[name] for name in schedule[0]], schedule[1])
+        pieces.scheduled(c, [model.parameters[name] for name in schedule[0]], schedule[1])
         if (schedule := task.schedules.get(c.name))
         else c
         for c in task.controllers
@@ -231,13 +222,13 @@ _TYPES: dict[Any, Kind] = {
     float: (is_finite, "a finite number"),
     float | None: (is_finite, "a finite number"),
     str: (lambda value: isinstance(value, str), "a text"),
-    Names: (_is_names, "a name or a list of names"),
+    pieces.Names: (_is_names, "a name or a list of names"),
     float | tuple[float, float]: (
         lambda value: is_finite(value) or _is_pair(value),
         "a finite number, or a list of two",
     ),
     Mapping[str, float] | None: (lambda value: _by_name(value, is_finite), "numbers by name"),
-    Ranges | None: (lambda value: _by_name(value, _is_pair), "two numbers by name"),
+    pieces.Ranges | None: (lambda value: _by_name(value, _is_pair), "two numbers by name"),
 }
 
 

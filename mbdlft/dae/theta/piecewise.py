@@ -99,12 +99,6 @@ class Piecewise(Operators):
             raise NotRationalError("no such power")
         return reduce(operator.mul, [self] * int(exponent.p), constant(1))
 
-    @property
-    def is_condition(self) -> bool:
-        """Whether its values are 0 and 1."""
-        values: list[Any] = [*self.pieces, *self.at]
-        return all(value in (0, 1) for value in values)
-
 
 def _float(value: Number) -> float:
     return int(value.p) / int(value.q)
@@ -159,7 +153,8 @@ def _compared(holds: Callable[[Number], bool]) -> Callable[..., Piecewise]:
 
 def _chosen(condition: Piecewise, a: Piecewise) -> Piecewise:
     """a where a condition holds, 0 elsewhere."""
-    if not condition.is_condition:
+    values: list[Any] = [*condition.pieces, *condition.at]
+    if any(value not in (0, 1) for value in values):
         raise NotRationalError("no condition")
     return condition * a
 

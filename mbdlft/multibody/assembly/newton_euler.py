@@ -200,10 +200,8 @@ def _equations(m: Assembly, passed: kinematics.Passed) -> Equations:
     scene, links = r.scene, r.links
     view.passed = passed
     names = [effort.signal.name for effort in m.efforts]
-    channels, coupled = (
-        resolution.body_channels(r, view, m.u, names),
-        resolution.couplings(r, view, m.closure, m.u, m.z, names),
-    )
+    channels = resolution.body_channels(r, view, m.u, names)
+    coupled = resolution.couplings(r, view, m.closure, m.u, m.z, names)
     efforts, deflections = resolution.static_deflections(r, m.closure, m.u)
     unbalanced = dynamics(r, view, efforts, coupled.efforts) - channels.forces
     n = symbols.q.numel()

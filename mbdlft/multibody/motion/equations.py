@@ -90,10 +90,8 @@ def equations_of_motion(scene: Scene, values: Mapping[str, float]) -> Motion:
             law = small.resolved.values[owner_name(load)]
             total[k] = u[k] + _density(load, view, law, float(at_rest[0, k]))
     coupled = resolved.couplings(r, view, m.closure, m.u, m.z, names).efforts
-    channels, (acting, _) = (
-        resolved.body_channels(r, view, m.u, names),
-        resolved.static_deflections(r, m.closure, m.u),
-    )
+    channels = resolved.body_channels(r, view, m.u, names)
+    acting, _ = resolved.static_deflections(r, m.closure, m.u)
     multipliers = ca.SX.sym("lambda", len(m.closure.rows))
     constraints, fitting, J = _constraints(m, view)
     # what imposes the acceleration of a joint carries the multipliers

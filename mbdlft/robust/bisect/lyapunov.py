@@ -65,10 +65,7 @@ _TAIL = 0.05  # of S, which terms of P beyond its degrees may be, as far as the 
 _DEAREST = 1.0  # units of work of a part
 _PRODUCT, _SOLUTION, _NODE, _PART = 1.2e-10, 3.0e-8, 3e-5, 2e-3  # units of work
 _HALF = 6e-9  # units of work, for each entry of the halves of S
-_PIECES, _AGAIN = (
-    100,
-    4,
-)  # pieces of S at most; times these in a proof, whose cuts may be others elsewhere
+_PIECES, _AGAIN = 100, 4  # of S at most; times these in a proof, whose cuts may be others elsewhere
 _RICCATI = 6.0  # times the work of a Lyapunov equation, that of a Riccati equation
 # of eigenvalues of a Hamiltonian: what rounding moves off the axis is nearer, and P is another elsewhere
 _ON_AXIS = 1e-6

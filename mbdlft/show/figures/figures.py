@@ -104,7 +104,9 @@ def write_figure(figure: Figure, path: str | Path) -> None:
     if (width := _WIDTH.get()) is not None:
         before, height = figure.get_size_inches()
         share = (width / _INCH / before) ** _HEIGHT
-        figure.set_size_inches(width / _INCH, height * share + _legend_height(figure))
+        # panels of a narrow figure keep their shape above their legends
+        legends = sum(legend.get_window_extent().height / figure.dpi for legend in figure.legends)
+        figure.set_size_inches(width / _INCH, height * share + legends)
     _show_dollars(figure)
     engine, image = figure.get_layout_engine(), BytesIO()
     try:
@@ -134,11 +136,6 @@ def panel_columns(most: int) -> int:
     """Columns of panels that a figure has room for."""
     width = _WIDTH.get()
     return 1 if width is not None and width < _ONE_COLUMN else most
-
-
-def _legend_height(figure: Figure) -> float:
-    """Inches of the legends below the panels: the panels of a narrow figure keep their shape."""
-    return sum(legend.get_window_extent().height / figure.dpi for legend in figure.legends)
 
 
 def _show_dollars(figure: Figure) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,16 +14,7 @@ from mbdlft.base.samples import grid
 from mbdlft.response.frequency import frequency_response, response_frequencies, singular_values
 from mbdlft.response.modes import poles
 from mbdlft.response.time import response_times, step_response
-from mbdlft.show.figures.figures import (
-    COLORS,
-    WORST,
-    check_figure,
-    draw_grid,
-    drawn_samples,
-    over_frequency,
-    panel_columns,
-    write_figure,
-)
+from mbdlft.show.figures import figures
 from mbdlft.system.model import System
 
 _MOST_STEPS, _MOST_GAINS = 4, 6  # curves in a panel
@@ -33,28 +24,8 @@ _VALUES = 101  # of a parameter
 _ROOM = 6.5  # letters between a panel and its legend: ticks and a label
 
 
-class Reached(Protocol):
-    """What is drawn of a goal, as `Reached` of `mbdlft.synthesis`."""
-
-    @property
-    def goal(self) -> Any: ...
-    @property
-    def proved(self) -> float: ...
-    @property
-    def loop(self) -> System: ...
-
-
-class Tuning(Protocol):
-    """What is drawn of a result, as `Tuning` of `mbdlft.synthesis`."""
-
-    @property
-    def controllers(self) -> Sequence[System]: ...
-    @property
-    def goals(self) -> Sequence[Reached]: ...
-    @property
-    def points(self) -> Sequence[Mapping[str, float]]: ...
-    @property
-    def loop(self) -> System: ...
+Reached: TypeAlias = Any  # of `mbdlft.synthesis`, a room beside this one
+Tuning: TypeAlias = Any
 
 
 def save_tuning_figure(path: str | Path, tuning: Tuning, *, seed: int = 0) -> None:
@@ -70,8 +41,8 @@ def save_tuning_figure(path: str | Path, tuning: Tuning, *, seed: int = 0) -> No
     tuning : Tuning
     seed : int, of the random samples
     """
-    check_figure(path)
-    write_figure(tuning_figure(tuning, seed), path)
+    figures.check_figure(path)
+    figures.write_figure(tuning_figure(tuning, seed), path)
 
 
 def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
@@ -83,7 +54,7 @@ def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
         raise AnalysisError("the figure of a tuning: no goal has channels, and no loop has states.")
     figure, panels = _panels(len(kinds) + len(scheduled))
     for kind, axes in zip(kinds, panels, strict=False):
-        draw_grid(axes)
+        figures.draw_grid(axes)
         if kind == "goals":
             _draw_goals(axes, gains, tuning.points)
         elif kind == "steps":
@@ -92,7 +63,7 @@ def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
             _draw_poles(axes, tuning, seed)
         _below(axes)
     for (controller, name), axes in zip(scheduled, panels[len(kinds) :], strict=True):
-        draw_grid(axes)
+        figures.draw_grid(axes)
         _draw_schedule(axes, controller, name, tuning.loop)
         _below(axes)
     figure.suptitle(f"{', '.join(c.name for c in tuning.controllers)}: {len(tuning.points)} points")
@@ -101,7 +72,7 @@ def tuning_figure(tuning: Tuning, seed: int = 0) -> Figure:
 
 def _panels(count: int) -> tuple[Figure, list[Axes]]:
     """Panels in two columns; of an odd number the first one takes a whole row."""
-    columns = panel_columns(2)
+    columns = figures.panel_columns(2)
     wide = count % columns
     rows = (count + wide) // columns
     figure = Figure(figsize=(6.0 * columns, 4.2 * rows), layout="constrained")
@@ -115,7 +86,7 @@ def _below(axes: Axes) -> None:
     """A legend below the label of a panel, where it covers no curve."""
     axes.legend(
         fontsize="x-small",
-        ncols=panel_columns(3),
+        ncols=figures.panel_columns(3),
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
         borderaxespad=_ROOM,
@@ -131,7 +102,7 @@ def _draw_goals(axes: Axes, gains: Sequence[Reached], points: Sequence[Mapping[s
     omega = np.unique(np.concatenate([response_frequencies(r.loop)[0] for r in gains]))
     top = 1.0
     for k, reached in enumerate(gains):
-        color, limit = COLORS[k % len(COLORS)], reached.goal.limit
+        color, limit = figures.COLORS[k % len(figures.COLORS)], reached.goal.limit
         for j, point in enumerate(points):
             response = frequency_response(reached.loop, _own(reached.loop, point), omega)[0]
             sizes = singular_values(response)[:, 0] / limit
@@ -140,8 +111,8 @@ def _draw_goals(axes: Axes, gains: Sequence[Reached], points: Sequence[Mapping[s
             top = max(top, float(np.max(sizes)))
         if np.isfinite(reached.proved):
             axes.axhline(reached.proved, color=color, linewidth=0.8, linestyle=":")
-    axes.axhline(1.0, color=WORST, linewidth=1.0, linestyle="--", label="limit")
-    over_frequency(axes, float(omega[0]), float(omega[-1]))
+    axes.axhline(1.0, color=figures.WORST, linewidth=1.0, linestyle="--", label="limit")
+    figures.over_frequency(axes, float(omega[0]), float(omega[-1]))
     axes.set(
         yscale="log", ylim=(_LOWEST, 2.0 * top), xlabel="frequency (rad/s)", ylabel="gain over limit",
         title="goals: nominal thick, worst points thin, proved dotted",
@@ -169,7 +140,9 @@ def _draw_steps(axes: Axes, tuning: Tuning, gains: Sequence[Reached]) -> None:
             label = f"{names[0][column]} to {names[1][row]}, over {sizes[k]:.3g}" if not j else None
             width = 0.6 if j else 1.4
             curve = value[:, row, column] / sizes[k]
-            axes.plot(times, curve, color=COLORS[k], linewidth=width, linestyle=style, label=label)
+            axes.plot(
+                times, curve, color=figures.COLORS[k], linewidth=width, linestyle=style, label=label
+            )
     axes.set(xlim=(0.0, times[-1]), xlabel="time (s)", ylabel="step response over its largest value")
     axes.set_title("steps: nominal thick, worst points thin")
 
@@ -177,15 +150,15 @@ def _draw_steps(axes: Axes, tuning: Tuning, gains: Sequence[Reached]) -> None:
 def _draw_poles(axes: Axes, tuning: Tuning, seed: int) -> None:
     loop = tuning.loop
     if loop.parameters:
-        values, count = drawn_samples(loop, seed)
+        values, count = figures.drawn_samples(loop, seed)
         cloud = poles(loop, values).ravel()
         axes.plot(
-            cloud.real, cloud.imag, ".", color=COLORS[0], markersize=3.0, markeredgewidth=0.0, alpha=0.5,
-            label=f"{count} samples",
+            cloud.real, cloud.imag, ".", color=figures.COLORS[0], markersize=3.0,
+            markeredgewidth=0.0, alpha=0.5, label=f"{count} samples",
         )  # fmt: skip
     for j, point in enumerate(tuning.points):
         roots = poles(loop, _own(loop, point))[0]
-        mark, color = ("x", "black") if not j else ("o", WORST)
+        mark, color = ("x", "black") if not j else ("o", figures.WORST)
         label = ("nominal", "worst points", None)[min(j, 2)]
         axes.plot(
             roots.real, roots.imag, mark, color=color, markersize=5.0, fillstyle="none", label=label
@@ -208,6 +181,6 @@ def _draw_schedule(axes: Axes, controller: System, name: str, loop: System) -> N
     values = grid(controller.parameters, {name: _VALUES})
     gains = singular_values(frequency_response(controller, values, omega))[:, :, 0]
     for k, w in enumerate(omega):
-        axes.plot(values[name], gains[:, k], color=COLORS[k], label=f"{w:.3g} rad/s")
+        axes.plot(values[name], gains[:, k], color=figures.COLORS[k], label=f"{w:.3g} rad/s")
     unit = controller.parameters[name].unit
     axes.set(xlabel=f"{name} ({unit})", ylabel="largest gain", title=f"{controller.name} over {name}")

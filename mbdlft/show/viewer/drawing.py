@@ -301,14 +301,14 @@ def _draw_load(d: Drawing, load: Load, effort: int) -> None:
         radius = d.poses.values[owner_name(load)]["radius"]
         shapes.append(_rim(d, load.child, load.axis, radius))
     elif isinstance(load, Spring | Strut):
-        points = [d.vector(wrench.point) for wrench in wrenches]
+        points = [d.vector(point) for point, _, _ in wrenches]
         shapes.append({"type": "spring", "points": points})
-    for wrench in wrenches:
-        vectors = {"force": wrench.force, "torque": wrench.torque}
+    for point, force, torque in wrenches:
+        vectors = {"force": force, "torque": torque}
         sizes = {kind: float(np.max(np.abs(d.numbers(v)))) for kind, v in vectors.items()}
         for kind, vector in vectors.items():
             if sizes[kind] > _NOTHING * max(sizes.values()):
-                at, along = d.vector(wrench.point), d.vector(vector)
+                at, along = d.vector(point), d.vector(vector)
                 shapes.append({"type": kind, "at": at, "along": along, "effort": effort})
     port = ", ".join(f"{key} {port}" for key, port in load.ports().items())
     lines = [port, *said(load.quantities())]

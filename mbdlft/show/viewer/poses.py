@@ -54,14 +54,6 @@ class JointPose(NamedTuple):
     axes: tuple[Moving, ...]
 
 
-class Wrench(NamedTuple):
-    """Force and torque (3,) about a point (3,), for a magnitude of one."""
-
-    point: ca.SX
-    force: ca.SX
-    torque: ca.SX
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Poses:
     """A scene in motion, in the axes of its user; its coordinates stand by joint and elastic body.
@@ -137,8 +129,8 @@ def _axes(move: Move, frame: Frame) -> list[Moving]:
     return []
 
 
-def load_wrenches(poses: Poses, load: Load) -> list[Wrench]:
-    """What a load does at a magnitude of one, at each of its ports."""
+def load_wrenches(poses: Poses, load: Load) -> list[tuple[ca.SX, ca.SX, ca.SX]]:
+    """Point, force and torque (3,) of a load at a magnitude of one, at each of its ports."""
     view = poses.view
     view.owner = owner_name(load)
     view.elastic = 0.0  # the magnitude alone, without what follows it
@@ -154,7 +146,7 @@ def load_wrenches(poses: Poses, load: Load) -> list[Wrench]:
         arm = point - frame.r
         force = ca.mtimes(frame.R, force)
         torque = ca.mtimes(frame.R, torque) - ca.cross(arm, force)
-        wrenches.append(Wrench(point, force, torque))
+        wrenches.append((point, force, torque))
     return wrenches
 
 
