@@ -119,7 +119,7 @@ def counts(search: float) -> list[Count]:
                 built.model.order,
                 bound,
                 certificate.max_relative_error,
-                built.seconds["total"],
+                sum(built.seconds.values()),
             )
         )
         assert built.model.order <= source, name

@@ -1,7 +1,8 @@
 """The exception classes. The message of an error says where it is, what was expected, and what to try."""
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 _LONGEST, _END = (2000, 400)  # bytes of a message, a page of a terminal, and of its end, with the advice
@@ -61,6 +62,16 @@ class AnalysisError(MbdlftError, RuntimeError):
 
 class ArchiveError(MbdlftError, OSError):
     """A file, a version or an element of an archive is not as specified."""
+
+
+@contextmanager
+def naming(what: object, *kinds: type[MbdlftError]) -> Iterator[None]:
+    """Errors from inside, all or those of some kinds, begin with what they are about, such as a file."""
+    chosen = kinds or (MbdlftError,)
+    try:
+        yield
+    except chosen as error:
+        raise type(error)(f"{what}: {error}") from None
 
 
 class MbdlftWarning(UserWarning):

@@ -350,7 +350,7 @@ def realize(
     with progress_of(posed.name) as progress:
         how = {"seconds": most_seconds, "prove": prove, "progress": progress.stage}
         built = rooms.models.build_matrix(posed, search, **how)  # type: ignore[arg-type]
-        seconds |= {name: value for name, value in built.seconds.items() if name != "total"}
+        seconds |= built.seconds
         if output is not None:
             progress.stage("write")
             seconds["write"] = _written(output, built.model)
@@ -393,7 +393,6 @@ def _of_scene(
     built = rooms.models.build(
         scene, search, seconds=most_seconds, prove=prove, progress=progress, truncate=truncate
     )
-    seconds = {name: value for name, value in built.seconds.items() if name != "total"}
     trim = built.model.trim
     notes = _notes(scene, trim.signals, [float(value) for value in trim.nominal])
     notes += [
@@ -403,7 +402,7 @@ def _of_scene(
     ]
     if truncate is not None and built.model.certificate.truncation_error == 0.0:
         notes.append(f"note: no channel can be left out within {truncate:g}; nothing is truncated.")
-    return built.model, seconds, notes
+    return built.model, built.seconds, notes
 
 
 def _notes(

@@ -17,7 +17,7 @@ from fractions import Fraction
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, naming, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.dae.text import PLAIN, column_of, free_symbols
@@ -192,10 +192,8 @@ def _check_once(dae: Dae, what: str, names: Sequence[str]) -> None:
 
 
 def _check_unit(dae: Dae, name: str, unit: str) -> None:
-    try:
+    with naming(f"{dae.owner}, {name!r}", SceneError):
         parse_unit(unit)
-    except SceneError as error:
-        raise SceneError(f"{dae.owner}, {name!r}: {error}") from None
 
 
 def _check_variable(dae: Dae, v: Variable) -> None:

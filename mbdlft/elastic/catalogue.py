@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbdlft.base.errors import MbdlftError, MbdlftWarning, SceneError, StructureError, unknown_name
+from mbdlft.base.errors import MbdlftWarning, SceneError, StructureError, naming, unknown_name
 from mbdlft.elastic.files import load_matrices, load_nastran
 from mbdlft.elastic.modal import ModalModel, modal_model
 from mbdlft.elastic.nodes import Interface, Nodes
@@ -134,10 +134,8 @@ def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body
         if choices:
             key = next(iter(choices))
             raise SceneError(f"{file}: {key!r} cannot be chosen: the body has no matrices.")
-        try:
+        with naming(file):
             return read_body(called, table["body"])
-        except MbdlftError as error:
-            raise type(error)(f"{file}: {error}") from None
     options = _options(file, table, choices)
     kept = {key: options[key] for key in ("damping", "prestress") if key in options}
     return modal_body(called, reduced_body(file, **choices), **kept)
@@ -151,12 +149,10 @@ def reduced_body(path: str | Path, **choices: Any) -> ModalModel:
         raise SceneError(f"{file}: the body has no matrices ('data').")
     options = _options(file, table, choices)
     reduction = {key: options[key] for key in (*LIMITS, "method") if key in options}
-    try:
+    with naming(file):
         parent = _interface("parent", table["parent"])
         ports = {port: _interface(f"ports.{port}", at) for port, at in table["ports"].items()}
         return modal_model(*_matrices(file.parent, table), parent, ports, **reduction)
-    except MbdlftError as error:
-        raise type(error)(f"{file}: {error}") from None
 
 
 def body_table(path: str | Path) -> dict[str, Any]:

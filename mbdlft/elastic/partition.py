@@ -22,7 +22,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError
+from mbdlft.base.errors import StructureError, naming
 from mbdlft.base.unit import parse_unit
 from mbdlft.elastic.nodes import DIRECTIONS, Indices, Interface, Nodes, places, rigid_motions, transport
 
@@ -199,10 +199,8 @@ def _interface(what: str, place: Any) -> Interface:
 
 def _moved(what: str, nodes: Nodes, interface: Interface) -> tuple[Array, Indices, list[int], Array]:
     """Point of an interface, the rows of its nodes, its directions, and the motion of the rows (., d)."""
-    try:
+    with naming(what, StructureError):
         at = places(nodes, interface.nodes)
-    except StructureError as error:
-        raise StructureError(f"{what}: {error}") from None
     coordinates = np.asarray(nodes.coordinates)[at]
     point = np.mean(coordinates, axis=0) if interface.point is None else np.array(interface.point)
     if point.shape != (3,) or not np.all(np.isfinite(point)):

@@ -15,7 +15,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, WellPosednessError, unknown_name
+from mbdlft.base.errors import (
+    MbdlftError,
+    NotRationalError,
+    SceneError,
+    WellPosednessError,
+    naming,
+    unknown_name,
+)
 from mbdlft.base.expression import (
     Binary,
     Call,
@@ -161,7 +168,7 @@ class _Resolver:
                 f"{place} has {count} operations, and {_MOST_OPERATIONS} is the most. Collect equal "
                 "powers of the parameters, or declare a part as a parameter."
             )
-        try:
+        with naming(self.place):
             expression = parse(source)
             if any(isinstance(node, Number) and node.unit for node in walk(expression)):
                 raise SceneError(
@@ -185,8 +192,6 @@ class _Resolver:
             rational = with_calls(expression, self._call)
             check_degree(rational, self.degrees)
             return rational
-        except MbdlftError as error:
-            raise type(error)(f"{self.place}: {error}") from None
 
     def _parameters(self, expression: Expression) -> frozenset[str]:
         """Parameters an expression depends on."""

@@ -180,7 +180,6 @@ class Discrete(NamedTuple):
 
     declared: Mapping[str, tree.Declaration]
     definitions: Mapping[str, tuple[Expression, int]]
-
     events: tuple[tree.Event, ...]
 
     @property
@@ -332,9 +331,7 @@ class Point:
 
     def number(self, expression: Value) -> float:
         """The number of an expression."""
-        return float(
-            self._at(v.to_sx(expression) if not isinstance(expression, ca.SX) else expression)[0]
-        )
+        return float(self._at(v.to_sx(expression))[0])
 
     def _at(self, expression: ca.SX) -> Any:
         symbols = ca.symvar(expression)

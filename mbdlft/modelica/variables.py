@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import root
 
-from mbdlft.base.errors import SceneError, check_known
+from mbdlft.base.errors import SceneError, check_known, naming
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.dae.dae import Variable
@@ -80,7 +80,7 @@ def read_values(
     solved: dict[str, Fraction] = {}
     for name in _ordered(declared, records, place, dict.fromkeys(open_, needed - open_.keys())):
         d = declared[name]
-        try:
+        with naming(place(d), SceneError):
             if name in open_:
                 solved = solved or _solution(open_, equations, parameters.values, evaluator)
                 parameters.values[name] = solved[name]
@@ -92,8 +92,6 @@ def read_values(
                 _keep(d, table.parameters.get(name), evaluator, parameters)
             elif table.parameters.get(name):
                 raise SceneError(f"it is of type {d.type}; only numbers of type Real can stay.")
-        except SceneError as error:
-            raise SceneError(f"{place(d)}: {error}") from None
     return parameters
 
 
@@ -340,14 +338,12 @@ class Variables:
         """Symbols and variables of a declaration, of each entry of an array."""
         if d.name in self.values:
             raise SceneError(f"{self.place(d)}: it is declared twice.")
-        try:
+        with naming(self.place(d), SceneError):
             sizes = [self.evaluator.size(size) for size in d.sizes]
             if math.prod(sizes) > _MOST_ENTRIES:
                 raise SceneError(f"an array has at most {_MOST_ENTRIES} entries, got {math.prod(sizes)}.")
             unit = _declared_unit(d, self.parameters.notes)
             self.values[d.name] = self._symbols(d, unit, sizes, ())
-        except SceneError as error:
-            raise SceneError(f"{self.place(d)}: {error}") from None
 
     def declare_records(self, records: Mapping[str, tuple[str, ...]]) -> None:
         """The values of records whose fields are declared."""
@@ -453,10 +449,8 @@ class Variables:
     def _number(self, d: tree.Declaration, key: str, entry: tuple[int, ...]) -> float | None:
         """The number that an attribute has, of one entry of an array."""
         value = self._entry(d, key, entry)
-        try:
+        with naming(key, SceneError):
             return None if value is None else self.at_nominal(value)
-        except SceneError as error:
-            raise SceneError(f"{key}: {error}") from None
 
     def _entry(self, d: tree.Declaration, key: str, entry: tuple[int, ...]) -> Value | None:
         """The value that an attribute has, of one entry of an array."""

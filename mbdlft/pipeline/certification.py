@@ -13,7 +13,6 @@ from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sampling import rounding_sizes
 from mbdlft.lft.sparse import SparseLFT
-from mbdlft.order.degree import Bound
 from mbdlft.problem.references import frequencies_of, largest_of_rows, rounded_transfers, transfers
 from mbdlft.problem.relations import Nouns, Problem, Reference
 from mbdlft.system.evidence import deltas_at, largest
@@ -265,7 +264,7 @@ def _of_loops(square: LFT, every: LFT, prove: float) -> Regularity:
 def certificate(
     lft: LFT,
     raw: Mapping[str, int],
-    bounds: Mapping[str, Bound],
+    degrees: Mapping[str, int],
     order_bound: int,
     problem: Problem,
     checked: Checked,
@@ -276,16 +275,11 @@ def certificate(
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
-    A bound that the model contradicts by being smaller rests on a wrong rank in doubles: then nothing is
-    claimed for that parameter, and nothing for pairs.
+    Where the model is smaller than a bound, nothing is claimed for that parameter, nor for pairs.
     """
     order = dict(lft.blocks)
-    wrong = {name for name, size in order.items() if bounds[name].degree > size}
-    lower = {name: 0 if name in wrong else bounds[name].degree for name in order}
-    doubtful = tuple(
-        size if name in wrong else max(0, min(bounds[name].doubtful, size - lower[name]))
-        for name, size in order.items()
-    )
+    wrong = {name for name, size in order.items() if degrees[name] > size}
+    lower = {name: 0 if name in wrong else degrees[name] for name in order}
     contradicted = wrong or order_bound > lft.order
     return Certificate(
         order=tuple(order.values()),
@@ -304,7 +298,7 @@ def certificate(
         exact=problem.fit_error_bound == 0.0,
         fit_error_bound=problem.fit_error_bound,
         exact_bound=True,
-        doubtful=doubtful,
+        doubtful=tuple(size if name in wrong else 0 for name, size in order.items()),
         order_bound=sum(lower.values()) if contradicted else order_bound,
         well_posed=SAMPLED if boxes else PROVED,
         open_boxes=boxes,

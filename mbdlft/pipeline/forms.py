@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError
+from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
@@ -101,10 +101,8 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
 
 
 def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate | None:
-    try:
+    with naming(problem.nouns.owner, StructureError, WellPosednessError):
         extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
-    except (StructureError, WellPosednessError) as error:
-        raise type(error)(f"{problem.nouns.owner}: {error}") from None
     if isinstance(extracted, SparseExtraction):
         return None if form.is_transposed else _sparsely(problem, form, extracted)
     opened = transposed(extracted.lft) if form.is_transposed else extracted.lft

@@ -48,9 +48,6 @@ class Clock:
         yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
-    def build(self, model: LFTModel) -> Build:
-        return Build(model, self.seconds | {"total": sum(self.seconds.values())})
-
 
 @contextmanager
 def timed(
@@ -117,7 +114,7 @@ def build(
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)
-    return clock.build(model)
+    return Build(model, clock.seconds)
 
 
 def realize(
@@ -183,7 +180,7 @@ def build_matrix(
     """As `realize`, with the seconds of each stage; `progress` is told the name of each as it starts."""
     with timed(search, seconds, prove, progress) as (budget, clock):
         posed = problem_of_matrix(problem, clock.stage)
-        return clock.build(realization(posed, budget, clock.stage, prove))
+        return Build(realization(posed, budget, clock.stage, prove), clock.seconds)
 
 
 def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:

@@ -17,7 +17,6 @@ from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
-from mbdlft.order.degree import Bound
 from mbdlft.order.reduction import ExactLFT, residues_alone
 from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
@@ -67,7 +66,6 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         reduced = _with_more_forms(problem, reduced, prove, stage)
     with stage("bound"):
         least = degrees(reduced[0], SEED)
-    bounds = {name: Bound(n, 0) for name, n in least.items()}
     order_bound = sum(least.values())
     if order_bound < reduced[0].lft.order and not is_sparse:
         reduced = _with_more_forms(problem, reduced, prove, stage)
@@ -85,7 +83,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
-            lft, raw, bounds, order_bound, problem, checked, SEED, boxes=boxes, near=near
+            lft, raw, least, order_bound, problem, checked, SEED, boxes=boxes, near=near
         )
     return LFTModel(
         name=problem.nouns.name,

@@ -15,7 +15,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import numpy as np
 
 from mbdlft.base.description import Expected, Quantity
-from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError
+from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, naming
 from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import arrays_of, content_of
@@ -122,12 +122,10 @@ def top_of(file: Path) -> Element:
     Python evaluates the expressions of a xacro file, so its name must say that it is one.
     """
     content = content_of(file, SceneError)
-    try:
+    with naming(file, SceneError):
         top = parse(content)
         is_xacro = file.suffix.lower() == ".xacro" and top.tag == "robot"
         return parse(_expanded(file)) if is_xacro else top
-    except SceneError as error:
-        raise SceneError(f"{file}: {error}") from None
 
 
 def _expanded(file: Path) -> bytes:

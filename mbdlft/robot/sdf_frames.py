@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, check_known, unknown_name
+from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
 from mbdlft.robot.robot import (
     WORLD,
     RobotJoint,
@@ -209,10 +209,8 @@ def _pose(pose: Element | None, where: str) -> Pose:
         return Pose(np.zeros(3), np.eye(3))
     if pose.attributes.get("rotation_format", "euler_rpy") == "quat_xyzw":
         *place, x, y, z, w = content_numbers(pose, where, 7)
-        try:
+        with naming(f"line {pose.line}: {where}: <pose>", SceneError):
             return Pose(np.array(place), of_quaternion(np.array([w, x, y, z])))
-        except SceneError as error:
-            raise SceneError(f"line {pose.line}: {where}: <pose>: {error}") from None
     *place, roll, pitch, yaw = content_numbers(pose, where, 6)
     degrees = pose.attributes.get("degrees", "false") in ("true", "1")
     unit = np.pi / 180.0 if degrees else 1.0

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.errors import AnalysisError, WellPosednessError, naming
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.norms import peak_of
 from mbdlft.response.staircase import Plant
@@ -111,10 +111,8 @@ def pole_gradients(system: System, values: Mapping[str, float] | None = None) ->
         raise AnalysisError(f"model {system.name!r}: pole_gradients takes one number for each parameter.")
     model = realization(system, others_are_zero=True, balanced=True)
     place = [system.parameters.names.index(name) for name in model.names]
-    try:
+    with naming(f"model {system.name!r}", WellPosednessError):
         moving, _, _ = moving_at(model, deltas_of(system, values or {})[0][place])
-    except WellPosednessError as error:
-        raise WellPosednessError(f"model {system.name!r}: {error}") from None
     gradients = np.zeros((len(moving.poles), len(system.parameters)), dtype=complex)
     gradients[:, place] = moving.gradients
     order = np.lexsort((-moving.poles.imag, moving.poles.real, np.abs(moving.poles)))

@@ -216,11 +216,6 @@ class StabilityVerdict:
     sentence: str
     proof: str = ""
 
-    @property
-    def is_counterexample_found(self) -> bool:
-        """Whether it is unstable somewhere, at nominal or elsewhere."""
-        return self.nominal == "unstable" or bool(self.counterexample)
-
     def __str__(self) -> str:
         return self.proof or self.sentence
 

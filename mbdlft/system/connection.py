@@ -18,7 +18,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from mbdlft.base.errors import StructureError, WellPosednessError, check_known, unknown_name
+from mbdlft.base.errors import StructureError, WellPosednessError, check_known, naming, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.system.algebra import chain
 from mbdlft.system.conversion import as_system, check_once
@@ -223,10 +223,8 @@ def series(model: Any, channels: Any, *blocks: Any, side: str | None = None) -> 
 def _at_channels(model: System, names: Sequence[str], item: Any, side: str | None) -> System:
     check_exact(model, "series")
     at_inputs = _side(model, names, side)
-    try:
+    with naming(f"model {model.name!r}, series, block", StructureError):
         block = as_system(item)
-    except StructureError as error:
-        raise StructureError(f"model {model.name!r}, series, block: {error}") from None
     check_exact(block, "series")
     what, connected = ("outputs", block.outputs) if at_inputs else ("inputs", block.inputs)
     if len(connected) != len(names):

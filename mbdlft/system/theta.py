@@ -65,11 +65,6 @@ class Table:
     def __str__(self) -> str:
         return f"{'cubic' if self.slopes else 'linear'} table of {len(self.values)} points"
 
-    @property
-    def is_cubic(self) -> bool:
-        """Whether cubic polynomials join the values."""
-        return bool(self.slopes)
-
     def __call__(self, argument: ArrayLike) -> Array:
         """Values at arguments, numbers or arrays."""
         return np.asarray(self._values(np.asarray(argument, dtype=float), float), dtype=float)

@@ -17,7 +17,6 @@ from mbdlft.lft.sparse import SparseLFT
 from mbdlft.matrix.relations import matrix_problem, problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
-from mbdlft.order.degree import Bound
 from mbdlft.order.reduction import in_scales
 from mbdlft.order.search import DROPPED
 from mbdlft.pipeline import certification, forms, stages
@@ -234,16 +233,15 @@ AB = [mbdlft.Parameter(name, 0.0, low=-1.0, high=1.0) for name in "ab"]
 
 
 def test_a_bound_that_the_model_contradicts_is_not_claimed() -> None:
-    """A model with fewer repetitions than a bound shows that the bound rests on a wrong rank."""
+    """A model with fewer repetitions than a bound shows that one of both is wrong."""
     lft = delta("a", 1) + delta("b", 1)
     problem = problem_of_matrix(mbdlft.matrix_problem([["a + b"]], AB))
 
     def claimed(degrees: dict[str, int], order_bound: int) -> mbdlft.Certificate:
-        bounds = {name: Bound(degree, 0) for name, degree in degrees.items()}
         return certificate(
             lft,
             dict(lft.blocks),
-            bounds,
+            degrees,
             order_bound,
             problem,
             Checked(0.0, 1, 0.0, (), (), 1.0, 0, 0.0),

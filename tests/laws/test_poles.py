@@ -132,7 +132,7 @@ def test_free_masses_are_marginal_and_have_one_mode() -> None:
 def test_stable_box_is_not_called_proved() -> None:
     verdict = mbdlft.check_stability(spring_and_mass(), samples=50)
     assert verdict.nominal == "stable"
-    assert not verdict.is_counterexample_found
+    assert not verdict.counterexample
     assert verdict.proof == ""
     assert "which proves nothing between them" in str(verdict)
     # damping c/2m is least at the largest m, where the search ends
@@ -166,7 +166,7 @@ def test_counterexample_inside_the_box_is_found_by_the_search_alone() -> None:
     """No corner is unstable and no sample is tried; the gradient leads from nominal to it."""
     verdict = mbdlft.check_stability(narrow(0.5), samples=0)
     assert verdict.nominal == "stable"
-    assert verdict.is_counterexample_found
+    assert verdict.counterexample
     a, b = verdict.counterexample["a"], verdict.counterexample["b"]
     assert (a - 0.6) ** 2 + (b + 0.7) ** 2 < 0.05 * 0.5**2
     assert mbdlft.poles(narrow(0.5), verdict.counterexample)[0, 0].real > 0.0
@@ -184,7 +184,7 @@ def test_search_follows_modes_that_are_not_the_rightmost() -> None:
     )
     verdict = mbdlft.check_stability(model, samples=0)
     assert verdict.nominal == "stable"
-    assert verdict.is_counterexample_found
+    assert verdict.counterexample
 
 
 def test_unstable_nominal_names_the_pole() -> None:

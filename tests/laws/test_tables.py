@@ -53,7 +53,7 @@ def test_a_table_is_one_function_and_its_values_are_kept(
     model, expected = form_with(interpolation, beyond)
     (f,) = model.functions
     assert (f.text, len(f.tables)) == ("table1(x)", 1)
-    assert f.tables[0].is_cubic == (interpolation == "cubic")
+    assert bool(f.tables[0].slopes) == (interpolation == "cubic")
     target(f(A), expected, CLOSED_FORM)
     own = formula_function("f", f.arguments, f.text, f.tables)
     target(own.map(len(A))(A).full()[0], expected, CLOSED_FORM)

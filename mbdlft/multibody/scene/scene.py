@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, field_validator, model_
 
 from mbdlft.base.description import Axis, Description, Many, Name, Number, Prose, Quantity, Text, Vector
 from mbdlft.base.display import heading, table
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, naming
 from mbdlft.base.expression import BUILTIN_CONSTANTS, FUNCTIONS, Literal
 from mbdlft.base.parameter import Parameter, is_finite
 from mbdlft.base.unit import in_si, parse_unit
@@ -43,10 +43,8 @@ def _checked(constants: Any) -> Any:
                 f"a table with value and unit), got {value!r}."
             )
         if isinstance(value, Constant):
-            try:
+            with naming(f"constant {name!r}", SceneError):
                 parse_unit(value.unit)
-            except SceneError as error:
-                raise SceneError(f"constant {name!r}: {error}") from None
     return constants
 
 

@@ -16,7 +16,7 @@ from typing import Any, TypeVar, cast
 import tomli_w
 
 from mbdlft.base.description import Description
-from mbdlft.base.errors import MbdlftError, SceneError, check_known, unknown_name
+from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
 from mbdlft.base.parameter import ROLES, SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.base.worker import content_of
@@ -123,10 +123,8 @@ def read_file(path: str | Path, read: Callable[[str], T]) -> T:
         text = content.decode("utf-8").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise SceneError(f"{file}: cannot be read: it is not UTF-8 text: {error}.") from None
-    try:
+    with naming(file):
         return read(text)
-    except MbdlftError as error:
-        raise type(error)(f"{file}: {error}") from None
 
 
 def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, naming
 from mbdlft.multibody.body import GROUND
 from mbdlft.robot import urdf
 from mbdlft.robot.load import top_of
@@ -317,15 +317,13 @@ def robot_looks(path: str | Path, model: str | None = None) -> Looks:
     """
     file, notes = Path(path), list[str]()
     top = top_of(file)
-    try:
+    with naming(file, SceneError):
         if top.tag == "sdf":
             looks = sdf_looks(file, top, model, notes)
         elif top.tag == "mujoco":
             looks = mjcf_looks(file, top, notes)
         else:
             looks = urdf_looks(file, top, notes)
-    except SceneError as error:
-        raise SceneError(f"{file}: {error}") from None
     return Looks(_drawn(looks), notes)
 
 
