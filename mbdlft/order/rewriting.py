@@ -234,11 +234,12 @@ def simplest_first(
     M11: NDArray[np.bool_], inputs: NDArray[np.bool_], outputs: NDArray[np.bool_]
 ) -> NDArray[np.intp]:
     """The inputs (n, .) that feed outputs (., n), by the channels through which they do."""
-    near = M11 | np.eye(len(M11), dtype=bool)
+    # products of booleans are those of loops; of doubles, whose sums are exact, those of BLAS
+    near = np.where(M11, 1.0, np.eye(len(M11)))
     for _ in range(len(M11).bit_length()):
-        near = near @ near
-    after = near @ inputs
-    before = outputs.any(axis=0) @ near
+        near = np.sign(near @ near)
+    after = near @ inputs > 0.0
+    before = outputs.any(axis=0) @ near > 0.0
     return np.argsort(np.sum(after & before[:, None], axis=0), kind="stable")
 
 
