@@ -39,7 +39,9 @@ _REFUSED = {  # by words of the message
     "changes its branch": ("abs(k - 1)*v", "max(k, 1.1)*v", "(if k > 1 then v else 2*v)"),
     "not rational": ("sqrt(k)*v", "exp(v/k)", "sin(k*v)"),
 }
-_IMPLICIT = "sin(w)", "w + w^3", "sqrt(w)", "w*abs(w)", "atan(w)", "w*exp(w)", "max(w, 2*w)"  # = v/2
+_LEAST = 1e-6  # of an unknown without a nominal value beside others that are far larger
+# = v/2
+_IMPLICIT = "sin(w)", "w + w^3", "sqrt(w)", "w*abs(w)", "atan(w)", "w*exp(w)", "max(w, 2*w)", "1.7*w"
 
 
 _PARTS = "(x - 1)", "(z - 2)", "(2*x - z)", "(k*x - k)", "x", "z", "k", "2"
@@ -168,7 +170,10 @@ def attack(seed: int, folder: Path) -> str:
     f, words = kinds[int(random.integers(len(kinds)))]
     equations, starts = f"{scale}*der(x) = {scale}*(u - {s}*({f}))", {"x": s}
     if random.random() < 0.5:
-        equations += f"; {other}*({random.choice(_IMPLICIT)}) = {other}*v/2"
+        implicit, factor = random.choice(_IMPLICIT), random.choice(["", "k*", "k^2*"])
+        equations += f"; {factor}({other}*({implicit})) = {factor}({other}*v/2)"
+        if t > _LEAST:
+            equations = equations.replace(f"({f})", f"({f} + exp(w))", 1)
         starts["z"] = 0.4 * t
     text = text_of(re.sub(r"\bw\b", f"(z/{t})", re.sub(r"\bv\b", f"(x/{s})", equations)), starts)
     at = trim(reduce_index(translate(flat_model(text))[0]), at={"x": s}, free=["u"])
