@@ -119,6 +119,7 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate/open?: float64 open p 2
     certificate/by_terms?: int64 by_terms 2
     certificate/near?: text near
+    certificate/accelerations?: int64 accelerations
     certificate/evidence/number certificate/evidence/basis: text evidence
 """
 _TRIM_LFT = """

@@ -247,6 +247,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "condition",
         "by_terms",
         "near",
+        "accelerations",
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
@@ -271,7 +272,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
         raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []
     certificate = layout.record(Certificate, items, "certificate", open_boxes=layout.nested(boxes))
-    _check(certificate, sizes)
+    _check(certificate, sizes, len(items["outputs/name"]))
     if "certificate/evidence/number" in items:
         stated = layout.words(items, "certificate/evidence/number")
         basis = layout.words(items, "certificate/evidence/basis")
@@ -282,7 +283,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
     return certificate
 
 
-def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
+def _check(c: Certificate, sizes: tuple[int, ...], outputs: int) -> None:
     """Raise an ArchiveError unless the values of a certificate can be true."""
 
     def needs(condition: bool, what: str) -> None:  # noqa: FBT001
@@ -321,6 +322,7 @@ def _check(c: Certificate, sizes: tuple[int, ...]) -> None:
         f"frequencies are {c.frequencies}, expected larger and larger ones",
     )
     needs(all(row >= 0 and column >= 0 for row, column in c.by_terms), "by_terms has a negative number")
+    needs(all(0 <= k < outputs for k in c.accelerations), f"accelerations: there are {outputs} outputs")
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

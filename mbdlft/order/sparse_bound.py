@@ -58,11 +58,11 @@ def _at_random(a: SparseResidues, seed: int) -> _AtRandom:
     return _AtRandom(E, inverse, inverse.times(E[:n, n:].toarray()))
 
 
-def nonzero_entries(a: SparseResidues, seed: int = 0) -> NDArray[np.bool_]:
-    """Which entries (outputs, inputs) of the value are not zero at random residues."""
+def value_at_random(a: SparseResidues, seed: int = 0) -> Residues:
+    """The value (outputs, inputs) at random residues."""
     n, (E, _, solved) = a.lft.signals, _at_random(a, seed)
     value = E[n:, n:].toarray() - _times(E[n:, :n], solved, a.prime)
-    return np.asarray(value % a.prime != 0)
+    return np.asarray(value % a.prime)
 
 
 def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:

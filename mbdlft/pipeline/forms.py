@@ -19,10 +19,12 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
+from mbdlft.exact.matrices import multiplied, solved
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
+from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.lower_bound import exact_degrees, is_affine
+from mbdlft.order.lower_bound import at_random, exact_degrees, is_affine
 from mbdlft.order.reduction import (
     Closing,
     ExactLFT,
@@ -33,16 +35,18 @@ from mbdlft.order.reduction import (
     transposed,
 )
 from mbdlft.order.restriction import Step, restricted_exactly
-from mbdlft.order.sparse_bound import SparseResidues, nonzero_entries, sparse_degrees
+from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_random
 from mbdlft.pipeline.extract import SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
+from mbdlft.system.sampled import rates_of
 
 _MOST_EXACT = 4000  # channels after the reduction of words: these take three minutes and 1.5 GB
 _MOST_PARAMETERS = 1000  # that a model depends on: some 10 s, with their cube
 _MANY = 300  # channels: reduced before and after they are closed, they lose more bits than `BITS`
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
+_SEVERAL = 4  # points, at which an entry that is not zero has a value
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
 
@@ -72,6 +76,28 @@ def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
     if isinstance(candidate.exact, SparseResidues):
         return sparse_degrees(candidate.exact, seed)
     return exact_degrees(candidate.exact, seed)
+
+
+def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> tuple[int, ...]:
+    """Outputs whose rows of [C D] are sums of those of [A B] of rates, at random residues.
+
+    Rates are derivatives of states, as values of the model show, and states of what is held at rest: the
+    entries of their rows for these states are regular.
+    """
+    exact, n = candidate.exact, len(problem.states)
+    if isinstance(exact, SparseResidues):
+        value, prime = value_at_random(exact), exact.prime
+    else:
+        value, prime = at_random(exact)[exact.order :, exact.order :], exact.M.prime
+    values = evaluate_at(lft, deltas_at(problem.parameters, problem.points[:_SEVERAL]))
+    rates = rates_of(values[:, :n, :n], values[:, :n, n:])
+    of_rates, position = value[[*rates.values()]], [*rates]
+    try:
+        sums = solved(of_rates[:, position], of_rates, prime)
+    except ZeroDivisionError:
+        return ()
+    others = (value[n:] - multiplied(value[n:, position], sums, prime)) % prime
+    return tuple(np.flatnonzero(value[n:].any(axis=1) & ~others.any(axis=1)).tolist())
 
 
 def reduced_relations(relations: LinearModel) -> LFT:
@@ -171,7 +197,7 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     residues = SparseResidues(
         lft, np.append(opened.entries, np.ones(first, dtype=np.int64)), opened.prime
     )
-    lft = with_zeros(lft, nonzero_entries(residues))
+    lft = with_zeros(lft, value_at_random(residues) != 0)
     return Candidate(form, relations.channels, lft, lft, residues, lft)
 
 

@@ -32,6 +32,7 @@ from mbdlft.pipeline.certification import (
 )
 from mbdlft.pipeline.forms import (
     Candidate,
+    accelerations,
     candidates,
     closing,
     degrees,
@@ -83,7 +84,16 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certificate(
-            lft, raw, least, order_bound, problem, checked, SEED, boxes=boxes, near=near
+            lft,
+            raw,
+            least,
+            order_bound,
+            problem,
+            checked,
+            SEED,
+            boxes=boxes,
+            near=near,
+            accelerations=accelerations(problem, written, lft) if problem.states else (),
         )
     return LFTModel(
         name=problem.nouns.name,

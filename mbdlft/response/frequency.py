@@ -9,7 +9,7 @@ Responses are computed at frequencies that are evenly spaced on a logarithmic ax
 around each pole.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,14 +19,14 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
-from mbdlft.system.model import System
-from mbdlft.system.sampled import StateMatrices
+from mbdlft.system.model import LFTModel, System
+from mbdlft.system.sampled import StateMatrices, rates_of
 
 Complex = NDArray[np.complex128]
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
 _SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
 _AT_REST = 100.0 * EPS  # of terms: what is left of them is nothing
-_CANCELED = 0.1  # of D: where less is left, a digit is lost
+_CANCELED = 0.1  # of terms: where less is left, a digit is lost
 _SIX_DIGITS = 1e-6
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
@@ -145,10 +145,9 @@ def frequency_response(
     Returns
     -------
     complex array (N, F, ny, nu)
-        Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers. The acceleration
-        of a state is -omega^2 times its position far below the modes, where the sum of D and the rest
-        has lost its digits; that of a sensor elsewhere on an elastic body is not, and the report says
-        from which frequency it has six digits.
+        Unit of entry (i, j): unit of output i over unit of input j. N = 1 for numbers. An acceleration
+        (of a state, or in the certificate) is -omega^2 times its position far below the modes, where
+        the sum of D and the rest has lost its digits.
 
     Raises
     ------
@@ -162,7 +161,7 @@ def frequency_response(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )
     matrices = modes.samples_at(model, values)
-    matrices, accelerations = with_positions(matrices)
+    matrices, accelerations = with_positions(matrices, _proved(model))
     count = len(matrices.A)
     frequencies = np.atleast_1d(frequencies)
     if frequencies.ndim > 2 or (frequencies.ndim == 2 and len(frequencies) not in (1, count)):
@@ -182,23 +181,29 @@ def frequency_response(
     return response
 
 
-def with_positions(matrices: StateMatrices) -> tuple[StateMatrices, dict[int, int]]:
+def _proved(system: System) -> Sequence[int]:
+    return system.certificate.accelerations if isinstance(system, LFTModel) else ()
+
+
+def with_positions(
+    matrices: StateMatrices, proved: Sequence[int] = ()
+) -> tuple[StateMatrices, dict[int, tuple[int, Array]]]:
     """The matrices with positions of outputs that are accelerations as further outputs; their places.
 
+    With a place stand the frequencies (N,), rad/s, below which the position may have more digits; for
+    sums of rates that is the slowest pole, as their factors have no more digits than are left there.
+
     Output i is the acceleration of a position p if its row [C D] is that of the rate v in [A B], where
-    the row of p says that its derivative is v.
+    the row of p says that its derivative is v. The row of one that is `proved` is a sum of those of
+    rates, whose factors its entries for positions give, and its position the same sum of theirs. Behind
+    the positions stand as many outputs C x with random weights, with which its terms do not cancel.
     """
     A, B, C, D = matrices
-    if not np.any(D):
-        return matrices, {}
     states, outputs = A.shape[1], C.shape[1]
     derivatives, measured = (np.concatenate(pair, axis=2) for pair in ((A, B), (C, D)))
     rows: dict[int, Array] = {}
-    for p in range(states):
-        (places,) = np.nonzero(np.any(derivatives[:, p] != 0.0, axis=0))
-        if len(places) != 1 or places[0] >= states or np.any(A[:, p] != A[0, p]):
-            continue
-        v = int(places[0])
+    rates = rates_of(A, B)
+    for p, v in rates.items():
         largest = int(np.argmax(np.abs(derivatives[0, v])))
         for i in np.flatnonzero(measured[0, :, largest]).tolist():
             # states have units of powers of two
@@ -206,28 +211,44 @@ def with_positions(matrices: StateMatrices) -> tuple[StateMatrices, dict[int, in
             unit = np.copysign(np.exp2(np.round(np.log2(np.abs(unit)))), unit)
             apart = np.abs(measured[:, i] - unit * derivatives[:, v])
             if np.all(apart <= _SAME * np.abs(measured[:, i])):
-                rows[i] = np.eye(states)[p] * unit / A[0, p, v]
+                rows[i] = np.eye(states)[p] * unit / A[:, p, v, None]
+    until = dict.fromkeys(rows, np.full(len(A), np.inf))
+    if others := [i for i in proved if i not in rows]:
+        position, rate = [*rates], [*rates.values()]
+        stiffness, sums = A[:, rate][:, :, position], C[:, others][:, :, position]
+        stiffness[np.linalg.slogdet(stiffness)[0] == 0.0] = np.nan  # none is left there
+        turned = np.swapaxes(stiffness, 1, 2)
+        factors = np.linalg.solve(turned, np.swapaxes(sums, 1, 2))
+        factors += np.linalg.solve(turned, np.swapaxes(sums, 1, 2) - turned @ factors)
+        read = np.zeros((len(others), len(A), states))
+        read[:, :, position] = np.transpose(factors, (2, 0, 1)) / A[:, position, rate]
+        rows |= dict(zip(others, read, strict=True))
+        until |= dict.fromkeys(others, np.min(np.abs(np.linalg.eigvals(A)), axis=1))
     if not rows:
         return matrices, {}
-    read = np.broadcast_to(np.array(list(rows.values())), (len(A), len(rows), states))
-    none = np.zeros((len(A), len(rows), D.shape[2]))
+    weights = np.random.default_rng(0).standard_normal(states)
+    read = np.concatenate([np.stack([*rows.values()], axis=1), weights * C[:, [*rows]]], axis=1)
+    none = np.zeros((len(A), 2 * len(rows), D.shape[2]))
     both = StateMatrices(A, B, np.concatenate([C, read], axis=1), np.concatenate([D, none], axis=1))
-    return both, {i: outputs + k for k, i in enumerate(rows)}
+    return both, {i: (outputs + k, until[i]) for k, i in enumerate(rows)}
 
 
 def from_positions(
-    response: Complex, D: Array, omega: Array, accelerations: Mapping[int, int]
+    response: Complex, D: Array, omega: Array, accelerations: Mapping[int, tuple[int, Array]]
 ) -> Complex:
     """A response (N, F, ny, nu) without the positions; accelerations are -w^2 x where these are small.
 
     Far below its modes a structure that is held hardly moves. C (s I - A)^-1 B is then nearly -D, and the
-    sum loses all digits of w^2 x.
+    sum, or that of the terms of C x, loses all digits of w^2 x.
     """
-    for i, k in accelerations.items():
+    count = len(accelerations)
+    for i, (k, until) in accelerations.items():
         by_position = -(omega[:, :, None] ** 2) * response[:, :, k]
-        is_small = np.abs(by_position) < _CANCELED * np.abs(D[:, None, i])
+        terms = np.abs(D[:, None, i]) + np.abs(response[:, :, k + count])
+        is_small = np.abs(by_position) < _CANCELED * terms
+        is_small &= (np.abs(omega) < until[:, None])[:, :, None]
         response[:, :, i] = np.where(is_small, by_position, response[:, :, i])
-    return response[:, :, : response.shape[2] - len(accelerations)]
+    return response[:, :, : response.shape[2] - 2 * count]
 
 
 def carried_from(system: System) -> dict[str, tuple[float, bool]]:
@@ -238,7 +259,7 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
     that is held has the acceleration s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
     """
     whole = modes.samples_at(system)
-    places = with_positions(whole)[1]
+    places = with_positions(whole, _proved(system))[1]
     A, B, C, D = (matrix[0] for matrix in whole)
     try:
         at_rest = np.linalg.solve(A, B)

@@ -117,7 +117,9 @@ def composed(
         *whole,
         description=like.description,
         trim=_trim(certified, parameters.names),
-        certificate=replace(certificate, rounding_ratio=ratio, **regularity),
+        certificate=replace(
+            certificate, rounding_ratio=ratio, accelerations=_accelerations(systems, wiring), **regularity
+        ),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
 
@@ -273,6 +275,16 @@ def _certificate(
     )
 
 
+def _accelerations(systems: Sequence[System], wiring: Wiring) -> tuple[int, ...]:
+    """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals."""
+    others: list[bool] = []
+    for system in systems:
+        known = system.certificate.accelerations if isinstance(system, LFTModel) else ()
+        others += (k not in known for k in range(len(system.outputs)))
+    is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
+    return tuple(np.flatnonzero(is_sum).tolist())
+
+
 def _at_generic(a: LFT) -> LFT:
     """The LFT in the parameters with the other blocks at one real value: it needs no more repetitions."""
     random, values = np.random.default_rng(_SEED), {}
@@ -350,6 +362,7 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         raw_order=of(known.raw_order),
         doubtful=of(known.doubtful),
         order_bound=max(sum(of(known.lower_bound)), known.order_bound - opened),
+        accelerations=(),
         **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
@@ -384,7 +397,9 @@ def renormalized_evidence(model: LFTModel, lft: LFT, parameters: Parameters) -> 
 def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificate:
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
-    truncated = replace(model.certificate, order=order, exact=False, truncation_error=error)
+    truncated = replace(
+        model.certificate, order=order, exact=False, truncation_error=error, accelerations=()
+    )
     what = f"model {model.name!r}, truncate"
     return replace(
         truncated, **well_posed(lft, model.parameters, what, are_proved=truncated.well_posed == PROVED)

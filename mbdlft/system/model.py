@@ -285,6 +285,9 @@ class Certificate:
     by_terms : tuple of (row, column)
         Entries of [A B ; C D] that are nothing but rounding of terms that cancel; in
         `max_relative_error` they are relative to these terms.
+    accelerations : tuple of int
+        Outputs that are sums of derivatives of states that are derivatives of others, and so
+        accelerations of positions: decided on residues, at random values of the parameters.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.
@@ -347,6 +350,7 @@ class Certificate:
     by_terms: tuple[tuple[int, int], ...] = ()
     near: tuple[str, ...] = ()
     rounding_ratio: float = 0.0
+    accelerations: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -40,6 +40,14 @@ class StateMatrices(NamedTuple):
     D: Array
 
 
+def rates_of(A: Array, B: Array) -> dict[int, int]:
+    """States whose derivative is another one times a number, and that one, whose derivative is not."""
+    changes = np.any(np.concatenate([A, B], axis=2) != 0.0, axis=0)
+    alone = np.flatnonzero((np.sum(changes, axis=1) == 1) & np.all(np.any(A != 0.0, axis=2), axis=0))
+    rates = {p: int(np.argmax(changes[p])) for p in alone.tolist()}
+    return {p: v for p, v in rates.items() if v not in rates}
+
+
 def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
     """Normalized deltas (N, n_p) [1] of physical values by name; the others are nominal."""
     where, names = f"model {model.name!r}", model.parameters.names

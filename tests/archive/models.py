@@ -96,6 +96,7 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> mbdlft.LFTModel:
             doubtful=tuple(min(1, size) for size in sizes),
             condition=float(1.0 + random.random()),
             sign_changes=seed,
+            accelerations=(0,) * (seed % 2),
         ),
         provenance=Provenance(
             scene='name = "µ"\n# ' + "日本 " * 30000,

@@ -45,6 +45,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "motions": (0,),
     "empty": (7, 14, 31, 35, 45),
     "tunings": (20,),
+    "accelerations": (0, 1),
 }
 SECONDS = 20.0  # of the clock that one attack may take
 

@@ -19,4 +19,5 @@ def attack(seed: int, folder: Path) -> str:
     dense = to_lft(scene, search=0.0, prove=0.0).certificate
     if sparse.exact_bound:  # loads of elastic bodies are reduced in doubles
         assert sparse.lower_bound == dense.lower_bound
+    assert sparse.accelerations == dense.accelerations
     return word

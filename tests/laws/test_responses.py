@@ -1,6 +1,8 @@
 """Responses over frequency and time, and norms, against closed forms and other tools."""
 
 import re
+from dataclasses import replace
+from unittest.mock import patch
 
 import control
 import numpy as np
@@ -160,17 +162,65 @@ def test_an_accelerometer_feels_gravity_far_below_the_modes_of_a_stiff_beam() ->
 
 
 def test_accelerations_without_a_position_have_digits_from_where_the_certificate_says() -> None:
-    """The turn of the tip is no coordinate, so its acceleration is the sum at all frequencies."""
+    """The turn of the tip is no coordinate: without what is decided on residues it is a sum."""
     tip = mbdlft.AngularAcceleration(name="tip", port="beam.tip")
-    model = short_beam(0.0, tip=tip, output="tip.z")
+    whole = short_beam(0.0, tip=tip, output="tip.z")
+    assert whole.certificate.accelerations == (0,)
+    model = replace(whole, certificate=replace(whole.certificate, accelerations=()))
     omega_6, has_position = frequency.carried_from(model)["tip.z"]
     assert not has_position
+    assert frequency.carried_from(whole)["tip.z"] == (omega_6, True)
     omega = omega_6 * np.array([1.0, 0.01])
-    found, turn = mbdlft.frequency_response(model, {}, omega)[0, :, :, 0].T
-    errors = np.abs(found / (-(omega**2) * turn) - 1.0)
-    assert errors[0] < 1e-6 < errors[1]
+    loop = mbdlft.feedback(whole, np.array([[0.1, 5.0]]))  # changes no relation of the two
+    assert loop.certificate.accelerations == (0,)
+    assert not (whole["tip.z", "push.force"] + 1.0).certificate.accelerations
+    for system in (model, whole, loop):
+        found, turn = mbdlft.frequency_response(system, {}, omega)[0, :, :, 0].T
+        errors = np.abs(found / (-(omega**2) * turn) - 1.0)
+        assert errors[0] < 1e-6
+        assert errors[1] > 1e-6 if system is model else errors[1] < 1e-9
     said = [text for text in sentences.checked_beside(model) if text.startswith("accelerations")]
     assert said[0].endswith("below, it has fewer: take -w^2 times a position of the same place")
+
+
+def pair(low: float) -> mbdlft.LFTModel:
+    """Two masses side by side with a spring between, one on another that may be soft; a force on one."""
+    ways = {"parent": "ground", "axis": (0.6, 0.8, 0.0)}
+    link = {"parent": "near", "child": "far", "stiffness": 7e3, "force_density": 0.0}
+    scene = mbdlft.Scene(
+        name="pair",
+        parameters=[mbdlft.Parameter("k", 1e4, low=low, high=2e4, unit="N/m")],
+        bodies=[mbdlft.PointMass(name=name, mass=3.0) for name in ("near", "far")],
+        joints=[
+            mbdlft.Prismatic(name="first", child="near", position=0.0, stiffness="k", **ways),
+            mbdlft.Prismatic(name="second", child="far", position=1.0, **ways),
+        ],
+        sensors=[mbdlft.Acceleration(name="felt", port="far")],
+        outputs=["first.acceleration", "felt.x"],
+        inputs=["second.force"],
+        loads=[mbdlft.Spring(name="link", **link)],
+    )
+    return mbdlft.to_lft(scene)
+
+
+def test_what_a_force_at_another_place_accelerates_has_its_digits_far_below_the_modes() -> None:
+    """D is zero, and what cancels are the two terms of C x."""
+    omega, k, model = 1e-6, np.array([5e3, 2e4]), pair(1e3)
+    assert model.certificate.accelerations == (0, 1)
+    with patch("mbdlft.pipeline.forms._MOST_EXACT", 0):
+        assert pair(1e3).certificate.accelerations == (0, 1)
+    assert not mbdlft.truncate(model, 10.0).certificate.accelerations
+    first, felt = mbdlft.frequency_response(model, {"k": k}, [omega])[:, 0, :, 0].T
+    target(first, -(omega**2) / k, CLOSED_FORM)
+    target(felt, -0.6 * omega**2 * (1.0 / k + 1.0 / 7e3), CLOSED_FORM)
+
+
+def test_accelerations_of_what_a_sample_hardly_holds_are_those_of_its_force() -> None:
+    """A stiffness of 1e-9 beside 7e3 gives factors with four digits."""
+    k, w = np.array([0.0, 1e-9, 1e4]), 0.1
+    found = mbdlft.frequency_response(pair(0.0), {"k": k}, [w])[:, 0, 1, 0]
+    stiff, soft = 7e3 - 3.0 * w**2, k - 3.0 * w**2
+    target(found, -0.6 * w**2 * (soft + 7e3) / (soft * stiff - 3.0 * w**2 * 7e3), RESPONSE)
 
 
 def test_an_entry_far_below_its_row_is_named() -> None:

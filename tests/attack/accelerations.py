@@ -1,0 +1,90 @@
+"""Accelerations of chains of beams that are held at one end: s^2 times positions, far below the modes."""
+
+from pathlib import Path
+
+import numpy as np
+
+import mbdlft
+from mbdlft.multibody import (
+    Acceleration,
+    Accelerometer,
+    AngularAcceleration,
+    Beam,
+    Fixed,
+    Force,
+    Inertia,
+    Position,
+    Revolute,
+    RigidBody,
+    Scene,
+    SmallRotation,
+    Torque,
+)
+
+MOST = (
+    1e-6  # of the largest of a row: eps times the square of the ratio of the fastest pole to the slowest
+)
+KINDS = ["axial", "torsion", "bending_y", "bending_z"]
+OMEGA = 10.0 ** np.arange(-4.0, 3.0)  # rad/s
+
+
+def scene_of(random: np.random.Generator) -> Scene:
+    """One or two beams with a body between them, a joint that may give way, and gravity in some."""
+    kinds = {"bending_y", *random.choice(KINDS, size=int(random.integers(1, 5))).tolist()}
+    falls = kinds <= {"axial", "bending_y"} and random.random() < 0.5
+    beam = Beam(
+        name="first", length="L", density=7800.0, area=1e-3, modulus=2.1e11, shear_modulus=8e10,
+        I_y=1e-7, I_z=2e-7, torsion_constant=1e-7, elements=int(random.integers(1, 6)),
+        deformations=tuple(k for k in KINDS if k in kinds), stiffness_damping=random.choice([0.0, 1e-5]),
+    )  # fmt: skip
+    body = RigidBody(
+        name="body", mass="m", center_of_mass=(0.1, 0.0, 0.0), inertia=Inertia(xx=0.1, yy=0.1, zz=0.15)
+    )
+    held = {"stiffness": float(10.0 ** random.uniform(0.0, 5.0)), "damping": 0.01}
+    link = [
+        Fixed(name="link", parent="body", child="second"),
+        Revolute(name="link", parent="body", child="second", axis=(0, 0, 1), position=0.0, **held),
+    ][random.integers(2)]
+    end = str(random.choice(["body", "second.tip"]))
+    sensors = Position, SmallRotation, Acceleration, AngularAcceleration, Accelerometer
+    return Scene(
+        name="held",
+        gravity=(0.0, -9.81 * falls, 0.0),
+        parameters=[
+            mbdlft.Parameter("L", 1.5, percent=20, unit="m"),
+            mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
+        ],
+        bodies=[beam, body, beam.model_copy(update={"name": "second"})],
+        joints=[
+            Fixed(name="root", parent="ground", child="first"),
+            Fixed(name="top", parent="first.tip", child="body"),
+            link,
+        ],
+        sensors=[kind(name=kind.kind, port=end) for kind in sensors],
+        loads=[
+            Force(name="push", port=end, direction=(1, 2, 3), frame="ground", magnitude=0.0),
+            Torque(name="turn", port="body", direction=(1, -1, 2), frame="ground", magnitude=0.0),
+        ],
+    )
+
+
+def attack(seed: int, folder: Path) -> str:
+    """One scene at two places of its range; an accelerometer feels gravity in its turn."""
+    random = np.random.default_rng(seed)
+    scene = scene_of(random)
+    model = mbdlft.to_lft(scene, search=0.0, prove=0.0)
+    response = mbdlft.frequency_response(model, mbdlft.random(model.parameters, 2, seed), OMEGA)
+    places = {signal.name: k for k, signal in enumerate(model.outputs)}
+    of = {
+        kind: response[:, :, [places[f"{kind}.{axis}"] for axis in "xyz"]]
+        for kind in ("position", "rotation", "acceleration", "angular_acceleration", "accelerometer")
+    }
+    above, squares = -np.array(scene.gravity)[:, None], -(OMEGA[:, None, None] ** 2)
+    for found, expected in (
+        (of["acceleration"], squares * of["position"]),
+        (of["angular_acceleration"], squares * of["rotation"]),
+        (of["accelerometer"], squares * of["position"] - np.cross(of["rotation"], above, 2, 0, 2)),
+    ):
+        scale = np.max(np.abs(expected), axis=3, keepdims=True)
+        assert np.all(np.abs(found - expected) <= MOST * scale), (seed, model.order)
+    return "right"
