@@ -101,8 +101,7 @@ _EVIDENCE = """
     certificate@max_relative_error: float64
     certificate@truncation_error? certificate@fit_error_bound?: float64
     certificate@rounding_ratio?: float64
-    certificate@check_points certificate@seed: int64
-    certificate@order_bound?: int64
+    certificate@check_points certificate@seed certificate@order_bound?: int64
     certificate@exact certificate@exact_bound?: bool
     provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py: text
     provenance@created: text
