@@ -1,5 +1,7 @@
 """Differential-algebraic models for tests: the source's examples, machines, a random generator."""
 
+import re
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -10,9 +12,37 @@ from mbdlft.base import Parameter
 from mbdlft.dae import Dae, DaeDraft, Structure
 from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
-from mbdlft.problem.sx.constants import in_doubles
+from mbdlft.problem.sx.constants import in_doubles, root
 
 GRAVITY = 9.81
+
+
+def dae_of(
+    name: str,
+    variables: str,
+    *equations: str,
+    inputs: str = "",
+    outputs: str = "",
+    parameters: Sequence[Parameter] = (),
+    **limits: float,
+) -> Dae:
+    """Variables and inputs, as `name[unit]=start`, and equations, as `name: left = right`.
+
+    Units, starts, names and right sides of zero may be left out; limits are those of all variables.
+    """
+    d = DaeDraft(name)
+    known = {**vars(ca), "root": lambda x: ca.SX(root(x)), "der": d.der, "number": d.number, "fit": d.fit}
+    known |= {p.name: d.parameter(p) for p in parameters}
+    for declare, names, more in ((d.variable, variables, limits), (d.input, inputs, {})):
+        for own, unit, start in re.findall(r"(\w+)(?:\[(.*?)\])?(?:=(\S+))?", names):
+            known[own] = declare(own, unit or "1", start=float(start) if start else None, **more)
+    for equation in equations:
+        label, text = re.fullmatch(r"(?:(\w+): )?(.*)", equation).groups()  # type: ignore[union-attr]
+        left, _, right = text.partition(" = ")
+        d.equation(eval(left, known), label, equals=eval(right or "0", known))
+    for output in outputs.split():
+        d.output(output)
+    return d.dae()
 
 
 def example_1() -> Dae:
@@ -90,19 +120,19 @@ def pendulum(side: float = 0.0) -> Dae:
 
 def coupled_inertias() -> Dae:
     """Two rigidly coupled inertias: index 3."""
-    d = DaeDraft("coupled")
-    J1 = d.parameter(Parameter("J1", 1.0, percent=30, unit="kg m^2"))
-    J2 = d.parameter(Parameter("J2", 2.0, percent=30, unit="kg m^2"))
-    tau, t = d.input("tau", "N m"), d.variable("t", "N m")
-    phi1, phi2 = d.variable("phi1", "rad"), d.variable("phi2", "rad")
-    w1, w2 = d.variable("w1", "rad/s"), d.variable("w2", "rad/s")
-    d.equation(d.der(phi1), equals=w1)
-    d.equation(d.der(phi2), equals=w2)
-    d.equation(J1 * d.der(w1), equals=tau - t)
-    d.equation(J2 * d.der(w2), equals=t)
-    d.equation(phi1, "gear", equals=3 * phi2)
-    d.output("w2")
-    return d.dae()
+    inertias = [Parameter(f"J{k}", float(k), percent=30, unit="kg m^2") for k in (1, 2)]
+    return dae_of(
+        "coupled",
+        "t[N m] phi1[rad] phi2[rad] w1[rad/s] w2[rad/s]",
+        "der(phi1) = w1",
+        "der(phi2) = w2",
+        "J1*der(w1) = tau - t",
+        "J2*der(w2) = t",
+        "gear: phi1 = 3*phi2",
+        inputs="tau[N m]",
+        outputs="w2",
+        parameters=inertias,
+    )
 
 
 def servo() -> Dae:

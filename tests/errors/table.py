@@ -7,13 +7,15 @@
 
 The line that begins with `>` heads rows: each stands in its braces, and its class and text are before
 the messages of the rows. ` … ` stands between fragments, which are in the message in this order; `=~`
-has a regular expression behind it; {f|g}(x) asks f(x) and g(x). A row without a message has that of
-its head, and one that goes on is indented. A line that begins with `#` says why rows are there."""
+has a regular expression behind it. {f|g}({x|y}) asks f(x), f(y), g(x) and g(y), and {0} and {1} are these
+words in the message. A row without a message has that of its head, and one that goes on is indented. A
+line that begins with `#` says why rows are there."""
 
 import builtins
 import re
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
+from itertools import chain, product
 from types import CodeType
 from typing import Any
 
@@ -26,6 +28,7 @@ class MessageError(Exception):
     """What a command line says as it refuses."""
 
 
+_SEVERAL = re.compile(r"\{([^{}|]+(?:\|[^{}|]+)+)\}")
 _CLASS = re.compile(r"([A-Z]\w*(?:Error|Warning|Exit)): ?")
 
 
@@ -63,10 +66,13 @@ def _rows(table: str) -> Iterator[tuple[str, str, str, str]]:
             match = text if sign == "=~" else _regex(f"{head[1]} {text}".strip(" …"))
             match = text if text == "accepted" else f"(?s){match}"
             whole = call.replace("{}", asked)
-            several = re.search(r"\{(\w+(?:\| ?\w+)+)\}", whole)
-            for name in several[1].split("|") if several else [""]:
-                expression = whole.replace(several[0], name.strip()) if several else whole
-                yield f"{asked} {name}".strip(), expression, error, match
+            texts = _SEVERAL.split(whole)  # and lists of words between them
+            for words in product(*(re.split(r" ?\| ?", words) for words in texts[1::2])):
+                told = match
+                for k, word in enumerate(words):
+                    told = told.replace(_regex(f"{{{k}}}"), _regex(word))
+                asks = "".join(chain.from_iterable(zip(texts[::2], (*words, ""), strict=True)))
+                yield " ".join([*words, asked]), asks, error, told
 
 
 def _class_and_text(message: str, error: str = "SceneError") -> tuple[str, str]:

@@ -18,7 +18,7 @@ from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import root
 from mbdlft.system import ThetaFunction
 from tests.close import CROSS, roundoff, target
-from tests.daes import example_1, example_2, pendulum
+from tests.daes import dae_of, example_1, example_2, pendulum
 from tests.errors.table import refused, says
 
 
@@ -30,18 +30,9 @@ def bad(
     parameters: tuple[Parameter, ...] = (),
     **equations: str,
 ) -> Dae:
-    """Variables and inputs, `name=start` or `name[unit]`, and what vanishes by names of equations."""
-    d = DaeDraft("bad")
-    known = {**vars(ca), "root": lambda x: ca.SX(root(x)), "der": d.der, "number": d.number}
-    known |= {p.name: d.parameter(p) for p in parameters}
-    for declare, names in ((d.variable, variables), (d.input, inputs)):
-        for name, unit, start in re.findall(r"(\w+)(?:\[(.*?)\])?(?:=(\S+))?", names):
-            known[name] = declare(name, unit or "1", start=float(start) if start else None)
-    for name, residual in equations.items():
-        d.equation(eval(residual, known), name)
-    for name in outputs.split():
-        d.output(name)
-    return d.dae()
+    """Variables and inputs, and what vanishes by names of equations."""
+    laws = (f"{name}: {residual}" for name, residual in equations.items())
+    return dae_of("bad", variables, *laws, inputs=inputs, outputs=outputs, parameters=parameters)
 
 
 def law_in(units: str, residual: str) -> None:

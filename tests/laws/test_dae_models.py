@@ -26,9 +26,14 @@ from mbdlft.dae.theta.separation import Arrange
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.system import DeltaThetaModel, ThetaFunction
 from tests.close import CLOSED_FORM, CROSS, EPS, SIMULATED, exact, target
-from tests.daes import chain, coupled_inertias, example_1, example_2, pendulum, servo
+from tests.daes import chain, coupled_inertias, dae_of, example_1, example_2, pendulum, servo
 
 TIMES = np.linspace(0.0, 1.0, 11)
+P = Parameter("p", 2.0, percent=20)
+MASS_AND_SPRING = [
+    Parameter("m", 2.0, percent=20, unit="kg"),
+    Parameter("k", 300.0, percent=20, unit="N/m"),
+]
 CASES = {
     "example_1": (example_1, {"u": np.cos(TIMES)}, {}),
     "example_2": (example_2, {"tau": 50 * np.sin(TIMES)}, {"J1.phi": 0.3}),
@@ -90,12 +95,8 @@ def test_values_of_a_form() -> None:
 
 
 def test_values_are_given_for_aliases() -> None:
-    d = DaeDraft("alias")
-    x, y, u = d.variable("x"), d.variable("y"), d.input("u")
-    d.equation(d.der(x), equals=u - 2 * x)
-    d.equation(y, equals=-x)
-    d.output("y")
-    at = trim(reduce_index(d.dae()), {"y": 3.0}, free=["u"])
+    alias = dae_of("alias", "x y", "der(x) = u - 2*x", "y = -x", inputs="u", outputs="y")
+    at = trim(reduce_index(alias), {"y": 3.0}, free=["u"])
     assert at.nominal["u"] == -6.0
     assert at.nominal["y"] == 3.0
 
@@ -116,13 +117,8 @@ def test_a_pendulum_keeps_its_length_and_energy() -> None:
 
 
 def test_equal_functions_are_shared_and_parameters_taken_out() -> None:
-    d = DaeDraft("shared")
-    p = d.parameter(Parameter("p", 2.0, percent=20))
-    x, y, u = d.variable("x"), d.variable("y"), d.input("u")
-    d.equation(d.der(x), equals=u - ca.sin(p * x + y) * p)
-    d.equation(d.der(y), equals=-3 * y - ca.sin(p * x + y) / p + ca.sin(2 * p * x + 2 * y) * x)
-    d.output("x")
-    model = delta_theta(d.dae())
+    laws = ("der(x) = u - sin(p*x + y)*p", "der(y) = -3*y - sin(p*x + y)/p + sin(2*p*x + 2*y)*x")
+    model = delta_theta(dae_of("shared", "x y", *laws, inputs="u", outputs="x", parameters=[P]))
     texts = sorted(f.text for f in model.functions)
     assert texts == ["sin(2*a1)*x", "sin(a1)"]
     assert len(model.omega) == 2
@@ -135,25 +131,16 @@ def test_equal_functions_are_shared_and_parameters_taken_out() -> None:
 
 
 def test_coefficients_of_divisors_are_divided_by() -> None:
-    d = DaeDraft("divisors")
-    p = d.parameter(Parameter("p", 2.0, percent=20))
-    x, y = d.variable("x"), d.variable("y")
-    d.equation(d.der(x), equals=-x / (p * ca.exp(y)))
-    d.equation(d.der(y), equals=-3 * y)
-    d.output("x")
-    model = delta_theta(d.dae())
+    laws = ("der(x) = -x/(p*exp(y))", "der(y) = -3*y")
+    model = delta_theta(dae_of("divisors", "x y", *laws, outputs="x", parameters=[P]))
     assert dict(model.linear.lft.blocks) == {"p": 1}
     values = np.array([1.7, 2.0, 2.3])
     target(mbdlft.matrices_at(model.linear, {"p": values}).B[:, 0, 0], -1 / values, CLOSED_FORM)
 
 
 def test_arguments_that_depend_on_each_other_are_not_counted_twice() -> None:
-    d = DaeDraft("dependent")
-    x, y = d.variable("x"), d.variable("y")
-    d.equation(d.der(x), equals=-x + (x + y) * (x - y) * ca.sin(2 * x))
-    d.equation(d.der(y), equals=-y)
-    d.output("x")
-    model = delta_theta(d.dae())
+    laws = ("der(x) = -x + (x + y)*(x - y)*sin(2*x)", "der(y) = -y")
+    model = delta_theta(dae_of("dependent", "x y", *laws, outputs="x"))
     assert (len(model.functions), len(model.omega)) == (1, 2)
 
 
@@ -235,31 +222,23 @@ def test_sectors_and_slopes_hold_and_are_close(text: str) -> None:
 
 
 def _lever() -> Dae:
-    d = DaeDraft("lever")
-    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
-    k = d.parameter(Parameter("k", 300.0, percent=20, unit="N/m"))
-    d.parameter(Angle("theta", 30.0, plus=10.0))
-    q, w = d.variable("q", "rad", start=0.5), d.variable("w", "rad/s")
-    tau = d.input("tau", "N m")
-    x, v = d.variable("x", "m"), d.variable("v", "m/s")
-    d.equation(d.der(q), "q", equals=w)
-    d.equation(m * d.der(w) * d.number(0.16), "w", equals=tau - m * 4 * ca.sin(q))
-    d.equation(d.der(x), "x", equals=v)
-    d.equation(m * d.der(v), "v", equals=-k * x - m * d.number(9.81) * (1 + 3 * x))
-    d.output("q")
-    d.output("x")
-    return d.dae()
+    return dae_of(
+        "lever",
+        "q[rad]=0.5 w[rad/s] x[m] v[m/s]",
+        "q: der(q) = w",
+        "w: m*der(w)*number(0.16) = tau - m*4*sin(q)",
+        "x: der(x) = v",
+        "v: m*der(v) = -k*x - m*number(9.81)*(1 + 3*x)",
+        inputs="tau[N m]",
+        outputs="q x",
+        parameters=[*MASS_AND_SPRING, Angle("theta", 30.0, plus=10.0)],
+    )
 
 
 def test_an_equilibrium_that_is_rational_stays_in_the_model() -> None:
-    d = DaeDraft("sagging")
-    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
-    k = d.parameter(Parameter("k", 300.0, percent=20, unit="N/m"))
-    x, v, u = d.variable("x", "m"), d.variable("v", "m/s"), d.input("u", "N/m")
-    d.equation(d.der(x), "x", equals=v)
-    d.equation(m * d.der(v), "v", equals=-k * x - 5 * x * x * v - m * d.number(9.81) + u * x)
-    d.output("x")
-    model = linearize_dae(d.dae())
+    laws = ("x: der(x) = v", "v: m*der(v) = -k*x - 5*x*x*v - m*number(9.81) + u*x")
+    given = {"inputs": "u[N/m]", "outputs": "x", "parameters": MASS_AND_SPRING}
+    model = linearize_dae(dae_of("sagging", "x[m] v[m/s]", *laws, **given))
     values = {"m": np.array([1.7, 2.0, 2.3]), "k": np.array([250.0, 300.0, 350.0])}
     A, B, _, _ = mbdlft.matrices_at(model, values)
     sag = -values["m"] * 9.81 / values["k"]
@@ -289,12 +268,8 @@ def test_conditions_of_numbers_are_decided(at: float, slope: float) -> None:
 
 @pytest.mark.parametrize(("least", "slope"), [(0.1, 3.0), (0.9, 5.0)])
 def test_a_branch_whose_condition_has_numbers_only_is_no_function(least: float, slope: float) -> None:
-    d = DaeDraft("decided")
-    p = d.parameter(Parameter("p", 2.0, percent=20))
-    x = d.variable("x")
-    d.equation(d.der(x), equals=-ca.if_else(d.number(0.7) > d.number(least), 3 * p * x, 5 * p * x))
-    d.output("x")
-    model = delta_theta(d.dae())
+    law = f"der(x) = -if_else(number(0.7) > number({least}), 3*p*x, 5*p*x)"
+    model = delta_theta(dae_of("decided", "x", law, outputs="x", parameters=[P]))
     assert not model.functions
     target(mbdlft.matrices_at(model.linear, {"p": 2.2}).A, [[-2.2 * slope]], CLOSED_FORM)
 
@@ -385,12 +360,8 @@ def assert_minimal(draft: DaeDraft, order: int) -> None:
 
 
 def test_a_fit_has_its_bound_in_the_certificate() -> None:
-    d = DaeDraft("orifice")
-    p = d.parameter(Parameter("p", 2.0, percent=30))
-    x, u = d.variable("x"), d.input("u")
-    d.equation(d.der(x), equals=u - d.fit(ca.sqrt(p), 1e-6) * x)
-    d.output("x")
-    model = linearize_dae(d.dae())
+    p, law = Parameter("p", 2.0, percent=30), "der(x) = u - fit(sqrt(p), 1e-6)*x"
+    model = linearize_dae(dae_of("orifice", "x", law, inputs="u", outputs="x", parameters=[p]))
     assert not model.certificate.exact
     bound = model.certificate.fit_error_bound
     assert 0.0 < bound <= 1e-6
@@ -403,14 +374,10 @@ def test_a_fit_has_its_bound_in_the_certificate() -> None:
 @pytest.mark.parametrize("asked", [{"at": {"x": 0.1}, "free": ["f"]}, {"fit": 1e-7}], ids=["free", "fit"])
 def test_slopes_that_are_not_those_of_the_equations(monkeypatch: pytest.MonkeyPatch, asked: Any) -> None:
     """A derivation with one slope of 3e-5 too much is refused, also where the equilibrium is a fit."""
-    d = DaeDraft("spring")
-    m = d.parameter(mbdlft.Parameter("m", 2.0, percent=20))
-    k = d.parameter(mbdlft.Parameter("k", 50.0, percent=20))
-    x, v, f = d.variable("x", start=0.1), d.variable("v"), d.input("f")
-    d.equation(d.der(x), equals=v)
-    d.equation(m * d.der(v), equals=f - k * x * (1 + 4 * x * x) - 0.3 * v + 1.5 * m)
-    d.output("x")
-    dae, moved = d.dae(), linear._Linear._moved
+    parameters = [Parameter("m", 2.0, percent=20), Parameter("k", 50.0, percent=20)]
+    laws = ("der(x) = v", "m*der(v) = f - k*x*(1 + 4*x*x) - 0.3*v + 1.5*m")
+    dae = dae_of("spring", "x=0.1 v", *laws, inputs="f", outputs="x", parameters=parameters)
+    moved = linear._Linear._moved
     assert mbdlft.linearize_dae(dae, search=0.0, **asked).certificate.rounding_ratio < 10.0
 
     def wrong(self: Any, stacked: ca.SX, small: ca.SX) -> ca.SX:

@@ -19,7 +19,16 @@ from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_poin
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import in_doubles
 from tests.close import CLOSED_FORM, CROSS, Method, finite_difference, roundoff, target
-from tests.daes import Known, coupled_inertias, differences, example_2, pendulum, random_dae, servo
+from tests.daes import (
+    Known,
+    coupled_inertias,
+    dae_of,
+    differences,
+    example_2,
+    pendulum,
+    random_dae,
+    servo,
+)
 from tests.seeds import some
 
 FREQUENCIES = (0.37, 1.3, 9.0)
@@ -106,15 +115,8 @@ def test_aliases_are_what_they_say() -> None:
 
 
 def test_negative_aliases_and_numbers() -> None:
-    d = DaeDraft("signs")
-    x, y, z, c = (d.variable(name) for name in ("x", "y", "z", "c"))
-    u = d.input("u")
-    d.equation(d.der(x) + 2 * x, equals=u + c)
-    d.equation(y + x, "minus")
-    d.equation(-z, equals=y)
-    d.equation(2 * c, "number", equals=d.number(0.3))
-    d.output("z")
-    s = reduce_index(d.dae())
+    equations = ("der(x) + 2*x = u + c", "minus: y + x", "-z = y", "number: 2*c = number(0.3)")
+    s = reduce_index(dae_of("signs", "x y z c", *equations, inputs="u", outputs="z"))
     assert {str(a) for a in s.aliases} == {"y = -x", "z = x", "c = 0.15"}
     model = linearize_dae(s)
     assert mbdlft.matrices_at(model, {}).A[0, 0] == -2.0
@@ -157,27 +159,19 @@ def test_a_builder_of_casadi() -> None:
 
 
 def test_derivatives_of_inputs_can_be_inputs() -> None:
-    d = DaeDraft("imposed")
-    m = d.parameter(Parameter("m", 2.0, percent=10, unit="kg"))
-    u, x = d.input("u", "m"), d.variable("x", "m")
-    v, F = d.variable("v", "m/s"), d.variable("F", "N")
-    d.equation(d.der(x), "v", equals=v)
-    d.equation(m * d.der(v), "F", equals=F)
-    d.equation(x, "drive", equals=2 * u)
-    d.output("F")
-    s = reduce_index(d.dae(), input_rates="inputs")
+    imposed = dae_of(
+        "imposed", "x[m] v[m/s] F[N]", "v: der(x) = v", "F: m*der(v) = F", "drive: x = 2*u",
+        inputs="u[m]", outputs="F", parameters=[Parameter("m", 2.0, percent=10, unit="kg")],
+    )  # fmt: skip
+    s = reduce_index(imposed, input_rates="inputs")
     assert [q.name for q in s.inputs] == ["u", "der(u)", "der(u, 2)"]
     D = mbdlft.matrices_at(linearize_dae(s), {"m": 2.1}).D
     target(D, [[0.0, 0.0, 4.2]], CROSS)
 
 
 def test_a_number_takes_the_unit_of_what_it_is_added_to() -> None:
-    d = DaeDraft("units")
-    x, t = d.variable("x", "m"), d.variable("t", "s")
-    d.equation(3 + x, "sum", equals=t)
-    d.equation(d.der(x), "rate", equals=1)
     with pytest.raises(SceneError, match=r"equation 'sum': m and s are added"):
-        reduce_index(d.dae())
+        reduce_index(dae_of("units", "x[m] t[s]", "sum: 3 + x = t", "rate: der(x) = 1"))
 
 
 # A consistent point of a loop, order after order: closed forms of a slider crank.
@@ -290,12 +284,10 @@ def test_fits_of_an_equilibrium_and_of_slopes_there_are_within_the_bound(toleran
 
 def test_slopes_are_fitted_where_the_equilibrium_is_rational() -> None:
     """0 = q - k sqrt(h): h = (q/k)^2 is exact, and the slope k/(2 sqrt(h)) = k^2/(2 q) is a root."""
-    d = DaeDraft("outflow")
-    k = d.parameter(Parameter("k", 0.5, percent=20))
-    h, q = d.variable("h", start=4.0), d.input("q", start=1.0)
-    d.equation(d.der(h), equals=q - k * ca.sqrt(h))
-    d.output("h")
-    model = linearize_dae(d.dae(), fit=1e-8)
+    k = Parameter("k", 0.5, percent=20)
+    law = "der(h) = q - k*sqrt(h)"
+    outflow = dae_of("outflow", "h=4", law, inputs="q=1", outputs="h", parameters=[k])
+    model = linearize_dae(outflow, fit=1e-8)
     assert 0.0 < model.certificate.fit_error_bound <= 1e-8
     k_values = np.linspace(0.4, 0.6, 7)
     A = mbdlft.matrices_at(model, {"k": k_values}).A[:, 0, 0]
@@ -304,12 +296,9 @@ def test_slopes_are_fitted_where_the_equilibrium_is_rational() -> None:
 
 
 def test_what_is_exact_stays_exact_with_a_tolerance() -> None:
-    d = DaeDraft("exact")
-    p = d.parameter(Parameter("p", 2.0, percent=20))
-    x, u = d.variable("x"), d.input("u", start=1.0)
-    d.equation(d.der(x), equals=u - p * x)
-    d.output("x")
-    model = linearize_dae(d.dae(), fit=1e-6)
+    p = Parameter("p", 2.0, percent=20)
+    exact = dae_of("exact", "x", "der(x) = u - p*x", inputs="u=1", outputs="x", parameters=[p])
+    model = linearize_dae(exact, fit=1e-6)
     assert model.certificate.exact
     assert model.certificate.minimal
 
@@ -335,28 +324,19 @@ end Tank;
             modelica_table_from_toml(begin + f"fit = {wrong}\n")
 
 
-def test_what_cannot_be_fitted() -> None:
-    d = DaeDraft("hard")
-    p = d.parameter(Parameter("p", 2.0, percent=20))
-    x = d.variable("x", start=0.7)
-    d.equation(d.der(x), equals=p - ca.exp(x))
-    d.output("x")
-    with pytest.raises(NotRationalError):
-        linearize_dae(d.dae(), fit=1e-6)
-    d = DaeDraft("turned")
-    angle = d.parameter(Angle("angle", 30.0, plus=10.0))
-    x = d.variable("x", start=0.7)
-    d.equation(d.der(x), equals=ca.sin(angle) - x**3)
-    d.output("x")
-    with pytest.raises(NotRationalError, match="depends on the angle angle"):
-        linearize_dae(d.dae(), fit=1e-6)
-    d = DaeDraft("fold")
-    p = d.parameter(Parameter("p", 1.0, 0.0, 2.0))
-    x = d.variable("x", start=0.7)
-    d.equation(d.der(x), equals=p - x * x)  # no slope at p = 0
-    d.output("x")
-    with pytest.raises(TrimError):
-        linearize_dae(d.dae(), fit=1e-6)
+@pytest.mark.parametrize(
+    ("law", "parameter", "error", "why"),
+    [
+        ("p - exp(x)", Parameter("p", 2.0, percent=20), NotRationalError, ""),
+        ("sin(p) - x**3", Angle("p", 30.0, plus=10.0), NotRationalError, "depends on the angle p"),
+        ("p - x*x", Parameter("p", 1.0, 0.0, 2.0), TrimError, ""),  # no slope at p = 0
+    ],
+)
+def test_what_cannot_be_fitted(law: str, parameter: Parameter, error: type[Exception], why: str) -> None:
+    with pytest.raises(error, match=why):
+        linearize_dae(
+            dae_of("hard", "x=0.7", f"der(x) = {law}", outputs="x", parameters=[parameter]), fit=1e-6
+        )
 
 
 def test_linear_blocks_of_many_unknowns_are_solved() -> None:
@@ -399,13 +379,9 @@ def test_a_block_of_eight_is_exact() -> None:
 
 def test_a_trimmed_quantity_is_as_large_as_its_terms() -> None:
     """x = a - b is zero at nominal, and rounding of a and b is what may be left of it."""
-    d = DaeDraft("balanced")
-    a, b = (d.parameter(Parameter(n, 3e6, percent=1e-9)) for n in "ab")
-    x, y = d.variable("x"), d.variable("y")
-    d.equation(d.der(x), equals=a - b - x)
-    d.equation(d.der(y), equals=-y + x / 1000)
-    d.output("x")
-    s = reduce_index(d.dae())
+    parameters = [Parameter(n, 3e6, percent=1e-9) for n in "ab"]
+    laws = ("der(x) = a - b - x", "der(y) = -y + x/1000")
+    s = reduce_index(dae_of("balanced", "x y", *laws, outputs="x", parameters=parameters))
     at = trim(s)
     points = np.array([[3e6, 3e6], [3e6 + 1e-5, 3e6]])
     z = trimmed_points(at, points)
@@ -426,19 +402,13 @@ def test_functions_and_arguments_have_units() -> None:
     assert units["omega.vx"] == "m/s"
     assert units["omega.F"] == "N"
     assert all(units[f.name] == f.unit for f in model.functions)
-    d = DaeDraft("nested")
-    p, q = (d.parameter(Parameter(n, 2.0, percent=10, unit="1/m")) for n in "pq")
-    x, y = d.variable("x", "m"), d.variable("y", "m")
-    d.equation(d.der(x), equals=-((x**2 * p + y**2 * q) ** 2) * d.number(3))
-    d.equation(d.der(y), equals=-y * d.number(2))
-    d.output("x")
-    nested = delta_theta(d.dae(), search=0.0, prove=0.0)
+    parameters = [Parameter(n, 2.0, percent=10, unit="1/m") for n in "pq"]
+    laws = ("der(x) = -(x**2*p + y**2*q)**2*number(3)", "der(y) = -y*number(2)")
+    dae = dae_of("nested", "x[m] y[m]", *laws, outputs="x", parameters=parameters)
+    nested = delta_theta(dae, search=0.0, prove=0.0)
     assert [f.unit for f in nested.functions] == ["m^2"] * 3
     assert "m" in {s.unit for s in nested.linear.outputs if s.name.startswith("omega")}
-    d = DaeDraft("other")
-    x, v = d.variable("x", "mm"), d.variable("v", "mm/s")
-    d.equation(d.der(x), equals=v)
-    d.equation(d.der(v), equals=-d.number(1) * x - ca.atan(d.number(0.1) * x) * v * d.number(-1))
-    d.output("x")
-    (f,) = delta_theta(d.dae(), search=0.0, prove=0.0).functions
+    laws = ("der(x) = v", "der(v) = -number(1)*x - atan(number(0.1)*x)*v*number(-1)")
+    other = dae_of("other", "x[mm] v[mm/s]", *laws, outputs="x")
+    (f,) = delta_theta(other, search=0.0, prove=0.0).functions
     assert f.unit == "1"  # a number has any unit, and nothing is said of mm

@@ -23,7 +23,7 @@ from mbdlft.dae import Dae, DaeDraft, simulate
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel, matrices_at
 from tests.close import target
-from tests.daes import pendulum
+from tests.daes import dae_of, pendulum
 
 GAP = 0.002
 
@@ -148,13 +148,10 @@ def read_rows(model: DeltaThetaModel) -> np.ndarray:
 
 def test_with_slopes_any_two_motions_approach_each_other() -> None:
     """With a constant force there is no equilibrium at zero, and it depends on the parameters."""
-    d = DaeDraft("pressed")
-    m = d.parameter(Parameter("m", 1.0, percent=20))
-    x, v = d.variable("x", minimum=-4, maximum=4), d.variable("v", minimum=-4, maximum=4)
-    d.equation(d.der(x), equals=v)
-    d.equation(m * d.der(v), equals=1 - 4 * x - 2 * v - x**3 / 100 - ca.atan(v) / 2)
-    d.output("x")
-    model = delta_theta(d.dae(), search=0.0)
+    m = Parameter("m", 1.0, percent=20)
+    laws = ("der(x) = v", "m*der(v) = 1 - 4*x - 2*v - x**3/100 - atan(v)/2")
+    pressed = dae_of("pressed", "x v", *laws, outputs="x", parameters=[m], minimum=-4, maximum=4)
+    model = delta_theta(pressed, search=0.0)
     assert model.has_one
     bounds, region = proved(model, dict.fromkeys(model.omega, (-3.0, 3.0)))
     drawn = np.random.default_rng(4)
@@ -169,13 +166,10 @@ def test_with_slopes_any_two_motions_approach_each_other() -> None:
 
 def test_outputs_that_depend_on_uncertain_channels_have_regions() -> None:
     """omega = p x: the range is of p x, so the region is smaller by the largest p."""
-    d = DaeDraft("scaled")
-    p = d.parameter(Parameter("p", 1.0, percent=30))
-    x, v, u = d.variable("x"), d.variable("v"), d.input("u")
-    d.equation(d.der(x), equals=u - x - ca.tanh(p * x + 0.1 * v))
-    d.equation(d.der(v), equals=x / 10 - v)
-    d.output("x")
-    model = delta_theta(d.dae(), search=0.0)
+    p = Parameter("p", 1.0, percent=30)
+    laws = ("der(x) = u - x - tanh(p*x + 0.1*v)", "der(v) = x/10 - v")
+    scaled = dae_of("scaled", "x v", *laws, inputs="u", outputs="x", parameters=[p])
+    model = delta_theta(scaled, search=0.0)
     ranges = {model.omega[0]: (-1.0, 1.0)}
     _, region = proved(model, ranges)
     corner = max(

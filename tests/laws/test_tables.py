@@ -17,6 +17,7 @@ from mbdlft.dae.theta.piecewise import piecewise_of
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel, Table, ThetaFunction
 from tests.close import CLOSED_FORM, ENCLOSURE, exact, target
+from tests.daes import dae_of
 
 R = np.random.default_rng(7)
 FREE = ((-np.inf, np.inf),)
@@ -96,15 +97,18 @@ def test_sums_of_kinks_are_tables_and_jumps_are_not() -> None:
 
 
 def test_what_is_linear_and_constant_beside_kinks_is_in_the_table() -> None:
-    d = DaeDraft("kinks")
-    x, y, z, u = d.variable("x"), d.variable("y"), d.variable("z"), d.input("u")
-    p = d.parameter(Parameter("p", 2.0, percent=10))
-    d.equation(d.der(x), equals=u - p * y - z)
-    d.equation(y, equals=1 + 3 * x + ca.fmax(0, x - 1) - ca.fmax(0, x - 2) + ca.fmin(0, x + 1))
-    d.equation(p * z, equals=p * (ca.fabs(x) + ca.fabs(x - 1) + ca.fabs(x + 1)) + x)
-    d.output("x")
+    dae = dae_of(
+        "kinks",
+        "x y z",
+        "der(x) = u - p*y - z",
+        "y = 1 + 3*x + fmax(0, x - 1) - fmax(0, x - 2) + fmin(0, x + 1)",
+        "p*z = p*(fabs(x) + fabs(x - 1) + fabs(x + 1)) + x",
+        inputs="u",
+        outputs="x",
+        parameters=[Parameter("p", 2.0, percent=10)],
+    )
     for arrange in ("fewest", "blocks"):
-        model = delta_theta(d.dae(), arrange, search=0.0)  # type: ignore[arg-type]
+        model = delta_theta(dae, arrange, search=0.0)  # type: ignore[arg-type]
         assert [len(f.tables) for f in model.functions] == [1, 1]
         assert not model.has_one
         rates, _ = evaluate_form(model, {"x": 1.5}, {"u": 0.25}, {"p": 1.8})
