@@ -136,9 +136,7 @@ without("models"), load => give the name of the model. Existing: none.
 > kept(attributes(""), {}) => ArchiveError:
 lambda file: load(file, "two_link_am")
     => unknown model 'two_link_am'. Did you mean 'two_link_arm'? Existing: two_link_arm.
-lambda file: save(file, models.arm(), "a/b") => 'a/b' cannot name a model
-lambda file: save(file, models.arm(), "/") => '/' cannot name a model
-lambda file: save(file, models.arm(), ".") => '.' cannot name a model
+lambda file: save(file, models.arm(), "{a/b|/|.}") => '{0}' cannot name a model
 lambda file: save(file, models.arm(), "a\0b") => 'a\x00b' cannot name a model
 lambda file: save(file, models.arm(), "a\ud800") => 'a\ud800' cannot name a model
 lambda file: save(file, replace(models.arm(), description="a\0b")) => .h5:

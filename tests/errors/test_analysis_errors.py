@@ -61,10 +61,7 @@ step_response(plain([[1.0]], [[1.0]], [[1.0]]), {}, [0.0, 1000000.0])
 step_response(mbdlft.state_space([[1j]], [[1.0]], [[1.0]], [[0.0]], name='turning'))
     => model 'turning': responses in time are those of real matrices
 > hinf_norm(model, tolerance={}) => AnalysisError: expected a tolerance from 1e-10 to 1,
-0.0 => got 0.0.
-1.0 => got 1.0.
--1.0 => got -1.0.
-1e-12 => got 1e-12.
+{0.0|1.0|-1.0|1e-12} => got {0}.
 np.nan => got nan.
 > response_frequencies(model, dict(), **dict.fromkeys(["low"], {})) => AnalysisError: expected a positive
     finite low end (rad/s), got
@@ -92,16 +89,14 @@ True => True.
 > {} => AnalysisError:
 response_frequencies(model, {}, 3.0, 2.0)
     => frequencies: expected low < high, got 3 and 2 rad/s.
-response_frequencies(model, {}, points=1) => expected at least 2 points of frequency, got 1.
-response_frequencies(model, {}, points=2.5) => expected at least 2 points of frequency, got 2.5.
+response_frequencies(model, {}, points={1|2.5}) => expected at least 2 points of frequency, got {0}.
 frequency_response(model, {}, np.ones((2, 3)))
     => omega: expected frequencies (F,), or a row (N, F) for each of 1 samples, got shape (2, 3).
 initial_response(model, {"speed": 1.0}) => unknown state 'speed'. Existing: x0, x1.
 initial_response(model, {model.states[0].name: np.inf}) => expected a finite number, got inf.
 initial_response(model, {model.states[0].name: "fast"}) => expected a finite number, got 'fast'.
 initial_response(model, {model.states[0].name: None}) => expected a finite number, got None.
-check_stability(model, -1) => expected a number of samples such as 300, got -1.
-check_stability(model, 2.5) => expected a number of samples such as 300, got 2.5.
+check_stability(model, {-1|2.5}) => expected a number of samples such as 300, got {0}.
 check_stability(model, "many") => expected a number of samples such as 300, got 'many'.
 pole_gradients(model, {"k": [4.0, 5.0]}) => pole_gradients takes one number for each parameter.
 damping_table(model).rows(3) => there is no sample 3 in a table of 1.

@@ -84,8 +84,7 @@ low_pass("T", parameters=[Parameter("T", 1.0, percent=5, unit="s")])
 low_pass(1.0, "z", [Parameter("z", 0.5, low=-0.1, high=1.0)], name="rw")
     => SceneError: rw, damping = 'z': expected a positive number, got -0.1 1 in the range.
 delay(0.0) => SceneError: delay, time = 0.0: expected a positive number
-delay(1.0, 0) => SceneError: delay, order: expected a whole number from 1 to 20, got 0.
-delay(1.0, 2.0) => SceneError: delay, order: expected a whole number from 1 to 20, got 2.0.
+delay(1.0, {0|2.0}) => SceneError: delay, order: expected a whole number from 1 to 20, got {0}.
 band_pass(1.0, "2*", 0.7) => SceneError: band_pass, high = '2*':
 imbalance(0.0, -1.0, 1.0) => SceneError: imbalance, dynamic = -1.0: expected a positive number
 imbalance(0.0, 0.0, 0.0) => SceneError: imbalance, speed = 0.0: expected a positive number

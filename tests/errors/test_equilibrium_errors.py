@@ -138,8 +138,7 @@ to_lft(cart(joint={'imposed': True}, inputs=['rail.force']), search=0.0)
 (3, 0, 1)
 > (lambda gravity, rate: assemble(cart(gravity=gravity, spin=Spin(axis=(1, 0, 0), rate=rate),
     parameters=[OMEGA])))({}) => SceneError:
-(-9.81, 0, 0), "omega" => accepted
-(0, 0, 0), "omega" => accepted
+({-9.81|0}, 0, 0), "omega" => accepted
 (0, 0, -9.81), 0.0 => accepted
 > four_bar(loop={}) => SceneError: loop 'pin' …
 {"axis": None} => a closure of the kind 'revolute' needs axis

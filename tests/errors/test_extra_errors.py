@@ -91,9 +91,7 @@ mbdlft.sweep(cart(0.7, [Parameter('f', 0.5, low=0.4, high=1.0, unit='N')], {'pre
 ":number" => is no function, but int
 "_broken:f" => cannot be imported: ZeroDivisionError: division by zero
 "_missing:f" => cannot be imported: ModuleNotFoundError … Modules of the working folder
-"" => expected a function as module:name
-":" => expected a function as module:name
-";import os:f" => expected a function as module:name
+{""|":"|";import os:f"} => expected a function as module:name
 """
 )
 

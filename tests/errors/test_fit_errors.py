@@ -57,7 +57,6 @@ ROOT, (-1, 1, 2), 1.0 => equilibrium of 'arm': … the branch ends: the residual
 residual(lambda t, p: 1 - p * t), (-1, 1, 2), 1.0
     => equilibrium of 'arm': … goes to infinity … another reference
 > fit(residual(lambda t, p: {}), 0.5, 1.0, 1.5, 1.0) => NotRationalError: integer
-t - ca.exp(p)
-t - p**2.5
+t - {ca.exp(p)|p**2.5}
 """
 )

@@ -29,8 +29,7 @@ parse('1 kg') => of constants. … A unit stands in brackets, '1 [kg]'; a produc
 parse("a b") => of constants. … A product has a sign: * before b.
 parse("a 2") =~ of constants\.$
 parse('0.002 N m s/rad') => of constants. … A unit stands in brackets, '0.002 [N m s/rad]'
-parse('20 deg') => of constants. … Degrees are written 20*deg.
-parse('20°') => of constants. … Degrees are written 20*deg.
+parse('{20 deg|20°}') => of constants. … Degrees are written 20*deg.
 parse('2l') => of constants. … A product has a sign: 2*l.
 mbdlft.scene_from_toml("mass = m") => not valid TOML: … Texts stand in quotes
 > meant("signal", {}, SIGNALS) => SceneError:

@@ -96,28 +96,18 @@ grid(MASSES, {"mass": 10**4, "load": 10**4})
     => grid: 1e+08 points are more than 4194304; use random points.
 corners([Parameter(f"p{k}", 1, percent=10) for k in range(23)])
     => grid: 8.39e+06 points are more than 4194304; use random points.
-frequency_response(model, {}, float('nan'))
-    => model 'cart_on_rail': omega: expected finite frequencies (rad/s), got nan.
-frequency_response(model, {}, [1.0, float('inf')])
-    => model 'cart_on_rail': omega: expected finite frequencies (rad/s), got [1.0, inf].
-frequency_response(model, {}, ['fast'])
-    => model 'cart_on_rail': omega: expected finite frequencies (rad/s), got ['fast'].
-frequency_response(model, {}, 1j)
-    => model 'cart_on_rail': omega: expected finite frequencies (rad/s), got 1j.
 matrices_at(model, [1.0])
     => StructureError: model 'cart_on_rail': expected values by name, such as {'load': 1.0}, got [1.0].
-to_lft(cart('mass + load', MASSES), search=-1.0)
-    => SceneError: search: expected units of work, 0 for no search, got -1.0.
-realize([['1']], [], search=-1.0)
-    => SceneError: search: expected units of work, 0 for no search, got -1.0.
-to_lft(cart('mass + load', MASSES), search=float('nan'))
-    => SceneError: search: expected units of work, 0 for no search, got nan.
-realize([['1']], [], search=float('nan'))
-    => SceneError: search: expected units of work, 0 for no search, got nan.
-to_lft(cart('mass + load', MASSES), search='long')
-    => SceneError: search: expected units of work, 0 for no search, got 'long'.
-realize([['1']], [], search='long')
-    => SceneError: search: expected units of work, 0 for no search, got 'long'.
+> {to_lft(cart('mass + load', MASSES)|realize([['1']], []}, search={}) => SceneError: search: expected
+    units of work, 0 for no search, got
+-1.0 => -1.0.
+float('nan') => nan.
+'long' => 'long'.
+> frequency_response(model, dict(), {}) => AnalysisError: model 'cart_on_rail': omega: expected finite
+    frequencies (rad/s), got
+float('nan') => nan.
+[1.0, float('inf')] => [1.0, inf].
+{['fast']|1j} => {0}.
 > solve_trim(equations, {}) => TrimError:
 {"mas": 1.0} => trim: unknown parameter 'mas'. Did you mean 'mass'? Existing: load, mass.
 {"mass": 3.0} => trim: mass = 3 is outside its range [0.5, 2] kg.

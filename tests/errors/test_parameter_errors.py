@@ -38,38 +38,18 @@ percent=10, role='known' => role is one of uncertain, scheduled, design; got 'kn
 percent=10, substitution='third-angle'
     => substitution is one of identity, half-angle, quarter-angle; got 'third-angle'.
 > Parameter('m', 1.0, 0.5, 2.0, {}) => SceneError: parameter 'm':
-unit=None => unit: expected a text, got None.
-unit=3 => unit: expected a text, got 3.
-unit=['kg'] => unit: expected a text, got ['kg'].
-role=None => role: expected a text, got None.
-role=3 => role: expected a text, got 3.
-role=['kg'] => role: expected a text, got ['kg'].
-substitution=None => substitution: expected a text, got None.
-substitution=3 => substitution: expected a text, got 3.
-substitution=['kg'] => substitution: expected a text, got ['kg'].
+{unit|role|substitution}={None|3|['kg']} => {0}: expected a text, got {1}.
 > Angle('t', 1.0, 0.5, 2.0, {}) => SceneError:
-unit=None => got None.
-unit=[] => got [].
-substitution=None => got None.
-substitution=[] => got [].
+{unit|substitution}={None|[]} => got {1}.
 > {} => SceneError:
 Parameter("m", 1.0, 0.5, 1.5, unit="kg", substitution="half-angle") => parameter 'm' … kg
 > Parameter({}, 1.0, percent=10) => SceneError:
 "" => parameter '': a name is made of letters, digits and underscores
-"2m" => parameter '2m': a name is made of letters, digits and underscores
-"m 1" => parameter 'm 1': a name is made of letters, digits and underscores
-"m-1" => parameter 'm-1': a name is made of letters, digits and underscores
-"m.1" => parameter 'm.1': a name is made of letters, digits and underscores
+"{2m|m 1|m-1|m.1}" => parameter '{0}': a name is made of letters, digits and underscores
 > (lambda name, kind: kind(name, 1.0, 0.5, 2.0))({}) => SceneError:
-3, Parameter => parameter 3: name: expected a text, got 3.
-3, Angle => parameter 3: name: expected a text, got 3.
-None, Parameter => parameter None: name: expected a text, got None.
-None, Angle => parameter None: name: expected a text, got None.
+{3|None}, {Parameter|Angle} => parameter {0}: name: expected a text, got {0}.
 > Parameter("m", {}, 0.0, 2.0) => SceneError:
-"abc" => parameter 'm'
-None => parameter 'm'
-[1.0] => parameter 'm'
-10**400 => parameter 'm'
+{"abc"|None|[1.0]|10**400} => parameter 'm'
 > Angle("theta", 0, **{}) => SceneError: parameter 'theta': …
 {"low": -181, "high": 10}
     => the range [-181.0, 10.0] deg reaches a singular point of the half-angle at -180 or 180 deg. Use
@@ -100,28 +80,11 @@ None => parameter 'm'
 "m^" => unit 'm^' cannot be read at '^'.
 "2 m" => unit '2 m' cannot be read at '2 m'.
 > parse_unit({}) => SceneError:
-"kg*" => unit 'kg*'
-"/" => unit '/'
-"kg // m" => unit 'kg // m'
-"* m" => unit '* m'
-"mm^-999" => unit 'mm^-999'
+"{kg*|/|kg // m|* m|mm^-999}" => unit '{0}'
 > Parameter("m", 1.0, percent=10, unit={}) => SceneError: parameter 'm' … unit
-"kgg"
-""
-"m^2.5"
+{"kgg"|""|"m^2.5"}
 > Angle("t", **{"nominal": 1.0, "low": 0.5, "high": 2.0, {}}) => SceneError: parameter 't':
-"nominal": 'abc' => nominal: expected a number, got
-"nominal": [1.0] => nominal: expected a number, got
-"nominal": 10**400 => nominal: expected a number, got
-"low": 'abc' => low: expected a number, got
-"low": [1.0] => low: expected a number, got
-"low": 10**400 => low: expected a number, got
-"high": 'abc' => high: expected a number, got
-"high": [1.0] => high: expected a number, got
-"high": 10**400 => high: expected a number, got
-"reference": 'abc' => reference: expected a number, got
-"reference": [1.0] => reference: expected a number, got
-"reference": 10**400 => reference: expected a number, got
+"{nominal|low|high|reference}": {'abc'|[1.0]|10**400} => {0}: expected a number, got
 """
 )
 

@@ -63,11 +63,7 @@ values_at_points(halves(), [Parameter('p', 0.0, -1.0, 1.0)], np.array([[0.0], [1
 realize([["2 [kg]*p"]], [Parameter("p", 1.0, 0.5, 2.0)])
     => SceneError: a number has a unit. Names of a matrix are plain values
 > to_lft(lever(0.01, 0.4), prove={}) => AnalysisError: prove: expected units of work, such as 10, got
--1.0
-"much"
-float("nan")
-float("inf")
-True
+{-1.0|"much"|float("nan")|float("inf")|True}
 > parse({}) => SceneError:
 "2 [lb]" => expression '2 [lb]', column 3: unit 'lb': unknown symbol 'lb'.
 "2 []" => expression '2 []', column 3: a unit is empty

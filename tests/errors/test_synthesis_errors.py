@@ -77,9 +77,8 @@ tune([PLANT, PID], [GOAL], [], gap=np.nan) => AnalysisError: tune: gap: expected
 tune([PLANT, PID], [GOAL], [], work=-1) => AnalysisError: tune: work: expected a number between 0 and inf
 made(goals=(gain_goal("f", "y", limit=1e-308),))
     => AnalysisError: goal 'f to y': it is not finite beside its limit, 1e-308.
-gain_goal([], "y") => one channel or more at each end
-tracking_goal([], "e", time=1.0) => one channel or more at each end
-margin_goal([], 0.5) => one channel or more at each end
+{gain_goal([], "y")|tracking_goal([], "e", time=1.0)|margin_goal([], 0.5)}
+    => one channel or more at each end
 made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it
 made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError: pole 2 rad/s stays
 made(systems=(PUSHED, PID)) => AnalysisError: the pole 0 rad/s stays on the axis for all of them

@@ -75,8 +75,7 @@ wired(["a", "u"]) => connections: expected lists of an input and one or more out
 wired([["a"]]) => expected lists of an input and one or more outputs, such as
 wired([["q", "u"]]) => connect: unknown input 'q'. Existing: gain_of_k.a, gain_of_k.b, one.e.
 wired([["a", "uu"]]) => connect: unknown output 'uu'. Existing: gain_of_k.c, one.u
-wired(LOOP[:1]) => connect, inputs: unknown input 'r'.
-wired(None) => connect, inputs: unknown input 'r'.
+wired({LOOP[:1]|None}) => connect, inputs: unknown input 'r'.
 wired(LOOP, outputs=["z"]) => connect: unknown output 'z'.
 wired(LOOP, inputs=["r"]) => connect: nothing drives gain_of_k.b. Name them in in
 connect([ONE, as_system(ONE, name="two")], inputs=["e"], outputs=["u"])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.base import Angle, NotRationalError, Parameter, TrimError
+from mbdlft.base import NotRationalError, Parameter
 from mbdlft.base.errors import SceneError
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, start_point, trim
 from mbdlft.dae.alias import eliminate_aliases
@@ -322,21 +322,6 @@ end Tank;
     for wrong in ("0", "true", '"x"', "2.0"):
         with pytest.raises(SceneError, match="trim: fit: expected a tolerance"):
             modelica_table_from_toml(begin + f"fit = {wrong}\n")
-
-
-@pytest.mark.parametrize(
-    ("law", "parameter", "error", "why"),
-    [
-        ("p - exp(x)", Parameter("p", 2.0, percent=20), NotRationalError, ""),
-        ("sin(p) - x**3", Angle("p", 30.0, plus=10.0), NotRationalError, "depends on the angle p"),
-        ("p - x*x", Parameter("p", 1.0, 0.0, 2.0), TrimError, ""),  # no slope at p = 0
-    ],
-)
-def test_what_cannot_be_fitted(law: str, parameter: Parameter, error: type[Exception], why: str) -> None:
-    with pytest.raises(error, match=why):
-        linearize_dae(
-            dae_of("hard", "x=0.7", f"der(x) = {law}", outputs="x", parameters=[parameter]), fit=1e-6
-        )
 
 
 def test_linear_blocks_of_many_unknowns_are_solved() -> None:
