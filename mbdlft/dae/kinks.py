@@ -66,7 +66,7 @@ def beside_switches(
     `values` are those of all quantities at the equilibrium, and `places` (n,) name the expressions. A
     TrimError or NotRationalError says which has no value or slopes that all branches share.
     """
-    near = _Equilibrium(s, values, slopes=False)
+    near = _Equilibrium(s, values)
     sides: list[Side] = []
 
     def side(call: _Call, argument: ca.SX, at_zero: Sequence[Side]) -> Side:
@@ -79,15 +79,13 @@ def beside_switches(
     return column_of(near.beside(stacked[k], place) for k, place in enumerate(places))
 
 
-def without_switches(
-    s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX, *, slopes: bool = False
-) -> ca.SX:
+def without_switches(s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX) -> ca.SX:
     """Expressions of `beside_switches` with a branch in place of each function that switches.
 
-    Functions whose argument may change its sign in the range of the parameters stay as they are. In
-    `slopes`, a comparison that changes at an end of the range is a kink there.
+    Functions whose argument may change its sign in the range of the parameters stay as they are. So do
+    slopes of max(a, b) that change at an end of it: of a <= b and b <= a in them one is open there.
     """
-    near = _Equilibrium(s, values, slopes=slopes)
+    near = _Equilibrium(s, values)
     return _branches(stacked, lambda _, *argument: near.side(*argument))
 
 
@@ -142,8 +140,8 @@ def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
 class _Equilibrium:
     """Where arguments of functions are at an equilibrium, for all values of the parameters."""
 
-    def __init__(self, s: Structure, values: Mapping[str, ca.SX], *, slopes: bool) -> None:
-        self.ranges = {} if slopes else ranges_of(s.dae)
+    def __init__(self, s: Structure, values: Mapping[str, ca.SX]) -> None:
+        self.ranges = ranges_of(s.dae)
         self.quantities, self.dae, self.symbols = s.quantities, s.dae, s.symbols
         self.values = column_of(values[q.name] for q in s.quantities)
         ends = np.array([[p.low, p.high] for p in self.dae.parameters]).reshape(-1, 2).T

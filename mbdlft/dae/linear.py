@@ -80,7 +80,7 @@ class _Linear:
         s = self.s
         small = column_of([ca.SX.sym(f"d {q.name}") for q in s.quantities])
         moved = self._moved(self.stacked, small)
-        moved = without_switches(self.s, self.at.values, moved, slopes=True)
+        moved = without_switches(self.s, self.at.values, moved)
         count = len(s.equations)
         equations = self.separation.equations(s, moved[:count], moved[count:], small)
         return LinearModel(

@@ -106,11 +106,12 @@ def slopes(
 
 
 def check(linear: mbdlft.LFTModel, right: dict[float, Array]) -> None:
-    """The model has the slopes A, B, C of the reference at values of the parameter."""
+    """The model has the slopes A, B, C of the reference, relative to their largest at these values."""
+    largest = np.max(np.abs([*right.values()]), axis=0)
     for k, values in right.items():
         matrices = mbdlft.matrices_at(linear, {"k": k})[:3]
-        for matrix, value in zip(matrices, values, strict=True):
-            target(np.ravel(matrix), np.array([value]), CLOSED_FORM)
+        for matrix, value, scale in zip(matrices, values, largest, strict=True):
+            target(np.ravel(matrix), np.array([value]), CLOSED_FORM, scale)
 
 
 def nested(random: np.random.Generator, depth: int = 4) -> str:
