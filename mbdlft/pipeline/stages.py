@@ -21,15 +21,7 @@ from mbdlft.order.reduction import ExactLFT, residues_alone
 from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
 from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
-from mbdlft.pipeline.certification import (
-    Checked,
-    certificate,
-    error_of_values,
-    measure_error,
-    open_boxes,
-    rounding_of,
-    values_at_points,
-)
+from mbdlft.pipeline import certification
 from mbdlft.pipeline.forms import (
     Candidate,
     accelerations,
@@ -80,10 +72,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         )
     with stage("prove"):
         loops = tuple(map(reduced_relations, problem.constraints() or ()))
-        boxes = open_boxes(lft, trim.lft, loops, problem, prove, of_search)
+        boxes = certification.open_boxes(lft, trim.lft, loops, problem, prove, of_search)
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
-        evidence = certificate(
+        evidence = certification.certificate(
             lft,
             raw,
             least,
@@ -167,16 +159,18 @@ class _Check:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        self._checked: dict[tuple[LFT, LFT | None], Checked] = {}
+        self._checked: dict[tuple[LFT, LFT | None], certification.Checked] = {}
 
     @cached_property
     def reference(self) -> Reference:
         return self.problem.reference()
 
-    def model(self, lft: LFT, trim: LFT | None) -> Checked:
+    def model(self, lft: LFT, trim: LFT | None) -> certification.Checked:
         """Largest relative error of a model in its units, and of its trim, at all points."""
         if (lft, trim) not in self._checked:
-            self._checked[lft, trim] = measure_error(self.problem, lft, trim, self.reference)
+            self._checked[lft, trim] = certification.measure_error(
+                self.problem, lft, trim, self.reference
+            )
         return self._checked[lft, trim]
 
     def error_of(self, lft: LFT) -> tuple[float, float]:
@@ -190,11 +184,11 @@ class _Check:
         try:
             at = self.reference
         except WellPosednessError:  # the LFT can say where
-            values_at_points(lft, problem.parameters, points, problem.nouns)
+            certification.values_at_points(lft, problem.parameters, points, problem.nouns)
             raise
-        error, _ = error_of_values(values, at.values[some], at)
+        error, _ = certification.error_of_values(values, at.values[some], at)
         errors = np.abs(values - at.values[some])
-        rounding, _ = rounding_of(problem, lft, errors, at, some)
+        rounding, _ = certification.rounding_of(problem, lft, errors, at, some)
         ratio = float(np.max(errors / rounding, initial=0.0))
         return (error, ratio) if np.isfinite(error + ratio) else (float("inf"), float("inf"))
 

@@ -25,27 +25,7 @@ from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.scene.checks import check
 from mbdlft.multibody.scene.quantities import Place, angle_at, expression_at
 from mbdlft.multibody.scene.scene import Constant, Scene
-from mbdlft.robot.make import (
-    AXIAL,
-    Making,
-    Values,
-    bodies,
-    check_label,
-    holds,
-    joint_of,
-    limits,
-    load_of,
-    loops,
-    moves_of,
-    numbers,
-    on_the_ground,
-    outside,
-    refuse_massless,
-    sensors,
-    set_positions,
-    unphysical,
-    varied,
-)
+from mbdlft.robot import make
 from mbdlft.robot.mjcf import read_mjcf
 from mbdlft.robot.robot import JointLimit, Robot, RobotCoupling, body_name, said, unused
 from mbdlft.robot.sdf import read_sdf
@@ -138,8 +118,8 @@ def _expanded(file: Path) -> bytes:
             "'mbdlft[xacro]'."
         ) from None
     arguments = {"path": str(file)}
-    limits: dict[str, Any] = {"seconds": _SECONDS, "memory": 2**30, "error": SceneError}
-    made = arrays_of("mbdlft.robot.expanding:expanded", arguments, **limits, libraries=(xacro.__name__,))
+    allowed: dict[str, Any] = {"seconds": _SECONDS, "memory": 2**30, "error": SceneError}
+    made = arrays_of("mbdlft.robot.expanding:expanded", arguments, **allowed, libraries=(xacro.__name__,))
     return made["text"].tobytes()
 
 
@@ -234,14 +214,16 @@ def load_robot(
     NotRationalError
         A value is not rational in the parameters.
     """
-    robot = on_the_ground(read_robot(path, model, keyframe), base)
-    numbers_by_label = numbers(robot, right_angle, assumed := list(robot.assumed))
-    added = {label: varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()}
+    robot = make.on_the_ground(read_robot(path, model, keyframe), base)
+    numbers_by_label = make.numbers(robot, right_angle, assumed := list(robot.assumed))
+    added = {
+        label: make.varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()
+    }
     chosen = _chosen(added, values or {}, numbers_by_label)
-    set_positions(robot, numbers_by_label, set(chosen), assumed)
-    moves = moves_of(robot, moving)
-    refuse_massless(robot, numbers_by_label, moves)
-    making = Making(robot, numbers_by_label, _scene_names(robot, assumed), moves)
+    make.set_positions(robot, numbers_by_label, set(chosen), assumed)
+    moves = make.moves_of(robot, moving)
+    make.refuse_massless(robot, numbers_by_label, moves)
+    making = make.Making(robot, numbers_by_label, _scene_names(robot, assumed), moves)
     earth = gravity if gravity is not None else (robot.gravity or GRAVITY)
     fields: dict[str, Any] = {
         "name": robot.name or Path(path).stem,
@@ -250,17 +232,17 @@ def load_robot(
         "constants": constants or {},
         "parameters": (*parameters, *added.values()),
     }
-    held = holds(making) if any(earth) else []
+    held = make.holds(making) if any(earth) else []
     if held:
         assumed.append("forces and torques along the axes of the root, hold_..., hold the free robot")
-    joints = [joint_of(making, joint) for joint in robot.joints.values()]
+    joints = [make.joint_of(making, joint) for joint in robot.joints.values()]
     scene = Scene(
         **fields,
-        bodies=_checked(bodies(making), Scene(**fields), assumed, keep=keep_unphysical),
+        bodies=_checked(make.bodies(making), Scene(**fields), assumed, keep=keep_unphysical),
         joints=joints,
-        loads=[*(load_of(making, load) for load in robot.loads), *held],
-        sensors=sensors(making),
-        loops=loops(making),
+        loads=[*(make.load_of(making, load) for load in robot.loads), *held],
+        sensors=make.sensors(making),
+        loops=make.loops(making),
         couplings=_couplings(making, [*making.names.values(), *(load.name for load in held)], assumed),
         inputs=inputs if inputs is not None else _inputs(making, joints),
         outputs=outputs if outputs is not None else _outputs(making, joints),
@@ -270,15 +252,17 @@ def load_robot(
     stay = {
         making.names[joint.name]
         for joint in robot.joints.values()
-        if robot.loops and outside(joint) and f"{joint.name}.position" not in chosen
+        if robot.loops and make.outside(joint) and f"{joint.name}.position" not in chosen
     }
-    check_limits(scene, {k: position for k, position in limits(making).items() if k.joint not in stay})
+    check_limits(
+        scene, {k: position for k, position in make.limits(making).items() if k.joint not in stay}
+    )
     if gravity is None and robot.gravity is None:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
-    return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(limits(making)))
+    return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(make.limits(making)))
 
 
-def _couplings(making: Making, taken: Container[str], assumed: list[str]) -> list[Mimic | Linear]:
+def _couplings(making: make.Making, taken: Container[str], assumed: list[str]) -> list[Mimic | Linear]:
     """Joints that follow others, by the multipliers of the file, and tendons over those that move."""
     mimics = [
         Mimic(
@@ -294,7 +278,9 @@ def _couplings(making: Making, taken: Container[str], assumed: list[str]) -> lis
     return [*mimics, *(_tendon(making, coupling, taken, assumed) for coupling in tendons)]
 
 
-def _tendon(making: Making, coupling: RobotCoupling, taken: Container[str], assumed: list[str]) -> Linear:
+def _tendon(
+    making: make.Making, coupling: RobotCoupling, taken: Container[str], assumed: list[str]
+) -> Linear:
     """The relation of the joints that move; the others keep their positions.
 
     A force at rest, which is linear in angles, is no rational function of their parameters.
@@ -316,11 +302,11 @@ def _tendon(making: Making, coupling: RobotCoupling, taken: Container[str], assu
 
 
 def _chosen(
-    added: Mapping[str, Parameter], values: Mapping[str, Quantity], file: Values
+    added: Mapping[str, Parameter], values: Mapping[str, Quantity], file: make.Values
 ) -> dict[str, Quantity]:
     """What the user gives for numbers of the file, by label; it replaces them in `file`."""
     for label in values:
-        check_label("values", label, file)
+        make.check_label("values", label, file)
         if label in added:
             raise SceneError(f"{label!r} is both in vary and in values; give it in one of them.")
     chosen = {label: p.name for label, p in added.items()} | dict(values)
@@ -328,7 +314,7 @@ def _chosen(
     return chosen
 
 
-def _inputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
+def _inputs(making: make.Making, joints: Sequence[Joint]) -> list[str] | None:
     """Signals of the joints and loads that have an actuator, or None if the file has no actuators."""
     if making.robot.inputs is None:
         return None
@@ -338,20 +324,20 @@ def _inputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
     return [*efforts, *(f"{making.names[load.name]}.{load.kind}" for load in thrusts)] or None
 
 
-def _outputs(making: Making, joints: Sequence[Joint]) -> list[str] | None:
+def _outputs(making: make.Making, joints: Sequence[Joint]) -> list[str] | None:
     """All positions and sensors, and the rates that are measured; None if none are."""
     rates = {making.names[name] for name in making.robot.rates}
     if not rates:
         return None
     positions = [f"{j.name}.{f.measures[0].name}" for j in joints for f in j.freedoms]
     measured = [f"{j.name}.{f.measures[1].name}" for j in joints if j.name in rates for f in j.freedoms]
-    sensed = [signal.name for sensor in sensors(making) for signal in sensor.signals()]
+    sensed = [signal.name for sensor in make.sensors(making) for signal in sensor.signals()]
     return [*positions, *measured, *sensed]
 
 
 def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) -> list[Body]:
     """The bodies; an inertia that no body can have is an error, or marked as unchecked if `keep`."""
-    problems = unphysical(scene, made)
+    problems = make.unphysical(scene, made)
     if problems and not keep:
         name, problem = next(iter(problems.items()))
         more = f" The same holds for {', '.join([*problems][1:])}." if len(problems) > 1 else ""
@@ -370,7 +356,7 @@ def _checked(made: list[Body], scene: Scene, assumed: list[str], *, keep: bool) 
     ]
 
 
-def _check(scene: Scene, making: Making) -> None:
+def _check(scene: Scene, making: make.Making) -> None:
     """Check the scene; an error on the position of a mimic joint says which joint it follows."""
     try:
         check(scene)
@@ -402,13 +388,13 @@ def _scene_names(robot: Robot, assumed: list[str]) -> Mapping[str, str]:
     return names
 
 
-def ignored_of(making: Making) -> tuple[str, ...]:
+def ignored_of(making: make.Making) -> tuple[str, ...]:
     """Sentences on the contents of the file that the scene does not have."""
     robot = making.robot
     joints = [joint for joint in robot.joints.values() if joint.name in making.moves]
     bounded = [joint.name for joint in joints if joint.effort or joint.velocity]
     limited = f"limits of effort and velocity of {len(bounded)} joints; the report has them"
-    alone = (j.name for j in joints if j.mimic and j.kind in AXIAL and not making.leader(j))
+    alone = (j.name for j in joints if j.mimic and j.kind in make.AXIAL and not making.leader(j))
     still = (j.name for j in robot.joints.values() if j.mimic and not j.mimic.multiplier)
     slack = (c.name for c in robot.couplings if not c.couples(making.moves))
     planar = (joint.name for joint in joints if joint.kind == "planar" and joint.damping)

@@ -15,29 +15,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
-from mbdlft.robot.robot import (
-    WORLD,
-    RobotJoint,
-    RobotLink,
-    RobotLoop,
-    Side,
-    aligned,
-    angles_of,
-    of_angles,
-    of_quaternion,
-    three,
-    unique,
-)
-from mbdlft.robot.urdf import (
-    NO_LIMIT,
-    Element,
-    check_range,
-    checked_axis,
-    child_numbers,
-    content_numbers,
-    mimic_of,
-    name_of,
-)
+from mbdlft.robot import robot, urdf
 
 _WORDS = {"true": True, "1": True, "false": False, "0": False}
 MODEL = "__model__"
@@ -48,7 +26,7 @@ KINDS = {
 }  # fmt: skip
 _UNREAD = ("gearbox", "revolute2", "screw", "universal")
 _LOOPS = {"spherical": "spherical", "revolute": "revolute", "continuous": "revolute", "fixed": "fixed"}
-Joints = dict[str, RobotJoint]
+Joints = dict[str, robot.RobotJoint]
 
 
 class Pose(NamedTuple):
@@ -119,7 +97,7 @@ class Frames:
         known = [known for known in self._frames if known]
         raise SceneError(f"{where}: {unknown_name('frame', scope + name, known)}")
 
-    def own(self, owner: Element, where: str) -> Pose:
+    def own(self, owner: urdf.Element, where: str) -> Pose:
         """The pose of an element that is relative to the element around it."""
         pose = owner.only("pose")
         relative = _relative(pose, self._version)
@@ -130,7 +108,7 @@ class Frames:
             )
         return _pose(pose, where)
 
-    def inside(self, element: Element, link: str, scope: str, where: str) -> Pose:
+    def inside(self, element: urdf.Element, link: str, scope: str, where: str) -> Pose:
         """The pose of an element of a link in the frame of the link; it may name another frame."""
         pose = element.only("pose")
         relative, place = _relative(pose, self._version), _pose(pose, where)
@@ -140,14 +118,14 @@ class Frames:
         return self.between(link, self.find(relative, scope, f"line {line}: {where}")).then(place)
 
 
-def scopes(model: Element, scope: str = "") -> Iterator[tuple[str, Element]]:
+def scopes(model: urdf.Element, scope: str = "") -> Iterator[tuple[str, urdf.Element]]:
     """The model and its nested models, each with what stands before the names inside."""
     yield scope, model
     for nested in model.named("model"):
-        yield from scopes(nested, f"{scope}{name_of(nested)}::")
+        yield from scopes(nested, f"{scope}{urdf.name_of(nested)}::")
 
 
-def frames_of(model: Element, version: tuple[int, int]) -> Frames:
+def frames_of(model: urdf.Element, version: tuple[int, int]) -> Frames:
     """The frames of a model: their names differ, and each pose is relative to one of them."""
     placed = model.only("pose")
     if _relative(placed, version) not in ("", "world"):
@@ -162,11 +140,11 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
         for element in owner.children:
             if element.tag not in ("link", "joint", "frame", "model"):
                 continue
-            name = scope + name_of(element)
-            if element.tag != "joint" and name_of(element) in (MODEL, "world"):
+            name = scope + urdf.name_of(element)
+            if element.tag != "joint" and urdf.name_of(element) in (MODEL, "world"):
                 raise SceneError(
-                    f"line {element.line}: the name {name_of(element)!r} means the world or the model "
-                    f"and cannot be that of a {element.tag}. Give it another name."
+                    f"line {element.line}: the name {urdf.name_of(element)!r} means the world or the "
+                    f"model and cannot be that of a {element.tag}. Give it another name."
                 )
             if name in by_name:
                 raise SceneError(
@@ -187,7 +165,7 @@ def frames_of(model: Element, version: tuple[int, int]) -> Frames:
     return frames
 
 
-def _default(element: Element) -> str:
+def _default(element: urdf.Element) -> str:
     """The frame to which a pose is relative if it does not say so."""
     child = element.only("child") if element.tag == "joint" else None
     name = child.text.strip() if child else ""
@@ -196,28 +174,28 @@ def _default(element: Element) -> str:
     return name if name and (name != "world" or element.tag == "frame") else MODEL
 
 
-def _relative(pose: Element | None, version: tuple[int, int]) -> str:
+def _relative(pose: urdf.Element | None, version: tuple[int, int]) -> str:
     """The frame that a pose names."""
     named = {} if pose is None else pose.attributes
     older = named.get("frame", "") if version < (1, 7) else ""
     return older or named.get("relative_to", "")
 
 
-def _pose(pose: Element | None, where: str) -> Pose:
+def _pose(pose: urdf.Element | None, where: str) -> Pose:
     """The numbers of a pose: a place (m) and roll, pitch, yaw (rad or deg), or a quaternion x y z w."""
     if pose is None or not pose.text.strip():
         return Pose(np.zeros(3), np.eye(3))
     if pose.attributes.get("rotation_format", "euler_rpy") == "quat_xyzw":
-        *place, x, y, z, w = content_numbers(pose, where, 7)
+        *place, x, y, z, w = urdf.content_numbers(pose, where, 7)
         with naming(f"line {pose.line}: {where}: <pose>", SceneError):
-            return Pose(np.array(place), of_quaternion(np.array([w, x, y, z])))
-    *place, roll, pitch, yaw = content_numbers(pose, where, 6)
+            return Pose(np.array(place), robot.of_quaternion(np.array([w, x, y, z])))
+    *place, roll, pitch, yaw = urdf.content_numbers(pose, where, 6)
     degrees = pose.attributes.get("degrees", "false") in ("true", "1")
     unit = np.pi / 180.0 if degrees else 1.0
-    return Pose(np.array(place), of_angles((unit * roll, unit * pitch, unit * yaw)))
+    return Pose(np.array(place), robot.of_angles((unit * roll, unit * pitch, unit * yaw)))
 
 
-def flag(owner: Element, tag: str, *, default: bool = False) -> bool:
+def flag(owner: urdf.Element, tag: str, *, default: bool = False) -> bool:
     """Whether a child says true or false."""
     child = owner.only(tag)
     if child is None:
@@ -229,9 +207,13 @@ def flag(owner: Element, tag: str, *, default: bool = False) -> bool:
 
 
 def _joint(
-    scope: str, element: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
-) -> RobotJoint:
-    name = f"{scope}{name_of(element)}"
+    scope: str,
+    element: urdf.Element,
+    frames: Frames,
+    links: Mapping[str, robot.RobotLink],
+    version: tuple[int, int],
+) -> robot.RobotJoint:
+    name = f"{scope}{urdf.name_of(element)}"
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
     if kind in _UNREAD:
@@ -248,9 +230,9 @@ def _joint(
         raise SceneError(f"line {element.line}: {where}: its parent and its child are {child!r}.")
     place = frames.in_world(child) if not parent else frames.between(parent, child)
     anchor = frames.between(child, name).p
-    joint = RobotJoint(
-        name, element.line, KINDS[kind], parent, child,
-        xyz=three(place.p + place.R @ anchor), rpy=angles_of(place.R), anchor=three(anchor),
+    joint = robot.RobotJoint(
+        name, element.line, KINDS[kind], parent, child, xyz=robot.three(place.p + place.R @ anchor),
+        rpy=robot.angles_of(place.R), anchor=robot.three(anchor),
     )  # fmt: skip
     if KINDS[kind] in ("fixed", "spherical"):
         return joint
@@ -260,61 +242,63 @@ def _joint(
     return _with_axis(joint, axis, frames, scope, version)
 
 
-def _end(element: Element, side: str, scope: str, links: Mapping[str, RobotLink], where: str) -> str:
+def _end(
+    element: urdf.Element, side: str, scope: str, links: Mapping[str, robot.RobotLink], where: str
+) -> str:
     """The link at one end, or the world."""
     end = element.only(side)
     name = end.text.strip() if end else ""
     if not name:
         raise SceneError(f"line {element.line}: {where}: <{side}> is missing.")
     if name == "world":
-        return WORLD
+        return robot.WORLD
     known = [link[len(scope) :] for link in links if link.startswith(scope)]
     check_known("link", [name], known, f"line {element.line}: {where}, {side}")
     return scope + name
 
 
 def _with_axis(
-    joint: RobotJoint, axis: Element, frames: Frames, scope: str, version: tuple[int, int]
-) -> RobotJoint:
+    joint: robot.RobotJoint, axis: urdf.Element, frames: Frames, scope: str, version: tuple[int, int]
+) -> robot.RobotJoint:
     """The joint with its axis, limits, damper and spring."""
     where = f"joint {joint.name!r}"
     limits: list[float | None] = []
     for key in ("lower", "upper", "effort", "velocity"):
-        (value,) = child_numbers(axis.only("limit"), key, where) or (NO_LIMIT,)
-        is_none = abs(value) >= NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
+        (value,) = urdf.child_numbers(axis.only("limit"), key, where) or (urdf.NO_LIMIT,)
+        is_none = abs(value) >= urdf.NO_LIMIT or (key in ("effort", "velocity") and value < 0.0)
         limits.append(None if is_none else value)
     lower, upper, effort, velocity = limits
-    check_range(lower, upper, axis, where)
+    urdf.check_range(lower, upper, axis, where)
     bounded = joint.kind != "continuous" and (lower is not None or upper is not None)
     kind = "continuous" if joint.kind == "revolute" and not bounded else joint.kind
     dynamics = axis.only("dynamics")
     damping, friction, stiffness, slack = (
-        (child_numbers(dynamics, key, where) or (0.0,))[0]
+        (urdf.child_numbers(dynamics, key, where) or (0.0,))[0]
         for key in ("damping", "friction", "spring_stiffness", "spring_reference")
     )
     return joint._replace(
         kind=kind,
-        axis=three(_direction(joint, axis, frames, scope, version)),
-        lower=(-NO_LIMIT if lower is None else lower) if bounded else None,
-        upper=(NO_LIMIT if upper is None else upper) if bounded else None,
+        axis=robot.three(_direction(joint, axis, frames, scope, version)),
+        lower=(-urdf.NO_LIMIT if lower is None else lower) if bounded else None,
+        upper=(urdf.NO_LIMIT if upper is None else upper) if bounded else None,
         effort=effort,
         velocity=velocity,
         stiffness=stiffness,
         slack=slack,
         damping=damping,
         friction=friction,
-        mimic=mimic_of(axis, child_numbers, where, scope),
+        mimic=urdf.mimic_of(axis, urdf.child_numbers, where, scope),
     )
 
 
 def _direction(
-    joint: RobotJoint, axis: Element, frames: Frames, scope: str, version: tuple[int, int]
+    joint: robot.RobotJoint, axis: urdf.Element, frames: Frames, scope: str, version: tuple[int, int]
 ) -> Array:
     """The axis in the axes of the child."""
     where = f"joint {joint.name!r}"
     xyz = axis.only("xyz")
-    numbers = content_numbers(xyz, where, 3) if xyz else (0.0, 0.0, 1.0)
-    direction = np.array(checked_axis(numbers, axis, where))
+    numbers = urdf.content_numbers(xyz, where, 3) if xyz else (0.0, 0.0, 1.0)
+    direction = np.array(urdf.checked_axis(numbers, axis, where))
     expressed = xyz.attributes.get("expressed_in", "") if xyz else ""
     if expressed:
         frame = frames.find(expressed, scope, f"line {axis.line}: {where}, expressed_in")
@@ -329,21 +313,21 @@ class Closed(NamedTuple):
     """The joints that make trees, those that close loops, and links and joints that these stand on."""
 
     tree: Joints
-    loops: tuple[RobotLoop, ...]
-    sides: tuple[Side, ...]
+    loops: tuple[robot.RobotLoop, ...]
+    sides: tuple[robot.Side, ...]
 
 
 def joints_of(
-    model: Element, frames: Frames, links: Mapping[str, RobotLink], version: tuple[int, int]
+    model: urdf.Element, frames: Frames, links: Mapping[str, robot.RobotLink], version: tuple[int, int]
 ) -> Closed:
     """The joints of a model and its nested ones: a second joint to a link closes a loop."""
     owners = [(scope, element) for scope, owner in scopes(model) for element in owner.named("joint")]
-    joints = unique(
+    joints = robot.unique(
         "joint", [_joint(scope, element, frames, links, version) for scope, element in owners]
     )
     tree: Joints = {}
-    loops: list[RobotLoop] = []
-    sides: list[Side] = []
+    loops: list[robot.RobotLoop] = []
+    sides: list[robot.Side] = []
     carried: Joints = {}
     for joint in joints.values():
         above = [joint.parent]
@@ -361,9 +345,9 @@ def joints_of(
             frames.between(joint.parent, joint.child) if joint.parent else frames.in_world(joint.child)
         ).R
         kind = _LOOPS[joint.kind]
-        axis = three(R @ np.array(joint.axis)) if kind == "revolute" else None
+        axis = robot.three(R @ np.array(joint.axis)) if kind == "revolute" else None
         ends = (joint.parent, joint.child, joint.xyz, joint.anchor)
-        loop, carriers = aligned(RobotLoop(joint.name, kind, *ends, axis), R, joints)
+        loop, carriers = robot.aligned(robot.RobotLoop(joint.name, kind, *ends, axis), R, joints)
         loops.append(loop)
         sides += carriers
     return Closed(tree, tuple(loops), tuple(sides))

@@ -45,15 +45,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.running import tell
 from mbdlft.exact.rounding import EPS, eigenvectors_of
 from mbdlft.response.modes import balancing
-from mbdlft.robust.bisect.bernstein import (
-    are_positive,
-    at_nodes,
-    corners,
-    factor_rounding,
-    interpolated,
-    pieces_positive,
-    product,
-)
+from mbdlft.robust.bisect import bernstein
 from mbdlft.robust.bisect.boxes import Check, Ends, split
 from mbdlft.robust.bisect.characteristic import Realization, state_polynomials
 from mbdlft.robust.evidence import BoxProof, LyapunovProof
@@ -257,7 +249,7 @@ def _largest_share(whole: Array, n: int, inputs: int) -> float:
 
 def _at_nodes(subbox: _Subbox, nodes: Sequence[Array]) -> tuple[Array, Array]:
     """N (..., n, n) and d (...) at nodes of each delta, which go from 0 to 1 on the part."""
-    values, n = at_nodes(subbox.values, nodes), subbox.rows
+    values, n = bernstein.at_nodes(subbox.values, nodes), subbox.rows
     return values[..., :-1].reshape(*values.shape[:-1], n, n), values[..., -1]
 
 
@@ -269,7 +261,7 @@ def _proves(
     P = _solutions(subbox, modes, nodes)
     if P is None:
         return False, 0.0
-    P = interpolated(P, nodes)
+    P = bernstein.interpolated(P, nodes)
     P = _beside(subbox, 0.5 * (P + P.mT), 1.0)
     if not np.all(np.isfinite(P)):
         return False, 0.0
@@ -409,19 +401,21 @@ def _is_positive(
     near = W @ modes - np.eye(n)
     identity = float(np.linalg.norm(np.abs(near) + 2.0 * n * EPS * (np.abs(W) @ np.abs(modes))))
     share = rounding + (6.0 * n + 2.0 * prod(P.shape[:q]) + 40.0) * EPS
-    at_corners = corners(P) @ corners(N)
-    if not are_positive(-(at_corners + at_corners.mT)):
+    at_corners = bernstein.corners(P) @ bernstein.corners(N)
+    if not bernstein.are_positive(-(at_corners + at_corners.mT)):
         return False, 0
-    half = product(P, N)
+    half = bernstein.product(P, N)
     S = -(half + half.mT)
     norms = [np.linalg.norm(each, axis=(-2, -1))[..., None, None] for each in (P, N)]
-    sizes, products = (product(norms[0], each)[..., 0, 0] for each in (errors[..., None, None], norms[1]))
+    sizes, products = (
+        bernstein.product(norms[0], each)[..., 0, 0] for each in (errors[..., None, None], norms[1])
+    )
     off = share * sizes
     trace = np.trace(S, axis1=-2, axis2=-1)
-    less = 2.0 * (off + identity * (products + off)) + factor_rounding(n) * np.abs(trace)
+    less = 2.0 * (off + identity * (products + off)) + bernstein.factor_rounding(n) * np.abs(trace)
     S = S - (less * _UP)[..., None, None] * np.eye(n)
     S[..., range(n), range(n)] *= 1.0 - slack
-    return pieces_positive(S, most) if np.all(np.isfinite(S)) else (False, 0)
+    return bernstein.pieces_positive(S, most) if np.all(np.isfinite(S)) else (False, 0)
 
 
 def _largest_change(subbox: _Subbox) -> int:
