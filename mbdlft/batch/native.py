@@ -23,15 +23,8 @@ from mbdlft.base.parameter import Parameter
 from mbdlft.batch.program_cache import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
 from mbdlft.batch.samples import GivenSamples, RandomSamples, count_of, points_of, samples_of
+from mbdlft.lft.program import native
 from mbdlft.lft.program.elimination import closed
-from mbdlft.lft.program.native import (
-    NativeProgram,
-    aligned,
-    compile_native,
-    is_available,
-    run_natively,
-    user_cache,
-)
 from mbdlft.lft.program.tape import Operand, Pivot, Program, Tape, TooLongError, compact, rows_of_numbers
 from mbdlft.lft.sampling import LONGEST, NATIVE, ModelProgram
 from mbdlft.multibody.scene import Scene, scene_from_toml
@@ -89,7 +82,7 @@ class Compiled:
 
     source: EquationSource | SceneSource | ModelSource
     line: StraightLine | None
-    program: NativeProgram | None
+    program: native.NativeProgram | None
     reason: str = ""
     threads: int | None = None
     is_stored: bool = False
@@ -139,13 +132,13 @@ class Compiled:
         if self.line is None or self.program is None:
             return self.source.rows(points)
         count, entries = len(points), prod(self.line.shape)
-        values = aligned(count * entries).reshape(count, entries)
+        values = native.aligned(count * entries).reshape(count, entries)
         columns = np.repeat(self.line.row[entries:, None], count, axis=1)
         lost = np.zeros(count, dtype=bool)
         for start in range(0, count, _AT_ONCE):
             at_once = slice(start, start + _AT_ONCE)
             arguments, row = self._arguments(points[at_once]), self.line.row[:entries]
-            lost[at_once] = run_natively(
+            lost[at_once] = native.run_natively(
                 self.program, arguments, row, values[at_once], self.threads, columns[:, at_once]
             )
         matrices, status = values.reshape(count, *self.line.shape), np.full(count, float(SOLVED))
@@ -209,12 +202,12 @@ def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled
 
 def _again(scene: Scene, threads: int | None) -> Compiled | None:
     """A scene that was compiled before, without assembling it; None if it was not."""
-    earlier = remembered(scene) if is_available() else None
+    earlier = remembered(scene) if native.is_available() else None
     if earlier is None:
         return None
     source, line = earlier
     try:
-        program = compile_native(line.program, prod(line.shape), user_cache())
+        program = native.compile_native(line.program, prod(line.shape), native.user_cache())
     except Exception:  # it is compiled as if for the first time, and says why
         return None
     return Compiled(source, line, program, "", threads)
@@ -222,7 +215,7 @@ def _again(scene: Scene, threads: int | None) -> Compiled | None:
 
 def compiled(source: EquationSource | ModelSource, threads: int | None = None) -> Compiled:
     """A source as native code, if that is possible; `reason` says if not."""
-    if not is_available():
+    if not native.is_available():
         reason = "llvmlite is not installed (pip install 'mbdlft[native]')."
         return Compiled(source, None, None, reason)
     stored = None if isinstance(source, EquationSource) else _stored(source)
@@ -237,7 +230,7 @@ def compiled(source: EquationSource | ModelSource, threads: int | None = None) -
     if line is None:
         return Compiled(source, None, None, f"its program has more than {_LONGEST} instructions.")
     try:
-        program = compile_native(line.program, prod(line.shape), user_cache())
+        program = native.compile_native(line.program, prod(line.shape), native.user_cache())
     except Exception as error:
         reason = f"LLVM failed: {type(error).__name__}: {str(error)[:200]}"
         return Compiled(source, None, None, reason)
@@ -333,7 +326,7 @@ def _agrees(code: Compiled, definition: Source) -> bool:
 def fastest(source: EquationSource | ModelSource, count: int) -> Source:
     """The source of the rows of `count` samples: native code if compiling it takes less than it saves."""
     worth = _WORTH if isinstance(source, EquationSource) else NATIVE
-    if count < worth or not is_available():
+    if count < worth or not native.is_available():
         return source
     code = compiled(source, threads=1)
     return source if code.reason else code

@@ -19,14 +19,8 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, WellPosednessError
 from mbdlft.lft.block import block_value
 from mbdlft.lft.lft import LFT, check, check_name
+from mbdlft.lft.program import native
 from mbdlft.lft.program.elimination import program
-from mbdlft.lft.program.native import (
-    NativeProgram,
-    compile_native,
-    is_available,
-    run_natively,
-    user_cache,
-)
 from mbdlft.lft.program.tape import Plan, Program, compact, plan, run
 from mbdlft.lft.sparse import SparseLFT, regular_values
 from mbdlft.lft.sparse import sizes as sizes_of_sparse
@@ -121,11 +115,11 @@ def evaluate_at(a: LFT, points: ArrayLike) -> Array:
     if planned is None:
         _add_dense(a, p, values)
         return values
-    compiled = _native(a) if len(p) >= NATIVE and is_available() else None
+    compiled = _native(a) if len(p) >= NATIVE and native.is_available() else None
     if compiled is None:
         lost = run(planned[1], p, values)
     else:  # bit for bit the same: there are no cosines
-        lost = run_natively(compiled, p, a.M22.ravel(), values.reshape(len(p), -1))
+        lost = native.run_natively(compiled, p, a.M22.ravel(), values.reshape(len(p), -1))
     if not agrees(a, p, values, lost, 0.0):
         lost[:] = True
     _again(a, p, values, lost)
@@ -233,7 +227,7 @@ def rounding_sizes(a: LFT, points: Array) -> Array:
 
 
 @lru_cache(maxsize=4)
-def _native(a: LFT) -> NativeProgram | None:
+def _native(a: LFT) -> native.NativeProgram | None:
     """The program as native code, with the places of the entries in a row; nothing if LLVM fails."""
     planned = _plan(a)
     assert planned is not None
@@ -242,10 +236,10 @@ def _native(a: LFT) -> NativeProgram | None:
     return _compiled(replace(planned[0], entries=entries), a.M22.size)
 
 
-def _compiled(program: Program, size: int) -> NativeProgram | None:
+def _compiled(program: Program, size: int) -> native.NativeProgram | None:
     """Native code for rows of a size; nothing if LLVM fails."""
     try:
-        return compile_native(program, size, user_cache())
+        return native.compile_native(program, size, native.user_cache())
     except (RuntimeError, OSError):
         return None
 
@@ -331,14 +325,14 @@ def _piece(known: ModelProgram, first: int, size: int) -> tuple[Program, Plan]:
 
 
 @lru_cache(maxsize=4)
-def _native_piece(known: ModelProgram, first: int, size: int) -> NativeProgram | None:
+def _native_piece(known: ModelProgram, first: int, size: int) -> native.NativeProgram | None:
     """The same as native code; nothing if LLVM fails."""
     return _compiled(_piece(known, first, size)[0], size)
 
 
 def is_native(count: int) -> bool:
     """Whether so many samples are computed by native code."""
-    return count >= KNOWN_NATIVE and is_available()
+    return count >= KNOWN_NATIVE and native.is_available()
 
 
 def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -348,7 +342,7 @@ def values_by(known: ModelProgram, a: LFT, physical: Array) -> tuple[Array, NDAr
     values = np.empty((count, size))
     compiled = _native_piece(known, first, size) if is_native(count) else None
     if compiled is not None:
-        lost = run_natively(compiled, physical, row, values)
+        lost = native.run_natively(compiled, physical, row, values)
     else:
         values[:] = row
         lost = run(_piece(known, first, size)[1], physical, values[:, None, :])

@@ -18,7 +18,7 @@ from mbdlft.archive.archive import save
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
-from mbdlft.synthesis import pieces
+from mbdlft.synthesis import laws, pieces
 from mbdlft.synthesis.box import tune
 from mbdlft.synthesis.goals import (
     Goal,
@@ -31,12 +31,6 @@ from mbdlft.synthesis.goals import (
     rolloff_goal,
     tracking_goal,
 )
-from mbdlft.synthesis.laws import (
-    acceleration_feedback,
-    inertia_pd,
-    integral_force_feedback,
-    positive_position_feedback,
-)
 from mbdlft.synthesis.reached import Tuning
 from mbdlft.system.model import System
 
@@ -46,10 +40,10 @@ _CONTROLLERS: dict[str, Callable[..., pieces.TunableSystem]] = {
     "pid": pieces.tunable_pid,
     "transfer": pieces.tunable_transfer,
     "state_space": pieces.tunable_state_space,
-    "pd from inertia": inertia_pd,
-    "acceleration feedback": acceleration_feedback,
-    "positive position feedback": positive_position_feedback,
-    "integral force feedback": integral_force_feedback,
+    "pd from inertia": laws.inertia_pd,
+    "acceleration feedback": laws.acceleration_feedback,
+    "positive position feedback": laws.positive_position_feedback,
+    "integral force feedback": laws.integral_force_feedback,
 }
 _GOALS: dict[str, Callable[..., Goal]] = {
     "acceleration": acceleration_goal,

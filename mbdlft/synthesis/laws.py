@@ -25,28 +25,21 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError
-from mbdlft.synthesis.pieces import (
-    Names,
-    TunableSystem,
-    check_positive,
-    listed,
-    tunable_gain,
-    tunable_transfer,
-)
+from mbdlft.synthesis import pieces
 
 _LEAK = 1e-3  # of the frequency of a mode: what an integrator is moved to the left by
 
 
 def inertia_pd(
     name: str,
-    positions: Names,
-    rates: Names,
-    forces: Names,
+    positions: pieces.Names,
+    rates: pieces.Names,
+    forces: pieces.Names,
     *,
     inertia: Any,
     frequency: float,
     damping: float,
-) -> TunableSystem:
+) -> pieces.TunableSystem:
     """The PD controller u = -kp q - kv qdot of a rigid body, kp = J w^2 and kv = 2 xi w J.
 
     Parameters
@@ -65,8 +58,8 @@ def inertia_pd(
     TunableSystem
         Its values ``D[row,column]`` are -kp and, in the columns behind, -kv.
     """
-    q, qdot, u = listed(positions), listed(rates), listed(forces)
-    check_positive(name, frequency=frequency, damping=damping)
+    q, qdot, u = pieces.listed(positions), pieces.listed(rates), pieces.listed(forces)
+    pieces.check_positive(name, frequency=frequency, damping=damping)
     J = np.atleast_2d(np.asarray(inertia, dtype=float))
     n = len(q)
     is_fit = len(qdot) == len(u) == n and J.shape == (n, n) and bool(np.all(np.isfinite(J)))
@@ -77,12 +70,12 @@ def inertia_pd(
         )
     gains = -np.hstack([frequency**2 * J, 2.0 * damping * frequency * J])
     initial = {f"D[{i + 1},{j + 1}]": float(gains[i, j]) for i, j in np.argwhere(gains)}
-    return _begun(tunable_gain(name, [*q, *qdot], u, structure=gains != 0.0, initial=initial))
+    return _begun(pieces.tunable_gain(name, [*q, *qdot], u, structure=gains != 0.0, initial=initial))
 
 
 def positive_position_feedback(
     name: str, position: str, force: str, *, mass: float, frequency: float, damping: float
-) -> TunableSystem:
+) -> pieces.TunableSystem:
     """The force b/(p^2 + a1 p + a0) times a position, p = s/w: both modes of the loop get the damping.
 
     Parameters
@@ -101,7 +94,7 @@ def positive_position_feedback(
     TunableSystem
         Its values are ``a0``, ``a1`` and ``b0``: 1 + 4 xi^2, 4 xi and 4 xi^2 mass w^2.
     """
-    check_positive(name, mass=mass, frequency=frequency, damping=damping)
+    pieces.check_positive(name, mass=mass, frequency=frequency, damping=damping)
     square = 4.0 * damping**2
     stiffness = mass * frequency**2
     values = {"a0": 1.0 + square, "a1": 4.0 * damping, "b0": square * stiffness}
@@ -118,7 +111,7 @@ def acceleration_feedback(
     damping: float,
     filtered: bool = False,
     leak: float | None = None,
-) -> TunableSystem:
+) -> pieces.TunableSystem:
     """The force -kv/(s + leak), or -b/(p^2 + a1 p + a0) with p = s/w, times an acceleration.
 
     Parameters
@@ -140,7 +133,7 @@ def acceleration_feedback(
     TunableSystem
         Its value is ``b0``, that is -kv/w; or ``a0``, ``a1`` and ``b0``.
     """
-    check_positive(name, mass=mass, frequency=frequency, damping=damping)
+    pieces.check_positive(name, mass=mass, frequency=frequency, damping=damping)
     if filtered:
         values = {"a0": 1.0, "a1": 4.0 * damping, "b0": -4.0 * damping**2 * mass}
         return _transfer(name, acceleration, force, 2, frequency, values, fixed={"b1"})
@@ -160,7 +153,7 @@ def integral_force_feedback(
     damping: float,
     direct: float = 1.0,
     leak: float = 0.0,
-) -> TunableSystem:
+) -> pieces.TunableSystem:
     """The actuator's input -g/(s + leak) times the load that it receives, with a damping for one mode.
 
     Parameters
@@ -184,7 +177,7 @@ def integral_force_feedback(
     TunableSystem
         Its value is ``b0``, that is -g/w.
     """
-    check_positive(name, frequency=frequency, damping=damping)
+    pieces.check_positive(name, frequency=frequency, damping=damping)
     if not (0.0 <= zero < frequency and direct != 0.0 and np.isfinite(direct)):
         raise StructureError(
             f"{name}: expected a zero from 0 to the frequency {frequency!r}, and a direct gain that is "
@@ -194,7 +187,7 @@ def integral_force_feedback(
     return _integral(name, load, actuator, frequency, gain, leak)
 
 
-def _integral(name: str, u: str, y: str, w: float, gain: float, leak: float) -> TunableSystem:
+def _integral(name: str, u: str, y: str, w: float, gain: float, leak: float) -> pieces.TunableSystem:
     """-gain/(s + leak), with the gain free."""
     if not 0.0 <= leak < w:
         raise StructureError(f"{name}: expected a leak from 0 up to {w!r} rad/s, got {leak!r}.")
@@ -227,13 +220,13 @@ def _transfer(
     speed: float,
     values: Mapping[str, float],
     fixed: Collection[str],
-) -> TunableSystem:
+) -> pieces.TunableSystem:
     """A strictly proper transfer function that begins at values, some of which are not free."""
-    made = tunable_transfer(name, u, y, order, strictly_proper=True, speed=speed, initial=values)
+    made = pieces.tunable_transfer(name, u, y, order, strictly_proper=True, speed=speed, initial=values)
     return _begun(made, {f"{name}.{label}" for label in fixed})
 
 
-def _begun(controller: TunableSystem, fixed: Collection[str] = ()) -> TunableSystem:
+def _begun(controller: pieces.TunableSystem, fixed: Collection[str] = ()) -> pieces.TunableSystem:
     """A controller whose values are of the size they begin at; some are fixed there."""
     x: Array = np.array([value.initial for value in controller.free])
     held = np.array([value.name in fixed for value in controller.free])

@@ -14,8 +14,7 @@ from mbdlft.base import expression, unit
 from mbdlft.dae import branches
 from mbdlft.lft.lft import LFT
 from mbdlft.order.reduction import reduce_order
-from mbdlft.pipeline import forms, stages
-from mbdlft.pipeline.certification import Checked
+from mbdlft.pipeline import certification, forms, stages
 from mbdlft.robust import ascent
 from mbdlft.robust.bisect import boxes
 from tests import kit
@@ -73,7 +72,9 @@ def a_wrong_entry(patch: Patch) -> None:
         return LFT(a.M11, a.M12, a.M21, (1.0 + 1e-6) * a.M22, a.blocks)
 
     patch.setattr(stages, "_in_units", wrong)
-    patch.setattr(stages, "measure_error", lambda *_: Checked(0.0, 3, 0.0, (), (), 1.0, 0, 0.0))
+    patch.setattr(
+        certification, "measure_error", lambda *_: certification.Checked(0.0, 3, 0.0, (), (), 1.0, 0, 0.0)
+    )
 
 
 def nothing_vanishes(patch: Patch) -> None:

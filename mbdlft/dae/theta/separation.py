@@ -15,15 +15,8 @@ from typing import Literal, NamedTuple
 import casadi as ca
 
 from mbdlft.base.errors import NotRationalError
+from mbdlft.dae import branches
 from mbdlft.dae.alias import rational
-from mbdlft.dae.branches import (
-    SWITCHES,
-    changes_its_branch,
-    ranges_of,
-    root_of_square,
-    side_on,
-    without_parameters,
-)
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.structure import Structure
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols
@@ -53,7 +46,7 @@ class Separation:
         self.internal = ca.SX(dae.p)
         for k in angles:
             self.internal[k] = ca.SX.sym(f"tan({dae.parameters[k].name})")
-        self.ranges = ranges_of(dae)
+        self.ranges = branches.ranges_of(dae)
         cosine, sine = cosines_sines(dae.parameters, self.internal)
         self.angles = {dae.p[k].element_hash(): (cosine[k], sine[k]) for k in angles}
         p = ca.vertcat(self.internal, *(dae.p[k] for k in angles))
@@ -171,7 +164,9 @@ class Separation:
 
     def _of_coefficients(self, operation: str, *operands: Mixed) -> Mixed:
         """A function of parameters and numbers."""
-        values = [ca.SX(0) if m.constant is None else without_parameters(m.constant) for m in operands]
+        values = [
+            ca.SX(0) if m.constant is None else branches.without_parameters(m.constant) for m in operands
+        ]
         if all(map(constants.is_constant, values)):
             if operation in EXACT_FUNCTIONS:
                 return coefficient(ca.SX(EXACT_FUNCTIONS[operation](values[0])))
@@ -187,7 +182,7 @@ class Separation:
         text = f"{operation}({', '.join(str(constants.in_doubles(value)) for value in values)})"
         names = sorted({s.name() for value in values for s in free_symbols(value)})
         if operation in SWITCHING:
-            raise changes_its_branch(f"{self.owner}, {self.place}", text, names)
+            raise branches.changes_its_branch(f"{self.owner}, {self.place}", text, names)
         raise NotRationalError(
             f"{self.owner}, {self.place}: {text} is not rational in the parameters "
             f"{', '.join(names)}. Either declare the value of {text} as a parameter of its own, with "
@@ -201,12 +196,12 @@ class Separation:
         Comparisons may be slopes of one that has a kink at the end of the range.
         """
         if operation == "sqrt":
-            square = root_of_square(values[0])
+            square = branches.root_of_square(values[0])
             return None if square is None else self._one_branch("fabs", square)
-        switch = SWITCHES.get(operation)
+        switch = branches.SWITCHES.get(operation)
         if switch is None or len(switch.at_zero) < 2:
             return None
-        side = side_on(switch.argument(*values), self.ranges)
+        side = branches.side_on(switch.argument(*values), self.ranges)
         return None if side == "open" else (switch.above if side == "above" else switch.below)(*values)
 
     def _check_angles(self, value: Mixed) -> None:

@@ -17,13 +17,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.unit import Signal
-from mbdlft.response.frequency import (
-    frequency_response,
-    gain_unit,
-    peaks,
-    singular_values,
-    unbounded_frequencies,
-)
+from mbdlft.response import frequency
 from mbdlft.response.modes import Names
 from mbdlft.response.time import response_times, step_response
 from mbdlft.show.figures.figures import (
@@ -84,12 +78,12 @@ def _responses(
     ends = float(omega[0, 0]), float(omega[0, -1])
     at_nominal = drawn_frequencies(model, {}, ends)
     samples, nominal = (
-        frequency_response(model, at, over) for at, over in ((values, omega), ({}, at_nominal))
+        frequency.frequency_response(model, at, over) for at, over in ((values, omega), ({}, at_nominal))
     )
     if worst is None:
         return _Responses(values, count, omega, samples, at_nominal, nominal, omega[:0], None)
     at_worst = drawn_frequencies(model, worst, ends)
-    of_worst = frequency_response(model, worst, at_worst)
+    of_worst = frequency.frequency_response(model, worst, at_worst)
     return _Responses(values, count, omega, samples, at_nominal, nominal, at_worst, of_worst)
 
 
@@ -307,9 +301,9 @@ def save_singular_values(
             "Choose some in [linearize]."
         )
     r = _responses(model, seed, most_samples, worst)
-    samples, nominal = (decibels(singular_values(values)) for values in (r.samples, r.nominal))
+    samples, nominal = (decibels(frequency.singular_values(values)) for values in (r.samples, r.nominal))
     inside = nominal.shape[2] <= _MOST_BELOW
-    unit = f"singular values (dB of {gain_unit(model)})"
+    unit = f"singular values (dB of {frequency.gain_unit(model)})"
     size = (8.0 if inside else 10.0, 5.0)
     figure, axes = panel(facts(model), "frequency (rad/s)", unit, size, "both")
     over_frequency(axes, *r.ends)
@@ -320,10 +314,10 @@ def save_singular_values(
         label = "" if k else "nominal"
         axes.plot(r.at_nominal[0], nominal[0, :, k], color="black", linewidth=1.2, label=label)
     if worst is not None and r.worst is not None:
-        highest = decibels(singular_values(r.worst))
+        highest = decibels(frequency.singular_values(r.worst))
         _draw_worst(axes, r.at_worst[0], highest[0, :, 0], "worst case", model, worst)
     elif r.drawn:
-        k = int(np.argmax(np.max(peaks(samples[:, :, 0]), axis=1)))
+        k = int(np.argmax(np.max(frequency.peaks(samples[:, :, 0]), axis=1)))
         sample = {name: float(column[k]) for name, column in r.values.items()}
         what = "sample of the highest peak"
         _draw_worst(axes, r.omega[k], samples[k, :, 0], what, model, sample)
@@ -342,12 +336,12 @@ def _draw_worst(
     axes: Axes, omega: Array, values: Array, what: str, model: System, at: Mapping[str, float]
 ) -> None:
     """The largest singular value of one sample, and where it has its peak."""
-    k = int(np.argmax(peaks(values[None])[0]))
+    k = int(np.argmax(frequency.peaks(values[None])[0]))
     label = f"{what}: {values[k]:.1f} dB at {omega[k]:.4g} rad/s"
-    direct = np.max(decibels(singular_values(matrices_at(model, at).D.astype(complex))))
+    direct = np.max(decibels(frequency.singular_values(matrices_at(model, at).D.astype(complex))))
     if direct >= np.max(values):
         label = f"{what}: {direct:.1f} dB at infinite frequency"
-    (infinite,) = unbounded_frequencies(model, at)
+    (infinite,) = frequency.unbounded_frequencies(model, at)
     infinite = infinite[(infinite > omega[0]) & (infinite < omega[-1])]
     if len(infinite):
         nearest = infinite[np.argmin(np.abs(infinite - omega[k]))]
