@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.archive import hdf5
 from mbdlft.archive.layout import texts, words
-from mbdlft.base.errors import ArchiveError, MbdlftError, unknown_name
+from mbdlft.base.errors import ArchiveError, MbdlftError, check_known
 from mbdlft.base.worker import EndedError, Limits, NoProcessError, Worker, content_of
 
 LARGE = 2**26  # bytes; a larger file is not read into memory, and has no seal
@@ -171,8 +171,7 @@ def chosen_name(kind: str, names: tuple[str, ...], name: str | None) -> str:
         if len(names) != 1:
             raise ArchiveError(f"give the name of the {kind}. Existing: {', '.join(names) or 'none'}.")
         return names[0]
-    if name not in names:
-        raise ArchiveError(unknown_name(kind, name, names))
+    check_known(kind, [name], names, error=ArchiveError)
     return name
 
 

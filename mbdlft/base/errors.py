@@ -114,13 +114,13 @@ def check_known(
     what: str,
     names: Iterable[str],
     existing: Collection[str],
-    where: str,
+    where: str = "",
     error: type[MbdlftError] = SceneError,
 ) -> None:
     """Raise an error of the class `error` for a name that does not exist; arguments as `unknown_name`."""
     for name in names:
         if name not in existing:
-            raise error(f"{where}: {unknown_name(what, name, existing)}")
+            raise error(f"{where}{where and ': '}{unknown_name(what, name, existing)}")
 
 
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:

@@ -24,7 +24,7 @@ from operator import add, mul, sub, truediv
 from types import MappingProxyType
 from typing import Any
 
-from mbdlft.base.errors import NotRationalError, SceneError, unknown_name
+from mbdlft.base.errors import NotRationalError, SceneError, check_known, unknown_name
 from mbdlft.base.unit import Exponents, dimension_name, in_si, parse_unit
 
 FUNCTIONS: Mapping[str, Callable[[float], float]] = {
@@ -225,10 +225,7 @@ class _Parser:
             self._advance()
             if self.token != "(":
                 return Name(token)
-            if token not in FUNCTIONS:
-                raise SceneError(
-                    f"expression {self.text!r}: " + unknown_name("function", token, FUNCTIONS)
-                )
+            check_known("function", [token], FUNCTIONS, f"expression {self.text!r}")
             self._advance()
             argument = self._sum()
             self._close()

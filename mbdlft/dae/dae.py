@@ -17,7 +17,7 @@ from fractions import Fraction
 
 import casadi as ca
 
-from mbdlft.base.errors import SceneError, naming, unknown_name
+from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import Exponents, dimension_name, parse_unit
 from mbdlft.dae.text import PLAIN, column_of, free_symbols
@@ -174,8 +174,7 @@ class Dae:
     def variable(self, name: str) -> Variable:
         """The variable or input of a name."""
         by_name = {v.name: v for v in (*self.variables, *self.inputs)}
-        if name not in by_name:
-            raise SceneError(f"{self.owner}: " + unknown_name("variable", name, by_name))
+        check_known("variable", [name], by_name, self.owner)
         return by_name[name]
 
 

@@ -12,7 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from mbdlft.base.errors import MbdlftWarning, SceneError, StructureError, naming, unknown_name
+from mbdlft.base.errors import (
+    MbdlftWarning,
+    SceneError,
+    StructureError,
+    check_known,
+    naming,
+    unknown_name,
+)
 from mbdlft.elastic.files import load_matrices, load_nastran
 from mbdlft.elastic.modal import ModalModel, modal_model
 from mbdlft.elastic.nodes import Interface, Nodes
@@ -183,9 +190,7 @@ def _checked(table: dict[str, Any]) -> dict[str, Any]:
 
 def _options(file: Path, table: Mapping[str, Any], choices: Mapping[str, Any]) -> dict[str, Any]:
     """Entries of the file, replaced by `choices`; a chosen limit replaces every limit of the file."""
-    for key in choices:
-        if key not in _CHOICES:
-            raise SceneError(f"{file}: " + unknown_name("choice", key, _CHOICES))
+    check_known("choice", choices, _CHOICES, str(file))
     options = {key: table[key] for key in _CHOICES if key in table}
     if any(key in choices for key in LIMITS):
         options = {key: value for key, value in options.items() if key not in LIMITS}

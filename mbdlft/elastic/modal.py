@@ -16,7 +16,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.errors import StructureError, check_known
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes, finite
 from mbdlft.elastic.partition import Rigid, checked, mass_matrix, partitioned, rigid_properties
 from mbdlft.elastic.reduction import (
@@ -123,8 +123,7 @@ def modal_model(
     Source: equations (4.21) to (4.41) of the two-port models in `tests/reference/flexible.py`, for any
     number of ports. In addition, a last eigenvalue problem decouples the coordinates of the source.
     """
-    if method not in METHODS:
-        raise StructureError(unknown_name("method", str(method), METHODS))
+    check_known("method", [str(method)], METHODS, error=StructureError)
     limit = Limit(modes, frequency, effective_mass)
     structure = _structure(mass_matrix, stiffness_matrix, nodes, parent, ports)
     at = structure.at

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.errors import StructureError, check_known
 from mbdlft.exact.rounding import condition as condition
 from mbdlft.exact.rounding import solve_nominal as solve_nominal
 from mbdlft.exact.rounding import through
@@ -372,9 +372,7 @@ def check_plain(a: LFT, what: str) -> None:
 
 def check_name(a: LFT, name: str) -> None:
     """Raise a StructureError if the LFT has no delta of this name."""
-    names = [block.name for block in a.blocks]
-    if name not in names:
-        raise StructureError("LFT: " + unknown_name("delta", name, names))
+    check_known("delta", [name], [block.name for block in a.blocks], "LFT", StructureError)
 
 
 def open_blocks(a: LFT, names: Sequence[str]) -> LFT:

@@ -20,8 +20,8 @@ from mbdlft.base.errors import (
     NotRationalError,
     SceneError,
     WellPosednessError,
+    check_known,
     naming,
-    unknown_name,
 )
 from mbdlft.base.expression import (
     Binary,
@@ -177,8 +177,7 @@ class _Resolver:
                 )
             known = {*self.constants, *self.angles, *self.plain, *self.problem.expressions}
             for name in sorted(names(expression)):
-                if name not in known:
-                    raise SceneError(unknown_name("name", name, known))
+                check_known("name", [name], known)
                 if name in self.problem.expressions and name not in self.depends:
                     raise SceneError(
                         f"the expression {name!r} is not known here; an expression uses only those "

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from mbdlft.base.description import Description, Expected, Name, Quantity, Text, Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.joint import Joint
 from mbdlft.multibody.joint.kinds import Pair
@@ -95,8 +95,7 @@ class Coupling(Description, abc.ABC):
         by_name, freedoms = {joint.name: joint for joint in joints}, list[tuple[Joint, Freedom]]()
         for term in self.terms():
             name, _, measure = term.coordinate.partition(".")
-            if name not in by_name:
-                raise SceneError(f"coupling {self.name!r}: {unknown_name('joint', name, by_name)}")
+            check_known("joint", [name], by_name, f"coupling {self.name!r}")
             joint = by_name[name]
             choices = {freedom.measures[0].name: freedom for freedom in joint.freedoms}
             if not measure and len(choices) == 1:

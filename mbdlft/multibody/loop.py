@@ -31,7 +31,7 @@ from mbdlft.base.description import (
     Values,
     with_length,
 )
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.joint.kinds import Rotation, angles_of, plane, turns_of
 from mbdlft.problem.sx.constants import unit_vector
@@ -65,8 +65,7 @@ class Loop(Description):
 
     @model_validator(mode="after")
     def _kind_and_axes(self) -> Self:
-        if self.kind not in KINDS:
-            raise SceneError(unknown_name("kind", self.kind, KINDS))
+        check_known("kind", [self.kind], KINDS)
         wanted = {
             "axis": self.kind in WITH_AXIS,
             "axis1": self.kind == "universal",

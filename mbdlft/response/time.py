@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.response import modes
 from mbdlft.system.model import System
@@ -105,8 +105,7 @@ def initial_response(
     names = [signal.name for signal in system.states]
     x = np.zeros(len(names))
     for name, value in state.items():
-        if name not in names:
-            raise AnalysisError(f"model {system.name!r}: " + unknown_name("state", name, names))
+        check_known("state", [name], names, f"model {system.name!r}", AnalysisError)
         if not is_finite(value):
             raise AnalysisError(
                 f"model {system.name!r}: state {name}: expected a finite number, got {value!r}."

@@ -221,8 +221,7 @@ def _joint(
             f"line {element.line}: {where}: joints of the type {kind!r} are not read. A scene has "
             "hinges, slides and balls; write it with them, or leave it out."
         )
-    if kind not in KINDS:
-        raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, KINDS)}")
+    check_known("type", [kind], KINDS, f"line {element.line}: {where}")
     parent, child = (_end(element, side, scope, links, where) for side in ("parent", "child"))
     if not child:
         raise SceneError(f"line {element.line}: {where}: <child>: the world is a parent only.")

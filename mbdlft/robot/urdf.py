@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from xml.parsers import expat
 
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.robot import robot
 
 NO_LIMIT = 1e16  # SDF: a limit of this size is none
@@ -244,8 +244,7 @@ def _joint(element: Element) -> robot.RobotJoint:
     name = name_of(element)
     where = f"joint {name!r}"
     kind = element.attributes.get("type", "")
-    if kind not in JOINT_TYPES:
-        raise SceneError(f"line {element.line}: {where}: {unknown_name('type', kind, JOINT_TYPES)}")
+    check_known("type", [kind], JOINT_TYPES, f"line {element.line}: {where}")
     ends = {}
     for side in ("parent", "child"):
         end = element.only(side)

@@ -25,7 +25,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
 from mbdlft.lft.block import Block
@@ -203,9 +203,7 @@ def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Ki
             "linear model has no nonlinear functions to bound."
         )
     known = dict(ranges or {})
-    for name in known:
-        if name not in model.omega:
-            raise AnalysisError(f"with_sectors: {unknown_name('argument', name, model.omega)}")
+    check_known("argument", known, model.omega, "with_sectors", AnalysisError)
     if of not in ("slope", "sector"):
         raise AnalysisError(f"with_sectors: of: expected 'slope' or 'sector', got {of!r}.")
     if of == "sector" and model.has_one:

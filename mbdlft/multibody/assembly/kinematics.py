@@ -16,7 +16,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import check_known
 from mbdlft.multibody.assembly.tree import Link, PortJoint, find_port
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.contact import Contact
@@ -287,8 +287,7 @@ class View:
         return body, Small(moved[:, 1], moved[:, 2])
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        if target not in self.rest.bodies:
-            raise SceneError(f"{self.owner}, frame: " + unknown_name("body", target, self.rest.bodies))
+        check_known("body", [target], self.rest.bodies, f"{self.owner}, frame")
         return across(self.rest, vector, source, target)
 
     def motion(self, port: str) -> ca.SX:
@@ -296,8 +295,7 @@ class View:
         return move_motion(self.motions.bodies[body], port_arm(self.now, body, name))
 
     def joint_wrench(self, joint: str) -> ca.SX:
-        if joint not in self.joints:
-            raise SceneError(f"{self.owner}, joint: " + unknown_name("joint", joint, self.joints))
+        check_known("joint", [joint], self.joints, f"{self.owner}, joint")
         return self.passed.joints[self.joints[joint]]
 
     def momentum(self, order: int) -> ca.SX:

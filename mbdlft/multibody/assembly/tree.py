@@ -16,7 +16,7 @@ from pydantic import InstanceOf
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Axis, Expected, Text, Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known, unknown_name
 from mbdlft.base.expression import evaluate
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.samples import random
@@ -222,8 +222,7 @@ def find_port(bodies: Mapping[str, Body], owner: str, key: str, text: str) -> tu
     if isinstance(bodies.get(text), PortFrame):
         return bodies[text], "origin"
     name, dot, port = text.partition(".")
-    if name not in bodies:
-        raise SceneError(f"{owner}, {key}: " + unknown_name("body", name, bodies))
+    check_known("body", [name], bodies, f"{owner}, {key}")
     body = bodies[name]
     if dot and port not in body.port_names():
         declared = "" if name != GROUND else _GROUND_PORTS.format(port)

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mbdlft.base.description import Expected, Many, Name, Quantity, Text, Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Freedom
 from mbdlft.multibody.body import beam_elements
 from mbdlft.multibody.body.beam_elements import (
@@ -111,13 +111,11 @@ class Beam(ElasticBody):
 
     @model_validator(mode="after")
     def _data_are_complete(self) -> Self:
-        if self.shape_functions not in SHAPES:
-            raise SceneError(unknown_name("shape_functions", self.shape_functions, SHAPES))
+        check_known("shape_functions", [self.shape_functions], SHAPES)
         if not self.deformations or len(set(self.deformations)) < len(self.deformations):
             raise SceneError(f"deformations: expected some of {', '.join(DEFORMATIONS)}, each once.")
         for name in self.deformations:
-            if name not in DEFORMATIONS:
-                raise SceneError(unknown_name("deformation", name, DEFORMATIONS))
+            check_known("deformation", [name], DEFORMATIONS)
             for key in _NEEDED[name] + (("shear_modulus",) if self._has_shear(name) else ()):
                 if getattr(self, key) is None:
                     raise SceneError(f"{key!r} is missing; the deformation {name!r} needs it.")

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from mbdlft.base.description import ANY_UNIT, Description, Expected, Many, Quantity, Text, Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.body.beam import Beam
 from mbdlft.multibody.body.beam_elements import ONE, cross_products, products, strain, values_at
@@ -68,8 +68,7 @@ class PiezoPatch(Description):
 
     @model_validator(mode="after")
     def _place_is_known(self) -> Self:
-        if self.side not in SIDES:
-            raise SceneError(unknown_name("side", self.side, SIDES))
+        check_known("side", [self.side], SIDES)
         if self.end <= self.start:
             raise SceneError(
                 f"expected a node 'end' after 'start', got start = {self.start} and end = {self.end}."

@@ -33,7 +33,7 @@ from mbdlft.base.description import (
     Vector,
     vector_quantities,
 )
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.spatial import Coordinate, column, move_motion, move_wrench, traced
 
@@ -240,10 +240,7 @@ class RigidBody(Body):
 
     @model_validator(mode="after")
     def _point_of_the_inertia_exists(self) -> Self:
-        if self.inertia.about not in self.port_names():
-            raise SceneError(
-                "inertia.about: " + unknown_name("port", self.inertia.about, self.port_names())
-            )
+        check_known("port", [self.inertia.about], self.port_names(), "inertia.about")
         return self
 
     def own_quantities(self) -> dict[str, Expected]:

@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.errors import TrimError, check_known
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.equilibrium.conditions import Displaced, in_physical
 
@@ -174,8 +174,7 @@ def _parameter_values(d: Displaced, values: Mapping[str, float]) -> dict[str, fl
     """Physical value of every parameter by name: the given value, else the nominal one."""
     known = {parameter.name: parameter for parameter in d.parameters}
     for name, value in values.items():
-        if name not in known:
-            raise TrimError(f"scene {d.name!r}: " + unknown_name("parameter", name, known))
+        check_known("parameter", [name], known, f"scene {d.name!r}", TrimError)
         low, high, unit = known[name].low, known[name].high, known[name].unit
         if not low <= value <= high:
             raise TrimError(
@@ -208,17 +207,15 @@ def _choose(
         signals = {c.signal.name: k for k, c in enumerate(coordinates)}
         picked: set[int] = set()
         for name in positions:
+            known = {*joints, *signals, *by_name}
+            where = f"scene {d.name!r}, positions"
+            check_known("joint, coordinate or parameter", [name], known, where, TrimError)
             if name in joints:
                 picked |= {k for k, c in enumerate(coordinates) if c.joint.name == name}
             elif name in signals:
                 picked.add(signals[name])
-            elif name in by_name:
-                parameters.append(by_name[name])
             else:
-                raise TrimError(
-                    f"scene {d.name!r}, positions: "
-                    + unknown_name("joint, coordinate or parameter", name, {*joints, *signals, *by_name})
-                )
+                parameters.append(by_name[name])
         chosen = sorted(picked)
     unknowns = [_coordinate(d, k, bounds, float(declared[k]), reach, turns[k]) for k in chosen]
     for k in parameters:
@@ -232,8 +229,7 @@ def _choose(
     known = {u.signal.name for u in unknowns}
     known |= {c.joint.name for c in coordinates if len(c.joint.freedoms) == 1}
     for name, (low, high) in bounds.items():
-        if name not in known:
-            raise TrimError(f"scene {d.name!r}, bounds: " + unknown_name("unknown", name, known))
+        check_known("unknown", [name], known, f"scene {d.name!r}, bounds", TrimError)
         if not low < high:
             raise TrimError(
                 f"scene {d.name!r}, bounds of {name}: expected low < high, got {low:g}, {high:g}."

@@ -13,7 +13,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
-from mbdlft.base.errors import TrimError, unknown_name
+from mbdlft.base.errors import TrimError, check_known
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.unit import dimension_name, parse_unit
@@ -266,10 +266,7 @@ def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scen
     what = f"scene {scene.name!r}, fit of {', '.join(joints)}"
     if scene.fit is not None:
         raise TrimError(f"{what}: its positions are a fit already. Fit the scene as it was before.")
-    names = {joint.name for joint in scene.joints}
-    for name in joints:
-        if name not in names:
-            raise TrimError(f"{what}: {unknown_name('joint', name, names)}")
+    check_known("joint", joints, {joint.name for joint in scene.joints}, what, TrimError)
     before = conditions.displace(scene)
     chosen = [k for k, c in enumerate(before.coordinates) if c.joint.name in joints]
     for k in chosen:

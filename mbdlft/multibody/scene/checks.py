@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.description import AXES, Expected
-from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, unknown_name
+from mbdlft.base.errors import MbdlftWarning, SceneError, WellPosednessError, check_known
 from mbdlft.base.expression import (
     Binary,
     Expression,
@@ -117,10 +117,7 @@ def check_fit(scene: Scene, signals: Sequence[Signal]) -> None:
     """Raise a SceneError if the fit of the scene names what it does not have."""
     for name in scene.fit.bounds if scene.fit else ():
         known = [signal.name for signal in signals]
-        if name not in known:
-            raise SceneError(
-                f"scene {scene.name!r}, fit: " + unknown_name("coordinate or effort", name, known)
-            )
+        check_known("coordinate or effort", [name], known, f"scene {scene.name!r}, fit")
 
 
 def _check_quantities(

@@ -157,9 +157,7 @@ def check_keys(table: Mapping[str, Any], form: str, keys: Collection[str]) -> No
             f"format: expected {form!r}, got {table['format']!r}. Scenes are for mbdlft linearize "
             "(load_scene), matrices for mbdlft realize (load_matrix)."
         )
-    for key in table:
-        if key not in keys:
-            raise SceneError(unknown_name("key", key, keys))
+    check_known("key", table, keys)
 
 
 def check_value(where: str, value: Any, kind: Kind) -> None:
@@ -258,8 +256,7 @@ def _parameter(name: str, value: Any) -> Parameter:
     where = f"parameter {name!r}"
     fields = _table(where, value)
     for key, entry in fields.items():
-        if key not in _PARAMETER_KEYS:
-            raise SceneError(f"{where}: " + unknown_name("key", key, _PARAMETER_KEYS))
+        check_known("key", [key], _PARAMETER_KEYS, where)
         text = key in ("unit", "role", "substitution")
         if not isinstance(entry, str if text else int | float) or isinstance(entry, bool):
             raise SceneError(f"{where}: {key}: expected a {'text' if text else 'number'}, got {entry!r}.")
@@ -269,11 +266,8 @@ def _parameter(name: str, value: Any) -> Parameter:
         return Parameter(name, **fields)
     if "percent" in fields:
         raise SceneError(f"{where}: percent has no meaning for an angle; give low and high.")
-    if fields.get("substitution", "half-angle") not in SUBSTITUTIONS[1:]:
-        raise SceneError(
-            f"{where}: substitution: "
-            + unknown_name("substitution", fields["substitution"], SUBSTITUTIONS[1:])
-        )
+    chosen = fields.get("substitution", "half-angle")
+    check_known("substitution", [chosen], SUBSTITUTIONS[1:], f"{where}: substitution")
     return Angle(name, **fields)
 
 

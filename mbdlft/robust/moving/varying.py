@@ -14,7 +14,7 @@ import flint
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, unknown_name
+from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import Asked, Search, State, last_of
@@ -43,10 +43,8 @@ def rates_of(system: System, rates: Rates, what: str) -> dict[str, float]:
     bounds = {} if rates is None else rates
     bounds = dict(bounds) if isinstance(bounds, Mapping) else dict.fromkeys(names, bounds)
     for name, rate in bounds.items():
-        if name not in names:
-            raise AnalysisError(
-                f"{what}: rates of model {system.name!r}: {unknown_name('parameter', name, names)}"
-            )
+        where = f"{what}: rates of model {system.name!r}"
+        check_known("parameter", [name], names, where, AnalysisError)
         is_number = isinstance(rate, int | float) and not isinstance(rate, bool)
         if not (is_number and rate >= 0.0):
             raise AnalysisError(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.running import after, tell
 from mbdlft.exact.rounding import eigenvalues_of
 from mbdlft.lft.block import Block, FullBlock
@@ -100,9 +100,7 @@ def check_fixed(system: System, fixed: Iterable[str]) -> tuple[str, ...]:
     """Names of fixed blocks, all of which exist."""
     names = [block.name for block in system.lft.blocks]
     chosen = (fixed,) if isinstance(fixed, str) else tuple(fixed)
-    for name in chosen:
-        if name not in names:
-            raise StructureError(f"fixed blocks of {system.name!r}: {unknown_name('block', name, names)}")
+    check_known("block", chosen, names, f"fixed blocks of {system.name!r}", StructureError)
     return chosen
 
 

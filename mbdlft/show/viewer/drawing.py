@@ -18,7 +18,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import AXES, Expected, Values
-from mbdlft.base.errors import SceneError, unknown_name
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.multibody.body import GROUND, Beam, Body, ElasticBody, RigidBody
 from mbdlft.multibody.body import Shape as BodyShape
 from mbdlft.multibody.body.beam_elements import values_at
@@ -343,9 +343,7 @@ def _draw_sensor(d: Drawing, sensor: Sensor) -> None:
 
 def _known(d: Drawing, key: str, name: str, among: Mapping[str, T]) -> T:
     """What is called so, or a SceneError."""
-    if name not in among:
-        what = "body" if key == "frame" else key
-        raise SceneError(f"{d.poses.view.owner}, {key}: " + unknown_name(what, name, among))
+    check_known("body" if key == "frame" else key, [name], among, f"{d.poses.view.owner}, {key}")
     return among[name]
 
 
