@@ -212,30 +212,24 @@ def inverse(a: LFT) -> LFT:
 
 def stack_rows(*matrices: LFT | ArrayLike) -> LFT:
     """[a ; b ; ...]: the same inputs, outputs one after the other."""
-    items = [as_lft(matrix) for matrix in matrices]
-    result = items[0]
-    for b in items[1:]:
-        a = result
+    a, *others = map(as_lft, matrices)
+    for b in others:
         check(a.shape[1] == b.shape[1], f"cannot stack shapes {a.shape} and {b.shape} as rows")
         above, below = (np.zeros((x.shape[0], y.M11.shape[1])) for x, y in ((a, b), (b, a)))
         outputs = (np.vstack([a.M21, below]), np.vstack([above, b.M21]))
-        direct = np.vstack([a.M22, b.M22])
-        result = _merge(a, b, _uncoupled(a, b), (a.M12, b.M12), outputs, direct)
-    return result
+        a = _merge(a, b, _uncoupled(a, b), (a.M12, b.M12), outputs, np.vstack([a.M22, b.M22]))
+    return a
 
 
 def stack_columns(*matrices: LFT | ArrayLike) -> LFT:
     """[a , b , ...]: the same outputs, inputs one after the other."""
-    items = [as_lft(matrix) for matrix in matrices]
-    result = items[0]
-    for b in items[1:]:
-        a = result
+    a, *others = map(as_lft, matrices)
+    for b in others:
         check(a.shape[0] == b.shape[0], f"cannot stack shapes {a.shape} and {b.shape} as columns")
         beside, before = (np.zeros((x.order, y.shape[1])) for x, y in ((a, b), (b, a)))
         inputs = (np.hstack([a.M12, beside]), np.hstack([before, b.M12]))
-        direct = np.hstack([a.M22, b.M22])
-        result = _merge(a, b, _uncoupled(a, b), inputs, (a.M21, b.M21), direct)
-    return result
+        a = _merge(a, b, _uncoupled(a, b), inputs, (a.M21, b.M21), np.hstack([a.M22, b.M22]))
+    return a
 
 
 def stack_diagonal(*matrices: LFT | ArrayLike) -> LFT:
