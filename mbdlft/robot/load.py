@@ -215,15 +215,13 @@ def load_robot(
         A value is not rational in the parameters.
     """
     robot = make.on_the_ground(read_robot(path, model, keyframe), base)
-    numbers_by_label = make.numbers(robot, right_angle, assumed := list(robot.assumed))
-    added = {
-        label: make.varied(label, percent, numbers_by_label) for label, percent in (vary or {}).items()
-    }
-    chosen = _chosen(added, values or {}, numbers_by_label)
-    make.set_positions(robot, numbers_by_label, set(chosen), assumed)
+    numbers = make.numbers(robot, right_angle, assumed := list(robot.assumed))
+    added = {label: make.varied(label, percent, numbers) for label, percent in (vary or {}).items()}
+    chosen = _chosen(added, values or {}, numbers)
+    make.set_positions(robot, numbers, set(chosen), assumed)
     moves = make.moves_of(robot, moving)
-    make.refuse_massless(robot, numbers_by_label, moves)
-    making = make.Making(robot, numbers_by_label, _scene_names(robot, assumed), moves)
+    make.refuse_massless(robot, numbers, moves)
+    making = make.Making(robot, numbers, _scene_names(robot, assumed), moves)
     earth = gravity if gravity is not None else (robot.gravity or GRAVITY)
     fields: dict[str, Any] = {
         "name": robot.name or Path(path).stem,
@@ -232,8 +230,7 @@ def load_robot(
         "constants": constants or {},
         "parameters": (*parameters, *added.values()),
     }
-    held = make.holds(making) if any(earth) else []
-    if held:
+    if held := make.holds(making) if any(earth) else []:
         assumed.append("forces and torques along the axes of the root, hold_..., hold the free robot")
     joints = [make.joint_of(making, joint) for joint in robot.joints.values()]
     scene = Scene(
@@ -254,12 +251,11 @@ def load_robot(
         for joint in robot.joints.values()
         if robot.loops and make.outside(joint) and f"{joint.name}.position" not in chosen
     }
-    check_limits(
-        scene, {k: position for k, position in make.limits(making).items() if k.joint not in stay}
-    )
+    limits = make.limits(making)
+    check_limits(scene, {k: position for k, position in limits.items() if k.joint not in stay})
     if gravity is None and robot.gravity is None:
         assumed.append("gravity is 9.81 m/s^2 against the z axis of the ground")
-    return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(make.limits(making)))
+    return scene, ImportReport(ignored_of(making), tuple(assumed), tuple(limits))
 
 
 def _couplings(making: make.Making, taken: Container[str], assumed: list[str]) -> list[Mimic | Linear]:
