@@ -204,9 +204,10 @@ def test_sizes_of_terms_do_not_cancel() -> None:
     import casadi as ca
 
     x = ca.SX.sym("x", 2)
-    function = ca.Function("f", [x], [ca.vertcat(x[0] * x[1] - x[0] * x[1] * 3, x[0] / x[1] - 2 * x[0])])
+    terms = ca.vertcat(x[0] * x[1] - x[0] * x[1] * 3, x[0] / x[1] - 2 * x[0], x[0] + (x[1] - 4 * x[0]))
+    function = ca.Function("f", [x], [terms])
     points = np.array([[2.0, -3.0], [-1.0, 0.5]])
-    expected = np.array([[6.0 + 18.0, 2.0 / 3.0 + 4.0], [0.5 + 1.5, 2.0 + 2.0]])
+    expected = np.array([[6.0 + 18.0, 2.0 / 3.0 + 4.0, 13.0], [0.5 + 1.5, 2.0 + 2.0, 5.5]])
     roundoff(term_sizes(function, points), expected)
     y = ca.SX.sym("y", 2)
     of_two = ca.Function("f", [x[0], y], [y[1] - x[0] * y[0]])

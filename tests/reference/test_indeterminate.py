@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import brentq
 
 import mbdlft
+from mbdlft.problem.linearization import inverse_of_efforts
 from tests import kit
 from tests.close import BENCHMARK, CLOSED_FORM, SCENARIO, target
 from tests.laws import elastic as scenes
@@ -271,3 +272,11 @@ def test_nafems_fv5_deep_simply_supported_beam() -> None:
     published = np.array([42.649, 42.649, 77.542, 125.0, 148.31, 148.31, 233.10, 284.55, 284.55])
     found = lowest(scene, 9) / (2.0 * np.pi)
     target(found / published - 1.0, np.zeros(9), BENCHMARK, 1.0)
+
+
+def test_slopes_of_stiffnesses_beside_those_of_gaps_are_inverted() -> None:
+    """In units that differ by 2^70, which doubles alone take for a singular matrix."""
+    slopes = np.array([[2.0, 1.0], [1.0, -3.0]])
+    rows, columns = np.array([[2.0**40], [2.0**-30]]), np.array([2.0**5, 2.0**-9])
+    found = inverse_of_efforts((rows * slopes * columns)[None])[0]
+    target(columns[:, None] * found * rows.T, np.linalg.inv(slopes), CLOSED_FORM)
