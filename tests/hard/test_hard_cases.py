@@ -52,7 +52,7 @@ from tests.oscillators import plain
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("case", hard.CASES, ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [*hard.CASES, *hard.LARGE], ids=lambda case: case.name)
 def test_entries_against_50_digits(case: hard.Case) -> None:
     found = measure(case)
     assert found.lft_factor <= HARD, found
@@ -60,12 +60,6 @@ def test_entries_against_50_digits(case: hard.Case) -> None:
     # nothing is silently wrong: the certificate has the error, or the condition that explains it
     assert found.unstated <= HARD, found
     assert found.condition <= HARD * found.stated or found.sign_changes, found
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("case", hard.LARGE, ids=lambda case: case.name)
-def test_large_cases(case: hard.Case) -> None:
-    test_entries_against_50_digits(case)
 
 
 @pytest.mark.long

@@ -8,10 +8,8 @@
 """
 
 import os
-import signal
 import subprocess
 import sys
-import time
 import tracemalloc
 from pathlib import Path
 
@@ -38,17 +36,9 @@ PARAMETERS = (
     Parameter("b", 2.0, percent=10),
     Angle("c", 10.0, low=-20.0, high=80.0),
 )
+KEYS = ("samples", "A", "B", "C", "D", "trim", "residual", "status")
 SECONDS = 120
 MEMORY = 2**27  # bytes
-RUN = """
-import sys
-import mbdlft
-from mbdlft.batch import staging
-
-staging._SHARD_ROWS = 4096
-scene = mbdlft.load_scene(sys.argv[1])
-mbdlft.sweep(scene, mbdlft.RandomSamples(int(sys.argv[3]), 5), sys.argv[2], workers=2)
-"""
 CLUSTER = """
 import os, signal, sys
 import mbdlft
@@ -89,9 +79,13 @@ def check_arm(found: mbdlft.Sweep, values: dict[str, np.ndarray]) -> None:
     exact(found.status, np.zeros(len(found.status)))
 
 
+def same_numbers(a: mbdlft.Sweep, b: mbdlft.Sweep) -> None:
+    for key in KEYS:
+        exact(getattr(a, key), getattr(b, key))
+
+
 def same(a: mbdlft.Sweep, b: mbdlft.Sweep) -> None:
-    for name in ("samples", "A", "B", "C", "D", "trim", "residual", "status"):
-        exact(getattr(a, name), getattr(b, name))
+    same_numbers(a, b)
     assert a.layout == b.layout
 
 
@@ -189,22 +183,6 @@ class Stuck(np.random.PCG64):
         return self
 
 
-def test_failed_rows_are_nan(tmp_path: Path) -> None:
-    force = Parameter("f", 0.0, low=-1.0, high=1.0, unit="N")
-    mass = Parameter("m", 1.0, low=0.0, high=2.0, unit="kg")
-    scene = cart("m", [force, mass], {"preload": "f"})
-    values = {"f": np.array([0.0, 0.0, 0.5, 1.0, 0.0]), "m": np.array([0.0, 1.0, 1.0, 0.0, 0.5])}
-    report = mbdlft.sweep(scene, values, tmp_path / "a.h5", workers=1)
-    assert (report.solved, report.not_converged, report.no_equilibrium) == (2, 1, 2)
-    found = mbdlft.load_sweep(tmp_path / "a.h5")
-    exact(found.status, [1, 0, 2, 2, 0])
-    for name in ("A", "B", "C", "D", "residual"):
-        failed = getattr(found, name)[[0, 2, 3]]
-        assert np.all(np.isnan(failed)), name
-    roundoff(found.A[[1, 4], 1, 0], [-3.0, -6.0])
-    exact(found.samples[:, 0], values["f"])
-
-
 def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given = RandomSamples(20_000, 5)
@@ -240,35 +218,6 @@ def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(run, "Pool", lambda _, *more: pool("tests.dying:die", *more))
     with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
-
-
-@pytest.mark.long
-def test_killed_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    count, file = 250_000, tmp_path / "a.h5"  # 62 shards, of which a few are there at the kill
-    few = 3
-    model = mbdlft.to_lft(cart(), search=0.0)
-    mbdlft.save(file, model)
-    before, folder = file.read_bytes(), tmp_path / ".a.h5.two_link_arm.sweep"
-    command = [sys.executable, "-c", RUN, str(SCENE), str(file), str(count)]
-    with subprocess.Popen(command, cwd=ROOT) as process:
-        stop = time.monotonic() + SECONDS
-        while len(list(folder.glob("shard-*.sha256"))) < few and time.monotonic() < stop:
-            time.sleep(0.002)
-        process.send_signal(signal.SIGKILL)
-        assert process.wait(SECONDS) == -signal.SIGKILL
-    assert file.read_bytes() == before
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
-    given = RandomSamples(count, 5)
-    with says(mbdlft.AnalysisError, "another sweep of this name is not finished", "--restart"):
-        mbdlft.sweep(arm(), RandomSamples(count, 6), file, workers=1)
-    report = mbdlft.sweep(arm(), given, file, workers=2)
-    assert 0 < report.resumed < count
-    assert report.solved == count
-    assert mbdlft.model_names(file) == (model.name,)
-    exact(mbdlft.load(file).A, model.A)
-    mbdlft.sweep(arm(), given, tmp_path / "b.h5", workers=1)
-    same(mbdlft.load_sweep(file), mbdlft.load_sweep(tmp_path / "b.h5"))
-    assert not folder.exists()
 
 
 def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,7 +313,6 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 # Poles, numbers of a user's function, and single precision in sweeps.
 
-KEYS = ("samples", "A", "B", "C", "D", "trim", "residual", "status")
 FUNCTIONS = """
 import os
 import numpy as np
@@ -390,11 +338,6 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     (tmp_path / f"{name}.py").write_text(FUNCTIONS, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return name
-
-
-def same_numbers(a: mbdlft.Sweep, b: mbdlft.Sweep) -> None:
-    for key in KEYS:
-        exact(getattr(a, key), getattr(b, key))
 
 
 def test_poles_of_a_cart(tmp_path: Path) -> None:
@@ -541,9 +484,12 @@ def test_a_model_and_rows_without_a_solution(tmp_path: Path, module: str) -> Non
     found = mbdlft.load_sweep(tmp_path / "a.h5")
     exact(found.status, [1, 0, 2, 2, 0])
     assert found.poles is not None
-    for part in (found.poles, found.values["a"]):
+    matrices = [getattr(found, name) for name in ("A", "B", "C", "D", "residual")]
+    for part in (found.poles, found.values["a"], *matrices):
         assert np.all(np.isnan(part[[0, 2, 3]]))
         assert np.all(np.isfinite(part[[1, 4]]))
+    roundoff(found.A[[1, 4], 1, 0], [-3.0, -6.0])
+    exact(found.samples[:, 0], values["f"])
     model = mbdlft.to_lft(arm(), search=0.0)
     mbdlft.sweep(model, RandomSamples(2000), tmp_path / "b.h5", workers=1, poles=True)
     rows = mbdlft.load_sweep(tmp_path / "b.h5")
