@@ -51,6 +51,7 @@ PLANT = mbdlft.realize(
     MATRIX, RANGES, states=2, inputs=["f"], outputs=["y"], name="plant", search=0.0, prove=0.0
 )
 LOOP = [["f", "u"], ["e", "r", "-y"]]
+PID = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
 WEIGHT = state_space([[-0.002]], [[1.0]], [[2.0 - 0.002 / 1.3]], [[1.0 / 1.3]])
 S = 0.7j + 0.2  # where transfer functions are compared
 
@@ -391,8 +392,7 @@ def test_margins_in_decibels_and_degrees() -> None:
 
 def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first way stays at poor values here; better ones of starts at the same points are taken."""
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    good = list(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values.values())
+    good = list(tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False).values.values())
     poor = [60.0, 20.0, 60.0]
     monkeypatch.setattr(box, "tuned", lambda tuner, *_: [tuner.at(np.array(poor))])
     monkeypatch.setattr(box, "taken_on", lambda tuner, x, *_, **__: tuner.at(x))
@@ -400,7 +400,7 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
     monkeypatch.setattr(box, "_ROUNDS", 2)
     monkeypatch.setattr(box, "_COSTLY", 0.0)
     for starts, expected in ((1, poor), (2, good)):
-        made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=starts, prove=False)
+        made = tune([PLANT, PID], [GOALS[0]], LOOP, starts=starts, prove=False)
         target(list(made.values.values()), expected, CLOSED_FORM)
 
 
@@ -409,8 +409,7 @@ def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.Mo
 
     The first begins although no point of the box is worse.
     """
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    good = dict(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values)
+    good = dict(tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False).values)
     begun, corners = list[Any](), iter([[], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
 
     def descended(tuner: Any, x: Any, *_: Any, is_near: bool) -> Any:
@@ -424,7 +423,7 @@ def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.Mo
     monkeypatch.setattr(box, "taken_on", descended)
     monkeypatch.setattr(box, "_worst_points", worst)
     monkeypatch.setattr(box, "_ROUNDS", 3)
-    made = tune([PLANT, pid], [GOALS[0]], LOOP, initial=good, starts=1, prove=False)
+    made = tune([PLANT, PID], [GOALS[0]], LOOP, initial=good, starts=1, prove=False)
     assert len(begun) == 3
     for x in [*begun, list(made.values.values())]:
         target(x, list(good.values()), CLOSED_FORM)
@@ -432,8 +431,7 @@ def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.Mo
 
 def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each descent goes half of the way: it was the only one where no point of the box is worse."""
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    best = dict(tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False).values)
+    best = dict(tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False).values)
     reached = list[float]()
 
     def descended(tuner: Any, x: Any, *_: Any, is_near: bool) -> Any:
@@ -443,7 +441,7 @@ def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pyt
     monkeypatch.setattr(box, "taken_on", descended)
     monkeypatch.setattr(box, "_worst_points", lambda *at: (np.zeros((0, 3)), at[2].look.soft))
     given = {name: 0.9 * value for name, value in best.items()}
-    tune([PLANT, pid], [GOALS[0]], LOOP, initial=given, starts=1, prove=False)
+    tune([PLANT, PID], [GOALS[0]], LOOP, initial=given, starts=1, prove=False)
     gains = -np.diff(np.log(reached))
     assert len(gains) > 2
     assert np.all(gains > 2e-3)
@@ -480,8 +478,7 @@ def test_what_the_search_of_a_proof_reaches_is_a_point(monkeypatch: pytest.Monke
         return SimpleNamespace(lower=next(reached, 0.0), delta=inside, reason="")
 
     monkeypatch.setattr(box, "worst_case_gain", seen)
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False)
+    made = tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False)
     expected = {p.name: float(to_physical(p, inside[p.name])) for p in RANGES}
     assert any(dict(point) == expected for point in made.points)
     assert len(made.points) > 2  # of climbs
@@ -489,12 +486,11 @@ def test_what_the_search_of_a_proof_reaches_is_a_point(monkeypatch: pytest.Monke
 
 def test_what_is_found_does_not_depend_on_workers() -> None:
     """Starts, polishing, and the worst of two goals, in this process and in two."""
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
     ways: list[tuple[list[str], Any]] = []
     for workers in (1, 2):
         said = list[str]()
         made = tune(
-            [PLANT, pid], GOALS[:3:2], LOOP, starts=4, prove=False, workers=workers, progress=said.append
+            [PLANT, PID], GOALS[:3:2], LOOP, starts=4, prove=False, workers=workers, progress=said.append
         )
         ways.append((said, (made.values, made.points)))
     assert "start 4 of 4" in "".join(ways[0][0])
@@ -509,8 +505,7 @@ def test_points_of_the_box_stand_when_it_is_interrupted() -> None:
         if " points, " in text and not text.startswith("1 "):
             raise KeyboardInterrupt
 
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    made = tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False, progress=interrupted)
+    made = tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False, progress=interrupted)
     assert len(made.points) > 1, said
 
 
@@ -531,13 +526,12 @@ def test_an_interrupt_ends_the_search_and_the_next_one_the_proofs(
     def interrupted_proof(lower: float, upper: float) -> None:
         raise KeyboardInterrupt
 
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
-    made = tune([PLANT, pid], GOALS[:2], LOOP, starts=2, progress=interrupted)
+    made = tune([PLANT, PID], GOALS[:2], LOOP, starts=2, progress=interrupted)
     assert said == [said[0], f"proof of {GOALS[0].name}"]
     assert len(made.points) == 1
     assert all(np.isfinite(reached.tuned) and not reached.bounds for reached in made.goals)
     monkeypatch.setattr(synthesis.reached, "worst_case_gain", stopped)
-    made = tune([PLANT, pid], GOALS[:2], LOOP, starts=1)
+    made = tune([PLANT, PID], GOALS[:2], LOOP, starts=1)
     first, second = made.goals
     assert first.bounds[0].reason == "it was interrupted"
     assert not second.bounds
@@ -620,7 +614,6 @@ def test_loops_are_made_stable_beside_what_others_reach(monkeypatch: pytest.Monk
 
 def test_points_stay_where_the_box_is_far_worse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Which of them decide is not known before values are good there."""
-    pid = tunable_pid("K", "e", "u", filter=100.0, scale=20.0)
     good, counts = [60.0, 20.0, 60.0], list[int]()  # with 0.872 at nominal
 
     def descended(tuner: Any, x: Any, *_: Any, **__: Any) -> Any:
@@ -637,7 +630,7 @@ def test_points_stay_where_the_box_is_far_worse(monkeypatch: pytest.MonkeyPatch)
         answers = [(points, times * 0.872) for points in new]
         monkeypatch.setattr(box, "_worst_points", lambda *_, left=answers: left.pop())
         counts.clear()
-        tune([PLANT, pid], [GOALS[0]], LOOP, starts=1, prove=False)
+        tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False)
         assert counts == expected
 
 
