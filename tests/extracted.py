@@ -1,9 +1,10 @@
 """LFTs in exact numbers and in doubles, for laws of either."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 import numpy as np
+import pytest
 
 from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.matrices import ExactMatrix, from_rows
@@ -15,6 +16,13 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.problem.relations import LinearModel
 
 FIELD = Field()
+
+
+@pytest.fixture(autouse=True)
+def with_bits() -> Iterator[None]:
+    """Tests of a file that imports this have exact numbers of as many bits as models begin with."""
+    with precision(BITS):
+        yield
 
 
 def extracted(relations: LinearModel, maps: Sequence[BilinearMap] | None = None) -> LFT:

@@ -1,10 +1,12 @@
-"""Parts of scenes with what each of them has given by its place, and a scene of parts in any order."""
+"""Parts of scenes, with what each of them has given by its place; scenes of parts; transfers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 import mbdlft
-from mbdlft import Inertia, Parameter, RigidBody, Scene
+from mbdlft import Inertia, Parameter, RigidBody, Scene, System
 from mbdlft.multibody.body import Body
 from mbdlft.multibody.contact import Contact
 from mbdlft.multibody.coupling import Coupling
@@ -59,3 +61,9 @@ strut = _by_place(mbdlft.Strut, *_ENDS, "direction")
 force = _by_place(mbdlft.Force, "name", "port", "direction")
 torque = _by_place(mbdlft.Torque, "name", "port", "direction")
 planar = _by_place(mbdlft.Planar, *_ENDS, "axis")
+
+
+def transfer(system: System, s: complex, values: Mapping[str, Any]) -> np.ndarray:
+    """C (s I - A)^-1 B + D at values of the parameters."""
+    A, B, C, D = mbdlft.matrices_at(system, values)
+    return np.asarray(C @ np.linalg.solve(s * np.eye(A.shape[-1]) - A, B + 0j) + D)

@@ -25,7 +25,7 @@ from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import Number, evaluate, parse
 from mbdlft.base.parameter import to_internal
 from mbdlft.dae import DaeDraft
-from mbdlft.exact.numbers import BITS, Constant, precision
+from mbdlft.exact.numbers import Constant, precision
 from mbdlft.problem.sx import constants as module
 from mbdlft.problem.sx.constants import (
     FUNCTIONS,
@@ -42,15 +42,10 @@ from mbdlft.problem.sx.constants import (
     without_zeros,
 )
 from tests.close import error, exact, roundoff
+from tests.extracted import with_bits as with_bits
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
 decimals = st.integers(-(10**6), 10**6).map(lambda k: k / 1000.0)
-
-
-@pytest.fixture(autouse=True)
-def with_bits() -> object:
-    with precision(BITS):
-        yield
 
 
 def value(expression: object) -> float:

@@ -30,17 +30,12 @@ from mbdlft.robust import sector
 from mbdlft.robust.bisect import boxes, characteristic
 from tests.close import EPS, ONE_ROUNDING, conditioned, exact, roundoff, target
 from tests.extracted import FIELD, exact_matrix, exactly
+from tests.extracted import with_bits as with_bits
 from tests.laws.lfts import lfts, points
 
 Fractions = list[list[Fraction]]
 PRIME = FIELD.prime
 sides = st.integers(0, 5)
-
-
-@pytest.fixture(autouse=True)
-def with_bits() -> object:
-    with precision(BITS):
-        yield
 
 
 def fractions(seed: int, n: int, m: int, most_rank: int = 5) -> Fractions:

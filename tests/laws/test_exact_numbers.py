@@ -37,6 +37,7 @@ from mbdlft.exact.numbers import (
 from mbdlft.pipeline.extract.graph import SignalGraph
 from mbdlft.problem.sx.constants import double
 from tests.close import roundoff
+from tests.extracted import with_bits as with_bits
 
 FIELD = Field()
 rationals = st.fractions(min_value=-100, max_value=100, max_denominator=99)
@@ -44,12 +45,6 @@ angles = st.integers(-(400 * 10**9), 400 * 10**9).map(lambda k: Fraction(k, 10**
 in_radians = st.fractions(min_value=-10, max_value=10, max_denominator=10**6).map(
     lambda x: Fraction(round(x * 10**12), 10**12)
 )
-
-
-@pytest.fixture(autouse=True)
-def with_bits() -> object:
-    with precision(BITS):
-        yield
 
 
 def is_consistent(value: Exact) -> bool:

@@ -10,7 +10,7 @@
 LFTs are written in doubles with numbers of few binary digits, so that their algebra is exact.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from functools import cache, reduce
 from itertools import combinations, product
 
@@ -23,7 +23,6 @@ import mbdlft
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES, Case
 from mbdlft.exact.matrices import ExactMatrix, identity, stacked
-from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_diagonal, stack_rows
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
@@ -37,16 +36,11 @@ from mbdlft.pipeline.extract import extract
 from mbdlft.pipeline.forms import candidates
 from mbdlft.problem.relations import linearize
 from tests.extracted import exact_matrix, exactly
+from tests.extracted import with_bits as with_bits
 from tests.strategies import fewer
 
 seeds = st.integers(0, 1000)
 bits = st.booleans()
-
-
-@pytest.fixture(autouse=True)
-def with_bits() -> Iterator[None]:
-    with precision(BITS):
-        yield
 
 
 def small(a: LFT) -> ExactLFT:

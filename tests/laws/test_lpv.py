@@ -24,6 +24,7 @@ from mbdlft.synthesis.bound import full_order_bound
 from mbdlft.synthesis.loop import network
 from mbdlft.system import state_space
 from tests.close import CLOSED_FORM, CROSS, REDUCED, target
+from tests.laws.test_synthesis import transfer
 
 K = mbdlft.Parameter("k", 2.0, low=1.0, high=3.0, unit="N/m", role="scheduled")
 SPRING = mbdlft.realize(
@@ -41,11 +42,6 @@ POINTS = {"k": np.random.default_rng(3).uniform(1.0, 3.0, 12)}
 @pytest.fixture(scope="module")
 def made() -> mbdlft.ScheduledSynthesis:
     return lpv_synthesis([SPRING, tunable_gain("K", "e", "u")], GOALS, LOOP, work=3.0)
-
-
-def transfer(system: mbdlft.System, s: complex = 0.7j + 0.2, **values: float) -> np.ndarray:
-    A, B, C, D = mbdlft.matrices_at(system, values)
-    return np.asarray(C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D)
 
 
 def largest(system: mbdlft.System, values: dict[str, np.ndarray]) -> np.ndarray:

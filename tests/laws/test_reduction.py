@@ -23,6 +23,7 @@ from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.reduction import _SHOWN, ExactLFT, in_good_coordinates, reduce_exactly, reduce_order
 from tests.close import ONE_ROUNDING, exact, roundoff
 from tests.extracted import FIELD, exact_matrix, exactly, lower_bound
+from tests.extracted import with_bits as with_bits
 from tests.laws.lfts import lfts, padded, points, sparse_lfts
 
 KAPPA = 1e5
@@ -113,12 +114,6 @@ def test_scales_do_not_change_ranks(power: int) -> None:
 # Laws of the reduction in exact numbers.
 
 PRIME = FIELD.prime
-
-
-@pytest.fixture(autouse=True)
-def with_bits() -> object:
-    with precision(BITS):
-        yield
 
 
 def at_points(a: LFT) -> np.ndarray:

@@ -33,14 +33,6 @@ def samples(model: LFTModel) -> list[Values]:
     return [{name: float(values[k]) for name, values in drawn.items()} for k in range(POINTS)]
 
 
-def response(model: LFTModel, p: Values, s: complex) -> Any:
-    """C (s I - A)^-1 B + D at values of the parameters."""
-    A, B, C, D = (
-        np.asarray(part)[0] for part in mbdlft.matrices_at(model, {k: [x] for k, x in p.items()})
-    )
-    return C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
-
-
 def block_diagram(p: Values, s: complex) -> Any:
     return [[4.0 / (1.0 + p["p1"] * s)]]
 
@@ -143,7 +135,7 @@ def test_transfer_functions_are_those_of_the_formulas(formula: Callable[[Values,
     for p in samples(model):
         for w in FREQUENCIES.get(formula.__name__, (0.3, 2.0, 17.0)):
             s = 0.1 * w + 1j * w
-            target(response(model, p, s), formula(p, s), CROSS)
+            target(kit.transfer(model, s, p), formula(p, s), CROSS)
 
 
 @pytest.mark.parametrize(
@@ -169,7 +161,7 @@ def test_the_accelerated_mass_has_the_states_of_its_source() -> None:
     model = linearize_dae(point, search=0.0, prove=0.0)
     for p in samples(model):
         s = 0.3 + 1j
-        target(response(model, p, s), [[1.0 / s**2], [p["m"]]], CROSS)
+        target(kit.transfer(model, s, p), [[1.0 / s**2], [p["m"]]], CROSS)
 
 
 def test_modes_of_the_chua_circuit() -> None:
@@ -244,7 +236,7 @@ def test_aircraft_with_tables() -> None:
         s = 0.4 + 1.5j
         transfer = np.linalg.solve(s * np.eye(4) - J[:, :4], J[:, 4:])
         C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 1.0]])
-        target(response(model, p, s), C @ transfer, CROSS)
+        target(kit.transfer(model, s, p), C @ transfer, CROSS)
 
 
 def servo(x: Any, p: Values) -> Any:
@@ -276,7 +268,7 @@ def test_hydraulic_servo() -> None:
         J = slopes(lambda z, p=full: servo(z, p), x, np.array([1.0, 1.0, 1e6, 1e6, 1.0, 1.0]))
         s = 20.0 + 60j
         transfer = np.linalg.solve(s * np.eye(4) - J[:, :4], J[:, 4:])
-        target(response(model, p, s), transfer[:1], CROSS)
+        target(kit.transfer(model, s, p), transfer[:1], CROSS)
 
 
 # the same pendulum as a scene ------------------------------------------------------------------
@@ -304,8 +296,8 @@ def test_pendulum_of_a_multibody_library_is_that_of_the_scene() -> None:
     assert sum(model.certificate.lower_bound) == ours.order == 3
     for p in samples(model):
         s = 0.2 + 3.0j
-        expected = response(ours, p, s)[[y.name for y in ours.outputs].index("pivot.angle")]
-        target(response(model, p, s)[0], expected, CROSS)
+        expected = kit.transfer(ours, s, p)[[y.name for y in ours.outputs].index("pivot.angle")]
+        target(kit.transfer(model, s, p)[0], expected, CROSS)
 
 
 @pytest.mark.long
@@ -321,7 +313,7 @@ def test_pendulum_in_cartesian_coordinates_is_that_of_the_scene() -> None:
     ours = mbdlft.to_lft(scene(m, L, 0.0), search=0.0)
     for p in samples(model):
         s = 0.2 + 3.0j
-        angle = response(ours, p, s)[[y.name for y in ours.outputs].index("pivot.angle")][0]
+        angle = kit.transfer(ours, s, p)[[y.name for y in ours.outputs].index("pivot.angle")][0]
         # the drag of the air turns as the damping d L^2 of the joint
-        own = response(model, p, s)[0, 0]
+        own = kit.transfer(model, s, p)[0, 0]
         target(1.0 / own - 0.1 * s, 1.0 / (p["L"] ** 2 * angle), CROSS)

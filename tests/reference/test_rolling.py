@@ -183,10 +183,9 @@ def sleigh() -> Scene:
 def test_chaplygins_sleigh() -> None:
     """(J + m b^2) w' = -m b v w (Neimark and Fufaev, section III.2): one rate decides."""
     model = to_lft(sleigh(), search=0.0)
-    at = mbdlft.matrices_at(model, {"v": 1.5, "b": 0.4})
     inertia = 0.2 + 3.0 * 0.4**2
     pole = -3.0 * 0.4 * 1.5 / inertia
-    gain = at.C @ np.linalg.solve(2j * np.eye(len(at.A)) - at.A, at.B) + at.D
+    gain = kit.transfer(model, 2j, {"v": 1.5, "b": 0.4})
     assert np.isclose(gain[0, 0], 1.0 / inertia / (2j - pole), rtol=close.CLOSED_FORM)
     assert len(model.states) == 2  # the rate, and the speed along the edge
 

@@ -15,6 +15,7 @@ from mbdlft import Inertia, Parameter, PointMass, Prismatic, RigidBody, Scene, S
 from mbdlft.base.errors import SceneError
 from mbdlft.library.devices import ZERO
 from mbdlft.multibody import JointWrench
+from tests import kit
 from tests.close import CLOSED_FORM, EVALUATION, published, target
 
 
@@ -57,11 +58,10 @@ def test_tank_has_the_frequency_of_the_liquid(
     if mass == "m" and acceleration in (None, "a"):
         points += [{"a": 7.0, "m": 11e3}, {"a": 24.0, "m": 19e3}]
     for values in points:
-        at = mbdlft.matrices_at(model, values)
         squared = values["a"] * ZERO / R * np.tanh(ZERO * h / R)
         share = 2.0 * R * np.tanh(ZERO * h / R) / (ZERO * (ZERO**2 - 1.0) * h)
         for s in (2j, 5j, 1.0 + 3j):
-            felt = (at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D)[0, 0]
+            felt = kit.transfer(model, s, values)[0, 0]
             wanted = 5e3 + values["m"] * (1.0 - share * s**2 / (s**2 + squared))
             target(np.array([felt]), np.array([wanted]), CLOSED_FORM)
 
@@ -102,9 +102,7 @@ def test_force_of_the_liquid_is_that_of_potential_theory(
     squared = a * ZERO / R * deep
     share = 2.0 * R * deep / ((ZERO**2 - 1.0) * ZERO * h)
     wanted = 1.0 / (s**2 * (stage + liquid * (1.0 - share * s**2 / (s**2 + squared))))
-    A, B, C, D = mbdlft.matrices_at(model, {"a": a, "m": m})
-    got = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
-    target(got[0, 0], wanted, CLOSED_FORM)
+    target(kit.transfer(model, s, {"a": a, "m": m})[0, 0], wanted, CLOSED_FORM)
 
 
 def test_center_of_the_liquid_is_kept() -> None:

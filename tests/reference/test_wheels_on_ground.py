@@ -59,8 +59,7 @@ def test_a_car_on_tires_is_that_of_textbooks(length: float) -> None:
     )
     assert model.order == sum(model.certificate.lower_bound) == 4
     for v, C, s in ((7.0, 50e3, 3j), (38.0, 70e3, 0.5 + 9j)):
-        at = mbdlft.matrices_at(model, {"v": v, "C": C})
-        found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+        found = kit.transfer(model, s, {"v": v, "C": C})
         close.target(found[:, 0], side_of_a_car(v, C, s, length), close.MECHANISM)
 
 
@@ -93,8 +92,7 @@ def test_a_wheel_that_leans_is_pushed_aside(length: float) -> None:
     )
     scene = unicycle(wheel, m, J, R, v)
     model, s = to_lft(scene, search=0.0), 1.0 + 4j
-    at = mbdlft.matrices_at(model, {})
-    found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+    found = kit.transfer(model, s, {})
     lag = 1.0 + length / v * s
     by_y, by_lean = -C * s / v / lag, (-C * R * s / v - camber) / lag
     whole = np.array([[m * s**2 - by_y, -by_lean], [-R * by_y, J * s**2 - R * by_lean - (R - r) * N]])
@@ -211,8 +209,8 @@ def test_a_short_relaxation_tends_to_none() -> None:
     scene, s, answers = mbdlft.load_scene(FOLDER / "motorcycle.toml"), 2.0 + 9j, list[np.ndarray]()
     for length in (None, 1e-4, 1e-3):
         loads = tuple(x.model_copy(update={"relaxation": length}) for x in scene.loads)
-        at = mbdlft.matrices_at(to_lft(scene.model_copy(update={"loads": loads}), search=0.0), {"c": 3.0})
-        answers.append(at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D)
+        model = to_lft(scene.model_copy(update={"loads": loads}), search=0.0)
+        answers.append(kit.transfer(model, s, {"c": 3.0}))
     small, large = (np.max(np.abs(x - answers[0]) / np.abs(answers[0])) for x in answers[1:])
     assert 9.0 < large / small < 11.0
     assert large < 0.01
@@ -290,8 +288,7 @@ def test_rails_that_are_not_straight_steer_a_wheelset() -> None:
             "outputs": ("aside.position", "yaw.angle"),
         }
     )
-    at = mbdlft.matrices_at(to_lft(over, search=0.0), {"v": v, "conicity": c})
-    found = (at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D) @ [1.0, s]
+    found = kit.transfer(to_lft(over, search=0.0), s, {"v": v, "conicity": c}) @ [1.0, s]
     side, turn, steer = 2 * 6e6 / v, 2 * 7e6 * B**2 / v, 2 * 7e6 * B * c / R
     matrix = np.array([
         [MASS * s**2 + side * s + 0.4e6, -side * v], [steer, YAW * s**2 + turn * s + K_YAW]
@@ -345,8 +342,8 @@ def test_a_foot_on_a_point_holds_aside_and_one_on_a_plane_slides() -> None:
             inputs=["base.force.x", "base.force.z"],
             outputs=["base.position.x", "base.rotation.y", "base.position.z", "foot.force"],
         )
-        at, s = mbdlft.matrices_at(to_lft(scene, search=0.0), {}), 2.0 + 5j
-        found = at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D
+        s = 2.0 + 5j
+        found = kit.transfer(to_lft(scene, search=0.0), s, {})
         foot = np.array([1.0, -h])  # its way aside, by x and the rotation about y
         law_aside = (side + 3.0 * s) * np.outer(foot, foot) - np.diag([0.0, m * 10.0 * h])
         x, turn = np.linalg.solve(np.diag([m, J]) * s**2 + law_aside, [1.0, 0.0])

@@ -9,7 +9,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base.array import Array
-from tests import close
+from tests import close, kit
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
 G = 9.81
@@ -31,12 +31,6 @@ ORDERS = {  # order without search, and proved bound
 @cache
 def model_of(name: str) -> mbdlft.LFTModel:
     return mbdlft.to_lft(mbdlft.load_scene(FOLDER / f"{name}.toml"), search=0.0)
-
-
-def response(name: str, p: P, s: complex) -> Array:
-    """G(s) of the model of a scenario at one point, given in the units of the parameters."""
-    at = mbdlft.matrices_at(model_of(name), p)
-    return np.asarray(at.C @ np.linalg.solve(s * np.eye(len(at.A)) - at.A, at.B) + at.D)
 
 
 def diff_drive(p: P, s: complex) -> Array:
@@ -89,7 +83,7 @@ def test_responses_are_those_of_equations_by_hand(name: str) -> None:
         in_si = {p.name: float(p.factor) * point[p.name] for p in parameters}
         for s in (0.3 + 0.7j, 2.0j, 40.0j):
             wanted = BY_HAND[name](in_si, s)
-            close.target(response(name, point, s), wanted, close.MECHANISM)
+            close.target(kit.transfer(model_of(name), s, point), wanted, close.MECHANISM)
 
 
 @pytest.mark.parametrize("name", ORDERS)
