@@ -15,6 +15,7 @@ import pytest
 import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
 from mbdlft.archive import archive
+from tests.apart import printed
 from tests.archive import models
 from tests.archive.models import same
 from tests.archive.plain_digest import digest
@@ -67,26 +68,15 @@ def check_unchanged(file, before):
 @pytest.mark.parametrize("limit", [0, 1, 4096, 40000])
 def test_full_disk(old, limit):
     before = old.read_bytes()
-    run = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(old), str(limit)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=SECONDS,
-        check=True,
-    )
-    assert run.stdout == (
+    assert printed(FULL_DISK, old, limit) == (
         f"{old}: cannot be written: {os.strerror(errno.EFBIG)}. The old file, if there was one, is "
         "unchanged.\n"
     )
-    assert run.stderr == ""
     check_unchanged(old, before)
 
 
 def test_disk_that_is_not_full(old):
-    subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(old), "1000000"], cwd=ROOT, timeout=SECONDS, check=True
-    )
+    assert printed(FULL_DISK, old, 1000000) == ""
     assert model_names(old) == ("second", "two_link_arm")
 
 

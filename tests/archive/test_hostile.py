@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import mbdlft
 from mbdlft import ArchiveError, load, load_sweep, model_names, save
 from mbdlft.archive import reading
 from mbdlft.base import worker
+from tests.apart import printed
 from tests.archive import models
 from tests.archive.plain_digest import as_words, attributes, digest, edit, instead, made, put, put_text
 from tests.errors.table import refused, says
@@ -245,16 +245,7 @@ def test_helper_is_one_process_and_ends(file):
         "for _ in range(3): mbdlft.load(sys.argv[1], isolated=True)\n"
         "print(reading._READER.process.pid)"
     )
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program, str(file)],
-        cwd=HERE.parents[1],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-    )
-    assert done.stderr == ""
-    assert not Path(f"/proc/{done.stdout.strip()}").exists()
+    assert not Path(f"/proc/{printed(program, file).strip()}").exists()
 
 
 def test_a_message_that_is_cut_off():

@@ -1,7 +1,6 @@
 """Every command prints one JSON object when it is asked to, and the shell completes its names."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +13,7 @@ import mbdlft
 from mbdlft.cli.commands import app
 from mbdlft.cli.output import time_left
 from tests import kit
+from tests.apart import printed
 from tests.scenarios.commands import Call, Output
 from tests.scenarios.test_cli_tuning import MODEL, TASK
 
@@ -105,14 +105,8 @@ def test_show_says_what_is_stored_and_from_when(
 def test_shell_completes() -> None:
     """Commands first; the options of a command are its business, so one process is enough."""
     asked = {"_MBDLFT_COMPLETE": "complete_bash", "COMP_WORDS": "mbdlft lin", "COMP_CWORD": "1"}
-    result = subprocess.run(
-        [sys.executable, "-c", "from mbdlft.cli.commands import app; app(prog_name='mbdlft')"],
-        env={**os.environ, **asked},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert result.stdout.split() == ["linearize"]
+    program = "from mbdlft.cli.commands import app; app(prog_name='mbdlft')"
+    assert printed(program, **asked).split() == ["linearize"]
 
 
 def test_help_lists_every_option_with_words() -> None:
