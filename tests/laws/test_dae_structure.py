@@ -1,5 +1,7 @@
 """Laws of the structure of DAEs: index, states, order of solving, aliases, and linear models of them."""
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -138,6 +140,16 @@ def test_linearization_is_of_second_order_in_the_step() -> None:
     assert np.all((rates > 1.9) & (rates < 2.1))
     extrapolated = (4 * differences(s, z[0], p, 1e-3) - differences(s, z[0], p, 2e-3)) / 3
     finite_difference(extrapolated, exact)
+
+
+def test_solving_begins_at_what_is_known_then_near_then_at_starts() -> None:
+    laws = [f"der({name}) + {name}" for name in "xyz"]
+    s = reduce_index(dae_of("near", "x=1 y=2 z=3", *laws, outputs="x"))
+    assert s.near_start(s.dae.variables) is None
+    s = replace(s, near={"y": 4.0, "z": 5.0})
+    begin = s.near_start(s.dae.variables, {"z": 6.0})
+    assert begin is not None
+    assert begin.tolist() == [1.0, 4.0, 6.0]
 
 
 def test_a_builder_of_casadi() -> None:
