@@ -84,10 +84,16 @@ class _Rows:
             self.waiting[number] += step
 
     def read(self, terms: Sequence[Term]) -> Row:
-        row = combined(terms, self.rows)
-        for _, number in terms:
+        """Their sum; the first row, which of a long sum has all terms so far, is copied if it is kept."""
+        row: Row = {}
+        for k, (factor, number) in enumerate(terms):
             self.waiting[number] -= 1
-            if not self.waiting[number]:
+            is_kept = self.waiting[number] > 0
+            if k or factor.residue != 1:
+                add(row, self.rows[number], factor)
+            else:
+                row = dict(self.rows[number]) if is_kept else self.rows[number]
+            if not is_kept:
                 self.rows[number] = {}
         return row
 
