@@ -474,7 +474,7 @@ def test_what_is_not_as_it_was_written(cache: Path) -> None:
 def test_code_that_cannot_be_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     mbdlft.compile(cart())
     with monkeypatch.context() as patch:
-        patch.setattr(module, "compile_native", lambda *_: 1 / 0)
+        patch.setattr("mbdlft.lft.program.native.compile_native", lambda *_: 1 / 0)
         with pytest.warns(mbdlft.MbdlftWarning, match="LLVM failed: ZeroDivisionError"):
             assert mbdlft.compile(cart()).program is None
     assert source_of(cart()).layout == mbdlft.compile(cart()).layout

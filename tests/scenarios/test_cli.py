@@ -45,7 +45,7 @@ def test_figure_that_fails_takes_neither_table_nor_archive_away(
     def fails(*_: object, **__: object) -> None:
         raise mbdlft.AnalysisError("the figure cannot be drawn.")
 
-    monkeypatch.setattr("mbdlft.show.figures.responses.frequency_response", fails)
+    monkeypatch.setattr("mbdlft.show.figures.responses.drawn_samples", fails)
     command = ("linearize", ARM, "--search", "0", "-o", str(archive), "--plot", str(figure))
     code, out, err = call(*command)
     assert (code, err) == (2, "mbdlft: the figure cannot be drawn.\n")
