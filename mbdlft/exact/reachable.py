@@ -38,13 +38,17 @@ _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vector
 _MOST_GUESSED = 200
 
 
-def reduced(M: ExactMatrix, sizes: Sequence[int]) -> tuple[ExactMatrix, list[int]]:
-    """The smallest [M11 M12 ; M21 M22] of equal value, and repetitions of its deltas."""
-    sizes = list(sizes)
-    for _ in range(2):
-        compressed, sizes = _compressed(M, sizes)
-        M = compressed.T
-    return M, sizes
+def reduced(
+    M: ExactMatrix, sizes: Sequence[int], outputs: int | None = None
+) -> tuple[ExactMatrix, list[int]]:
+    """The smallest [M11 M12 ; M21 M22] of equal value, and repetitions of its deltas.
+
+    Of equal value are so many outputs, all by default. What the others are is what these need.
+    """
+    n = sum(sizes)
+    M, sizes = _compressed(M, list(sizes), M.shape[1] - n)
+    M, sizes = _compressed(M.T, sizes, M.shape[0] - sum(sizes) if outputs is None else outputs)
+    return M.T, sizes
 
 
 def reduced_residues(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
@@ -64,12 +68,13 @@ def reduced_residues(M: Residues, sizes: list[int], prime: int) -> tuple[Residue
     return M, sizes
 
 
-def _compressed(M: ExactMatrix, sizes: list[int]) -> tuple[ExactMatrix, list[int]]:
-    """Each delta restricted to its reachable subspace."""
+def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[ExactMatrix, list[int]]:
+    """Each delta restricted to the subspace that it reaches from the first inputs."""
     n, blocks = sum(sizes), _parts(sizes)
+    M = whole[:, : n + inputs]
     spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime)
     if [len(space.pivots) for space in spaces] == sizes:
-        return M, sizes
+        return whole, sizes
     rough = rough_values(M)
     scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
     if n > _MOST_GUESSED:
@@ -87,7 +92,7 @@ def _compressed(M: ExactMatrix, sizes: list[int]) -> tuple[ExactMatrix, list[int
         for space, basis, guess, block in zip(spaces, bases, guesses, blocks, strict=True)
     ]
     kept = [block.start + row for block, g in zip(blocks, graphs, strict=True) for row in g.chosen]
-    rows = M[[*kept, *range(n, M.shape[0])]]
+    rows = whole[[*kept, *range(n, M.shape[0])]]
     columns = [_in_basis(rows[:, block], g) for block, g in zip(blocks, graphs, strict=True)]
     return stacked([[*columns, rows[:, n:]]]), [len(g.chosen) for g in graphs]
 

@@ -27,15 +27,8 @@ from mbdlft.base.parameter import BilinearMap
 from mbdlft.exact.numbers import Constant, Exact, Field, constant_of, zero_of
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.sparse_bound import SparseResidues
-from mbdlft.pipeline.extract.noncommuting import (
-    Item,
-    Term,
-    Words,
-    closed,
-    smallest,
-    sparse,
-    with_sums_put_in,
-)
+from mbdlft.pipeline.extract.noncommuting import Item, Term, Words, closed, smallest, with_sums_put_in
+from mbdlft.pipeline.extract.sparse_equations import sparse
 from mbdlft.problem.relations import LinearModel
 from mbdlft.problem.sx.constants import constants_in
 from mbdlft.problem.sx.tapes import Rules, fold, rules

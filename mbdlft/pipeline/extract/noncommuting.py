@@ -31,13 +31,11 @@ import numpy as np
 
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.exact.matrices import ExactMatrix, double_of, from_rows, identity, to_rows
+from mbdlft.exact.matrices import ExactMatrix, from_rows, identity, to_rows
 from mbdlft.exact.numbers import Exact, Field
 from mbdlft.lft.block import Block
 from mbdlft.lft.determinant import components
-from mbdlft.lft.sparse import ALWAYS, SparseLFT
 from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.sparse_bound import SparseResidues
 
 _MANY = 5000  # items: with fewer, sums in sums take more time than longer rows
 Row = dict[int, Exact]  # entries by column, none of them zero
@@ -261,49 +259,6 @@ def _add(row: Row, other: Row, ball: Any, residue: Any) -> list[int]:
         else:
             del row[column]
     return new
-
-
-def sparse(
-    words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
-) -> SparseResidues:
-    """As `closed`, with quotients and items as the signals of sparse equations.
-
-    That of a channel is (1 + a1 delta) w = (b0 + (b0 a1 + gain) delta) z.
-    """
-    words = with_sums_put_in(words, of_one_reader=True)
-    inputs, one = words.inputs - quotients, words.field.one
-    signals = quotients + len(words.items)
-    order = sorted(range(len(names)), key=names.__getitem__)
-    exact = words.field.decimals([x for k in order for x in (maps[k].b0, maps[k].gain, maps[k].a1)])
-    block = {k: position for position, k in enumerate(order)}
-    entries: list[tuple[int, int, Exact, int]] = []
-
-    def put(row: int, terms: Sequence[Term], factor: Exact = one, owner: int = ALWAYS) -> None:
-        for value, k in terms:
-            column = k - inputs if k >= inputs else signals + k
-            entries.append((row, column, value * factor, owner))
-
-    for row, terms in enumerate(words.outputs):
-        put(row if row < quotients else row - quotients + signals, terms)
-    for row, (letter, terms) in enumerate(words.items, start=quotients):
-        itself = [(one, inputs + row)]
-        put(row, itself)
-        if letter is None:
-            put(row, terms, -one)
-            continue
-        b0, gain, a1 = exact[3 * block[letter] : 3 * block[letter] + 3]
-        put(row, itself, a1, block[letter])
-        put(row, terms, -b0)
-        put(row, terms, -(b0 * a1 + gain), block[letter])
-    entries = [entry for entry in entries if entry[2]]
-    rows, columns, values, owners = zip(*entries, strict=True)
-    doubles = np.array([double_of(value.ball) for value in values])
-    counts = Counter(names[item.letter] for item in words.items if item.letter is not None)
-    blocks = tuple(Block(names[k], counts[names[k]]) for k in order)
-    shape = (len(words.outputs) - quotients, inputs)
-    lft = SparseLFT(np.array(rows), np.array(columns), doubles, np.array(owners), signals, shape, blocks)
-    residues = np.array([int(value.residue) for value in values], dtype=np.int64)
-    return SparseResidues(lft, residues, words.field.prime)
 
 
 def closed(words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]) -> ExactLFT:
