@@ -6,8 +6,8 @@ with [K, B ; Y_s, Y_u] the matrix in brackets, n signals s and n equations. A ch
 of the signals, and its equation is the only one of its own with delta_k, so E_k has as many rows that are
 not zero as delta_k has repetitions. This is a descriptor LFT: with the other signals put in it is that of
 M11, M12, M21, M22. These matrices are full where few signals, such as the accelerations of all bodies,
-follow from all channels. A chain of 50 links in space has 26,054 channels among 45,000 signals, with four
-entries each: one value takes half a second, and M11 would have 5.4 GB.
+follow from all channels. A chain of 50 links in space has 11,469 channels among 25,300 signals, with five
+entries each: one value takes half a second, and M11 would have 1.1 GB.
 """
 
 from collections.abc import Sequence

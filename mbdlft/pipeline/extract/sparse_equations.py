@@ -110,9 +110,10 @@ class _Equations:
     def _owners(self) -> dict[int, int]:
         """The letters that unknowns follow by alone, if these have loops."""
         count = len(self.letters)
-        pairs = [(u, k) for k, readers in enumerate(self.readers) for u in readers if u < count]
+        pairs = [(u, k) for k, some in enumerate(self.readers) for u in some if u < count]
+        readers, sources = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
         owners, looped = dict[int, int](), set[int]()
-        for loop in components(*np.array(pairs, dtype=int).reshape(-1, 2).T, count):
+        for loop in components(readers, sources, count):
             letters = {self.letters[u] for u in loop.tolist()} - {None}
             if len(letters) == 1 and (letter := letters.pop()) is not None:
                 owners |= {u: letter for u in loop.tolist() if not self._is_sum(u)}
