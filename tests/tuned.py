@@ -156,8 +156,10 @@ class Loop(NamedTuple):
             values = at(omega)
             k = np.argmax(values, axis=1)
             best, top = values[line, k], omega[line, k]
-            ends = [omega[line, np.clip(k + d, 0, omega.shape[1] - 1)] for d in (-1, 1)]
-            omega = np.linspace(*ends, 17).T
+            # a pair of poles gives the same frequencies twice
+            before = np.max(np.where(omega < top[:, None], omega, omega[:, :1]), axis=1)
+            after = np.min(np.where(omega > top[:, None], omega, omega[:, -1:]), axis=1)
+            omega = np.linspace(before, after, 17).T
         direct = np.linalg.norm(T[:, n:, n:], 2, (-2, -1))
         return np.maximum(best, direct), np.where(direct > best, np.inf, top)
 

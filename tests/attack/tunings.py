@@ -18,6 +18,7 @@ STARTS, POINTS = 4, 2000
 FEW, DENSE = 200, 400  # points, and frequencies of the grid, where both tuners are compared
 ABOVE = 1.01  # times the best of the other tuner
 ROUNDED = 1.0 + 1e-9  # of a gain in doubles
+SEEN = 0.9995  # of a peak, by the grids of `loop`
 
 
 def attack(seed: int, folder: Path) -> str:
@@ -76,6 +77,8 @@ def compared(seed: int, starts: int) -> tuple[str, float]:
         assert not np.isfinite(proved) or worst <= ROUNDED * proved, (worst, proved)
         some = np.vstack([some, [list(point.values()) for point in made.points]])
     beside = loop(plant, of.states, some)
+    if proved is not None:
+        assert beside.largest_gain(own, DENSE) >= SEEN * made.goals[0].tuned
     others = rivals(loop(plant, of.states, np.vstack([some[:9], some[FEW:]])), of, random, starts)[:3]
     best = min((beside.largest_gain(other, DENSE) for _, other in others), default=np.inf)
     assert worst <= ABOVE * best, (worst, best)
