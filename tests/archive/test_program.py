@@ -208,8 +208,8 @@ def with_bump(
 ) -> LFTModel:
     """Its program with 50 more in an entry where some parameters are in a part of their box.
 
-    It is 50 / (1 + sum of z^512) or, with an edge, 50 max(0, 1 - |z|): z is 1 at the ends of the part,
-    which has a share of the box. Its middle is given between 0 and 1 in each range.
+    It is 50 / (1 + sum of z^512) or, with an edge, products of max(0, 1 - |z|): z is 1 at its ends,
+    and it has a share of the box. Its middle is given between 0 and 1 in each range.
     """
     program = model.program.program  # type: ignore[union-attr]
     kind, width = type(program.instructions[0]), share ** (1.0 / len(middles))
@@ -229,7 +229,7 @@ def with_bump(
                 z = put("multiply", z, z)
             total = put("add", z, total)
         else:
-            total = put("maximum", put("subtract", 1.0, put("size", z, 0.0)), 0.0)
+            total = put("multiply", total, put("maximum", put("subtract", 1.0, put("size", z, 0.0)), 0.0))
     bump = put("divide", 50.0, total) if smooth else put("multiply", total, 50.0)
     (_, k), register = program.entries[0]
     entries = (((0, k), put("add", register, bump)), *program.entries[1:])

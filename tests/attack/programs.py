@@ -23,7 +23,7 @@ def attack(seed: int, folder: Path) -> str:
     random = np.random.default_rng(seed)
     file, model = folder / "a.h5", models.carried()
     if seed % 3 == 2:
-        return false_in_a_slab(random, file, model)
+        return false_in_a_part(random, file, model)
     mbdlft.save(file, model)
 
     def change(group: Any) -> None:
@@ -53,9 +53,11 @@ def attack(seed: int, folder: Path) -> str:
     return "not changed" if same else "evaluated"
 
 
-def false_in_a_slab(random: np.random.Generator, file: Path, model: mbdlft.LFTModel) -> str:
+def false_in_a_part(random: np.random.Generator, file: Path, model: mbdlft.LFTModel) -> str:
     """A program with another value in half a percent to two of the box, which few samples see."""
-    place, share = int(random.integers(len(model.parameters))), float(random.uniform(0.005, 0.02))
-    mbdlft.save(file, with_bump(model, place, share, smooth=bool(random.integers(2))))
+    count, share = int(random.integers(1, 5)), float(random.uniform(0.005, 0.02))
+    places = random.choice(len(model.parameters), count, replace=False).tolist()
+    middles = dict(zip(places, random.uniform(0.2, 0.8, count), strict=True))
+    mbdlft.save(file, with_bump(model, middles, share, smooth=bool(random.integers(2))))
     assert mbdlft.load(file).program is None, "a false program is used"
-    return "false in a slab, left out"
+    return "false in a part, left out"
