@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import WellPosednessError
 from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limbs
 from mbdlft.exact.reachable import reduced_residues
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
@@ -146,13 +147,14 @@ class _Inverse:
         self.prime = prime
         factors = factors_of(matrix_at(a, deltas)[:n, :n])
         assert factors is not None  # regular at random deltas, as at zero
-        self.of_row, self.of_column = factors.perm_r, factors.perm_c
+        self.of_row, of_column = factors.perm_r, factors.perm_c
         moved = K.tocoo()
         rows: Rows = [{} for _ in range(n)]
-        places = (self.of_row[moved.row].tolist(), self.of_column[moved.col].tolist())
+        places = (self.of_row[moved.row].tolist(), of_column[moved.col].tolist())
         for i, j, x in zip(*places, moved.data.tolist(), strict=True):
             rows[i][j] = x
-        below, diagonal = _eliminated(rows, prime)
+        below, diagonal, columns = _eliminated(rows, prime)
+        self.of_column = np.argsort(columns)[of_column]
         self.diagonal = np.array(diagonal, dtype=np.int64)[:, None]
         first = _levels(below, range(n))
         self.levels, self.below = [*first, *_levels(rows, range(n - 1, -1, -1))], len(first)
@@ -173,10 +175,14 @@ class _Inverse:
         return np.asarray(x[self.of_column])
 
 
-def _eliminated(rows: Rows, prime: int) -> tuple[Rows, list[int]]:
-    """L beside its diagonal, and inverses of pivots; the rows become those of U beside its diagonal."""
+def _eliminated(rows: Rows, prime: int) -> tuple[Rows, list[int], list[int]]:
+    """L beside its diagonal, inverses of pivots, and the order of columns; rows become those of U.
+
+    A pivot that doubles have chosen may be nothing but their rounding. It is zero here, and the next
+    entry of its row takes its place.
+    """
     below: Rows = []
-    inverses: list[int] = []
+    inverses, columns = list[int](), [*range(len(rows))]
     for i, row in enumerate(rows):
         waiting, left = [j for j in row if j < i], dict[int, int]()
         heapify(waiting)
@@ -192,9 +198,25 @@ def _eliminated(rows: Rows, prime: int) -> tuple[Rows, list[int]]:
                 row[k] = (row.get(k, 0) - factor * x) % prime
             left[j] = factor * inverses[j] % prime
         below.append(left)
+        if not row.get(i):
+            other = next((k for k, x in row.items() if x), None)
+            if other is None:
+                raise WellPosednessError(
+                    "the equations are singular at all values: their determinant is zero in exact "
+                    "numbers, though it is not in doubles."
+                )
+            _exchange(rows, i, other)
+            columns[i], columns[other] = columns[other], columns[i]
         inverses.append(pow(row.pop(i), -1, prime))
         rows[i] = {k: x * inverses[i] % prime for k, x in row.items() if x}
-    return below, inverses
+    return below, inverses, columns
+
+
+def _exchange(rows: Rows, i: int, k: int) -> None:
+    """Exchange two columns, in place."""
+    for row in rows:
+        if i in row or k in row:
+            row[i], row[k] = row.get(k, 0), row.get(i, 0)
 
 
 def _levels(rows: Rows, order: Sequence[int]) -> list[_Level]:

@@ -3,6 +3,7 @@
 import pickle
 import re
 from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from mbdlft.lft.lft import LFT, Block, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, in_units, solved_for, value_and_sign
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.sparse_bound import SparseResidues, _at_random, sparse_degrees
+from mbdlft.order.sparse_bound import SparseResidues, _at_random, sparse_degrees, value_at_random
 from mbdlft.system.sampled import matrices_at
 from tests.archive.plain_digest import PAGE
 from tests.close import CHAIN, exact, roundoff, target
@@ -115,6 +116,29 @@ def test_degrees(a: LFT, seed: int) -> None:
     E, _, solved = _at_random(whole, seed)  # ranks would not see a wrong pivot
     n = form.signals
     exact(multiplied(E[:n, :n].toarray(), solved, prime), E[:n, n:].toarray())
+
+
+def of_fractions(M: list[list[Fraction]], prime: int) -> SparseResidues:
+    """[K, B ; Y, D] with one input and one output."""
+    row, column = np.nonzero(np.array(M))
+    values = [M[i][j] for i, j in zip(row, column, strict=True)]
+    none = np.full(len(row), ALWAYS)
+    lft = SparseLFT(row, column, np.array(values, dtype=float), none, len(M) - 1, (1, 1), ())
+    residues = [x.numerator * pow(x.denominator, -1, prime) % prime for x in values]
+    return SparseResidues(lft, np.array(residues), prime)
+
+
+def test_a_pivot_of_doubles_that_is_zero() -> None:
+    """1 - 49 (1/49) is 1.1e-16 in doubles, larger than what is below it."""
+    prime, small, one, none = 2**61 - 1, Fraction(1, 10**20), Fraction(1), Fraction(0)
+    K = [[one / 49, one, one, one], [one, 49 * one, none, one], [none, small, small, one]]
+    # s3 = 1 - 1/49, and small (s2 + s3) = 1
+    s2 = 1 / small - 1 + one / 49
+    value = -(1 - 49 * s2 + 2 * s2 + 3 * (1 - one / 49))
+    found = value_at_random(of_fractions([*K, [one, 2 * one, 3 * one, none]], prime))
+    exact(found, [[value.numerator * pow(value.denominator, -1, prime) % prime]])
+    with says(WellPosednessError, "singular at all values", "determinant is zero in exact numbers"):
+        value_at_random(of_fractions([*(row[:2] + row[3:] for row in K[:2]), [one, one, none]], prime))
 
 
 def test_a_singular_point_has_no_value() -> None:
