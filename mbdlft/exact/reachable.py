@@ -45,8 +45,7 @@ def reduced(
 
     Of equal value are so many outputs, all by default. What the others are is what these need.
     """
-    n = sum(sizes)
-    M, sizes = _compressed(M, list(sizes), M.shape[1] - n)
+    M, sizes = _compressed(M, list(sizes), M.shape[1] - sum(sizes))
     M, sizes = _compressed(M.T, sizes, M.shape[0] - sum(sizes) if outputs is None else outputs)
     return M.T, sizes
 

@@ -10,7 +10,7 @@ it reads, e, to the equations that read it. It is closed and reduced, which is m
 takes its place. Ten links in space have 854 channels as words, and 628 so: as few as in dense matrices.
 """
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -31,8 +31,9 @@ def sparse(
     words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
 ) -> SparseResidues:
     """As `closed`, with signals that stay; (1 + a1 delta) w = (b0 + (b0 a1 + gain) delta) z of items."""
-    equations = _Equations(with_sums_put_in(words, of_one_reader=True), quotients)
-    signals, one = equations.place_parts(names, maps), words.field.one
+    words, one = with_sums_put_in(words, of_one_reader=True), words.field.one
+    equations = _Equations(words, quotients, names, maps)
+    signals = equations.signals
     order = sorted(range(len(names)), key=names.__getitem__)
     exact = words.field.decimals([x for k in order for x in (maps[k].b0, maps[k].gain, maps[k].a1)])
     block = {k: position for position, k in enumerate(order)}
@@ -89,7 +90,9 @@ class _Part(NamedTuple):
 class _Equations:
     """Loops of quotients, items and outputs in signals: inputs, and one for each loop and each item."""
 
-    def __init__(self, words: Words, quotients: int) -> None:
+    def __init__(
+        self, words: Words, quotients: int, names: Sequence[str], maps: Sequence[BilinearMap]
+    ) -> None:
         self.field, self.quotients, self.inputs = words.field, quotients, words.inputs - quotients
         self.letters = [*[None] * quotients, *(item.letter for item in words.items)]  # of the unknowns
         self.terms = [*words.outputs[:quotients], *(item.terms for item in words.items)]
@@ -102,7 +105,10 @@ class _Equations:
         self.owners = self._owners()
         kept = [u for u in range(len(self.letters)) if u not in self.owners]
         self.place = {u: position for position, u in enumerate(kept)}
-        self.parts: dict[int, _Part] = {}
+        self.signals, self.parts = len(kept), dict[int, _Part]()
+        for letter, members in sorted(self._members().items()):
+            self.parts[letter] = part = self._part(members, names[letter], maps[letter])
+            self.signals += part.order + len(part.sources)
 
     def _is_sum(self, u: int) -> bool:
         return self.quotients <= u < len(self.letters) and self.letters[u] is None
@@ -120,24 +126,18 @@ class _Equations:
                 looped |= {letter} if len(loop) > 1 else set()
         return {u: owners[u] for u in sorted(owners) if owners[u] in looped}
 
-    def place_parts(self, names: Sequence[str], maps: Sequence[BilinearMap]) -> int:
-        """Make LFTs of what follows by one letter, and number their signals; how many there are."""
-        self.signals = len(self.place)
-        for letter in sorted(set(self.owners.values())):
-            part = self._part(letter, names[letter], maps[letter])
-            self.parts[letter] = part
-            self.signals += part.order + len(part.sources)
-        return self.signals
+    def _members(self) -> dict[int, list[int]]:
+        """Unknowns by the letter that they follow by alone, in order."""
+        members = defaultdict[int, list[int]](list)
+        for u, letter in self.owners.items():
+            members[letter].append(u)
+        return members
 
-    def _part(self, letter: int, name: str, values: BilinearMap) -> _Part:
+    def _part(self, members: Sequence[int], name: str, values: BilinearMap) -> _Part:
         """The smallest LFT for the equations that read it, by sums too; sums are what these need."""
-        members = [u for u, owner in self.owners.items() if owner == letter]
+        own = {self.inputs + u for u in members}
         direct, by_sums = self._read(members)
-        sources = [
-            u
-            for u in members
-            if any(self.owners.get(n - self.inputs) != letter for _, n in self.terms[u])
-        ]
+        sources = [u for u in members if any(number not in own for _, number in self.terms[u])]
         loops = [u for u in members if u < self.quotients]
         place = {u: len(sources) + k for k, u in enumerate(members)}
 
