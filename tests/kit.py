@@ -28,6 +28,12 @@ def scene(name: str, *parts: Any, **fields: Any) -> Scene:
     return Scene(name=name, **{key: given for key, given in lists.items() if given}, **fields)
 
 
+def changed(scene: Scene, **fields: Any) -> Scene:
+    """A scene with other fields, which are checked as in any scene."""
+    given = {name: getattr(scene, name) for name in scene.model_fields_set}
+    return Scene(**{**given, **fields})
+
+
 def body(name: str, mass: float | str, moments: Sequence[float | str] = (), **fields: Any) -> RigidBody:
     """A rigid body with the moments of inertia (xx, yy, zz); other entries of its tensor are fields."""
     tensor = dict(zip(_TENSOR, moments, strict=False))

@@ -17,21 +17,17 @@ def wheel(kind: str = "rolling", contact: dict[str, Any] | None = None, **fields
     touch = (
         {"port": "wheel", "axis": (0, 1, 0), "radius": 0.5} if kind == "rolling" else {"port": "frame"}
     )
-    height = fields.pop("height", 0.5)
-    return mbdlft.Scene(
-        **{
-            "name": "cart",
-            "velocity": (3.0, 0.0, 0.0),
-            "gravity": (0.0, 0.0, 0.0),
-            "bodies": [kit.body("frame", 2.0, (0.1, 0.1, 0.1)), kit.body("wheel", 1.0, (0.1, 0.2, 0.1))],
-            "joints": [
-                kit.free("base", "ground", "frame", position=(0, 0, height)),
-                kit.hinge("axle", "frame", "wheel", (0, 1, 0), rate=fields.pop("rate", 6.0)),
-            ],
-            "contacts": [KINDS[kind](name="touch", **{**touch, **(contact or {})})],
-            **fields,
-        }
+    scene = kit.scene(
+        "cart",
+        kit.body("frame", 2.0, (0.1, 0.1, 0.1)),
+        kit.body("wheel", 1.0, (0.1, 0.2, 0.1)),
+        kit.free("base", "ground", "frame", position=(0, 0, fields.pop("height", 0.5))),
+        kit.hinge("axle", "frame", "wheel", (0, 1, 0), rate=fields.pop("rate", 6.0)),
+        KINDS[kind](name="touch", **{**touch, **(contact or {})}),
+        velocity=(3.0, 0.0, 0.0),
+        gravity=(0.0, 0.0, 0.0),
     )
+    return kit.changed(scene, **fields)
 
 
 def on_tire(speed: float | str = 3.0, **law: Any) -> mbdlft.Scene:

@@ -23,46 +23,33 @@ def hinge(name: str, parent: str, child: str, position: float | str = 0.0, **fie
 
 
 def four_bar(
-    coupler: float | str = 1.0,
-    angle: float | str = "th",
-    loop: dict[str, Any] | None = None,
-    **fields: Any,
+    coupler: float | str = 1.0, angle: float | str = "th", loop: Any = (), **fields: Any
 ) -> mbdlft.Scene:
     """A parallelogram between two pivots 1 m apart on the ground, in the plane across x."""
     pin = {"kind": "revolute", "axis": (1, 0, 0), "parent": "coupler.tip", "child": "right.tip"}
-    return mbdlft.Scene(
-        **{
-            "name": "four",
-            "gravity": (0, 0, -9.81),
-            "parameters": [mbdlft.Angle("th", 30.0, low=10.0, high=80.0)],
-            "bodies": [
-                mbdlft.Ground(ports={"pivot": (0, 1, 0)}),
-                link("left"),
-                link("coupler", coupler),
-                link("right"),
-            ],
-            "joints": [
-                hinge("jl", "ground", "left", angle),
-                hinge("jc", "left.tip", "coupler", f"-({angle})", preload=0),
-                hinge("jr", "ground.pivot", "right", angle, preload=0),
-            ],
-            "loops": [kit.loop("pin", **{**pin, **(loop or {})})],
-            **fields,
-        }
+    scene = kit.scene(
+        "four",
+        mbdlft.Angle("th", 30.0, low=10.0, high=80.0),
+        mbdlft.Ground(ports={"pivot": (0, 1, 0)}),
+        *(link("left"), link("coupler", coupler), link("right")),
+        hinge("jl", "ground", "left", angle),
+        hinge("jc", "left.tip", "coupler", f"-({angle})", preload=0),
+        hinge("jr", "ground.pivot", "right", angle, preload=0),
+        kit.loop("pin", **{**pin, **dict(loop)}),
+        gravity=(0, 0, -9.81),
     )
-
-
-# springs and loads ---------------------------------------------------------------------------
+    return kit.changed(scene, **fields)
 
 
 def stayed(port: tuple[Any, ...] = (0, 2, 1), **fields: Any) -> mbdlft.Scene:
+    """A link on a hinge, held by a spring between its tip and a wall."""
     return kit.scene(
         "stayed",
         mbdlft.Parameter("L", 1.0, percent=10, unit="m"),
         mbdlft.Ground(ports={"wall": port}),
         link("arm", "L"),
         hinge("j", "ground", "arm"),
-        mbdlft.Spring(**{"name": "s", "parent": "arm.tip", "child": "ground.wall", **fields}),
+        kit.spring("s", **{"parent": "arm.tip", "child": "ground.wall", **fields}),
     )
 
 
@@ -82,8 +69,7 @@ assemble(cart(sensors=[Position(name="p", port="cart.tip")]))
     => sensor 'p' … unknown port 'tip'. Existing: origin.
 Spin(axis=(0, 0, 0), rate=1.0) => spin: axis has zero length, got [0.0, 0.0, 0.0].
 Rotation(axis=(0, 0, 0), angle=1.0) => orientation: axis has zero length
-assemble(cart(spin=Spin(axis=(1, 0, 0), rate='m'), parameters=[Parameter('m', 1.0, percent=10,
-    unit='kg')]))
+assemble(cart(spin=Spin(axis=(1, 0, 0), rate='m'), parameters=[Parameter('m', 1, percent=10, unit='kg')]))
     => spin.rate … rad/s
 assemble(four_bar()) => accepted
 to_lft(four_bar(outputs=["pin.force.x"])) => unknown signal 'pin.force.x' … kind joint_wrench
@@ -104,10 +90,9 @@ assemble(four_bar(loop={"kind": "fixed", "axis": None}))
 to_lft(cart(gravity=(0, -9.81, 0), joint={'preload': 0}), search=0.0)
     => TrimError: scene 'cart_on_rail': no equilibrium: rail.force misses 19.62 N, and nothing is
         unknown.
-to_lft(Scene(name='rocket', gravity=(0, 0, -10.0), parameters=[Parameter('m', 2.0, percent=50,
-    unit='kg')], bodies=[RigidBody(name='hull', mass='m', inertia=Inertia(xx=1, yy=1, zz=1))],
-    joints=[Free(name='base', parent='ground', child='hull')], loads=[Force(name='thrust', port='hull',
-    direction=(1, 0, 0))]), search=0.0)
+to_lft(kit.scene("rocket", Parameter("m", 2.0, percent=50, unit="kg"), kit.body("hull", "m", (1, 1, 1)),
+    kit.free("base", "ground", "hull"), kit.force("thrust", "hull", (1, 0, 0)), gravity=(0, 0, -10.0)),
+    search=0.0)
     => TrimError: scene 'rocket': no equilibrium at m = … base.force.z misses … N with the trim unknowns
         thrust.force
 to_lft(cart(loads=[Force(name='push', port='cart', direction=(0, 1, 0))]), search=0.0)
@@ -151,12 +136,6 @@ to_lft(cart(joint={'imposed': True}, inputs=['rail.force']), search=0.0)
 {"child": "rihgt.tip"} => unknown body 'rihgt'. Did you mean 'right'?
 """
 )
-
-
-# closures ------------------------------------------------------------------------------------
-
-
-# equilibrium ---------------------------------------------------------------------------------
 
 
 def test_trim_of_a_held_joint_is_its_weight():

@@ -13,29 +13,33 @@ from tests.laws.test_equilibrium import cable, chain, four_bar, pendulum
 
 def faller(**fields: Any) -> mbdlft.Scene:
     """A mass on a vertical slide that nothing holds."""
-    slide = {"name": "slide", "parent": "ground", "child": "bob", "axis": (0, 0, 1)}
-    return kit.scene(
-        "faller",
-        kit.point("bob", 2.0),
-        mbdlft.Prismatic(**{**slide, "preload": 0.0, **fields}),
-        gravity=(0, 0, -9.81),
-    )
+    slide = kit.rail("slide", "ground", "bob", (0, 0, 1), preload=0.0, **fields)
+    return kit.scene("faller", kit.point("bob", 2.0), slide, gravity=(0, 0, -9.81))
 
 
-def ball(stiffness: float, **fields: Any) -> mbdlft.Scene:
+def ball(stiffness: float) -> mbdlft.Scene:
+    """A point mass on a rod, on a ball joint with springs."""
+    joint = kit.ball("ball", "ground", "bob.top", preload=(0.0,) * 3, stiffness=(stiffness,) * 3)
+    bob = kit.point("bob", 1.0, ports={"top": (0, 0, 1)})
+    return kit.scene("ball", bob, joint, gravity=(0, 0, -9.81))
+
+
+def column(*parameters: mbdlft.Parameter, stiffness: float | str = "k", **fields: Any) -> mbdlft.Scene:
+    """A mass on top of a rod with a spring at its foot: k theta = m g sin(theta), critical at k = m g."""
     return kit.scene(
-        "ball",
-        kit.point("bob", 1.0, ports={"top": (0, 0, 1)}),
-        kit.ball(
-            "ball",
-            "ground",
-            "bob.top",
-            preload=(0.0, 0.0, 0.0),
-            stiffness=(stiffness, stiffness, stiffness),
+        "column",
+        *(parameters or [mbdlft.Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad")]),
+        kit.point("bob", 2.0, ports={"foot": (0, 0, -1)}),
+        kit.hinge(
+            "foot", "ground", "bob.foot", (1, 0, 0), **{"preload": 0.0, "stiffness": stiffness, **fields}
         ),
         gravity=(0, 0, -9.81),
-        **fields,
     )
+
+
+def level(mass: float) -> mbdlft.Scene:
+    """The pendulum without a spring, held horizontally by the torque that a mass (kg) needs."""
+    return pendulum(position=float(np.pi / 2), stiffness=0.0, preload=mass * 9.81 * 0.8)
 
 
 test_messages = refused(
@@ -58,30 +62,24 @@ find_equilibrium(four_bar().model_copy(update={'bodies': (*four_bar().bodies[:3]
     => no equilibrium found from 2 starts … close.gap. … misses
 at_equilibrium(chain(1), find_equilibrium(pendulum()))
     => scene 'chain': the equilibrium is one of the scene 'pendulum' with hinge
-at_equilibrium(pendulum(position=float(np.pi / 2), stiffness=0.0, preload=1.2 * 9.81 * 0.8),
-    find_equilibrium(pendulum(position=float(np.pi / 2), stiffness=0.0, preload=1.2 * 9.81 * 0.8),
-    positions=['m']))
+at_equilibrium(level(1.2), find_equilibrium(level(1.2), positions=['m']))
     => parameter 'm' was found at 1.2 kg, an end of its range
 # The column buckles at k = 2 * 9.81.
 fit_positions(column(), ["foot"], 1e-4) => scene 'column', fit of foot: … near k = 19.6 … bifurcates
 # A torque tau = m g sin(theta) has no equilibrium above 19.62 N m.
-fit_positions(column(stiffness=0.0, preload='-tau').model_copy(update={'parameters': (Parameter('tau',
-    10.0, low=5.0, high=25.0, unit='N m'),)}), ['foot'], 0.0001)
+fit_positions(column(Parameter('tau', 10.0, low=5.0, high=25.0, unit='N m'), stiffness=0.0,
+    preload='-tau'), ['foot'], 0.0001)
     => scene 'column', fit of foot: … near tau = 19.6 … folds
 fit_positions(column(position=0.4, stiffness="k + 8"), ["foot"], 1e-15)
     => scene 'column', fit of foot: … tolerance
-fit_positions(pendulum().model_copy(update={'parameters': (Parameter('m', 2.0, percent=40, unit='kg'),
-    Angle('psi', 10, 0, 20))}).model_copy(update={'joints': (pendulum().model_copy(update={'parameters':
-    (Parameter('m', 2.0, percent=40, unit='kg'), Angle('psi', 10, 0,
-    20))}).joints[0].model_copy(update={'orientation': (mbdlft.Rotation(axis=(0, 1, 0),
-    angle='psi'),)}),)}), ['hinge'], 0.0001)
+fit_positions(pendulum(orientation=(kit.turn((0, 1, 0), 'psi'),)).model_copy(update={'parameters':
+    (*pendulum().parameters, Angle('psi', 10, 0, 20))}), ['hinge'], 0.0001)
     => NotRationalError: the equilibrium depends on the angle 'psi'
 fit_positions(faller(position='z', stiffness=50.0).model_copy(update={'parameters': (Parameter('z', 0.2,
     low=0.1, high=0.4, unit='m'),)}), ['slide'], 0.0001)
     => the spring of 'slide' is relaxed at a position that depends on parameters
 # The torque is just as large as gravity's can be.
-fit_positions(pendulum(stiffness=0.0, preload=2.0 * 9.81 * 0.8, position=float(np.pi / 2)), ['hinge'],
-    0.0001)
+fit_positions(level(2.0), ["hinge"], 1e-4)
     => does not determine hinge.angle: it is a fold or a bifurcation
 mbdlft.assemble(chain(1).model_copy(update={'fit': Fit(tolerance=0.001, bounds={'j9.angle': 0.001})}))
     => SceneError: fit: unknown coordinate or effort 'j9.angle'. Did you mean 'j0.angle'?
@@ -134,33 +132,6 @@ def test_ball_with_springs_and_bounds() -> None:
     assert mbdlft.find_equilibrium(ball(5.0)).positions == {}
     with says(mbdlft.TrimError, "bounds: a rotation vector such as ball.rotation.x has none."):
         mbdlft.find_equilibrium(ball(0.0), bounds={"ball.rotation.x": (0.0, 1.0)})
-
-
-# fits ------------------------------------------------------------------------------------------
-
-
-def column(**fields: Any) -> mbdlft.Scene:
-    """A mass on top of a rod with a spring at its foot: k theta = m g sin(theta), critical at k = m g."""
-    return kit.scene(
-        "column",
-        mbdlft.Parameter("k", 25.0, low=15.0, high=30.0, unit="N m/rad"),
-        kit.point("bob", 2.0, ports={"foot": (0, 0, -1)}),
-        mbdlft.Revolute(
-            **{
-                "name": "foot",
-                "parent": "ground",
-                "child": "bob.foot",
-                "axis": (1, 0, 0),
-                "stiffness": "k",
-                "preload": 0.0,
-                **fields,
-            }
-        ),
-        gravity=(0, 0, -9.81),
-    )
-
-
-# arctangents -----------------------------------------------------------------------------------
 
 
 def test_loads_are_too_many_unknowns() -> None:

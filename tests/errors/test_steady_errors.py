@@ -2,6 +2,7 @@
 
 import mbdlft
 from mbdlft import Inertia, Parameter, Revolute, RigidBody, Scene
+from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.errors.table import refused
 
@@ -9,22 +10,18 @@ ROUND = {"xx": 0.1, "yy": 0.1, "zz": 0.15}
 
 
 def scene(joint: dict | None = None, more: tuple = (), joints: tuple = (), **body) -> Scene:
-    fields = {"mass": 2.0, "inertia": Inertia(**ROUND), **body}
-    fields["ports"] = {"top": (0, 0, 0.2), "rim": (0.3, 0, 0)}
-    hub = RigidBody(name="hub", mass=9.0, inertia=Inertia(xx=1, yy=1, zz=1))
-    wheel = {"name": "wheel", "parent": "hub", "child": "rotor", "axis": (0, 0, 1), "rate": "W"}
-    return Scene(
-        name="rotor",
-        parameters=[
-            Parameter("W", 100.0, percent=20, unit="rad/s"),
-            Parameter("J", 0.1, percent=20, unit="kg m^2"),
-        ],
-        bodies=[hub, RigidBody(name="rotor", **fields), *more],
-        joints=[
-            mbdlft.Spherical(name="ball", parent="ground", child="hub"),
-            Revolute(**{**wheel, **(joint or {})}),
-            *joints,
-        ],
+    """A rotor that turns steadily on a hub, with more bodies and joints."""
+    ports = {"top": (0, 0, 0.2), "rim": (0.3, 0, 0)}
+    return kit.scene(
+        "rotor",
+        Parameter("W", 100.0, percent=20, unit="rad/s"),
+        Parameter("J", 0.1, percent=20, unit="kg m^2"),
+        kit.body("hub", 9.0, (1, 1, 1)),
+        RigidBody(name="rotor", ports=ports, **{"mass": 2.0, "inertia": Inertia(**ROUND), **body}),
+        *more,
+        kit.ball("ball", "ground", "hub"),
+        kit.hinge("wheel", "hub", "rotor", (0, 0, 1), **{"rate": "W", **(joint or {})}),
+        *joints,
     )
 
 

@@ -13,6 +13,7 @@ from mbdlft.show.viewer.drawing import draw
 from mbdlft.show.viewer.page import _filled
 from mbdlft.show.viewer.poses import scene_poses
 from mbdlft.show.viewer.stills import scene_picture
+from tests import kit
 from tests.errors.table import MessageError, refused
 
 ROOT = Path(__file__).parents[2]
@@ -59,12 +60,8 @@ _scene(tmp_path / "a.h5", None) => ArchiveError: a.h5: cannot be read
 
 def test_loads_that_are_nothing() -> None:
     """Buoyancy without gravity has no direction; pictures and pages leave it out."""
-    scene = mbdlft.Scene(
-        name="void",
-        bodies=[mbdlft.PointMass(name="bob", mass=1.0)],
-        joints=[mbdlft.Prismatic(name="rail", parent="ground", child="bob", axis=(0, 1, 0))],
-        loads=[mbdlft.Buoyancy(name="lift", port="bob", displaced_mass=0.0)],
-    )
+    bob, rail = kit.point("bob", 1.0), kit.rail("rail", "ground", "bob", (0, 1, 0))
+    scene = kit.scene("void", bob, rail, mbdlft.Buoyancy(name="lift", port="bob", displaced_mass=0.0))
     (item,) = [item for item in view_data(scene)["items"] if item["group"] == "loads"]
     assert item["shapes"] == []
     assert "lift" not in scene_picture(scene)

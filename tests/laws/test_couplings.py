@@ -258,26 +258,15 @@ _G = 9.81
 
 def hanging(**strut: object) -> Scene:
     """A mass m that slides along z on a strut that stands 0.3 m beside it."""
-    return Scene(
-        name="hanging",
+    return kit.scene(
+        "hanging",
+        mbdlft.Parameter("m", 2.0, low=1.0, high=3.0, unit="kg"),
+        mbdlft.Parameter("k", 500.0, low=400.0, high=800.0, unit="N/m"),
+        kit.point("b", "m"),
+        Ground(ports={"foot": (0.3, 0, -1)}),
+        kit.rail("z", "ground", "b", (0, 0, 1), preload=0),
+        kit.strut("s", "ground.foot", "b", (0, 0, 2), stiffness="k", damping=7.0, **strut),
         gravity=(0, 0, -_G),
-        parameters=[
-            mbdlft.Parameter("m", 2.0, low=1.0, high=3.0, unit="kg"),
-            mbdlft.Parameter("k", 500.0, low=400.0, high=800.0, unit="N/m"),
-        ],
-        bodies=[kit.point("b", "m"), Ground(ports={"foot": (0.3, 0, -1)})],
-        joints=[kit.rail("z", "ground", "b", (0, 0, 1), preload=0)],
-        loads=[
-            Strut(
-                name="s",
-                parent="ground.foot",
-                child="b",
-                direction=(0, 0, 2),
-                stiffness="k",
-                damping=7.0,
-                **strut,  # type: ignore[arg-type]
-            )
-        ],
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import Fit, Parameter, Revolute, Scene
+from mbdlft import Fit, Parameter, Scene
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.multibody.equilibrium.fit import fit_equilibrium
 from tests import kit
@@ -26,23 +26,13 @@ VALUES = [(m, k) for m in (1.4, 1.7, 2.0, 2.35, 2.6) for k in (16.0, 18.5, 20.0,
 
 def sag(**fields: Any) -> Scene:
     """A mass on a hinge with a spring: k (theta - 1) + m g 0.8 sin(theta) = 0."""
+    spring = {"position": 1.0, "preload": 0.0, "stiffness": "k"}
     return kit.scene(
         "sag",
         MASS,
         STIFFNESS,
         kit.point("bob", "m", ports={"top": (0, 0, 0.8)}),
-        Revolute(
-            **{
-                "name": "hinge",
-                "parent": "ground",
-                "child": "bob.top",
-                "axis": (1, 0, 0),
-                "position": 1.0,
-                "preload": 0.0,
-                "stiffness": "k",
-                **fields,
-            }
-        ),
+        kit.hinge("hinge", "ground", "bob.top", (1, 0, 0), **{**spring, **fields}),
         gravity=(0, 0, -G),
     )
 

@@ -14,6 +14,7 @@ from mbdlft.elastic.nodes import transport
 from mbdlft.elastic.partition import mass_matrix, partitioned
 from mbdlft.elastic.reduction import Structure, candidates
 from mbdlft.multibody.body.elastic import dense
+from tests import kit
 from tests.close import roundoff
 from tests.reference.frames import ALUMINUM, frame, straight, tee
 
@@ -371,15 +372,13 @@ def test_two_bodies_are_the_whole_structure(method: str) -> None:
             modes=6 * (2 * COUNT - 2),
         ),
     ]  # fmt: skip
-    scene = mbdlft.Scene(
-        name="tee",
-        bodies=bodies,
-        joints=[
-            mbdlft.Fixed(name="foot", parent="ground", child="stem"),
-            mbdlft.Fixed(name="crossing", parent="stem.top", child="arms"),
-        ],
-        loads=[mbdlft.Force(name="push", port="arms.right", direction=(0, 0, 1), magnitude=0)],
-        sensors=[mbdlft.Acceleration(name="felt", port="arms.left")],
+    scene = kit.scene(
+        "tee",
+        *bodies,
+        kit.weld("foot", "ground", "stem"),
+        kit.weld("crossing", "stem.top", "arms"),
+        kit.force("push", "arms.right", (0, 0, 1), magnitude=0),
+        mbdlft.Acceleration(name="felt", port="arms.left"),
         inputs=["push.force"],
         outputs=["felt.z"],
     )

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from typing import Any
 from unittest.mock import patch
 
 import control
@@ -19,6 +20,7 @@ from mbdlft.response.staircase import Plant
 from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.show.report import sentences
 from mbdlft.system.sampled import StateMatrices
+from tests import kit
 from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
 from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
 
@@ -96,6 +98,12 @@ def test_triangles_alone_are_as_good_and_are_used() -> None:
         roundoff(values, mbdlft.frequency_response(system, {}, omega), kappa=100.0)
 
 
+def held_at_root(beam: mbdlft.Beam) -> tuple[Any, ...]:
+    """A beam, a weld at its root, and a push across its tip."""
+    push = kit.force("push", f"{beam.name}.tip", (0, 1, 0), magnitude=0.0)
+    return beam, kit.weld("root", "ground", beam.name), push
+
+
 def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -105,12 +113,10 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
         name="beam", length="L", density=7800.0, area=1e-2, modulus=E, I_z=second, elements=2,
         deformations=("bending_y",),
     )  # fmt: skip
-    scene = mbdlft.Scene(
-        name="held",
-        parameters=[mbdlft.Parameter("L", 3.0, percent=20, unit="m")],
-        bodies=[beam],
-        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
-        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 1, 0), magnitude=0.0)],
+    scene = kit.scene(
+        "held",
+        mbdlft.Parameter("L", 3.0, percent=20, unit="m"),
+        *held_at_root(beam),
         inputs=["push.force"],
         outputs=["beam.bending_y.3.acceleration"],
     )
@@ -141,13 +147,11 @@ def short_beam(g: float, **sensor: object) -> mbdlft.LFTModel:
         name="beam", length=0.2, density=7800.0, area=1e-3, modulus=210e9, I_z=1e-7, elements=8,
         deformations=("bending_y",),
     )  # fmt: skip
-    scene = mbdlft.Scene(
-        name="short",
+    scene = kit.scene(
+        "short",
+        *held_at_root(beam),
+        *(sensor["tip"], mbdlft.SmallRotation(name="turn", port="beam.tip")),
         gravity=(-g, 0.0, 0.0),
-        bodies=[beam],
-        joints=[mbdlft.Fixed(name="root", parent="ground", child="beam")],
-        loads=[mbdlft.Force(name="push", port="beam.tip", direction=(0, 1, 0), magnitude=0.0)],
-        sensors=[sensor["tip"], mbdlft.SmallRotation(name="turn", port="beam.tip")],
         inputs=["push.force"],
         outputs=[sensor["output"], "turn.z"],
     )
@@ -185,20 +189,17 @@ def test_accelerations_without_a_position_have_digits_from_where_the_certificate
 
 def pair(low: float) -> mbdlft.LFTModel:
     """Two masses side by side with a spring between, one on another that may be soft; a force on one."""
-    ways = {"parent": "ground", "axis": (0.6, 0.8, 0.0)}
-    link = {"parent": "near", "child": "far", "stiffness": 7e3, "force_density": 0.0}
-    scene = mbdlft.Scene(
-        name="pair",
-        parameters=[mbdlft.Parameter("k", 1e4, low=low, high=2e4, unit="N/m")],
-        bodies=[mbdlft.PointMass(name=name, mass=3.0) for name in ("near", "far")],
-        joints=[
-            mbdlft.Prismatic(name="first", child="near", position=0.0, stiffness="k", **ways),
-            mbdlft.Prismatic(name="second", child="far", position=1.0, **ways),
-        ],
-        sensors=[mbdlft.Acceleration(name="felt", port="far")],
+    along = 0.6, 0.8, 0.0
+    scene = kit.scene(
+        "pair",
+        mbdlft.Parameter("k", 1e4, low=low, high=2e4, unit="N/m"),
+        *(kit.point("near", 3.0), kit.point("far", 3.0)),
+        kit.rail("first", "ground", "near", along, position=0.0, stiffness="k"),
+        kit.rail("second", "ground", "far", along, position=1.0),
+        kit.spring("link", "near", "far", stiffness=7e3, force_density=0.0),
+        mbdlft.Acceleration(name="felt", port="far"),
         outputs=["first.acceleration", "felt.x"],
         inputs=["second.force"],
-        loads=[mbdlft.Spring(name="link", **link)],
     )
     return mbdlft.to_lft(scene)
 
@@ -229,15 +230,11 @@ def test_an_entry_far_below_its_row_is_named() -> None:
         name="mast", length=20.0, density=2700.0, area=0.02, modulus=7e10, I_z=2e-4, elements=7,
         deformations=("bending_y",),
     )  # fmt: skip
-    wheel = mbdlft.RigidBody(name="wheel", mass=5.0, inertia=mbdlft.Inertia(zz=0.1))
-    scene = mbdlft.Scene(
-        name="mast",
-        bodies=[mast, wheel],
-        joints=[
-            mbdlft.Fixed(name="root", parent="ground", child="mast"),
-            mbdlft.Revolute(name="spin", parent="mast.tip", child="wheel", axis=(0, 0, 1), preload=0.0),
-        ],
-        loads=[mbdlft.Force(name="push", port="mast.tip", direction=(0, 1, 0), magnitude=0.0)],
+    scene = kit.scene(
+        "mast",
+        *held_at_root(mast),
+        kit.body("wheel", 5.0, zz=0.1),
+        kit.hinge("spin", "mast.tip", "wheel", (0, 0, 1), preload=0.0),
         inputs=["spin.torque", "push.force"],
         outputs=["spin.angle"],
     )

@@ -361,14 +361,13 @@ def test_shapes_of_a_scene_are_drawn_instead() -> None:
         mbdlft.Shape(cylinder=(0.1, 2.0), at=(0.5, 0.0, 0.0), axis=(1.0, 0.0, 0.0)),
     )
     nose = mbdlft.Shape(box=(0.2, 0.2, 1.0), at=(0.0, 0.0, 0.3), axis=(0.0, 0.0, -2.0))
-    body = mbdlft.RigidBody(name="rod", mass=1.0, inertia=mbdlft.Inertia(xx=1, yy=2, zz=2), shape=rod)
-    scene = mbdlft.Scene(
-        name="shapes",
-        bodies=[mbdlft.Ground(shape=table), body, mbdlft.PointMass(name="nose", mass=1.0, shape=nose)],
-        joints=[
-            mbdlft.Revolute(name="a", parent="ground", child="rod", axis=(0, 0, 1)),
-            mbdlft.Fixed(name="b", parent="rod", child="nose"),
-        ],
+    scene = kit.scene(
+        "shapes",
+        mbdlft.Ground(shape=table),
+        kit.body("rod", 1.0, (1, 2, 2), shape=rod),
+        kit.point("nose", 1.0, shape=nose),
+        kit.hinge("a", "ground", "rod", (0, 0, 1)),
+        kit.weld("b", "rod", "nose"),
     )
     data = view_data(scene)
     drawn = {

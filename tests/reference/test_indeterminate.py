@@ -38,17 +38,14 @@ def held_beam(kind: str, **fields: object) -> mbdlft.Scene:
     axis = {"axis": (0, 0, 1)} if kind == "revolute" else {}
     beam = {**given, **fields.pop("beam", {})}
     length = beam.get("length", 1.0)
-    return mbdlft.Scene(
-        **{
-            "name": "held",
-            "bodies": [scenes.beam(**beam), mbdlft.Ground(ports={"wall": (length, 0, 0)})],
-            "joints": [kit.weld("root", "ground", "beam")],
-            "loops": [kit.loop("hold", kind, "ground.wall", "beam.tip", **axis)],
-            "inputs": ["ground.acceleration.y"],
-            "outputs": ["beam.bending_y.1.displacement"],
-            **fields,
-        }
+    scene = kit.scene(
+        "held",
+        *(scenes.beam(**beam), mbdlft.Ground(ports={"wall": (length, 0, 0)})),
+        kit.weld("root", "ground", "beam"),
+        kit.loop("hold", kind, "ground.wall", "beam.tip", **axis),
     )
+    ends = {"inputs": ["ground.acceleration.y"], "outputs": ["beam.bending_y.1.displacement"]}
+    return kit.changed(scene, **{**ends, **fields})
 
 
 @pytest.mark.parametrize(("kind", "end"), [("fixed", CLAMPED), ("revolute", PINNED)])

@@ -16,6 +16,7 @@ import mbdlft
 from benchmarks.cases.orders import CASES, Case, points
 from benchmarks.cases.rewrite import exact_value, exact_values, rewritten
 from mbdlft import LFTModel, MatrixProblem
+from tests import kit
 from tests.close import SCENARIO, target
 
 WORK = {"O7": 3.0}  # no bound meets its order, so nothing but the budget ends the search
@@ -103,31 +104,22 @@ def test_the_way_of_writing_does_not_matter(case: Case) -> None:
 def test_modulus_of_a_tree_of_beams() -> None:
     """A = -M^-1 (K_0 + E K_1): E is repeated as often as K_1 has rank, once for each elastic freedom."""
     section = {"density": 2700, "area": 4e-4, "I_z": 5e-8, "modulus": "E"}
+    section["deformations"] = ["bending_y", "axial"]
     beams = [
-        mbdlft.Beam(
-            name=f"b{k}",
-            length=1.0 + 0.1 * k,
-            **section,
-            elements=3 - k % 2,
-            deformations=["bending_y", "axial"],
-        )
-        for k in range(3)
+        mbdlft.Beam(name=f"b{k}", length=1.0 + 0.1 * k, elements=3 - k % 2, **section) for k in range(3)
     ]
-    hub = mbdlft.RigidBody(name="hub", mass=40, inertia=mbdlft.Inertia(xx=3, yy=4, zz=5))
     joints = [
-        mbdlft.Fixed(
-            name=f"f{k}",
-            parent="hub" if k == 0 else f"b{k - 1}.tip",
-            child=f"b{k}",
-            orientation=[mbdlft.Rotation(axis=(0, 0, 1), angle=f"{20 + 10 * k}*deg")],
+        kit.weld(
+            f"f{k}", f"b{k - 1}.tip" if k else "hub", f"b{k}",
+            orientation=[kit.turn((0, 0, 1), f"{20 + 10 * k}*deg")],
         )
         for k in range(3)
-    ]
-    scene = mbdlft.Scene(
-        name="tree of beams",
-        parameters=[mbdlft.Parameter("E", 70e9, percent=20, unit="Pa")],
-        bodies=[hub, *beams],
-        joints=[mbdlft.Revolute(name="j", parent="ground", child="hub", axis=(0, 0, 1)), *joints],
+    ]  # fmt: skip
+    scene = kit.scene(
+        "tree of beams",
+        mbdlft.Parameter("E", 70e9, percent=20, unit="Pa"),
+        *(kit.body("hub", 40, (3, 4, 5)), *beams),
+        *(kit.hinge("j", "ground", "hub", (0, 0, 1)), *joints),
     )
     model = mbdlft.to_lft(scene, search=0.0)
     freedoms = sum(3 * beam.elements for beam in beams)  # a deflection, a slope, an extension

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import jnp_zeros
 
 import mbdlft
-from mbdlft import Inertia, Parameter, PointMass, Prismatic, RigidBody, Scene, Spherical
+from mbdlft import Parameter
 from mbdlft.base.errors import SceneError
 from mbdlft.library.devices import ZERO
 from mbdlft.multibody import JointWrench
@@ -38,18 +38,16 @@ def test_tank_has_the_frequency_of_the_liquid(
     R, h, m = 1.5, 2.4, 15e3
     tank = mbdlft.slosh_tank("slosh", "stage", radius=R, height=h, mass=mass, acceleration=acceleration)
     a = Parameter("a", 12.0, low=5.0, high=25.0, unit="m/s^2")
-    spare = PointMass(name="spare", mass="m")  # so that m is used in all of them
-    scene = Scene(
-        name="tank",
+    spare = kit.point("spare", "m")  # so that m is used in all of them
+    scene = kit.scene(
+        "tank",
+        *(a, Parameter("m", m, percent=30, unit="kg")),
+        *(kit.point("stage", 5e3), spare, *tank.bodies),
+        kit.rail("track", "ground", "stage", (1, 0, 0), imposed=True),
+        kit.rail("wall", "ground", "spare", (1, 0, 0)),
+        *tank.joints,
+        JointWrench(name="felt", joint="track"),
         acceleration=(0, 0, "a"),
-        parameters=[a, Parameter("m", m, percent=30, unit="kg")],
-        bodies=[PointMass(name="stage", mass=5e3), spare, *tank.bodies],
-        joints=[
-            Prismatic(name="track", parent="ground", child="stage", axis=(1, 0, 0), imposed=True),
-            Prismatic(name="wall", parent="ground", child="spare", axis=(1, 0, 0)),
-            *tank.joints,
-        ],
-        sensors=[JointWrench(name="felt", joint="track")],
         inputs=["track.acceleration"],
         outputs=["felt.force.x"],
     )
@@ -81,15 +79,13 @@ def test_force_of_the_liquid_is_that_of_potential_theory(
     """
     R, h, stage = 0.5, 0.8, 500.0
     tank = mbdlft.slosh_tank("slosh", "stage", radius=R, height=h, mass=mass, acceleration=acceleration)
-    scene = Scene(
-        name="tank",
+    scene = kit.scene(
+        "tank",
+        Parameter("a", 12.0, percent=50, unit="m/s^2"),
+        Parameter("m", 100.0, percent=20, unit="kg"),
+        *(kit.point("stage", stage), *tank.bodies),
+        *(kit.rail("track", "ground", "stage", (1, 0, 0)), *tank.joints),
         acceleration=(0, 0, "a"),
-        parameters=[
-            Parameter("a", 12.0, percent=50, unit="m/s^2"),
-            Parameter("m", 100.0, percent=20, unit="kg"),
-        ],
-        bodies=[PointMass(name="stage", mass=stage), *tank.bodies],
-        joints=[Prismatic(name="track", parent="ground", child="stage", axis=(1, 0, 0)), *tank.joints],
         inputs=["track.force"],
         outputs=["track.position"],
     )
@@ -119,24 +115,15 @@ def test_sizes_are_positive() -> None:
 
 
 def satellite(arrangement: str, count: int) -> tuple[mbdlft.LFTModel, np.ndarray]:
-    wheels = mbdlft.wheel_cluster(
-        "wheel",
-        "hub",
-        arrangement,
-        mass=4.0,
-        axial="J",
-        across="0.6*J",
-        rates=[f"{k + 1}*W" for k in range(count)],
-    )
-    hub = RigidBody(name="hub", mass=300.0, inertia=Inertia(xx=9, yy=11, zz=7))
-    scene = Scene(
-        name="satellite",
-        parameters=[
-            Parameter("W", 200.0, percent=40, unit="rad/s"),
-            Parameter("J", 0.08, percent=10, unit="kg m^2"),
-        ],
-        bodies=[hub, *wheels.bodies],
-        joints=[Spherical(name="attitude", parent="ground", child="hub"), *wheels.joints],
+    rates = [f"{k + 1}*W" for k in range(count)]
+    wheel = {"mass": 4.0, "axial": "J", "across": "0.6*J"}
+    wheels = mbdlft.wheel_cluster("wheel", "hub", arrangement, **wheel, rates=rates)
+    scene = kit.scene(
+        "satellite",
+        Parameter("W", 200.0, percent=40, unit="rad/s"),
+        Parameter("J", 0.08, percent=10, unit="kg m^2"),
+        *(kit.body("hub", 300.0, (9, 11, 7)), *wheels.bodies),
+        *(kit.ball("attitude", "ground", "hub"), *wheels.joints),
     )
     axes = np.array(mbdlft.WHEEL_AXES[arrangement], dtype=float)
     return mbdlft.to_lft(scene, search=0.0), axes / np.linalg.norm(axes, axis=1, keepdims=True)
