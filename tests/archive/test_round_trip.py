@@ -146,15 +146,8 @@ def test_map_of_another_machine(tmp_path):
 # Reading needs h5py and numpy only: everything else is blocked --------------------------------------
 
 BLOCKED = (
-    "casadi",
-    "control",
-    "matplotlib",
-    "pydantic",
-    "rich",
-    "scipy",
-    "threadpoolctl",
-    "tomli_w",
-    "typer",
+    *("casadi", "control", "matplotlib", "pydantic", "rich"),
+    *("scipy", "threadpoolctl", "tomli_w", "typer"),
 )
 PROGRAM = """
 import json, sys, mbdlft
@@ -178,9 +171,8 @@ def test_reading_with_everything_else_blocked(tmp_path):
     file = tmp_path / "a.h5"
     save(file, models.arm())
     answer = json.loads(printed(PROGRAM, file, ",".join(BLOCKED), without=BLOCKED))
-    for found, wanted in zip(
-        answer["matrices"], matrices_at(models.arm(), {"m1": 2.6, "theta1": 50.0}), strict=True
-    ):
-        exact(np.array(found), wanted)
+    wanted = matrices_at(models.arm(), {"m1": 2.6, "theta1": 50.0})
+    for found, matrix in zip(answer["matrices"], wanted, strict=True):
+        exact(np.array(found), matrix)
     assert answer["shape"] == [3, 2, 2, 2]
     assert (tmp_path / "a.h5.copy").read_bytes() == file.read_bytes()
