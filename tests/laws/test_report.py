@@ -171,7 +171,7 @@ def test_names_of_many_loads_are_not_all_shown(monkeypatch: pytest.MonkeyPatch) 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages without curves, which take a second each."""
-    monkeypatch.setattr(page, "_drawn", lambda *_: None)
+    monkeypatch.setattr(page, "_drawn", lambda *_: [])
 
 
 @pytest.mark.usefixtures("no_figures")

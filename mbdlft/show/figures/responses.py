@@ -68,6 +68,17 @@ class _Responses(NamedTuple):
         """Lowest and highest frequency (rad/s)."""
         return float(self.omega[0, 0]), float(self.omega[0, -1])
 
+    def channel(self, row: int, column: int) -> "_Responses":
+        """Those of one channel, (N, F)."""
+        samples, nominal = (values[:, :, row, column] for values in (self.samples, self.nominal))
+        worst = None if self.worst is None else self.worst[:, :, row, column]
+        return self._replace(samples=samples, nominal=nominal, worst=worst)
+
+    @property
+    def every(self) -> list[Complex]:
+        """All that there are."""
+        return [self.samples, self.nominal, *([] if self.worst is None else [self.worst])]
+
 
 def _responses(
     model: System, seed: int, most_samples: int, worst: Mapping[str, float] | None
@@ -109,33 +120,27 @@ def save_bode(
     worst : mapping of names to physical values, optional
         A worst case to draw, such as `Bounds.worst`.
     """
-    check_figure(path)
-    channels = channel_panels(model, outputs, inputs, _MOST_BODE, 3.6, (2, 1))
-    r = _responses(model, seed, most_samples, worst)
-    for i, row in enumerate(channels.rows):
-        for k, column in enumerate(channels.columns):
-            size, phase = channels.axes[i, :, k]
-            for axes, kind in ((size, _size), (phase, _phase)):
-                curves, middle = (kind(r.samples[:, :, row, column]), kind(r.nominal[:, :, row, column]))
-                if r.drawn:
-                    draw_cloud(axes, r.omega, curves, COLORS[0], 0.2, "samples")
-                axes.plot(r.at_nominal[0], middle[0], color="black", linewidth=1.2, label="nominal")
-                if r.worst is not None:
-                    worst_curve = kind(r.worst[:, :, row, column])[0]
-                    axes.plot(r.at_worst[0], worst_curve, color=WORST, linewidth=1.0, label="worst case")
-                over_frequency(axes, *r.ends)
-                draw_grid(axes, "both")
-                if axes is size:
-                    set_heights(axes, np.concatenate([curves.ravel(), middle[0]]))
-            phase.set_ylim(-2.1 * _RIGHT_ANGLE, 2.1 * _RIGHT_ANGLE)
-            phase.set_yticks(np.arange(-2, 3) * _RIGHT_ANGLE)
-            output, source = model.outputs[row], model.inputs[column]
-            size.set_title(f"{source.name} to {output.name}", fontsize="medium")
-            size.set_ylabel(f"size (dB of {output.unit} / ({source.unit}))", fontsize="small")
-            phase.set_ylabel("phase (deg)", fontsize="small")
-            mark_unbounded(size, model[[output.name], [source.name]])
-    channels.finish(model, r.drawn, "frequency (rad/s)")
-    write_figure(channels.figure, path)
+    options: dict[str, Any] = {"most_samples": most_samples, "worst": worst, "ratios": (2, 1)}
+    options |= {"outputs": outputs, "inputs": inputs, "height": 3.6}
+    _save_channels(path, model, seed, _bode, "frequency (rad/s)", **options)
+
+
+def _bode(model: System, panels: NDArray[Any], r: _Responses, output: Signal, source: Signal) -> None:
+    size, phase = panels
+    for axes, kind in ((size, _size), (phase, _phase)):
+        if r.drawn:
+            draw_cloud(axes, r.omega, kind(r.samples), COLORS[0], 0.2, "samples")
+        axes.plot(r.at_nominal[0], kind(r.nominal)[0], color="black", linewidth=1.2, label="nominal")
+        if r.worst is not None:
+            axes.plot(r.at_worst[0], kind(r.worst)[0], color=WORST, linewidth=1.0, label="worst case")
+        over_frequency(axes, *r.ends)
+        draw_grid(axes, "both")
+    set_heights(size, np.concatenate([_size(values).ravel() for values in (r.samples, r.nominal)]))
+    phase.set_ylim(-2.1 * _RIGHT_ANGLE, 2.1 * _RIGHT_ANGLE)
+    phase.set_yticks(np.arange(-2, 3) * _RIGHT_ANGLE)
+    size.set_ylabel(f"size (dB of {output.unit} / ({source.unit}))", fontsize="small")
+    phase.set_ylabel("phase (deg)", fontsize="small")
+    mark_unbounded(size, model[[output.name], [source.name]])
 
 
 def _size(values: Complex) -> Array:
@@ -159,7 +164,7 @@ def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any)
     path, model, seed, **options
         As for `save_bode`, with its keywords most_samples, outputs, inputs, worst.
     """
-    _save_loops(path, model, seed, _nyquist, "real part", **options)
+    _save_channels(path, model, seed, _nyquist, "real part", **options)
 
 
 def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any) -> None:
@@ -172,67 +177,55 @@ def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any)
     path, model, seed, **options
         As for `save_bode`, with its keywords most_samples, outputs, inputs, worst.
     """
-    _save_loops(path, model, seed, _nichols, "phase (deg)", **options)
+    _save_channels(path, model, seed, _nichols, "phase (deg)", **options)
 
 
-_Draw = Callable[[Axes, Complex, Complex, Complex | None, Signal, Signal], None]
-
-
-def _save_loops(
+def _save_channels(
     path: str | Path,
     model: System,
     seed: int,
-    draw: _Draw,
+    draw: Callable[[System, NDArray[Any], _Responses, Signal, Signal], None],
     x: str,
     *,
+    height: float = 4.0,
+    ratios: Sequence[int] = (1,),
     most_samples: int = SAMPLES,
     outputs: Names = None,
     inputs: Names = None,
     worst: Mapping[str, float] | None = None,
 ) -> None:
+    """A figure with what `draw` draws into the panels of each channel."""
     check_figure(path)
-    channels = channel_panels(model, outputs, inputs, _MOST_BODE, 4.0)
-    r = _responses(model, seed, most_samples, worst)
+    channels = channel_panels(model, outputs, inputs, _MOST_BODE, height, ratios)
+    responses = _responses(model, seed, most_samples, worst)
     for i, row in enumerate(channels.rows):
         for k, column in enumerate(channels.columns):
-            axes, at = channels.axes[i, 0, k], (slice(None), slice(None), row, column)
-            output, source = model.outputs[row], model.inputs[column]
-            draw(
-                axes,
-                r.samples[at],
-                r.nominal[at],
-                None if r.worst is None else r.worst[at],
-                output,
-                source,
-            )
-            axes.set_title(f"{source.name} to {output.name}", fontsize="medium")
-            draw_grid(axes)
-    channels.finish(model, r.drawn, x)
+            panels, output, source = channels.axes[i, :, k], model.outputs[row], model.inputs[column]
+            draw(model, panels, responses.channel(row, column), output, source)
+            panels[0].set_title(f"{source.name} to {output.name}", fontsize="medium")
+    channels.finish(model, responses.drawn, x)
     write_figure(channels.figure, path)
 
 
-def _draw_curves(
-    axes: Axes, kind: Callable[[Complex], tuple[Array, Array]], curves: Sequence[Any]
-) -> None:
+def _draw_curves(axes: Axes, kind: Callable[[Complex], tuple[Array, Array]], r: _Responses) -> None:
     """Curves of samples, of the nominal model, and of a worst case."""
-    samples, nominal, worst = curves
-    draw_cloud(axes, *kind(samples), COLORS[0], 0.15, "samples")
-    for values, color, label in ((nominal, "black", "nominal"), (worst, WORST, "worst case")):
+    draw_grid(axes)
+    draw_cloud(axes, *kind(r.samples), COLORS[0], 0.15, "samples")
+    for values, color, label in ((r.nominal, "black", "nominal"), (r.worst, WORST, "worst case")):
         if values is not None:
             x, y = kind(values)
             axes.plot(x[0], y[0], color=color, linewidth=1.2, label=label)
 
 
-def _nyquist(axes: Axes, *curves: Any) -> None:
-    *values, output, source = curves
-
+def _nyquist(_: System, panels: NDArray[Any], r: _Responses, output: Signal, source: Signal) -> None:
     def both_halves(response: Complex) -> tuple[Array, Array]:
         gap = np.full((len(response), 1), np.nan)
         real, imaginary = response.real, response.imag
         return np.hstack([real, gap, real]), np.hstack([imaginary, gap, -imaginary])
 
-    _draw_curves(axes, both_halves, values)
-    sizes = np.abs(np.concatenate([value.ravel() for value in values if value is not None]))
+    (axes,) = panels
+    _draw_curves(axes, both_halves, r)
+    sizes = np.abs(np.concatenate([values.ravel() for values in r.every]))
     reach = float(np.clip(1.1 * np.max(sizes[np.isfinite(sizes)], initial=0.0), 1.5, _NYQUIST))
     turn = np.exp(2j * np.pi * np.linspace(0.0, 1.0, 181))
     axes.plot(turn.real, turn.imag, ":", color="black", linewidth=0.7)
@@ -241,13 +234,12 @@ def _nyquist(axes: Axes, *curves: Any) -> None:
     axes.set_ylabel(f"imaginary part ({output.unit} / ({source.unit}))", fontsize="small")
 
 
-def _nichols(axes: Axes, *curves: Any) -> None:
-    *values, output, source = curves
-
+def _nichols(_: System, panels: NDArray[Any], r: _Responses, output: Signal, source: Signal) -> None:
     def size_over_phase(response: Complex) -> tuple[Array, Array]:
         return np.stack([_unwrapped(curve) for curve in response]), _size(response)
 
-    _draw_curves(axes, size_over_phase, values)
+    (axes,) = panels
+    _draw_curves(axes, size_over_phase, r)
     angle = np.linspace(0.0, 2.0 * np.pi, 181)[1:-1]
     for peak in _PEAKS:
         closed = 10.0 ** (peak / 20.0) * np.exp(1j * angle)
@@ -257,7 +249,7 @@ def _nichols(axes: Axes, *curves: Any) -> None:
             _unwrapped(loop), decibels(np.abs(loop)), ":", color="black", linewidth=0.8, label=label
         )
     axes.plot([-180.0], [0.0], "+", color=WORST, markersize=8.0, label="critical point")
-    set_heights(axes, np.concatenate([_size(value).ravel() for value in values if value is not None]))
+    set_heights(axes, np.concatenate([_size(values).ravel() for values in r.every]))
     axes.xaxis.set_major_locator(MultipleLocator(_RIGHT_ANGLE))
     axes.set_ylabel(f"size (dB of {output.unit} / ({source.unit}))", fontsize="small")
 

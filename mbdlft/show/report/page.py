@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mbdlft.archive.analysis import analysis_names, load_analysis
 from mbdlft.base.errors import AnalysisError, MbdlftError
@@ -19,6 +19,10 @@ from mbdlft.system.model import LFTModel, System
 
 _FOLDER = Path(__file__).parent / "assets"
 _MOST_CHANNELS = 1  # whose Bode diagrams are in a report; `mbdlft response` draws those of more
+_SINGULAR_VALUES = (
+    "Singular values at nominal and at random samples of the parameters; every sample has its own "
+    "frequencies, around its poles. Samples are no bound of the range."
+)
 _VIEWS = (
     (View(0.9, 0.35, names=True), ""),
     (View(0.0, 0.0, names=False), "along x"),
@@ -82,67 +86,52 @@ class Picture(NamedTuple):
 
 def response_figures(model: System) -> tuple[Picture, ...]:
     """Singular values, and Bode diagrams of a model with few channels."""
-    if not (model.inputs and model.outputs):
-        return ()
-    pictures = [
-        _drawn(
-            lambda file: save_singular_values(file, model, most_samples=content.samples_of(model)),
-            "Singular values at nominal and at random samples of the parameters; every sample has its "
-            "own frequencies, around its poles. Samples are no bound of the range.",
-        )
-    ]
-    if len(model.inputs) * len(model.outputs) <= _MOST_CHANNELS:
-        pictures.append(
-            _drawn(
-                lambda file: save_bode(file, model, most_samples=content.samples_of(model)),
-                "Size and phase of each channel, at nominal and at random samples.",
+    channels = len(model.inputs) * len(model.outputs)
+    pictures: list[Picture] = []
+    for save, most_channels, caption in (
+        (save_singular_values, channels, _SINGULAR_VALUES),
+        (save_bode, _MOST_CHANNELS, "Size and phase of each channel, at nominal and at random samples."),
+    ):
+        if 0 < channels <= most_channels:
+            pictures += _drawn(
+                partial(save, model=model, most_samples=content.samples_of(model)), caption
             )
-        )
-    return tuple(picture for picture in pictures if picture is not None)
+    return tuple(pictures)
 
 
 def goal_figures(
     analyses: Sequence[tuple[str, System, Bounds]], proved: Sequence[bool]
 ) -> tuple[Picture, ...]:
     """Gains of the loops of goals, with the worst case and what is proved."""
-    pictures = [
-        _drawn(
-            partial(
-                save_singular_values,
-                model=loop,
-                most_samples=content.samples_of(loop),
-                worst=bounds.worst,
-                bound=bounds.upper if is_proved else None,
-            ),
-            f"A {loop.description}: nominal, samples, the worst case"
-            f"{', and the bound that is proved' * is_proved}.",
-        )
-        for (_, loop, bounds), is_proved in zip(analyses, proved, strict=True)
-        if content.tuned_of(loop) and bounds.kind == GAIN
-    ]
-    return tuple(picture for picture in pictures if picture is not None)
+    pictures: list[Picture] = []
+    for (_, loop, bounds), is_proved in zip(analyses, proved, strict=True):
+        if content.tuned_of(loop) and bounds.kind == GAIN:
+            shown: Any = {"worst": bounds.worst, "bound": bounds.upper if is_proved else None}
+            save = partial(
+                save_singular_values, model=loop, most_samples=content.samples_of(loop), **shown
+            )
+            also = ", and the bound that is proved" * is_proved
+            pictures += _drawn(save, f"A {loop.description}: nominal, samples, the worst case{also}.")
+    return tuple(pictures)
 
 
 def pole_figure(model: System) -> Picture | None:
     """Poles at nominal and at random samples; None without states."""
-    if not model.states:
-        return None
-    return _drawn(
-        lambda file: save_pole_map(file, model, most_samples=content.samples_of(model)),
-        "Poles at nominal and at random samples; right of the axis is unstable.",
-    )
+    save = partial(save_pole_map, model=model, most_samples=content.samples_of(model))
+    caption = "Poles at nominal and at random samples; right of the axis is unstable."
+    return next(iter(_drawn(save, caption)), None)
 
 
-def _drawn(save: Callable[[Path], None], caption: str) -> Picture | None:
-    """A figure that `save` writes; None if there is nothing that can be drawn."""
+def _drawn(save: Callable[[Path], None], caption: str) -> list[Picture]:
+    """A figure that `save` writes; none if there is nothing that can be drawn."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "figure.png"
         try:
             save(file)
         except AnalysisError:
-            return None
+            return []
         text = base64.b64encode(file.read_bytes()).decode("ascii")
-    return Picture(f"data:image/png;base64,{text}", caption)
+    return [Picture(f"data:image/png;base64,{text}", caption)]
 
 
 def _pictures(model: System) -> list[tuple[object, str]]:
