@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -139,7 +139,7 @@ def tune(
         soft = [bound for bound, goal in zip(least, sought, strict=True) if not goal.hard]
         nominal, known = max(soft, default=0.0), list[tuple[Tuned, Array]]()
         try:
-            for later in _improved(net, sought, first, way, say, nominal, is_given=bool(initial)):
+            for later in _improved(_Task(net, sought, way, say), first, nominal, is_given=bool(initial)):
                 known = [later]
         except KeyboardInterrupt:  # the best that is known is proved
             if not known:
@@ -150,28 +150,35 @@ def tune(
         return as_tuning(net, goals, best.x, points, least, proofs, say)
 
 
+class _Task(NamedTuple):
+    """What is tuned, the way of it, and what hears of it; whether values that are good are given."""
+
+    net: Network
+    goals: Sequence[Goal]
+    way: Way
+    say: Progress
+    is_given: bool = False
+
+    def tuner(self, points: Array) -> Tuner:
+        """What tunes at points."""
+        return Tuner(self.net, self.goals, points)
+
+
 def _improved(
-    net: Network,
-    goals: Sequence[Goal],
-    first: Tuner,
-    way: Way,
-    say: Progress,
-    nominal: float,
-    *,
-    is_given: bool,
+    task: _Task, first: Tuner, nominal: float, *, is_given: bool
 ) -> Iterator[tuple[Tuned, Array]]:
     """Better and better values, and the points they were tuned at: the nominal one, then worst ones."""
-    best, points = first.at(next(begun(first, 1, way.seed))), first.points
-    if is_given := is_given and _is_good(net, goals, best):
-        points = _deciding(net, goals, best)
+    best, points = first.at(next(begun(first, 1, task.way.seed))), first.points
+    if is_given and _is_good(task, best):
+        task, points = task._replace(is_given=True), _deciding(task, best)
         yield best, points
     else:
         for best in tuned(
-            first, way, say, _ENOUGH * nominal, lambda best: len(_growing(net, goals, best)) > 1
+            first, task.way, task.say, _ENOUGH * nominal, lambda best: len(_growing(task, best)) > 1
         ):
             yield best, points
         nominal = best.look.soft
-    yield from _at_worst_points(net, goals, (best, points), way, say, nominal, is_given=is_given)
+    yield from _at_worst_points(task, (best, points), nominal)
 
 
 def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
@@ -189,14 +196,7 @@ def _begun_at(net: Network, initial: Mapping[str, float]) -> Network:
 
 
 def _at_worst_points(
-    net: Network,
-    goals: Sequence[Goal],
-    begun: tuple[Tuned, Array],
-    way: Way,
-    say: Progress,
-    nominal: float,
-    *,
-    is_given: bool,
+    task: _Task, begun: tuple[Tuned, Array], nominal: float
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more and more of the worst points of the box, and these points.
 
@@ -205,35 +205,28 @@ def _at_worst_points(
     nominal, searches begin anew at the points that were found: other minima may cost less.
     """
     best, points = begun
-    growing = _growing(net, goals, best)
+    growing = _growing(task, best)
     for ends in growing:
         if len(growing) > 1:
-            more = np.vstack([points, first_points(net, ends, way.seed)])
+            more = np.vstack([points, first_points(task.net, ends, task.way.seed)])
             with suppress(AnalysisError):  # no values for all: the worst are looked for one by one
-                best, points = taken_on(Tuner(net, goals, more), best.x, way), more
-        for later in _until_none_is_worse(net, goals, (best, points), ends, way, say, is_given=is_given):
+                best, points = taken_on(task.tuner(more), best.x, task.way), more
+        for later in _until_none_is_worse(task, (best, points), ends):
             best, points = later
             yield later
-    if not (_COSTLY * nominal < best.look.soft < np.inf and way.starts > 1):
+    if not (_COSTLY * nominal < best.look.soft < np.inf and task.way.starts > 1):
         return
-    other = begun_again(Tuner(net, goals, points), way)
+    other = begun_again(task.tuner(points), task.way)
     if other is not None and other.rank() < best.rank():
-        say(f"{len(points)} points, other starts, {_said(other.look)}")
+        task.say(f"{len(points)} points, other starts, {_said(other.look)}")
         ends = np.ones(points.shape[1])
-        *_, (other, more) = _until_none_is_worse(net, goals, (other, points), ends, way, say)
+        *_, (other, more) = _until_none_is_worse(task._replace(is_given=False), (other, points), ends)
         if other.rank() < best.rank():
             yield other, more
 
 
 def _until_none_is_worse(
-    net: Network,
-    goals: Sequence[Goal],
-    begun: tuple[Tuned, Array],
-    ends: Array,
-    way: Way,
-    say: Progress,
-    *,
-    is_given: bool = False,
+    task: _Task, begun: tuple[Tuned, Array], ends: Array
 ) -> Iterator[tuple[Tuned, Array]]:
     """Values tuned at more points of a part of the box, until no worse one is found.
 
@@ -242,14 +235,14 @@ def _until_none_is_worse(
     what they reach stays.
     """
     best, points = begun
-    safe, lost, idle, gains = (np.inf, best), 0, 0, is_given
+    safe, lost, idle, gains = (np.inf, best), 0, 0, task.is_given
     is_whole = bool(np.all(ends == 1.0))
     enough = min(max(1, len(ends) - 2), _IDLE) if is_whole else 1
     for count in range(_ROUNDS if is_whole else _GROWING_ROUNDS):
-        new, worst = _worst_points(net, goals, best, points, ends, way._replace(seed=way.seed + count))
+        new, worst = _worst_points(task, best, points, ends, task.way.seed + count)
         lost = lost + 1 if worst == np.inf else 0
         safe = min(safe, (worst, best), key=lambda pair: pair[0])
-        say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
+        task.say(f"{len(points)} points, {_said(best.look)}, worst {worst:.4g}, {len(new)} worse")
         idle = 0 if len(new) or gains else idle + 1
         if lost > _MOST_LOST or idle >= enough:
             yield (safe[1] if safe[0] < worst == np.inf else best), points
@@ -257,41 +250,41 @@ def _until_none_is_worse(
         if idle:
             continue
         if len(points) > _MOST_POINTS and worst <= _FAR * max(best.look.soft, best.look.hard):
-            points = points[Tuner(net, goals, points).deciding(best.x, _DECIDES)]
+            points = points[task.tuner(points).deciding(best.x, _DECIDES)]
         points = np.vstack([points, new])
         is_near = is_whole and worst <= _NEAR * max(best.look.soft, best.look.hard)
-        tuner, begin = Tuner(net, goals, points), best
-        if is_given:
+        tuner, begin = task.tuner(points), best
+        if task.is_given:
             begin = min((tuner.at(each.x) for each in (best, safe[1])), key=Tuned.rank)
-        best = taken_on(tuner, begin.x, way, is_near=is_near)
-        gains = is_given and best.look.soft < (1.0 - _WORSE) * begin.look.soft
+        best = taken_on(tuner, begin.x, task.way, is_near=is_near)
+        gains = task.is_given and best.look.soft < (1.0 - _WORSE) * begin.look.soft
         yield best, points
     yield safe[1], points
 
 
-def _is_good(net: Network, goals: Sequence[Goal], given: Tuned) -> bool:
+def _is_good(task: _Task, given: Tuned) -> bool:
     """Whether values are about as good in the whole box as at nominal."""
     is_finite = max(given.look.soft, given.look.hard) < np.inf
-    return is_finite and len(_growing(net, goals, given)) == 1
+    return is_finite and len(_growing(task, given)) == 1
 
 
-def _deciding(net: Network, goals: Sequence[Goal], given: Tuned) -> Array:
+def _deciding(task: _Task, given: Tuned) -> Array:
     """The nominal point, and of a grid and of random points those that decide."""
-    whole = np.ones(len(net.system.parameters))
-    some = np.vstack([0.0 * whole, first_points(net, whole, 0), screened(whole, 0)])
-    return some[Tuner(net, goals, some).deciding(given.x, _DECIDES)]
+    whole = np.ones(len(task.net.system.parameters))
+    some = np.vstack([0.0 * whole, first_points(task.net, whole, 0), screened(whole, 0)])
+    return some[task.tuner(some).deciding(given.x, _DECIDES)]
 
 
-def _growing(net: Network, goals: Sequence[Goal], best: Tuned) -> list[Array]:
+def _growing(task: _Task, best: Tuned) -> list[Array]:
     """Ends of the boxes on which values are tuned, one after the other."""
-    names = net.system.parameters.names
+    names = task.net.system.parameters.names
     whole = np.ones(len(names))
     if not names:
         return []
-    largest = max(value for value, _ in Tuner(net, goals, screened(whole, 0)).worst(best.x))
+    largest = max(value for value, _ in task.tuner(screened(whole, 0)).worst(best.x))
     if largest <= _FAR * max(1.0 if np.isfinite(best.look.hard) else 0.0, best.look.soft):
         return [whole]
-    first = net.scheduled
+    first = task.net.scheduled
     if not 0.0 < np.sum(first) < len(names):
         return [size * whole for size in _SIZES]
     return [size * first for size in _SIZES] + [first + size * (1.0 - first) for size in _SLOW_SIZES]
@@ -302,20 +295,18 @@ def _said(look: Look) -> str:
     return (f"soft goals {look.soft:.4g}" if np.isfinite(look.soft) else "") + hard
 
 
-def _worst_points(
-    net: Network, goals: Sequence[Goal], best: Tuned, points: Array, ends: Array, way: Way
-) -> tuple[Array, float]:
+def _worst_points(task: _Task, best: Tuned, points: Array, ends: Array, seed: int) -> tuple[Array, float]:
     """Points of a part of the box that are worse than those known, and the worst value there.
 
     They are the worst of each goal, or those at which the loop is least stable; an AnalysisError names
     one at which no values make it stable.
     """
-    is_whole = bool(np.all(ends == 1.0))
-    some = screened(ends, way.seed)
-    screen = Tuner(net, goals, some)
+    is_whole, (net, goals, way, *_) = bool(np.all(ends == 1.0)), task
+    some = screened(ends, seed)
+    screen = task.tuner(some)
     if len(unstable := screen.least_stable(best.x)):
         for delta in unstable:
-            check_stabilizable(Tuner(net, goals, delta[None]), best.x, way)
+            check_stabilizable(task.tuner(delta[None]), best.x, way._replace(seed=seed))
         return np.array([_on_the_way(net, goals, best, points, delta) for delta in unstable]), np.inf
     if is_whole:
         loop = closed_loop(net, goals[0], best.x, "loop")
@@ -324,10 +315,10 @@ def _worst_points(
         if np.isfinite(crossing.size):
             unstable = _in_order(net, dict(zip(model.names, crossing.delta, strict=True)))
             return _on_the_way(net, goals, best, points, unstable)[None], np.inf
-    parts = [Tuner(net, goals, some[k::_PARTS]) for k in range(_PARTS)] if is_whole else [screen]
+    parts = [task.tuner(some[k::_PARTS]) for k in range(_PARTS)] if is_whole else [screen]
     tops = zip(*(part.worst(best.x) for part in parts), strict=True)
     of_goals = enumerate(zip(goals, tops, strict=True))
-    climbs = [(net, goal, best.x, top, ends, (way.seed, k)) for k, (goal, top) in of_goals]
+    climbs = [(net, goal, best.x, top, ends, (seed, k)) for k, (goal, top) in of_goals]
     found, worst = list[Array](), 0.0
     reached = {True: max(1.0, best.look.hard), False: best.look.soft}  # by hard goals, and by soft ones
     for goal, climbed in zip(goals, way.crew(_climbed, climbs), strict=True):

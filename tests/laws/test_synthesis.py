@@ -416,7 +416,7 @@ def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.Mo
         begun.append(x)
         return tuner.at(0.5 * x)
 
-    def worst(net: Any, goals: Any, best: Any, *_: Any) -> tuple[Any, float]:
+    def worst(task: Any, best: Any, *_: Any) -> tuple[Any, float]:
         return np.reshape(next(corners), (-1, 3)), best.look.soft
 
     monkeypatch.setattr(box, "tuned", lambda *_: pytest.fail("a search at nominal"))
@@ -439,7 +439,7 @@ def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pyt
         return tuner.at(0.5 * (x + np.array([*best.values()])))
 
     monkeypatch.setattr(box, "taken_on", descended)
-    monkeypatch.setattr(box, "_worst_points", lambda *at: (np.zeros((0, 3)), at[2].look.soft))
+    monkeypatch.setattr(box, "_worst_points", lambda *at: (np.zeros((0, 3)), at[1].look.soft))
     given = {name: 0.9 * value for name, value in best.items()}
     tune([PLANT, PID], [GOALS[0]], LOOP, initial=given, starts=1, prove=False)
     gains = -np.diff(np.log(reached))
@@ -455,7 +455,7 @@ def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.Mo
     seeds = []
 
     def in_vain(*given: Any) -> tuple[Any, float]:
-        seeds.append(given[-1][1])
+        seeds.append(given[-1])
         return np.zeros((0, 5)), 1.0
 
     monkeypatch.setattr(box, "_worst_points", in_vain)
