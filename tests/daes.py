@@ -103,19 +103,19 @@ def _symbol(d: DaeDraft, name: str) -> ca.SX:
 
 def pendulum(side: float = 0.0) -> Dae:
     """A point mass on a rod in Cartesian coordinates: index 3."""
-    d = DaeDraft("pendulum")
-    L = d.parameter(Parameter("L", 1.5, percent=20, unit="m"))
-    m = d.parameter(Parameter("m", 2.0, percent=20, unit="kg"))
-    x, y = d.variable("x", "m", start=side), d.variable("y", "m", start=-1.5)
-    vx, vy = d.variable("vx", "m/s"), d.variable("vy", "m/s")
-    F, f = d.variable("F", "N"), d.input("f", "N")
-    d.equation(d.der(x), "x", equals=vx)
-    d.equation(d.der(y), "y", equals=vy)
-    d.equation(m * d.der(vx), "across", equals=-x / L * F + f)
-    d.equation(m * d.der(vy), "down", equals=-y / L * F - m * d.number(GRAVITY))
-    d.equation(x * x + y * y, "length", equals=L * L)
-    d.output("x")
-    return d.dae()
+    length = Parameter("L", 1.5, percent=20, unit="m")
+    return dae_of(
+        "pendulum",
+        f"x[m]={side} y[m]=-1.5 vx[m/s] vy[m/s] F[N]",
+        "x: der(x) = vx",
+        "y: der(y) = vy",
+        "across: m*der(vx) = -x/L*F + f",
+        f"down: m*der(vy) = -y/L*F - m*number({GRAVITY})",
+        "length: x*x + y*y = L*L",
+        inputs="f[N]",
+        outputs="x",
+        parameters=[length, Parameter("m", 2.0, percent=20, unit="kg")],
+    )
 
 
 def coupled_inertias() -> Dae:

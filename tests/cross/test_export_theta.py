@@ -19,7 +19,7 @@ from mbdlft.export.names import identifier
 from mbdlft.pipeline import delta_theta
 from mbdlft.system import DeltaThetaModel
 from tests.close import EXPORT, target
-from tests.daes import example_1, example_2, pendulum, servo
+from tests.daes import dae_of, example_1, example_2, pendulum, servo
 from tests.exported import COMPILER, OCTAVE, STRICT, compiled, pointer, read
 from tests.modelica import flat
 
@@ -129,11 +129,9 @@ def test_slopes_of_theta_in_c_are_those_of_differences(tmp_path: Path) -> None:
 @pytest.mark.skipif(COMPILER is None, reason="there is no C compiler cc")
 def test_c_says_what_is_outside(tmp_path: Path) -> None:
     model = form("servo")
-    d = DaeDraft("bounded")
-    x, u = d.variable("x", minimum=-1, maximum=1), d.input("u")
-    d.equation(d.der(x), equals=u - ca.sinh(x))
-    d.output("x")
-    model = delta_theta(d.dae(), search=0.0)
+    limits = {"minimum": -1, "maximum": 1}
+    dae = dae_of("bounded", "x", "der(x) = u - sinh(x)", inputs="u", outputs="x", **limits)
+    model = delta_theta(dae, search=0.0)
     derivative = compiled(model, tmp_path).bounded_derivative
     u, rates = np.zeros(1), np.full(1, 7.0)
     for at, status in ((0.5, 0), (1.5, 3), (np.nan, 4)):
@@ -202,12 +200,9 @@ def test_a_script_of_julia_calls_the_c_beside_it(tmp_path: Path) -> None:
 def test_what_cannot_be_exported(tmp_path: Path) -> None:
     with pytest.raises(StructureError, match="no matrices on a grid"):
         export_model(tmp_path / "a.npz", form("zoo"), 3)
-    d = DaeDraft("linear")
-    x = d.variable("x")
-    d.equation(d.der(x), equals=-x)
-    d.output("x")
+    linear = delta_theta(dae_of("linear", "x", "der(x) = -x", outputs="x"), search=0.0)
     for suffix in ("c", "mat", "jl"):
         with pytest.raises(MbdlftError, match=r"no nonlinear functions. Export model.linear"):
-            export_model(tmp_path / f"a.{suffix}", delta_theta(d.dae(), search=0.0))
+            export_model(tmp_path / f"a.{suffix}", linear)
     assert not list(tmp_path.iterdir())
     assert STRICT

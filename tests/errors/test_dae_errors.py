@@ -62,13 +62,10 @@ SINE: dict[str, Any] = {
 def test_an_equilibrium_stays_on_its_branch_where_newton_leaps(
     low: float, high: float, ratio: float
 ) -> None:
-    d = DaeDraft("branches")
-    p = d.parameter(Parameter("p", 1.0, low=low, high=high))
-    x, z, u = d.variable("x"), d.variable("z", start=1.0), d.input("u", start=1)
-    d.equation(d.der(x), "rate", equals=u - x * z)
-    d.equation((z - p) * (z - ratio * p), "two roots", equals=0)
-    d.output("x")
-    model = linearize_dae(d.dae(), search=0.0)
+    roots = f"(z - p)*(z - {ratio}*p)"
+    p = Parameter("p", 1.0, low=low, high=high)
+    dae = bad("x z=1", inputs="u=1", outputs="x", parameters=(p,), rate="der(x) - u + x*z", roots=roots)
+    model = linearize_dae(dae, search=0.0)
     assert model.certificate.exact
     values = np.array([low, 1.3, high])
     A = mbdlft.matrices_at(model, {"p": values}).A[:, 0, 0]
@@ -76,14 +73,12 @@ def test_an_equilibrium_stays_on_its_branch_where_newton_leaps(
 
 
 def test_a_fit_that_is_near_at_samples_is_not_said_to_be_far() -> None:
-    d = DaeDraft("near")
-    p, x = d.parameter(Parameter("p", 0.9, low=0.5, high=0.9999)), d.variable("x", start=0.5)
-    d.equation(d.der(x), "rate", equals=p - ca.sin(x))
-    d.output("x")
+    p = Parameter("p", 0.9, low=0.5, high=0.9999)
+    structure = reduce_index(bad("x=0.5", outputs="x", parameters=(p,), rate="der(x) - p + sin(x)"))
     with pytest.raises(TrimError, match=r"fits have errors of .* at samples, but poles or larger errors"):
-        trim(reduce_index(d.dae()), fit=1e-6)
+        trim(structure, fit=1e-6)
     with pytest.raises(TrimError, match=r"is within 9e-10 at samples.* came down to"):
-        trim(reduce_index(d.dae()), fit=1e-9)
+        trim(structure, fit=1e-9)
 
 
 def test_nearly_the_same_equations_are_something_else() -> None:
@@ -92,12 +87,9 @@ def test_nearly_the_same_equations_are_something_else() -> None:
 
 
 def test_initial_values_that_contradict_equations() -> None:
-    d = DaeDraft("initial")
-    x, y = d.variable("x", start=2.0, fixed=True), d.variable("y", start=5.0, fixed=True)
-    d.equation(d.der(x), equals=-y)
-    d.equation(y, "square", equals=x * x)
+    dae = dae_of("initial", "x=2 y=5", "der(x) = -y", "square: y = x*x", fixed=True)
     with pytest.raises(StructureError, match=r"no consistent initial point.*'square'.*fix fewer"):
-        simulate(d.dae(), [0.0, 1.0])
+        simulate(dae, [0.0, 1.0])
 
 
 test_messages = refused(
@@ -222,11 +214,8 @@ def test_symbols_of_angles_are_in_rad() -> None:
 
 
 def test_functions_outside_of_their_ranges() -> None:
-    d = DaeDraft("limited")
-    x, u = d.variable("x", minimum=-1.0, maximum=1.0), d.input("u")
-    d.equation(d.der(x), equals=u - ca.sin(x))
-    d.output("x")
-    model = delta_theta(d.dae())
+    limits = {"minimum": -1.0, "maximum": 1.0}
+    model = delta_theta(dae_of("limited", "x", "der(x) = u - sin(x)", inputs="u", outputs="x", **limits))
     with pytest.raises(AnalysisError, match=r"outside of its range \[-1, 1\]"):
         mbdlft.theta_values(model.functions, {"omega.x": 1.5})
     with pytest.raises(AnalysisError, match="outside of its range"):

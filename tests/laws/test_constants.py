@@ -24,7 +24,6 @@ from mbdlft.base import expression
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.expression import Number, evaluate, parse
 from mbdlft.base.parameter import to_internal
-from mbdlft.dae import DaeDraft
 from mbdlft.exact.numbers import Constant, precision
 from mbdlft.problem.sx import constants as module
 from mbdlft.problem.sx.constants import (
@@ -42,6 +41,7 @@ from mbdlft.problem.sx.constants import (
     without_zeros,
 )
 from tests.close import error, exact, roundoff
+from tests.daes import dae_of
 from tests.extracted import with_bits as with_bits
 
 A, B = Parameter("a", 0.5, 0.3, 0.8), Parameter("b", 1.5, 1.0, 2.0)
@@ -216,13 +216,9 @@ def test_a_form_does_not_depend_on_constants_that_were_made_before() -> None:
     """A constant may get another symbol later; its product with the reciprocal of the first is not 1."""
 
     def arguments() -> list[str]:
-        draft = DaeDraft("valve")
-        x, v = draft.variable("x"), draft.variable("v")
-        draft.equation(draft.der(x), equals=v)
-        friction = draft.number(0.3) * ca.tanh(v / draft.number(0.2))
-        draft.equation(draft.der(v), equals=-4 * x - x**3 - friction)
-        draft.output("x")
-        form = mbdlft.delta_theta(draft.dae(), search=0.0, prove=0.0)
+        law = "der(v) = -4*x - x**3 - number(0.3)*tanh(v/number(0.2))"
+        dae = dae_of("valve", "x v", "der(x) = v", law, outputs="x")
+        form = mbdlft.delta_theta(dae, search=0.0, prove=0.0)
         return [name for function in form.functions for name in function.signals]
 
     before = arguments()

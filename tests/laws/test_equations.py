@@ -17,6 +17,7 @@ from mbdlft.modelica.translation import notes_of_point
 from mbdlft.system import LFTModel
 from tests.attack.switches import K, check, slopes, text_of
 from tests.close import CLOSED_FORM, target
+from tests.daes import dae_of
 
 _KM, _DEG = 'Real x(unit="km"); Real z(unit="m"); ', 'Real x(unit="deg"); Real z; '  # before words
 _RISES = "der(x) = u - x; "
@@ -265,13 +266,9 @@ def test_an_equilibrium_that_depends_on_the_parameters_stays_on_its_branch(force
 
 
 def test_a_root_that_is_a_cosine_at_the_equilibrium() -> None:
-    draft = DaeDraft("slope")
-    angle, k = draft.parameter(mbdlft.Angle("angle", 0, -60, 60)), draft.parameter(K_SWITCHED)
-    x, z, u = draft.variable("x"), draft.variable("z", start=1.0), draft.input("u")
-    draft.equation(z, equals=(k * ca.cos(angle)) ** 2)
-    draft.equation(draft.der(x), equals=u - ca.sqrt(z) * x)
-    draft.output("x")
-    linear = mbdlft.linearize_dae(draft.dae())
+    laws = "z = (k*cos(angle))**2", "der(x) = u - sqrt(z)*x"
+    given = {"inputs": "u", "outputs": "x", "parameters": [mbdlft.Angle("angle", 0, -60, 60), K_SWITCHED]}
+    linear = mbdlft.linearize_dae(dae_of("slope", "x z=1", *laws, **given))
     for degrees, k in ((-50.0, 0.8), (0.0, 1.0), (60.0, 1.13)):
         A = mbdlft.matrices_at(linear, {"angle": degrees, "k": k})[0]
         target(A, np.array([[-k * np.cos(np.deg2rad(degrees))]]), CLOSED_FORM)
@@ -279,29 +276,22 @@ def test_a_root_that_is_a_cosine_at_the_equilibrium() -> None:
 
 def test_decisions_do_not_depend_on_the_scale_of_an_equation() -> None:
     def made(times: float) -> mbdlft.LFTModel:
-        draft = DaeDraft("tank")
-        p = draft.parameter(mbdlft.Parameter("p", 1.0, percent=20))
-        x, z = draft.variable("x", start=1.0), draft.variable("z", start=0.4)
-        u, times_ = draft.input("u", start=1.0), draft.number(times)
-        draft.equation(draft.der(x), equals=u - p * ca.sqrt(x))
-        draft.equation(times_ * draft.der(z), equals=times_ * (x - z - p * ca.sqrt(z)))
-        draft.output("z")
-        return mbdlft.linearize_dae(draft.dae(), fit=1e-6)
+        law = f"number({times})*der(z) = number({times})*(x - z - p*sqrt(z))"
+        given = {"outputs": "z", "parameters": [mbdlft.Parameter("p", 1.0, percent=20)]}
+        dae = dae_of("tank", "x=1 z=0.4", "der(x) = u - p*sqrt(x)", law, inputs="u=1", **given)
+        return mbdlft.linearize_dae(dae, fit=1e-6)
 
     assert made(1e-12).order == made(1e12).order == made(1.0).order
 
 
 @pytest.mark.parametrize(
-    ("function", "at", "slope"), [(ca.sin, 0.3, 1 / np.cos(np.arcsin(0.3))), (ca.exp, 1.3, 1 / 1.3)]
+    ("function", "at", "slope"), [("sin", 0.3, 1 / np.cos(np.arcsin(0.3))), ("exp", 1.3, 1 / 1.3)]
 )
-def test_implicit_functions_with_slopes_that_are_numbers(function, at: float, slope) -> None:
-    draft = DaeDraft("implicit")
-    k, x, z = draft.parameter(K_SWITCHED), draft.variable("x", start=at), draft.variable("z", start=0.4)
-    u = draft.input("u", start=at)
-    draft.equation(draft.der(x), equals=k * (u - x))
-    draft.equation(function(z), equals=x)
-    draft.output("z")
-    C = mbdlft.matrices_at(mbdlft.linearize_dae(draft.dae()), {})[2]
+def test_implicit_functions_with_slopes_that_are_numbers(function: str, at: float, slope) -> None:
+    laws = "der(x) = k*(u - x)", f"{function}(z) = x"
+    given = {"inputs": f"u={at}", "outputs": "z", "parameters": [K_SWITCHED]}
+    dae = dae_of("implicit", f"x={at} z=0.4", *laws, **given)
+    C = mbdlft.matrices_at(mbdlft.linearize_dae(dae), {})[2]
     target(C, np.array([[slope]]), CLOSED_FORM)
 
 
@@ -339,12 +329,9 @@ def test_an_input_may_be_given_as_a_parameter() -> None:
 
 
 def test_a_root_of_a_square_of_a_negative_parameter_is_its_size() -> None:
-    draft = DaeDraft("negative")
-    p = draft.parameter(mbdlft.Parameter("p", -1.5, low=-2.0, high=-1.0))
-    x, u = draft.variable("x", start=1.0), draft.input("u", start=1.5)
-    draft.equation(draft.der(x), equals=u - ca.sqrt(p * (p * ca.SX(0.3) / 7)) * x)
-    draft.output("x")
-    linear = mbdlft.linearize_dae(draft.dae())
+    law = "der(x) = u - sqrt(p*(p*SX(0.3)/7))*x"
+    given = {"outputs": "x", "parameters": [mbdlft.Parameter("p", -1.5, low=-2.0, high=-1.0)]}
+    linear = mbdlft.linearize_dae(dae_of("negative", "x=1", law, inputs="u=1.5", **given))
     expected = np.array([[-1.9 * np.sqrt(0.3 / 7)]])
     target(mbdlft.matrices_at(linear, {"p": -1.9})[0], expected, CLOSED_FORM)
 

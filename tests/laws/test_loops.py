@@ -42,12 +42,9 @@ def lags(k: float, f: Callable[[ca.SX], ca.SX], most: float) -> Dae:
 
 def oscillator(k: float, damping: float) -> Dae:
     """Unit mass and spring, with the force k sin(x)."""
-    d = DaeDraft("oscillator")
-    x, v = d.variable("x", minimum=-3.2, maximum=3.2), d.variable("v")
-    d.equation(d.der(x), equals=v)
-    d.equation(d.der(v), equals=-x - 2 * d.number(damping) * v + d.number(k) * ca.sin(x))
-    d.output("x")
-    return d.dae()
+    law = f"der(v) = -x - 2*number({damping})*v + number({k})*sin(x)"
+    limits = {"minimum": -3.2, "maximum": 3.2}
+    return dae_of("oscillator", "x v", "der(x) = v", law, outputs="x", **limits)
 
 
 def clipped(x: ca.SX) -> ca.SX:
