@@ -5,21 +5,8 @@ from pathlib import Path
 import numpy as np
 
 import mbdlft
-from mbdlft.multibody import (
-    Acceleration,
-    Accelerometer,
-    AngularAcceleration,
-    Beam,
-    Fixed,
-    Force,
-    Inertia,
-    Position,
-    Revolute,
-    RigidBody,
-    Scene,
-    SmallRotation,
-    Torque,
-)
+from mbdlft import Beam, Scene
+from tests import kit
 
 # of the largest of a row, or of the vector by an input: eps times the square of fastest over slowest
 MOST = 1e-6
@@ -36,34 +23,26 @@ def scene_of(random: np.random.Generator) -> Scene:
         I_y=1e-7, I_z=2e-7, torsion_constant=1e-7, elements=int(random.integers(1, 6)),
         deformations=tuple(k for k in KINDS if k in kinds), stiffness_damping=random.choice([0.0, 1e-5]),
     )  # fmt: skip
-    body = RigidBody(
-        name="body", mass="m", center_of_mass=(0.1, 0.0, 0.0), inertia=Inertia(xx=0.1, yy=0.1, zz=0.15)
-    )
     held = {"stiffness": float(10.0 ** random.uniform(0.0, 5.0)), "damping": 0.01}
     link = [
-        Fixed(name="link", parent="body", child="second"),
-        Revolute(name="link", parent="body", child="second", axis=(0, 0, 1), position=0.0, **held),
+        kit.weld("link", "body", "second"),
+        kit.hinge("link", "body", "second", (0, 0, 1), position=0.0, **held),
     ][random.integers(2)]
     end = str(random.choice(["body", "second.tip"]))
-    sensors = Position, SmallRotation, Acceleration, AngularAcceleration, Accelerometer
-    return Scene(
-        name="held",
+    linear = mbdlft.Position, mbdlft.Acceleration, mbdlft.Accelerometer
+    sensors = *linear, mbdlft.SmallRotation, mbdlft.AngularAcceleration
+    return kit.scene(
+        "held",
+        mbdlft.Parameter("L", 1.5, percent=20, unit="m"),
+        mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
+        beam,
+        kit.body("body", "m", (0.1, 0.1, 0.15), center_of_mass=(0.1, 0.0, 0.0)),
+        beam.model_copy(update={"name": "second"}),
+        *(kit.weld("root", "ground", "first"), kit.weld("top", "first.tip", "body"), link),
+        *(kind(name=kind.kind, port=end) for kind in sensors),
+        kit.force("push", end, (1, 2, 3), frame="ground", magnitude=0.0),
+        kit.torque("turn", "body", (1, -1, 2), frame="ground", magnitude=0.0),
         gravity=(0.0, -9.81 * falls, 0.0),
-        parameters=[
-            mbdlft.Parameter("L", 1.5, percent=20, unit="m"),
-            mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
-        ],
-        bodies=[beam, body, beam.model_copy(update={"name": "second"})],
-        joints=[
-            Fixed(name="root", parent="ground", child="first"),
-            Fixed(name="top", parent="first.tip", child="body"),
-            link,
-        ],
-        sensors=[kind(name=kind.kind, port=end) for kind in sensors],
-        loads=[
-            Force(name="push", port=end, direction=(1, 2, 3), frame="ground", magnitude=0.0),
-            Torque(name="turn", port="body", direction=(1, -1, 2), frame="ground", magnitude=0.0),
-        ],
     )
 
 

@@ -27,8 +27,9 @@ import flint
 import numpy as np
 
 import mbdlft
-from mbdlft import Angle, Beam, Ground, Inertia, Loop, MbdlftError, Parameter, RigidBody, Rotation, Scene
+from mbdlft import Angle, Beam, Ground, Loop, MbdlftError, Parameter, Rotation, Scene
 from mbdlft.multibody.joint import Joint
+from tests import kit
 from tests.attack.mutations import check_message
 from tests.cross.maximal import Bodies
 from tests.cross.poses import BITS
@@ -90,15 +91,10 @@ class Draft:
         """A bar along x with a port at its tip."""
         x, y, z = (float(value) for value in self.random.uniform(-0.2, 0.2, 3))
         size = float(self.random.uniform(0.05, 0.2))
-        self.bodies.append(
-            RigidBody(
-                name=name,
-                mass=self.size(f"m_{name}", 0.4, 1.5, "kg"),
-                center_of_mass=(0.3 + x, y, z),
-                inertia=Inertia(xx=size, yy=1.2 * size, zz=0.9 * size, about="center_of_mass"),
-                ports={"tip": (length, 0, 0), **ports},
-            )
-        )
+        moments, center = (size, 1.2 * size, 0.9 * size), (0.3 + x, y, z)
+        where = {"about": "center_of_mass", "ports": {"tip": (length, 0, 0), **ports}}
+        mass = self.size(f"m_{name}", 0.4, 1.5, "kg")
+        self.bodies.append(kit.body(name, mass, moments, center_of_mass=center, **where))
         return name
 
     def link(self, name: str, length: float | str) -> str:
@@ -107,26 +103,17 @@ class Draft:
             return self.bar(name, length)
         self.bodies.append(
             Beam(
-                name=name,
-                length=length,
-                density=self.size(f"rho_{name}", 2000.0, 8000.0, "kg/m^3"),
-                area=1e-4,
-                modulus=7e10,
-                I_z=1e-9,
-                I_y=1e-9,
-                elements=1,
-                deformations=("bending_y",),
+                name=name, length=length, density=self.size(f"rho_{name}", 2000.0, 8000.0, "kg/m^3"),
+                area=1e-4, modulus=7e10, I_z=1e-9, I_y=1e-9, elements=1, deformations=("bending_y",),
                 prestress="neglected",
             )
-        )
+        )  # fmt: skip
         return name
 
     def hinge(self, name: str, parent: str, child: str, position: Any = 0.0, **fields: Any) -> None:
         """A hinge about z; one that nothing drives has the effort 0."""
-        joint = mbdlft.Revolute(
-            name=name, parent=parent, child=child, axis=Z, position=position, **({"preload": 0} | fields)
-        )
-        self.joints.append(joint)
+        fields = {"preload": 0, "position": position} | fields
+        self.joints.append(kit.hinge(name, parent, child, Z, **fields))
 
     def driven(self) -> dict[str, Any]:
         """Fields of a joint that its effort holds at equilibrium."""
@@ -135,15 +122,13 @@ class Draft:
 
     def slide(self, name: str, parent: str, child: str, position: Any, **fields: Any) -> None:
         """A slide along x."""
-        fields = {"axis": (1.0, 0.0, 0.0), "preload": 0} | fields
-        self.joints.append(
-            mbdlft.Prismatic(name=name, parent=parent, child=child, position=position, **fields)
-        )
+        fields = {"axis": (1.0, 0.0, 0.0), "preload": 0, "position": position} | fields
+        self.joints.append(kit.rail(name, parent, child, **fields))
 
     def close(self, name: str, parent: str, child: str, kind: str, **fields: Any) -> None:
         axes = {"revolute": Z, "prismatic": (1.0, 0.0, 0.0), "cylindrical": (1.0, 0.0, 0.0)}
         axis = {"axis": axes[kind]} if kind in axes else {}
-        self.loops.append(Loop(name=name, kind=kind, parent=parent, child=child, **axis, **fields))
+        self.loops.append(kit.loop(name, kind, parent, child, **axis, **fields))
 
     def pin(self, name: str, parent: str, child: str) -> None:
         """A loop that a hinge or a ball closes."""
@@ -151,18 +136,12 @@ class Draft:
 
     def scene(self, name: str) -> Scene:
         gravity = (0.0, -9.81, 0.0) if self.chance(0.5) else (0.0, 0.0, 0.0)
-        return Scene(
-            name=name,
-            gravity=gravity,
-            parameters=self.parameters,
-            bodies=[Ground(ports=self.ports), *self.bodies],
-            joints=self.joints,
-            loops=self.loops,
-        )
+        bodies = Ground(ports=self.ports), *self.bodies
+        return kit.scene(name, *self.parameters, *bodies, *self.joints, *self.loops, gravity=gravity)
 
 
 def _turned(angle: float | str) -> list[Rotation]:
-    return [Rotation(axis=Z, angle=angle)]
+    return [kit.turn(Z, angle)]
 
 
 def parallelogram(d: Draft) -> None:
