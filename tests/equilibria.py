@@ -10,6 +10,7 @@ from mbdlft.base.description import Quantity
 from mbdlft.multibody.joint import KINDS as KINDS_OF_JOINTS
 from mbdlft.multibody.joint import Joint, coordinate_label
 from mbdlft.multibody.joint.kinds import AxisJoint
+from tests import kit
 
 KINDS = ("revolute", "revolute", "prismatic", "universal", "cylindrical", "planar", "spherical")
 MOST_BODIES = 5
@@ -35,14 +36,8 @@ def known_equilibrium(seed: int) -> Known:
     joints = [_joint(rng, k, "ground" if k == 0 else _port(rng, k)) for k in range(count)]
     loads = _loads(rng, count)
     held = {k for k in range(count) if rng.random() < 0.3}
-    scene = mbdlft.Scene(
-        name=f"equilibrium{seed}",
-        gravity=tuple(rng.normal(0.0, 6.0, 3)),
-        parameters=[mbdlft.Parameter("m", 2.0, percent=30, unit="kg")],
-        bodies=bodies,
-        joints=joints,
-        loads=loads,
-    )
+    mass, gravity = mbdlft.Parameter("m", 2.0, percent=30, unit="kg"), tuple(rng.normal(0.0, 6.0, 3))
+    scene = kit.scene(f"equilibrium{seed}", mass, *bodies, *joints, *loads, gravity=gravity)
     efforts = dict(_efforts(scene))
     forgotten = [
         joint if k in held else _forgotten(rng, joint, efforts) for k, joint in enumerate(joints)
@@ -94,13 +89,9 @@ def _packed(joint: Joint, values: list[float]) -> Any:
 
 def _body(rng: np.random.Generator, k: int) -> mbdlft.RigidBody:
     moments = rng.uniform(0.2, 0.4, 3)
-    return mbdlft.RigidBody(
-        name=f"b{k}",
-        mass="m" if k == 0 and rng.random() < 0.3 else float(rng.uniform(0.5, 4.0)),
-        center_of_mass=tuple(float(x) for x in rng.uniform(-0.6, 0.6, 3)),
-        inertia=mbdlft.Inertia(**dict(zip(("xx", "yy", "zz"), map(float, moments), strict=True))),
-        ports={"tip": tuple(float(x) for x in rng.uniform(-0.9, 0.9, 3))},
-    )
+    mass = "m" if k == 0 and rng.random() < 0.3 else float(rng.uniform(0.5, 4.0))
+    center, tip = (tuple(rng.uniform(-most, most, 3).tolist()) for most in (0.6, 0.9))
+    return kit.body(f"b{k}", mass, moments.tolist(), center_of_mass=center, ports={"tip": tip})
 
 
 def _port(rng: np.random.Generator, k: int) -> str:
@@ -132,26 +123,12 @@ def _joint(rng: np.random.Generator, k: int, parent: str) -> Joint:
 
 
 def _loads(rng: np.random.Generator, count: int) -> list[Any]:
-    loads: list[Any] = []
+    loads, tip = list[Any](), f"b{count - 1}.tip"
     if rng.random() < 0.5:
-        direction = tuple(float(x) for x in rng.standard_normal(3))
-        loads.append(
-            mbdlft.Force(
-                name="pull",
-                port=f"b{count - 1}.tip",
-                direction=direction,
-                frame=("ground", "body")[int(rng.integers(0, 2))],
-                magnitude=float(rng.uniform(1.0, 15.0)),
-            )
-        )
+        direction = tuple(rng.standard_normal(3).tolist())
+        frame = ("ground", "body")[int(rng.integers(0, 2))]
+        loads.append(kit.force("pull", tip, direction, frame=frame, magnitude=rng.uniform(1.0, 15.0)))
     if rng.random() < 0.5:
-        loads.append(
-            mbdlft.Spring(
-                name="cable",
-                parent="ground",
-                child=f"b{count - 1}.tip",
-                stiffness=float(rng.uniform(10.0, 60.0)),
-                rest_length=float(rng.uniform(0.2, 1.0)),
-            )
-        )
+        stiffness, rest_length = rng.uniform(10.0, 60.0), rng.uniform(0.2, 1.0)
+        loads.append(kit.spring("cable", "ground", tip, stiffness=stiffness, rest_length=rest_length))
     return loads

@@ -7,6 +7,7 @@ import numpy as np
 
 import mbdlft
 from mbdlft import Angle, Parameter, Rotation, Scene
+from mbdlft.multibody.joint import KINDS as CLASSES
 from mbdlft.multibody.joint import Joint
 from tests import kit
 from tests.cross.at_rest import at_rest, turned
@@ -21,14 +22,6 @@ _PASSIVE = {
     "prismatic": (("planar", "spherical"), _TWO),
     "cylindrical": (_TWO, _TWO),
     "universal": (("planar", "spherical"), _ONE),
-}
-CLASSES = {
-    "revolute": mbdlft.Revolute,
-    "prismatic": mbdlft.Prismatic,
-    "universal": mbdlft.Universal,
-    "cylindrical": mbdlft.Cylindrical,
-    "planar": mbdlft.Planar,
-    "spherical": mbdlft.Spherical,
 }
 PARAMETERS = (
     Parameter("m", 3.0, percent=20, unit="kg"),
