@@ -10,13 +10,14 @@ import pytest
 
 import mbdlft
 from mbdlft.base import Parameter
-from mbdlft.base.errors import MbdlftError, SceneError
+from mbdlft.base.errors import MbdlftError
 from mbdlft.dae import DaeDraft
 from mbdlft.modelica import ModelicaTable, flat_text, load_modelica, operating_point
 from mbdlft.modelica.loading import ROOTS, compiled_model
 from mbdlft.modelica.variables import read_values
 from mbdlft.pipeline.dae_models import linearize_dae
 from tests.close import MECHANISM, exact, roundoff, target
+from tests.errors.table import refused
 from tests.modelica import FLAT, LIBRARY, MODELS, SCENARIOS, table_of
 
 pytest.importorskip("rumoca", reason="the compiler rumoca is not installed")
@@ -143,33 +144,16 @@ def test_unknown_parameters_of_several_initial_equations(tmp_path: Path) -> None
     roundoff(gain(tmp_path, declared, "y = (10*a + b)*u;"), 23.0)
 
 
-@pytest.mark.parametrize(
-    ("declared", "equations", "match"),
-    [
-        ("Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;", r"switching surface u > 2: .* 2 and 2"),
-        (
-            "Integer k(start=3);",
-            "when u > 2 then k = 4; end when; y = k*u;",
-            r"surface u > 2: .*an event",
-        ),
-        (
-            "discrete Real d;",
-            "when sample(0, 0.1) then d = u; end when; y = d;",
-            r"the event 'when' .*\(d\)",
-        ),
-        (
-            "Boolean b; Real x;",
-            "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;",
-            r"the modes b have no",
-        ),
-        ("", "y = delay(u, 0.5);", r"delay\(\) has no linear model"),
-    ],
+test_what_has_no_one_linear_model_is_refused = refused(
+    r"""
+> gain(tmp_path, {}) => SceneError:
+"Boolean b;", "b = u > 2; y = if b then 2*u else 3*u;" => switching surface u > 2: … 2 and 2
+"Integer k(start=3);", "when u > 2 then k = 4; end when; y = k*u;" => surface u > 2: … an event
+"discrete Real d;", "when sample(0, 0.1) then d = u; end when; y = d;" => the event 'when' … (d)
+"Boolean b; Real x;", "b = x > 1; der(x) = (if b then 0.5 else u) - x; y = x;" => the modes b have no
+"", "y = delay(u, 0.5);" => delay() has no linear model
+"""
 )
-def test_what_has_no_one_linear_model_is_refused(
-    tmp_path: Path, declared: str, equations: str, match: str
-) -> None:
-    with pytest.raises(SceneError, match=match):
-        gain(tmp_path, declared, equations)
 
 
 PASSED_ON = """

@@ -82,6 +82,17 @@ test_messages = refused(
 "--input", "shoulder.torque=1", "--amplitude", "1e300" => expected finite numbers, up to 1e+100.
 "--initial", "shoulder.rate=1e150" => simulate: 'shoulder.rate': expected finite numbers, up to 1e+100.
 "--input", "shoulder.torque=1", "--input", "shoulder.torque=2" => shoulder.torque is given twice
+"--input", "shoulder.torque=stairs:1" => --input shoulder.torque=stairs:1: expected NAME=number
+"--input", "sholder.torque=1" => unknown input 'sholder.torque'. Did you mean 'shoulder.torque'
+"--initial", "elbow.angel=1" => unknown state 'elbow.angel'. Did you mean 'elbow.angle'
+"--until", "-1" => --until -1: expected a positive time (s).
+"--plot", "motion.doc" => the figure cannot be written
+> command("sweep", arm_file(), "-o", "a.h5", {}) => MessageError:
+*() => expected exactly one of --grid, --random and --file
+"--random", "3", "--grid", "m1=2" => expected exactly one of
+"--grid", "m1=2", "--seed", "3" => --seed: only --random has a seed
+"--grid", "m1" => --grid m1: expected NAME=COUNT
+"--random", "3", "--model", "x" => only an archive has models
 > command("trim", arm_file(), "--set", "m3=5.0", "--set", {}) => MessageError:
 "m3=5" => --set m3=5: m3 is given twice.
 "m11=3" => trim: unknown parameter 'm11'. Did you mean 'm1'? Existing: J1, L2, m1, m3, rho1

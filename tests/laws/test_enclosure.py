@@ -12,7 +12,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import mbdlft
-from mbdlft import Constant, Inertia, Parameter, Scene, SceneError
+from mbdlft import Constant, Inertia, Parameter, Scene
 from mbdlft.base import expression
 from mbdlft.base.expression import Number, evaluate
 from mbdlft.exact import interval, taylor
@@ -22,6 +22,7 @@ from mbdlft.multibody.scene import checks
 from mbdlft.multibody.scene.checks import check_positive
 from tests import kit
 from tests.close import EPS, roundoff
+from tests.errors.table import refused
 
 SIZES = [0.0, 5e-324, 2.5e-308, 1e-200, 1e-16, 0.1, 0.7, 1.0, 3.0, 22.0, 1e16, 1e200, 1.7e308]
 ends = st.one_of(
@@ -339,44 +340,29 @@ def bob(mass: str, **inertia: Any) -> Scene:
     )
 
 
-DISC = "rho*((a - a0)^2 + (b - b0)^2 {sign} e^2)"
+DISC = "rho*((a - a0)^2 + (b - b0)^2 - e^2)"
+AROUND = DISC.replace("- e^2", "+ e^2")
 
 
-@pytest.mark.parametrize(
-    ("mass", "inertia", "message"),
-    [
-        (DISC.format(sign="-"), {}, "body 'bob': mass [kg] is negative in the range, at a = 0.3"),
-        (
-            "1",
-            {"xx": DISC.format(sign="-") + "*unit"},
-            "inertia.xx [kg m^2] about the center of mass is negative in the range, at a = 0.3",
-        ),
-        (
-            "1",
-            {"xx": "2", "yy": "1", "zz": "1 - unit*rho*e^2 + " + DISC.format(sign="-") + "*unit"},
-            "inertia.yy + inertia.zz - inertia.xx [kg m^2] about the center of mass is negative",
-        ),
-        (
-            "1",
-            {"xx": "2", "yy": "2", "zz": "2", "xy": "1 - 0.999*" + DISC.format(sign="-") + "*unit"},
-            "a minor of the second moments of mass that follow from the inertia is negative",
-        ),
-    ],
+test_what_fails_in_a_disc = refused(
+    r"""
+> check_positive(bob({})) => SceneError:
+DISC => body 'bob': mass [kg] is negative in the range, at a = 0.3
+"1", xx=DISC + "*unit"
+    => inertia.xx [kg m^2] about the center of mass is negative in the range, at a = 0.3
+"1", xx="2", yy="1", zz="1 - unit*rho*e^2 + " + DISC + "*unit"
+    => inertia.yy + inertia.zz - inertia.xx [kg m^2] about the center of mass is negative
+"1", xx="2", yy="2", zz="2", xy="1 - 0.999*" + DISC + "*unit"
+    => a minor of the second moments of mass that follow from the inertia is negative
+"""
 )
-def test_what_fails_in_a_disc(mass: str, inertia: dict[str, str], message: str) -> None:
-    with pytest.raises(SceneError, match=".*".join(map(_escaped, message.split("...")))):
-        check_positive(bob(mass, **inertia))
-
-
-def _escaped(text: str) -> str:
-    return "".join(f"\\{c}" if c in "[].+^" else c for c in text)
 
 
 @pytest.mark.parametrize(
     ("mass", "inertia"),
     [
-        (DISC.format(sign="+"), {}),
-        ("1", {"xx": DISC.format(sign="+") + "*unit"}),
+        (AROUND, {}),
+        ("1", {"xx": AROUND + "*unit"}),
         ("1", {"xx": 0.0, "yy": "rho*a^2*unit", "zz": "rho*a^2*unit"}),  # a rod: a minor is zero
         ("rho*a*b", {"xx": "rho*a*b*b^2/12", "yy": "rho*a*b*a^2/12", "zz": "rho*a*b*(a^2 + b^2)/12"}),
         ("rho*unit/(1 + a/half)", {"xx": "rho*unit*unit/(1 + a/half)"}),

@@ -75,22 +75,6 @@ def test_poles_and_a_function_in_single_precision(
     assert "unknown name 'leg'" in err
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ((), "expected exactly one of --grid, --random and --file"),
-        (("--random", "3", "--grid", "m1=2"), "expected exactly one of"),
-        (("--grid", "m1=2", "--seed", "3"), "--seed: only --random has a seed"),
-        (("--grid", "m1"), "--grid m1: expected NAME=COUNT"),
-        (("--random", "3", "--model", "x"), "only an archive has models"),
-    ],
-)
-def test_bad_options(tmp_path: Path, options: tuple[str, ...], text: str, call: Call) -> None:
-    code, out, err = call("sweep", ARM, *options, "-o", str(tmp_path / "a.h5"))
-    assert (code, out) == (2, "")
-    assert text in err
-
-
 # The command `simulate`: motions beside the linear model, files, messages.
 
 ARM_FILE = str(Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml")
@@ -123,28 +107,6 @@ def test_a_sine_of_a_road_has_its_rate(call: Call) -> None:
         _, out, _ = call("simulate", file, pushed, *more, "--until", "1", "--json")
         run = simulate(mbdlft.load_scene(file), times, inputs={**moved, "front_road.velocity": rate})
         target(json.loads(out)["runs"][0]["largest"], np.max(np.abs(run.outputs)), KEPT)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ("--input", "shoulder.torque=stairs:1"),
-            "--input shoulder.torque=stairs:1: expected NAME=number",
-        ),
-        (
-            ("--input", "sholder.torque=1"),
-            "unknown input 'sholder.torque'. Did you mean 'shoulder.torque'",
-        ),
-        (("--initial", "elbow.angel=1"), "unknown state 'elbow.angel'. Did you mean 'elbow.angle'"),
-        (("--until", "-1"), "--until -1: expected a positive time (s)."),
-        (("--plot", "motion.doc"), "the figure cannot be written"),
-    ],
-)
-def test_bad_input_of_simulate_is_named(call: Call, words: tuple[str, ...], message: str) -> None:
-    code, _, err = call(*ASKED, *words)
-    assert code == 2
-    assert message in " ".join(err.split())
 
 
 # Commands take robots as they stand, and say on stderr what is ignored and assumed.
