@@ -4,23 +4,20 @@ import casadi as ca
 import numpy as np
 
 from mbdlft import LFT, Parameter
-from mbdlft.lft.lft import (
-    add,
-    constant,
-    delta,
-    eliminate,
-    fix,
-    inverse,
-    multiply,
-    stack_columns,
-    stack_rows,
-)
+from mbdlft.lft import lft as algebra
+from mbdlft.lft.box_gain import gain_bound
+from mbdlft.lft.determinant import values_at
+from mbdlft.lft.lft import add, constant, delta, eliminate, fix, inverse, multiply
 from mbdlft.lft.sampling import evaluate, evaluate_at
+from mbdlft.order.degree import degree_bounds
+from mbdlft.order.reduction import reduce_order
 from mbdlft.problem.relations import LinearModel
+from mbdlft.system.truncation import truncate_lft
 from tests.errors.table import refused
 from tests.extracted import extracted as in_doubles
+from tests.laws.test_algebra import BLOCKS, mixed
 
-D, HALF = delta("mass"), np.array([[0.5]])
+D, HALF, MIXED = delta("mass"), np.array([[0.5]]), mixed(2)
 
 
 def lft(n=1, blocks=(("a", 1),), shapes=None, fill=0.0):
@@ -46,8 +43,8 @@ D - np.eye(2) => LFT: cannot add shapes (1, 1) and (2, 2).
 multiply(lft(), D) => LFT: cannot multiply shapes (2, 3) and (1, 1).
 np.eye(2) @ D => LFT: cannot multiply shapes (2, 2) and (1, 1).
 inverse(lft()) => LFT: cannot invert shape (2, 3).
-stack_rows(lft(), D) => LFT: cannot stack shapes (2, 3) and (1, 1) as rows.
-stack_columns(lft(), D) => LFT: cannot stack shapes
+algebra.stack_rows(lft(), D) => LFT: cannot stack shapes (2, 3) and (1, 1) as rows.
+algebra.stack_columns(lft(), D) => LFT: cannot stack shapes
 fix(D, {"mas": 0.5}) => LFT: unknown delta 'mas'. Did you mean 'mass'?
 evaluate(D, {"mas": 0.5}) => LFT: unknown delta 'mas'. Did you mean 'mass'?
 evaluate(constant([[1.0]]), {"m": 0.5}) => unknown delta 'm'. Existing: none.
@@ -68,6 +65,20 @@ evaluate(inverse(D + HALF), {"mass": [0.0, -0.5]})
     => WellPosednessError: I - M11 Delta is singular at one of the points.
 evaluate(D, {"mass": np.zeros((2, 2))}) => evaluate
 D + np.zeros((1, 1, 1)) => LFT
+MIXED + delta("c", 2) => c is a complex block here and a real one there.
+MIXED + MIXED => the full block f stands twice, and it cannot be repeated.
+algebra.transpose(MIXED) => the transpose of a full block is another block: f.
+evaluate(MIXED, {"a": 1j}) => a is a real delta, got 1j.
+evaluate(MIXED, {"f": np.eye(2)}) => f is a full block and needs shape (2, 3), got
+evaluate(MIXED, {"f": "x"}) => f: expected a number, got 'x'.
+evaluate_at(MIXED, np.zeros((1, 3))) => points have one real number for each block
+reduce_order(MIXED) => the reduction holds for real entries and repeated real par
+degree_bounds(MIXED) => c is a complex block, f is a full block.
+degree_bounds(constant([[1j]])) => parameters only; an entry is complex.
+gain_bound(MIXED) => the bound of the gain holds for real entries
+truncate_lft(MIXED, 0.1) => truncation holds for real entries
+values_at(MIXED, np.zeros((1, 3))) => the determinant at many points holds for
+LFT(MIXED.M11, MIXED.M12, MIXED.M21, MIXED.M22, BLOCKS[:2]) => LFT: M11 needs shape (6, 6), got (6, 5).
 > extracted({}) => NotRationalError:
 ca.exp(P) * X + Z
     => OP_EXP at instruction 1 of 'relations' is not a rational operation (parameters: ratio; acts on a

@@ -18,6 +18,7 @@ from mbdlft.system import LFTModel
 from tests.attack.switches import K, check, slopes, text_of
 from tests.close import CLOSED_FORM, target
 from tests.daes import dae_of
+from tests.errors.table import refused
 
 _KM, _DEG = 'Real x(unit="km"); Real z(unit="m"); ', 'Real x(unit="deg"); Real z; '  # before words
 _RISES = "der(x) = u - x; "
@@ -136,22 +137,36 @@ def model(force, start: float = 0.0) -> mbdlft.LFTModel:
     return mbdlft.linearize_dae(trim(structure, at={"x": start}, free=["u"]))
 
 
-@pytest.mark.parametrize(
-    ("force", "slopes"),
-    [
-        (lambda k, x: k * ca.fabs(x), "two slopes by 'x', -1 and 1"),
-        (lambda k, x: k * ca.sign(x), "jumps from -1 to 1"),
-        (lambda k, x: ca.fmax(k * x, 3 * x), "two slopes"),
-        (lambda k, x: ca.fmin(k * x, 0), "two slopes by 'x', 1 and 0"),
-        (lambda k, x: ca.if_else(x < 0, -x, x + 2), "jumps from -2 to 0"),
-        (lambda k, x: ca.if_else(x <= 0, x, 2 * x), "two slopes by 'x', 1 and 2"),
-        (lambda k, x: ca.if_else(ca.sin(x) > 0, x, 2 * x), "two slopes"),
-        (lambda k, x: ca.if_else(x == 0, 1, x), "jumps"),
-    ],
+test_no_linear_model_where_branches_meet = refused(
+    r"""
+> model(lambda k, x: {}) => TrimError: equation … der(x) …
+k * ca.fabs(x) => two slopes by 'x', -1 and 1 … switches … smooth
+k * ca.sign(x) => jumps from -1 to 1 … switches … smooth
+ca.fmax(k * x, 3 * x) => two slopes … switches … smooth
+ca.fmin(k * x, 0) => two slopes by 'x', 1 and 0 … switches … smooth
+ca.if_else(x < 0, -x, x + 2) => jumps from -2 to 0 … switches … smooth
+ca.if_else(x <= 0, x, 2 * x) => two slopes by 'x', 1 and 2 … switches … smooth
+ca.if_else(ca.sin(x) > 0, x, 2 * x) => two slopes … switches … smooth
+ca.if_else(x == 0, 1, x) => jumps … switches … smooth
+> model(lambda k, x: k * {}) => MbdlftError: there is no linear model. Linearize beside it
+ca.asin(x + 1)
+ca.sqrt(x)
+(x**4) ** 0.25
+# Of a state that is at the end of a range, or of a function that jumps there.
+> model(lambda k, x: {}) => NotRationalError: changes its branch … range of k
+ca.fabs(x - k), {0.8|1.2}
+ca.fmax(x, k), {0.8|1.2}
+ca.if_else(x >= k, 2 * x, x + k), {0.8|1.2}
+ca.sqrt(x * x - 2 * k * x + k * k), {0.8|1.2}
+ca.sqrt(2 * x * x - 4 * k * x + 2 * k * k), {0.8|1.2}
+ca.sign(k - 0.8) * x, 1.0
+ca.if_else(k > 0.8, k, 7) * x, 1.0
+# A switch inside of the range.
+> model(lambda k, x: ca.{} * x, 0.5) => NotRationalError: 1.1) changes its branch … range of k
+fmax(k, 1.1)
+if_else(k < 1.1, k, 1.1)
+"""
 )
-def test_no_linear_model_where_two_branches_meet(force, slopes: str) -> None:
-    with pytest.raises(TrimError, match=rf"equation .*der\(x\).*{slopes}.*switches.*smooth"):
-        model(force)
 
 
 @pytest.mark.parametrize("no", ["2*x + 3*z > 0", "z > 0 and 2*x + 3*z <= z/2", "x + 3*z == 0"])
@@ -160,12 +175,6 @@ def test_sides_that_contradict_each_other_are_no_branches(no: str) -> None:
     text = text_of(f"der(x) = {rate}; der(z) = -z", {"z": 0.0})
     linear = mbdlft.linearize_dae(trim(reduce_index(translate(flat_model(text))[0])))
     target(mbdlft.matrices_at(linear, {"k": 1.1}).A, np.diag([-1.1, -1.0]), CLOSED_FORM)
-
-
-@pytest.mark.parametrize("force", [lambda x: ca.asin(x + 1), ca.sqrt, lambda x: (x**4) ** 0.25])
-def test_no_linear_model_where_a_slope_is_infinite(force) -> None:
-    with pytest.raises(MbdlftError, match=r"there is no linear model\. Linearize beside it"):
-        model(lambda k, x: k * force(x))
 
 
 @pytest.mark.parametrize(
@@ -221,30 +230,6 @@ def test_what_is_one_rational_function_up_to_the_ends_of_the_range(factor, value
     assert linear.certificate.exact
     for k in (0.8, 1.0, 1.13, 1.2):
         target(mbdlft.matrices_at(linear, {"k": k})[0], np.array([[-value(k)]]), CLOSED_FORM)
-
-
-@pytest.mark.parametrize(
-    ("force", "at"),
-    [
-        *((lambda k, x: ca.fabs(x - k), at) for at in (0.8, 1.2)),
-        *((lambda k, x: ca.fmax(x, k), at) for at in (0.8, 1.2)),
-        *((lambda k, x: ca.if_else(x >= k, 2 * x, x + k), at) for at in (0.8, 1.2)),
-        *((lambda k, x: ca.sqrt(x * x - 2 * k * x + k * k), at) for at in (0.8, 1.2)),
-        *((lambda k, x: ca.sqrt(2 * x * x - 4 * k * x + 2 * k * k), at) for at in (0.8, 1.2)),
-        (lambda k, x: ca.sign(k - 0.8) * x, 1.0),
-        (lambda k, x: ca.if_else(k > 0.8, k, 7) * x, 1.0),
-    ],
-)
-def test_a_kink_at_the_end_of_the_range_is_refused(force, at: float) -> None:
-    """Of a state that is at the end of a range, or of a function that jumps there."""
-    with pytest.raises(mbdlft.base.NotRationalError, match=r"changes its branch .* range of k"):
-        model(force, at)
-
-
-@pytest.mark.parametrize("switch", [lambda k: ca.fmax(k, 1.1), lambda k: ca.if_else(k < 1.1, k, 1.1)])
-def test_a_switch_inside_the_range_is_refused(switch) -> None:
-    with pytest.raises(mbdlft.base.NotRationalError, match=r"1.1\) changes its branch .* range of k"):
-        model(lambda k, x: switch(k) * x, 0.5)
 
 
 @pytest.mark.parametrize(
