@@ -197,7 +197,8 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     residues = SparseResidues(
         lft, np.append(opened.entries, np.ones(first, dtype=np.int64)), opened.prime
     )
-    lft = with_zeros(lft, value_at_random(residues) != 0)
+    with naming(problem.nouns.owner, WellPosednessError):
+        lft = with_zeros(lft, value_at_random(residues) != 0)
     return Candidate(form, relations.channels, lft, lft, residues, lft)
 
 
