@@ -16,18 +16,17 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import NotRationalError, SceneError, TrimError
+from mbdlft.base.errors import NotRationalError, SceneError, TrimError, naming
 from mbdlft.base.expression import evaluate, parse
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.alias import rational
 from mbdlft.dae.index import blocks_of, independent, listed
 from mbdlft.dae.newton import Found, System, follow_all, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
-from mbdlft.dae.text import column_of, free_symbols
-from mbdlft.exact.numbers import decimal
+from mbdlft.dae.text import FITTED, RATIONAL, column_of, free_symbols, in_digits, operations_beyond
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
 from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
-from mbdlft.problem.sx.tapes import steps, term_sizes
+from mbdlft.problem.sx.tapes import term_sizes
 
 _SMALL = Fraction(1, 8)
 _MOST_CRAMER = 6  # unknowns; more are eliminated by entries with parameters, too
@@ -112,10 +111,11 @@ SAME = 1e-9  # relative, of numbers that stand for the same
 _ZERO = 1e-12
 _MISSED = 1e-11  # of the terms of an equation
 _MOST_POWER = 4
+_OR_FIT = "; or take rational fits with a guaranteed bound (fit=1e-6)."
 _NO_EQUILIBRIUM = (
-    "no equilibrium was found{}; what misses most, relative to its terms: {}. Give other inputs, leave "
-    "an input free (free=...), or give start values near an equilibrium; start_point, or --at start for "
-    "a Modelica model, linearizes at the start values, without an equilibrium."
+    "no equilibrium was found{}; what misses most, over its terms with unknowns: {}. Give other inputs, "
+    "leave an input free (free=...), or give start values near an equilibrium; start_point, or --at "
+    "start for a Modelica model, linearizes at the start values, without an equilibrium."
 )
 
 
@@ -137,7 +137,8 @@ class Balance(NamedTuple):
 def no_solution(s: Structure, problem: Balance, at: Found, fixed: Mapping[str, float | str]) -> TrimError:
     """What to say where a point misses equations."""
     given = f" with {', '.join(f'{k} = {v}' for k, v in fixed.items())}" if fixed else ""
-    return TrimError(f"{s.owner}: {problem.missing.format(given, at.worst(problem.places))}")
+    said = at.explained(problem.places, problem.residual, problem.z)
+    return TrimError(f"{s.owner}: {problem.missing.format(given, said)}")
 
 
 def solved_exactly(
@@ -203,7 +204,7 @@ def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
         if n == 1:
             return [-offset / slopes]
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
-            numbers = [_number(x) for x in values[0]]
+            numbers = [in_digits(x) for x in values[0]]
             sizes = zip(values[0], quantities, strict=True)
             zeros = [abs(x) <= _ZERO * q.variable.nominal for x, q in sizes]
             cleaned = [ca.SX(0) if zero else x for x, zero in zip(numbers, zeros, strict=True)]
@@ -213,12 +214,13 @@ def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
         guessed = _guessed(s, block, values, least)
         if guessed is not None:
             return guessed
-    names = listed(q.name for q in quantities)
+    names, others = listed(q.name for q in quantities), operations_beyond(residual, FITTED)
+    source = "leave an input free instead" if s.inputs else "make an input of a term, which is left free"
     raise NotRationalError(
         f"{s.owner}, trim: {names} depend on the parameters, and the equations {listed(places)} "
-        "are not linear in them, so no rational solution was found. Either declare one of them as a "
-        "parameter and leave an input free instead (at={'name': 'parameter'}, free=['input']), which "
-        "is exact; or take rational fits with a guaranteed bound (fit=1e-6)."
+        "are not linear in them, so no rational solution was found. Declare one of them as a parameter "
+        f"and {source} (at={{'name': 'parameter'}}, free=['input']), which is exact"
+        + (f"; rational fits have no rule for {listed(others)}." if others else _OR_FIT)
     )
 
 
@@ -274,7 +276,7 @@ def _monomial(s: Structure, values: Array, points: Array, least: float) -> ca.SX
     if np.max(np.abs(factor - factor[0])) > SAME * abs(factor[0]):
         return None
     signs = np.prod([np.sign(points[0, k]) ** n for k, n in zip(usable, powers, strict=True)])
-    expression = _number(float(factor[0] * signs))
+    expression = in_digits(float(factor[0] * signs))
     for k, n in zip(usable, powers, strict=True):
         for _ in range(abs(int(n))):
             expression = expression * s.dae.p[k] if n > 0 else expression / s.dae.p[k]
@@ -299,15 +301,6 @@ def _holds(s: Structure, block: Balance, solution: Sequence[ca.SX]) -> bool:
     return True
 
 
-def _number(value: float) -> ca.SX:
-    """A number with the digits that doubles carry."""
-    short = decimal(float(f"{value:.14g}"))
-    near = abs(float(short) - value) <= _ZERO * abs(value) and short.denominator < 10**9
-    return ca.SX(literal(short if near else Fraction(repr(float(value)))))
-
-
-_RATIONAL = {"input", "output", "const", "assign", "add", "sub", "mul", "div", "neg", "sq", "twice"}
-_RATIONAL |= {"inv", "constpow", "pow"}
 _SMALLEST = 1e-9  # of the nominal size of a variable: a value below this has that size
 
 
@@ -365,7 +358,8 @@ def fit_coefficient(
     p, t, value = column_of(free), ca.SX.sym("t"), in_doubles(expression)
     start = values_of([value], p, _nominal(used))
     residual = ca.Function("coefficient", [t, p], [t - value])
-    fits, (made,) = _fits(residual, used, free, start, tolerance)
+    with naming(f"fit of {expression}", TrimError):
+        fits, (made,) = _fits(residual, used, free, start, tolerance)
     return CoefficientFit(made, fits.expressions[0], float(fits.bound[0]))
 
 
@@ -422,6 +416,11 @@ def fitted(
     rows = column_of(problem.residual[i] for i, _ in unsolved)
     rows = ca.SX(ca.substitute(rows, old, new))
     places, entries = _slopes(s, old, new)
+    if others := operations_beyond(ca.vertcat(rows, *entries), FITTED):
+        raise NotRationalError(
+            f"{s.owner}, fit of the equilibrium: {listed(others)} has no rule in rational fits, which "
+            "take + - * /, whole powers, sqrt, sin, cos and tan."
+        )
     if not z and not entries:
         return Fitted({}, {}, 0.0)
     symbols = [q.symbol for q in z]
@@ -442,7 +441,11 @@ def fitted(
     residual = ca.substitute(in_doubles(both), column_of(symbols), column_of(scaled))
     name = s.dae.name.replace(".", "_") or "model"
     function = ca.Function(name, [t, column_of(p)], [residual])
-    fits, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)
+    small = listed(
+        q.name for x, q in zip(start, z, strict=True) if 0 < abs(x) <= _SMALLEST * q.variable.nominal
+    )
+    with naming(f"{s.owner}{small and f', {small} without a `nominal` of its size'}", TrimError):
+        fits, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)
     made = [value * literal(float(size)) for value, size in zip(made, sizes, strict=True)]
     return Fitted(
         {q.name: value for q, value in zip(z, made, strict=False)},
@@ -472,16 +475,8 @@ def _slopes(s: Structure, old: ca.SX, new: ca.SX) -> tuple[list[tuple[int, int]]
     stacked = ca.vertcat(s.residual, *(y.expression for y in s.dae.outputs))
     J = ca.SX(ca.sparsify(ca.substitute(ca.jacobian(stacked, s.symbols), old, new)))
     every = zip(*J.sparsity().get_triplet(), strict=True)
-    places = [(i, j) for i, j in every if not is_rational(J[i, j])]
+    places = [(i, j) for i, j in every if operations_beyond(J[i, j], RATIONAL)]
     return places, [J[i, j] for i, j in places]
-
-
-def is_rational(expression: ca.SX) -> bool:
-    """Whether an expression has + - * / and powers of its symbols only; functions of numbers pass."""
-    if is_constant(expression):
-        return True
-    function = ca.Function("f", [column_of(ca.symvar(expression))], [ca.densify(expression)])
-    return all(name in _RATIONAL for name, _, _ in steps(function))
 
 
 def _parameters(s: Structure, expressions: Sequence[ca.SX]) -> tuple[list[Parameter], list[ca.SX]]:

@@ -117,6 +117,11 @@ class DaeDraft:
         name = variable if isinstance(variable, str) else _name_of(variable)
         known = self._variables.get(name)
         if known is None or not (isinstance(variable, str) or ca.is_equal(known.symbol, variable)):
+            if name in self._inputs:
+                raise SceneError(
+                    f"model {self.name!r}, der: {name!r} is an input. Make its derivative an input, and "
+                    f"{name!r} a variable."
+                )
             raise SceneError(
                 f"model {self.name!r}, der: "
                 + unknown_name("variable", name, self._variables)

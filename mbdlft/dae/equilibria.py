@@ -165,6 +165,8 @@ def _check_names(s: Structure, fixed: Mapping[str, Any], free: Sequence[str]) ->
     where, names = f"{s.owner}, trim", [q.name for q in s.quantities]
     for name, value in fixed.items():
         check_known("variable", [name], names, where)
+        if not isinstance(value, (str, int, float, np.number)) or value != value:
+            raise SceneError(f"{where}, {name}: expected a number or a parameter's name, got {value!r}.")
         if isinstance(value, str):
             check_known("parameter", [value], [p.name for p in s.dae.parameters], f"{where}, {name}")
     check_known("input", free, [q.name for q in s.inputs], where)
@@ -221,8 +223,8 @@ def _posed(
 
 
 _NO_START = (
-    "no consistent initial point was found{}; what misses most, relative to its terms: {}. Give start "
-    "values near a solution, or fix fewer of them."
+    "no consistent initial point was found{}; what misses most, over its terms with unknowns: {}. Give "
+    "start values near a solution, or fix fewer of them."
 )
 
 

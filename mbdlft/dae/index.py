@@ -78,13 +78,16 @@ def place_of(dae: Dae, row: Row) -> str:
     return f"derivative {row.order} of {place}" if row.order else place
 
 
-def differentiated(dae: Dae) -> Differentiated:
-    """The equations with those derivatives that the signature method asks for."""
+def differentiated(dae: Dae, after: str = "") -> Differentiated:
+    """The equations with those derivatives that the signature method asks for.
+
+    Messages name what was taken out before: `after`, such as " after x = y".
+    """
     sigma = _signature(dae)
     equations, variables = sigma.shape
     if equations != variables:
         raise StructureError(
-            f"{dae.owner}: has {equations} equations for {variables} unknowns. "
+            f"{dae.owner}: has {equations} equations for {variables} unknowns{after}. "
             + _named_parts(dae, sigma)
             + " Give each unknown an equation, or make it an input."
         )
@@ -92,7 +95,7 @@ def differentiated(dae: Dae) -> Differentiated:
         _, matched = min_weight_full_bipartite_matching(sigma, maximize=True) if equations else ((), ())
     except ValueError:
         raise StructureError(
-            f"{dae.owner}: is structurally singular. "
+            f"{dae.owner}: is structurally singular{after}. "
             + _named_parts(dae, sigma)
             + " Look for a missing or doubled equation, or a boundary that nothing is connected with."
         ) from None
@@ -277,10 +280,10 @@ def _check_regular(
     names = [name_of(dae.variables[j].name, order) for j, order in unknowns]
     places = listed(place_of(dae, rows[i]) for i in singular.rows)
     if singular.exact:
+        said, advice = _dependence(d, [rows[i] for i in singular.rows])
         raise StructureError(
-            f"{dae.owner}: is singular, whatever the parameters are: the equations {places} depend on "
-            f"each other, and do not determine {listed(names)}. Remove what is said twice, and give the "
-            "unknowns an equation."
+            f"{dae.owner}: is singular, whatever the parameters are: the equations {places} {said}, and "
+            f"do not determine {listed(names)}. {advice}"
         )
     used = {s.element_hash() for s in ca.symvar(ca.densify(matrix))}
     moving = [v for v in dae.variables if v.symbol.element_hash() in used]
@@ -291,6 +294,26 @@ def _check_regular(
         + (f" of {listed(starts)}" if starts else "")
         + ", or equations that determine the unknowns."
     )
+
+
+def _dependence(d: Differentiated, rows: Sequence[Row]) -> tuple[str, str]:
+    """How equations depend on each other, looked at in doubles at one odd point, and what to do."""
+    residual = ca.densify(in_doubles(column_of(d.residuals[row] for row in rows)))
+    parameters = {p.element_hash() for p in ca.vertsplit(d.dae.p)}
+    symbols = ca.symvar(residual)
+    signals = column_of(s for s in symbols if s.element_hash() not in parameters)
+    slopes = ca.densify(ca.jacobian(residual, signals))
+    function = ca.Function("rows", [column_of(symbols)], [residual, slopes])
+    value, J = (x.full() for x in function(np.linspace(0.6, 1.4, len(symbols))))
+    if not np.all(np.isfinite(J)) or np.linalg.matrix_rank(J) == len(J):
+        return (
+            "have a combination without the highest derivatives",
+            "Write this combination, a constraint, in the place of one of them, or remove what is said "
+            "twice and give the unknowns an equation.",
+        )
+    if np.linalg.matrix_rank(np.hstack([J, value])) > np.linalg.matrix_rank(J):
+        return "contradict each other", "Change one of them."
+    return "depend on each other", "Remove what is said twice, and give the unknowns an equation."
 
 
 def _selected(

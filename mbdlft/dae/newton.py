@@ -17,7 +17,7 @@ from mbdlft.dae.text import column_of, free_symbols
 from mbdlft.exact.matrices import Residues, is_regular, null_space
 from mbdlft.problem.sparse import Entries, Matrices, smallest
 from mbdlft.problem.sx.constants import in_doubles, modulo_prime
-from mbdlft.problem.sx.tapes import BufferedCall
+from mbdlft.problem.sx.tapes import BufferedCall, term_sizes
 
 _STEPS, _HALVINGS = 60, 12
 _CLOSE = 1e-11  # of the size of the terms of an equation
@@ -43,8 +43,19 @@ class Found(NamedTuple):
 
     def worst(self, places: Sequence[str]) -> str:
         """The three equations that miss most, and by how much."""
-        worst = [k for k in np.argsort(-self.missing)[:3] if self.missing[k] > 0]
+        worst = [k for k in np.argsort(-self.missing)[:3] if self.missing[k] > _HOLDS]
         return ", ".join(f"{places[k]} ({self.missing[k]:.1e})" for k in worst)
+
+    def explained(self, places: Sequence[str], residual: ca.SX, unknown: ca.SX) -> str:
+        """The same, and what no start value mends: equations without an unknown."""
+        said = self.worst(places)
+        if np.any(np.isinf(self.missing)):
+            said += "; inf: a value or a slope of it is not finite where it was tried"
+        used = {*ca.jacobian_sparsity(residual, unknown).row()}
+        empty = [k for k, x in enumerate(self.missing[: len(places)]) if x > _HOLDS and k not in used]
+        if empty:
+            said += f"; no unknown is left in {', '.join(places[k] for k in empty[:3])}"
+        return said
 
 
 class System:
@@ -60,6 +71,7 @@ class System:
         self.held = np.zeros(0) if held is None else held
         beside = ca.jacobian(residual, knowns[: len(self.held)])
         self.count, self.unknowns = residual.numel(), unknown.numel()
+        self._of_both = ca.Function("system", [ca.vertcat(unknown, knowns)], [residual])
         self._residual, self._jacobian, self._beside = (
             BufferedCall(ca.Function("system", [unknown, knowns], [result]))
             for result in (residual, jacobian, beside)
@@ -85,6 +97,10 @@ class System:
             pairs.append((self._places_beside, self._beside(z, q)[0], held))
         for places, entries, size in pairs:
             np.maximum.at(terms, places.rows, np.abs(entries) * size[places.columns])
+        if not np.all(terms > 0.0):  # flat, as x^3 at zero: of 1e-30 - x^3 a number is left
+            with suppress(NotRationalError):  # comparisons have no terms
+                own = term_sizes(self._of_both, np.array([[*z, *q]]))[0]
+                terms = np.where(terms > 0.0, terms, own)
         return np.asarray(np.where(terms > 0.0, terms, 1.0))
 
     def step(self, slopes: Array, r: Array, scale: Array, sizes: Array) -> Array:
@@ -174,7 +190,9 @@ def _newton(system: System, start: Array, knowns: Array, sizes: Array) -> Found:
         with np.errstate(all="ignore"):
             r, slopes = system.residual(z, knowns), system.slopes(z, knowns)
         if not (np.all(np.isfinite(r)) and np.all(np.isfinite(slopes))):
-            return Found(z, np.full(system.count, np.inf))
+            odd = np.zeros(system.count, dtype=bool)
+            odd[system.places.rows[~np.isfinite(slopes)]] = True
+            return Found(z, np.where(odd | ~np.isfinite(r), np.inf, 0.0))
         scale = system.scale(slopes, z, knowns, sizes)
         if polished:
             break

@@ -29,7 +29,8 @@ from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
 
 _DAE_ENDS = (
-    "The equations may be singular on the way, or the chosen states no states any more (choose others)."
+    "The solution may become infinite, the equations singular on the way, or the chosen states no states "
+    "any more (choose others)."
 )
 _SCENE_ENDS = (
     "A ball may have made half a turn against a spring or between two times, where rotation vectors end "
@@ -472,7 +473,8 @@ class _Integrator:
             of_kind: dict[str, Any] = {"suppress_algebraic": True}
             if not self.algebraic:
                 of_kind = {"linear_multistep_method": method, "disable_internal_warnings": True}
-            options = {**self.options, "max_num_steps": most, **of_kind}
+            quiet = {"show_eval_warnings": False}  # a solution that ends made 600,000 lines
+            options = {**self.options, "max_num_steps": most, **quiet, **of_kind}
             self._runs[method, steps] = ca.integrator("run", kind, self.dae, 0.0, list(steps), options)
         return self._runs[method, steps]
 

@@ -171,7 +171,7 @@ def reduce_index(
         check_units(dae)
     dae = with_roots_of_squares(dae)
     reduced, aliases = eliminate_aliases(dae)
-    d = differentiated(reduced)
+    d = differentiated(reduced, f" after {listed(aliases)}" if aliases else "")
     if d.input_rates and input_rates == "refused":
         names = [name_of(u.name, order) for u, order, _ in d.input_rates]
         raise StructureError(
@@ -262,9 +262,9 @@ def _consistent_points(
         if not points and not at.is_solution:
             raise StructureError(
                 f"{dae.owner}: no consistent initial point was found at the nominal parameters; what "
-                "misses most, relative to its terms: "
+                "misses most, over its terms with unknowns: "
                 f"{at.worst([place_of(dae, row) for row in d.residuals])}. Give start values near a "
-                "solution."
+                "solution, or, if there is none at these parameters, other nominal values."
             )
         if at.is_solution:
             points.append(np.concatenate([at.values, u, p]))

@@ -3,7 +3,7 @@
 import math
 import operator
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -17,7 +17,7 @@ from mbdlft.dae.theta.piecewise import ARGUMENT, Piecewise, applied, between
 from mbdlft.dae.theta.piecewise import constant as always
 from mbdlft.exact.numbers import Constant, constant_of, decimal
 from mbdlft.problem.sx.constants import constants_in, double, in_doubles, is_constant, literal
-from mbdlft.problem.sx.tapes import Rule, Rules, fold
+from mbdlft.problem.sx.tapes import Rule, Rules, fold, steps
 from mbdlft.system.theta import Table, named_tables
 
 PLAIN = (  # functions of plain numbers
@@ -26,6 +26,9 @@ PLAIN = (  # functions of plain numbers
 )
 _OTHERS = ("sqrt", "fabs", "sign", "floor", "ceil", "fmin", "fmax", "atan2", "fmod", "hypot", "copysign")
 _COMPARED = {"lt": "<", "le": "<=", "eq": "==", "ne": "!="}
+RATIONAL = {"input", "output", "const", "assign", "add", "sub", "mul", "div", "neg", "sq", "twice", "inv"}
+RATIONAL |= {"constpow", "pow"}
+FITTED = RATIONAL | {"sqrt", "sin", "cos", "tan"}
 FUNCTIONS: Mapping[str, Rule] = {
     **{name: getattr(ca, name) for name in (*PLAIN, *_OTHERS, *_COMPARED)},
     "if_else_zero": lambda a, b: ca.if_else(a, b, 0.0),
@@ -59,6 +62,20 @@ def with_literals(expression: ca.SX) -> ca.SX:
     function = ca.Function("written", [free], [expression])
     (rewritten,) = fold(function, _WITH_LITERALS, ca.vertsplit(free))
     return ca.SX(rewritten[0]) if rewritten else ca.SX(1, 1)
+
+
+def in_digits(value: float) -> ca.SX:
+    """A number with the digits that doubles carry."""
+    short = decimal(float(f"{value:.14g}"))
+    near = abs(float(short) - value) <= 1e-12 * abs(value) and short.denominator < 10**9
+    return ca.SX(literal(short if near else Fraction(repr(float(value)))))
+
+
+def operations_beyond(expressions: ca.SX, known: Collection[str]) -> list[str]:
+    """Names of operations on symbols that are not among the known ones; functions of numbers pass."""
+    entries = column_of(x for x in ca.SX(ca.sparsify(expressions)).nonzeros() if not is_constant(x))
+    function = ca.Function("f", [column_of(ca.symvar(entries))], [entries])
+    return sorted({name for name, _, _ in steps(function)} - {*known})
 
 
 def column_of(scalars: Iterable[ca.SX]) -> ca.SX:

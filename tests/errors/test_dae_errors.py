@@ -47,7 +47,7 @@ def declared(**fields: object) -> Dae:
     return d.dae()
 
 
-P = Parameter("p", 2.0, percent=10)
+P, WIDE = Parameter("p", 2.0, percent=10), Parameter("p", 2.0, percent=30)
 THETA = Angle("theta", 30.0, plus=10.0, unit="deg")
 SINE: dict[str, Any] = {
     "variables": "x",
@@ -56,6 +56,16 @@ SINE: dict[str, Any] = {
     "parameters": (Parameter("p", 0.5, percent=10),),
     "rate": "der(x) - u - p + sin(x)",
 }
+
+
+def test_an_equation_that_is_flat_at_the_start_holds_to_rounding_of_its_own_terms() -> None:
+    d = DaeDraft("flat")
+    p = d.parameter(Parameter("p", 8.0, percent=10))
+    x = d.variable("x", nominal=1e-10)
+    d.equation(d.der(x), equals=1e-30 * p - x**3)
+    d.output("x")
+    A = mbdlft.matrices_at(linearize_dae(d.dae(), fit=1e-6), {"p": 8.0}).A
+    assert abs(A[0, 0] + 3 * 4e-20) <= 1e-5 * 1.2e-19  # the tolerance of the fit
 
 
 @pytest.mark.parametrize(("low", "high", "ratio"), [(0.4, 2.0, 3), (0.45, 3.0, 3)])
@@ -117,7 +127,7 @@ start=np.nan
 unit="parsec" => … parsec
 > bad({}) => SceneError:
 "x x" => 'x' is declared twice
-"x", inputs="u", one="der(u)" => unknown variable 'u'
+"x", inputs="u", one="der(u)" => 'u' is an input … 'u' a variable
 "x", odd="x + SX.sym('stranger')" => unknown symbol 'stranger'
 > reduce_index(bad({})) => StructureError:
 "a b x", one="a + b - 1", two="2*a + 2*b - 2", three="der(x) - a"
@@ -127,7 +137,9 @@ unit="parsec" => … parsec
 "x=0 z=0 y", rate="der(x) + x", product="z*y - x", cube="y*y*y*(1 + x) - x"
     => Give other start values of y, or
 "a b", parameters=(P,), one="root(2)*a + p*b - 1", two="2*a + root(2)*p*b - 2"
-    => 'one', 'two' depend on each other
+    => 'one', 'two' contradict each other
+"x y", one="der(x) + der(y) + x", two="2*der(x) + 2*der(y) + y"
+    => 'one', 'two' have a combination without … this combination, a constraint
 "a b c", first="a*a - 1", second="sin(a)", third="b + c*a"
     => b, c are in too few … 'third' … 'first', 'second' are too many for a
 "a b", only="a*b - 1" => 1 equations for 2 unknowns
@@ -160,7 +172,12 @@ linearize_dae(bad(**SINE), {"u": 3.0}) => no equilibrium … u = 3 … 'rate'
 linearize_dae(bad(**SINE), {"v": 3.0}) => SceneError: unknown variable 'v'
 linearize_dae(bad(**SINE), free=["x"]) => SceneError: unknown input 'x'
 linearize_dae(bad("x=0.7", rate="der(x) - p + exp(x)", parameters=(P,)), fit=1e-6)
-    => NotRationalError: EXP … has no rule
+    => NotRationalError: exp has no rule in rational fits
+linearize_dae(bad("x=1e-10", outputs="x", rate="der(x) - 1e-20*p + x*x", parameters=(WIDE,)), fit=1e-6)
+    => x without a `nominal` of its size … nothing can be proved
+linearize_dae(bad("x", outputs="x", rate="der(x) - p", parameters=(P,))) => no unknown is left in 'rate'
+linearize_dae(bad("x", inputs="u", rate="der(x) - u + p*x**(1/3)", parameters=(P,)))
+    => 'rate' (inf); inf: a value or a slope
 linearize_dae(bad("x=0.7", rate="der(x) - sin(theta) + x**3", parameters=(THETA,)), fit=1e-6)
     => NotRationalError: 'bad', fit of the equilibrium: it depends on the angle theta
 linearize_dae(bad("x=0.7", rate="der(x) - q + x*x", parameters=(Parameter("q", 1, 0, 2),)), fit=1e-6)
