@@ -73,7 +73,8 @@ def in_digits(value: float) -> ca.SX:
 
 def operations_beyond(expressions: ca.SX, known: Collection[str]) -> list[str]:
     """Names of operations on symbols that are not among the known ones; functions of numbers pass."""
-    entries = column_of(x for x in ca.SX(ca.sparsify(expressions)).nonzeros() if not is_constant(x))
+    nonzero: list[Any] = ca.SX(ca.sparsify(expressions)).nonzeros()
+    entries = column_of(x for x in nonzero if not is_constant(x))
     function = ca.Function("f", [column_of(ca.symvar(entries))], [entries])
     return sorted({name for name, _, _ in steps(function)} - {*known})
 
