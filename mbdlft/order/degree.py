@@ -228,7 +228,10 @@ def _degree(
 ) -> Bound:
     """What the Loewner matrix at points lambda, mu in turn proves."""
     most, count = len(realization.A), len(points) // 2
-    rows, columns = _noise_scales(*_sizes(realization, twin, points[:: max(1, count // 2)]))
+    some = points[:: max(1, count // 2)]
+    derivatives, others = (_derivatives(item, some) for item in (realization, twin))
+    largest, error = np.max(np.abs(derivatives), axis=0), np.max(np.abs(others - derivatives), axis=0)
+    rows, columns = _noise_scales(largest, error)
     outputs = rows[:, None] * random.standard_normal((len(rows), count))
     inputs = columns[:, None] * random.standard_normal((len(columns), count))
     factors = [
@@ -248,12 +251,6 @@ def _degree(
     degree = min(most, int(np.sum(values > _CLEAR * noise)))
     possible = min(most, int(np.sum(values > _ROUNDING * noise)))
     return Bound(degree, possible - degree)
-
-
-def _sizes(realization: _Realization, twin: _Realization, points: NDArray[Any]) -> tuple[Array, Array]:
-    """Largest size and error, over some points, of the entries (n_out, n_in) of the derivative of H."""
-    first, second = (_derivatives(item, points) for item in (realization, twin))
-    return np.max(np.abs(first), axis=0), np.max(np.abs(second - first), axis=0)
 
 
 def _derivatives(realization: _Realization, points: NDArray[Any]) -> NDArray[Any]:

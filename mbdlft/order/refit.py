@@ -151,7 +151,8 @@ def _fitted(a: LFT, name: str, count: int, random: np.random.Generator, work: Wo
     signals = int(np.sum(np.any(a.M21, axis=1)) + np.sum(np.any(a.M12, axis=0)))
     size = span.stop - span.start
     unknowns = size * (2 * n - size + signals)
-    if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * _of_step(unknowns) > max(_OF_TRY, work.most):
+    of_step = (_of_factor(unknowns) + product(_PASSES, unknowns, unknowns)) / UNIT  # of work, at least
+    if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * of_step > max(_OF_TRY, work.most):
         return None
     truth = circle_values(a, unknowns, random, work)
     M = scaled(a, truth)
@@ -267,11 +268,6 @@ def _solved(normal: Array, ridge: float, slope: Array, work: Work) -> Array:
 def _of_factor(unknowns: int) -> float:
     """Operations of a triangular factor: a third of a product, at half of its speed."""
     return product(unknowns, unknowns, unknowns) / 1.5
-
-
-def _of_step(unknowns: int) -> float:
-    """Units of work of one step, at least."""
-    return (_of_factor(unknowns) + product(_PASSES, unknowns, unknowns)) / UNIT
 
 
 def _normal_equations(fit: Fit, block: slice, work: Work) -> tuple[Array, Array]:

@@ -274,7 +274,8 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
     for k, parameter in enumerate(model.parameters):
         internal[:, k] = to_internal(parameter, points[:, k])
     sizes = _Counts(model.unknown.numel(), model.known.numel(), model.derivatives)
-    slopes = _slopes(model)
+    stacked, signals = ca.vertcat(model.residual, model.output), ca.vertcat(model.unknown, model.known)
+    slopes = ca.SX(ca.jacobian(stacked, signals))
     sparse = ca.sparsify(in_doubles(slopes))
     function = ca.Function("slopes", [model.p], [ca.densify(column_of_entries(sparse))])
     places, entries = Entries(sparse.sparsity()), evaluate_many(function, internal)[0][:, :, 0]
@@ -310,11 +311,6 @@ def reference_of_relations(model: LinearModel, points: Array, owner: str) -> Ref
 def column_of_entries(matrix: ca.SX) -> ca.SX:
     """The entries (n, 1) of a sparse matrix that are not structural zeros, by columns."""
     return ca.vec(ca.SX(matrix.nz[:])) if matrix.nnz() else ca.SX(0, 1)
-
-
-def _slopes(model: LinearModel) -> ca.SX:
-    stacked = ca.vertcat(model.residual, model.output)
-    return ca.SX(ca.jacobian(stacked, ca.vertcat(model.unknown, model.known)))
 
 
 def _solved(jacobian: Matrices, sizes: _Counts, owner: str) -> tuple[Array, Array]:

@@ -52,9 +52,10 @@ def eigenpair(A: Array, pole: complex, u: NDArray[Any]) -> list[Any] | None:
         for _ in range(_REFINED):
             x = (x - R * _equation(near, x, left)).mid()
         first = X = -R * _equation(all_near, x, left)
+        identity = flint.acb_mat(n + 1, n + 1, np.eye(n + 1).ravel().tolist())
         for _ in range(_INFLATED):
             X = flint.acb_mat(n + 1, 1, [_wider(entry) for entry in X.entries()])
-            K = first + (_identity(n + 1) - R * _derivative(all_near, x + X, left)) * X
+            K = first + (identity - R * _derivative(all_near, x + X, left)) * X
             if X.contains(K):
                 return list((x + K).entries())
             X = K
@@ -82,10 +83,6 @@ def _derivative(A: Any, x: Any, left: Any) -> Any:
     n = A.nrows()
     rows = [[A[i, j] - (x[n, 0] if i == j else 0) for j in range(n)] + [-x[i, 0]] for i in range(n)]
     return flint.acb_mat([*rows, [*left.entries(), 0]])
-
-
-def _identity(n: int) -> Any:
-    return flint.acb_mat(n, n, [int(i == j) for i in range(n) for j in range(n)])
 
 
 def _wider(ball: Any) -> Any:

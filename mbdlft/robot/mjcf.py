@@ -311,13 +311,14 @@ def couplings_of(
     made: list[robot.RobotCoupling] = []
     for k in model.active("TENDON"):
         made.append(_rigid(model, k, {*driven, *(coupling.held for coupling in made)}))
-    left_out = []
+    left_out, both = [], np.array([model.arrays.eq_obj1id, model.arrays.eq_obj2id])
     for tendon in range(model.arrays.ntendon):
         sprung = _sprung(model, tendon, positions)
         made += [sprung] if sprung else []
         lost = [key for key in _FORCES if getattr(model.arrays, f"tendon_{key}")[tendon]]
         lost = [key for key in lost if not sprung or key not in ("stiffness", "damping")]
-        if lost or not (sprung or _is_in_equality(model, tendon)):
+        is_in_equality = any(tendon in both[:, k] for k in model.active("TENDON"))
+        if lost or not (sprung or is_in_equality):
             name = model.name_of("TENDON", tendon)
             left_out.append(f"{name} with its {', '.join(lost)}" if lost else name)
     names: list[str] = []
@@ -394,8 +395,3 @@ def _sprung(model: Compiled, tendon: int, positions: Array) -> robot.RobotCoupli
     return robot.RobotCoupling(
         model.name_of("TENDON", tendon), factors, stiffness=k, damping=d, offset=slack
     )
-
-
-def _is_in_equality(model: Compiled, tendon: int) -> bool:
-    both = np.array([model.arrays.eq_obj1id, model.arrays.eq_obj2id])
-    return any(tendon in both[:, k] for k in model.active("TENDON"))

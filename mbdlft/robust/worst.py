@@ -233,7 +233,9 @@ def worst_case(
         disk = disk_transfer(system, inputs, outputs)
         more: dict[str, Any] = {"gap": gap, "work": work, "leave_out": leave_out}
         more |= {"workers": workers, "client": client}
-        return _inverse(worst_case_gain(disk, **more, progress=_inverted(progress)))
+        gain = worst_case_gain(disk, **more, progress=_inverted(progress))
+        lower, upper = (1.0 / value if value else np.inf for value in (gain.upper, gain.lower))
+        return replace(gain, kind=DISK, lower=lower * _INSIDE, upper=upper)
     j = positions_of(inputs, [s.name for s in system.inputs], "worst_case: inputs")
     i = positions_of(outputs, [s.name for s in system.outputs], "worst_case: outputs")
     with one_thread(), search.crew_of(workers, client, "worst_case") as crew:
@@ -270,12 +272,6 @@ def _inverted(progress: search.Progress | None) -> search.Progress | None:
     if progress is None:
         return None
     return lambda lower, upper: progress(1.0 / upper, 1.0 / lower if lower else np.inf)
-
-
-def _inverse(gain: Bounds) -> Bounds:
-    """The disk margin of a worst-case gain."""
-    lower, upper = (1.0 / value if value else np.inf for value in (gain.upper, gain.lower))
-    return replace(gain, kind=DISK, lower=lower * _INSIDE, upper=upper)
 
 
 def _searched(

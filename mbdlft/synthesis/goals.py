@@ -319,7 +319,8 @@ def _weight(weight: Any, channels: int, name: str) -> System | None:
     made = as_system(weight)
     sizes = len(made.inputs), len(made.outputs)
     if sizes == (1, 1) and channels > 1:
-        made, sizes = _repeated(made, channels), (channels, channels)
+        repeated = (np.kron(np.eye(channels), M) for M in (made.A, made.B_u, made.C_y, made.D_yu))
+        made, sizes = state_space(*repeated, name=made.name), (channels, channels)
     if channels not in sizes:
         raise StructureError(
             f"goal {name!r}: a weight has {sizes[0]} inputs and {sizes[1]} outputs, expected 1 or "
@@ -333,12 +334,6 @@ def _weight(weight: Any, channels: int, name: str) -> System | None:
             "Move a pole at 0 to the left, such as from 1/s to 1/(s + 0.001)."
         )
     return made
-
-
-def _repeated(weight: System, count: int) -> System:
-    """A weight of one channel at each of several."""
-    A, B, C, D = (np.kron(np.eye(count), M) for M in (weight.A, weight.B_u, weight.C_y, weight.D_yu))
-    return state_space(A, B, C, D, name=weight.name)
 
 
 def check_goals(goals: Sequence[Goal]) -> None:

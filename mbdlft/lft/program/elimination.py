@@ -47,7 +47,8 @@ def solve(tape: Tape, matrix: Sparse, right: Sparse, probes: Array) -> tuple[Spa
     n = len(matrix)
     rows, sides = [dict(row) for row in matrix], [dict(row) for row in right]
     terms: dict[tuple[int, int], list[Operand]] = {}
-    sizes = _sizes(probes)
+    # the largest entry of each row (n,), as a power of two
+    sizes = np.exp2(np.ceil(np.log2(np.max(np.abs(probes), axis=(0, 2), initial=1e-300))))
     values = probes / sizes[None, :, None]
     open_rows, open_columns = set(range(n)), set(range(n))
     steps: list[tuple[int, int]] = []
@@ -82,12 +83,6 @@ def _subtract(tape: Tape, row: dict[int, Operand], factor: Operand, other: dict[
     """row - factor other, in place."""
     for k, entry in other.items():
         _put(row, k, tape.subtract(row.get(k, 0.0), tape.multiply(factor, entry)))
-
-
-def _sizes(probes: Array) -> Array:
-    """The largest entry of each row (n,), a power of two."""
-    sizes = np.exp2(np.ceil(np.log2(np.max(np.abs(probes), axis=(0, 2), initial=1e-300))))
-    return np.asarray(sizes)
 
 
 def _pivot(

@@ -303,7 +303,8 @@ def _explored(
             if not np.all(box.half) and not is_stable_at(model, k * box.center):
                 return Outcome(None, box.center, box, used, frequency), None
             continue
-        frequency = _frequency(pieces, scale)
+        t = 0.5 * (pieces[0].low + pieces[0].high)
+        frequency = float(scale * t / (1.0 - t))  # (rad/s) in the middle of the first open piece
         if is_wrong(box.center):
             return Outcome(None, box.center, box, used, frequency), None
         sides = [] if gain else [(int(k), _side(box, int(k))) for k in np.flatnonzero(box.half)]
@@ -423,9 +424,3 @@ def _cut(box: Box, axis: int) -> list[Box]:
         center[axis] += (2 * side - 1) * half[axis]
         cut.append(Box(center, half, tuple(pair[side] for pair in both)))
     return cut
-
-
-def _frequency(pieces: tuple[Piece, ...], scale: float) -> float:
-    """The middle frequency of the first open piece (rad/s)."""
-    t = 0.5 * (pieces[0].low + pieces[0].high)
-    return float(scale * t / (1.0 - t))

@@ -167,7 +167,9 @@ def scene_pictures(scene: Scene, views: Sequence[View]) -> list[str]:
                 _draw_shape(sheet, shape, vectors, color, size)
             if view.names:
                 _name(sheet, item, vectors, color)
-        pictures.append(_finished(sheet, drawing))
+        labels = sheet.labels()  # in front of all lines
+        body = "\n".join([_strokes(sheet), *labels])
+        pictures.append(_element(sheet.ends, drawing.poses.scene.name, body))
     return pictures
 
 
@@ -293,12 +295,6 @@ def _name(sheet: _Sheet, item: dict[str, object], v: Array, color: str) -> None:
     middle = group == "bodies" and len(numbers) > 1
     point = 0.5 * (v[numbers[0]] + v[numbers[-1]]) if middle else v[numbers[0]]
     sheet.label(point, str(item["name"]), shades[group])
-
-
-def _finished(sheet: _Sheet, drawing: Drawing) -> str:
-    """The element, what is behind drawn first."""
-    labels = sheet.labels()
-    return _element(sheet.ends, drawing.poses.scene.name, "\n".join([_strokes(sheet), *labels]))
 
 
 def _strokes(sheet: _Sheet) -> str:
