@@ -116,7 +116,15 @@ def test_bytes_that_are_damaged(file):
     assert not others, "\n".join(others)
 
 
-# names --------------------------------------------------------------------------------------------
+@pytest.fixture
+def damaged(file):
+    """Reads the model after a change."""
+
+    def read(change):
+        edit(file, change)
+        load(file)
+
+    return read
 
 
 test_messages = refused(
@@ -148,44 +156,6 @@ tmp_path / "none" / "arm.h5", models.arm()
 tmp_path, models.arm() => : cannot be read: Is a directory.
 models.arm(), tmp_path / "arm.h5"
     => save: expected a file first, and then the model: save(path, two_link_arm).
-"""
-)
-
-
-def test_name_is_needed(file):
-    save(file, models.arm(), "other")
-    with says(ArchiveError, f"{file}: give the name of the model. Existing: other, two_link_arm."):
-        load(file)
-
-
-# models -------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def damaged(file):
-    def read(change):
-        edit(file, change)
-        load(file)
-
-    return read
-
-
-# an exact model of the first files has no truncation_error
-REQUIRED = [
-    (group, name)
-    for group in ("certificate", "provenance")
-    for name in ATTRIBUTES[group]
-    if name not in ("truncation_error", "scene", "condition", "sign_changes", "rounding_ratio")
-]
-PARTS = "states", "parameters", "delta", "trim", "certificate"
-WHOLE = f"model '{NAME}' is not whole: "
-DAMAGES = {
-    **{f"no {k}": (without(k), (WHOLE, f"'{k}' is missing")) for k in DATASETS if k not in OPTIONAL},
-    **{f"no {k}": (without(k), (WHOLE, f"'{k}/", "is missing")) for k in PARTS},
-    **{f"no {g}.{k}": (attributes(g, **{k: None}), (WHOLE, f"'{k}'")) for g, k in REQUIRED},
-}
-test_models_that_are_damaged = refused(
-    r"""
 > damaged({}) => ArchiveError: model 'two_link_arm' …
 attributes("certificate", exact=np.bool_(False), truncation_error=None)
     => is not whole: … 'truncation_error'
@@ -205,6 +175,31 @@ put("parameters/map", (0, 1), 3.0) => parameters/map of 'J1' is [ … ], but its
 put("parameters/low", 0, 9.0) => is not as specified: parameter 'J1': low must be less than high
 """
 )
+
+
+def test_name_is_needed(file):
+    save(file, models.arm(), "other")
+    with says(ArchiveError, f"{file}: give the name of the model. Existing: other, two_link_arm."):
+        load(file)
+
+
+# models -------------------------------------------------------------------------------------------
+
+
+# an exact model of the first files has no truncation_error
+REQUIRED = [
+    (group, name)
+    for group in ("certificate", "provenance")
+    for name in ATTRIBUTES[group]
+    if name not in ("truncation_error", "scene", "condition", "sign_changes", "rounding_ratio")
+]
+PARTS = "states", "parameters", "delta", "trim", "certificate"
+WHOLE = f"model '{NAME}' is not whole: "
+DAMAGES = {
+    **{f"no {k}": (without(k), (WHOLE, f"'{k}' is missing")) for k in DATASETS if k not in OPTIONAL},
+    **{f"no {k}": (without(k), (WHOLE, f"'{k}/", "is missing")) for k in PARTS},
+    **{f"no {g}.{k}": (attributes(g, **{k: None}), (WHOLE, f"'{k}'")) for g, k in REQUIRED},
+}
 
 
 @pytest.mark.parametrize(("change", "texts"), DAMAGES.values(), ids=DAMAGES.keys())

@@ -30,9 +30,6 @@ def equations():
     return mbdlft.assemble(cart("mass + load", MASSES, gravity=(0, -9.81, 0)))
 
 
-# the mass matrix over the range -------------------------------------------------------------------
-
-
 TWO_LINKS = mbdlft.assemble(mbdlft.scene_from_toml(ARM))
 
 test_messages = refused(
