@@ -19,6 +19,7 @@ from mbdlft.modelica.lookup import of_tables
 from mbdlft.modelica.tree import Array, Binary, Call, Expression, If, Number, Reference, Unary, write
 from mbdlft.problem.sx.constants import in_doubles
 from tests.close import exact, roundoff
+from tests.errors.table import refused
 from tests.modelica import FLAT
 
 VALUES: dict[str, Any] = {"a": Fraction(3, 7), "b": Fraction(-5, 2), "v": (Fraction(2), Fraction(5))}
@@ -435,19 +436,14 @@ def test_ends_are_those_of_the_rows() -> None:
         assert look(of) == end
 
 
-@pytest.mark.parametrize(
-    ("kind", "smoothness", "extrapolation", "rows", "reason"),
-    [
-        ("Table1D", "ContinuousDerivative", "HoldLastPoint", ROWS, "ContinuousDerivative"),
-        ("Table1D", "ConstantSegments", "LastTwoPoints", ROWS, "known is HoldLastPoint"),
-        ("Table1D", "LinearSegments", "Periodic", ROWS, "Periodic"),
-        ("Table1D", "LinearSegments", "HoldLastPoint", ((0, 1, 1), (0, 2, 2)), "increase: 0, 0"),
-        ("TimeTable", "LinearSegments", "HoldLastPoint", ((1, 1, 1), (0, 2, 2)), "increase: 1, 0"),
-        ("Table1D", "LinearSegments", "HoldLastPoint", (), "no rows"),
-    ],
+test_what_is_no_table_of_lines_or_steps_is_refused = refused(
+    r"""
+> table({}) => SceneError:
+"Table1D", "ContinuousDerivative", "HoldLastPoint", ROWS => ContinuousDerivative
+"Table1D", "ConstantSegments", "LastTwoPoints", ROWS => known is HoldLastPoint
+"Table1D", "LinearSegments", "Periodic", ROWS => Periodic
+"Table1D", "LinearSegments", "HoldLastPoint", ((0, 1, 1), (0, 2, 2)) => increase: 0, 0
+"TimeTable", "LinearSegments", "HoldLastPoint", ((1, 1, 1), (0, 2, 2)) => increase: 1, 0
+"Table1D", "LinearSegments", "HoldLastPoint", () => no rows
+"""
 )
-def test_what_is_no_table_of_lines_or_steps_is_refused(
-    kind: str, smoothness: str, extrapolation: str, rows: Any, reason: str
-) -> None:
-    with pytest.raises(SceneError, match=reason):
-        table(kind, smoothness, extrapolation, rows)
