@@ -119,7 +119,7 @@ def physical_points(
             at = f"{where}: sample {row}" if numbered else where
             raise error(
                 f"{at}: {p.name} = {points[row, k]:g} is outside its range [{p.low:g}, {p.high:g}] "
-                f"{p.unit}.{advice}"
+                f"{p.unit}.{'' if np.isnan(points[row, k]) else advice}"
             )
     return points
 

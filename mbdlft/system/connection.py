@@ -158,6 +158,8 @@ def _wire(
             if signal.name in names:
                 wiring.Ky[k, _one(out_of, signal.name, "output")] += 1.0
     for target, sources in pairs or ():
+        if not _matches(into, target) and _matches(out_of, target):
+            raise StructureError(f"connect: {target!r} is an output. A connection is [input, outputs].")
         k = _one(into, target, "input")
         for source in sources:
             sign, name = (-1.0, source[1:]) if source.startswith("-") else (1.0, source)

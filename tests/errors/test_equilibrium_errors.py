@@ -83,8 +83,9 @@ assemble(four_bar(angle=0.0, parameters=[]))
     => scene 'four': the equilibrium is a singular position of the loops pin: 1
 assemble(four_bar(parameters=[Angle('th', 0.0, low=-10.0, high=10.0)]))
     => scene 'four' … loops pin … singular position … narrow the ranges.
+# both sides are there at first, the bars at 30 deg
 assemble(four_bar(loop={"axis": (0, 1, 0)}))
-    => loop 'pin': a direction that it holds is not the same in … rad
+    => loop 'pin': a direction that it holds is not the same in … 0.524 rad at nominal
 assemble(four_bar(loop={"kind": "fixed", "axis": None}))
     => loop 'pin': a direction that it holds is not the same in … rad
 to_lft(cart(gravity=(0, -9.81, 0), joint={'preload': 0}), search=0.0)

@@ -71,6 +71,7 @@ trim_at(ONE, {}) => model 'one' is a system without evidence, and has no trim.
 connect([], inputs=[], outputs=[]) => connect: expected one system or more.
 wired(LOOP, inputs="b") => connect, inputs: expected a list of names, got 'b'.
 wired(LOOP, outputs=["c", "c"]) => connect, outputs: c stands more than once
+wired([["u", "a"], ["e", "r", "-c"]]) => connect: 'u' is an output. A connection is [input, outputs].
 wired(["a", "u"]) => connections: expected lists of an input and one or more outp
 wired([["a"]]) => expected lists of an input and one or more outputs, such as
 wired([["q", "u"]]) => connect: unknown input 'q'. Existing: gain_of_k.a, gain_of_k.b, one.e.

@@ -324,10 +324,12 @@ def _check_that_it_closes(loop: Loop, view: View, symbols: Symbols, explained: A
             f"{where}, at [{at}] and [{there}] m of the ground. {advice}."
         )
     largest = float(np.max(np.linalg.norm(explained[:, count:], axis=1)))
-    angle = float(np.max(np.abs(skewed), initial=0.0))
-    if not angle <= _GAP + largest:
+    if not float(np.max(np.abs(skewed), initial=0.0)) <= _GAP + largest:
+        sines, from_one = np.split(skewed, [gap.numel() - count], axis=1)
+        angles = np.arctan2(np.linalg.norm(sines, axis=1), 1.0 - np.sum(from_one, axis=1))
         raise SceneError(
             f"loop {loop.name!r}: a direction that it holds is not the same in {loop.parent!r} and "
-            f"in {loop.child!r}: they differ by {angle:.3g} rad at nominal or elsewhere in the "
-            "range. Give the loop or the joints an orientation that makes them parallel."
+            f"in {loop.child!r}: they differ by {angles[0]:.3g} rad at nominal, and by up to "
+            f"{np.max(angles):.3g} rad where the range was looked at. Give the loop or the joints an "
+            "orientation that makes them parallel."
         )
