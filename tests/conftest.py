@@ -6,6 +6,7 @@ No test reads or leaves native code in the folder of the user.
 import gc
 import io
 import os
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -16,6 +17,7 @@ from mbdlft.base import worker
 from mbdlft.base.worker import NoProcessError
 from mbdlft.elastic import files
 from mbdlft.pipeline import stages
+from tests.scenarios.commands import Call, Output, run
 
 os.environ["MBDLFT_CACHE"] = ""
 
@@ -30,6 +32,24 @@ def pytest_collection_finish() -> None:
     """Garbage is not looked for in what collected tests hold: half of the time of parsing all sources."""
     gc.freeze()
     gc.set_threshold(50_000, 20, 20)
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Run a command line."""
+    return partial(run, monkeypatch, capsys)
+
+
+@pytest.fixture
+def output(call: Call) -> Output:
+    """What a command line prints that ends well and says nothing else."""
+
+    def printed(*words: str) -> str:
+        code, out, err = call(*words)
+        assert (code, err) == (0, "")
+        return out
+
+    return printed
 
 
 @pytest.fixture

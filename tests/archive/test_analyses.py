@@ -27,7 +27,7 @@ from tests.errors.scenes import cart
 from tests.errors.table import refused, says
 from tests.laws.random_loops import blocks_system, mixed_system
 from tests.laws.test_margins import random_loop_with_channels
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Call
 
 
 @cache
@@ -212,11 +212,11 @@ without("theta/table/below") => theta/table/below
 
 
 def test_commands_show_functions_and_do_not_leave_them_out(
-    file: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    file: Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     for command in ("show", "poles", "margin"):
-        code, out, err = run(monkeypatch, capsys, command, str(file))
+        code, out, err = call(command, str(file))
         if command == "show":
             assert code == 0
             assert "theta.spring.alpha(J1_phi, J2_phi) = (J1_phi - J2_phi)**2" in out

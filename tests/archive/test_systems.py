@@ -16,7 +16,7 @@ from tests.archive import models
 from tests.archive.plain_digest import as_words, edit
 from tests.close import exact
 from tests.errors.table import says
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Output
 
 
 def mixed(seed: int = 1) -> System:
@@ -181,12 +181,8 @@ def test_evidence_that_cannot_be_true(tmp_path: Path, changes: dict[str, object]
         save(tmp_path / "a.h5", model)
 
 
-def test_the_command_line_shows_a_system(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_line_shows_a_system(tmp_path: Path, output: Output) -> None:
     save(tmp_path / "a.h5", mixed())
-    code, out, _ = run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))
-    assert code == 0
-    shown = " ".join(out.split())
+    shown = " ".join(output("show", str(tmp_path / "a.h5")).split())
     assert "a (full, 3 x 2)" in shown
     assert "stored without evidence" in shown

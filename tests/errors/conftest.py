@@ -7,18 +7,16 @@ import pytest
 
 from tests.errors.scenes import changed
 from tests.errors.table import MessageError
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Call
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., None]:
+def command(monkeypatch: pytest.MonkeyPatch, call: Call, tmp_path: Path) -> Callable[..., None]:
     """A command line in an empty folder: exit code 2, and one message, which is raised, and no output."""
     monkeypatch.chdir(tmp_path)
 
     def refuse(*words: str) -> None:
-        code, out, err = run(monkeypatch, capsys, *words)
+        code, out, err = call(*words)
         assert (code, out) == (2, "")
         assert err.startswith("mbdlft: ")
         assert err.count("mbdlft: ") == 1

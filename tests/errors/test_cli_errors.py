@@ -7,16 +7,15 @@ import pytest
 
 from tests.errors.robots import written
 from tests.errors.table import MessageError, refused, says
-from tests.scenarios.commands import run as run_here
 
 MISSILE = str(Path(__file__).parents[2] / "scenarios" / "missile.toml")
 
 
 @pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
+def run(monkeypatch, call, tmp_path):
     """Run the command line in an empty folder; its exit code, standard output and standard error."""
     monkeypatch.chdir(tmp_path)
-    return lambda *words: run_here(monkeypatch, capsys, *words)
+    return call
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from mbdlft.lft.lft import delta
 from mbdlft.system import System
 from tests.archive.models import arm, numbers
 from tests.errors.table import MessageError, refused
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Call, Output
 
 ARM = str(Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml")
 
@@ -173,26 +173,20 @@ def test_grid_too_large_for_a_file(tmp_path: Path) -> None:
     assert export_model(tmp_path / "a.npz", numbers(), 10**6)  # no parameter: one point
 
 
-def test_command_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_line(tmp_path: Path, call: Call, output: Output) -> None:
     archive = tmp_path / "some.h5"
     mbdlft.save(archive, arm(), "first")
     mbdlft.save(archive, numbers(), "pid: second")
-    command = ("export", str(archive), "--model", "pid: second", "-o", str(tmp_path / "n.c"))
-    code, out, err = run(monkeypatch, capsys, *command)
-    assert (code, err) == (0, "")
+    out = output("export", str(archive), "--model", "pid: second", "-o", str(tmp_path / "n.c"))
     assert out.splitlines() == [f"file: {tmp_path / 'n.c'}", f"file: {tmp_path / 'n.h'}"]
     assert "pid_second_matrices" in (tmp_path / "n.h").read_text(encoding="utf-8")
-    code, _, err = run(monkeypatch, capsys, "export", str(archive), "-o", str(tmp_path / "n.c"))
+    code, _, err = call("export", str(archive), "-o", str(tmp_path / "n.c"))
     assert code == 2
     assert "first" in err
     first = ("export", str(archive), "--model", "first")
-    code, out, _ = run(monkeypatch, capsys, *first, "-o", str(tmp_path / "a.jl"))
-    assert code == 0
-    assert out.count("file: ") == 1
+    assert output(*first, "-o", str(tmp_path / "a.jl")).count("file: ") == 1
     assert '"some.h5"' in (tmp_path / "a.jl").read_text(encoding="utf-8")
     grid = ("--grid", "m1=2", "--grid", "theta1=3", "-o", str(tmp_path / "g.csv"))
-    assert run(monkeypatch, capsys, *first, *grid)[0] == 0
+    output(*first, *grid)
     assert len((tmp_path / "g.csv").read_text(encoding="utf-8").splitlines()) == 7
     assert _counts(["4"]) == 4

@@ -38,7 +38,7 @@ from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import lower_bound
 from tests.laws.test_systems import ARM, CART, CONTROLLER, ONE, SPRING, points
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Output
 
 GAIN = np.array([[120.0, 0.0], [0.0, 60.0]])
 
@@ -399,12 +399,10 @@ def test_results_are_saved_and_loaded(tmp_path: Path) -> None:
         same(mbdlft.load(file, name), model)
 
 
-def test_the_command_line_says_that_no_bound_holds(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_command_line_says_that_no_bound_holds(tmp_path: Path, output: Output) -> None:
     certificate = replace(CART.certificate, exact=False, truncation_error=0.01)
     mbdlft.save(tmp_path / "a.h5", feedback(replace(CART, certificate=certificate), CONTROLLER))
-    shown = " ".join(run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))[1].split())
+    shown = " ".join(output("show", str(tmp_path / "a.h5")).split())
     assert "not exact: a part of it is truncated, and no bound of the error holds" in shown
 
 

@@ -27,7 +27,7 @@ from tests.attack.scenes import texts
 from tests.attack.structures import as_toml, restructured
 from tests.close import PAGE, target
 from tests.cross.mechanisms import open_tree
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Call, Output
 
 ROOT = Path(__file__).parents[2]
 
@@ -371,14 +371,11 @@ def test_what_is_missing_does_not_fit() -> None:
             schema()(table)
 
 
-def test_the_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    code, said, _ = run(monkeypatch, capsys, "schema")
-    assert code == 0
+def test_the_command(tmp_path: Path, call: Call, output: Output) -> None:
+    said = output("schema")
     assert json.loads(said) == json.loads(json.dumps(mbdlft.scene_schema()))
     file = tmp_path / "scene.schema.json"
-    assert run(monkeypatch, capsys, "schema", "-o", str(file))[0] == 0
+    output("schema", "-o", str(file))
     assert file.read_text(encoding="utf-8") == said
-    code, _, said = run(monkeypatch, capsys, "schema", "-o", str(tmp_path))
+    code, _, said = call("schema", "-o", str(tmp_path))
     assert (code, "cannot be written" in said) == (2, True)

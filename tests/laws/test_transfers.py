@@ -20,7 +20,6 @@ from tests import kit
 from tests.close import EPS, EVALUATION, conditioned, exact, roundoff
 from tests.laws.planted_singular import RADIUS, planted
 from tests.reference.chain_of_beams import scene as beams
-from tests.scenarios.commands import run
 
 
 @pytest.fixture(scope="module")
@@ -236,7 +235,7 @@ def test_it_is_stored(tmp_path) -> None:  # type: ignore[no-untyped-def]
     exact([found.condition, found.sign_changes], [model.certificate.condition, 0])
 
 
-def test_it_is_printed(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_it_is_printed(tmp_path, output) -> None:  # type: ignore[no-untyped-def]
     """Ill-conditioned problems are called so; changes of the sign are explained."""
     for scene, expected in (
         (buckling(1e-3, 3e-3), ["condition 2.0e+03: rounding of numbers alone may change"]),
@@ -244,7 +243,7 @@ def test_it_is_printed(tmp_path, monkeypatch, capsys) -> None:  # type: ignore[n
         (buckling(-0.1, 0.2), ["condition 1.2e+01: ", "; 2 entries change their sign"]),
     ):
         mbdlft.save(tmp_path / "a.h5", mbdlft.to_lft(scene, search=0.0))
-        shown = " ".join(run(monkeypatch, capsys, "show", str(tmp_path / "a.h5"))[1].split())
+        shown = " ".join(output("show", str(tmp_path / "a.h5")).split())
         assert all(text in shown for text in expected), shown
         assert ("ill-conditioned" in shown) == ("ill-conditioned" in expected[0])
 

@@ -16,7 +16,7 @@ from docs.site.notebooks import cells_of, page_of, run_notebook
 from mbdlft.cli.commands import loaded
 from tests.close import CLOSED_FORM, target
 from tests.rules.walk import walk
-from tests.scenarios.commands import run
+from tests.scenarios.commands import Call
 
 ROOT = Path(__file__).parents[2]
 # pages that are walked through from top to bottom; blocks of the others stand for themselves
@@ -69,13 +69,8 @@ def test_numbers_in_the_readme_are_true(workplace: Path) -> None:
 
 @pytest.mark.usefixtures("workplace")
 @pytest.mark.parametrize("page", quick_first(WALKS))
-def test_pages_can_be_followed_to_their_end(
-    page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def typed(*arguments: str) -> tuple[int, str, str]:
-        return run(monkeypatch, capsys, *arguments)
-
-    assert walk(page, typed) >= 3
+def test_pages_can_be_followed_to_their_end(page: Path, call: Call) -> None:
+    assert walk(page, call) >= 3
 
 
 def test_a_walk_stops_where_a_page_is_wrong(tmp_path: Path) -> None:
@@ -111,9 +106,7 @@ def test_commands_of_pages_are_accepted() -> None:
 
 
 @pytest.mark.parametrize("page", quick_first(WITH_COMMANDS))
-def test_shell_examples_run(
-    page: Path, workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_shell_examples_run(page: Path, workplace: Path, call: Call) -> None:
     """`show` of the README as a user types it; the others in this process."""
     if page.name != "README.md":  # pages go on from its first archive
         arm = mbdlft.to_lft(mbdlft.load_scene(ROOT / "scenarios" / "two_link_arm.toml"))
@@ -127,7 +120,7 @@ def test_shell_examples_run(
             result = subprocess.run(command, cwd=workplace, capture_output=True, text=True, check=False)
             code, err = result.returncode, result.stderr
         else:
-            code, _, err = run(monkeypatch, capsys, *arguments)
+            code, _, err = call(*arguments)
         assert (code, err) == (0, ""), line
 
 

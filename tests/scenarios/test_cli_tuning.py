@@ -10,7 +10,6 @@ from tests.close import CLOSED_FORM, target
 from tests.errors.table import MessageError, refused
 from tests.laws.test_synthesis import S, transfer
 from tests.scenarios.commands import Call, Output
-from tests.scenarios.commands import run as run_here
 
 MODEL = """
 format = "mbdlft-matrix/1"
@@ -113,13 +112,13 @@ def test_a_loop_that_stays_unstable_is_named_with_its_point(task: Path, call: Ca
 
 
 @pytest.fixture
-def changed(monkeypatch, capsys, tmp_path):
+def changed(monkeypatch, call, tmp_path):
     def at(old: str, new: str) -> None:
         assert old in TASK
         monkeypatch.chdir(tmp_path)
         Path("model.toml").write_text(MODEL, encoding="utf-8")
         Path("task.toml").write_text(TASK.replace(old, new), encoding="utf-8")
-        code, _, err = run_here(monkeypatch, capsys, "tune", "task.toml", "--starts", "1", "--no-proof")
+        code, _, err = call("tune", "task.toml", "--starts", "1", "--no-proof")
         if code == 2:
             raise MessageError(err)
 
