@@ -250,7 +250,7 @@ class Tuner:
             f"tune: no values were found that make the loop stable{self._at_point(int(i))}: the pole "
             f"{pole_text(pole)} stays {_where(pole, float(np.max(np.abs(poles[i]))))}, at best with the "
             f"real part {pole.real:.3g}, at {', '.join(f'{v.name} {n:.4g}' for v, n in numbers)}. "
-            f"{self._advice(int(i), pole)}"
+            f"{self._advice(int(i), pole, ', more states, or other starts')}"
         )
 
     def _at_point(self, i: int) -> str:
@@ -261,7 +261,7 @@ class Tuner:
         )
         return point and f" at {point}"
 
-    def _advice(self, i: int, pole: complex) -> str:
+    def _advice(self, i: int, pole: complex, others: str = "") -> str:
         """How much of the direction of a mode of the open loop channels see and move, and what helps."""
         n, system = self.family.states, self.net.system
         values, left, right = eigenvectors_of(self.family.X[i, :n, :n])
@@ -275,8 +275,8 @@ class Tuner:
         )
         return (
             f"Of the open loop, the controllers see {seen:.2g} of this mode, and move {moved:.2g} of it. "
-            "Give a controller that measures or drives it (another sensor or actuator), more states, or "
-            f"other starts{or_left_out(system, range(len(system.outputs)))}."
+            f"Give a controller that measures or drives it (another sensor or actuator){others}"
+            f"{or_left_out(system, range(len(system.outputs)))}."
         )
 
     def peaks_are_seen(self, tuned: Tuned) -> bool:

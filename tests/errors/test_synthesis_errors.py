@@ -79,7 +79,8 @@ made(goals=(gain_goal("f", "y", limit=1e-308),))
     => AnalysisError: goal 'f to y': it is not finite beside its limit, 1e-308.
 {gain_goal([], "y")|tracking_goal([], "e", time=1.0)|margin_goal([], 0.5)}
     => one channel or more at each end
-made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it
+made(systems=(BLIND, PID)) => AnalysisError: the pole 2 … on the right for all of them … move 0 of it.
+    Give a controller that measures or drives it (another sensor or actuator); or
 made(goals=(THROUGH,), systems=(CROSSED, *ALONE), wired=WIRED) => AnalysisError: pole 2 rad/s stays
 made(systems=(PUSHED, PID)) => AnalysisError: the pole 0 rad/s stays on the axis for all of them
 made(goals=(THROUGH,), systems=(CROSSED, TOGETHER), wired=WIRED[:2] + (("e", "p", "q"),)) => accepted
