@@ -213,7 +213,7 @@ class PiezoBeam(Beam):
         L = values["length"]
         for k in range(len(self.patches)):
             p, section = self._of(k, values), self._section(k, values)
-            line = p["density"] * section.area * L
+            line = section.area * p["density"] * L
             span = (self.patches[k].start, self.patches[k].end)
             for name, d, columns in self.blocks():
                 if name == "torsion":  # patches add no stiffness there
@@ -221,14 +221,14 @@ class PiezoBeam(Beam):
                 mass.append(Term(line, self._placed(columns, products(d, "displacement", ONE, *span))))
                 participation += self._participation(name, d, columns, line, L, span)
                 if name == "axial":
-                    factor = p["modulus"] * section.area / L
+                    factor = section.area * p["modulus"] / L
                 else:
                     second = section.second_y if name == "bending_y" else section.second_z
-                    factor = p["modulus"] * second / (L * L * L)
+                    factor = second * p["modulus"] / (L * L * L)
                 strained = self._placed(columns, products(d, strain(d), ONE, *span))
                 stiffness.append(Term(factor, strained))
             if self.patches[k].side != "both":
-                factor = p["modulus"] * section.first / (L * L)
+                factor = section.first * p["modulus"] / (L * L)
                 stiffness.append(Term(factor, self._stretch_and_bend(k)))
         damping = [*base.damping, *self._damping(mass, stiffness, values)]
         stiffness, participation = [*base.stiffness, *stiffness], [*base.participation, *participation]
