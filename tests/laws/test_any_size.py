@@ -257,16 +257,18 @@ def test_a_beam_on_a_turning_hub_is_that_of_a_frame_that_spins(
 
 def test_a_tire_that_leans_pushes_along_the_ground() -> None:
     """With the slip of its point over the speed ahead, however far it leans."""
-    V, R, C, mass, J, aside, lean = 8.0, 0.3, 900.0, 2.0, 0.1, 0.5, 0.6
+    V, R, C, mass, J, aside, ahead, lean = 8.0, 0.3, 900.0, 2.0, 0.1, 0.5, 0.7, 0.6
     massless = Inertia(xx=0, yy=0, zz=0)
     scene = kit.scene(
         "tire",
         Ground(ports={"center": (0, 0, R)}),
+        kit.point("cart", 0),
         kit.point("slider", 0),
         kit.point("lift", 0),
         kit.body("yoke", 0, inertia=massless),
         kit.body("wheel", mass, (J, 0.2, J)),
-        kit.rail("aside", "ground.center", "slider", (0, 1, 0), preload=0.0),
+        kit.rail("ahead", "ground.center", "cart", (1, 0, 0), preload=0.0),
+        kit.rail("aside", "cart", "slider", (0, 1, 0), preload=0.0),
         kit.rail("up", "slider", "lift", (0, 0, 1), preload=0.0),
         kit.hinge("lean", "lift", "yoke", (1, 0, 0), preload=0.0),
         kit.hinge("spin", "yoke", "wheel", (0, 1, 0), rate=V / R, preload=0.0),
@@ -276,11 +278,12 @@ def test_a_tire_that_leans_pushes_along_the_ground() -> None:
     m = equations_of_motion(scene, {})
     names, still = [signal.name for signal in m.coordinates], np.zeros(m.z.numel())
     x = np.zeros(len(names))
-    x[[names.index("lean.angle"), names.index("aside.velocity")]] = lean, aside
+    begin = {"lean.angle": lean, "aside.velocity": aside, "ahead.velocity": ahead}
+    x[[names.index(name) for name in begin]] = [*begin.values()]
     f = ca.Function("f", [m.x, m.z, m.u], [m.residual, ca.jacobian(m.residual, m.z)])
     offset, slopes = (y.full() for y in f(x, still, []))
-    force = -C * aside / V
-    expected = [force / mass, 0.0, R * np.cos(lean) * force / J, 0.0]
+    force = -C * aside / (V + ahead)
+    expected = [0.0, force / mass, 0.0, R * np.cos(lean) * force / J, 0.0]
     target(np.linalg.solve(slopes, -offset)[:, 0], np.array(expected), CLOSED_FORM)
 
 

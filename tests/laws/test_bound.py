@@ -65,6 +65,13 @@ def test_error_that_vanishes() -> None:
         law_degrees(some_lft(seed))
 
 
+def test_inputs_and_outputs_of_very_different_sizes() -> None:
+    a, random = some_lft(43322), np.random.default_rng(43322)
+    columns = 2.0 ** random.integers(-30, 30, a.shape[1])
+    rows = 2.0 ** random.integers(-20, 20, (a.shape[0], 1))
+    law_degrees(LFT(a.M11, a.M12 * columns, rows * a.M21, rows * a.M22 * columns, a.blocks))
+
+
 def test_constant_in_padded_channels() -> None:
     """Channels that nothing reaches or nobody sees: their functions are rounding of terms that cancel.
 
