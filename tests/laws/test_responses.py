@@ -358,6 +358,23 @@ def test_the_norm_of_a_complex_system_is_that_at_negative_frequencies_too() -> N
             assert found.upper[0] >= real.lower[0]
 
 
+def test_what_the_channels_do_not_see_leaves_the_norm() -> None:
+    """An integrator in coordinates of very different sizes; two oscillators, with rows of such sizes."""
+    beside = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        for unseen, rows, spread in (([[0.0]], [1.0], 2), (beside, [3e5, 1e-4], 0)):
+            n, m = 3, len(unseen)
+            A = np.zeros((n + m, n + m))
+            A[:n, :n], A[n:, n:] = random.normal(size=(n, n)) - 4.0 * np.eye(n), unseen
+            A[n:, :n], B = random.normal(size=(m, n)), random.normal(size=(n + m, 1))
+            C = np.array(rows)[:, None] * random.normal(size=(1, n)) @ np.eye(n, n + m)
+            T = random.normal(size=(n + m, n + m)) * 10.0 ** random.integers(-spread, spread + 1, n + m)
+            whole = mbdlft.hinf_norm(plain(T @ A @ np.linalg.inv(T), T @ B, C @ np.linalg.inv(T)))
+            part = mbdlft.hinf_norm(plain(A[:n, :n], B[:n], C[:, :n]))
+            target(whole.upper, part.upper, PEAK)
+
+
 @pytest.mark.parametrize("direct", [False, True])
 def test_norms_of_random_systems(direct: bool) -> None:
     for seed in range(4):
