@@ -45,6 +45,16 @@ def test_faster_parameters_have_smaller_margins() -> None:
         assert mbdlft.verify(pair, found) == ""
 
 
+def test_a_proof_for_a_rate_is_none_for_twice_the_rate() -> None:
+    d = mbdlft.Parameter("d", 1.0, 0.9, 1.1)  # rates of its delta are ten times its own
+    matrix = [["0", "1"], ["-d", "-0.3"]]
+    system = mbdlft.realize(matrix, [d], states=2, inputs=[], outputs=[])
+    found = mbdlft.robust_stability(system, rates={"d": 0.02}, gap=0.1)
+    assert isinstance(found.proof, MotionProof)
+    assert mbdlft.verify(system, found) == ""
+    assert "not negative" in mbdlft.verify(system, replace(found, rates={"d": 0.04}))
+
+
 def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
