@@ -330,7 +330,7 @@ def test_numbers_have_units_of_their_size(load: Callable[..., Loaded], tmp_path:
     "name",
     [
         "two_link_arm",
-        pytest.param("half_car", marks=pytest.mark.long),
+        "half_car",
         pytest.param("flexible_manipulator", marks=pytest.mark.long),
     ],
 )
