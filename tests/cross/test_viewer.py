@@ -327,12 +327,7 @@ def test_numbers_have_units_of_their_size(load: Callable[..., Loaded], tmp_path:
 
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        "two_link_arm",
-        "half_car",
-        pytest.param("flexible_manipulator", marks=pytest.mark.long),
-    ],
+    "name", ["two_link_arm", "half_car", pytest.param("flexible_manipulator", marks=pytest.mark.long)]
 )
 def test_poles_and_steps_are_those_of_the_model(
     name: str, load: Callable[..., Loaded], tmp_path: Path
