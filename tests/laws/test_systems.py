@@ -194,8 +194,10 @@ def check(case: str) -> None:
     assert np.all(np.array(list(orders.values())) <= before)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case",
+    ["connect", *(pytest.param(case, marks=pytest.mark.long) for case in CASES if case != "connect")],
+)
 def test_connected_then_sampled(case: str) -> None:
     check(case)
 
