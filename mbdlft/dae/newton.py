@@ -5,6 +5,7 @@ A matrix of numbers and parameters is decided in exact arithmetic, one of signal
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import cached_property
 from typing import NamedTuple
 
 import casadi as ca
@@ -71,12 +72,17 @@ class System:
         self.held = np.zeros(0) if held is None else held
         beside = ca.jacobian(residual, knowns[: len(self.held)])
         self.count, self.unknowns = residual.numel(), unknown.numel()
-        self._of_both = ca.Function("system", [ca.vertcat(unknown, knowns)], [residual])
+        self._rows, self._signals = residual, ca.vertcat(unknown, knowns)
         self._residual, self._jacobian, self._beside = (
             BufferedCall(ca.Function("system", [unknown, knowns], [result]))
             for result in (residual, jacobian, beside)
         )
         self.places, self._places_beside = (Entries(m.sparsity()) for m in (jacobian, beside))
+
+    @cached_property
+    def _of_both(self) -> ca.Function:
+        """The residual of all signals in one column; few systems have equations that are flat."""
+        return ca.Function("system", [self._signals], [self._rows])
 
     def residual(self, z: Array, q: Array) -> Array:
         return self._residual(z, q)[0].copy()

@@ -342,7 +342,7 @@ class Beam(ElasticBody):
             return [Term(values["torsion_constant"] * values["shear_modulus"] / L, strained)]
         terms = [Term(values[_AREA[name]] * values["modulus"] / (L * L * L), strained)]
         if self._has_shear(name):
-            rigidity = values["shear_coefficient"] * values["shear_modulus"] * values["area"]
+            rigidity = values["area"] * values["shear_coefficient"] * values["shear_modulus"]
             terms.append(Term(rigidity / L, self._placed(columns, products(d, "shear"))))
         return terms
 

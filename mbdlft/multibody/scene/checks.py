@@ -242,11 +242,12 @@ def _check_denominators(scene: Scene, place: Place, expression: Expression) -> N
 
         zero = find_zero(value, {name: (plain[name].low, plain[name].high) for name in used})
         if zero is not None:
-            near = [f"{name} = {at:g} {plain[name].unit}" for name, at in zero[0].items()]
-            ranges = ", ".join(text.removesuffix(" 1") for text in near)
+            near = ", ".join(
+                f"{name} = {at:g} {plain[name].unit}".removesuffix(" 1") for name, at in zero[0].items()
+            )
             raise WellPosednessError(
                 f"{place}: the denominator {write(denominator)} vanishes in the range, near "
-                f"{ranges}, or comes too close to zero to tell. Narrow the range or write the "
+                f"{near}, or comes too close to zero to tell. Narrow the range or write the "
                 "quantity without the division."
             )
 
