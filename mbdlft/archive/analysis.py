@@ -9,6 +9,7 @@ from mbdlft.archive import archive as archives
 from mbdlft.archive import layout
 from mbdlft.archive.hdf5 import Part, Request, write_items
 from mbdlft.archive.model import items_of_model
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import ArchiveError
 from mbdlft.robust.evidence import (
     Bounds,
@@ -33,6 +34,7 @@ _PROOFS = {
 }
 
 
+@arguments_checked
 def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | None = None) -> None:
     """Write an analysis under /analyses/<name>, and its system under /models, if it is not there.
 
@@ -67,11 +69,13 @@ def save_analysis(path: str | Path, system: System, bounds: Bounds, name: str | 
     archives.rewrite(file, fill, f"analyses/{key}")
 
 
+@arguments_checked
 def analysis_names(path: str | Path) -> tuple[str, ...]:
     """Names of the analyses in the archive at `path`, sorted."""
     return archives.names_in(Path(path), "analyses")
 
 
+@arguments_checked
 def load_analysis(
     path: str | Path, name: str | None = None, *, limit: int = archives.LIMIT
 ) -> tuple[System, Bounds]:

@@ -22,6 +22,7 @@ import h5py
 from mbdlft.archive import hdf5
 from mbdlft.archive.model import KINDS, items_of_model, model_of_items
 from mbdlft.archive.reading import LARGE, ask, image_of, said_of, seal_file, sealed
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import ArchiveError, MbdlftError
 from mbdlft.system.model import System
 from mbdlft.system.theta import DeltaThetaModel
@@ -33,6 +34,7 @@ _UNCHANGED = "The old file, if there was one, is unchanged."
 LIMIT = 2**30  # bytes that reading may need, unless the caller allows more
 
 
+@arguments_checked
 def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = None) -> None:
     """Write a model or a system into an archive under /models/<name>; other contents of the file stay.
 
@@ -50,14 +52,7 @@ def save(path: str | Path, model: System | DeltaThetaModel, name: str | None = N
         The file exists and is not an archive of this major version, or something in it cannot be read
         and so would be lost, or it cannot be written. The old file is then unchanged.
     """
-    if isinstance(path, System | DeltaThetaModel):
-        raise ArchiveError(f"save: expected a file first, and then the model: save(path, {path.name}).")
     file = Path(path)
-    if not isinstance(model, System | DeltaThetaModel):
-        raise ArchiveError(
-            f"{file}: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
-            "one of a scene."
-        )
     key = model.name if name is None else name
     check_name(file, "model", key)
     with naming(file, f"model {key!r}"):
@@ -168,6 +163,7 @@ def _copy(file: Path, old: Path, new: Any, replaced: str) -> None:
         ) from None
 
 
+@arguments_checked
 def load(path: str | Path, name: str | None = None, *, limit: int = LIMIT, isolated: bool = False) -> Any:
     """Read a model or a system from an archive.
 
@@ -205,6 +201,7 @@ def read_one(
         return make(answer.part, key)
 
 
+@arguments_checked
 def model_names(path: str | Path) -> tuple[str, ...]:
     """Names of the models in the archive at `path`, sorted."""
     return names_in(Path(path), "models")

@@ -25,6 +25,7 @@ from mbdlft.archive import layout as layouts
 from mbdlft.archive.archive import LIMIT, check_name, names_in, naming, read_one, rewrite
 from mbdlft.archive.hdf5 import Part, Request, write_items
 from mbdlft.archive.model import signal_values, signals_of
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import ArchiveError
 from mbdlft.base.unit import Signal
@@ -338,11 +339,13 @@ def finish_sweep(
     rewrite(file, fill, f"sweeps/{name}", made=rows)
 
 
+@arguments_checked
 def sweep_names(path: str | Path) -> tuple[str, ...]:
     """Names of the sweeps in the archive at `path`, sorted."""
     return names_in(Path(path), "sweeps")
 
 
+@arguments_checked
 def load_sweep(
     path: str | Path,
     name: str | None = None,

@@ -16,6 +16,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import ArrayLike
 from mbdlft.base.display import table
 from mbdlft.base.errors import SceneError
@@ -227,6 +228,7 @@ def cosine_sine_parts(substitution: Substitution, t: Any) -> tuple[Any, Any, Any
     return 1 - 6 * square + square * square, 4 * t * (1 - square), (1 + square) * (1 + square)
 
 
+@arguments_checked
 def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     """Normalized deltas of physical values, elementwise.
 
@@ -244,6 +246,7 @@ def to_delta(parameter: Parameter, physical: ArrayLike) -> NDArray[np.float64]:
     return distance / (m.gain - m.a1 * distance)
 
 
+@arguments_checked
 def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
     """Physical values of normalized deltas, elementwise; the inverse of `to_delta`.
 

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, MbdlftError, check_known
 from mbdlft.base.parameter import Parameter
@@ -13,6 +14,7 @@ SEED = 0  # of the points at which models are checked
 _MOST = 2**22  # points of a grid: 32 MB for each parameter
 
 
+@arguments_checked
 def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[str, Array]:
     """Make random samples: independent uniform physical values in the ranges.
 
@@ -28,13 +30,13 @@ def random(parameters: Sequence[Parameter], count: int, seed: int = 0) -> dict[s
     -------
     dict of names to arrays (N,), in the units of the parameters
     """
-    _check_parameters("random", parameters)
     if not isinstance(count, int | np.integer) or count < 0:
         raise AnalysisError(f"random: expected a number of points such as 1000, got {count!r}.")
     generator = np.random.default_rng(seed)
     return {p.name: generator.uniform(p.low, p.high, count) for p in parameters}
 
 
+@arguments_checked
 def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
     """Make the samples at all 2^n combinations of the bounds of n parameters.
 
@@ -47,10 +49,10 @@ def corners(parameters: Sequence[Parameter]) -> dict[str, Array]:
     AnalysisError
         There are more than 2^22 combinations.
     """
-    _check_parameters("corners", parameters)
     return grid(parameters, {p.name: 2 for p in parameters})
 
 
+@arguments_checked
 def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str, Array]:
     """Make samples of all combinations of evenly spaced values, bounds included.
 
@@ -69,7 +71,6 @@ def grid(parameters: Sequence[Parameter], counts: Mapping[str, int]) -> dict[str
         A name is unknown, a count is not a whole number of at least 1, or there are more than
         2^22 points.
     """
-    _check_parameters("grid", parameters)
     check_known("parameter", counts, [p.name for p in parameters], "grid", AnalysisError)
     if any(not isinstance(n, int | np.integer) or n < 1 for n in counts.values()):
         raise AnalysisError(f"grid: counts must be whole numbers of at least 1, got {dict(counts)}.")
@@ -138,10 +139,3 @@ def check_points(
         outer = {p.name: np.where(sides[:, k], p.high, p.low) for k, p in enumerate(parameters)}
     columns = [np.concatenate([[p.nominal], drawn[p.name], outer[p.name]]) for p in parameters]
     return np.stack(columns, axis=1)
-
-
-def _check_parameters(where: str, parameters: Sequence[Parameter]) -> None:
-    """Raise an AnalysisError unless this is a sequence of parameters."""
-    if not (isinstance(parameters, Sequence) and all(isinstance(p, Parameter) for p in parameters)):
-        got = type(parameters).__name__
-        raise AnalysisError(f"{where}: expected parameters, such as model.parameters, got {got}.")

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from mbdlft.archive.program import mistake_of
 from mbdlft.archive.sweep import SOLVED, Layout
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, SceneError, StructureError
+from mbdlft.base.errors import AnalysisError, MbdlftError, MbdlftWarning, StructureError
 from mbdlft.base.parameter import Parameter
 from mbdlft.batch.program_cache import SceneSource, remember, remembered
 from mbdlft.batch.rows import EquationSource, ModelSource, Source, deltas_at, source_of
@@ -164,6 +165,7 @@ class Compiled:
         return deltas_at(self.source.model, points)
 
 
+@arguments_checked
 def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled:
     """Compile the trim and the linearization of a scene, or the evaluation of a model, to native code.
 
@@ -181,8 +183,6 @@ def compile(source: Scene | LFTModel, *, threads: int | None = None) -> Compiled
     threads : int, optional
         Threads of a call; by default as many as there are cores.
     """
-    if not isinstance(source, Scene | LFTModel):
-        raise SceneError(f"compile: expected a Scene or an LFTModel, got {type(source).__name__}.")
     if threads is not None and (not isinstance(threads, int) or threads < 1):
         raise AnalysisError(f"compile: expected at least 1 thread, got {threads!r}.")
     code = _again(source, threads) if isinstance(source, Scene) else None
@@ -332,6 +332,7 @@ def fastest(source: EquationSource | ModelSource, count: int) -> Source:
     return source if code.reason else code
 
 
+@arguments_checked
 def with_program(model: LFTModel) -> LFTModel:
     """The model with a straight-line program of its values: the equations of its scene, eliminated.
 
@@ -350,10 +351,6 @@ def with_program(model: LFTModel) -> LFTModel:
         It is no such model, or the equations have no program of at most 200 000 instructions, or other
         values than the model.
     """
-    if not isinstance(model, LFTModel):
-        raise StructureError(
-            f"with_program: expected an LFTModel, got {type(model).__name__}. to_lft(scene) makes one."
-        )
     what = f"model {model.name!r}, with_program"
     source = equations_of(model)
     if source is None:

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from mbdlft.archive.archive import check_file, check_name, locked
 from mbdlft.archive.sweep import FUNCTION_FAILED, NO_EQUILIBRIUM, SINGULAR, SOLVED, Places, finish_sweep
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import AnalysisError, SceneError
+from mbdlft.base.errors import AnalysisError
 from mbdlft.base.worker import Pool, processes_of
 from mbdlft.batch import staging
 from mbdlft.batch.native import fastest
@@ -56,6 +57,7 @@ class SweepReport:
     seconds: float
 
 
+@arguments_checked
 def sweep(
     source: Scene | LFTModel,
     samples: GridSamples | RandomSamples | Mapping[str, ArrayLike],
@@ -116,8 +118,6 @@ def sweep(
         name now; or a number is too large for single precision.
     """
     begun = time.perf_counter()
-    if not isinstance(source, Scene | LFTModel):
-        raise SceneError(f"sweep: expected a Scene or an LFTModel, got {type(source).__name__}.")
     processes = processes_of(workers, "sweep")
     file, key = Path(path), source.name if name is None else name
     check_name(file, "sweep", key)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
@@ -136,6 +137,7 @@ def from_description(data: Mapping[str, Any], points: Path) -> Samples:
     return GivenSamples(np.load(points, mmap_mode="r"))
 
 
+@arguments_checked
 def read_samples(path: str | Path) -> dict[str, Array]:
     """Read samples from a text file with commas: names in the first line, one sample in each other line.
 

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError, TrimError, naming
 from mbdlft.base.expression import evaluate, parse
@@ -322,6 +323,7 @@ class CoefficientFit(NamedTuple):
     bound: float
 
 
+@arguments_checked
 def fit_coefficient(
     coefficient: ca.SX, parameters: Sequence[Parameter], symbols: Sequence[ca.SX], tolerance: float
 ) -> CoefficientFit:

@@ -9,6 +9,7 @@ from typing import Any, TypeVar
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, check_known, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.balance import fit_coefficient
@@ -196,6 +197,7 @@ def _name_of(expression: ca.SX) -> str:
     return str(expression)
 
 
+@arguments_checked
 def from_casadi(
     builder: ca.DaeBuilder, parameters: Sequence[Parameter] = (), units: Mapping[str, str] | None = None
 ) -> Dae:

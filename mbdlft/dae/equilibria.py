@@ -12,6 +12,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, TrimError, check_known
 from mbdlft.dae import balance
 from mbdlft.dae.index import independent
@@ -53,6 +54,7 @@ class DaeTrim:
     at_rest: bool = True
 
 
+@arguments_checked
 def trim(
     s: Structure,
     at: Mapping[str, float | str] | None = None,
@@ -85,10 +87,6 @@ def trim(
     NotRationalError
         The equilibrium is not rational in the parameters; the message says what can be done.
     """
-    if not isinstance(s, Structure):
-        raise SceneError(
-            f"trim: expected a Structure, as reduce_index(dae) returns, got {type(s).__name__}."
-        )
     fixed = _of_aliases(s, dict(at or {}))
     _check_names(s, fixed, free)
     point = _solved(s, _posed(s, fixed, free, moving), fixed, fit)
@@ -97,6 +95,7 @@ def trim(
     return replace(point, free=tuple(free))
 
 
+@arguments_checked
 def start_point(
     s: Structure, at: Mapping[str, float | str] | None = None, fit: float | None = None
 ) -> DaeTrim:

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.unit import Signal
@@ -22,7 +23,7 @@ from mbdlft.multibody.motion.equations import equations_of_motion, moved_referen
 from mbdlft.multibody.scene import Scene
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles
-from mbdlft.system.conversion import as_system
+from mbdlft.system.conversion import operand
 from mbdlft.system.model import LFTModel
 from mbdlft.system.model import System as LinearSystem
 from mbdlft.system.sampled import matrices_at
@@ -63,6 +64,7 @@ class Simulation:
     output_names: tuple[str, ...]
 
 
+@arguments_checked
 def simulate(
     model: Scene | LFTModel | Dae | Structure | DeltaThetaModel,
     times: ArrayLike,
@@ -114,16 +116,14 @@ def simulate(
             raise SceneError(f"simulate: {name!r}: expected finite numbers, up to {_LARGEST:g}.")
     if isinstance(model, Scene | LFTModel):
         m = _scene(model, asked) if isinstance(model, Scene) else _linear(model, asked)
-        m = m if controller is None else _closed_by(m, as_system(controller))
+        m = m if controller is None else _closed_by(m, operand(controller, "simulate: controller"))
     elif controller is not None:
-        raise SceneError(
-            "simulate: a controller closes a scene or its model. Write it into the equations."
-        )
+        raise SceneError("simulate: a controller closes a scene or model; write it into the equations.")
     else:
         m = _structure(model, asked) if isinstance(model, Structure) else _theta_form(model, asked)
     states, z, p = _integrated(m, grid, tolerance)
-    shown = m.x if m.shown is None else m.shown
-    read = ca.Function("y", [m.x, m.z, m.u, m.p], [*map(ca.densify, (m.y, m.omega, shown))])
+    kept = (m.y, m.omega, m.x if m.shown is None else m.shown)
+    read = ca.Function("y", [m.x, m.z, m.u, m.p], [*map(ca.densify, kept)])
     values, arguments, states_shown = read.map(len(grid))(states.T, z.T, m.inputs.T, p.T)
     if isinstance(model, DeltaThetaModel):
         theta_values(model.functions, dict(zip(model.omega, arguments.full(), strict=True)))
@@ -311,6 +311,7 @@ def _theta_form(model: DeltaThetaModel, asked: _Asked) -> _Model:
     return _Model(owner, states, output_names, *symbols, inputs, x0, point.values, np.zeros(0))
 
 
+@arguments_checked
 def evaluate_form(
     model: DeltaThetaModel,
     states: Mapping[str, float] | None = None,

@@ -16,6 +16,7 @@ from typing import Literal, NamedTuple
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SceneError, StructureError, unknown_name
 from mbdlft.base.samples import random
@@ -140,6 +141,7 @@ class Structure:
         return report(self)
 
 
+@arguments_checked
 def reduce_index(
     dae: Dae,
     *,

@@ -11,6 +11,7 @@ from typing import Any
 
 import casadi as ca
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.base.formula import ARITHMETIC, Functions, formula_value
 from mbdlft.dae.theta.piecewise import ARGUMENT, Piecewise, applied, between
@@ -111,6 +112,7 @@ SYMBOLIC: Functions = {
 }
 
 
+@arguments_checked
 def formula_function(
     name: str, arguments: Sequence[str], text: str, tables: Sequence[Table] = ()
 ) -> ca.Function:

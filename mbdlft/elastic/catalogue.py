@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import (
     MbdlftWarning,
     SceneError,
@@ -36,6 +37,7 @@ _TEXTS = ("format", "description", "source")
 _DATA = ("data", "parent", "ports", *_CHOICES, *_NASTRAN, *_UNITS)
 
 
+@arguments_checked
 def flexible_body(
     name: str,
     mass_matrix: Any,
@@ -67,6 +69,7 @@ def flexible_body(
     return modal_body(name, model, damping=damping, prestress=prestress)
 
 
+@arguments_checked
 def modal_body(
     name: str,
     model: ModalModel,
@@ -124,6 +127,7 @@ def modal_body(
     )
 
 
+@arguments_checked
 def load_body(path: str | Path, name: str | None = None, **choices: Any) -> Body:
     """Load the body of a catalogue file, ready for a scene.
 

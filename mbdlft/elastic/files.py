@@ -27,6 +27,7 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import MbdlftError, StructureError, unknown_name
 from mbdlft.base.worker import arrays_of, content_of
@@ -55,6 +56,7 @@ _COORDINATES = ("row", "column", "value")
 _ROW = "expected the number of a node, x, y, z and its components 1 to 6"
 
 
+@arguments_checked
 def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
     """Load matrices and node table of a file.
 
@@ -94,6 +96,7 @@ def load_matrices(path: str | Path, *, limit: int = LIMIT) -> FiniteElements:
     )
 
 
+@arguments_checked
 def save_matrices(path: str | Path, elements: FiniteElements) -> None:
     """Write matrices, as lower triangles, and their node table into a file for `load_matrices`.
 
@@ -254,6 +257,7 @@ def _market(file: Path, limit: int) -> Any:
     return scipy.io.mmread(file)
 
 
+@arguments_checked
 def load_nastran(
     matrices: str | Path,
     bulk: str | Path,

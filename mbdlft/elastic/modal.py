@@ -15,6 +15,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, check_known
 from mbdlft.elastic.nodes import DIRECTIONS, Nodes, finite
@@ -89,6 +90,7 @@ class ModalModel:
         )
 
 
+@arguments_checked
 def modal_model(
     mass_matrix: Any,
     stiffness_matrix: Any,
@@ -386,6 +388,7 @@ class EffectiveMasses:
         return "\n".join(lines)
 
 
+@arguments_checked
 def effective_masses(model: ModalModel) -> EffectiveMasses:
     """Effective masses P_ck^2 of each mode k and direction c, and the residual mass R' M R - P P'.
 

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, naming
 from mbdlft.base.unit import parse_unit
@@ -43,6 +44,7 @@ class FiniteElements(NamedTuple):
     nodes: Nodes
 
 
+@arguments_checked
 def to_si(elements: FiniteElements, length: str = "mm", mass: str = "t") -> FiniteElements:
     """The same model in m, kg and s, from other units of length and mass with seconds.
 

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbdlft.archive.archive import put, save, target_of, writing
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, check_known
 from mbdlft.base.samples import grid as grid_of
@@ -44,6 +45,7 @@ _MOST_SYSTEMS = 2**15  # objects of python-control; each takes some 0.1 ms
 _PARTS = ("A", "B", "C", "D")
 
 
+@arguments_checked
 def export_model(
     path: str | Path,
     model: System | DeltaThetaModel,
@@ -102,11 +104,6 @@ def _exported(
     archive: str | Path | None,
     fmi: int,
 ) -> tuple[Path, ...]:
-    if not isinstance(model, System | DeltaThetaModel):
-        raise StructureError(
-            f"{file}: expected an LFTModel, a System or a DeltaThetaModel, got {type(model).__name__}. "
-            "to_lft(scene) makes one of a scene."
-        )
     suffix = check_suffix(file, grid=counts is not None)
     if counts is not None:
         if isinstance(model, DeltaThetaModel):
@@ -229,6 +226,7 @@ class Grid:
     trim: Array | None  # (N, nt), or nothing
 
 
+@arguments_checked
 def lpv_grid(model: System, counts: Counts) -> "list[StateSpace]":
     """State-space models at all combinations of evenly spaced values, bounds included.
 

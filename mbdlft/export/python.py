@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.archive.sweep import Sweep
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import ArrayLike
 from mbdlft.base.errors import StructureError
 from mbdlft.export.c import value_function
@@ -26,6 +27,7 @@ _DIMENSIONS = {"state": "states", "rate": "states", "input": "inputs", "output":
 _DIMENSIONS |= {"trimmed": "trim"}
 
 
+@arguments_checked
 def casadi_function(model: System) -> ca.Function:
     """The state matrices as a CasADi function of the parameters, with its derivatives.
 
@@ -51,6 +53,7 @@ def casadi_function(model: System) -> ca.Function:
     return ca.Function(identifier(model.name), values, blocks, names, list("ABCD"), nominal)
 
 
+@arguments_checked
 def frequency_data(
     model: System, values: Mapping[str, ArrayLike], omega: ArrayLike
 ) -> "list[FrequencyResponseData]":
@@ -75,6 +78,7 @@ def frequency_data(
     ]
 
 
+@arguments_checked
 def dataset(
     source: System | Sweep, values: Mapping[str, ArrayLike] | None = None, omega: ArrayLike | None = None
 ) -> "Dataset":

@@ -22,6 +22,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import AXES, Expected
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
 from mbdlft.base.expression import BUILTIN_CONSTANTS
@@ -43,6 +44,7 @@ from mbdlft.system.model import LFTModel
 _MOST = 20
 
 
+@arguments_checked
 def low_pass(
     bandwidth: float | str,
     damping: float | str | None = None,
@@ -74,6 +76,7 @@ def low_pass(
     return _filter(name, quantities, parameters, matrix, states)
 
 
+@arguments_checked
 def band_pass(
     low: float | str,
     high: float | str,
@@ -112,6 +115,7 @@ def band_pass(
     return _filter(name, quantities, parameters, matrix, states)
 
 
+@arguments_checked
 def delay(
     time: float | str, order: int = 2, parameters: Sequence[Parameter] = (), *, name: str = "delay"
 ) -> LFTModel:
@@ -169,6 +173,7 @@ def _ladder(order: int, rate: Any) -> list[list[Any]]:
     return [*rows, [2.0 * entry - float(j == n) for j, entry in enumerate(i)]]
 
 
+@arguments_checked
 def imbalance(
     static: float | str,
     dynamic: float | str,
@@ -272,6 +277,7 @@ _ACCELERATIONS = ("acceleration", "angular_acceleration")
 _LOADS = ("force", "torque")
 
 
+@arguments_checked
 def two_port(
     body: Body,
     parameters: Sequence[Parameter] = (),
@@ -336,9 +342,8 @@ def two_port(
 
 def _ports(body: Body, children: Sequence[str] | None, parent: str) -> tuple[str, ...]:
     """The children's ports, checked."""
-    if not isinstance(body, Body) or body.name == GROUND:
-        got = f"the kind {body.kind!r}" if isinstance(body, Body) else type(body).__name__
-        raise SceneError(f"two_port: expected a body other than the ground, got {got}.")
+    if body.name == GROUND:
+        raise SceneError(f"two_port: expected a body other than the ground, got {body.kind!r}.")
     if isinstance(children, str):
         raise SceneError(f"two_port: children: expected a list of ports, got {children!r}.")
     if children is None:

@@ -10,6 +10,7 @@ from typing import Any, Self, final
 import tomli_w
 from pydantic import InstanceOf, ValidationInfo, field_validator, model_validator
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import Description, Many, Name, Prose, Quantity, Text
 from mbdlft.base.errors import SceneError
 from mbdlft.base.expression import BUILTIN_CONSTANTS, names, parse
@@ -167,6 +168,7 @@ def _signals(names: Sequence[str]) -> tuple[Signal, ...]:
 FORMAT = "mbdlft-matrix/1"
 
 
+@arguments_checked
 def load_matrix(path: str | Path) -> MatrixProblem:
     """Matrix problem of the TOML file at `path`."""
     return toml.read_file(path, matrix_from_toml)
@@ -177,6 +179,7 @@ def matrix_from_toml(text: str) -> MatrixProblem:
     return toml.read_table(text, _problem)
 
 
+@arguments_checked
 def matrix_to_toml(problem: MatrixProblem) -> str:
     """TOML text of a matrix problem; `matrix_from_toml` gives an equal problem back."""
     table: dict[str, Any] = {"format": FORMAT, "name": problem.name}

@@ -6,7 +6,7 @@ An SX matrix becomes texts, and texts an SX matrix.
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from fractions import Fraction
@@ -19,6 +19,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError, WellPosednessError, check_known
 from mbdlft.base.expression import Binary, Call, Expression, Name, Negative, Number, names, write
@@ -288,6 +289,7 @@ def _stacked(rows: Sequence[Sequence[Any]], count: int, kind: type) -> NDArray[A
 _DEEPEST = 12  # nesting beyond which a part of an expression gets a name
 
 
+@arguments_checked
 def matrix_problem(
     matrix: Any,
     parameters: Sequence[Parameter] = (),
@@ -313,11 +315,7 @@ def matrix_problem(
     if "expressions" in fields:
         raise SceneError("expressions belong to rows of texts; an SX matrix has its own.")
     name = str(fields.get("name", "matrix"))
-    parameters = tuple(parameters) if isinstance(parameters, Iterable) else parameters
-    if not isinstance(parameters, tuple) or not all(isinstance(p, Parameter) for p in parameters):
-        raise SceneError(
-            f"matrix {name!r}: parameters: expected a list of parameters, got {parameters!r}."
-        )
+    parameters = tuple(parameters)
     symbols = {} if symbols is None else symbols
     if not isinstance(symbols, Mapping) or not all(
         isinstance(name, str) and isinstance(x, ca.SX) and x.is_scalar() and x.is_symbolic()

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError
 from mbdlft.dae.dae import Dae
 from mbdlft.modelica.rumoca import model_of_tables
@@ -20,6 +21,7 @@ ROOTS = "MODELICAPATH"
 _SYNTAX = re.compile(r"× (.*)\n.*:(\d+):(\d+)\]")  # in what the compiler draws of a syntax error
 
 
+@arguments_checked
 def load_modelica(
     path: str | Path,
     table: ModelicaTable | None = None,

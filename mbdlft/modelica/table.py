@@ -32,6 +32,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import check_known
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
 
@@ -117,6 +118,7 @@ class ModelicaTable:
     check_units: bool = True
 
 
+@arguments_checked
 def load_modelica_table(path: str | Path) -> ModelicaTable:
     """The table of the TOML file at `path`."""
     return read_file(path, modelica_table_from_toml)

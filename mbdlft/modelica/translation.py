@@ -7,6 +7,7 @@ from typing import TypeVar
 
 import casadi as ca
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, check_known
 from mbdlft.dae.dae import Dae, Equation, Output
 from mbdlft.dae.equilibria import DaeTrim, start_point, trim
@@ -74,6 +75,7 @@ class ModelicaReport:
         return "\n".join(f"note: {line}." for line in (*sources, *self.notes))
 
 
+@arguments_checked
 def translate(model: tree.FlatModel, table: ModelicaTable | None = None) -> tuple[Dae, ModelicaReport]:
     """The description of a flat model.
 
@@ -420,6 +422,7 @@ def _pairs(left: Value, right: Value) -> Iterator[ca.SX]:
     yield v.to_sx(left) - v.to_sx(right)
 
 
+@arguments_checked
 def operating_point(
     dae: Dae, report: ModelicaReport | None = None, table: ModelicaTable | None = None
 ) -> DaeTrim:
@@ -476,6 +479,7 @@ def notes_of_point(at: DaeTrim) -> list[str]:
     return notes
 
 
+@arguments_checked
 def structure_of(
     dae: Dae, report: ModelicaReport | None = None, table: ModelicaTable | None = None
 ) -> Structure:

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from mbdlft.base.arguments import arguments_checked
+
 _KEYWORDS = (
     "algorithm and annotation block break class connect connector constant constrainedby der "
     "discrete each else elseif elsewhen encapsulated end enumeration equation expandable "
@@ -323,6 +325,7 @@ _LONG = 160  # characters of an equation in a message
 _SUBSCRIPTS = re.compile(r"(?:\[\d+(?:,\d+)*\])?")
 
 
+@arguments_checked
 def flat_text(model: FlatModel) -> str:
     """The text of a flat model that nothing in it is refused of; `flat_model` reads it again.
 

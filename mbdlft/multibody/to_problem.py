@@ -8,6 +8,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal
@@ -208,6 +209,7 @@ def _singular_mass_matrix(number: float, names: Sequence[str]) -> str:
 # notes -----------------------------------------------------------------------------------------
 
 
+@arguments_checked
 def notes(scene: Scene, trimmed: Mapping[Signal, float] | None = None) -> tuple[str, ...]:
     """Say what is easily overlooked in a scene that can be used.
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.equilibria import DaeTrim, trim
 from mbdlft.dae.linear import problem_of_trim
@@ -16,6 +17,7 @@ from mbdlft.system.regular import PROVE
 from mbdlft.system.theta import DeltaThetaModel
 
 
+@arguments_checked
 def delta_theta(
     model: Dae | Structure,
     arrange: Arrange = "fewest",
@@ -57,6 +59,7 @@ def delta_theta(
     )
 
 
+@arguments_checked
 def linearize_dae(
     model: Dae | Structure | DaeTrim,
     at: Mapping[str, float | str] | None = None,

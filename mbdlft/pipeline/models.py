@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
@@ -60,6 +61,7 @@ def timed(
         yield budget, Clock(progress)
 
 
+@arguments_checked
 def to_lft(
     scene: Scene, search: float = SEARCH, *, seconds: float | None = None, prove: float = PROVE
 ) -> LFTModel:
@@ -103,10 +105,6 @@ def build(
 
     Linear algebra runs in one thread.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(
-            f"expected a Scene, got {type(scene).__name__}. load_scene(path) reads one from a file."
-        )
     if truncate is not None:
         check_tolerance(truncate)  # before the work, not after it
     with timed(search, seconds, prove, progress) as (budget, clock):
@@ -117,6 +115,7 @@ def build(
     return Build(model, clock.seconds)
 
 
+@arguments_checked
 def realize(
     matrix: Any,
     parameters: Sequence[Parameter] = (),
@@ -183,6 +182,7 @@ def build_matrix(
         return Build(realization(posed, budget, clock.stage, prove), clock.seconds)
 
 
+@arguments_checked
 def exact_lower_bound(problem: MatrixProblem, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each parameter in any exact LFT of a matrix.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
 from mbdlft.base.samples import physical_points
@@ -47,6 +48,7 @@ class TrimPoint:
     residual: float  # largest residual of the equations relative to the largest effort
 
 
+@arguments_checked
 def solve_trim(equations: Equations, values: Mapping[str, float] | None = None) -> TrimPoint:
     """Trim at physical values by name, in their units; the others are nominal."""
     point = physical_points(equations.parameters, values or {}, "trim", TrimError)

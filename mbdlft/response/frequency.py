@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
@@ -131,6 +132,7 @@ def _by_elimination(matrices: StateMatrices, s: Complex) -> Complex:
     return values
 
 
+@arguments_checked
 def frequency_response(
     model: System, values: Mapping[str, ArrayLike], omega: ArrayLike
 ) -> NDArray[np.complex128]:
@@ -298,6 +300,7 @@ def peaks(values: Array) -> Array:
     return at_peaks if np.any(np.isfinite(at_peaks)) else values
 
 
+@arguments_checked
 def response_frequencies(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,
@@ -364,6 +367,7 @@ def frequency_range(
     return float(first), float(last)
 
 
+@arguments_checked
 def unbounded_frequencies(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,

@@ -23,6 +23,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, unknown_name
 from mbdlft.base.unit import Signal
@@ -168,6 +169,7 @@ class Spectrum(NamedTuple):
         return np.where(self.at_zero, 0.0, poles)
 
 
+@arguments_checked
 def poles(system: System, values: Mapping[str, ArrayLike] | None = None) -> NDArray[np.complex128]:
     """Eigenvalues of A at samples of the parameters.
 
@@ -371,6 +373,7 @@ class DampingTable:
         return sample
 
 
+@arguments_checked
 def damping_table(system: System, values: Mapping[str, ArrayLike] | None = None) -> DampingTable:
     """Natural frequency |p|, damping -Re p / |p| and time constant -1 / Re p of each pole p.
 

@@ -19,6 +19,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import middles_of
@@ -72,6 +73,7 @@ class H2Norm:
     reason: tuple[str, ...]
 
 
+@arguments_checked
 def hinf_norm(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,
@@ -109,6 +111,7 @@ def hinf_norm(
     return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
 
 
+@arguments_checked
 def h2_norm(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,

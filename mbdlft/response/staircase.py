@@ -13,6 +13,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import from_rows
@@ -40,6 +41,7 @@ class Plant(NamedTuple):
         return Plant(self.A.T, self.C.T, self.B.T, self.D.T)
 
 
+@arguments_checked
 def zeros(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import is_finite
@@ -37,6 +38,7 @@ class TimeResponse(NamedTuple):
     values: Array
 
 
+@arguments_checked
 def step_response(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,
@@ -69,6 +71,7 @@ def step_response(
     return TimeResponse(t, _moved(system, bordered, start, np.concatenate([C, D], axis=2), t))
 
 
+@arguments_checked
 def impulse_response(
     system: System,
     values: Mapping[str, ArrayLike] | None = None,
@@ -86,6 +89,7 @@ def impulse_response(
     return TimeResponse(t, _moved(system, A, B, C, t))
 
 
+@arguments_checked
 def initial_response(
     system: System,
     state: Mapping[str, float],
@@ -118,6 +122,7 @@ def initial_response(
     return TimeResponse(t, _moved(system, A, start, C[:, rows], t)[..., 0])
 
 
+@arguments_checked
 def response_times(system: System, values: Mapping[str, ArrayLike] | None = None) -> Array:
     """Times (T,), s, from 0 until the slowest mode of all samples has decayed, or 12 of its periods.
 

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError, naming
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
@@ -94,6 +95,7 @@ def by_damping(poles: NDArray[Any]) -> NDArray[np.int64]:
     return np.argsort(-UNDAMPED.value(poles), kind="stable")
 
 
+@arguments_checked
 def pole_gradients(system: System, values: Mapping[str, float] | None = None) -> Moving:
     """Poles at one point, and their derivatives by the normalized parameters.
 

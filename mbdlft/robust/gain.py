@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.running import one_thread
@@ -38,6 +39,7 @@ _SHARE = 0.5  # of the work that is left, for one level
 _ZERO = 1e-300  # a gain that is proved to be smaller is not looked at any more
 
 
+@arguments_checked
 def worst_case_gain(
     system: System,
     inputs: Any = slice(None),
@@ -89,6 +91,7 @@ def worst_case_gain(
         return moving_gain(asked, model, moving, constant)
 
 
+@arguments_checked
 def robust_performance(
     system: System,
     inputs: Any = slice(None),

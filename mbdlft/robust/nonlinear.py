@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter
@@ -78,6 +79,7 @@ class SafeRegion:
         return dict(zip(self.states, largest.tolist(), strict=True))
 
 
+@arguments_checked
 def safe_region(system: System, bounds: Bounds, ranges: Mapping[str, tuple[float, float]]) -> SafeRegion:
     """States from which outputs stay in their ranges, for all motions of the parameters in the box.
 
@@ -169,6 +171,7 @@ class _Gain(NamedTuple):
     omega: str
 
 
+@arguments_checked
 def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Kind = "slope") -> System:
     """The system with gains in the place of nonlinear functions, which move in any way within bounds.
 
@@ -197,11 +200,6 @@ def with_sectors(model: DeltaThetaModel, ranges: Ranges | None = None, *, of: Ki
     WellPosednessError
         The loop through the gains is singular.
     """
-    if not isinstance(model, DeltaThetaModel):
-        raise AnalysisError(
-            f"with_sectors: expected a DeltaThetaModel (delta_theta), got {type(model).__name__}: a "
-            "linear model has no nonlinear functions to bound."
-        )
     known = dict(ranges or {})
     check_known("argument", known, model.omega, "with_sectors", AnalysisError)
     if of not in ("slope", "sector"):

@@ -27,6 +27,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
@@ -272,6 +273,7 @@ def _not_moving(system: System, bounds: evidence.Bounds) -> str:
 _WITH_SIGNALS = (evidence.PERFORMANCE, evidence.GAIN, evidence.DISK)
 
 
+@arguments_checked
 def verify(system: System, bounds: evidence.Bounds) -> str:
     """Check an analysis again: the proof of its claim, and that its worst case reaches its other bound.
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.base.formula import ARITHMETIC
 from mbdlft.exact import interval
@@ -295,6 +296,7 @@ class SectorBounds(NamedTuple):
     values: tuple[float, float]
 
 
+@arguments_checked
 def sector_bounds(
     function: ThetaFunction, low: float | None = None, high: float | None = None, *, boxes: int = _BOXES
 ) -> SectorBounds:
@@ -344,6 +346,7 @@ def sector_bounds(
     )
 
 
+@arguments_checked
 def slope_bounds(
     function: ThetaFunction, ranges: Sequence[tuple[float, float]], *, boxes: int = _BOXES
 ) -> tuple[tuple[float, float], ...]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.parameter import to_physical
@@ -43,6 +44,7 @@ _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
 _PATH = 40  # points of a search for a pole on the axis
 
 
+@arguments_checked
 def robust_stability(
     system: System,
     *,
@@ -220,6 +222,7 @@ class StabilityVerdict:
         return self.proof or self.sentence
 
 
+@arguments_checked
 def check_stability(
     system: System, samples: int = SAMPLES, seed: int = 0, *, prove: float = 0.0
 ) -> StabilityVerdict:

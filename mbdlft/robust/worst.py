@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.running import one_thread
@@ -185,6 +186,7 @@ def worst_poles(asked: search.Asked, model: Realization, kind: str) -> Bounds:
     return search.bounds_at(asked, state, kind, model, (delta, abs(pole.imag)), slope, state.reason)
 
 
+@arguments_checked
 def worst_case(
     system: System,
     what: str | Function,
@@ -247,6 +249,7 @@ def worst_case(
         return _searched(system, realization(system, j, i, leave_out), what, leave_out)
 
 
+@arguments_checked
 def disk_transfer(system: System, inputs: Any = slice(None), outputs: Any = slice(None)) -> System:
     """I/2 - T of the loop that u = r - y closes: one over its H-infinity norm is the disk margin.
 

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.parameter import to_delta
@@ -57,6 +58,7 @@ _ENOUGH = 1.04  # of what no controller passes at nominal (by 1 % at least): no 
 _DECIDES = 0.9  # of the largest value: points below it are idle
 
 
+@arguments_checked
 def tune(
     systems: Sequence[Any],
     goals: Sequence[Goal],

@@ -12,6 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import MbdlftError, StructureError, check_known
 from mbdlft.base.parameter import Parameter
@@ -66,6 +67,7 @@ def _realized(expression: str, parameters: tuple[Parameter, ...]) -> LFT:
     return realize([[expression]], parameters, search=0.0, prove=0.0).lft
 
 
+@arguments_checked
 def designed_scene(scene: Scene, values: Mapping[str, float]) -> Scene:
     """The scene with other nominal values of its parameters; ranges move along.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from mbdlft.archive.analysis import save_analysis
 from mbdlft.archive.archive import save
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import MbdlftError, SceneError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.multibody.scene.toml import Kind, check_keys, check_value, read_file, read_table
@@ -88,6 +89,7 @@ class TuningTask:
     leave_out: pieces.Names = ()
 
 
+@arguments_checked
 def load_tuning(path: str | Path) -> TuningTask:
     """The task of the TOML file at `path`.
 
@@ -99,6 +101,7 @@ def load_tuning(path: str | Path) -> TuningTask:
     return read_file(path, lambda text: read_table(text, _task))
 
 
+@arguments_checked
 def tune_task(task: TuningTask, model: System, **options: Any) -> Tuning:
     """`tune` for a task and its model.
 
@@ -256,6 +259,7 @@ def _transfer(where: str, name: str, entry: Mapping[str, Any]) -> System:
     return rational(name, *lists)
 
 
+@arguments_checked
 def save_tuning(path: str | Path, tuning: Tuning) -> None:
     """Write controllers, loops and proofs into an archive; `mbdlft verify` checks the proofs.
 

@@ -26,7 +26,7 @@ from mbdlft.synthesis.goals import MARGIN, Goal, check_goals
 from mbdlft.synthesis.pieces import FreeValue, TunableSystem
 from mbdlft.system.blocks import TunableGain, tunable
 from mbdlft.system.connection import connect
-from mbdlft.system.conversion import as_system, check_once
+from mbdlft.system.conversion import check_once, operand
 from mbdlft.system.model import System
 
 _FIRST_CORNERS, _FEW = 4, 4  # of a part of the box; fewer scheduled parameters have a grid of points
@@ -82,7 +82,7 @@ def network(
     are gone.
     """
     check_goals(goals)
-    made = [_parts_of(item) for item in systems]
+    made = [_parts_of(item, f"tune: systems[{k}]") for k, item in enumerate(systems)]
     parts, opened = [part for part, _ in made], [gap for _, gaps in made for gap in gaps]
     if not opened:
         raise StructureError(
@@ -125,14 +125,14 @@ def network(
     )
 
 
-def _parts_of(item: Any) -> tuple[System, list[_Opened]]:
+def _parts_of(item: Any, what: str) -> tuple[System, list[_Opened]]:
     """A system, or the frame of a controller, without the gains that are to be chosen."""
     if isinstance(item, TunableSystem):
         nq, nv = item.base.shape
         q = [f"{item.name}.{s.name}" for s in item.frame.inputs[-nq:]]
         v = [f"{item.name}.{s.name}" for s in item.frame.outputs[-nv:]]
         return item.frame, [_Opened(q, v, item.base, item.moves, item.free)]
-    system, opened = _plain(as_system(item)), []
+    system, opened = _plain(operand(item, what)), []
     check_plain(system.lft, f"tune: {system.name!r}")
     if any(p.role == "design" for p in system.parameters):
         system, gains = (made := tunable(system)).plant, made.gains

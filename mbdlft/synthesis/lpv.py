@@ -25,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.running import one_thread
@@ -81,6 +82,7 @@ class ScheduledSynthesis:
     tuning: Tuning
 
 
+@arguments_checked
 def lpv_synthesis(
     systems: Sequence[Any],
     goals: Sequence[Goal],

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.parameter import Parameter
@@ -272,6 +273,7 @@ def tunable_transfer(
     return _made(name, named, (2, n + 1), free, {}, (initial, ranges, scale))
 
 
+@arguments_checked
 def scheduled(
     controller: TunableSystem, parameters: Sequence[Parameter], functions: Sequence[str] = ()
 ) -> TunableSystem:

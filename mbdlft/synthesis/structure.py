@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.unit import Signal
@@ -52,6 +53,7 @@ def system_of(
     return System(name, lft, x, u, y, parameters)
 
 
+@arguments_checked
 def tunable_system(controller: System) -> TunableSystem:
     """A controller with all entries of its matrices free, its order and repetitions kept.
 
@@ -100,6 +102,7 @@ def tunable_system(controller: System) -> TunableSystem:
     return TunableSystem(controller.name, inner, np.zeros((nq, nv)), moves, free)
 
 
+@arguments_checked
 def reduced_structure(
     systems: Sequence[Any],
     goals: Sequence[Goal],
@@ -195,6 +198,7 @@ def _root(gramian: Array) -> Array:
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
+@arguments_checked
 def fitted_values(structure: TunableSystem, controller: System) -> dict[str, float]:
     """Values with which a structure is near a controller with the same states, over the box.
 

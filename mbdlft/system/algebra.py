@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import StructureError
+from mbdlft.base.errors import StructureError, naming
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT
-from mbdlft.system.conversion import ControlSystem, as_system, positions_of
+from mbdlft.system.conversion import ControlSystem, as_system, operand, positions_of
 from mbdlft.system.evidence import Operation, composed, linked
 from mbdlft.system.model import System
 from mbdlft.system.wiring import plain_wiring
@@ -50,8 +50,9 @@ def chain(items: Sequence[Any]) -> System:
         before = systems[k - 1].outputs if k and isinstance(systems[k - 1], System) else None
         after = k + 1 < len(systems) and isinstance(systems[k + 1], System) and systems[k + 1].inputs
         if not isinstance(systems[k], System):
-            systems[k] = _beside(systems[k], before, after or None)
-    systems = [system if isinstance(system, System) else as_system(system) for system in systems]
+            with naming(f"series: part {k + 1}", StructureError):
+                systems[k] = _beside(systems[k], before, after or None)
+    systems = [as_system(system) for system in systems]
     u, y, rows, columns = len(systems[0].inputs), 0, list[int](), list[int]()
     for first, second in pairwise(systems):
         n = len(second.inputs)
@@ -106,7 +107,7 @@ def append(*items: Any) -> System:
     """
     if not items:
         raise StructureError("append: expected one system or more.")
-    systems = [as_system(item) for item in items]
+    systems = [operand(item, f"append: items[{k}]") for k, item in enumerate(items)]
     nu, ny = (sum(len(getattr(system, key)) for system in systems) for key in ("inputs", "outputs"))
     return linked(systems, ((), ()), range(nu), range(ny), Operation("append"))
 
@@ -145,9 +146,11 @@ def feedback(plant: Any, controller: Any = 1.0, sign: int = -1) -> System:
     p = plant if isinstance(plant, System) else None
     k = controller if isinstance(controller, System) else None
     if p is None:
-        p = _beside(plant, k.outputs if k else None, k.inputs if k else None)
+        with naming("feedback: plant", StructureError):
+            p = _beside(plant, k.outputs if k else None, k.inputs if k else None)
     if k is None:
-        k = _beside(controller, p.outputs, p.inputs)
+        with naming("feedback: controller", StructureError):
+            k = _beside(controller, p.outputs, p.inputs)
     read, driven = _loop_positions(p, k)
     nu, ny = len(p.inputs), len(p.outputs)
     links = ([*driven, *range(nu, nu + len(read))], [*range(ny, ny + len(driven)), *read])
@@ -194,7 +197,7 @@ def lft(upper: Any, lower: Any, outputs: Sequence[str] | int | None = None, inpu
     WellPosednessError
         The loop is singular at nominal or in the range.
     """
-    p, k = as_system(upper), as_system(lower)
+    p, k = operand(upper, "lft: upper"), operand(lower, "lft: lower")
     read = _closed(p, "outputs", outputs, k, "inputs")
     driven = _closed(p, "inputs", inputs, k, "outputs")
     nu, ny, n, m = len(p.inputs), len(p.outputs), len(read), len(driven)

@@ -18,6 +18,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import StructureError, check_known
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
 from mbdlft.base.unit import Signal
@@ -150,6 +151,7 @@ class TunablePlant(Generic[S]):
     gains: tuple[TunableGain, ...]
 
 
+@arguments_checked
 def tunable(model: S, names: Sequence[str] | None = None) -> TunablePlant[S]:
     """The plant with parameters taken out as gains to be tuned: w_k = delta_k z_k.
 

@@ -18,15 +18,17 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from mbdlft.base.errors import StructureError, WellPosednessError, check_known, naming, unknown_name
+from mbdlft.base.arguments import arguments_checked
+from mbdlft.base.errors import StructureError, WellPosednessError, check_known, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.system.algebra import chain
-from mbdlft.system.conversion import as_system, check_once
+from mbdlft.system.conversion import as_system, check_once, operand
 from mbdlft.system.evidence import Operation, check_exact, composed, linked
 from mbdlft.system.model import System
 from mbdlft.system.wiring import Wiring, plain_wiring
 
 
+@arguments_checked
 def connect(
     systems: Sequence[Any],
     connections: Sequence[Sequence[str]] | Mapping[str, str | Sequence[str]] | None = None,
@@ -63,7 +65,7 @@ def connect(
     WellPosednessError
         A loop is singular at nominal or in the range.
     """
-    members = [as_system(system) for system in systems]
+    members = [operand(system, f"connect: systems[{k}]") for k, system in enumerate(systems)]
     if not members:
         raise StructureError("connect: expected one system or more.")
     for asked, what in ((inputs, "inputs"), (outputs, "outputs")):
@@ -217,16 +219,14 @@ def series(model: Any, channels: Any, *blocks: Any, side: str | None = None) -> 
         raise StructureError(
             f"series: expected one block for the channels {channels!r}, got {len(blocks)}."
         )
-    return _at_channels(
-        as_system(model), (channels,) if isinstance(channels, str) else channels, blocks[0], side
-    )
+    names = (channels,) if isinstance(channels, str) else channels
+    return _at_channels(operand(model, "series: model"), names, blocks[0], side)
 
 
 def _at_channels(model: System, names: Sequence[str], item: Any, side: str | None) -> System:
     check_exact(model, "series")
     at_inputs = _side(model, names, side)
-    with naming(f"model {model.name!r}, series, block", StructureError):
-        block = as_system(item)
+    block = operand(item, f"model {model.name!r}, series, block")
     check_exact(block, "series")
     what, connected = ("outputs", block.outputs) if at_inputs else ("inputs", block.inputs)
     if len(connected) != len(names):
@@ -287,6 +287,7 @@ def _side(model: System, names: Sequence[str], side: str | None) -> bool:
 S = TypeVar("S", bound=System)
 
 
+@arguments_checked
 def invert_channels(model: S, channels: Sequence[str]) -> S:
     """The model with the inputs and outputs of some channels exchanged: u_i = G_ii^-1 (y_i - G_io u_o).
 

@@ -6,8 +6,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from mbdlft.base.arguments import advice, said
 from mbdlft.base.array import ArrayLike
-from mbdlft.base.errors import StructureError, unknown_name
+from mbdlft.base.errors import StructureError, naming, unknown_name
 from mbdlft.base.unit import Signal
 from mbdlft.lft.lft import LFT, constant, matrix_of
 from mbdlft.system.model import Parameters, System
@@ -57,6 +58,12 @@ def as_system(
     names = {"inputs": inputs, "outputs": outputs, "states": states}
     signals = {key: _named(made, key, given) for key, given in names.items()}
     return replace(made, name=made.name if name is None else name, **signals)  # type: ignore[arg-type]
+
+
+def operand(item: Any, what: str) -> System:
+    """The system of an argument; errors begin with its name."""
+    with naming(what, StructureError):
+        return as_system(item)
 
 
 def state_space(
@@ -130,7 +137,7 @@ def _converted(item: Any) -> System:
     except (TypeError, ValueError):
         raise StructureError(
             "expected a System, an LFTModel, a continuous python-control system, a number or a matrix, "
-            f"got {type(item).__name__}."
+            f"got {said(item)}.{advice([System], item)}"
         ) from None
     if not np.all(np.isfinite(matrix)):
         raise StructureError(f"a gain needs finite numbers, got {matrix.tolist()}.")

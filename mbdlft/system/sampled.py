@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, WellPosednessError, check_known
 from mbdlft.base.parameter import Parameter, to_delta, to_physical
@@ -67,6 +68,7 @@ def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:
     return points
 
 
+@arguments_checked
 def matrices_at(model: System, values: Mapping[str, ArrayLike]) -> StateMatrices:
     """State matrices at physical values by name.
 
@@ -113,6 +115,7 @@ def value_at(model: System, lft: LFT, values: Mapping[str, ArrayLike]) -> Array:
     return sampling.evaluate(lft, {**named, **others})
 
 
+@arguments_checked
 def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     """Trimmed quantities at physical values by name, from their static LFT.
 
@@ -126,8 +129,6 @@ def trim_at(model: LFTModel, values: Mapping[str, ArrayLike]) -> Array:
     -------
     array (n_t,), or (N, n_t) if any value is an array, in the units of `model.trim.signals`
     """
-    if not isinstance(model, LFTModel):
-        raise StructureError(f"model {model.name!r} is a system without evidence, and has no trim.")
     if model.trim.lft is None:
         raise StructureError(f"model {model.name!r} was stored without the LFT of its trim.")
     return value_at(model, model.trim.lft, values)[..., 0]
@@ -284,6 +285,7 @@ def value_by_program(
     return None if by_program is None or needs_digits(lft, points, by_program) else by_program
 
 
+@arguments_checked
 def computed_by(model: System, count: int) -> str:
     """How `matrices_at` computes `count` samples of a model.
 

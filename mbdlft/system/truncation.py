@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.lft.box_gain import gain_bound
@@ -47,6 +48,7 @@ class _Step(NamedTuple):
     error: float
 
 
+@arguments_checked
 def truncate(model: LFTModel, tolerance: float) -> LFTModel:
     """A smaller model whose matrices differ from the exact ones by a guaranteed bound at most.
 
@@ -79,11 +81,6 @@ def truncate(model: LFTModel, tolerance: float) -> LFTModel:
         The model is singular at a point of its range.
     """
     where = f"model {model.name!r}"
-    if not isinstance(model, LFTModel):
-        raise StructureError(
-            f"{where}: it is a system without evidence, and a guaranteed error is that of a certified "
-            "model. to_lft or realize make one."
-        )
     fitted = model.certificate.fit_error_bound > 0.0 and model.certificate.truncation_error == 0.0
     if not (model.certificate.exact or fitted):
         raise StructureError(

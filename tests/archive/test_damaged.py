@@ -150,12 +150,9 @@ lambda file: save(file, models.arm(), "a\ud800") => 'a\ud800' cannot name a mode
 lambda file: save(file, replace(models.arm(), description="a\0b")) => .h5:
 # Models and places that cannot be written.
 > save({}) => ArchiveError:
-tmp_path / "arm.h5", "scene" => arm.h5: expected an LFTModel or a System, got str. to_lft(scene)
 tmp_path / "none" / "arm.h5", models.arm()
     => arm.h5: cannot be written: No such file or directory. The old file, if there was one, is unchanged.
 tmp_path, models.arm() => : cannot be read: Is a directory.
-models.arm(), tmp_path / "arm.h5"
-    => save: expected a file first, and then the model: save(path, two_link_arm).
 > damaged({}) => ArchiveError: model 'two_link_arm' …
 attributes("certificate", exact=np.bool_(False), truncation_error=None)
     => is not whole: … 'truncation_error'

@@ -150,8 +150,6 @@ def test_what_is_made_of_a_model_has_no_program() -> None:
             values = mbdlft.random(one.parameters, COUNT)
             roundoff(matrix_of(mbdlft.matrices_at(one, values)), dense(one, values), kappa=100.0)
     assert replace(model, name="other").known_program is model.program
-    with says(StructureError, "with_program: expected an LFTModel, got Scene"):
-        mbdlft.with_program(cart())  # type: ignore[arg-type]
 
 
 def test_other_values_than_the_scene(monkeypatch: pytest.MonkeyPatch) -> None:

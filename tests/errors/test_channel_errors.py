@@ -29,8 +29,7 @@ def truncated():
 test_messages = refused(
     r"""
 > {} => StructureError:
-two_port(Ground(ports={})) => SceneError: expected a body other than the ground, got the kind
-two_port("b") => SceneError: two_port: expected a body other than the ground, got str.
+two_port(Ground(ports={})) => SceneError: expected a body other than the ground, got 'ground'.
 two_port(BEAM, children="tip") => SceneError: children: expected a list of ports, got 'tip'.
 two_port(BEAM, children=["tp"])
     => SceneError: two_port of body 'b': unknown port 'tp'. Did you mean 'tip'? Existing: origin, tip.
@@ -71,7 +70,7 @@ series(STATIC, ["a", "b"], low_pass(1.0), side="inputs")
 series(CART, "y0", imbalance(1.0, 0.0, 2.0)) => series: the block has 2 inputs for the 1 channels y0.
 series(CART, "u0", {"gain": 1.0})
     => block: expected a System, an LFTModel, a continuous python-control system, a number or a matrix,
-        got dict.
+        got a dict.
 series(CART, "u0", control.ss([[0.5]], [[1]], [[1]], [[0]], 0.1))
     => expected continuous time (dt = 0), got dt = 0.1.
 series(CART, "u0", low_pass(1.0, "k", [Parameter("k", 3.0, percent=5)]))

@@ -185,7 +185,6 @@ linearize_dae(bad("x=0.7", rate="der(x) - q + x*x", parameters=(Parameter("q", 1
 trim(reduce_index(bad("x v", turning="der(x) - v", pulled="der(v) - 1 + v + sin(x)")), {"v": 0.5},
     moving=["x"])
     => cannot move in an equilibrium: equation 'pulled' changes
-trim(bad("x", one="der(x) - 1 + x**3")) => SceneError: trim: expected a Structure,  … got Dae
 > formula_value({}, {"a": 1.0}) => SceneError:
 "__import__('os')" => is not allowed
 # the number of arguments is that of the function, and numbers are doubles

@@ -39,7 +39,6 @@ def exported(tmp_path: Path) -> Callable[..., None]:
 test_messages = refused(
     r"""
 > {} => StructureError:
-export_model(tmp_path / "a.c", "arm") => expected an LFTModel, a System or a DeltaThetaModel, got str
 export_model(tmp_path / 'a.mat', replace(one('tan_half_theta'), lft=one('tan_half_theta').lft +
     delta('theta'), parameters=(one('tan_half_theta').parameters[0], mbdlft.Angle('theta', 10.0, 0.0,
     20.0))))

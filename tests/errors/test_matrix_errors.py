@@ -94,7 +94,6 @@ X * ca.SX.sym("a"), [A, B] => two symbols are named 'a'
 ca.vertcat(X, ca.SX(1) / 0), [A, B] => the constant inf is not a finite number
 ca.SX(0, 2), [A] => the matrix is empty
 X, [A], expressions={} => expressions belong to rows of texts
-X, {"a"|["a"]|A|None} => parameters: expected a list of parameters, got
 > realize(X, [A], symbols={}, search=0.0) => SceneError: matrix 'matrix': symbols: expected SX symbols by
     the names of parameters
 [X]

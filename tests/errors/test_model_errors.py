@@ -87,8 +87,6 @@ grid(MASSES, {"mas": 2}) => grid: unknown parameter 'mas'. Did you mean 'mass'?
 grid(MASSES, {"mass": 0}) => grid: counts must be whole numbers of at least 1, got {'mass': 0}.
 grid(MASSES, {"mass": 2.5}) => grid: counts must be whole numbers of at least 1, got {'mass': 2.5}.
 random(MASSES, -3) => random: expected a number of points such as 1000, got -3.
-random(7, 3) => random: expected parameters, such as model.parameters, got int.
-corners("mass") => corners: expected parameters, such as model.parameters, got str.
 grid(MASSES, {"mass": 10**4, "load": 10**4})
     => grid: 1e+08 points are more than 4194304; use random points.
 corners([Parameter(f"p{k}", 1, percent=10) for k in range(23)])

@@ -46,8 +46,6 @@ test_messages = refused(
 mbdlft.sweep(cart('m', [Parameter('k', 1.0, percent=5), Parameter('m', 1.0, percent=50)]), {'m': [1.0,
     1.1], 'k': [1.0] * 3}, tmp_path / 'a.h5')
     => numbers or arrays of one length, got shapes [(2,), (3,)]
-mbdlft.sweep("scene.toml", {}, tmp_path / "a.h5")
-    => SceneError: sweep: expected a Scene or an LFTModel, got str
 mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=0) => sweep: expected at least 1 worker, got 0
 > swept({}) => AnalysisError:
 {"M": 1.0} => sweep, samples: unknown parameter 'M' … m

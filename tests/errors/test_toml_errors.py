@@ -72,7 +72,6 @@ L1, L1.replace('"m"', "3") => line 10: … constant 'L1': unit: expected a text,
 tmp_path => : cannot be read:  … directory
 file_of(b"\x89HDF\r\n") => arm.toml: it is an archive (HDF5), not a text. mbdlft.load(path) reads its
 "motor_drive.mo" => motor_drive.mo: it is a Modelica model … load_modelica
-3 => expected the path of a file, got int.
 file_of('name = "Käfer"'.encode("latin-1")) => arm.toml: cannot be read:  … utf-8
 file_of(changed("[bodies.link2]", "[bodies.link2").encode()) =~ ^/.*arm.toml: not valid TOML:
 file_of(changed("scene/1", "scene/2").encode()) =~ ^/.*arm.toml: format: expected

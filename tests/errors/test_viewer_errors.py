@@ -36,9 +36,7 @@ _modes("pendulum", np.array([[0.0, 1.0], [np.inf, 0.0]]), [0])
     => WellPosednessError: 'pendulum': an entry of the linear model is not
 _filled({"name": "far", "size": float("nan")}, "", "") => 'far': a number of the page is not finite
 mbdlft.view(pendulum(), [1.0]) => TrimError: view: expected values by name, such as {'L': 1.0}, got
-mbdlft.view("pendulum.toml") => expected a Scene, got str. load_scene
 mbdlft.show.scene_of(mbdlft.realize([[1.0]])) => was not made of one scene alone
-mbdlft.show.scene_of(1.0) => a float has no scene
 mbdlft.view(pendulum()).save(tmp_path) => cannot be written: Is a directory
 _scene(tmp_path / "{a.toml|a.urdf}", None) => {0}: cannot be read
 _scene(tmp_path / "a.h5", None) => ArchiveError: a.h5: cannot be read

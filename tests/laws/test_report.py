@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.base.errors import AnalysisError, MbdlftError
+from mbdlft.base.errors import MbdlftError
 from mbdlft.multibody import scene_from_toml, scene_schema, scene_to_toml
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
@@ -239,11 +239,6 @@ def test_texts_are_not_markup() -> None:
     html = model_report(replace(model, description=evil)).html
     assert evil not in html
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in html
-
-
-def test_what_has_no_report() -> None:
-    with pytest.raises(AnalysisError, match="expected an LFTModel or a System, got str"):
-        model_report("arm.h5")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["four_bar", "solar_arrays", "gimbal", "mast_observatory"])

@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import AXES, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
@@ -129,6 +130,7 @@ class Assembly:
         return True
 
 
+@arguments_checked
 def assemble(scene: Scene) -> Equations:
     """Equations of motion of a scene: x = [displacements, rates] of the joints, u = efforts and loads.
 

@@ -35,6 +35,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import Expected, Many, Name, Quantity, Text, Values
 from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Freedom
@@ -428,6 +429,7 @@ class FrequencyErrors(NamedTuple):
     errors: NDArray[np.float64]
 
 
+@arguments_checked
 def frequency_errors(beam: Beam, count: int = 4) -> tuple[FrequencyErrors, ...]:
     """Relative errors of the `count` lowest frequencies of each deformation, or of as many as it has.
 

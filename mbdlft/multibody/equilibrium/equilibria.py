@@ -6,6 +6,7 @@ from typing import Literal, overload
 
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
 from mbdlft.multibody.equilibrium import newton
@@ -78,6 +79,7 @@ def find_equilibrium(
     *,
     every: Literal[True],
 ) -> tuple[EquilibriumPoint, ...]: ...
+@arguments_checked
 def find_equilibrium(
     scene: Scene,
     values: Mapping[str, float] | None = None,

@@ -11,6 +11,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.description import Quantity
 from mbdlft.base.errors import TrimError, check_known
@@ -30,6 +31,7 @@ from mbdlft.multibody.scene.quantities import has_unit
 from mbdlft.problem.linearization import relinearize
 
 
+@arguments_checked
 def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     """Write the positions of an equilibrium into its scene, as numbers.
 
@@ -85,6 +87,7 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
     return scene.model_copy(update={**update, "parameters": parameters})
 
 
+@arguments_checked
 def eigenvalues_at(scene: Scene, point: EquilibriumPoint) -> Array:
     """Eigenvalues (n_x,) of the linear model at an equilibrium (rad/s), the largest real part first.
 
@@ -232,6 +235,7 @@ _NAME = re.compile(r"(?<![\w.])[^\W\d]\w*")
 _TANGENT = 1e3  # range of the tangents while they are symbols; nothing depends on it
 
 
+@arguments_checked
 def fit_positions(scene: Scene, joints: Sequence[str], tolerance: float) -> Scene:
     """The scene with positions that follow its equilibrium as rational functions of the parameters.
 

@@ -15,6 +15,7 @@ from typing import Any, TypeVar, cast
 
 import tomli_w
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import Description
 from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
 from mbdlft.base.parameter import ROLES, SUBSTITUTIONS, Angle, Parameter
@@ -51,6 +52,7 @@ _ITEMS: dict[str, tuple[str, Mapping[str, type[Description]]]] = {
 _PARAMETER_KEYS = tuple(name for name in inspect.signature(Parameter).parameters if name != "name")
 
 
+@arguments_checked
 def load_scene(path: str | Path) -> Scene:
     """Read the scene of the TOML file at `path`."""
     if str(path).endswith((".mo", ".mof")):
@@ -66,6 +68,7 @@ def scene_from_toml(text: str) -> Scene:
     return read_table(text, _scene)
 
 
+@arguments_checked
 def scene_to_toml(scene: Scene) -> str:
     """Write a scene as TOML; `scene_from_toml` of this text is an equal scene."""
     table: dict[str, Any] = {"format": FORMAT, "name": scene.name}
@@ -111,8 +114,6 @@ _LONG_KEY = re.compile(rf"^[ \t\[]*(?:[\w-]+[ \t]*\.[ \t]*){{{_MOST_PARTS}}}", r
 
 def read_file(path: str | Path, read: Callable[[str], T]) -> T:
     """The result of `read` for the text of a file; errors of `read` are raised with the file's name."""
-    if not isinstance(path, str | Path):
-        raise SceneError(f"expected the path of a file, got {type(path).__name__}.")
     file = Path(path)
     content = content_of(file, SceneError)
     if content.startswith(b"\x89HDF"):

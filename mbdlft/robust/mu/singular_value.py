@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.running import one_thread
@@ -58,6 +59,7 @@ class StructuredSingularValue:
     G: Complex
 
 
+@arguments_checked
 def structured_singular_value(
     system: System, frequencies: ArrayLike, *, fixed: Sequence[str] = ()
 ) -> StructuredSingularValue:
@@ -159,6 +161,7 @@ class MuBands(NamedTuple):
     lower: Array
 
 
+@arguments_checked
 def mu_bands(
     system: System, low: float, high: float, *, gap: float = 0.05, leave_out: Sequence[str] = ()
 ) -> MuBands:

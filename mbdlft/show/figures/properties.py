@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import grid, random
@@ -52,6 +53,7 @@ _IS_LOWER = ("smallest damping", "smallest disk margin")  # what is proved is th
 _DECADES = 1.5  # beyond the poles
 
 
+@arguments_checked
 def save_pole_map(
     path: str | Path,
     model: System,
@@ -115,6 +117,7 @@ def _frame(axes: Axes, drawn: NDArray[np.complex128]) -> None:
     axes.axhline(0.0, color="black", linewidth=0.4)
 
 
+@arguments_checked
 def save_growth(
     path: str | Path,
     model: System,
@@ -201,6 +204,7 @@ def _finite(values: Sequence[float] | Array) -> Array:
     return np.where(np.isfinite(values), values, np.nan)
 
 
+@arguments_checked
 def save_mu(
     path: str | Path,
     model: System,
@@ -259,6 +263,7 @@ _MOST = 12  # signals that one figure has room for
 _STILL = 1e-9  # of the largest of its unit: what changes less is called constant
 
 
+@arguments_checked
 def save_orders(path: str | Path, model: System) -> None:
     """Draw how often each parameter is repeated, beside what is proved of that.
 
@@ -315,6 +320,7 @@ class TrimCurves(NamedTuple):
     high: Array
 
 
+@arguments_checked
 def save_trims(path: str | Path, model: System, parameter: str | None = None, seed: int = 0) -> None:
     """Draw the efforts and loads that hold the equilibrium over one parameter.
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.unit import Signal
@@ -98,6 +99,7 @@ def _responses(
     return _Responses(values, count, omega, samples, at_nominal, nominal, at_worst, of_worst)
 
 
+@arguments_checked
 def save_bode(
     path: str | Path,
     model: System,
@@ -154,6 +156,7 @@ def _phase(values: Complex) -> Array:
     return np.where(jumps, np.nan, phases)
 
 
+@arguments_checked
 def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any) -> None:
     """Draw each channel as a curve of its complex values, the nominal model over random samples.
 
@@ -167,6 +170,7 @@ def save_nyquist(path: str | Path, model: System, seed: int = 0, **options: Any)
     _save_channels(path, model, seed, _nyquist, "real part", **options)
 
 
+@arguments_checked
 def save_nichols(path: str | Path, model: System, seed: int = 0, **options: Any) -> None:
     """Draw size over phase of each channel, the nominal model over random samples.
 
@@ -263,6 +267,7 @@ def _unwrapped(curve: Complex) -> Array:
     return phases
 
 
+@arguments_checked
 def save_singular_values(
     path: str | Path,
     model: System,
@@ -341,6 +346,7 @@ def _draw_worst(
     axes.plot(omega, values, color=WORST, linewidth=1.0, label=label)
 
 
+@arguments_checked
 def save_step(
     path: str | Path,
     model: System,
@@ -390,6 +396,7 @@ def save_step(
     write_figure(channels.figure, path)
 
 
+@arguments_checked
 def save_motions(
     path: str | Path, name: str, times: Array, outputs: Sequence[Signal], runs: Mapping[str, Array]
 ) -> None:

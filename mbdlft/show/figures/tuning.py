@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError
 from mbdlft.base.samples import grid
@@ -28,6 +29,7 @@ Reached: TypeAlias = Any  # of `mbdlft.synthesis`, a room beside this one
 Tuning: TypeAlias = Any
 
 
+@arguments_checked
 def save_tuning_figure(path: str | Path, tuning: Tuning, *, seed: int = 0) -> None:
     """Draw what `tune` came to, at the nominal point and at the worst ones that it was tuned on.
 

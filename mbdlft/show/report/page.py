@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from mbdlft.archive.analysis import analysis_names, load_analysis
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.robust.evidence import GAIN, Bounds
 from mbdlft.show.figures.properties import save_pole_map
@@ -31,6 +32,7 @@ _VIEWS = (
 )
 
 
+@arguments_checked
 def model_report(model: System, archive: str | Path | None = None) -> Page:
     """The report of a model: what it is, what is proved of it, equilibrium, poles, responses.
 
@@ -45,11 +47,6 @@ def model_report(model: System, archive: str | Path | None = None) -> Page:
     Page
         ``model_report(model).save("report.html")`` writes it; a notebook shows it.
     """
-    if not isinstance(model, System):
-        raise AnalysisError(
-            f"report: expected an LFTModel or a System, got {type(model).__name__}. to_lft(scene) makes "
-            "one of a scene."
-        )
     trim, points = content.trim_rows(model)
     stability = content.stability_sentences(model)
     analyses = _analyses(model, archive)

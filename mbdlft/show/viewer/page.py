@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mbdlft.archive.archive import put, target_of
+from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import ArchiveError, MbdlftError, SceneError
 from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.scene.toml import scene_from_toml
@@ -67,6 +68,7 @@ class Page:
         return f"Page({self.name!r}, {len(self.html) / 1e6:.1f} MB)"
 
 
+@arguments_checked
 def view(
     scene: Scene,
     values: Mapping[str, float] | None = None,
@@ -101,11 +103,6 @@ def view(
     Page
         It is shown by a notebook; ``view(scene).save("scene.html")`` writes a file.
     """
-    if not isinstance(scene, Scene):
-        raise SceneError(
-            f"view: expected a Scene, got {type(scene).__name__}. load_scene, load_robot and "
-            "scene_from_toml make one; scene_of(model) is that of a model."
-        )
     if response not in (None, "step"):
         raise SceneError(f"view, response: expected 'step', got {response!r}.")
     library, version = _library()
@@ -189,12 +186,11 @@ def three_of(bundle: str) -> str:
     return f"{bundled[1]}{','.join(kept.values())}{bundled[3]}{three[0]}{bundled[5]}"
 
 
-def scene_of(model: object) -> Scene:
+@arguments_checked
+def scene_of(model: System) -> Scene:
     """The scene that a model was made of, from the text in its provenance."""
-    if not isinstance(model, LFTModel):
-        raise SceneError(f"view: a {type(model).__name__} has no scene; a model of a scene has one.")
     try:
-        return scene_from_toml(model.provenance.scene)
+        return scene_from_toml(model.provenance.scene if isinstance(model, LFTModel) else "")
     except MbdlftError as error:
         raise SceneError(
             f"view: the model {model.name!r} was not made of one scene alone, so there is nothing to "
