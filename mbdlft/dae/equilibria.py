@@ -4,6 +4,7 @@ All rates are zero. The equations are solved block after block: a block that is 
 an exact solution, rational in the parameters; a nonlinear one has numbers if the parameters cancel.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,14 +15,26 @@ import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, TrimError, check_known
+from mbdlft.base.samples import check_points
 from mbdlft.dae import balance
 from mbdlft.dae.index import independent
 from mbdlft.dae.kinks import near_points
 from mbdlft.dae.newton import Found, System, divided, solve, values_of
-from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of, written_rates
+from mbdlft.dae.structure import (
+    Quantity,
+    Structure,
+    in_symbols,
+    parameter_points,
+    start_of,
+    written_rates,
+)
 from mbdlft.dae.text import column_of
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles, literal
+from mbdlft.system.model import OUTSIDE
+from mbdlft.system.sampled import at_values
+
+_SEED = 20261129  # of the points at which equilibria are in their ranges
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +96,8 @@ def trim(
     Raises
     ------
     TrimError
-        There is no equilibrium, or too much is given; a fit does not meet its tolerance.
+        There is no equilibrium, or too much is given; a fit does not meet its tolerance. A variable is
+        outside its minimum and maximum, at nominal or at other values of the parameters.
     NotRationalError
         The equilibrium is not rational in the parameters; the message says what can be done.
     """
@@ -139,10 +153,30 @@ def _solved(
     missed = System(s.residual, s.symbols, s.dae.p).residual(numbers, p)
     if not np.all(np.isfinite(missed)):  # such as log(x) at zero, where any number is near a solution
         raise balance.no_solution(s, posed, Found(numbers, np.abs(missed)), fixed)
+    _check_ranges(s, values)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
         nominal[alias.name] = float(alias.factor) * (nominal[alias.of] if alias.of else 1.0)
     return DaeTrim(s, values, nominal, (), fixed, fits.slopes, fits.bound)
+
+
+def _check_ranges(s: Structure, values: Mapping[str, ca.SX]) -> None:
+    """Raise a TrimError for the first variable outside its minimum and maximum at some parameters."""
+    ranged = {q.name: q.variable for q in s.quantities if not q.order}
+    ranged = {name: v for name, v in ranged.items() if v.minimum > -math.inf or v.maximum < math.inf}
+    points = check_points(s.dae.parameters, _SEED)
+    function = ca.Function("values", [s.dae.p], [in_doubles(column_of(values[name] for name in ranged))])
+    for physical, p in zip(points, in_symbols(s.dae, points), strict=True):
+        for (name, v), value in zip(ranged.items(), np.ravel(function(p).full()), strict=True):
+            width, ends = v.maximum - v.minimum, (abs(v.minimum), abs(v.maximum))
+            room = OUTSIDE * (width if math.isfinite(width) else max(v.nominal, min(ends)))
+            if not v.minimum - room <= value <= v.maximum + room:
+                at = at_values(s.dae.parameters, physical)
+                raise TrimError(
+                    f"{s.owner}: {name} = {value:g} is outside its range [{v.minimum:g}, "
+                    f"{v.maximum:g}] {v.unit}{' at ' * bool(at)}{at}. Give other values or start values, "
+                    f"narrow the ranges of the parameters, or widen that of {name}."
+                )
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:

@@ -12,6 +12,7 @@ import numpy as np
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, SceneError, check_known
+from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.index import blocks_of
@@ -24,7 +25,7 @@ from mbdlft.multibody.scene import Scene
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import in_doubles
 from mbdlft.system.conversion import operand
-from mbdlft.system.model import LFTModel
+from mbdlft.system.model import OUTSIDE, LFTModel
 from mbdlft.system.model import System as LinearSystem
 from mbdlft.system.sampled import matrices_at
 from mbdlft.system.theta import ONE, DeltaThetaModel, theta_values
@@ -169,10 +170,9 @@ class _Model(NamedTuple):
 
 
 def _structure(s: Structure, asked: _Asked) -> _Model:
-    names = [p.name for p in s.dae.parameters]
-    check_known("parameter", asked.parameters, names, f"{s.owner}, simulate")
-    physical = np.array([float(asked.parameters.get(p.name, p.nominal)) for p in s.dae.parameters])
-    p = in_symbols(s.dae, physical[None])[0] if len(physical) else physical
+    where = f"{s.owner}, simulate"
+    physical = physical_points(s.dae.parameters, asked.parameters, where, SceneError, slack=OUTSIDE)
+    p = in_symbols(s.dae, physical)[0]
     inputs = _held(s.owner, [Signal(q.name, q.unit) for q in s.inputs], asked)
     at, n = consistent_point(s, p), s.unknown.numel()
     states = tuple(q.name for q in s.states)

@@ -47,6 +47,15 @@ def declared(**fields: object) -> Dae:
     return d.dae()
 
 
+def within(low: float, high: float) -> Dae:
+    """x follows the parameter p, from 1.8 to 2.2, and has a range."""
+    d = DaeDraft("bad")
+    x = d.variable("x", start=2.0, minimum=low, maximum=high)
+    d.equation(d.der(x), equals=d.parameter(P) - x)
+    d.output("x")
+    return d.dae()
+
+
 P, WIDE = Parameter("p", 2.0, percent=10), Parameter("p", 2.0, percent=30)
 THETA = Angle("theta", 30.0, plus=10.0, unit="deg")
 SINE: dict[str, Any] = {
@@ -182,6 +191,14 @@ linearize_dae(bad("x=0.7", rate="der(x) - sin(theta) + x**3", parameters=(THETA,
     => NotRationalError: 'bad', fit of the equilibrium: it depends on the angle theta
 linearize_dae(bad("x=0.7", rate="der(x) - q + x*x", parameters=(Parameter("q", 1, 0, 2),)), fit=1e-6)
     => 'bad': near q = … the branch folds
+# equilibria and initial points are in the ranges of variables, at all values of the parameters
+linearize_dae(within(2.3, np.inf))
+    => model 'bad': x = 2 is outside its range [2.3, inf] 1 at p = 2. Give other values
+linearize_dae(within(-np.inf, 2.1)) => x = 2.14072 is outside its range [-inf, 2.1] 1 at p = 2.14072.
+linearize_dae(within({0.0|1.8}, {np.inf|2.2 - 1e-11})) => accepted
+start_point(reduce_index(within(0.0, 1.0))) => x = 2 is outside its range [0, 1]
+simulate(within(0.0, 3.0), [0.0, 1.0], parameters={"p": {3.0|np.nan}})
+    => SceneError: model 'bad', simulate: p = … is outside its range [1.8, 2.2]
 trim(reduce_index(bad("x v", turning="der(x) - v", pulled="der(v) - 1 + v + sin(x)")), {"v": 0.5},
     moving=["x"])
     => cannot move in an equilibrium: equation 'pulled' changes
