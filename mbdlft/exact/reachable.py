@@ -211,8 +211,11 @@ def _pivot_rows(Q: Array) -> NDArray[np.int64]:
 
 
 def _in_rows(space: Space, rows: NDArray[np.int64]) -> Space:
-    """The space with the identity in those of some rows that do not depend on those before them."""
-    order = np.append(rows, np.setdiff1d(np.arange(space.size), rows))
+    """The space with the identity in those of some rows that do not depend on those before them.
+
+    Doubles chose the rows: where these lose all digits of a vector, a row comes twice.
+    """
+    order = np.array([*dict.fromkeys([*rows.tolist(), *range(space.size)])], dtype=np.int64)
     basis, pivots = row_echelon(space.basis[:, order], space.prime)
     other = Space(space.size, space.prime)
     other.basis, other.pivots = basis[:, np.argsort(order)], order[pivots].tolist()

@@ -329,6 +329,8 @@ def test_rows_that_depend_on_others_are_passed_over() -> None:
     space.extend(np.array([[1, 0, 2, 0], [0, 1, 0, 3]], dtype=np.int64))
     assert sorted(module._in_rows(space, np.array([0, 2])).pivots) == [0, 1]
     assert module._in_rows(space, np.array([3, 2])).pivots == [3, 2]
+    twice = module._in_rows(space, np.array([3, 3]))
+    assert (twice.pivots, twice.basis.shape) == ([3, 0], (2, 4))
 
 
 @pytest.mark.parametrize("seed", range(4))
