@@ -44,6 +44,10 @@ class StructureError(MbdlftError, ValueError):
     """Shapes, block sizes or names do not fit together."""
 
 
+class SizeError(StructureError):
+    """Numbers of a model are too large, or too small, for doubles or their squares."""
+
+
 class NotRationalError(MbdlftError, ValueError):
     """An operation has no exact linear fractional form."""
 

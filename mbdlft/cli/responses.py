@@ -405,10 +405,14 @@ def simulate(
 
 
 def _compared(run: "dae.Simulation", beside: Array) -> dict[str, Any]:
-    """The largest value of all outputs, which it is, and the error of the linear model relative to it."""
+    """The largest value of all outputs, which it is, and the error of the linear model relative to it.
+
+    Where nothing moves, what is there is what the integrator leaves, and no error is relative to it.
+    """
     sizes, off = (np.max(np.abs(x), axis=0).tolist() for x in (run.outputs, run.outputs - beside))
     size, name = max(zip(sizes, run.output_names, strict=True), default=(0.0, ""))
-    return {"largest": size, "output": name, "linear_error": max(off) / size if size else 0.0}
+    moves = size > rooms.simulation.TOLERANCE
+    return {"largest": size, "output": name, "linear_error": max(off) / size if moves else 0.0}
 
 
 def _of_motion(row: Mapping[str, Any], units: Mapping[str, str]) -> tuple[str, ...]:

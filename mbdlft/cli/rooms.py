@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mbdlft.archive import archive as archive
+    from mbdlft.dae import simulation as simulation
     from mbdlft.elastic import catalogue as catalogue
     from mbdlft.export import exports as exports
     from mbdlft.matrix import problem as problem
@@ -26,7 +27,8 @@ if TYPE_CHECKING:
     from mbdlft.show.report import sentences as sentences
 
 _PLACES = """
-archive.archive elastic.catalogue export.exports matrix.problem modelica.table modelica.translation
+archive.archive dae.simulation elastic.catalogue export.exports matrix.problem modelica.table
+modelica.translation
 multibody.assembly multibody.scene.toml multibody.to_problem pipeline.dae_models pipeline.models
 problem.linearization response.frequency response.modes show.figures.figures show.report.content
 show.report.sentences

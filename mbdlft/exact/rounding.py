@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.errors import SizeError, WellPosednessError
 
 ROUNDING = 2.0**-50  # what is dropped is no more than rounding can have made
 NOISE = 2.0**-44  # part of its terms below which an entry may be nothing but rounding
@@ -71,7 +71,7 @@ def equilibrate(values: NDArray[Any]) -> tuple[Array, Array]:
 
 def or_one(size: Array) -> Array:
     """Sizes to divide by: 1 for zero."""
-    return np.where(size > 0.0, size, 1.0)
+    return np.where(size >= np.finfo(float).tiny, size, 1.0)  # what is smaller has no inverse
 
 
 _MOST_SWEEPS = 30
@@ -85,19 +85,22 @@ def channel_scales(M11: Array, M12: Array, M21: Array) -> Array:
 
 def balanced_channels(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[Array, Array, Array]:
     """Powers of two for the channels, and the squares of what then enters and leaves each."""
-    inner, first, last = M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
-    scale = np.ones(len(M11))
-    into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
-    for _ in range(sweeps):
-        used = (into > 0) & (out > 0)
-        step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
-        step = 2.0 ** np.round(0.25 * np.log2(step))
-        if (step == 1.0).all():
-            break
-        scale *= step
-        step = step * step
-        inner, first, last = step[:, None] * inner / step, step * first, last / step
+    with np.errstate(all="ignore"):  # what overflows is refused below
+        inner, first, last = M11**2, np.sum(M12**2, axis=1), np.sum(M21**2, axis=0)
+        scale = np.ones(len(M11))
         into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
+        for _ in range(sweeps):
+            used = (into > 0) & (out > 0)
+            step = np.where(used, out, 1.0) / np.where(used, into, 1.0)
+            step = 2.0 ** np.round(0.25 * np.log2(step))
+            if (step == 1.0).all():
+                break
+            scale *= step
+            step = step * step
+            inner, first, last = step[:, None] * inner / step, step * first, last / step
+            into, out = inner.sum(axis=1) + first, inner.sum(axis=0) + last
+    if not np.all(np.isfinite(scale) & (scale > 0.0)):
+        raise SizeError("LFT: the squares of its entries are too large, or too small, for doubles.")
     return scale, into, out
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.base.errors import StructureError, check_known
+from mbdlft.base.errors import SizeError, StructureError, check_known
 from mbdlft.exact.rounding import condition as condition
 from mbdlft.exact.rounding import solve_nominal as solve_nominal
 from mbdlft.exact.rounding import through
@@ -55,7 +55,7 @@ class LFT:
                 raise StructureError(f"LFT: {name} needs two axes, got shape {matrix.shape}.")
             matrix += 0.0  # no negative zeros
             if not np.all(np.isfinite(matrix)):
-                raise StructureError(f"LFT: {name} has an entry that is not finite.")
+                raise SizeError(f"LFT: {name} has an entry that is not finite.")
             matrix.flags.writeable = False
             object.__setattr__(self, name, matrix)
         object.__setattr__(

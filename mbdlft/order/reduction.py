@@ -187,7 +187,7 @@ def _lost(a: LFT, deltas: Array) -> float:
     except (np.linalg.LinAlgError, WellPosednessError):
         return float("inf")
     size = np.max(values, axis=0, initial=0.0)
-    whole = np.sqrt(np.outer(np.max(size, axis=1, initial=0.0), np.max(size, axis=0, initial=0.0)))
+    whole = np.outer(*(np.sqrt(np.max(size, axis=axis, initial=0.0)) for axis in (1, 0)))
     scale = or_one(np.where(size > _NEGLIGIBLE * whole, size, whole))
     return float(np.max(np.max(sizes, axis=0) / scale, initial=1.0))
 

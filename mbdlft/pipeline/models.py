@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from mbdlft.base.arguments import arguments_checked
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, SizeError
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.running import one_thread
 from mbdlft.matrix import MatrixProblem, matrix_problem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.scene import Scene
+from mbdlft.multibody.scene.checks import extreme_quantities
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.search import SEARCH, Budget, budget_of
 from mbdlft.pipeline.forms import candidates, degrees
@@ -108,7 +109,14 @@ def build(
     if truncate is not None:
         check_tolerance(truncate)  # before the work, not after it
     with timed(search, seconds, prove, progress) as (budget, clock):
-        model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage, prove)
+        try:
+            model = realization(problem_of_scene(scene, clock.stage), budget, clock.stage, prove)
+        except SizeError:
+            raise SceneError(
+                f"scene {scene.name!r}: its model has numbers that are too large, or too small, for "
+                f"doubles. Farthest from 1 is {extreme_quantities(scene)}. Give values that are nearer "
+                "to 1, or zero."
+            ) from None
         if truncate is not None:
             with clock.stage("truncate"):
                 model = truncated(model, truncate)

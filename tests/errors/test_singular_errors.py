@@ -51,6 +51,8 @@ def test_matrix_that_is_singular_in_a_small_ball() -> None:
         mbdlft.feedback(static, np.eye(1), sign=-1)
 
 
+LOAD = mbdlft.Parameter("m", 2.0, percent=10, unit="kg")
+SPRING = mbdlft.Parameter("k", 3.0, percent=10, unit="N/m")
 test_messages = refused(
     r"""
 > {} => WellPosednessError:
@@ -62,6 +64,14 @@ values_at_points(halves(), [Parameter('p', 0.0, -1.0, 1.0)], np.array([[0.0], [1
     => matrix 'm' … singular between the nominal values and p = 1.
 realize([["2 [kg]*p"]], [Parameter("p", 1.0, 0.5, 2.0)])
     => SceneError: a number has a unit. Names of a matrix are plain values
+# Numbers whose squares are no doubles.
+> to_lft({}, search=0.0) => SceneError: too large, or too small, for doubles. Farthest from 1 is
+cart("1e-310*m", [LOAD]) => body 'cart': mass = '1e-310*m' = 2e-310 kg. Give values
+cart(1e-160, [SPRING], {"stiffness": "k"}) => body 'cart': mass = 1e-160 kg. Give
+cart(2.0, [SPRING], {"stiffness": "k*1e305"}) => joint 'rail': stiffness = 'k*1e305' = 3e+305 N/m. Give
+cart("1e200*m", [LOAD], {"stiffness": 1e-200})
+    => body 'cart': mass = '1e200*m' = 2e+200 kg, joint 'rail': stiffness = 1e-200 N/m. Give
+cart(1e-150) => accepted
 > to_lft(lever(0.01, 0.4), prove={}) => AnalysisError: prove: expected units of work, such as 10, got
 {-1.0|"much"|float("nan")|float("inf")|True}
 > parse({}) => SceneError:

@@ -77,6 +77,7 @@ def test_poles_and_a_function_in_single_precision(
 
 # The command `simulate`: motions beside the linear model, files, messages.
 
+FOUR_BAR = str(Path(__file__).parents[2] / "scenarios" / "four_bar.toml")
 ARM_FILE = str(Path(__file__).parents[2] / "scenarios" / "two_link_arm.toml")
 ASKED = ("simulate", ARM_FILE, "--until", "0.5", "--set", "m1=3.2", "--json")
 
@@ -93,6 +94,13 @@ def test_the_linear_model_holds_for_small_motions(output: Output, tmp_path: Path
     assert lines[0].split(",")[:3] == ["time", "shoulder.angle", "elbow.angle"]
     assert np.shape([[float(x) for x in line.split(",")] for line in lines[1:]]) == (51, 7)
     assert figure.read_bytes()[:4] == b"\x89PNG"
+
+
+def test_no_error_is_relative_to_what_the_integrator_leaves(output: Output) -> None:
+    """The four-bar linkage, at rest, moved by 3e-16 rad, and the linear model was off by all of it."""
+    (run,) = json.loads(output("simulate", FOUR_BAR, "--steps", "20", "--json"))["runs"]
+    assert run["linear_error"] == 0.0
+    assert 0.0 < run["largest"] < 1e-13
 
 
 def test_a_sine_of_a_road_has_its_rate(call: Call) -> None:

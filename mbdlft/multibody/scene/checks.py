@@ -8,6 +8,7 @@ semidefinite: its principal minors are not negative. Then J is positive semidefi
 principal moments satisfy the triangle inequality.
 """
 
+import math
 import re
 import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -350,6 +351,21 @@ def nominal_values(scene: Scene) -> dict[str, float]:
     """Values (SI) by name of the constants, and at nominal of the parameters that are no angles."""
     plain = (p for p in scene.parameters if not p.is_angle)
     return scene.constant_values() | {p.name: p.nominal * p.factor for p in plain}
+
+
+def extreme_quantities(scene: Scene) -> str:
+    """The quantity whose size at nominal is farthest from 1, and others at least half as far."""
+    values, far = nominal_values(scene), dict[str, float]()
+    for owner, quantities in owners(scene):
+        for label, expected in quantities.items():
+            expression = expression_at(Place(owner, label), expected)
+            if expected.unit != "rad" and names(expression) <= values.keys():
+                size = abs(float(evaluate(expression, values)))
+                said = "" if isinstance(expected.source, float) else f"{expected.source!r} = "
+                text = f"{owner}: {label} = {said}{size:g} {expected.unit}"
+                far[text] = abs(math.log10(size or 1.0))
+    farthest = max(far.values(), default=0.0)
+    return ", ".join(sorted((t for t in far if 2.0 * far[t] >= farthest), key=lambda t: -far[t]))
 
 
 def inertia_conditions(body: Body, nominal: Mapping[str, float]) -> Iterator[Condition]:
