@@ -32,6 +32,7 @@ from mbdlft.problem.equations import (
 from mbdlft.problem.sx.tapes import evaluate_many, term_sizes
 
 RESIDUAL = 1e-9
+_GIVEN = "(a joint's preload, a load's magnitude, a spring's force_density, a strut's force)"
 _RANK = 1e-13  # an unknown whose effect is that of others up to this part is redundant
 _ROUNDS = 20  # each takes the square root of what sizes differ by
 PART = 1e-2  # of the inertia and stiffness that unbalanced efforts are compared with
@@ -135,6 +136,16 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
         return tuple(rows)
     if not count:
         return ()
+    vain = [
+        e.u_signals[k].name for k, acts in zip(e.unknown, matrix.any(axis=0), strict=True) if not acts
+    ]
+    if vain:
+        raise TrimError(
+            f"scene {e.name!r}: the equilibrium does not determine {', '.join(vain)}, which moves "
+            "nothing at nominal, as a spring or a force whose line meets the axis of a hinge or is "
+            "parallel to it, or is at right angles to a slide. Give it a value "
+            f"{_GIVEN}, such as 0, or change its ports or direction."
+        )
     scaled = _equilibrated(matrix)
     _, triangle, order = qr(scaled.T, mode="economic", pivoting=True)
     steps = np.abs(np.diag(triangle))
@@ -145,9 +156,8 @@ def trim_rows(equations: Equations) -> tuple[int, ...]:
         raise TrimError(
             f"scene {e.name!r}: the equilibrium does not determine the trim unknowns "
             f"{', '.join(e.u_signals[k].name for k in doubtful)}: they are redundant, {count - rank} too "
-            "many. Give a value to that many of them (a joint's preload, a load's magnitude, a spring's "
-            "force_density, a strut's force): a number "
-            'or an expression, such as magnitude = "m*9.81 [m/s^2]/4".'
+            f"many. Give a value to that many of them {_GIVEN}: a number or an expression, such as "
+            'magnitude = "m*9.81 [m/s^2]/4".'
         )
     return tuple(sorted(int(row) for row in order[:count]))
 

@@ -99,6 +99,11 @@ to_lft(kit.scene("rocket", Parameter("m", 2.0, percent=50, unit="kg"), kit.body(
 to_lft(cart(loads=[Force(name='push', port='cart', direction=(0, 1, 0))]), search=0.0)
     => TrimError: does not determine the trim unknowns rail.force, push.force: they are redundant, 1 too
         many. … Give a value to that many of them
+# a spring of which the line meets the axis of a hinge, is in one plane with it, or does neither
+to_lft(stayed({(0, -1, 0)|(2, 3, 0)}), search=0.0)
+    => TrimError: scene 'stayed': the equilibrium does not determine s.force_density, which moves nothing
+        at nominal, as a spring … whose line meets the axis of a hinge … Give it a value
+to_lft(stayed(), search=0.0) => TrimError: j.torque, s.force_density: they are redundant
 to_lft(four_bar(joints=[hinge(j.name, j.parent, j.child, j.position) for j in four_bar().joints]),
     search=0.0)
     => TrimError: scene 'four' … they are redundant, 2 too many.

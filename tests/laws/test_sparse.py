@@ -3,9 +3,10 @@
 import pickle
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import h5py
 import numpy as np
@@ -218,6 +219,20 @@ def test_scenarios(name: str, most: int, monkeypatch: pytest.MonkeyPatch) -> Non
     for ours, theirs in zip(matrices_at(model, samples), matrices_at(dense, samples), strict=True):
         target(ours, theirs, CHAIN)
         assert not ours[theirs == 0.0].any()
+
+
+def test_singular_equations_name_their_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of what is singular in exact numbers only, and not in doubles: here, where x is solved for."""
+
+    def of_singular(a: SparseResidues) -> NoReturn:
+        entries = np.where(a.lft.row == 0, 0, a.entries)  # an equation without terms
+        value_at_random(replace(a, entries=entries))
+        raise AssertionError
+
+    monkeypatch.setattr("mbdlft.pipeline.forms._MOST_EXACT", 0)
+    monkeypatch.setattr("mbdlft.pipeline.forms.value_at_random", of_singular)
+    with says(WellPosednessError, "scene 'chain': the equations are singular at all values"):
+        mbdlft.to_lft(chain(2, spatial=False), search=0.0)
 
 
 def test_what_needs_matrices_says_so(both: tuple[mbdlft.LFTModel, mbdlft.LFTModel]) -> None:
