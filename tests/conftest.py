@@ -20,6 +20,7 @@ from mbdlft.pipeline import stages
 from tests.scenarios.commands import Call, Output, run
 
 os.environ["MBDLFT_CACHE"] = ""
+os.fsync = lambda _: None  # of a loss of power no test knows, and each waits for the disk
 
 settings.register_profile(
     "fast", max_examples=25, derandomize=True, deadline=None, suppress_health_check=[HealthCheck.too_slow]

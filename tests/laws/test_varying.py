@@ -70,7 +70,9 @@ def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
     assert 0.99 * np.sqrt(2.75) <= found.lower <= np.sqrt(2.75)
 
 
-@pytest.mark.parametrize("rate", [0.02, 0.04, pytest.param(0.06, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "rate", [0.04, *(pytest.param(rate, marks=pytest.mark.long) for rate in (0.02, 0.06))]
+)
 def test_a_slow_stiffness_is_proved_where_a_quadratic_form_cannot(rate: float) -> None:
     """x'' + 2 c x' + (1 + d) x: to first order a form of degree 4 proves 1 - rate/(4 sqrt(2) c).
 
