@@ -127,6 +127,12 @@ def check_known(
             raise error(f"{where}{where and ': '}{unknown_name(what, name, existing)}")
 
 
+def misspelt(key: str, given: Iterable[str]) -> str:
+    """A clause for messages on a key that is missing: which of the keys that are given it may be."""
+    near = get_close_matches(key, [name for name in given if len(name) <= _LETTERS], n=1)
+    return f", and {near[0]!r} is no key" if near else ""
+
+
 def unknown_name(what: str, name: str, existing: Iterable[str]) -> str:
     """A sentence that a name is unknown, with the most similar existing name and all existing names.
 

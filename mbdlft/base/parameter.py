@@ -333,7 +333,8 @@ def _problem(parameter: Parameter) -> str | None:
     if p.is_angle and p.unit not in ANGLE_UNITS:
         return f"the {p.substitution} needs unit 'deg' or 'rad', got {p.unit!r}."
     if not np.all(np.isfinite([p.nominal, p.low, p.high, p.reference])):
-        return f"values must be finite, got nominal {p.nominal}, low {p.low}, high {p.high}."
+        said = f"nominal {p.nominal}, low {p.low}, high {p.high}"
+        return f"values must be finite, got {said}{f', reference {p.reference}' * p.is_angle}."
     if p.low >= p.high:
         low, high = (f"{x} {p.unit}".removesuffix(" 1") for x in (p.low, p.high))
         return f"low must be less than high, got low = {low}, high = {high}."

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
-from mbdlft.base.errors import SceneError, check_known, unknown_name
+from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
 from mbdlft.base.parameter import Parameter
 from mbdlft.dae.balance import fit_coefficient
 from mbdlft.dae.dae import Dae, Equation, Output, Variable
@@ -180,7 +180,8 @@ class DaeDraft:
         self, residual: Any, name: str | None, equals: Any, line: int | None, unit: str | None
     ) -> Equation:
         text = f"{shown(ca.SX(residual))} = {shown(ca.SX(equals))}"
-        lhs, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
+        with naming(f"model {self.name!r}, equation {name or text!r}"):
+            lhs, right = with_literals(ca.SX(residual)), with_literals(ca.SX(equals))
         return Equation(name or text, lhs - right, line, unit)
 
     def _declared(self, table: dict[str, T], name: str, entry: T) -> T:

@@ -58,7 +58,9 @@ THETA1, THETA1.replace("45.0", "-120.0") => line 18: parameter 'theta1': the ran
 "axis = [1, 0, 0]", 'axis = ["L1", 0, 0]'
     => line 39: … joint 'shoulder': axis: expected three numbers, got ['L1', 0, 0].
 "axis = [1, 0, 0]", "axis = [0, 0, 0]" => line 39: … joint 'shoulder': axis has zero length
-'kind = "rigid"', "" => line 21: … body 'link1': 'kind' is missing.
+'kind = "rigid"', "" => line 21: … body 'link1': 'kind' is missing. Kinds
+'kind = "rigid"', 'knid = "rigid"' => body 'link1': 'kind' is missing, and 'knid' is no key. Kinds
+'format =', 'formt =' => the line format = 'mbdlft-scene/1' is missing, and 'formt' is no key.
 M1, M1.replace('"kg"', '"kgg"') => line 13: … parameter 'm1': unit 'kgg': unknown symbol 'kgg'.
 L1, L1.replace("value", "valu") => line 10: … constant 'L1': 'value' is missing.
 L1, L1.replace("unit", "unti") => line 10: … constant 'L1': unknown key 'unti'. Did you mean

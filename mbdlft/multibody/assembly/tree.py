@@ -193,11 +193,23 @@ def links_of(scene: Scene) -> tuple[Link, ...]:
                 frame = bodies[name := f"{body.name}.{port}"]
                 joint = PortJoint(name=name, parent=body.name, child=name, body=body, port=port)
                 links[name] = Link(joint, body, "origin", frame, "origin")
+    _check_sensors(scene, bodies)
     for name, tire in _patches(scene).items():
         parent, port = find_port(bodies, f"load {tire.name!r}", "child", tire.child)
         slide = PatchJoint(name=tire.name, parent=tire.child, child=name, axis=tire.axis)
         links[name] = Link(slide, parent, port, bodies[name], "origin")
     return _from_the_root(scene, links)
+
+
+def _check_sensors(scene: Scene, bodies: Mapping[str, Body]) -> None:
+    """What sensors name exists, also of those that are no outputs."""
+    for sensor in scene.sensors:
+        where = f"sensor {sensor.name!r}"
+        if port := getattr(sensor, "port", ""):
+            find_port(bodies, where, "port", port)
+        if joint := getattr(sensor, "joint", ""):
+            check_known("joint", [joint], [other.name for other in scene.joints], f"{where}, joint")
+        check_known("body", [getattr(sensor, "frame", GROUND)], bodies, f"{where}, frame")
 
 
 def _patches(scene: Scene) -> dict[str, Tire]:

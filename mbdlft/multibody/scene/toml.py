@@ -17,7 +17,7 @@ import tomli_w
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.description import Description
-from mbdlft.base.errors import SceneError, check_known, naming, unknown_name
+from mbdlft.base.errors import SceneError, check_known, misspelt, naming, unknown_name
 from mbdlft.base.parameter import ROLES, SUBSTITUTIONS, Angle, Parameter
 from mbdlft.base.unit import ANGLE_UNITS
 from mbdlft.base.worker import content_of
@@ -152,7 +152,7 @@ def read_table(text: str, read: Callable[[dict[str, Any]], T]) -> T:
 def check_keys(table: Mapping[str, Any], form: str, keys: Collection[str]) -> None:
     """Raise a SceneError if a key is not one of `keys`, or the format is not `form`."""
     if "format" not in table:
-        raise SceneError(f"the line format = {form!r} is missing.")
+        raise SceneError(f"the line format = {form!r} is missing{misspelt('format', table)}.")
     if table["format"] != form:
         raise SceneError(
             f"format: expected {form!r}, got {table['format']!r}. Scenes are for mbdlft linearize "
@@ -234,7 +234,9 @@ def _kinds(what: str, key: str, table: dict[str, Any], kinds: Mapping[str, Any])
         fields = dict(_table(f"{what} {name!r}", value))
         kind = fields.pop("kind", None)
         if kind is None:
-            raise SceneError(f"{what} {name!r}: 'kind' is missing. Kinds: {', '.join(sorted(kinds))}.")
+            slip = misspelt("kind", fields)
+            listed = ", ".join(sorted(kinds))
+            raise SceneError(f"{what} {name!r}: 'kind' is missing{slip}. Kinds: {listed}.")
         if not isinstance(kind, str) or kind not in kinds:
             raise SceneError(f"{what} {name!r}: " + unknown_name("kind", str(kind), kinds))
         if "name" in fields:
