@@ -295,16 +295,17 @@ def near_relations(problem: Problem, smallest: Candidate, least: int) -> tuple[s
 def neighbors(numbers: Sequence[Constant]) -> dict[Constant, Signed]:
     """For numbers that are beside others, which they may be meant to be, these others."""
     meant: dict[Constant, Signed] = {}
+    before: list[Signed] = []  # that mean themselves
     has_pi = any(number.kind == "pi" for number in numbers)
-    for k, number in enumerate(numbers):
-        before = [n for n in numbers[:k] if n not in meant and number.kind != "rational"]
-        others = [Signed(sign, n) for n in before for sign in (1, -1)]
-        for other in (*_special(number), *others):
+    for number in numbers:
+        for other in (*_special(number), *(before if number.kind != "rational" else ())):
             if other.number.kind == "pi" and not has_pi:
                 continue  # there is nothing that it could be related to
             if _is_near(number, other) and not is_zero(constant(number) - other.symbol):
                 meant[number] = other
                 break
+        else:
+            before += [Signed(sign, number) for sign in (1, -1)]
     return meant
 
 
