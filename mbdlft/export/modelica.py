@@ -20,7 +20,9 @@ from mbdlft.export.names import check_different, check_plain_model, identifier, 
 from mbdlft.modelica.tree import KEYWORDS
 from mbdlft.system.model import System
 
-_STATE = "x_"  # before names of states, which outputs often have, too
+# before names of states, which outputs often have, too, and of outputs that inputs have, as of a joint
+# whose motion is given and measured
+_STATE, _OUTPUT = "x_", "y_"
 
 
 def modelica_text(model: System) -> str:
@@ -28,6 +30,7 @@ def modelica_text(model: System) -> str:
     check_plain_model(model, "Modelica")
     owner = _plain(model.name)
     inputs, outputs = ([_plain(s.name) for s in those] for those in (model.inputs, model.outputs))
+    outputs = [_OUTPUT + name if name in inputs else name for name in outputs]
     states = [_STATE + _plain(s.name) for s in model.states]
     values = {p.name: TANGENT[p.substitution] + _plain(p.name) for p in model.parameters}
     names = {f"parameter {name}": made for name, made in values.items()}

@@ -23,6 +23,11 @@ def of_scenario(name: str) -> System:
     return mbdlft.to_lft(mbdlft.load_scene(ROOT / "scenarios" / f"{name}.toml"), search=0.0, prove=0.0)
 
 
+def of_one_name() -> System:
+    p = mbdlft.Parameter("p", 2.0, percent=20)
+    return mbdlft.realize([["-p", "p"], ["1", "p"]], [p], states=1, inputs=["j.v"], outputs=["j.v"])
+
+
 def of_flat(name: str) -> LFTModel:
     dae, report = load_modelica(FLAT / f"{name}.mof")
     return mbdlft.linearize_dae(operating_point(dae, report), search=0.0, prove=0.0)
@@ -35,6 +40,7 @@ def of_flat(name: str) -> LFTModel:
         pytest.param(lambda: of_flat("coupled_inertias"), id="inertias"),
         pytest.param(lambda: of_scenario("half_car"), id="half_car"),
         pytest.param(lambda: of_scenario("two_link_arm"), id="angles"),
+        pytest.param(of_one_name, id="one name"),
     ],
 )
 def test_the_model_is_the_same_at_random_values(model: Callable[[], System], tmp_path: Path) -> None:

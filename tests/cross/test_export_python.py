@@ -23,6 +23,9 @@ def test_casadi_function_has_the_matrices_and_their_slopes() -> None:
         for key, expected in zip("ABCD", matrices, strict=True):
             roundoff(np.array(found[key]), expected[k], model.certificate.condition)
     exact(np.array(function()["A"]), np.array(function(*(p.nominal for p in model.parameters))[0]))
+    area = [mbdlft.Parameter("A", 2.0, percent=20)]
+    of_area = casadi_function(mbdlft.realize([["3*A"]], area, inputs=["u"], outputs=["y"]))
+    exact(np.array(of_area(A=2.25)["D"]), [[6.75]])
     m3 = ca.MX.sym("m3")
     slope = ca.Function("slope", [m3], [ca.jacobian(function(m3=m3)["A"], m3)])
     at, h = model.parameters["m3"].nominal, 1e-4
