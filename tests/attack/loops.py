@@ -281,11 +281,9 @@ def four_slides(d: Draft) -> None:
     d.slide("s2", "a", "b", second, orientation=_turned(be), **held)
     d.slide("s3", "b", "c", f"-{first}", orientation=_turned(f"-{be}"))
     if d.chance(0.5):
-        d.close("h", "ground", "c", "prismatic", orientation=_turned(be))
-        d.bodies[-1] = d.bodies[-1].model_copy(update={"name": "e"})
-        d.joints[-1] = d.joints[-1].model_copy(update={"child": "e"})
-        d.bar("c", 0.1)
-        d.joints.append(mbdlft.Fixed(name="weld", parent="e", child="c", axis=Z, position=be))
+        d.close("h", "ground", "d", "prismatic", orientation=_turned(be))
+        d.bar("d", 0.1)
+        d.joints.append(mbdlft.Fixed(name="weld", parent="c", child="d", axis=Z, position=be))
         return
     d.bar("e", 0.1)
     d.slide("s4", "c", "e", f"-{second}", orientation=_turned(be))
