@@ -99,8 +99,7 @@ _EVIDENCE = """
     certificate/order certificate/lower_bound certificate/raw_order: int64 p
     certificate/doubtful?: int64 p
     certificate@max_relative_error: float64
-    certificate@truncation_error? certificate@fit_error_bound?: float64
-    certificate@rounding_ratio?: float64
+    certificate@truncation_error? certificate@fit_error_bound? certificate@rounding_ratio?: float64
     certificate@check_points certificate@seed certificate@order_bound?: int64
     certificate@exact certificate@exact_bound?: bool
     provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py: text
@@ -119,6 +118,7 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate/by_terms?: int64 by_terms 2
     certificate/near?: text near
     certificate/accelerations?: int64 accelerations
+    certificate/momenta?: int64 u
     certificate/evidence/number certificate/evidence/basis: text evidence
 """
 _TRIM_LFT = """

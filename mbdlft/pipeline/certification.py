@@ -272,7 +272,6 @@ def certificate(
     *,
     boxes: Boxes,
     near: tuple[str, ...] = (),
-    accelerations: tuple[int, ...] = (),
 ) -> Certificate:
     """The certificate of a model; `raw` are its channels before reduction, by parameter.
 
@@ -292,7 +291,6 @@ def certificate(
         frequencies=checked.frequencies,
         by_terms=checked.by_terms,
         near=near,
-        accelerations=accelerations,
         condition=checked.condition,
         sign_changes=checked.sign_changes,
         rounding_ratio=checked.rounding_ratio,

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from math import inf, pi
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -19,7 +19,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
-from mbdlft.exact.matrices import multiplied, solved
+from mbdlft.exact.matrices import multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
@@ -78,11 +78,13 @@ def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
     return exact_degrees(candidate.exact, seed)
 
 
-def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> tuple[int, ...]:
-    """Outputs whose rows of [C D] are sums of those of [A B] of rates, at random residues.
+def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str, Any]:
+    """Outputs whose rows of [C D] are sums of those of [A B] of rates, and momenta, at random residues.
 
     Rates are derivatives of states, as values of the model show, and states of what is held at rest: the
-    entries of their rows for these states are regular.
+    entries of their rows for these states are regular. Of what is free they are singular, and sums of
+    rates, the momenta, are conserved if their rows are zero: by an input, if its entries are, too. Then
+    sums are those in the columns of states and of such inputs.
     """
     exact, n = candidate.exact, len(problem.states)
     if isinstance(exact, SparseResidues):
@@ -91,13 +93,20 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> tuple[int
         value, prime = at_random(exact)[exact.order :, exact.order :], exact.M.prime
     values = evaluate_at(lft, deltas_at(problem.parameters, problem.points[:_SEVERAL]))
     rates = rates_of(values[:, :n, :n], values[:, :n, n:])
-    of_rates, position = value[[*rates.values()]], [*rates]
-    try:
-        sums = solved(of_rates[:, position], of_rates, prime)
-    except ZeroDivisionError:
-        return ()
-    others = (value[n:] - multiplied(value[n:, position], sums, prime)) % prime
-    return tuple(np.flatnonzero(value[n:].any(axis=1) & ~others.any(axis=1)).tolist())
+    of_rates, position = value[[*rates.values()]], np.array([*rates], dtype=int)
+    stiffness = of_rates[:, position]
+    rows, columns = pivot_columns(stiffness.T, prime), position[pivot_columns(stiffness, prime)]
+    sums = solved(of_rates[rows][:, columns], of_rates[rows], prime)
+    left = (value - multiplied(value[:, columns], sums, prime)) % prime
+    is_moved = np.asarray(left[[*rates.values()]].any(axis=0))
+    if np.any(is_moved[:n]) or np.all(is_moved[n:]):
+        return {}
+    others = left[n:, ~is_moved].any(axis=1)
+    momenta = np.where(is_moved[n:], 0, len(position) - len(rows))
+    return {
+        "accelerations": tuple(np.flatnonzero(value[n:].any(axis=1) & ~others).tolist()),
+        "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
+    }
 
 
 def reduced_relations(relations: LinearModel) -> LFT:

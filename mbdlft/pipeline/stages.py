@@ -4,6 +4,7 @@ forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> cer
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
@@ -76,17 +77,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("check"):
         checked, raw = check.model(lft, trim.lft), reduced[0].channels
         evidence = certification.certificate(
-            lft,
-            raw,
-            least,
-            order_bound,
-            problem,
-            checked,
-            SEED,
-            boxes=boxes,
-            near=near,
-            accelerations=accelerations(problem, written, lft) if problem.states else (),
+            lft, raw, least, order_bound, problem, checked, SEED, boxes=boxes, near=near
         )
+        if problem.states:
+            evidence = replace(evidence, **accelerations(problem, written, lft))
     return LFTModel(
         name=problem.nouns.name,
         lft=lft,

@@ -10,7 +10,7 @@ around each pole.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,9 @@ _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay ne
 _SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
 _AT_REST = 100.0 * EPS  # of terms: what is left of them is nothing
 _CANCELED = 0.1  # of terms: where less is left, a digit is lost
+_CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
 _SIX_DIGITS = 1e-6
+_LOOKED_AT = np.array([0.1, 0.3, 1.0])  # of a frequency; errors of accelerations are as its square
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
 _CHANGE = 1e-8  # of the states: what the second substitution may change; the square of it is left
 POINTS = 200  # evenly spaced in the logarithm
@@ -163,7 +165,6 @@ def frequency_response(
             f"model {model.name!r}: omega: expected finite frequencies (rad/s), got {omega!r}."
         )
     matrices = modes.samples_at(model, values)
-    matrices, accelerations = with_positions(matrices, _proved(model))
     count = len(matrices.A)
     frequencies = np.atleast_1d(frequencies)
     if frequencies.ndim > 2 or (frequencies.ndim == 2 and len(frequencies) not in (1, count)):
@@ -172,8 +173,10 @@ def frequency_response(
             f"{count} samples, got shape {frequencies.shape}."
         )
     rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
-    response = resolvent(matrices, 1j * rows)
-    response = from_positions(response, matrices.D, rows, accelerations)
+    response = np.empty((*rows.shape, *matrices.D.shape[1:]), dtype=complex)
+    for part in _by_momenta(matrices, model):
+        whole, places = with_positions(part.matrices, part.proved)
+        response[..., part.inputs] = from_positions(resolvent(whole, 1j * rows), whole.D, rows, places)
     poles = ~np.isfinite(response).all(axis=(2, 3))
     if np.any(poles):
         raise AnalysisError(
@@ -183,8 +186,57 @@ def frequency_response(
     return response
 
 
-def _proved(system: System) -> Sequence[int]:
-    return system.certificate.accelerations if isinstance(system, LFTModel) else ()
+class _Part(NamedTuple):
+    """Some inputs, the matrices with these, and outputs that are proved to be accelerations by these."""
+
+    inputs: Sequence[int]
+    matrices: StateMatrices
+    proved: Sequence[int] = ()
+
+
+def _by_momenta(matrices: StateMatrices, system: System) -> list[_Part]:
+    """All inputs of what is held; of what is free those that conserve its momenta, and others."""
+    A, B, C, D = matrices
+    if not isinstance(system, LFTModel):
+        return [_Part(range(B.shape[2]), matrices)]
+    proved, momenta = system.certificate.accelerations, np.array(system.certificate.momenta)
+    if not len(momenta):
+        return [_Part(range(B.shape[2]), matrices, proved)]
+    conserving, others = (np.flatnonzero(chosen).tolist() for chosen in (momenta, momenta == 0))
+    held = _held(A, B[:, :, conserving], np.max(momenta))
+    return [
+        _Part(conserving, StateMatrices(held, B[:, :, conserving], C, D[:, :, conserving]), proved),
+        _Part(others, StateMatrices(A, B[:, :, others], C, D[:, :, others])),
+    ]
+
+
+def _held(A: Array, B: Array, count: int) -> Array:
+    """A with what draws momenta to zero, where they stay zero by B: its responses are the same.
+
+    Rounding of A and B changes the momenta, and 1/s^2 times this change moves what is free more than
+    inputs that conserve them do. With x' = v and L K = 0, K the stiffnesses, momenta are L v, and v' has
+    -P (k^2 x + k v) more, where P = L' (L L')^-1 L and k is the frequency of the slowest mode. A sample
+    that is held less than the others has more of such modes, or momenta that B changes, and stays as it
+    is.
+    """
+    rates, held = rates_of(A, B), A.copy()
+    if (count := min(count, len(rates))) == 0:
+        return A
+    x, v = np.array([*rates]), np.array([*rates.values()])
+    K, n, all_of_v = A[:, v[:, None], x], len(x), np.concatenate([A, B], axis=2)[:, v]
+    # regular, so L has the digits of soft springs beside stiff ones: [L M] [K E ; F 0] = [0 1]
+    border = np.random.default_rng(0).standard_normal((len(A), n + count, n + count))
+    border[:, :n, :n], border[:, n:, n:] = K.swapaxes(1, 2), 0.0
+    border[np.linalg.slogdet(border)[0] == 0.0] = np.nan
+    L = np.linalg.solve(border, np.eye(n + count)[:, n:])[:, :n].swapaxes(1, 2)
+    across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
+    is_zero = np.abs(L @ all_of_v) <= _CONSERVED * (np.abs(L) @ np.abs(all_of_v))
+    slowest = np.sort(np.abs(np.linalg.eigvals(A)), axis=1)[:, 2 * count :].min(axis=1, initial=np.inf)
+    is_held = (np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
+    k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
+    held[:, v[:, None], x] -= k**2 * P / A[:, None, x, v]
+    held[:, v[:, None], v] -= k * P
+    return held
 
 
 def with_positions(
@@ -229,7 +281,8 @@ def with_positions(
     if not rows:
         return matrices, {}
     weights = np.random.default_rng(0).standard_normal(states)
-    read = np.concatenate([np.stack([*rows.values()], axis=1), weights * C[:, [*rows]]], axis=1)
+    largest_terms = weights * np.max(np.abs(C[:, [*rows]]), axis=2, keepdims=True)
+    read = np.concatenate([np.stack([*rows.values()], axis=1), largest_terms], axis=1)
     none = np.zeros((len(A), 2 * len(rows), D.shape[2]))
     both = StateMatrices(A, B, np.concatenate([C, read], axis=1), np.concatenate([D, none], axis=1))
     return both, {i: (outputs + k, until[i]) for k, i in enumerate(rows)}
@@ -258,24 +311,37 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
 
     Also whether a position has them below. At nominal. Outputs are accelerations, of states or of other
     places, if at rest nothing is left of their terms D and C (-A)^-1 B. Far below its modes a structure
-    that is held has the acceleration s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16.
+    that is held has the acceleration s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16. Where
+    there is a position, what the sum has lost is also measured: entries of A may have lost more.
     """
     whole = modes.samples_at(system)
-    places = with_positions(whole, _proved(system))[1]
-    A, B, C, D = (matrix[0] for matrix in whole)
-    try:
-        at_rest = np.linalg.solve(A, B)
-        moved = np.linalg.solve(A, np.linalg.solve(A, at_rest))
-    except np.linalg.LinAlgError:  # nothing holds it
-        return {}
-    late = {}
-    for i in np.flatnonzero(np.any(D != 0.0, axis=1)).tolist():
-        terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[i] @ moved)
-        some = x > 0.0
-        if np.any(some) and np.all(np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms):
-            omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
-            late[system.outputs[i].name] = omega, i in places
-    return late
+    late: dict[int, tuple[float, bool]] = {}
+    for part in _by_momenta(whole, system):
+        places = with_positions(part.matrices, part.proved)[1]
+        A, B, C, D = (matrix[0] for matrix in part.matrices)
+        try:
+            at_rest = np.linalg.solve(A, B)
+            moved = np.linalg.solve(A, np.linalg.solve(A, at_rest))
+        except np.linalg.LinAlgError:  # nothing holds it
+            continue
+        for i in np.flatnonzero(np.any(D != 0.0, axis=1)).tolist():
+            terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[i] @ moved)
+            some = x > _AT_REST * (np.abs(C[i]) @ np.abs(moved))
+            is_zero = np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms
+            if np.any(some) and (i in places or np.all(is_zero)):
+                omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
+                late[i] = max(late.get(i, (0.0, True)), (omega, i in places))
+    omega = np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT
+    response = frequency_response(system, {}, omega.ravel())[0]
+    apart = np.abs(resolvent(whole, 1j * omega.reshape(1, -1))[0] - response)
+    size = np.where(response != 0.0, np.abs(response), np.inf)
+    shares = np.max(apart / size, axis=2, initial=0.0)
+    shares = shares.reshape(len(late), len(_LOOKED_AT), len(system.outputs)) * _LOOKED_AT[:, None] ** 2
+    more = np.sqrt(np.maximum(np.max(shares, axis=1) / _SIX_DIGITS, 1.0))
+    return {
+        system.outputs[i].name: (w * float(more[k, i]), has)
+        for k, (i, (w, has)) in enumerate(late.items())
+    }
 
 
 def singular_values(response: NDArray[np.complex128]) -> Array:

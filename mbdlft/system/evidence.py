@@ -118,7 +118,7 @@ def composed(
         description=like.description,
         trim=_trim(certified, parameters.names),
         certificate=replace(
-            certificate, rounding_ratio=ratio, accelerations=_accelerations(systems, wiring), **regularity
+            certificate, rounding_ratio=ratio, **_accelerations(systems, wiring), **regularity
         ),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
@@ -275,14 +275,25 @@ def _certificate(
     )
 
 
-def _accelerations(systems: Sequence[System], wiring: Wiring) -> tuple[int, ...]:
-    """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals."""
-    others: list[bool] = []
+def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
+    """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals.
+
+    Of one part that is free, and with which nothing is connected, also the momenta that inputs leave.
+    """
+    others, momenta = list[bool](), list[tuple[int, ...]]()
     for system in systems:
-        known = system.certificate.accelerations if isinstance(system, LFTModel) else ()
-        others += (k not in known for k in range(len(system.outputs)))
+        known = system.certificate if isinstance(system, LFTModel) else None
+        others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
+        momenta += [known.momenta] if known and known.momenta else []
+    if not momenta:
+        left: tuple[int, ...] = ()
+    elif len(systems) == 1 and not wiring.Ky.any():
+        is_changed = wiring.E[np.equal(momenta[0], 0)].any(axis=0)
+        left = tuple(np.where(is_changed, 0, max(momenta[0])).tolist())
+    else:
+        return {"accelerations": (), "momenta": ()}
     is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
-    return tuple(np.flatnonzero(is_sum).tolist())
+    return {"accelerations": tuple(np.flatnonzero(is_sum).tolist()), "momenta": left}
 
 
 def _at_generic(a: LFT) -> LFT:
@@ -363,6 +374,7 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         doubtful=of(known.doubtful),
         order_bound=max(sum(of(known.lower_bound)), known.order_bound - opened),
         accelerations=(),
+        momenta=(),
         **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
@@ -398,7 +410,7 @@ def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificat
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
     truncated = replace(
-        model.certificate, order=order, exact=False, truncation_error=error, accelerations=()
+        model.certificate, order=order, exact=False, truncation_error=error, accelerations=(), momenta=()
     )
     what = f"model {model.name!r}, truncate"
     return replace(

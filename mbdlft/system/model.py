@@ -288,6 +288,10 @@ class Certificate:
     accelerations : tuple of int
         Outputs that are sums of derivatives of states that are derivatives of others, and so
         accelerations of positions: decided on residues, at random values of the parameters.
+    momenta : tuple of int
+        Of a structure that is free, for each input, how many momenta it has if the input, as springs and
+        dampers do, leaves all of them as they are; otherwise 0. `accelerations` are those by inputs that
+        do. Empty where none does, and for what is held.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.
@@ -351,6 +355,7 @@ class Certificate:
     near: tuple[str, ...] = ()
     rounding_ratio: float = 0.0
     accelerations: tuple[int, ...] = ()
+    momenta: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

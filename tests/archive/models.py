@@ -98,6 +98,7 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> mbdlft.LFTModel:
             condition=float(1.0 + random.random()),
             sign_changes=seed,
             accelerations=(0,) * (seed % 2),
+            momenta=(0, 3, 3)[: nu * (seed % 2)],
         ),
         provenance=Provenance(
             scene='name = "µ"\n# ' + "日本 " * 30000,

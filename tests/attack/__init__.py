@@ -45,7 +45,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "motions": (0,),
     "empty": (7, 14, 31, 35, 45),
     "tunings": (20,),
-    "accelerations": (0, 1),
+    "accelerations": (0, 1, 2),
     "reasons": (3, 5, 7, 9, 11, 56, 68, 88, 132),
 }
 SECONDS = 20.0  # of the clock that one attack may take

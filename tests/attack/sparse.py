@@ -20,4 +20,5 @@ def attack(seed: int, folder: Path) -> str:
     dense = to_lft(scene, search=0.0, prove=0.0).certificate
     assert sparse.lower_bound == dense.lower_bound
     assert sparse.accelerations == dense.accelerations
+    assert sparse.momenta == dense.momenta
     return word

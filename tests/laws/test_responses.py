@@ -224,6 +224,149 @@ def test_accelerations_of_what_a_sample_hardly_holds_are_those_of_its_force() ->
     target(found, -0.6 * w**2 * (soft + 7e3) / (soft * stiff - 3.0 * w**2 * 7e3), RESPONSE)
 
 
+def floating(**base: float) -> mbdlft.LFTModel:
+    """Two bodies on one axis, a spring, a damper and a motor between them, a torque on the second."""
+    scene = kit.scene(
+        "floating",
+        mbdlft.Parameter("k", 50.0, low=0.0, high=100.0, unit="N m/rad"),
+        mbdlft.Parameter("J", 0.7, percent=20, unit="kg m^2"),
+        *(kit.body("first", 1.0, zz="J"), kit.body("second", 1.0, zz=0.3)),
+        kit.hinge("base", "ground", "first", (0, 0, 1), **base),
+        kit.hinge("motor", "first", "second", (0, 0, 1), stiffness="k", damping=0.1),
+        mbdlft.AngularAcceleration(name="far", port="second"),
+        kit.torque("push", "second", (0, 0, 1), magnitude=0.0),
+        inputs=["motor.torque", "push.torque"],
+        outputs=["base.angle", "base.acceleration", "far.z", "motor.acceleration"],
+    )
+    return mbdlft.to_lft(scene, search=0.0)
+
+
+def test_a_motor_between_two_free_bodies_moves_them_as_it_should_at_all_frequencies() -> None:
+    """It leaves the momentum, which rounding does not; at k = 0 the bodies have two."""
+    model, second = floating(), 0.3
+    k, J, w = (
+        np.array([[0.0], [1.0], [80.0]]),
+        np.array([[0.6], [0.8], [0.7]]),
+        10.0 ** np.arange(-6.0, 3.0),
+    )
+    s, law = 1j * w, k + 0.1j * w
+    turn = np.array([1.0 / (J * s**2 + (1.0 + J / second) * law)])  # of the first, back
+    between = 1.0 / (second * s**2 + (1.0 + second / J) * law)  # by the push
+    base = np.concatenate([-turn, [law * between / (J * s**2)]])
+    far = np.concatenate([turn * J / second, [(1.0 / s**2 - J * base[1]) / second]])
+    relative = np.concatenate([turn * (1.0 + J / second), [between]])
+    expected = np.array([base, s**2 * base, s**2 * far, s**2 * relative])
+    values = {"k": k[:, 0], "J": J[:, 0]}
+    found = np.moveaxis(mbdlft.frequency_response(model, values, w), (2, 3), (0, 1))
+    target((found / expected)[..., 1:, :], np.ones((4, 2, 2, len(w))), CLOSED_FORM)
+    # what no spring holds stays as it is, and loses digits
+    target((found / expected)[..., 0, 3:], np.ones((4, 2, len(w) - 3)), RESPONSE)
+    alone = model["far.z", "motor.torque"]
+    target(mbdlft.frequency_response(alone, values, w)[1:, :, 0, 0], expected[2, 0, 1:], CLOSED_FORM)
+
+
+def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None:
+    model = floating()
+    alone, push = model["far.z", "motor.torque"], model["far.z", "push.torque"]
+    loop, truncated = mbdlft.feedback(alone, np.array([[0.1]])), mbdlft.truncate(model, 10.0)
+    turned = mbdlft.invert_channels(model["motor.acceleration", "motor.torque"], ["motor"])
+    for system, momenta, accelerations in (
+        (model, (1, 0), (1, 2, 3)),
+        (alone, (1,), (0,)),
+        (push, (0,), (0,)),
+        (loop, (), ()),
+        (turned, (), ()),
+        (truncated, (), ()),
+        (floating(damping=0.1), (), ()),
+        (floating(stiffness=1.0), (), (1, 2, 3)),
+    ):
+        assert system.certificate.momenta == momenta
+        assert system.certificate.accelerations == accelerations
+    w = np.array([1e-4])
+    found = (mbdlft.frequency_response(system, {}, w)[0, 0] for system in (push, model))
+    target(next(found)[0, 0], next(found)[2, 1], CLOSED_FORM)
+    wrong = replace(model, certificate=replace(model.certificate, momenta=(1, 1)))
+    found = (mbdlft.frequency_response(system, {}, w)[0, 0, :, 1] for system in (wrong, model))
+    target(next(found), next(found), CLOSED_FORM)
+
+
+@pytest.mark.parametrize(("first", "share"), [(1e5, 1.0), (0.0, 1.0 / 3.0)], ids=["held", "free"])
+def test_what_a_force_far_away_accelerates_has_its_digits_beside_states_that_move_more(
+    first: float, share: float
+) -> None:
+    """A force between two masses of a chain moves those beyond together, with a spring at rest."""
+    along = (1, 0, 0)
+    scene = kit.scene(
+        "chain",
+        mbdlft.Parameter("k", 3e3, percent=20, unit="N/m"),
+        *(kit.point(name, 1.5) for name in ("a", "b", "c")),
+        kit.rail("to_a", "ground", "a", along, position=0.0, stiffness=first),
+        kit.rail("to_b", "a", "b", along, position=1.0, stiffness="k"),
+        kit.rail("to_c", "b", "c", along, position=1.0, stiffness=4e4),
+        mbdlft.Acceleration(name="last", port="c"),
+        inputs=["to_b.force"],
+        outputs=["last.x"],
+    )
+    omega, k = np.array([1e-5, 1e-4]), np.array([2.5e3, 3.5e3])
+    found = mbdlft.frequency_response(mbdlft.to_lft(scene, search=0.0), {"k": k}, omega)[:, :, 0, 0]
+    target(found * k[:, None] / omega**2, np.full((2, 2), -share), RESPONSE)
+
+
+def sprung() -> mbdlft.Scene:
+    """Two bodies in a plane with three springs: no coordinate is rigid."""
+    ports = {"a": (0.5, 0.3, 0), "b": (0.5, -0.3, 0), "c": (0.2, 0.5, 0)}
+    springs = ("a", 3e4, 0.1), ("b", 200.0, 0.1), ("c", "k", 0.0)
+    return kit.scene(
+        "sprung",
+        mbdlft.Parameter("k", 3e4, percent=20, unit="N/m"),
+        kit.body("one", 2.0, (0.1, 0.1, 0.2), ports=ports),
+        kit.body("two", 1.5, (0.1, 0.1, 0.2), ports=ports),
+        kit.planar("to_one", "ground", "one"),
+        kit.planar("to_two", "ground", "two", position=(2.0, 0.1, 0.3)),
+        *(
+            kit.spring(p, f"one.{p}", f"two.{p}", stiffness=k, damping=c, force_density=0.0)
+            for p, k, c in springs
+        ),
+        *(kind(name=kind.kind, port="two.b") for kind in (mbdlft.Position, mbdlft.Acceleration)),
+        inputs=["a.force_density", "c.force_density"],
+        outputs=["acceleration.x", "acceleration.y", "position.x", "position.y"],
+    )
+
+
+def boom_on_a_cart() -> mbdlft.Scene:
+    """A beam that a cart turns: entries of A are 50 roundings from the truth."""
+    boom = mbdlft.Beam(
+        name="boom", length=1.4, density=2700.0, area=1e-4, modulus="E", I_y=1e-9, I_z=1e-9,
+        deformations=("bending_y",), elements=4, stiffness_damping=1e-5,
+    )  # fmt: skip
+    return kit.scene(
+        "boom",
+        mbdlft.Parameter("E", 3e9, percent=20, unit="Pa"),
+        kit.body("cart", 6.0, zz=0.3, center_of_mass=(0.1, 0.05, 0)),
+        boom,
+        kit.rail("slide", "ground", "cart", (0, 1, 0)),
+        kit.hinge("turn", "cart", "boom", (0, 0, 1), stiffness=50.0, damping=0.1, position=0.0),
+        *(kind(name=kind.kind, port="boom.tip") for kind in (mbdlft.Position, mbdlft.Acceleration)),
+        inputs=["turn.torque"],
+        outputs=["acceleration.y", "slide.acceleration", "position.y", "slide.position"],
+    )
+
+
+@pytest.mark.parametrize("scene", [sprung(), boom_on_a_cart()], ids=["sprung", "boom"])
+def test_what_is_free_has_its_digits_and_its_sum_those_that_are_said(scene: mbdlft.Scene) -> None:
+    """By efforts between its bodies, against 50 digits."""
+    model = mbdlft.to_lft(scene, search=0.0)
+    omega_6 = [frequency.carried_from(model)[name][0] for name in scene.outputs[:2]]
+    omega = np.append(1e-7, np.outer([1.0, 0.01], omega_6))
+    truth = problem_of_scene(scene).reference().transfers_in_digits([0], omega)[0]
+    errors = np.abs(mbdlft.frequency_response(model, {}, omega)[0] / truth - 1.0)
+    assert np.max(errors) < 1e-9
+    whole = frequency.resolvent(samples_at(model), 1j * omega[None])[0]
+    errors = np.max(np.abs(whole / truth - 1.0), axis=2)
+    assert np.max(np.diag(errors[1:3])) < 1.1e-6
+    assert np.min(np.diag(errors[3:])) > 1e-6
+
+
 def test_an_entry_far_below_its_row_is_named() -> None:
     """The angle of a reaction wheel on a clamped mast, by a push on its head."""
     mast = mbdlft.Beam(
