@@ -50,7 +50,7 @@ def casadi_function(model: System) -> ca.Function:
     columns = [0, len(model.states), model.lft.shape[1]]
     blocks = [block for row in rows for block in ca.horzsplit(row, columns)]
     nominal = {"default_in": [p.nominal for p in model.parameters]} if names else {}
-    options = {"allow_duplicate_io_names": True, **nominal}  # an area is often called A
+    options: dict[str, Any] = {"allow_duplicate_io_names": True, **nominal}  # an area is often called A
     return ca.Function(identifier(model.name), values, blocks, names, list("ABCD"), options)
 
 
