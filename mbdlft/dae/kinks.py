@@ -137,6 +137,12 @@ def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
     return column_of(ca.SX(x) for x in entries)
 
 
+def _switches(expression: ca.SX) -> bool:
+    """Whether a function that switches is in an expression (n, 1)."""
+    function = ca.Function("switches", [column_of(ca.symvar(expression))], [ca.densify(expression)])
+    return any(operation in SWITCHES for operation, _, _ in steps(function))
+
+
 class _Equilibrium:
     """Where arguments of functions are at an equilibrium, for all values of the parameters."""
 
@@ -149,6 +155,8 @@ class _Equilibrium:
             p.name: (np.nextafter(low, -np.inf), np.nextafter(high, np.inf))  # angles are in rad
             for p, low, high in zip(self.dae.parameters, *in_symbols(self.dae, ends), strict=True)
         }
+        if _switches(self.values):  # such as an input that balances max(x, 1) at x = 1
+            self.values = _branches(self.values, lambda _, *argument: self.side(*argument))
 
     def there(self, expression: ca.SX) -> ca.SX:
         """An expression at the equilibrium, in terms of the parameters."""
@@ -234,8 +242,7 @@ class _Equilibrium:
     def _check_decided(self, change: ca.SX, text: str, place: str) -> None:
         """Raise a NotRationalError if a change has functions that switch within the range."""
         names = [p.name() for p in free_symbols(change)]
-        function = ca.Function("change", [column_of(ca.symvar(change))], [ca.densify(change)])
-        if any(operation in SWITCHES for operation, _, _ in steps(function)):
+        if _switches(change):
             raise changes_its_branch(f"{self.dae.owner}, {place}", text, names)
 
     def error(self, place: str, text: str, what: str) -> TrimError:
