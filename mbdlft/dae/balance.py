@@ -207,7 +207,7 @@ def _block(s: Structure, block: Balance, values: Array) -> list[ca.SX]:
         if not ca.depends_on(ca.vertcat(residual), s.dae.p):
             numbers = [in_digits(x) for x in values[0]]
             sizes = zip(values[0], quantities, strict=True)
-            zeros = [abs(x) <= _ZERO * q.variable.nominal for x, q in sizes]
+            zeros = [abs(x) <= _ZERO * q.variable.size for x, q in sizes]
             cleaned = [ca.SX(0) if zero else x for x, zero in zip(numbers, zeros, strict=True)]
             return cleaned if _holds(s, block, cleaned) else numbers
         return solved_linear(slopes, -offset)
@@ -234,8 +234,7 @@ def _guessed(s: Structure, block: Balance, values: Array, least: float) -> list[
     residual, places, quantities, *_ = block
     p = np.array(parameter_points(s.dae, len(values)))
     guesses = {
-        q.name: _monomial(s, values[:, k], p, least * q.variable.nominal)
-        for k, q in enumerate(quantities)
+        q.name: _monomial(s, values[:, k], p, least * q.variable.size) for k, q in enumerate(quantities)
     }
     known = {name: value for name, value in guesses.items() if value is not None}
     missing = [k for k, q in enumerate(quantities) if q.name not in known]
@@ -428,7 +427,7 @@ def fitted(
     symbols = [q.symbol for q in z]
     start = at_nominal[[j for _, j in unsolved]]
     sizes = [
-        abs(x) if abs(x) > _SMALLEST * q.variable.nominal else q.variable.nominal
+        abs(x) if abs(x) > _SMALLEST * q.variable.size else q.variable.size
         for x, q in zip(start, z, strict=True)
     ]
     used, p = _parameters(s, [rows, *entries])
@@ -444,7 +443,7 @@ def fitted(
     name = s.dae.name.replace(".", "_") or "model"
     function = ca.Function(name, [t, column_of(p)], [residual])
     small = listed(
-        q.name for x, q in zip(start, z, strict=True) if 0 < abs(x) <= _SMALLEST * q.variable.nominal
+        q.name for x, q in zip(start, z, strict=True) if 0 < abs(x) <= _SMALLEST * q.variable.size
     )
     with naming(f"{s.owner}{small and f', {small} without a `nominal` of its size'}", TrimError):
         fits, made = _fits(function, used, p, np.concatenate([start, slopes]) / sizes, tolerance)

@@ -25,6 +25,8 @@ from mbdlft.exact.operators import Operators
 from mbdlft.problem.sx.constants import is_constant
 from mbdlft.problem.sx.tapes import Rules, fold, rules
 
+_SMALL = 1e-6  # of a start: a value of this size beside 1 has few digits where zeros are decided
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Variable:
@@ -44,7 +46,7 @@ class Variable:
     fixed : bool
         Whether the initial value is `start`, not only near it.
     nominal : float
-        Size of its values, a positive number.
+        Size of its values, a positive number. Where it is 1, and so not given, a start below 1e-6 is.
     minimum, maximum : float
     comment : str
     derivative : SX (1, 1), or None
@@ -62,6 +64,12 @@ class Variable:
     maximum: float = math.inf
     comment: str = ""
     derivative: ca.SX | None = None
+
+    @property
+    def size(self) -> float:
+        """The nominal size, or, where none is given, that of a start that is far smaller than 1."""
+        of_start = abs(self.start or 0.0)
+        return of_start if self.nominal == 1.0 and 0.0 < of_start < _SMALL else self.nominal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

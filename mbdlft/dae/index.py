@@ -341,7 +341,7 @@ def _columns(
     d: Differentiated, matrices: Sequence[Array], entries: Sequence[Entry], wanted: Collection[str]
 ) -> list[int]:
     """Columns, as many as rows, with which all matrices (m, k) are regular."""
-    sizes = np.array([d.dae.variables[j].nominal for j, _ in entries])
+    sizes = np.array([d.dae.variables[j].size for j, _ in entries])
     classes = np.array([_class(d, entry, wanted) for entry in entries])
     count, free = len(matrices[0]), np.flatnonzero(classes < _KEPT)
     best, least = None, 0.0

@@ -43,7 +43,7 @@ def point_by_orders(
         entries = [Entry(j, o - below) for j, o in enumerate(d.orders) if o >= below]
         entries = [entry for entry in entries if entry not in known]
         start = np.array([0.0 if order else variables[j].start or 0.0 for j, order in entries])
-        sizes = np.array([variables[j].nominal for j, _ in entries])
+        sizes = np.array([variables[j].size for j, _ in entries])
         if rows and entries:
             residual = column_of(d.residuals[row] for row in rows)
             unknown = column_of(d.symbols[entry] for entry in entries)

@@ -32,6 +32,7 @@ from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, steps
 
 _RANGES = arithmetic(decimal, OF_INTERVALS)
 _ROUNDING = 1e-12  # of the terms of a value in doubles: less is zero, as in solutions of equilibria
+_SEVERAL = 3  # points at which slopes are told: they may be equal at the first, the nominal one
 _MOST = 256  # combinations of branches of an expression, of some milliseconds each
 _LOGIC = ("and", "or", "not")
 
@@ -195,7 +196,7 @@ class _Equilibrium:
         except NotRationalError:
             # a function of numbers: in doubles, relative to what signals make of it
             slopes = self.there(ca.densify(ca.jacobian(expression, self.symbols)))
-            sizes = [q.variable.nominal for q in self.quantities]
+            sizes = [q.variable.size for q in self.quantities]
             terms = sum(abs(self.number(slopes[j])) * size for j, size in enumerate(sizes))
             return abs(self.number(value)) <= _ROUNDING * terms
 
@@ -225,9 +226,14 @@ class _Equilibrium:
             return
         for j, q in enumerate(self.quantities):
             if not self.vanishes(gradient[j]):
-                rows = (self.there(ca.jacobian(x, self.symbols[j])) for x in (one, other))
-                low, high = (self.number(ca.densify(row)) + 0.0 for row in rows)
+                low, high = self._slopes([one, other], j)
                 raise self.error(place, text, f"has two slopes by {q.name!r}, {low:g} and {high:g}")
+
+    def _slopes(self, expressions: Sequence[ca.SX], j: int) -> Array:
+        """Slopes by the quantity j, at nominal, or at other parameters where they are equal there."""
+        rows = [ca.densify(self.there(ca.jacobian(x, self.symbols[j]))) for x in expressions]
+        every = [values_of(rows, self.dae.p, p) for p in parameter_points(self.dae, _SEVERAL)]
+        return 0.0 + next((found for found in every if found[0] != found[1]), every[0])
 
     def _along(self, change: ca.SX, zeros: Sequence[ca.SX]) -> ca.SX:
         """The slopes of a change, without what it has across the zeros of arguments."""

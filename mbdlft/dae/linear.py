@@ -162,7 +162,7 @@ def trimmed_points(at: DaeTrim, points: Array) -> Array:
         return values
     held = [k for k in range(expressions.numel()) if k not in free]
     held_symbols = ca.vertcat(rows_of(s.symbols, held), s.dae.p)
-    sizes = np.array([q.variable.nominal for q in s.quantities])
+    sizes = np.array([q.variable.size for q in s.quantities])
     initial = () if at.at_rest else (e.residual for e in s.dae.initial)
     system = System(ca.vertcat(s.residual, *initial), s.symbols[free], held_symbols, sizes[held])
     nominal = np.array([at.nominal[q.name] for q in s.quantities])
@@ -202,7 +202,7 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
     free = [k for k, u in enumerate(unknown) if u]
     both = ca.vertcat(s.symbols, s.dae.p)
     slopes = ca.Function("slopes", [both], [ca.jacobian(in_doubles(s.residual), both)])
-    nominal = np.array([s.quantities[k].variable.nominal for k in free])
+    nominal = np.array([s.quantities[k].variable.size for k in free])
     places = Entries(slopes.sparsity_out(0))
     for row in np.hstack([z, in_symbols(s.dae, points)])[:_LOOKED_AT]:
         J = places.matrix(np.array(slopes(row).nonzeros()))

@@ -177,7 +177,7 @@ def _structure(s: Structure, asked: _Asked) -> _Model:
     at, n = consistent_point(s, p), s.unknown.numel()
     states = tuple(q.name for q in s.states)
     x0 = _initial(s.owner, states, at[n : n + len(states)], asked.states)
-    sizes = np.array([q.variable.nominal for q in s.unknowns])
+    sizes = np.array([q.variable.size for q in s.unknowns])
     system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
     start = solve(system, at[:n], np.concatenate([x0, inputs[0], p]), sizes)
     if not start.is_solution:

@@ -208,7 +208,7 @@ def reduce_index(
 def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
     """Start values and sizes (n,) of unknowns."""
     start = np.array([q.start for q in unknown])
-    return start, np.array([q.variable.nominal for q in unknown])
+    return start, np.array([q.variable.size for q in unknown])
 
 
 def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:

@@ -143,13 +143,13 @@ def check_separation(s: Structure, form: ThetaForm, at: Array) -> float:
     drawn = np.random.default_rng(_SEED)
     n, nx = s.unknown.numel(), len(s.states)
     system = System(s.residual, s.unknown, ca.vertcat(s.x, s.u, s.dae.p))
-    sizes = np.array([q.variable.nominal for q in s.unknowns])
+    sizes = np.array([q.variable.size for q in s.unknowns])
     relations = _Closed(s, form)
     worst = 0.0
     for k in range(_POINTS):
         knowns = at[n:].copy()
         if k:
-            spread = np.array([q.variable.nominal for q in (*s.states, *s.inputs)])
+            spread = np.array([q.variable.size for q in (*s.states, *s.inputs)])
             knowns[: len(spread)] += 0.1 * k * spread * drawn.uniform(-1, 1, len(spread))
             physical = np.array([[drawn.uniform(p.low, p.high) for p in s.dae.parameters]])
             knowns[nx + len(s.inputs) :] = in_symbols(s.dae, physical)[0] if physical.size else []

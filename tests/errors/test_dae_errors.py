@@ -17,7 +17,7 @@ from mbdlft.dae.dae import check_units
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import root
 from mbdlft.system import ThetaFunction
-from tests.close import CROSS, roundoff, target
+from tests.close import CLOSED_FORM, CROSS, roundoff, target
 from tests.daes import dae_of, example_1, example_2, pendulum
 from tests.errors.table import refused, says
 
@@ -45,6 +45,21 @@ def declared(**fields: object) -> Dae:
     d = DaeDraft("bad")
     d.variable("y", **fields)  # type: ignore[arg-type]
     return d.dae()
+
+
+def test_a_small_start_tells_the_size_of_a_variable_without_a_nominal_value() -> None:
+    """Beside 1 the argument of |w/s + 1.44| was taken for zero: two slopes were told of w = -0.54 s."""
+    d = DaeDraft("small")
+    x, u, k = d.variable("x", start=-0.65), d.input("u"), d.parameter(P)
+    w = d.variable("w", start=-5e-15) / d.number(8.28e-15)
+    d.equation(d.der(x), equals=k * ca.fabs(w - d.number(-1.44)) + u)
+    d.equation(d.number(1) * w * ca.exp(w * w / 4), equals=ca.atan(x))
+    d.output("x")
+    at = trim(reduce_index(d.dae()), {"x": -0.65}, free=["u"])
+    v = at.nominal["w"] / 8.28e-15
+    slope = 1.0 / (1.0 + 0.65**2) / (np.exp(v * v / 4.0) * (1.0 + v * v / 2.0))
+    found = mbdlft.matrices_at(mbdlft.linearize_dae(at, search=0.0), {"p": 2.0}).A
+    target(found, np.array([[2.0 * slope]]), CLOSED_FORM)
 
 
 def within(low: float, high: float) -> Dae:
@@ -182,7 +197,7 @@ linearize_dae(bad(**SINE), {"v": 3.0}) => SceneError: unknown variable 'v'
 linearize_dae(bad(**SINE), free=["x"]) => SceneError: unknown input 'x'
 linearize_dae(bad("x=0.7", rate="der(x) - p + exp(x)", parameters=(P,)), fit=1e-6)
     => NotRationalError: exp has no rule in rational fits
-linearize_dae(bad("x=1e-10", outputs="x", rate="der(x) - 1e-20*p + x*x", parameters=(WIDE,)), fit=1e-6)
+linearize_dae(bad("x=1e-5", outputs="x", rate="der(x) - 1e-20*p + x*x", parameters=(WIDE,)), fit=1e-6)
     => x without a `nominal` of its size … nothing can be proved
 linearize_dae(bad("x", outputs="x", rate="der(x) - p", parameters=(P,))) => no unknown is left in 'rate'
 linearize_dae(bad("x", inputs="u", rate="der(x) - u + p*x**(1/3)", parameters=(P,)))
@@ -191,6 +206,13 @@ linearize_dae(bad("x=0.7", rate="der(x) - sin(theta) + x**3", parameters=(THETA,
     => NotRationalError: 'bad', fit of the equilibrium: it depends on the angle theta
 linearize_dae(bad("x=0.7", rate="der(x) - q + x*x", parameters=(Parameter("q", 1, 0, 2),)), fit=1e-6)
     => 'bad': near q = … the branch folds
+# what balances a kink has it, too; a slope may be zero at nominal
+linearize_dae(trim(reduce_index(bad("x=1", inputs="u", outputs="x",
+    rate="der(x) + p*fmax(x, number(1)) - u", parameters=(P,))), {"x": 1.0}, free=["u"]))
+    => has two slopes by 'x', 0 and 2 at this equilibrium, where fmax(x, 1) switches
+linearize_dae(trim(reduce_index(bad("x=1", inputs="u", outputs="x",
+    rate="der(x) + (p - 2)*fabs(x - number(1)) - u", parameters=(P,))), {"x": 1.0}, free=["u"]))
+    =~ has two slopes by 'x', (-?0.0?[1-9]\d*) and (?!\1)
 # equilibria and initial points are in the ranges of variables, at all values of the parameters
 linearize_dae(within(2.3, np.inf))
     => model 'bad': x = 2 is outside its range [2.3, inf] 1 at p = 2. Give other values
