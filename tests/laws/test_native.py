@@ -371,8 +371,6 @@ def test_without_the_compiler_numpy_computes(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_bad_arguments() -> None:
-    with pytest.raises(mbdlft.SceneError, match="expected a Scene or an LFTModel, got str"):
-        mbdlft.compile("arm")  # type: ignore[arg-type]
     with pytest.raises(mbdlft.AnalysisError, match="at least 1 thread, got 0"):
         mbdlft.compile(scene("pendulum"), threads=0)
     with pytest.raises(mbdlft.AnalysisError, match="m9"):
