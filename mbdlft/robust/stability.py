@@ -41,6 +41,7 @@ _LOOKED_AT = 30  # samples whose poles farthest right are looked at more closely
 _SAMPLES = 3  # from which searches start
 _BEYOND, _GAP = 1.02, 0.005  # times the ranges: a proof of more is not asked for; and their gap
 _MOST, _WORK = 400, 4e9  # points of all searches, and their operations
+_DECLARED = 0.75  # of the work that is left, for Lyapunov functions of the declared box: a decision
 _PATH = 40  # points of a search for a pole on the axis
 
 
@@ -172,7 +173,8 @@ def _attempted(
     if polynomials is None:
         return state, None
     is_wrong, work = partial(_is_unstable, model, ends), state.share(asked)
-    state, attempt = search.attempted(asked, state, model, (k, ends, polynomials), is_wrong, work)
+    longest, box = _DECLARED * state.left(asked) if k == 1.0 else 0.0, (k, ends, polynomials)
+    state, attempt = search.attempted(asked, state, model, box, is_wrong, work, longest=longest)
     if attempt.proof is not None:
         return state._replace(lower=k, proof=attempt.proof), None
     return state, attempt.center if attempt.counterexample is None else attempt.counterexample

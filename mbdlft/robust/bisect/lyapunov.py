@@ -65,8 +65,9 @@ _HALVINGS = 12  # of a share that is looked for
 _UNSEEN = 1e-3  # of the largest size of modes at inputs or outputs: smaller ones count as this
 _SLACK = 1e-4  # of S, which a proof has more than rounding needs: P is computed again elsewhere
 _SMALLEST = 2.0**-20  # of the box: a part of this size is not cut again
-_EARLY = 0.3  # of the work: from then on, parts that are proved are
-_ON_THE_WAY = 0.6  # of those that would be, if all took the same work
+# of the work: from then on, parts that are proved are this share, or the share of the work that is used,
+# of those that would be if all took the same work. Soft corners come first, and take more
+_EARLY, _ON_THE_WAY = 0.25, 0.4
 _MIDDLE = np.array([0.5])
 
 
@@ -132,7 +133,7 @@ def searched(model: Realization, ends: Ends, work: float, is_wrong: Check, gain:
             axis = int(np.argmax(least + tails[:, -1] / (1.0 + tails[:, -1])))
             wanted = least if np.max(least) <= _DEGREE and _cost(model, least) <= _DEAREST else None
         cost = _cost(model, wanted)
-        is_slow = used > _EARLY * work and proved * work < _ON_THE_WAY * used
+        is_slow = used > _EARLY * work and proved * work < max(_ON_THE_WAY, used / work) * used
         is_hopeless = is_slow or not subbox.half[axis] > _SMALLEST
         if used + cost > work or is_hopeless:
             return Attempt(None, None, subbox.center, used, is_hopeless)

@@ -263,11 +263,13 @@ def attempted(
     is_wrong: Check,
     work: float,
     gain: float = 0.0,
+    longest: float = 0.0,
 ) -> tuple[State[Worst], Attempt]:
     """What comes of attempts to prove a region of poles, or a gain below 1/gain, on a box of some ends.
 
     The polynomial is exact near the border of stability. Where it is not enough soon, or was not for a
-    smaller box, Lyapunov functions are tried before it. If only work was missing, no more is tried.
+    smaller box, Lyapunov functions are tried before it, with the longest work if that is more. If only
+    work was missing, no more is tried.
     While nothing is proved, the longest try of a size above 1 waits (`State.later`), 1 is tried in all
     ways, and what waits is given up if 1 is not proved.
     """
@@ -290,7 +292,7 @@ def attempted(
             attempt = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
         else:
             with after(state.used):
-                attempt = searched(model, ends, work, is_wrong, gain)
+                attempt = searched(model, ends, max(work, longest), is_wrong, gain)
             state = state._replace(used=state.used + attempt.work)
         is_done = attempt.proof is not None or attempt.counterexample is not None
         if is_done or not (attempt.is_hopeless or (k < waiting[0] and not state.lower)):
