@@ -14,7 +14,8 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
-from mbdlft.base.errors import SceneError, TrimError, check_known
+from mbdlft.base.array import Array
+from mbdlft.base.errors import NotRationalError, SceneError, TrimError, check_known
 from mbdlft.base.samples import check_points
 from mbdlft.dae import balance
 from mbdlft.dae.index import independent
@@ -23,15 +24,17 @@ from mbdlft.dae.newton import Found, System, divided, solve, values_of
 from mbdlft.dae.structure import (
     Quantity,
     Structure,
+    check_range,
     in_symbols,
     parameter_points,
     start_of,
     written_rates,
 )
 from mbdlft.dae.text import column_of
+from mbdlft.exact.rounding import NOISE, equilibrate
 from mbdlft.problem.equations import rows_of
-from mbdlft.problem.sx.constants import in_doubles, literal
-from mbdlft.system.model import OUTSIDE
+from mbdlft.problem.sx.constants import constants_in, double, in_doubles, literal
+from mbdlft.problem.sx.tapes import term_sizes
 from mbdlft.system.sampled import at_values
 
 _SEED = 20261129  # of the points at which equilibria are in their ranges
@@ -167,16 +170,8 @@ def _check_ranges(s: Structure, values: Mapping[str, ca.SX]) -> None:
     points = check_points(s.dae.parameters, _SEED)
     function = ca.Function("values", [s.dae.p], [in_doubles(column_of(values[name] for name in ranged))])
     for physical, p in zip(points, in_symbols(s.dae, points), strict=True):
-        for (name, v), value in zip(ranged.items(), np.ravel(function(p).full()), strict=True):
-            width, ends = v.maximum - v.minimum, (abs(v.minimum), abs(v.maximum))
-            room = OUTSIDE * (width if math.isfinite(width) else max(v.nominal, min(ends)))
-            if not v.minimum - room <= value <= v.maximum + room:
-                at = at_values(s.dae.parameters, physical)
-                raise TrimError(
-                    f"{s.owner}: {name} = {value:g} is outside its range [{v.minimum:g}, "
-                    f"{v.maximum:g}] {v.unit}{' at ' * bool(at)}{at}. Give other values or start values, "
-                    f"narrow the ranges of the parameters, or widen that of {name}."
-                )
+        for v, value in zip(ranged.values(), np.ravel(function(p).full()), strict=True):
+            check_range(s, v, value, at_values(s.dae.parameters, physical))
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:
@@ -294,6 +289,11 @@ def _square(s: Structure, posed: balance.Balance, fixed: Mapping[str, float | st
     states = {q.name for q in s.states}
     classes = np.array([int(q.name in states) for q in unknown], dtype=int)
     columns = independent(J, classes)
+    if len(columns) < min(J.shape):  # or sizes are not known: 1e-12 beside others, and no nominal
+        of_one_size = _equilibrated(s, posed, at.values, J, point)
+        of_any_size = independent(of_one_size, classes)
+        if len(of_any_size) > len(columns):
+            J, columns = of_one_size, of_any_size
     kept = independent(J[:, columns].T, np.zeros(len(J), dtype=int))
     if len(kept) < len(columns):  # two ranks, where errors of the solution are as large as a pivot
         columns = independent(J[kept], classes)
@@ -307,3 +307,19 @@ def _square(s: Structure, posed: balance.Balance, fixed: Mapping[str, float | st
         balance.at_points(s, posed._replace(residual=residual, quantities=chosen), fixed)
     left = tuple(places[i] for i in kept)
     return posed._replace(residual=rows_of(residual, kept), places=left, quantities=chosen)
+
+
+def _equilibrated(s: Structure, posed: balance.Balance, z: Array, J: Array, p: Array) -> Array:
+    """Slopes J (m, n) at z without those that are rounding of their terms; columns of one size, too."""
+    smooth = near_points(s, posed.residual, posed.quantities, z[None])
+    slopes = ca.densify(ca.jacobian(smooth, posed.z))
+    constants, numbers = constants_in(slopes)  # as doubles their sums would be without terms
+    function = ca.Function("slopes", [ca.vertcat(posed.z, s.dae.p, constants)], [slopes])
+    at = np.array([[*z, *p, *map(double, numbers)]])
+    try:
+        terms = term_sizes(function, at)
+    except NotRationalError:  # a function switches there: what is rounding is not known
+        return J
+    clear = np.abs(function(at[0]).full()) > NOISE * terms.reshape(slopes.shape, order="F")
+    rows, columns = equilibrate(np.where(clear, J, 0.0)[None])
+    return np.asarray(np.where(clear, J, 0.0) * rows[:, None] * columns)

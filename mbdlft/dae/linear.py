@@ -38,6 +38,7 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
     with stage("linearize"):
         at = _beside_switches(at)
         linear = _Linear(at)
+        smooth = _replaced(at, linear.stacked).structure
         relations = linear.relations()
     trimmed, s = linear.trimmed(), at.structure
     signals = [tuple(Signal(x.name, x.unit) for x in every) for every in (s.inputs, s.dae.outputs)]
@@ -45,7 +46,7 @@ def problem_of_trim(at: DaeTrim, stage: Stage = lambda name: nullcontext()) -> P
         s,
         relations,
         (signals[0], signals[1]),
-        partial(_reference, at, relations, trimmed),
+        partial(_reference, at, smooth, relations, trimmed),
         ("the nonlinear equations", "the linearized equations do"),
         trimmed,
         at.fit_bound,
@@ -57,9 +58,15 @@ def _beside_switches(at: DaeTrim) -> DaeTrim:
     s, outputs = at.structure, at.structure.dae.outputs
     places = [f"equation {place}" for place, _ in s.equations]
     stacked = ca.vertcat(s.residual, *(y.expression for y in outputs))
-    smooth = beside_switches(s, at.values, stacked, [*places, *(f"output {y.name!r}" for y in outputs)])
-    equations = tuple((place, smooth[k]) for k, (place, _) in enumerate(s.equations))
-    read = tuple(replace(y, expression=smooth[len(places) + k]) for k, y in enumerate(outputs))
+    every = [*places, *(f"output {y.name!r}" for y in outputs)]
+    return _replaced(at, beside_switches(s, at.values, stacked, every))
+
+
+def _replaced(at: DaeTrim, stacked: ca.SX) -> DaeTrim:
+    """The equilibrium of other expressions of [residual ; outputs]."""
+    s, outputs = at.structure, at.structure.dae.outputs
+    equations = tuple((place, stacked[k]) for k, (place, _) in enumerate(s.equations))
+    read = tuple(replace(y, expression=stacked[len(equations) + k]) for k, y in enumerate(outputs))
     return replace(at, structure=replace(s, equations=equations, dae=replace(s.dae, outputs=read)))
 
 
@@ -215,10 +222,11 @@ def trim_sizes(at: DaeTrim, points: Array, z: Array) -> Array:
 
 
 def _reference(
-    at: DaeTrim, relations: LinearModel, trimmed: TrimRelations | None, points: Array
+    at: DaeTrim, smooth: Structure, relations: LinearModel, trimmed: TrimRelations | None, points: Array
 ) -> Reference:
     """The nonlinear equations, trimmed and linearized again with numbers at every point.
 
+    `smooth` has branches in place of functions that switch: what rounding does has no conditions.
     Where the equilibrium is a fit, they are linearized at it; that it is near is looked at, too.
     """
     s = at.structure
@@ -242,7 +250,7 @@ def _reference(
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
     of_relations = reference_of_relations(relations, points, s.owner)
-    felt = felt_sizes(s, slopes, z[:1], points[:1])
+    felt = felt_sizes(smooth, slopes_of(smooth), z[:1], points[:1])
     return replace(
         of_relations,
         sizes=lambda: np.maximum(of_relations.sizes(), felt),

@@ -5,6 +5,7 @@
     0 = F(unknowns, states, inputs, p),   d/dt state = one of the unknowns, or another state
 """
 
+import math
 from collections.abc import Collection, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -18,7 +19,7 @@ import numpy as np
 
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
-from mbdlft.base.errors import SceneError, StructureError, unknown_name
+from mbdlft.base.errors import SceneError, StructureError, TrimError, unknown_name
 from mbdlft.base.samples import random
 from mbdlft.base.unit import parse_unit
 from mbdlft.dae.alias import Alias, eliminate_aliases
@@ -40,6 +41,7 @@ from mbdlft.dae.newton import System, solve
 from mbdlft.dae.text import column_of
 from mbdlft.exact.numbers import decimal
 from mbdlft.problem.sx.constants import literal
+from mbdlft.system.model import OUTSIDE
 
 InputRates = Literal["refused", "inputs"]
 _POINTS, _SEED = 3, 11  # at which pivots are looked at
@@ -209,6 +211,18 @@ def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
     """Start values and sizes (n,) of unknowns."""
     start = np.array([q.start for q in unknown])
     return start, np.array([q.variable.size for q in unknown])
+
+
+def check_range(s: Structure, v: Variable, value: float, at: str = "") -> None:
+    """Raise a TrimError for a value of a variable outside its minimum and maximum."""
+    width, ends = v.maximum - v.minimum, (abs(v.minimum), abs(v.maximum))
+    room = OUTSIDE * (width if math.isfinite(width) else max(v.nominal, min(ends)))
+    if not v.minimum - room <= value <= v.maximum + room:
+        raise TrimError(
+            f"{s.owner}: {v.name} = {value:g} is outside its range [{v.minimum:g}, {v.maximum:g}] "
+            f"{v.unit}{' at ' * bool(at)}{at}. Give other values or start values, narrow the ranges of the "
+            f"parameters, or widen that of {v.name}."
+        )
 
 
 def _quantity(variable: Variable, order: int, symbol: ca.SX) -> Quantity:

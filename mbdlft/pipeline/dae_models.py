@@ -46,6 +46,8 @@ def delta_theta(
     ------
     StructureError
         As `reduce_index`.
+    TrimError
+        A variable is outside its minimum and maximum at the initial point.
     NotRationalError
         A coefficient is not rational in the parameters.
     """

@@ -219,6 +219,9 @@ linearize_dae(within(2.3, np.inf))
 linearize_dae(within(-np.inf, 2.1)) => x = 2.14072 is outside its range [-inf, 2.1] 1 at p = 2.14072.
 linearize_dae(within({0.0|1.8}, {np.inf|2.2 - 1e-11})) => accepted
 start_point(reduce_index(within(0.0, 1.0))) => x = 2 is outside its range [0, 1]
+delta_theta(within(2.1, 3.0)) => x = 2 is outside its range
+delta_theta(within(-1.0, 1.9)) => x = 2 is outside its range
+delta_theta(within(2.0, 3.0)) => accepted
 simulate(within(0.0, 3.0), [0.0, 1.0], parameters={"p": {3.0|np.nan}})
     => SceneError: model 'bad', simulate: p = … is outside its range [1.8, 2.2]
 trim(reduce_index(bad("x v", turning="der(x) - v", pulled="der(v) - 1 + v + sin(x)")), {"v": 0.5},

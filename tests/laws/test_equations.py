@@ -16,7 +16,7 @@ from mbdlft.modelica import ModelicaTable, flat_model, operating_point, translat
 from mbdlft.modelica.translation import notes_of_point
 from mbdlft.system import LFTModel
 from tests.attack.switches import K, check, slopes, text_of
-from tests.close import CLOSED_FORM, target
+from tests.close import CLOSED_FORM, roundoff, target
 from tests.daes import dae_of
 from tests.errors.table import refused
 
@@ -278,6 +278,28 @@ def test_implicit_functions_with_slopes_that_are_numbers(function: str, at: floa
     dae = dae_of("implicit", f"x={at} z=0.4", *laws, **given)
     C = mbdlft.matrices_at(mbdlft.linearize_dae(dae), {})[2]
     target(C, np.array([[slope]]), CLOSED_FORM)
+
+
+def test_a_saturated_function_beside_one_that_switches_keeps_the_digits_that_it_has() -> None:
+    """1 - tanh(5)^2 loses four digits of tanh(5): "a bug" was told, as |z| hid what rounding does."""
+    laws = "der(x) = k*(u - x)", "z + fabs(z)/2 = tanh(x)"
+    dae = dae_of("saturated", "x=5 z=0.6", *laws, inputs="u=5", outputs="z", parameters=[K_SWITCHED])
+    C, slope = mbdlft.linearize_dae(dae).at().C, 1.0 / np.cosh(5.0) ** 2
+    roundoff(C, np.array([[slope / 1.5]]), kappa=1.0 / slope)
+
+
+def test_an_unknown_far_below_one_that_is_zero_needs_no_nominal_value() -> None:
+    """Beside its slope of 1e12 that of u was taken for nothing: u was held, and w balanced the rate."""
+    laws = "der(x) = u - exp(w/number(1e-12))/(1 + k)", "w/number(1e-12) + sin(w/number(1e-12)) = x - 2"
+    dae = dae_of("small", "x=2 w", *laws, inputs="u", outputs="x", parameters=[K_SWITCHED])
+    linear = mbdlft.linearize_dae(trim(reduce_index(dae), {"x": 2.0}, free=["u"]))
+    target(linear.at().A, np.array([[-0.25]]), CLOSED_FORM)
+
+
+def test_a_slope_that_is_rounding_of_its_terms_determines_nothing() -> None:
+    laws = "der(x) = number(0.1)*x + number(0.2)*x - number(0.3)*x - z", "der(z) = u - k*z"
+    dae = dae_of("free", "x=3 z", *laws, inputs="u", outputs="x", parameters=[K_SWITCHED])
+    assert trim(reduce_index(dae)).nominal["x"] == 3.0
 
 
 MODEL = """model M
