@@ -281,10 +281,11 @@ def test_implicit_functions_with_slopes_that_are_numbers(function: str, at: floa
 
 
 def test_a_saturated_function_beside_one_that_switches_keeps_the_digits_that_it_has() -> None:
-    """1 - tanh(5)^2 loses four digits of tanh(5): "a bug" was told, as |z| hid what rounding does."""
-    laws = "der(x) = k*(u - x)", "z + fabs(z)/2 = tanh(x)"
-    dae = dae_of("saturated", "x=5 z=0.6", *laws, inputs="u=5", outputs="z", parameters=[K_SWITCHED])
-    C, slope = mbdlft.linearize_dae(dae).at().C, 1.0 / np.cosh(5.0) ** 2
+    """1 - tanh(5.2)^2 loses four digits: "a bug" was told, as max(z, z/2) hid what rounding does."""
+    laws = "der(x) = k*(u - x)", "1.5*fmax(z, z/2) = tanh(x)"
+    given = {"inputs": "u=5.2", "outputs": "z", "parameters": [K_SWITCHED]}
+    C = mbdlft.linearize_dae(dae_of("saturated", "x=5.2 z=0.6", *laws, **given)).at().C
+    slope = 1.0 / np.cosh(5.2) ** 2
     roundoff(C, np.array([[slope / 1.5]]), kappa=1.0 / slope)
 
 
@@ -294,6 +295,15 @@ def test_an_unknown_far_below_one_that_is_zero_needs_no_nominal_value() -> None:
     dae = dae_of("small", "x=2 w", *laws, inputs="u", outputs="x", parameters=[K_SWITCHED])
     linear = mbdlft.linearize_dae(trim(reduce_index(dae), {"x": 2.0}, free=["u"]))
     target(linear.at().A, np.array([[-0.25]]), CLOSED_FORM)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_which_state_is_held_depends_on_no_unit(unit: float) -> None:
+    """The sum of charges that balance is 1000050: the large one gives way, not the small one."""
+    balance = f"k*(number({unit})*a + 10*b - number(1000050))"
+    variables = f"a={1e6 / unit} b=1"
+    dae = dae_of("sum", variables, f"der(a) = {balance}", f"der(b) = {balance}", parameters=[K_SWITCHED])
+    assert trim(reduce_index(dae)).nominal["b"] == 1.0
 
 
 def test_a_slope_that_is_rounding_of_its_terms_determines_nothing() -> None:
