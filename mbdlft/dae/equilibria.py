@@ -155,7 +155,8 @@ def _solved(
     numbers = values_of([values[q.name] for q in s.quantities], s.dae.p, p)
     missed = System(s.residual, s.symbols, s.dae.p).residual(numbers, p)
     if not np.all(np.isfinite(missed)):  # such as log(x) at zero, where any number is near a solution
-        raise balance.no_solution(s, posed, Found(numbers, np.abs(missed)), fixed)
+        missed = np.where(np.isfinite(missed), np.abs(missed), np.inf)
+        raise balance.no_solution(s, posed, Found(numbers, missed), fixed)
     _check_ranges(s, values)
     nominal = {q.name: float(x) for q, x in zip(s.quantities, numbers, strict=True)}
     for alias in s.aliases:
