@@ -220,8 +220,8 @@ def check_range(s: Structure, v: Variable, value: float, at: str = "") -> None:
     if not v.minimum - room <= value <= v.maximum + room:
         raise TrimError(
             f"{s.owner}: {v.name} = {value:g} is outside its range [{v.minimum:g}, {v.maximum:g}] "
-            f"{v.unit}{' at ' * bool(at)}{at}. Give other values or start values, narrow the ranges of the "
-            f"parameters, or widen that of {v.name}."
+            f"{v.unit}{' at ' * bool(at)}{at}. Give other values or start values, narrow the ranges of "
+            f"the parameters, or widen that of {v.name}."
         )
 
 
