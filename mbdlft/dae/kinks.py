@@ -8,6 +8,7 @@ error says which equation has which two slopes.
 """
 
 import itertools
+import math
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -26,8 +27,10 @@ from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symb
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
 from mbdlft.exact.interval import Interval, decimal, find_zero
+from mbdlft.exact.numbers import Constant
+from mbdlft.exact.numbers import decimal as decimal_of
 from mbdlft.exact.ratio import NotFractionError, Ratio
-from mbdlft.problem.sx.constants import in_doubles, is_constant, is_zero, numbers_of
+from mbdlft.problem.sx.constants import constant, in_doubles, is_constant, is_zero, numbers_of
 from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, steps
 
 _RANGES = arithmetic(decimal, OF_INTERVALS)
@@ -150,7 +153,7 @@ class _Equilibrium:
     def __init__(self, s: Structure, values: Mapping[str, ca.SX]) -> None:
         self.ranges = ranges_of(s.dae)
         self.quantities, self.dae, self.symbols = s.quantities, s.dae, s.symbols
-        self.values = column_of(values[q.name] for q in s.quantities)
+        self.values = column_of(_unfolded(values[q.name]) for q in s.quantities)
         ends = np.array([[p.low, p.high] for p in self.dae.parameters]).reshape(-1, 2).T
         self.bounds = {
             p.name: (np.nextafter(low, -np.inf), np.nextafter(high, np.inf))  # angles are in rad
@@ -257,6 +260,12 @@ class _Equilibrium:
             "linear model. Linearize beside it (other inputs or states in trim, at={...}), or write a "
             "smooth function, such as tanh(x/e) or sqrt(x^2 + e^2)."
         )
+
+
+def _unfolded(value: ca.SX) -> ca.SX:
+    """A number as a symbol: quotients of whole numbers are folded in doubles otherwise, as 57/100."""
+    plain = value.is_constant() and math.isfinite(float(value)) and not value.is_zero()
+    return constant(Constant("rational", decimal_of(float(value)))) if plain else value
 
 
 class _Sides:
