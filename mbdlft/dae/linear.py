@@ -250,7 +250,9 @@ def _reference(
     chosen = [names.index(signal.name) for signal in trimmed.signals] if trimmed else []
     sizes = sizes[chosen]
     of_relations = reference_of_relations(relations, points, s.owner)
-    felt = felt_sizes(smooth, slopes_of(smooth), z[:1], points[:1])
+    # a coefficient such as 1 - p is zero at nominal, and not at the last point, a corner
+    ends = ((z[k : k + 1], points[k : k + 1]) for k in (0, len(points) - 1))
+    felt = np.max([felt_sizes(smooth, slopes_of(smooth), *end) for end in ends], axis=0)
     return replace(
         of_relations,
         sizes=lambda: np.maximum(of_relations.sizes(), felt),

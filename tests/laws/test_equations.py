@@ -289,6 +289,15 @@ def test_a_saturated_function_beside_one_that_switches_keeps_the_digits_that_it_
     roundoff(C, np.array([[slope / 1.5]]), kappa=1.0 / slope)
 
 
+def test_rounding_beside_a_switch_counts_where_its_coefficient_is_not_zero() -> None:
+    """The state is 2e-16 above a switch, and 1 - k is zero at nominal: "a bug" was told."""
+    v, start = "x/number(8.5e-5)", -9.265000000000002e-05
+    law = f"der(x) = u - x - (1 - k)*if_else({v} > number(-1.09), ({v} + number(1.09))**2, 0)"
+    dae = dae_of("beside", f"x={start}", law, inputs="u", outputs="x", parameters=[K_SWITCHED])
+    linear = mbdlft.linearize_dae(trim(reduce_index(dae), {"x": start}, free=["u"]))
+    target(linear.at().A, np.array([[-1.0]]), CLOSED_FORM)
+
+
 def test_an_unknown_far_below_one_that_is_zero_needs_no_nominal_value() -> None:
     """Beside its slope of 1e12 that of u was taken for nothing: u was held, and w balanced the rate."""
     laws = "der(x) = u - exp(w/number(1e-12))/(1 + k)", "w/number(1e-12) + sin(w/number(1e-12)) = x - 2"
