@@ -35,7 +35,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "claims": (0,),
     "proofs": (66,),
     "norms": (0, 7, 15, 287),
-    "frames": (2, 4),
+    "frames": (2, 5),
     "loops": (3,),
     "switches": range(4),
     "mechanisms": (0,),
