@@ -168,11 +168,13 @@ def _check_ranges(s: Structure, values: Mapping[str, ca.SX]) -> None:
     """Raise a TrimError for the first variable outside its minimum and maximum at some parameters."""
     ranged = {q.name: q.variable for q in s.quantities if not q.order}
     ranged = {name: v for name, v in ranged.items() if v.minimum > -math.inf or v.maximum < math.inf}
+    if not ranged:
+        return
     points = check_points(s.dae.parameters, _SEED)
     function = ca.Function("values", [s.dae.p], [in_doubles(column_of(values[name] for name in ranged))])
     for physical, p in zip(points, in_symbols(s.dae, points), strict=True):
         for v, value in zip(ranged.values(), np.ravel(function(p).full()), strict=True):
-            check_range(s, v, value, at_values(s.dae.parameters, physical))
+            check_range(s, v, value, partial(at_values, s.dae.parameters, physical))
 
 
 def _of_aliases(s: Structure, fixed: Mapping[str, float | str]) -> dict[str, float | str]:

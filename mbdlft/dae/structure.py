@@ -6,7 +6,7 @@
 """
 
 import math
-from collections.abc import Collection, Mapping, Sequence, Sized
+from collections.abc import Callable, Collection, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cache, cached_property, partial
@@ -213,15 +213,16 @@ def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
     return start, np.array([q.variable.size for q in unknown])
 
 
-def check_range(s: Structure, v: Variable, value: float, at: str = "") -> None:
-    """Raise a TrimError for a value of a variable outside its minimum and maximum."""
+def check_range(s: Structure, v: Variable, value: float, at: Callable[[], str] = str) -> None:
+    """Raise a TrimError for a value of a variable outside its minimum and maximum, and say at what."""
     width, ends = v.maximum - v.minimum, (abs(v.minimum), abs(v.maximum))
     room = OUTSIDE * (width if math.isfinite(width) else max(v.nominal, min(ends)))
     if not v.minimum - room <= value <= v.maximum + room:
+        where = f" at {text}" if (text := at()) else ""
         raise TrimError(
             f"{s.owner}: {v.name} = {value:g} is outside its range [{v.minimum:g}, {v.maximum:g}] "
-            f"{v.unit}{' at ' * bool(at)}{at}. Give other values or start values, narrow the ranges of "
-            f"the parameters, or widen that of {v.name}."
+            f"{v.unit}{where}. Give other values or start values, narrow the ranges of the parameters, "
+            f"or widen that of {v.name}."
         )
 
 

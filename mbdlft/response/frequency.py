@@ -204,10 +204,11 @@ def _by_momenta(matrices: StateMatrices, system: System) -> list[_Part]:
         return [_Part(range(B.shape[2]), matrices, proved)]
     conserving, others = (np.flatnonzero(chosen).tolist() for chosen in (momenta, momenta == 0))
     held = _held(A, B[:, :, conserving], np.max(momenta))
-    return [
+    parts = [
         _Part(conserving, StateMatrices(held, B[:, :, conserving], C, D[:, :, conserving]), proved),
         _Part(others, StateMatrices(A, B[:, :, others], C, D[:, :, others])),
     ]
+    return [part for part in parts if part.inputs]
 
 
 def _held(A: Array, B: Array, count: int) -> Array:
@@ -331,6 +332,8 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
             if np.any(some) and (i in places or np.all(is_zero)):
                 omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
                 late[i] = max(late.get(i, (0.0, True)), (omega, i in places))
+    if not late:
+        return {}
     omega = np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT
     response = frequency_response(system, {}, omega.ravel())[0]
     apart = np.abs(resolvent(whole, 1j * omega.reshape(1, -1))[0] - response)

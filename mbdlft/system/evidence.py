@@ -48,6 +48,7 @@ _NOT_RECORDED: dict[str, Any] = {
     "by_terms": (),
     "near": (),
 }
+_NO_ACCELERATIONS: dict[str, Any] = {"accelerations": (), "momenta": ()}
 
 
 class Operation(NamedTuple):
@@ -285,13 +286,12 @@ def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         known = system.certificate if isinstance(system, LFTModel) else None
         others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
         momenta += [known.momenta] if known and known.momenta else []
-    if not momenta:
-        left: tuple[int, ...] = ()
-    elif len(systems) == 1 and not wiring.Ky.any():
+    left: tuple[int, ...] = ()
+    if momenta:
+        if len(systems) > 1 or wiring.Ky.any():
+            return _NO_ACCELERATIONS
         is_changed = wiring.E[np.equal(momenta[0], 0)].any(axis=0)
         left = tuple(np.where(is_changed, 0, max(momenta[0])).tolist())
-    else:
-        return {"accelerations": (), "momenta": ()}
     is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
     return {"accelerations": tuple(np.flatnonzero(is_sum).tolist()), "momenta": left}
 
@@ -373,8 +373,7 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         raw_order=of(known.raw_order),
         doubtful=of(known.doubtful),
         order_bound=max(sum(of(known.lower_bound)), known.order_bound - opened),
-        accelerations=(),
-        momenta=(),
+        **_NO_ACCELERATIONS,
         **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
@@ -410,7 +409,7 @@ def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificat
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
     truncated = replace(
-        model.certificate, order=order, exact=False, truncation_error=error, accelerations=(), momenta=()
+        model.certificate, order=order, exact=False, truncation_error=error, **_NO_ACCELERATIONS
     )
     what = f"model {model.name!r}, truncate"
     return replace(

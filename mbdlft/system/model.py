@@ -291,7 +291,7 @@ class Certificate:
     momenta : tuple of int
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
         dampers do, leaves all of them as they are; otherwise 0. `accelerations` are those by inputs that
-        do. Empty where none does, and for what is held.
+        do. Empty for a structure of which no input does, and for what is held.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.

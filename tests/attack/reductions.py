@@ -14,6 +14,7 @@ from mbdlft.elastic import Nodes, modal_model
 from mbdlft.elastic.partition import mass_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from tests import kit
+from tests.reference.frames import Section, element
 
 RIGID, STATIC, ABOVE = 1e-10, 1e-7, 1e-7  # of the size of a direction; of a port's; of a frequency
 DEFORMATIONS = ["axial", "torsion", "bending_y", "bending_z"]
@@ -25,21 +26,8 @@ METHODS = ["hurty", "craig-bampton", "static-correction", "effective-mass"]
 def bar(a: np.ndarray, b: np.ndarray, random: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """M and K (12, 12) in the axes of space of a bar from a to b: cubic shapes, sections on main axes."""
     length, area = float(np.linalg.norm(b - a)), 10.0 ** random.uniform(-4.0, -3.0)
-    E, G, rho, J, second = 7e10, 2.7e10, 2700.0, 0.2 * area**2, area**2 * random.uniform(0.1, 1.0, 2)
-    M, K = np.zeros((12, 12)), np.zeros((12, 12))
-    for k, (inertia, stiffness) in ((0, (rho * area, E * area)), (3, (rho * sum(second), G * J))):
-        rows = np.ix_([k, k + 6], [k, k + 6])
-        M[rows] = inertia * length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
-        K[rows] = stiffness / length * np.array([[1.0, -1.0], [-1.0, 1.0]])
-    h = length
-    for rows, sign, of_area in (([1, 5, 7, 11], 1.0, second[0]), ([2, 4, 8, 10], -1.0, second[1])):
-        turn = np.diag([1.0, sign, 1.0, sign])
-        k = [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
-             [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]  # fmt: skip
-        m = [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
-             [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]  # fmt: skip
-        K[np.ix_(rows, rows)] += E * of_area / h**3 * turn @ np.array(k) @ turn
-        M[np.ix_(rows, rows)] += rho * area * h / 420.0 * turn @ np.array(m) @ turn
+    I_z, I_y = area**2 * random.uniform(0.1, 1.0, 2)
+    M, K = element(Section(A=area, I_y=I_y, I_z=I_z, J=0.2 * area**2), length)
     x = (b - a) / length
     y = np.linalg.qr(np.column_stack([x, random.standard_normal(3)]))[0][:, 1]
     T = np.kron(np.eye(4), np.column_stack([x, y, np.cross(x, y)]))

@@ -16,7 +16,6 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.description import Values
-from mbdlft.base.errors import check_known
 from mbdlft.multibody.assembly.tree import Link, PortJoint, find_port
 from mbdlft.multibody.body import GROUND, Body
 from mbdlft.multibody.contact import Contact
@@ -287,7 +286,6 @@ class View:
         return body, Small(moved[:, 1], moved[:, 2])
 
     def across(self, vector: ca.SX, source: str, target: str) -> ca.SX:
-        check_known("body", [target], self.rest.bodies, f"{self.owner}, frame")
         return across(self.rest, vector, source, target)
 
     def motion(self, port: str) -> ca.SX:
@@ -295,7 +293,6 @@ class View:
         return move_motion(self.motions.bodies[body], port_arm(self.now, body, name))
 
     def joint_wrench(self, joint: str) -> ca.SX:
-        check_known("joint", [joint], self.joints, f"{self.owner}, joint")
         return self.passed.joints[self.joints[joint]]
 
     def momentum(self, order: int) -> ca.SX:

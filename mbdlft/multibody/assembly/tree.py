@@ -203,12 +203,13 @@ def links_of(scene: Scene) -> tuple[Link, ...]:
 
 def _check_sensors(scene: Scene, bodies: Mapping[str, Body]) -> None:
     """What sensors name exists, also of those that are no outputs."""
+    joints = {joint.name for joint in scene.joints}
     for sensor in scene.sensors:
         where = f"sensor {sensor.name!r}"
         if port := getattr(sensor, "port", ""):
             find_port(bodies, where, "port", port)
         if joint := getattr(sensor, "joint", ""):
-            check_known("joint", [joint], [other.name for other in scene.joints], f"{where}, joint")
+            check_known("joint", [joint], joints, f"{where}, joint")
         check_known("body", [getattr(sensor, "frame", GROUND)], bodies, f"{where}, frame")
 
 
