@@ -31,7 +31,6 @@ from mbdlft.order import circles, lower_bound
 from mbdlft.order.circles import independent
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.reduction import ExactLFT, reduce_order
 from mbdlft.order.work import Work
 from mbdlft.pipeline.forms import candidates
 from tests.close import (
@@ -47,12 +46,19 @@ from tests.close import (
     target,
 )
 from tests.errors.scenes import cart
-from tests.extracted import eliminated_in_doubles, exactly
+from tests.extracted import eliminated_in_doubles
 from tests.oscillators import plain
 
+QUICK = 0, 1, 10, 13, 14  # planted bugs die of these
 
-@pytest.mark.long
-@pytest.mark.parametrize("case", [*hard.CASES, *hard.LARGE], ids=lambda case: case.name)
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, id=case.name, marks=[] if k in QUICK else pytest.mark.long)
+        for k, case in enumerate((*hard.CASES, *hard.LARGE))
+    ],
+)
 def test_entries_against_50_digits(case: hard.Case) -> None:
     found = measure(case)
     assert found.lft_factor <= HARD, found
@@ -73,45 +79,6 @@ def test_a_chain_that_is_solved_in_double_precision_is_seen(monkeypatch: pytest.
     """Planted bug: the mass matrix at nominal is solved with as if its condition did not matter."""
     monkeypatch.setattr("mbdlft.pipeline.forms.eliminated", eliminated_in_doubles)
     assert measure(hard.long_chain(20)).lft_factor > HARD_CHAIN
-
-
-@pytest.mark.parametrize("case", [hard.collinear(1e-12), hard.wide(99.99)], ids=lambda case: case.name)
-def test_a_condition_that_is_not_stated_is_seen(case: hard.Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: the certificate takes every problem for well conditioned."""
-    monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *_: (1.0, 0))
-    found = measure(case)
-    assert found.condition > HARD * found.stated
-
-
-def test_a_change_of_sign_that_is_not_stated_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: entries that change their sign are not counted."""
-    right = mbdlft.pipeline.certification.conditioning
-    monkeypatch.setattr("mbdlft.pipeline.certification.conditioning", lambda *p: (right(*p)[0], 0))
-    found = measure(hard.bifurcation(1e-9))
-    assert found.condition > HARD * found.stated
-
-
-def test_a_reduction_that_loses_digits_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: a reduction of relations of 1 kg and 1e9 kg with seven digits."""
-
-    def in_few_digits(a: ExactLFT) -> ExactLFT:
-        b = reduce_order(a.rounded())
-        parts = (x.astype(np.float32).astype(float) for x in (b.M11, b.M12, b.M21, b.M22))
-        return exactly(mbdlft.LFT(*parts, b.blocks))
-
-    monkeypatch.setattr("mbdlft.pipeline.certification.ACCEPTED", np.inf)
-    monkeypatch.setattr("mbdlft.pipeline.certification.MOST_ROUNDINGS", 1e300)
-    monkeypatch.setattr("mbdlft.pipeline.forms.reduce_exactly", in_few_digits)
-    assert measure(hard.mass_ratio(1.0, 1e9)).lft_factor > HARD
-
-
-def test_a_wrong_digit_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: an angle with a relative error of 1e-12."""
-    reading = mbdlft.base.parameter.to_delta
-    monkeypatch.setattr(
-        "mbdlft.system.sampled.to_delta", lambda p, x: reading(p, np.asarray(x) * (1.0 + 1e-12))
-    )
-    assert measure(hard.mass_ratio(1e9, 1.0)).lft_factor > HARD
 
 
 def test_a_mass_matrix_that_double_precision_does_not_carry_is_solved_with() -> None:

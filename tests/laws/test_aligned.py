@@ -99,13 +99,6 @@ def test_skew_plane_costs_planar_work(Q: np.ndarray) -> None:
             roundoff(found, expected)
 
 
-def test_without_a_common_plane_a_skew_one_costs_more(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The measure sees the difference: the planted bug is that no plane is recognized."""
-    scene = two_link_arm.scene()
-    monkeypatch.setattr(resolved, "_common_axis", lambda *_: None)
-    assert instructions(turned(scene, SKEW[0])) > 2 * instructions(scene)
-
-
 def test_rotations_about_skew_axes_meet_two_components() -> None:
     """As many channels as about a coordinate axis, where the bodies are balls about the axes."""
 
@@ -144,9 +137,6 @@ def test_axes_along_the_plane_change_no_value(monkeypatch: pytest.MonkeyPatch) -
     expected, found = without_plane(monkeypatch, scene), mbdlft.to_lft(scene, search=0.0)
     roundoff(difference(found, expected), 0.0, kappa=10.0)
     assert sum(found.certificate.raw_order) < sum(expected.certificate.raw_order)
-    # sensors are turned back: without that they have other components
-    monkeypatch.setattr(resolved.Resolved, "back", lambda self, measured: measured)
-    assert difference(mbdlft.to_lft(scene, search=0.0), expected) > 0.1
 
 
 def test_an_axis_that_is_a_little_off_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

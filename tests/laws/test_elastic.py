@@ -1,11 +1,9 @@
 """Laws of elastic bodies: symmetry, energy, momentum, statics, rigid limits."""
 
-import casadi as ca
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft.multibody.body.beam import Beam
 from tests import kit
 from tests.close import CLOSED_FORM, HARD_NUMERIC, SAME_MESH, SCENARIO, STABLE, conditioned, target
 from tests.laws import elastic as scenes
@@ -236,10 +234,3 @@ def test_parameters_of_a_beam_are_rebuilt(functions: str) -> None:
         size = np.max(np.abs(frozen.A), axis=1, keepdims=True)
         target((found.A - frozen.A) / size, np.zeros(found.A.shape), SAME_MESH, 1.0)
         target(mbdlft.trim_at(model, point), frozen.trim.nominal, SCENARIO)
-
-
-# planted bugs
-
-
-def weightless(body: Beam, values: object) -> ca.SX:
-    return ca.SX(0)

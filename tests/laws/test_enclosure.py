@@ -125,13 +125,9 @@ def test_last_units_and_turns_are_inside(text: str, x: list[float], y: list[floa
 
 
 def test_a_library_may_be_wrong_in_the_last_digits(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A sine that is wrong by three units in the last place; the planted bug trusts it."""
+    """A sine that is wrong by three units in the last place."""
     monkeypatch.setattr(interval.math, "sin", lambda x: float(np.sin(x)) * (1.0 + 3.0 * EPS))
-    case = expression.parse("sin(x)"), {"x": [0.7, 0.7], "y": [0.0, 0.0]}
-    law_values_are_inside(*case)
-    monkeypatch.setattr(interval, "_LIBRARY", 0.0)
-    with pytest.raises(AssertionError):
-        law_values_are_inside(*case)
+    law_values_are_inside(expression.parse("sin(x)"), {"x": [0.7, 0.7], "y": [0.0, 0.0]})
 
 
 def test_ends_are_near() -> None:
@@ -198,21 +194,16 @@ def test_radii_hold(a: float, r: float, b: float, s: float) -> None:
     ids=["sum", "underflow", "radii"],
 )
 def test_rounding_of_radii_is_counted(case: tuple[float, float, float, float]) -> None:
-    """Planted bug: sums that make a radius are not rounded up."""
+    """Also of the sums that make a radius."""
     law_radii_hold(*case)
 
 
 def test_what_many_products_lose_by_underflow_is_counted() -> None:
-    """(s + s x + ... + s x^4)^2 at x = 1 with products below the least number; planted: they are none."""
+    """(s + s x + ... + s x^4)^2 at x = 1 with products below the least number."""
     monomials, least = taylor.space(1, 4), 1.5e-162
     a = taylor.Taylor(monomials, np.full((5, 1), least), np.zeros(1))
-
-    def inside() -> None:
-        found = a * a
-        polynomial = sum(map(Fraction, found.c[:, 0].tolist()))
-        assert abs((5 * Fraction(least)) ** 2 - polynomial) <= Fraction(float(found.r[0]))
-
-    inside()
+    polynomial = sum(map(Fraction, (a * a).c[:, 0].tolist()))
+    assert abs((5 * Fraction(least)) ** 2 - polynomial) <= Fraction(float((a * a).r[0]))
 
 
 def cancelling(boxes: int) -> taylor.Taylor:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array
 
 import mbdlft
 from benchmarks.needs import Transfer, instructions, requests, transfers
@@ -18,7 +17,6 @@ from mbdlft.base.errors import AnalysisError, SceneError
 from mbdlft.batch.rows import source_of
 from mbdlft.multibody.coupling import Gear
 from mbdlft.multibody.force import Tire
-from mbdlft.problem import needs as need
 from tests import kit
 from tests.close import roundoff
 
@@ -83,25 +81,6 @@ def test_one_transfer_never_costs_more_than_everything(name: str) -> None:
         [model.order for model in models],
     ):
         assert costs == sorted(costs, reverse=True), costs
-
-
-@pytest.mark.parametrize("planted", ["not seen", "not driven"])
-def test_a_state_that_is_missing_is_found(planted: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Planted bug: entries of the relations are lost, so that states seem to do nothing."""
-    scene = scene_of("launcher_slosh", "gimbal.torque", "flight.angle", "needed")
-    right = need._pattern
-
-    def blind(m: Any) -> csr_array:
-        rows = right(m).tolil()
-        if planted == "not seen":
-            rows[: m.residual.numel(), m.unknown.numel() : m.unknown.numel() + 10] = 0.0
-        else:
-            rows[: m.residual.numel(), m.unknown.numel() + 10 :] = 0.0
-        return csr_array(rows)
-
-    monkeypatch.setattr(need, "_pattern", blind)
-    with pytest.raises(AnalysisError, match="differs from the nonlinear equations"):
-        mbdlft.to_lft(scene, search=0.0)
 
 
 def test_rows_of_a_sweep_have_the_states_of_the_model() -> None:

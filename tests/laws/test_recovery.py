@@ -381,48 +381,6 @@ def test_nothing_is_an_lft_too() -> None:
     assert law_values(graph, 0).order == 0
 
 
-def found_by(law: Callable[[SignalGraph, int], object]) -> bool:
-    """Whether a law does not hold for some graph."""
-    for seed in range(40):
-        try:
-            law(random_graph(seed, divisors=bool(seed % 2)), seed)
-        except AssertionError:
-            return True
-    return False
-
-
-def test_planted_factor_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Dependence.combination
-
-    def wrong(self: Dependence, own: int, row: Row) -> Row | None:
-        found = right(self, own, row)
-        return None if found is None else {k: number(1.001) * f for k, f in found.items()}
-
-    assert not found_by(law_values)
-    monkeypatch.setattr(Dependence, "combination", wrong)
-    assert found_by(law_values)
-
-
-def test_planted_row_too_few_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    right = Dependence.combination
-
-    def wrong(self: Dependence, k: int, row: Row) -> Row | None:
-        return dict.fromkeys(self.rows, FIELD.one) if len(self.rows) == 2 else right(self, k, row)
-
-    monkeypatch.setattr(Dependence, "combination", wrong)
-    assert found_by(law_values)
-
-
-def test_planted_blindness_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is ever seen to be a combination, or nobody looks from the side of the outputs."""
-    assert not found_by(law_orders)
-    with monkeypatch.context() as patch:
-        patch.setattr(Dependence, "combination", lambda *_: None)
-        assert found_by(law_orders)
-    monkeypatch.setattr("mbdlft.pipeline.extract.graph.smallest", words.reached)
-    assert found_by(law_orders)
-
-
 # rows ---------------------------------------------------------------------------------------
 
 

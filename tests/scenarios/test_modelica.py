@@ -7,12 +7,9 @@ import pytest
 
 import mbdlft
 from mbdlft.dae import simulate
-from mbdlft.dae.linear import trimmed_points
-from mbdlft.dae.structure import in_symbols
 from mbdlft.modelica import operating_point, structure_of
 from mbdlft.pipeline.dae_models import delta_theta, linearize_dae
-from tests.close import EXTRAPOLATED, SCENARIO, SIMULATED, target
-from tests.daes import differences
+from tests.close import SCENARIO, SIMULATED, target
 from tests.modelica import FLAT, ROOT, SCENARIOS, flat
 from tests.scenarios.commands import Output
 
@@ -75,25 +72,6 @@ def test_functions_beside_the_linear_part_give_the_same_motion(name: str, count:
         for k in range(a.outputs.shape[1]):
             assert np.ptp(a.outputs[:, k]) > 0.0
             target(b.outputs[:, k], a.outputs[:, k], SIMULATED)
-
-
-# flows of the servo have corners; tests/reference/test_modelica_models.py compares it with formulas
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "hydraulic_servo"])
-def test_linearizations_are_those_of_differences(name: str) -> None:
-    """Errors of differences fall with the square of the step, and vanish in the limit (Richardson)."""
-    at = operating_point(*flat(name))
-    s = at.structure
-    points = np.array([[q.nominal for q in s.dae.parameters]])
-    z, p = trimmed_points(at, points)[0], in_symbols(s.dae, points)[0]
-    found = mbdlft.matrices_at(linearize_dae(at, search=0.0, prove=0.0), {})
-    exact = np.block([[found.A, found.B], [found.C, found.D]])
-    tries = [differences(s, z, p, 0.02 / 2**k) for k in range(3)]
-    errors = np.array([np.max(np.abs(tried - exact)) for tried in tries])
-    if errors[0] > EXTRAPOLATED * np.max(np.abs(exact)):  # else it is linear
-        rates = np.log2(errors[:-1] / errors[1:])
-        assert np.all((rates > 1.95) & (rates < 2.05))
-    first, second = ((4.0 * tries[k + 1] - tries[k]) / 3.0 for k in range(2))
-    target((16.0 * second - first) / 15.0, exact, EXTRAPOLATED)
 
 
 def test_commands(tmp_path: Path, output: Output) -> None:
