@@ -20,6 +20,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
+from mbdlft.response.momenta import Part, by_momenta
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
 
@@ -28,7 +29,6 @@ _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay ne
 _SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
 _AT_REST = 100.0 * EPS  # of terms: what is left of them is nothing
 _CANCELED = 0.1  # of terms: where less is left, a digit is lost
-_CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
 _SIX_DIGITS = 1e-6
 _LOOKED_AT = np.array([0.1, 0.3, 1.0])  # of a frequency; errors of accelerations are as its square
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
@@ -173,10 +173,7 @@ def frequency_response(
             f"{count} samples, got shape {frequencies.shape}."
         )
     rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
-    response = np.empty((*rows.shape, *matrices.D.shape[1:]), dtype=complex)
-    for part in _by_momenta(matrices, model):
-        whole, places = with_positions(part.matrices, part.proved)
-        response[..., part.inputs] = from_positions(resolvent(whole, 1j * rows), whole.D, rows, places)
+    response = _responses(_placed(model, matrices), rows)
     poles = ~np.isfinite(response).all(axis=(2, 3))
     if np.any(poles):
         raise AnalysisError(
@@ -186,58 +183,32 @@ def frequency_response(
     return response
 
 
-class _Part(NamedTuple):
-    """Some inputs, the matrices with these, and outputs that are proved to be accelerations by these."""
+class _Placed(NamedTuple):
+    """A part, its matrices with positions of accelerations, and their places."""
 
-    inputs: Sequence[int]
-    matrices: StateMatrices
-    proved: Sequence[int] = ()
+    part: Part
+    whole: StateMatrices
+    places: Mapping[int, tuple[int, Array]]
 
 
-def _by_momenta(matrices: StateMatrices, system: System) -> list[_Part]:
-    """All inputs of what is held; of what is free those that conserve its momenta, and others."""
-    A, B, C, D = matrices
-    if not isinstance(system, LFTModel):
-        return [_Part(range(B.shape[2]), matrices)]
-    proved, momenta = system.certificate.accelerations, np.array(system.certificate.momenta)
-    if not len(momenta):
-        return [_Part(range(B.shape[2]), matrices, proved)]
-    conserving, others = (np.flatnonzero(chosen).tolist() for chosen in (momenta, momenta == 0))
-    held = _held(A, B[:, :, conserving], np.max(momenta))
-    parts = [
-        _Part(conserving, StateMatrices(held, B[:, :, conserving], C, D[:, :, conserving]), proved),
-        _Part(others, StateMatrices(A, B[:, :, others], C, D[:, :, others])),
+def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
+    proved = system.certificate.accelerations if isinstance(system, LFTModel) else ()
+    parts = by_momenta(system, matrices)
+    return [
+        _Placed(part, *with_positions(part.matrices, proved if part.leaves_momenta else ()))
+        for part in parts
     ]
-    return [part for part in parts if part.inputs]
 
 
-def _held(A: Array, B: Array, count: int) -> Array:
-    """A with what draws momenta to zero, where they stay zero by B: its responses are the same.
-
-    Rounding of A and B changes the momenta, and 1/s^2 times this change moves what is free more than
-    inputs that conserve them do. With x' = v and L K = 0, K the stiffnesses, momenta are L v, and v' has
-    -P (k^2 x + k v) more, where P = L' (L L')^-1 L and k is the frequency of the slowest mode. A sample
-    that is held less than the others has more of such modes, or momenta that B changes, and stays as it
-    is.
-    """
-    rates, held = rates_of(A, B), A.copy()
-    if (count := min(count, len(rates))) == 0:
-        return A
-    x, v = np.array([*rates]), np.array([*rates.values()])
-    K, n, all_of_v = A[:, v[:, None], x], len(x), np.concatenate([A, B], axis=2)[:, v]
-    # regular, so L has the digits of soft springs beside stiff ones: [L M] [K E ; F 0] = [0 1]
-    border = np.random.default_rng(0).standard_normal((len(A), n + count, n + count))
-    border[:, :n, :n], border[:, n:, n:] = K.swapaxes(1, 2), 0.0
-    border[np.linalg.slogdet(border)[0] == 0.0] = np.nan
-    L = np.linalg.solve(border, np.eye(n + count)[:, n:])[:, :n].swapaxes(1, 2)
-    across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    is_zero = np.abs(L @ all_of_v) <= _CONSERVED * (np.abs(L) @ np.abs(all_of_v))
-    slowest = np.sort(np.abs(np.linalg.eigvals(A)), axis=1)[:, 2 * count :].min(axis=1, initial=np.inf)
-    is_held = (np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
-    k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
-    held[:, v[:, None], x] -= k**2 * P / A[:, None, x, v]
-    held[:, v[:, None], v] -= k * P
-    return held
+def _responses(placed: Sequence[_Placed], omega: Array) -> Complex:
+    """Responses (N, F, ny, nu) of all parts at omega (N, F), rad/s."""
+    outputs = placed[0].part.matrices.D.shape[1]
+    inputs = sum(len(part.inputs) for part, _, _ in placed)
+    response = np.empty((*omega.shape, outputs, inputs), dtype=complex)
+    for part, whole, places in placed:
+        of_part = resolvent(whole, 1j * omega.astype(float))
+        response[..., part.inputs] = from_positions(of_part, whole.D, omega, places)
+    return response
 
 
 def with_positions(
@@ -315,10 +286,9 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
     that is held has the acceleration s^2 C A^-2 (-A)^-1 B, and the terms are rounded by 2.2e-16. Where
     there is a position, what the sum has lost is also measured: entries of A may have lost more.
     """
-    whole = modes.samples_at(system)
-    late: dict[int, tuple[float, bool]] = {}
-    for part in _by_momenta(whole, system):
-        places = with_positions(part.matrices, part.proved)[1]
+    matrices = modes.samples_at(system)
+    placed, late = _placed(system, matrices), dict[int, tuple[float, bool]]()
+    for part, _, places in placed:
         A, B, C, D = (matrix[0] for matrix in part.matrices)
         try:
             at_rest = np.linalg.solve(A, B)
@@ -334,9 +304,9 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
                 late[i] = max(late.get(i, (0.0, True)), (omega, i in places))
     if not late:
         return {}
-    omega = np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT
-    response = frequency_response(system, {}, omega.ravel())[0]
-    apart = np.abs(resolvent(whole, 1j * omega.reshape(1, -1))[0] - response)
+    omega = (np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT).reshape(1, -1)
+    response = _responses(placed, omega)[0]
+    apart = np.abs(resolvent(matrices, 1j * omega)[0] - response)
     size = np.where(response != 0.0, np.abs(response), np.inf)
     shares = np.max(apart / size, axis=2, initial=0.0)
     shares = shares.reshape(len(late), len(_LOOKED_AT), len(system.outputs)) * _LOOKED_AT[:, None] ** 2
@@ -457,17 +427,18 @@ def unbounded_frequencies(
     tuple of N arrays, rad/s, each rising; 0 for integrators
     """
     matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
-    frequencies = []
-    for A, B, C, D in zip(*matrices, strict=True):
+    columns = modes.chosen(system.name, "input", inputs, system.inputs, "responses")
+    parts, frequencies = by_momenta(system, matrices, columns), []
+    for k, A in enumerate(matrices.A):
         seen = modes.spectrum(A)
         largest = float(np.max(np.abs(seen.poles), initial=0.0))
         sizes = np.unique(np.abs(seen.cleaned.imag[seen.on_axis]))
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)
-        matrices_of_one = (matrix[None] for matrix in (A, B, C, D))
         apart = np.array([1e-2, 1e-4]) * _NEAREST
         omega = sizes[:, None] + unit[:, None] * np.where(sizes[:, None] > 0.0, apart, 100.0 * apart)
-        gains = np.abs(resolvent(StateMatrices(*matrices_of_one), 1j * omega.reshape(1, -1))[0])
-        gains = np.max(gains, axis=(1, 2), initial=0.0).reshape(-1, 2)
+        of_one = (StateMatrices(*(matrix[k, None] for matrix in part.matrices)) for part in parts)
+        gains = np.concatenate([resolvent(some, 1j * omega.reshape(1, -1))[0] for some in of_one], axis=2)
+        gains = np.max(np.abs(gains), axis=(1, 2), initial=0.0).reshape(-1, 2)
         kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
         # poles of one frequency that rounding has moved apart are one
         gaps = np.diff(kept, prepend=-np.inf) > _NEAREST * kept

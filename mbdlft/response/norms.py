@@ -25,7 +25,8 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
-from mbdlft.response.modes import Names, balancing, pole_text, spectrum, transfers_at
+from mbdlft.response.modes import Names, balancing, chosen, pole_text, spectrum, transfers_at
+from mbdlft.response.momenta import by_momenta
 from mbdlft.response.staircase import Plant, connected, exactly_seen, scaled, seen, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
@@ -105,7 +106,7 @@ def hinf_norm(
         raise AnalysisError(
             f"model {system.name!r}: hinf_norm: expected a tolerance from 1e-10 to 1, got {tolerance!r}."
         )
-    matrices = transfers_at(system, values, outputs, inputs, "gains")
+    matrices = _held_at(system, values, outputs, inputs, "gains")
     peaks = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
     lower, upper, frequency, reason = zip(*peaks, strict=True)
     return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
@@ -138,7 +139,7 @@ def h2_norm(
         The two ways to compute it differ by a thousandth.
     """
     norms = []
-    for each in zip(*transfers_at(system, values, outputs, inputs, "norms"), strict=True):
+    for each in zip(*_held_at(system, values, outputs, inputs, "norms"), strict=True):
         value, error, reason = _h2(Plant(*each))
         if error > _APART:
             raise AnalysisError(
@@ -148,6 +149,15 @@ def h2_norm(
         norms.append((value, error, reason))
     values_found, errors, reasons = zip(*norms, strict=True)
     return H2Norm(np.array(values_found), np.array(errors), tuple(reasons))
+
+
+def _held_at(
+    system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
+) -> StateMatrices:
+    """As `transfers_at`, but held where all of the inputs leave the momenta of a free structure."""
+    matrices = transfers_at(system, values, outputs, inputs, what)
+    parts = by_momenta(system, matrices, chosen(system.name, "input", inputs, system.inputs, what))
+    return parts[0].matrices if len(parts) == 1 else matrices
 
 
 def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:

@@ -4,7 +4,7 @@ x(t + h) = exp(A h) x(t) is exact for every step h, of integrators, stiff system
 with a constant input, A is bordered by B (Van Loan, IEEE Transactions on Automatic Control 1978).
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,9 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.response import modes
+from mbdlft.response.momenta import by_momenta
 from mbdlft.system.model import System
+from mbdlft.system.sampled import StateMatrices
 
 _POINTS, _MOST_POINTS = 400, 5000  # of times that are chosen here
 _SETTLED = 5.0  # time constants until little is left: 0.7 %
@@ -62,13 +64,16 @@ def step_response(
     AnalysisError
         It grows beyond all numbers.
     """
-    A, B, C, D = modes.transfers_at(system, values, outputs, inputs, "responses")
-    t = _times(system, A, times)
-    n, m = B.shape[1:]
-    below = np.zeros((len(A), m, n + m))
-    bordered = np.concatenate([np.concatenate([A, B], axis=2), below], axis=1)
-    start = np.broadcast_to(np.concatenate([np.zeros((n, m)), np.eye(m)]), (len(A), n + m, m))
-    return TimeResponse(t, _moved(system, bordered, start, np.concatenate([C, D], axis=2), t))
+
+    def moved(matrices: StateMatrices, t: Array) -> Array:
+        A, B, C, D = matrices
+        n, m = B.shape[1:]
+        below = np.zeros((len(A), m, n + m))
+        bordered = np.concatenate([np.concatenate([A, B], axis=2), below], axis=1)
+        start = np.broadcast_to(np.concatenate([np.zeros((n, m)), np.eye(m)]), (len(A), n + m, m))
+        return _moved(system, bordered, start, np.concatenate([C, D], axis=2), t)
+
+    return _by_inputs(system, values, times, outputs, inputs, moved)
 
 
 @arguments_checked
@@ -84,9 +89,27 @@ def impulse_response(
 
     `system`, `values`, `times`, `outputs` and `inputs` are those of `step_response`.
     """
-    A, B, C, _ = modes.transfers_at(system, values, outputs, inputs, "responses")
-    t = _times(system, A, times)
-    return TimeResponse(t, _moved(system, A, B, C, t))
+    return _by_inputs(
+        system, values, times, outputs, inputs, lambda m, t: _moved(system, m.A, m.B, m.C, t)
+    )
+
+
+def _by_inputs(
+    system: System,
+    values: Mapping[str, ArrayLike] | None,
+    times: ArrayLike | None,
+    outputs: modes.Names,
+    inputs: modes.Names,
+    moved: Callable[[StateMatrices, Array], Array],
+) -> TimeResponse:
+    """Responses (N, T, ny, nu), each by the matrices of those inputs that leave as many momenta."""
+    matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
+    t = _times(system, matrices.A, times)
+    columns = modes.chosen(system.name, "input", inputs, system.inputs, "responses")
+    response = np.empty((len(matrices.A), len(t), *matrices.D.shape[1:]))
+    for part in by_momenta(system, matrices, columns):
+        response[..., part.inputs] = moved(part.matrices, t)
+    return TimeResponse(t, response)
 
 
 @arguments_checked

@@ -34,7 +34,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "equations": (0,),
     "claims": (0,),
     "proofs": (66,),
-    "norms": (0, 7, 15, 287),
+    "norms": (0, 2, 7, 15, 287),
     "frames": (2, 5),
     "loops": (3,),
     "switches": range(4),

@@ -21,8 +21,16 @@ from mbdlft.show.figures.figures import mark_unbounded
 from mbdlft.show.report import sentences
 from mbdlft.system.sampled import StateMatrices
 from tests import kit
-from tests.close import CLOSED_FORM, NORM, PEAK, RESPONSE, exact, roundoff, target
-from tests.oscillators import matrices, oscillator, plain, random_system, spring_and_mass, two_masses
+from tests.close import CHAIN, CLOSED_FORM, ELASTIC, NORM, PEAK, RESPONSE, exact, roundoff, target
+from tests.oscillators import (
+    free_chain,
+    matrices,
+    oscillator,
+    plain,
+    random_system,
+    spring_and_mass,
+    two_masses,
+)
 
 # over frequency -----------------------------------------------------------------------------------
 
@@ -590,6 +598,40 @@ def test_poles_that_the_channels_do_not_see_leave_norms_finite() -> None:
     expected = 0.5 / (2.0 * zeta * np.sqrt(1.0 - zeta**2) * omega**2)
     target(mbdlft.hinf_norm(stretch).lower[0], expected, NORM)
     target(mbdlft.h2_norm(stretch).value[0], 0.5 / np.sqrt(4.0 * zeta * omega**3), RESPONSE)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 12])
+def test_a_force_within_a_free_chain_has_finite_norms_and_moves_it_back_and_forth_only(seed: int) -> None:
+    """Rounding moves the center of mass: norms were infinite, or 1e-5 off, and places 7e-5 in time."""
+    model, truth = free_chain(np.random.default_rng(seed))
+    slowest = np.min(np.abs(np.linalg.eigvals(truth.A)))
+    times = np.linspace(0.0, 75.0 / slowest, 61)
+    for respond in (mbdlft.step_response, mbdlft.impulse_response):
+        moved, expected = (respond(system, {}, times).values[0, :, 0, 0] for system in (model, truth))
+        target(moved / np.max(np.abs(expected)), expected / np.max(np.abs(expected)), CHAIN)
+    for mine, own in (("place.x", "y0"), ("felt.x", "y1")):
+        peak, expected = mbdlft.hinf_norm(model, outputs=mine), mbdlft.hinf_norm(truth, outputs=own)
+        assert peak.upper[0] <= peak.lower[0] * (1.0 + 1.01 * NORM)
+        target(peak.lower[0], expected.lower[0], ELASTIC)  # as far as rounding changes damping
+    assert mbdlft.unbounded_frequencies(model)[0].size == 0
+    poles, V = np.linalg.eig(truth.A)  # the integral of each pair of modes
+    shares = (truth.C_y[:1] @ V) * np.linalg.solve(V, truth.B_u).T
+    energy = -np.sum(shares.T * np.conj(shares) / (poles[:, None] + np.conj(poles))).real
+    target(mbdlft.h2_norm(model, outputs="place.x").value[0], np.sqrt(energy), ELASTIC)
+
+
+def test_inputs_that_leave_momenta_and_others_are_told_apart_in_any_order() -> None:
+    model = floating()
+    motor = mbdlft.hinf_norm(model, outputs="base.angle", inputs="motor.torque")
+    assert motor.reason == ("",)
+    assert mbdlft.hinf_norm(model, outputs="base.angle").upper[0] == np.inf
+    exact([found[0] for found in mbdlft.unbounded_frequencies(model, outputs="base.angle")], [0.0])
+    times = np.linspace(0.0, 10.0, 11)
+    both = mbdlft.step_response(model, {}, times).values
+    turned = mbdlft.step_response(model, {}, times, inputs=["push.torque", "motor.torque"]).values
+    exact(turned[..., ::-1], both)
+    alone = mbdlft.step_response(model, {}, times, inputs="motor.torque").values
+    target(alone[..., 0], both[..., 0], CLOSED_FORM)
 
 
 def test_norms_over_samples_are_those_of_each() -> None:
