@@ -26,7 +26,7 @@ from mbdlft.dae.newton import Found, System, follow_all, solve, values_of
 from mbdlft.dae.structure import Quantity, Structure, parameter_points, start_of
 from mbdlft.dae.text import FITTED, RATIONAL, column_of, free_symbols, in_digits, operations_beyond
 from mbdlft.multibody.equilibrium.fit import EquilibriumFit, fit_equilibrium
-from mbdlft.problem.sx.constants import in_doubles, is_constant, literal
+from mbdlft.problem.sx.constants import cancels, in_doubles, is_constant, literal
 from mbdlft.problem.sx.tapes import term_sizes
 
 _SMALL = Fraction(1, 8)
@@ -284,9 +284,11 @@ def _monomial(s: Structure, values: Array, points: Array, least: float) -> ca.SX
 
 
 def _holds(s: Structure, block: Balance, solution: Sequence[ca.SX]) -> bool:
-    """Whether equations hold at values of the parameters that were not looked at before."""
+    """Whether equations hold exactly, or at values of the parameters that were not looked at before."""
     expressions, z = column_of(solution), block.z
     missed = ca.substitute(block.residual, z, expressions)
+    if cancels(missed):
+        return True
     slopes = ca.substitute(ca.jacobian(block.residual, z), z, expressions)
     slopes, expressions = (ca.densify(in_doubles(x)) for x in (slopes, expressions))
     function = ca.Function("slopes", [s.dae.p], [slopes, expressions])

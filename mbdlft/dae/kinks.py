@@ -3,8 +3,13 @@
 Each has an argument s that decides its branch, as x does of |x|, and a - b of max(a, b). Where s has one
 sign, at an equilibrium or on the whole range of the parameters, the branch takes the place of the
 function. Where s is zero at the equilibrium, both branches are compared there, of several functions in
-each combination: if values and slopes are equal, any is right; otherwise there is no linear model, and an
-error says which equation has which two slopes.
+each combination: if values and slopes are equal, any is right. If slopes of an equation differ, all may
+still give one linear model, as 2 w + |w| = x |x| does at x = 0 with w = 0 x. Otherwise there is none, and
+an error says which equation has which two slopes.
+
+Where each choice determines the unknowns, with determinants of one sign, there is a solution on all sides
+(a piecewise smooth map that is coherently oriented; Scholtes, Introduction to Piecewise Differentiable
+Equations, 2012), and a solution has the slopes of one of the choices to first order.
 """
 
 import itertools
@@ -27,16 +32,28 @@ from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symb
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
 from mbdlft.exact.interval import Interval, decimal, find_zero
+from mbdlft.exact.matrices import multiplied, solved
 from mbdlft.exact.numbers import Constant
 from mbdlft.exact.numbers import decimal as decimal_of
 from mbdlft.exact.ratio import NotFractionError, Ratio
-from mbdlft.problem.sx.constants import constant, in_doubles, is_constant, is_zero, numbers_of
+from mbdlft.problem.sx.constants import (
+    any_function,
+    cancels,
+    constant,
+    in_doubles,
+    is_constant,
+    is_zero,
+    modulo_prime,
+    numbers_of,
+)
 from mbdlft.problem.sx.tapes import Rules, arithmetic, fold, steps
 
 _RANGES = arithmetic(decimal, OF_INTERVALS)
 _ROUNDING = 1e-12  # of the terms of a value in doubles: less is zero, as in solutions of equilibria
 _SEVERAL = 3  # points at which slopes are told: they may be equal at the first, the nominal one
 _MOST = 256  # combinations of branches of an expression, of some milliseconds each
+_LARGEST = 4  # equations whose determinant is written out
+_SEED = 20270118  # of residues
 _LOGIC = ("and", "or", "not")
 
 _Call = tuple[Any, ...]  # the name of a function and its operands
@@ -80,7 +97,14 @@ def beside_switches(
     _branches(stacked, side)
     if not {"at", "open"} & {*sides}:
         return stacked
-    return column_of(near.beside(stacked[k], place) for k, place in enumerate(places))
+    every = [near.beside(stacked[k], place) for k, place in enumerate(places)]
+    rows, kinks = column_of(row for row, _ in every), [k for k, (_, error) in enumerate(every) if error]
+    if kinks:
+        alike = _one_model(near, s, rows, stacked[kinks], kinks)
+        if alike is None:
+            raise next(error for _, error in every if error)
+        rows[kinks] = alike
+    return rows
 
 
 def without_switches(s: Structure, values: Mapping[str, ca.SX], stacked: ca.SX) -> ca.SX:
@@ -129,6 +153,7 @@ def _branches(stacked: ca.SX, side_of: _SideOf) -> ca.SX:
     operations: dict[str, Callable[..., ca.SX]] = {
         **FUNCTIONS,
         **ARITHMETIC_OF_SX,
+        "div": lambda a, b: a / _unfolded(b),
         **{name: partial(switched, name) for name in SWITCHES},
         **{name: partial(logical, name) for name in _LOGIC},
         "if_else_zero": chosen_value,
@@ -197,6 +222,8 @@ class _Equilibrium:
         try:
             return is_zero(ca.densify(at_odd_parameters(self.dae, value)))
         except NotRationalError:
+            if cancels(value):
+                return True
             # a function of numbers: in doubles, relative to what signals make of it
             slopes = self.there(ca.densify(ca.jacobian(expression, self.symbols)))
             sizes = [q.variable.size for q in self.quantities]
@@ -207,36 +234,39 @@ class _Equilibrium:
         """The value of an expression of the parameters at nominal."""
         return float(values_of([value], self.dae.p, parameter_points(self.dae, 1)[0])[0])
 
-    def beside(self, expression: ca.SX, place: str) -> ca.SX:
-        """An expression with branches beside the equilibrium, if functions switch there."""
+    def beside(self, expression: ca.SX, place: str) -> tuple[ca.SX, TrimError | None]:
+        """An expression with branches beside the equilibrium, if functions switch there, and a kink."""
         first, *others = _Sides(self, expression, place).combinations()
-        for other, zeros, text in others:
-            self._compare(first[0], other, [*first[1], *zeros], text, place)
-        return first[0] if others else expression
+        kinks = [self._kink(first[0], other, zeros, text, place) for other, zeros, text in others]
+        return first[0] if others else expression, next(filter(None, kinks), None)
 
-    def _compare(self, one: ca.SX, other: ca.SX, zeros: Sequence[ca.SX], text: str, place: str) -> None:
-        """Values are equal, and slopes where arguments stay at their zeros."""
+    def _kink(
+        self, one: ca.SX, other: ca.SX, zeros: Sequence[ca.SX], text: str, place: str
+    ) -> TrimError | None:
+        """The error that two slopes are, if values are equal, those with arguments at zeros smooth."""
         change = other - one
         if not ca.symvar(change) and float(change) == 0.0:
-            return
+            return None
         ends = [self.there(x) for x in (one, other)]
         self._check_decided(ends[1] - ends[0], text, place)
         if not self.vanishes(change):
-            low, high = map(self.number, ends)
+            low, high = _told(*map(self.number, ends))
             raise self.error(place, text, f"jumps from {low:g} to {high:g}")
         along, gradient = (self._along(change, which) for which in (zeros, ()))
-        if all(self.vanishes(along[j]) for j in range(along.numel())):
-            return
-        for j, q in enumerate(self.quantities):
-            if not self.vanishes(gradient[j]):
-                low, high = self._slopes([one, other], j)
-                raise self.error(place, text, f"has two slopes by {q.name!r}, {low:g} and {high:g}")
+        j = next((j for j in range(gradient.numel()) if not self.vanishes(gradient[j])), None)
+        if j is None or all(self.vanishes(along[j]) for j in range(along.numel())):
+            return None
+        name, (low, high) = self.quantities[j].name, _told(*self._slopes([one, other], j))
+        error = self.error(place, text, f"has two slopes by {name!r}, {low:g} and {high:g}")
+        if zeros:
+            raise error
+        return error
 
     def _slopes(self, expressions: Sequence[ca.SX], j: int) -> Array:
         """Slopes by the quantity j, at nominal, or at other parameters where they are equal there."""
         rows = [ca.densify(self.there(ca.jacobian(x, self.symbols[j]))) for x in expressions]
         every = [values_of(rows, self.dae.p, p) for p in parameter_points(self.dae, _SEVERAL)]
-        return 0.0 + next((found for found in every if found[0] != found[1]), every[0])
+        return next((found for found in every if found[0] != found[1]), every[0])
 
     def _along(self, change: ca.SX, zeros: Sequence[ca.SX]) -> ca.SX:
         """The slopes of a change, without what it has across the zeros of arguments."""
@@ -260,6 +290,55 @@ class _Equilibrium:
             "linear model. Linearize beside it (other inputs or states in trim, at={...}), or write a "
             "smooth function, such as tanh(x/e) or sqrt(x^2 + e^2)."
         )
+
+
+def _told(low: float, high: float) -> tuple[float, float]:
+    """Numbers of a message: one that is rounding beside the other is zero, which has no sign."""
+    least = _ROUNDING * max(abs(low), abs(high))
+    return low if abs(low) > least else 0.0, high if abs(high) > least else 0.0
+
+
+def _one_model(
+    near: _Equilibrium, s: Structure, rows: ca.SX, kinked: ca.SX, places: list[int]
+) -> ca.SX | None:
+    """Branches of the expressions at `places` of the rows [residual ; outputs], if all give one model.
+
+    The slopes of states and outputs are compared modulo a prime, parameters and values of functions being
+    any numbers.
+    """
+    made, models = _Sides(near, kinked, "equations with kinks").combinations(), set[bytes]()
+    try:
+        choices = [branch for branch, zeros, _ in made if not zeros]
+        whole = ca.SX(ca.jacobian(ca.vertcat(rows, *s.rates), s.symbols))
+        slopes = [ca.SX(ca.jacobian(branch, s.symbols)) for branch in choices]
+        every, prime = modulo_prime(near.there(ca.vertcat(*slopes, whole)), _SEED, missing=any_function)
+        ends = len(places) * np.arange(1, len(choices) + 1)
+        *others, J = np.split(every.astype(np.int64), ends)
+        n = len(s.equations)
+        for branch in others:
+            J[places] = branch
+            solution = solved(J[:n, :n], J[:n, n:], prime)
+            models.add(((J[n:, n:] - multiplied(J[n:, :n], solution, prime)) % prime).tobytes())
+    except (TrimError, ArithmeticError, ValueError):  # a slope that is infinite, or no number
+        return None
+    are_alike = len(models) == 1 and _have_one_sign(near, s, whole, slopes, places)
+    return choices[0] if are_alike else None
+
+
+def _have_one_sign(
+    near: _Equilibrium, s: Structure, J: ca.SX, slopes: Sequence[ca.SX], places: list[int]
+) -> bool:
+    """Whether determinants have one sign on the whole range with any of the slopes at places of J."""
+    for block in s.blocks:
+        if {*block.rows}.isdisjoint(places):
+            continue
+        signs = set[Side]()
+        for branch in slopes if len(block.rows) <= _LARGEST else ():
+            J[places, :] = branch
+            signs.add(near.side(ca.SX(ca.det(J[list(block.rows), list(block.columns)])), ()))
+        if signs not in ({"above"}, {"below"}):
+            return False
+    return True
 
 
 def _unfolded(value: ca.SX) -> ca.SX:

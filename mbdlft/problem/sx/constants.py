@@ -10,9 +10,11 @@ whose residue is not zero is not zero; one whose residue is zero vanishes for al
 but for a chance of about its degree times 1e-18.
 """
 
+import hashlib
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from fractions import Fraction
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -24,12 +26,14 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError
 from mbdlft.exact.numbers import Constant, Field, constant_of, cosine_of, decimal, in_enough_bits, sine_of
-from mbdlft.problem.sx.tapes import Rules, fold, rules, term_sizes
+from mbdlft.exact.operators import FUNCTIONS_OF_DOUBLES
+from mbdlft.problem.sx.tapes import Rule, Rules, fold, refused, rules, term_sizes
 
 _PREFIX = "constant "
 _KINDS = ("rational", "root", "cosine", "sine", "pi", "unit")  # of `Constant`
 _PLAIN, _MOST_PLAIN = 64, 2**20  # denominator and size of numbers that stay doubles
 _CERTAIN = 1e-6  # of the terms of a value: a larger one is no rounding, no need to look
+_SEED = 20270118  # of the residues of what cancels
 _SHARED = 4096  # constants that have one symbol each, the last ones asked for; a scene has some hundred
 
 
@@ -227,11 +231,11 @@ class ModuloPrime(NamedTuple):
 
 
 def modulo_prime(
-    matrix: ca.SX, seed: int, given: Mapping[int, int] = MappingProxyType({})
+    matrix: ca.SX, seed: int, given: Mapping[int, int] = MappingProxyType({}), missing: Rule = refused
 ) -> ModuloPrime:
     """Residues of a matrix (n, m) of rational expressions; constants count as they are written.
 
-    Symbols have given values, by their hashes, or random ones.
+    Symbols have given values, by their hashes, or random ones. `missing` is for other operations.
     """
     constants, numbers = constants_in(matrix)
     known = {s.element_hash() for s in ca.vertsplit(constants)}
@@ -243,6 +247,7 @@ def modulo_prime(
         add=operator.add,
         mul=operator.mul,
         div=operator.truediv,
+        missing=missing,
     )
     drawn = np.random.default_rng(seed).integers(1, 2**59, len(free)).tolist()
     drawn = [given.get(s.element_hash(), x) for s, x in zip(free, drawn, strict=True)]
@@ -255,3 +260,22 @@ def modulo_prime(
     residues = np.zeros(matrix.shape, dtype=object)
     residues[matrix.sparsity().get_triplet()] = [int(x) for x in values[0]]
     return ModuloPrime(residues, field.prime)
+
+
+def any_function(operation: str, where: str, *operands: Any) -> Any:
+    """A residue for the value of a function: the same for the same operands, and at zero its own."""
+    at_zero = FUNCTIONS_OF_DOUBLES.get(operation)
+    if at_zero is not None and len(operands) == 1 and not int(operands[0]):
+        with np.errstate(all="ignore"):
+            value = float(at_zero(np.float64(0.0)))
+        if value.is_integer():  # as cos(0) is one
+            return operands[0] + int(value)
+    text = f"{operation} {' '.join(str(int(x)) for x in operands)}"
+    return 0 * operands[0] + int.from_bytes(hashlib.sha256(text.encode()).digest()[:7])
+
+
+def cancels(column: ca.SX) -> bool:
+    """Whether entries are shown to be zero whatever the symbols are, and the values of functions."""
+    with suppress(ArithmeticError, ValueError):  # one divided by zero, or one that is not finite
+        return not modulo_prime(column, _SEED, missing=any_function).residues.any()
+    return False
