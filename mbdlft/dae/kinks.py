@@ -36,6 +36,7 @@ from mbdlft.exact.matrices import multiplied, solved
 from mbdlft.exact.numbers import Constant
 from mbdlft.exact.numbers import decimal as decimal_of
 from mbdlft.exact.ratio import NotFractionError, Ratio
+from mbdlft.problem.digits import number_in_digits
 from mbdlft.problem.sx.constants import (
     any_function,
     cancels,
@@ -200,7 +201,10 @@ class _Equilibrium:
         if self.vanishes(argument):
             return "at"
         if is_constant(value):
-            return "above" if numbers_of(value)[0, 0] > 0.0 else "below"
+            number = numbers_of(value)[0, 0]
+            with suppress(NotRationalError):  # doubles may round it to the other side
+                number = number_in_digits(value)
+            return "above" if number > 0 else "below"
         if (side := side_on(argument, self.ranges)) in at_zero:
             return side
         function = ca.Function("argument", [self.dae.p], [ca.densify(in_doubles(value))])
@@ -219,11 +223,11 @@ class _Equilibrium:
     def vanishes(self, expression: ca.SX) -> bool:
         """Whether an expression is zero at the equilibrium for all values of the parameters."""
         value = self.there(expression)
+        if cancels(value):  # doubles do not tell that of sin(0.08436/0.148 - 0.57)
+            return True
         try:
             return is_zero(ca.densify(at_odd_parameters(self.dae, value)))
         except NotRationalError:
-            if cancels(value):
-                return True
             # a function of numbers: in doubles, relative to what signals make of it
             slopes = self.there(ca.densify(ca.jacobian(expression, self.symbols)))
             sizes = [q.variable.size for q in self.quantities]
@@ -309,7 +313,8 @@ def _one_model(
     made, models = _Sides(near, kinked, "equations with kinks").combinations(), set[bytes]()
     try:
         choices = [branch for branch, zeros, _ in made if not zeros]
-        whole = ca.SX(ca.jacobian(ca.vertcat(rows, *s.rates), s.symbols))
+        plain = _branches(rows, lambda _, *argument: near.side(*argument))
+        whole = ca.SX(ca.jacobian(ca.vertcat(plain, *s.rates), s.symbols))
         slopes = [ca.SX(ca.jacobian(branch, s.symbols)) for branch in choices]
         every, prime = modulo_prime(near.there(ca.vertcat(*slopes, whole)), _SEED, missing=any_function)
         ends = len(places) * np.arange(1, len(choices) + 1)

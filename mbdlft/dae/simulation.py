@@ -17,7 +17,7 @@ from mbdlft.base.unit import Signal
 from mbdlft.dae.dae import Dae
 from mbdlft.dae.index import blocks_of
 from mbdlft.dae.newton import System, solve
-from mbdlft.dae.structure import Structure, in_symbols, reduce_index
+from mbdlft.dae.structure import Structure, check_point, in_symbols, reduce_index
 from mbdlft.dae.text import column_of, formula_function
 from mbdlft.dae.to_problem import consistent_point
 from mbdlft.multibody.motion.equations import equations_of_motion, moved_reference
@@ -103,8 +103,8 @@ def simulate(
     ------
     SceneError
         A name or the times are not usable.
-    AnalysisError
-        No consistent initial values; the integrator stops; a function of Theta leaves its range.
+    AnalysisError, TrimError
+        No consistent initial values in their ranges; the integrator stops; a function leaves its.
     """
     grid = np.asarray(times, dtype=float)
     if grid.ndim != 1 or len(grid) < 2 or not np.all(np.diff(grid) > 0) or grid[-1] == np.inf:
@@ -183,9 +183,9 @@ def _structure(s: Structure, asked: _Asked) -> _Model:
     if not start.is_solution:
         worst = s.equations[int(np.argmax(start.missing))][0]
         raise AnalysisError(
-            f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give other "
-            "initial states."
+            f"{s.owner}: no consistent initial values; equation {worst} does not hold. Give others."
         )
+    check_point(s, np.concatenate([start.values, x0, inputs[0]]))
     outputs = column_of([y.expression for y in s.dae.outputs])
     rates, residual, y = map(in_doubles, (column_of(s.rates), s.residual, outputs))
     symbols = (s.x, s.unknown, s.u, s.dae.p, rates, residual, y, ca.SX(0, 1))

@@ -213,6 +213,13 @@ def start_of(unknown: Sequence[Quantity]) -> tuple[Array, Array]:
     return start, np.array([q.variable.size for q in unknown])
 
 
+def check_point(s: Structure, values: Array) -> None:
+    """Raise a TrimError for a variable outside its range, of values of [unknowns ; states ; inputs]."""
+    for q, value in zip(s.quantities, values, strict=True):
+        if not q.order:
+            check_range(s, q.variable, value)
+
+
 def check_range(s: Structure, v: Variable, value: float, at: Callable[[], str] = str) -> None:
     """Raise a TrimError for a value of a variable outside its minimum and maximum, and say at what."""
     width, ends = v.maximum - v.minimum, (abs(v.minimum), abs(v.maximum))

@@ -15,7 +15,7 @@ from mbdlft.base.parameter import DIVISORS, to_internal
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal, parse_unit
 from mbdlft.dae.newton import System, solve, values_of
-from mbdlft.dae.structure import Structure, check_range, in_symbols, parameter_points, start_of
+from mbdlft.dae.structure import Structure, check_point, in_symbols, parameter_points, start_of
 from mbdlft.dae.text import column_of, formula_of
 from mbdlft.dae.theta.form import ThetaForm, signals_of, theta_form
 from mbdlft.dae.theta.separation import Arrange
@@ -47,9 +47,7 @@ def problem_of_dae(
     """The linear part of a DAE as a problem, and its nonlinear functions."""
     with stage("separate"):
         at = consistent_point(s)
-        for q, value in zip(s.quantities, at, strict=False):  # then the parameters
-            if not q.order:
-                check_range(s, q.variable, value)
+        check_point(s, at[: len(s.quantities)])
         form = theta_form(s, arrange, at)
         check_separation(s, form, at)
         inputs, outputs = signals_of(s, form)

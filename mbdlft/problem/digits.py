@@ -107,6 +107,12 @@ def nonlinear_in_digits(
     return InDigits(slopes_at, *sizes)
 
 
+def number_in_digits(value: ca.SX) -> Any:
+    """An expression of constants, a scalar, as a ball."""
+    with precision(BITS):
+        return _tape(ca.SX(0, 1), ca.densify(value)).at([])[0][0, 0]
+
+
 def _radians(parameter: Parameter, physical: float) -> Any:
     """The value of a parameter as a ball, of angles in rad."""
     value = flint.arb(float(physical))

@@ -21,8 +21,9 @@ ROOT = Path(__file__).parents[2] / "scenarios"
 _UNITS = {"mass": "kg", "stiff": "N/m", "damp": "N s/m", "size": "m"}
 PROCESS_SECONDS = 15.0  # of the processor; most take a tenth of one
 _EQUATIONS = (
-    "dist[m] speed[m/s] twice[m] | rate: der(dist) = speed | push: mass*der(speed) = pull - stiff*dist - "
-    "damp*speed | law: twice = 2*dist | pull[N] | twice"
+    "dist[m] speed[m/s] twice[m] slack[m] | rate: der(dist) = speed | push: mass*der(speed) = pull - "
+    "stiff*dist - damp*speed | law: twice = 2*dist | loose: size*(2*slack + fabs(slack)) = "
+    "dist*fabs(dist) | pull[N] | twice slack"
 )
 BASES: dict[str, tuple[str, str]] = {  # the text, and names that are drawn anew
     "arm": (
@@ -33,7 +34,7 @@ BASES: dict[str, tuple[str, str]] = {  # the text, and names that are drawn anew
         (ROOT / "four_bar.toml").read_text("utf-8"),
         "lower upper lamp elbow guide wrist hinge push tilt theta m_lamp k tip",
     ),
-    "dae": (_EQUATIONS, "dist speed twice rate push law pull stiff mass damp size"),
+    "dae": (_EQUATIONS, "dist speed twice slack rate push law loose pull stiff mass damp size"),
     "matrix": ("mass*stiff, 1/(2 + mass); stiff^2, 3*mass - stiff", "mass stiff"),
 }
 BASES["call"] = ("", BASES["arm"][1])
@@ -87,6 +88,9 @@ dae >> | law: twice = 2*dist >> >> twice
 dae >> twice = 2*dist >> twice = 2*dist | more: twice = 3*dist >> more
 dae >> twice = 2*dist >> twice = <2*speed|mass*dist|exp(dist)|sqrt(mass*stiff)/damp*dist> >> law
 dae >> twice = 2*dist >> twice = <fabs(dist)|fmax(dist, 2*dist)> >> law <fabs|fmax> dist
+dae >> dist*fabs(dist) >> size*dist >> loose fabs slack 2_:and_:6
+dae >> 2*slack + >> <slack/2|slack|-slack> + >> loose fabs slack two_:slopes
+dae >> 2*slack + >> 2*damp*damp/(mass*stiff)*slack - >> loose fabs slack two_:slopes
 dae >> twice = 2*dist >> twice = 2*dist + <1e400|float('nan')>*dist >> law
 dae >> twice = 2*dist >> twice*twice = dist*dist - size*size >> law
 dae >> | twice >> | ~twice >> ~twice
@@ -156,6 +160,8 @@ def attack(seed: int, folder: Path) -> str:
     missing = [w for w in (word.replace("_:", " ") for word in words.split()) if w not in message]
     assert not missing, f"no {', '.join(missing)} in: {message}\n{wrong}"
     assert "this is a bug" not in message, message
+    if numbers := re.search(r"(?:two slopes by \S+|jumps from) (\S+) (?:and|to) (\S+)", message):
+        assert numbers[1] != numbers[2], message
     return f"told, {kind}"
 
 

@@ -217,6 +217,13 @@ linearize_dae(trim(reduce_index(bad("x=1", inputs="u", outputs="x",
 linearize_dae(bad("x=-158400 z", inputs="u=-158400", outputs="z", rate="der(x) + x - u",
     law="z - ((x/792000)**2 + 1)**1.5*fmax(x/792000, number(-0.2))"), {"x": -158400.0})
     => has two slopes by 'x'
+linearize_dae(bad("x=5 z", inputs="u=5", outputs="z", rate="der(x) + x - u",
+    law="z - fmax(2/x + 1/x, 3/x + x - 5)"), {"x": 5.0})
+    => has two slopes by 'x', -0.88 and 0.12
+linearize_dae(bad("x=324900", inputs="u=1.14", outputs="x", rate="(lambda v: der(x) - u + 2*v"
+    " + if_else(v > number(0.57), (v - number(0.57))**2, 0))(x/570000)")) => accepted
+linearize_dae(bad("x=0 w", rate="der(x) + x", law="w + tanh(w) - if_else(x > 0, 7, number(0.42))"))
+    => jumps from -6.58 to 0 at this
 # equilibria and initial points are in the ranges of variables, at all values of the parameters
 linearize_dae(within(2.3, np.inf))
     => model 'bad': x = 2 is outside its range [2.3, inf] 1 at p = 2. Give other values
@@ -228,6 +235,8 @@ delta_theta(within(-1.0, 1.9)) => x = 2 is outside its range
 delta_theta(within(2.0, 3.0)) => accepted
 simulate(within(0.0, 3.0), [0.0, 1.0], parameters={"p": {3.0|np.nan}})
     => SceneError: model 'bad', simulate: p = … is outside its range [1.8, 2.2]
+simulate(within(0.0, 1.5), [0.0, 1.0], initial={"x": {2.0|-0.5}})
+    => TrimError: model 'bad': x = … is outside its range
 trim(reduce_index(bad("x v", turning="der(x) - v", pulled="der(v) - 1 + v + sin(x)")), {"v": 0.5},
     moving=["x"])
     => cannot move in an equilibrium: equation 'pulled' changes

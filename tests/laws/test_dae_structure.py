@@ -8,7 +8,7 @@ import pytest
 
 import mbdlft
 from mbdlft.base import NotRationalError, Parameter
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, TrimError
 from mbdlft.dae import DaeDraft, from_casadi, reduce_index, start_point, trim
 from mbdlft.dae.alias import eliminate_aliases
 from mbdlft.dae.balance import solved_linear
@@ -409,3 +409,54 @@ def test_functions_and_arguments_have_units() -> None:
     other = dae_of("other", "x[mm] v[mm/s]", *laws, outputs="x")
     (f,) = delta_theta(other, search=0.0, prove=0.0).functions
     assert f.unit == "1"  # a number has any unit, and nothing is said of mm
+
+
+_FAR = "(x - number(0.3))"
+
+
+@pytest.mark.parametrize(
+    ("laws", "slope"),
+    [
+        ("2*w + fabs(w) = x*fabs(x)", 0.0),
+        ("3*w + p*fabs(w - x) = 3*x", 1.0),  # both pieces say w = x
+        ("w = z - fabs(x); z = fabs(x)", 0.0),  # each has two slopes, what is read has none
+        ("2*w + fabs(w) + z = x*x; 3*z + fabs(z - w) = x*x", 0.0),
+        (f"w = fabs(z); z + z**3 = fabs(2*{_FAR}) - 2*fabs({_FAR})", 0.0),
+        # determinants of two signs, or of one that changes its sign with p
+        ("w + 2*fabs(w) = x*x", None),
+        ("w + p*fabs(w - x) = x", None),
+        ("w = z; 2*z + fabs(z) = x", None),
+        # rounding leaves w beside its kink: 0.08436 is 0.57 times 0.148
+        ("2*w + fabs(w) = sin(x + number(0.08436)/number(0.148) - number(0.57))", None),
+        ("2*w + fabs(w) - z = sin(x + number(0.08436)/number(0.148) - number(0.57)); 3*z + w = 0", None),
+        ("w = fabs(log(x + number(0.08436)/number(0.148)/number(0.57)))", None),
+    ],
+)
+def test_kinks_of_equations_may_give_one_model(laws: str, slope: float | None) -> None:
+    """dw/dx at x = 0, by hand, where all sides of the kinks give the same; else an error."""
+    variables = "x w z" if "z" in laws else "x w"
+    rate, p = "der(x) = u - p*x - w", Parameter("p", 1.0, percent=20)
+    dae = dae_of("it", variables, rate, *laws.split("; "), inputs="u", outputs="x", parameters=(p,))
+    at = trim(reduce_index(dae), {"x": 0.0}, free=["u"])
+    if slope is None:
+        with pytest.raises(TrimError, match="two slopes"):
+            linearize_dae(at)
+        return
+    for value in (0.8, 1.1):
+        found = mbdlft.matrices_at(linearize_dae(at, search=0.0), {"p": value}).A
+        target(found, np.array([[-value - slope]]), CLOSED_FORM)
+
+
+@pytest.mark.parametrize("x", [0.02072, np.nextafter(0.02072, 1.0), np.nextafter(0.02072, 0.0)])
+def test_a_state_one_rounding_off_a_kink_is_on_its_side(x: float) -> None:
+    """Doubles do not tell 0.020720000000000002/0.148 from 0.14: "a bug" was told."""
+    p = Parameter("p", 1.0, percent=20)
+    rate = "der(x) = u - p*fabs(x/number(0.148) - number(0.14))"
+    dae = dae_of("it", "x", rate, inputs="u", outputs="x", parameters=(p,))
+    at = trim(reduce_index(dae), {"x": float(x)}, free=["u"])
+    if x == 0.02072:
+        with pytest.raises(TrimError, match="two slopes by 'x', -6"):
+            linearize_dae(at)
+        return
+    found = mbdlft.matrices_at(linearize_dae(at, search=0.0), {"p": 1.1}).A
+    target(found, np.array([[-1.1 / 0.148 * np.sign(x - 0.02072)]]), CLOSED_FORM)

@@ -263,15 +263,15 @@ def modulo_prime(
 
 
 def any_function(operation: str, where: str, *operands: Any) -> Any:
-    """A residue for the value of a function: the same for the same operands, and at zero its own."""
-    at_zero = FUNCTIONS_OF_DOUBLES.get(operation)
-    if at_zero is not None and len(operands) == 1 and not int(operands[0]):
+    """A residue for the value of a function: the same for the same operands; its own at 0 and 1."""
+    numbers = [int(x) for x in operands]
+    if operation in FUNCTIONS_OF_DOUBLES and numbers in ([0], [1]):
         with np.errstate(all="ignore"):
-            value = float(at_zero(np.float64(0.0)))
-        if value.is_integer():  # as cos(0) is one
-            return operands[0] + int(value)
-    text = f"{operation} {' '.join(str(int(x)) for x in operands)}"
-    return 0 * operands[0] + int.from_bytes(hashlib.sha256(text.encode()).digest()[:7])
+            value = float(FUNCTIONS_OF_DOUBLES[operation](np.float64(numbers[0])))
+        if value.is_integer():  # as cos(0) and log(1) are
+            return 0 * operands[0] + int(value)
+    name = f"{operation} {numbers}".encode()
+    return 0 * operands[0] + int.from_bytes(hashlib.sha256(name).digest()[:7])
 
 
 def cancels(column: ca.SX) -> bool:
