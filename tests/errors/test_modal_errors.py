@@ -1,6 +1,7 @@
 """Errors of finite-element data: matrices, node tables, interfaces, units, files, catalogue bodies."""
 
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,67 @@ def lumped(*masses: float) -> Any:
     return mbdlft.modal_model(np.diag(masses), stiffness, nodes, 1, {"tip": 3}, modes=1)
 
 
+def only(elements: Any, *components: int, nodes: Any = ()) -> Any:
+    """The structure with these components of displacements, at some nodes only."""
+    dof = np.asarray(elements.nodes.dof)
+    kept = np.isin(dof[:, 1], components) | ~np.isin(dof[:, 0], nodes or dof[:, 0])
+    table = mbdlft.Nodes(elements.nodes.numbers, elements.nodes.coordinates, dof[kept])
+    at = np.ix_(kept, kept)
+    return mbdlft.FiniteElements(elements.mass_matrix[at], elements.stiffness_matrix[at], table)
+
+
+def truss() -> Any:
+    """A tetrahedron of six bars."""
+    corners, stiffness = np.vstack([np.zeros(3), np.eye(3)]), np.zeros((12, 12))
+    for a, b in combinations(range(4), 2):
+        stretch = np.zeros((4, 3))
+        stretch[b] = (corners[b] - corners[a]) / np.linalg.norm(corners[b] - corners[a])
+        stretch[a] = -stretch[b]
+        stiffness += 1e3 * np.outer(stretch, stretch)
+    return np.eye(12), stiffness, points(corners)
+
+
+def points(places: Any) -> mbdlft.Nodes:
+    """Nodes with displacements only."""
+    numbers = [*range(1, 1 + len(places))]
+    return mbdlft.Nodes(numbers, places, mbdlft.every_dof(numbers, (1, 2, 3)))
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Callable[..., Path]:
+    """A file of arrays by name, or of a text."""
+
+    def write(name: str, text: str = "", **arrays: Any) -> Path:
+        file = tmp_path / name
+        file.write_text(text)
+        if arrays:
+            np.savez(file, **arrays)
+        return file
+
+    return write
+
+
+@pytest.fixture
+def nastran(tmp_path: Path) -> Callable[..., Any]:
+    """What is read of one node and matrices in x.op4, or in the first bytes of it in cut.op4."""
+    from pyyeti.nastran import op4
+
+    (tmp_path / "nodes.bdf").write_text("GRID    10              0.      0.      0.\n")
+    op4.write(str(tmp_path / "x.op4"), {"maa": np.eye(6), "kbb": np.eye(6), "kcc": np.eye(5)})
+
+    def load(file: str, nodes: str = "nodes.bdf", end: int = 0, **names: str) -> Any:
+        (tmp_path / "cut.op4").write_bytes((tmp_path / "x.op4").read_bytes()[:end])
+        return mbdlft.load_nastran(tmp_path / file, tmp_path / nodes, **names)
+
+    return load
+
+
+# displacements only, as in solid elements: one node is a ball joint, nodes on a line a hinge
+SOLID = only(tee(3), 1, 2, 3, nodes=(10,))
+BENT = frame(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.5]]), [(0, 1), (1, 2)])
+CHAIN = np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])
+ONE = {"numbers": [1], "coordinates": [[0, 0, 0.0]], "dof": [[1, 1]], "mass": [[1.0]]}
+TWO = {**ONE, "dof": [[1, 1], [1, 2]], "mass": np.eye(2)}
 MASS, STIFFNESS = straight(4)[:2]
 TEXTS = 'format = "mbdlft-body/1"\ndescription = "d"\nsource = "s"\n'
 POINT = 'body = { kind = "point_mass", mass = 2 }\n'
@@ -197,74 +259,52 @@ lighter => mass matrix: the mass is not the same in all directions (x: 3.24 kg, 
 tied => mass matrix: not that of a body: in a rigid motion, the entry (x, ry)
 scaled(1, 1e-14) => the first frequency is 5.82e-07 Hz; expected one between 0.0001 Hz
 scaled(1, 1e14) => MHz.
+> modal_model({}) => StructureError:
+*SOLID, 10, {"p": 70}, modes=3 => parent: it does not hold rx, ry, rz, in which the port 'p' can move
+*SOLID, 10, {}, modes=3 => no displacements that tell where its center of mass is along x
+*SOLID, 70, {"p": 10}, modes=3 => port 'p': its nodes have no rx and no ry and no rz
+*truss(), 1, {}, method="effective-mass", modes=3
+    => stiffness matrix: singular although the structure is held
+*truss(), (1, 2, 3), {}, method="effective-mass", modes=3 => accepted
+np.eye(9), np.eye(9), points([[0, 0, 0], [1, 1, 0], [2, 2, 0]]), (1, 2, 3), {}, modes=1
+    => parent: its nodes do not determine all of the motions
+np.eye(6), np.eye(6), Nodes([1, 2], [[0, 0, 0], [1, 0, 0]], every_dof([1])), 1, {"tip": 2}, modes=1
+    => port 'tip': node 2 has no coordinate in the matrices.
+*only(straight(3), 4), 10, {}, modes=1 => the structure has no displacements at its parent
+sp.eye_array(3), sp.csr_array(CHAIN), only(BENT, 2).nodes, 10, {}, method="effective-mass", modes=1
+    => no displacements that tell where its center of mass is along x
+> load_matrices({}) => StructureError:
+tmp_path / "x.mat" => x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx.
+tmp_path / "x.{npz|h5}" => x.{0}: cannot be read
+tmp_path / "x.mass.mtx" => x.mass.mtx: … x.nodes.txt: cannot be read
+saved("x.npz", "no archive") => x.npz: cannot be read
+saved("a.npz", numbers=[1]) => a.npz: 'coordinates' is missing. There are: numbers.
+saved("b.npz", **ONE) => b.npz: 'stiffness' (dense) or 'stiffness.row' is missing.
+saved("c.npz", **TWO, **{"stiffness.row": [0], "stiffness.column": [1], "stiffness.value": [1.0]})
+    => c.npz: stiffness: expected the lower triangle
+saved("d.nodes.txt", "# nodes\n{1_0 0 0 0 1|1 0 0 0_1 1|1 0.0 0.0|1 a b c 1|1.5 0 0 0 1}\n").with_name(
+    "d.mass.mtx") => d.nodes.txt, line 2: expected the number of a node … {0}
+> {} => StructureError:
+save_matrices(tmp_path / "x.txt", straight(2))
+    => x.txt: expected a name that ends in .npz, .h5 or .hdf5.
+nastran("x.op4") => x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa.
+nastran("x.op4", stiffness="kcc") => x.op4: kcc is 5 x 5 … has 6 coordinates
+nastran("cut.op4", end={30|40}) => cut.op4: cannot be read as NASTRAN matrices … cut off
+nastran("y.op4") => y.op4: cannot be read: No such file
+nastran("x.op4", "none.bdf") => none.bdf: cannot be read: No such file
 """
 )
 
 
-def test_interface_nodes_that_do_not_hold() -> None:
-    """Displacements only, as in solid elements: one node is a ball joint, nodes on a line a hinge."""
-    mass, stiffness, nodes = tee(3)
-    dof = np.asarray(nodes.dof)
-    kept = (dof[:, 1] <= 3) | (dof[:, 0] != 10)
-    model = mbdlft.FiniteElements(
-        mass[np.ix_(kept, kept)],
-        stiffness[np.ix_(kept, kept)],
-        mbdlft.Nodes(nodes.numbers, nodes.coordinates, dof[kept]),
-    )
-    with says(
-        mbdlft.StructureError, "parent: it does not hold rx, ry, rz, in which the port 'p' can move"
-    ):
-        mbdlft.modal_model(*model, 10, {"p": 70}, modes=3)
-    with says(mbdlft.StructureError, "no displacements that tell where its center of mass is along x"):
-        mbdlft.modal_model(*model, 10, {}, modes=3)
-    corners = np.vstack([np.zeros(3), np.eye(3)])
-    truss = np.zeros((12, 12))
-    for a, b in ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)):
-        along = (corners[b] - corners[a]) / np.linalg.norm(corners[b] - corners[a])
-        stretch = np.zeros(12)
-        stretch[3 * a : 3 * a + 3], stretch[3 * b : 3 * b + 3] = -along, along
-        truss += 1e3 * np.outer(stretch, stretch)
-    numbers = [1, 2, 3, 4]
-    table = mbdlft.Nodes(numbers, corners, mbdlft.every_dof(numbers, (1, 2, 3)))
-    with says(mbdlft.StructureError, "stiffness matrix: singular although the structure is held"):
-        mbdlft.modal_model(np.eye(12), truss, table, 1, {}, method="effective-mass", modes=3)
-    held = mbdlft.modal_model(np.eye(12), truss, table, (1, 2, 3), {}, method="effective-mass", modes=3)
-    assert len(held.frequencies) == 3
-    with says(mbdlft.StructureError, "port 'p': its nodes have no rx and no ry and no rz"):
-        mbdlft.modal_model(*model, 70, {"p": 10}, modes=3)
-    numbers = [1, 2, 3]
-    line = mbdlft.Nodes(numbers, [[0, 0, 0], [1, 1, 0], [2, 2, 0]], mbdlft.every_dof(numbers, (1, 2, 3)))
-    with says(mbdlft.StructureError, "parent: its nodes do not determine all of the motions"):
-        mbdlft.modal_model(np.eye(9), np.eye(9), line, (1, 2, 3), {}, modes=1)
-    bare = mbdlft.Nodes([1, 2], [[0, 0, 0], [1, 0, 0]], mbdlft.every_dof([1]))
-    with says(mbdlft.StructureError, "port 'tip': node 2 has no coordinate in the matrices."):
-        mbdlft.modal_model(np.eye(6), np.eye(6), bare, 1, {"tip": 2}, modes=1)
-
-
-def test_plane_models_that_do_not_tell_enough() -> None:
-    line = straight(3)
-    at = np.asarray(line.nodes.dof)[:, 1] == 4
-    with says(mbdlft.StructureError, "the structure has no displacements at its parent"):
-        mbdlft.modal_model(
-            line.mass_matrix[np.ix_(at, at)], line.stiffness_matrix[np.ix_(at, at)],
-            mbdlft.Nodes(line.nodes.numbers, line.nodes.coordinates, np.asarray(line.nodes.dof)[at]),
-            10, {}, modes=1,
-        )  # fmt: skip
-    bent = frame(np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0.5]]), [(0, 1), (1, 2)])
-    kept = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2, 4, 6))
-    model = mbdlft.modal_model(
-        bent.mass_matrix[np.ix_(kept, kept)], bent.stiffness_matrix[np.ix_(kept, kept)],
-        mbdlft.Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[kept]),
-        10, {}, method="effective-mass", modes=2,
-    )  # fmt: skip
+def test_a_plane_model_tells_what_it_does_not_know() -> None:
+    model = mbdlft.modal_model(*only(BENT, 2, 4, 6), 10, {}, method="effective-mass", modes=2)
     assert np.isnan(model.rigid.inertia[1, 1])
-    sheared = np.isin(np.asarray(bent.nodes.dof)[:, 1], (2,))
-    with says(mbdlft.StructureError, "no displacements that tell where its center of mass is along x"):
-        mbdlft.modal_model(
-            sp.eye_array(3), sp.csr_array(np.array([[1, -1, 0], [-1, 2, -1], [0, -1, 1.0]])),
-            mbdlft.Nodes(bent.nodes.numbers, bent.nodes.coordinates, np.asarray(bent.nodes.dof)[sheared]),
-            10, {}, method="effective-mass", modes=1,
-        )  # fmt: skip
+
+
+def test_nastran_files_need_a_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
+    with says(mbdlft.StructureError, "pyYeti, which cannot be imported", "mbdlft[nastran]"):
+        mbdlft.load_nastran(tmp_path / "x.op4", tmp_path / "nodes.bdf")
 
 
 def results(**changes: Any) -> Any:
@@ -276,62 +316,6 @@ def results(**changes: Any) -> Any:
     }  # fmt: skip
     w, reactions, shapes, ports = (given.pop(k) for k in ("frequencies", "reactions", "shapes", "ports"))
     return mbdlft.model_of_results(w, reactions, shapes, ports, **given)
-
-
-def test_files_of_matrices(tmp_path: Path) -> None:
-    with says(
-        mbdlft.StructureError, "x.mat: expected a name that ends in .npz, .h5, .hdf5 or .mass.mtx."
-    ):
-        mbdlft.load_matrices(tmp_path / "x.mat")
-    for name in ("x.npz", "x.h5"):
-        with says(mbdlft.StructureError, f"{name}: cannot be read"):
-            mbdlft.load_matrices(tmp_path / name)
-    with says(mbdlft.StructureError, "x.mass.mtx: ", "x.nodes.txt: cannot be read"):
-        mbdlft.load_matrices(tmp_path / "x.mass.mtx")
-    (tmp_path / "x.npz").write_text("no archive")
-    with says(mbdlft.StructureError, "x.npz: cannot be read"):
-        mbdlft.load_matrices(tmp_path / "x.npz")
-    with says(mbdlft.StructureError, "x.txt: expected a name that ends in .npz, .h5 or .hdf5."):
-        mbdlft.save_matrices(tmp_path / "x.txt", straight(2))
-    fields = {"numbers": [1], "coordinates": [[0, 0, 0.0]], "dof": [[1, 1]], "mass": [[1.0]]}
-    np.savez(tmp_path / "a.npz", **{"numbers": [1]})
-    with says(mbdlft.StructureError, "a.npz: 'coordinates' is missing. There are: numbers."):
-        mbdlft.load_matrices(tmp_path / "a.npz")
-    np.savez(tmp_path / "b.npz", **fields)
-    with says(mbdlft.StructureError, "b.npz: 'stiffness' (dense) or 'stiffness.row' is missing."):
-        mbdlft.load_matrices(tmp_path / "b.npz")
-    fields |= {"dof": [[1, 1], [1, 2]], "mass": np.eye(2), "stiffness.row": [0]}
-    np.savez(tmp_path / "c.npz", **fields, **{"stiffness.column": [1], "stiffness.value": [1.0]})
-    with says(mbdlft.StructureError, "c.npz: stiffness: expected the lower triangle"):
-        mbdlft.load_matrices(tmp_path / "c.npz")
-    for line in ("1_0 0 0 0 1", "1 0 0 0_1 1", "1 0.0 0.0", "1 a b c 1", "1.5 0 0 0 1"):
-        (tmp_path / "d.nodes.txt").write_text(f"# nodes\n{line}\n")
-        with says(mbdlft.StructureError, "d.nodes.txt, line 2: expected the number of a node", line):
-            mbdlft.load_matrices(tmp_path / "d.mass.mtx")
-
-
-def test_nastran_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pyyeti.nastran import op4
-
-    bulk = tmp_path / "nodes.bdf"
-    bulk.write_text("GRID    10              0.      0.      0.\n")
-    op4.write(str(tmp_path / "x.op4"), {"maa": np.eye(6), "kbb": np.eye(6), "kcc": np.eye(5)})
-    with says(mbdlft.StructureError, "x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa."):
-        mbdlft.load_nastran(tmp_path / "x.op4", bulk)
-    with says(mbdlft.StructureError, "x.op4: kcc is 5 x 5", "has 6 coordinates"):
-        mbdlft.load_nastran(tmp_path / "x.op4", bulk, stiffness="kcc")
-    whole = (tmp_path / "x.op4").read_bytes()
-    for end in (30, 40):
-        (tmp_path / "cut.op4").write_bytes(whole[:end])
-        with says(mbdlft.StructureError, "cut.op4: cannot be read as NASTRAN matrices", "cut off"):
-            mbdlft.load_nastran(tmp_path / "cut.op4", bulk)
-    with says(mbdlft.StructureError, "y.op4: cannot be read: No such file"):
-        mbdlft.load_nastran(tmp_path / "y.op4", bulk)
-    with says(mbdlft.StructureError, "none.bdf: cannot be read: No such file"):
-        mbdlft.load_nastran(tmp_path / "x.op4", tmp_path / "none.bdf")
-    monkeypatch.setitem(__import__("sys").modules, "pyyeti.nastran.op4", None)
-    with says(mbdlft.StructureError, "pyYeti, which cannot be imported", "mbdlft[nastran]"):
-        mbdlft.load_nastran(tmp_path / "x.op4", bulk)
 
 
 def body_of(folder: Path, text: str) -> Path:
