@@ -9,9 +9,7 @@ import numpy as np
 
 from benchmarks.cases.mass_chain import chain as chain
 from mbdlft.base import Parameter
-from mbdlft.dae import Dae, DaeDraft, Structure
-from mbdlft.dae.newton import System, solve
-from mbdlft.dae.text import column_of
+from mbdlft.dae import Dae, DaeDraft
 from mbdlft.problem.sx.constants import in_doubles, root
 
 GRAVITY = 9.81
@@ -241,22 +239,3 @@ class _Random:
         d.equation(d.der(v), "moved", equals=acting)
         d.equation(w, "constraint", equals=self.number() * position + self.nonlinear([position]))
         return ["position"]
-
-
-def differences(s: Structure, z: np.ndarray, p: np.ndarray, step: float) -> np.ndarray:
-    """Central differences of the rates and outputs by states and inputs, each point solved again."""
-    n, known = s.unknown.numel(), ca.vertcat(s.x, s.u)
-    system = System(s.residual, s.unknown, ca.vertcat(known, s.dae.p))
-    found = in_doubles(column_of([*s.rates, *(y.expression for y in s.dae.outputs)]))
-    read = ca.Function("read", [s.unknown, known, s.dae.p], [found])
-    columns = []
-    for k in range(known.numel()):
-        size, ends = step * max(1.0, abs(z[n + k])), []
-        for sign in (1.0, -1.0):
-            at = z[n:].copy()
-            at[k] += sign * size
-            solved = solve(system, z[:n], np.concatenate([at, p]), np.ones(n))
-            assert solved.is_solution
-            ends.append(read(solved.values, at, p).full()[:, 0])
-        columns.append((ends[0] - ends[1]) / (2.0 * size))
-    return np.stack(columns, axis=1)

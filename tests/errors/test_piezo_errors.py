@@ -19,19 +19,9 @@ def patch(**fields: object) -> PiezoPatch:
 
 
 def beam(*patches: PiezoPatch, **fields: object) -> PiezoBeam:
-    given = {
-        "name": "b",
-        "length": 1,
-        "density": 2600,
-        "area": 1e-4,
-        "modulus": 6e10,
-        "I_z": 1e-9,
-        "thickness": 0.01,
-        "elements": 2,
-        "deformations": ["axial", "bending_y"],
-        "patches": patches,
-    }
-    return PiezoBeam(**(given | fields))
+    sizes = {"length": 1, "area": 1e-4, "I_z": 1e-9, "thickness": 0.01}
+    given = {"density": 2600, "modulus": 6e10, "elements": 2, "deformations": ["axial", "bending_y"]}
+    return PiezoBeam(**({"name": "b", "patches": patches} | sizes | given | fields))
 
 
 test_messages = refused(

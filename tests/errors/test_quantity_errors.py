@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from mbdlft import Inertia, Parameter, Revolute, RigidBody, Scene, SceneError, assemble
+from tests import kit
 from tests.errors.scenes import arm, cart, spinner
 from tests.errors.table import refused, says
 
@@ -146,43 +147,30 @@ MASS, 'mass = "sqrt(m1)"'
 > assemble(cart({}, [Parameter('s', 0.7, 0.5, 0.9)], constants={'half': 0.5, 'm': Constant(value=4.0,
     unit='kg'), 'l': Constant(value=0.5, unit='m')})) => SceneError:
 "{2.5|2*s|2*(1 + s)|m*(1 - s)|m + 0.5|0.5*m*l/l|2*half*s^2|3/(1 + s)}" => accepted
+> {} => SceneError:
+assemble(cart(" - ".join(p.name for p in PARTS), PARTS))
+    => body 'cart': mass [kg] is negative in the range, at a0 = 9.5 kg
+rotor("{xx|yy|zz}", 24.0) => inertia.{0} [kg m^2] about the center of mass is negative: -1.
+rotor("{xx|yy|zz}", 25.0) => accepted
+> arm('inertia = { xx = 0.1 }', {}) => SceneError:
+'inertia = { xx = 0.1, about = "origin" }'
+    => body 'link2': inertia.xx [kg m^2] about the center of mass is negative in the range, at L2 = 1.2
+        m: -0.62.
+'inertia = { xx = 0.8, about = "origin" }' => accepted
 """
 )
 
-
-def test_mass_that_is_negative_at_one_of_1024_corners():
-    parts = [Parameter(f"a{k}", 0.9, 0.1, 1.1, unit="kg") for k in range(1, 10)]
-    total = Parameter("a0", 10.0, 9.5, 11.0, unit="kg")
-    with says(SceneError, "body 'cart': mass [kg] is negative in the range, at a0 = 9.5 kg"):
-        assemble(cart("a0 - " + " - ".join(p.name for p in parts), [total, *parts]))
-
-
 J = Parameter("J", 1.0, 0.5, 1.5, unit="kg m^2")
+PARTS = [Parameter("a0", 10.0, 9.5, 11.0, unit="kg")]
+PARTS += [Parameter(f"a{k}", 0.9, 0.1, 1.1, unit="kg") for k in range(1, 10)]
 
 
-@pytest.mark.parametrize(("entry", "axis"), [("xx", (1, 0, 0)), ("yy", (0, 1, 0)), ("zz", (0, 0, 1))])
-def test_inertia_about_another_point_is_large_enough_about_each_axis(entry, axis):
-    def scene(value):
-        inertia = Inertia(**{entry: value}, about="origin")
-        center = tuple(5.0 * (1.0 - component) for component in axis)
-        rotor = RigidBody(name="rotor", mass=0.5, center_of_mass=center, inertia=inertia)
-        hinge = Revolute(name="hinge", parent="ground", child="rotor", axis=axis)
-        return Scene(name="scene", bodies=[rotor], joints=[hinge])
-
-    with says(SceneError, f"inertia.{entry} [kg m^2] about the center of mass is negative: -1."):
-        assemble(scene(24.0))
-    assemble(scene(25.0))
-
-
-def test_inertia_about_a_point_too_far_from_the_center_of_mass():
-    old, new = "inertia = { xx = 0.1 }", 'inertia = { xx = 0.1, about = "origin" }'
-    with says(
-        SceneError,
-        "body 'link2': inertia.xx [kg m^2] about the center of mass is negative in the range, at L2 = "
-        "1.2 m: -0.62.",
-    ):
-        arm(old, new)
-    arm(old, new.replace("0.1,", "0.8,"))
+def rotor(entry, value):
+    """A body with this moment about its origin, on a hinge about that axis; its center is far from it."""
+    axis = tuple(float(letter == entry[0]) for letter in "xyz")
+    center = tuple(5.0 * (1.0 - component) for component in axis)
+    body = kit.body("rotor", 0.5, center_of_mass=center, about="origin", **{entry: value})
+    assemble(kit.scene("scene", body, kit.hinge("hinge", "ground", "rotor", axis)))
 
 
 def test_huge_multiple_of_an_angle_does_not_hang():

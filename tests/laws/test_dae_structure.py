@@ -20,17 +20,8 @@ from mbdlft.dae.newton import System, follow_all
 from mbdlft.modelica import flat_model, modelica_table_from_toml, operating_point, translate
 from mbdlft.pipeline import delta_theta, linearize_dae
 from mbdlft.problem.sx.constants import in_doubles
-from tests.close import CLOSED_FORM, CROSS, Method, finite_difference, roundoff, target
-from tests.daes import (
-    Known,
-    coupled_inertias,
-    dae_of,
-    differences,
-    example_2,
-    pendulum,
-    random_dae,
-    servo,
-)
+from tests.close import CLOSED_FORM, CROSS, Method, roundoff, target
+from tests.daes import Known, coupled_inertias, dae_of, example_2, pendulum, random_dae, servo
 from tests.seeds import some
 
 FREQUENCIES = (0.37, 1.3, 9.0)
@@ -122,24 +113,6 @@ def test_negative_aliases_and_numbers() -> None:
     assert {str(a) for a in s.aliases} == {"y = -x", "z = x", "c = 0.15"}
     model = linearize_dae(s)
     assert mbdlft.matrices_at(model, {}).A[0, 0] == -2.0
-
-
-def test_linearization_is_of_second_order_in_the_step() -> None:
-    """Richardson: halving a difference's step leaves a quarter of its error."""
-    dae = servo()
-    s = reduce_index(dae)
-    at = trim(s)
-    points = np.array([[p.nominal for p in dae.parameters]])
-    z, p = trimmed_points(at, points), points[0]
-    exact = linearized(s, slopes_of(s), z, points)[0]
-    model = linearize_dae(s, search=0.0)
-    M = mbdlft.matrices_at(model, {})
-    target(np.block([[M.A, M.B], [M.C, M.D]]), exact, CROSS)
-    errors = [np.max(np.abs(differences(s, z[0], p, h) - exact)) for h in (0.02, 0.01, 0.005)]
-    rates = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert np.all((rates > 1.9) & (rates < 2.1))
-    extrapolated = (4 * differences(s, z[0], p, 1e-3) - differences(s, z[0], p, 2e-3)) / 3
-    finite_difference(extrapolated, exact)
 
 
 def test_solving_begins_at_what_is_known_then_near_then_at_starts() -> None:

@@ -25,19 +25,9 @@ def patch(start: int = 0, end: int = 3, side: str = "top", **fields) -> mbdlft.P
 
 
 def strip(*patches: mbdlft.PiezoPatch, **fields) -> mbdlft.PiezoBeam:
-    given = {
-        "name": "boom",
-        "length": L,
-        "density": RHO,
-        "area": W * T,
-        "modulus": E,
-        "I_z": W * T**3 / 12,
-        "thickness": T,
-        "elements": 3,
-        "deformations": ("axial", "bending_y"),
-        "patches": patches,
-    }
-    return mbdlft.PiezoBeam(**(given | fields))
+    sizes = {"length": L, "area": W * T, "I_z": W * T**3 / 12, "thickness": T}
+    given = {"density": RHO, "modulus": E, "elements": 3, "deformations": ("axial", "bending_y")}
+    return mbdlft.PiezoBeam(**({"name": "boom", "patches": patches} | sizes | given | fields))
 
 
 def clamped(body: mbdlft.PiezoBeam | mbdlft.Beam, parameters=()) -> mbdlft.LFTModel:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import mbdlft
+from tests import kit
 from tests.close import BALANCE, CLOSED_FORM, FINITE_ELEMENTS, FREQUENCY_RESPONSE, roundoff, target
 from tests.extracted import lower_bound
 
@@ -36,19 +37,9 @@ def rigid_mass(mass: float, center: np.ndarray, about_center: np.ndarray) -> np.
 
 
 def beam(**fields) -> mbdlft.Beam:
-    given = {
-        "name": "beam",
-        "length": 1.2,
-        "density": 2700,
-        "area": 1e-4,
-        "modulus": "E",
-        "shear_modulus": 26e9,
-        "I_y": 1e-9,
-        "I_z": 2e-9,
-        "torsion_constant": 1.5e-9,
-        "elements": 2,
-    }
-    return mbdlft.Beam(**(given | fields))
+    section = {"area": 1e-4, "I_y": 1e-9, "I_z": 2e-9, "torsion_constant": 1.5e-9, "elements": 2}
+    steel = {"density": 2700, "modulus": "E", "shear_modulus": 26e9}
+    return mbdlft.Beam(**({"name": "beam", "length": 1.2} | section | steel | fields))
 
 
 def bending(**fields) -> mbdlft.Beam:
@@ -57,37 +48,25 @@ def bending(**fields) -> mbdlft.Beam:
 
 
 def panel() -> mbdlft.FlexibleBody:
+    pulls = (0.1, 0.2, 1.2, 0.2, -1.0, 0.1), (0.0, 1.0, 0.1, 0.1, 0.0, 0.8)
+    tips = (0, 0.1, 0.9, 0.1, -0.4, 0), (0.2, 0.7, 0, 0, 0, 0.5)
+    sides = (0, 0, 0.3, 0.2, 0, 0), (0, 0.2, 0, 0, 0.1, 0.1)
     return mbdlft.FlexibleBody(
         name="panel",
         mass="m",
         center_of_mass=(0.7, 0.1, -0.2),
         inertia=mbdlft.Inertia(xx=1.0, yy=3.0, zz=2.5, xy=0.1, yz=0.2),
         ports={"tip": (1.5, 0.2, 0.1), "side": (0.4, -0.6, 0.0)},
-        modes=(
-            mbdlft.Mode(
-                frequency=9.0,
-                damping=0.01,
-                participation=(0.1, 0.2, 1.2, 0.2, -1.0, 0.1),
-                shapes={"tip": (0, 0.1, 0.9, 0.1, -0.4, 0), "side": (0, 0, 0.3, 0.2, 0, 0)},
-            ),
-            mbdlft.Mode(
-                frequency=31.0,
-                damping=0.02,
-                participation=(0.0, 1.0, 0.1, 0.1, 0.0, 0.8),
-                shapes={"tip": (0.2, 0.7, 0, 0, 0, 0.5), "side": (0, 0.2, 0, 0, 0.1, 0.1)},
-            ),
-        ),
+        modes=[
+            mbdlft.Mode(frequency=w, damping=c, participation=pull, shapes={"tip": tip, "side": side})
+            for w, c, pull, tip, side in zip((9.0, 31.0), (0.01, 0.02), pulls, tips, sides, strict=True)
+        ],
     )
 
 
 def box() -> mbdlft.RigidBody:
-    return mbdlft.RigidBody(
-        name="box",
-        mass="m",
-        center_of_mass=(0.3, -0.2, 0.1),
-        inertia=mbdlft.Inertia(xx=1.0, yy=2.0, zz=1.5, xz=0.2),
-        ports={"tip": (0.5, 0.5, 0.0), "side": (-1.0, 0.2, 0.3)},
-    )
+    ports = {"tip": (0.5, 0.5, 0.0), "side": (-1.0, 0.2, 0.3)}
+    return kit.body("box", "m", (1.0, 2.0, 1.5), xz=0.2, center_of_mass=(0.3, -0.2, 0.1), ports=ports)
 
 
 def static_gain(model: mbdlft.LFTModel, **values: float) -> np.ndarray:

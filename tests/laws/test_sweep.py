@@ -63,6 +63,11 @@ if __name__ == "__main__":
 """
 
 
+@pytest.fixture
+def small_shards(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+
+
 def arm() -> mbdlft.Scene:
     return mbdlft.load_scene(SCENE)
 
@@ -166,8 +171,8 @@ def test_samples_do_not_depend_on_the_cut(cut: int) -> None:
         exact(np.concatenate(parts), np.stack([expected[p.name] for p in PARAMETERS], axis=1))
 
 
+@pytest.mark.usefixtures("small_shards")
 def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given = RandomSamples(20_000, 5)
     mbdlft.sweep(arm(), given, tmp_path / "one.h5", workers=1)
     start, started = worker.Worker._start, []
@@ -194,17 +199,16 @@ def test_processes_and_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(one, drawn(20_000, 5))
 
 
+@pytest.mark.usefixtures("small_shards")
 def test_workers_that_always_die(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
-
     pool = worker.Pool
     monkeypatch.setattr(run, "Pool", lambda _, *more: pool("tests.dying:die", *more))
     with says(mbdlft.AnalysisError, "sweep: 3 workers died over shard", "the same sweep goes on"):
         mbdlft.sweep(arm(), RandomSamples(9000), tmp_path / "a.h5", workers=2)
 
 
-def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+@pytest.mark.usefixtures("small_shards")
+def test_restart_forgets_what_is_there(tmp_path: Path) -> None:
     given, file = RandomSamples(9000), tmp_path / "a.h5"
 
     def interrupt(done: int, count: int) -> None:
@@ -228,11 +232,9 @@ def test_restart_forgets_what_is_there(tmp_path: Path, monkeypatch: pytest.Monke
     check_arm(mbdlft.load_sweep(file), drawn(9000))
 
 
-def test_a_worker_of_a_killed_sweep_writes_nothing_into_another(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.usefixtures("small_shards")
+def test_a_worker_of_a_killed_sweep_writes_nothing_into_another(tmp_path: Path) -> None:
     """It has read the plan, and writes when another sweep of this name has begun."""
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     file = tmp_path / "a.h5"
 
     def interrupt(done: int, count: int) -> None:
@@ -255,7 +257,8 @@ def test_a_worker_of_a_killed_sweep_writes_nothing_into_another(
 
 
 @pytest.mark.long
-def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("small_shards")
+def test_cluster_with_a_killed_worker(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     count, script = 30_000, tmp_path / "script.py"
     script.write_text(CLUSTER, encoding="utf-8")
@@ -270,7 +273,6 @@ def test_cluster_with_a_killed_worker(tmp_path: Path, monkeypatch: pytest.Monkey
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [str(count), str(count)]
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     mbdlft.sweep(arm(), RandomSamples(count, 5), tmp_path / "b.h5", workers=1)
     same(mbdlft.load_sweep(tmp_path / "a.h5"), mbdlft.load_sweep(tmp_path / "b.h5"))
 
@@ -284,8 +286,8 @@ def test_cluster_needs_dask(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         mbdlft.sweep(arm(), RandomSamples(5), tmp_path / "a.h5", client=object())
 
 
-def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
+@pytest.mark.usefixtures("small_shards")
+def test_memory_is_bounded(tmp_path: Path) -> None:
     tracemalloc.start()
     mbdlft.sweep(arm(), RandomSamples(60_000), tmp_path / "a.h5", workers=1)
     peak = tracemalloc.get_traced_memory()[1]
@@ -350,9 +352,9 @@ def test_another_file_of_a_function_is_another_function(module: str) -> None:
 
 
 @pytest.mark.long
-def test_numbers_of_a_function(tmp_path: Path, module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("small_shards")
+def test_numbers_of_a_function(tmp_path: Path, module: str) -> None:
     """In this process, in others, as a cluster computes them, and after an interruption."""
-    monkeypatch.setattr(staging, "_SHARD_ROWS", 4096)
     given, text = RandomSamples(9000, 3), f"{module}:stiff"
     report = mbdlft.sweep(arm(), given, tmp_path / "a.h5", workers=1, function=text, poles=True)
     assert (report.solved, report.failed) == (9000, 0)
