@@ -1,6 +1,7 @@
 """Files of other people: too large, of another kind, with lies about their sizes; and long messages."""
 
 import io
+import shutil
 import subprocess
 import sys
 import tracemalloc
@@ -13,16 +14,17 @@ import h5py
 import numpy as np
 import pytest
 
-from mbdlft import MbdlftError, SceneError, StructureError, load_scene
+from mbdlft import MbdlftError, Scene, SceneError, StructureError, load_scene
 from mbdlft.base import worker
 from mbdlft.base.errors import shortened, unknown_name
 from mbdlft.elastic import load_matrices, load_nastran
 from mbdlft.robot import load_robot
-from tests.archive.test_matrix_files import turned
+from tests.attack.scenes import CART
 from tests.errors.scenes import ARM
 from tests.errors.table import refused, says
 
 ROOT = Path(__file__).parents[2]
+HANGS = ROOT / "tests/archive/damaged/hang9.h5"
 
 
 def packed(file: Path, name: str, data: bytes) -> Path:
@@ -40,6 +42,19 @@ def header(shape: tuple[int, ...], kind: str = "<f8") -> bytes:
 @pytest.fixture
 def npz(tmp_path: Path) -> Callable[..., Path]:
     return lambda data, name="mass.npy": packed(tmp_path / "a.npz", name, data)
+
+
+@pytest.fixture
+def arrays(tmp_path: Path) -> Callable[..., Path]:
+    """A file of one coordinate with some of its arrays changed."""
+    one = {"numbers": [1], "coordinates": np.zeros((1, 3)), "dof": [[1, 1]], "stiffness": [[1.0]]}
+    sparse = {"mass.row": [0], "mass.column": [0], "mass.value": [1.0]}
+
+    def write(changed: dict[str, Any]) -> Path:
+        np.savez(tmp_path / "a.npz", **{**one, **sparse, **changed})
+        return tmp_path / "a.npz"
+
+    return write
 
 
 @pytest.fixture
@@ -77,6 +92,12 @@ header((4,)) + bytes(31) => mass: expected 32 bytes of (4,), got 31
 header((-4,)) => mass: has shape (-4,)
 objects() => mass: expected numbers, got object; objects are not read
 b"\x93NUMPY\x03\x00" + bytes(100) => mass: has npy version (3, 0), expected 1.0 or 2.0
+> load_matrices(arrays({})) => StructureError: a.npz: …
+{"mass.row": [0.5]} => mass.row: expected whole numbers, got float64
+{"mass.column": [0.5]} => mass.column: expected whole numbers, got float64
+{"numbers": np.array([2**63 + 1], "u8")} => numbers: 9223372036854775809 is too large
+{"dof": np.array([[2**63 + 1, 1]], "u8")} => dof: 9223372036854775809 is too large
+{str(k): k for k in range(101)} => has 108 arrays, expected at most 100
 > load_matrices({}) => StructureError:
 npz(header((2**20,)) + bytes(2**23)), limit=10**6
     => needs 8388608 bytes of memory at 'mass', expected at most 1000000
@@ -97,16 +118,6 @@ f.create_dataset("A", (2**20, 2**20), "<f8", chunks=(9, 9))
 
 
 @pytest.mark.usefixtures("read_here")
-def test_many_arrays_in_one_file(tmp_path: Path) -> None:
-    file = tmp_path / "a.npz"
-    with zipfile.ZipFile(file, "w") as archive:
-        for k in range(101):
-            archive.writestr(f"{k}.npy", b"")
-    with says(StructureError, "has 101 arrays, expected at most 100"):
-        load_matrices(file)
-
-
-@pytest.mark.usefixtures("read_here")
 def test_an_array_is_in_memory_once(tmp_path: Path) -> None:
     """A file of 2 GB needed 4: it was read as bytes, and these were copied."""
     size = 2**25
@@ -121,31 +132,6 @@ def test_an_array_is_in_memory_once(tmp_path: Path) -> None:
     assert size < peak < 1.5 * size
 
 
-@pytest.mark.usefixtures("read_here")
-@pytest.mark.parametrize(
-    ("arrays", "why"),
-    [
-        ({"mass.row": [0.5]}, "mass.row: expected whole numbers, got float64"),
-        ({"mass.column": [0.5]}, "mass.column: expected whole numbers, got float64"),
-        ({"numbers": np.array([2**63 + 1], "u8")}, "numbers: 9223372036854775809 is too large"),
-        ({"dof": np.array([[2**63 + 1, 1]], "u8")}, "dof: 9223372036854775809 is too large"),
-    ],
-)
-def test_integers_that_are_none(arrays: dict[str, Any], why: str, tmp_path: Path) -> None:
-    one = {"numbers": [1], "coordinates": np.zeros((1, 3)), "dof": [[1, 1]], "stiffness": [[1.0]]}
-    sparse = {"mass.row": [0], "mass.column": [0], "mass.value": [1.0]}
-    np.savez(tmp_path / "a.npz", **{**one, **sparse, **arrays})
-    with says(StructureError, "a.npz: ", why):
-        load_matrices(tmp_path / "a.npz")
-
-
-def test_hdf5_that_hangs(tmp_path: Path) -> None:
-    file = tmp_path / "a.h5"
-    file.write_bytes((ROOT / "tests/archive/damaged/hang9.h5").read_bytes())
-    with says(StructureError, f"{file}: "):
-        load_matrices(file)
-
-
 def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for read in (load_scene, load_robot):
         with says(SceneError, "/dev/zero: cannot be read: it is not a regular file"):
@@ -158,6 +144,11 @@ def test_files_that_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         load_scene(tmp_path / "a.toml")
 
 
+def broken_boom(**fields: float) -> Scene:
+    cart, boom = CART.bodies
+    return CART.model_copy(update={"bodies": (cart, boom.model_copy(update=fields))})
+
+
 def encoded(folder: Path, encoding: str) -> Path:
     file = folder / "a.urdf"
     file.write_text(f'<?xml version="1.0" encoding="{encoding}"?><robot name="é"/>', "utf-8")
@@ -168,6 +159,12 @@ test_messages = refused(
     r"""
 > load_robot(encoded(tmp_path, {})) => SceneError: a.urdf: line 1:
 "{shift_jis|none|utf-7}"
+> load_matrices({}) => StructureError:
+shutil.copy(HANGS, tmp_path / "a.h5") => a.h5:
+# products of these are no numbers any more; they ended in an error of numpy
+> to_lft(broken_boom({}), search=0.0) => MbdlftError: body 'boom': an entry of its matrices is
+modulus=1e305
+density=1e155
 > worker.arrays_of("tests.dying:read", {"what": {}}, seconds=0, memory=2**28, error=SceneError)
 "loop" => its reader did not end as it should
 > worker.arrays_of("tests.dying:read", {"what": {}}, seconds=1, memory=2**28, error=SceneError)
@@ -265,22 +262,3 @@ def test_terminals_without_letters_and_disks_without_space(tmp_path: Path) -> No
     done = run("check", str(scene), stdout=writer, stderr=subprocess.PIPE)
     os.close(writer)
     assert (done.returncode, done.stderr) == (1, b"")
-
-
-def test_bodies_with_numbers_that_no_body_has() -> None:
-    """Their products are not numbers any more; they would have ended in an error of numpy."""
-    from mbdlft import to_lft
-    from tests.attack.scenes import CART
-
-    cart, boom = CART.bodies
-    for field in ({"modulus": 1e305}, {"density": 1e155}):
-        with says(MbdlftError, "body 'boom': an entry of its matrices is"):
-            to_lft(CART.model_copy(update={"bodies": (cart, boom.model_copy(update=field))}), search=0.0)
-
-
-def test_matrices_come_back_from_the_other_process(tmp_path: Path) -> None:
-    from mbdlft.elastic import save_matrices
-
-    save_matrices(tmp_path / "a.h5", turned())
-    found = load_matrices(tmp_path / "a.h5")
-    assert np.array_equal(found.nodes.numbers, turned().nodes.numbers)
