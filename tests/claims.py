@@ -15,6 +15,7 @@ from mbdlft.robust import evidence
 from mbdlft.robust.ascent import abscissa
 from mbdlft.robust.realization import physical, realization
 from mbdlft.synthesis import gain_goal, lpv_synthesis, pole_goal, tunable_gain, tune
+from tests import kit
 
 # the goal of a tuning, and whether the plant is chosen with the controller
 TUNED = {"tuned": (0, False), "tuned poles": (1, False), "co-design": (0, True)}
@@ -32,36 +33,23 @@ KINDS = (
 def cart() -> System:
     """A mass on a spring."""
     own = [Parameter("k", 2.0, low=1.6, high=2.4), Parameter("m", 1.0, low=0.9, high=1.1)]
-    matrix = [
-        ["0", "1", "0", "0"],
-        ["-k/m", "-1.4/m", "1/m", "k"],
-        ["1", "0", "0", "0"],
-        ["0", "m", "0", "0.1"],
-    ]
-    return realize(matrix, own, states=2, inputs=["f", "g"], outputs=["x", "v"], name="cart")
+    rows = "0 1 0 0; -k/m -1.4/m 1/m k; 1 0 0 0; 0 m 0 0.1"
+    return kit.plant(rows, own, 2, "f g", "x v", name="cart")
 
 
 @cache
 def twice() -> System:
     """Two equal oscillators: Lyapunov functions prove more of them than the polynomial does."""
     own = [Parameter(name, 1.0, low=0.6, high=1.4) for name in ("k", "m")]
-    matrix = np.full((4, 4), "0", dtype=object)
-    matrix[:2, :2] = matrix[2:, 2:] = [["0", "1"], ["-k*m", "-0.01"]]
-    return realize(matrix.tolist(), own, states=4, inputs=[], outputs=[], name="twice")
+    return kit.plant("0 1 0 0; -k*m -0.01 0 0; 0 0 0 1; 0 0 -k*m -0.01", own, 4, name="twice")
 
 
 @cache
 def crossing() -> System:
     """Two oscillators in parallel whose frequencies cross."""
     own = [Parameter(name, 1.0, low=0.8, high=1.2) for name in ("a", "b")]
-    matrix = [
-        ["0", "0", "1", "0", "0"],
-        ["0", "0", "0", "1", "0"],
-        ["-a", "0", "-0.02", "0", "1"],
-        ["0", "-b", "0", "-0.02", "1"],
-        ["1", "1", "0", "0", "0"],
-    ]
-    return realize(matrix, own, states=4, inputs=["f"], outputs=["x"], name="crossing")
+    rows = "0 0 1 0 0; 0 0 0 1 0; -a 0 -0.02 0 1; 0 -b 0 -0.02 1; 1 1 0 0 0"
+    return kit.plant(rows, own, 4, "f", "x", name="crossing")
 
 
 def swing(stiffness: str, damping: str) -> System:

@@ -1,6 +1,6 @@
-"""Parts of scenes, with what each of them has given by its place; scenes of parts; transfers."""
+"""Parts of scenes, with what each of them has given by its place; scenes of parts; plants; transfers."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,6 +67,25 @@ strut = _by_place(mbdlft.Strut, *_ENDS, "direction")
 force = _by_place(mbdlft.Force, "name", "port", "direction")
 torque = _by_place(mbdlft.Torque, "name", "port", "direction")
 planar = _by_place(mbdlft.Planar, *_ENDS, "axis")
+
+
+def rows(text: str) -> list[list[str]]:
+    """A matrix of texts: entries between blanks, rows between semicolons."""
+    return [row.split() for row in text.split(";")]
+
+
+def plant(
+    text: str,
+    parameters: Iterable[Parameter],
+    states: int | str,
+    inputs: str = "",
+    outputs: str = "",
+    **how: Any,
+) -> mbdlft.LFTModel:
+    """The model of a matrix of texts, with names between blanks."""
+    named = states.split() if isinstance(states, str) else states
+    signals = {"inputs": inputs.split(), "outputs": outputs.split()}
+    return mbdlft.realize(rows(text), list(parameters), states=named, **signals, **how)
 
 
 def transfer(system: System, s: complex, values: Mapping[str, Any]) -> np.ndarray:

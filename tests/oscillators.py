@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 import mbdlft
-from mbdlft import LFTModel, Parameter, System, realize, state_space
+from mbdlft import LFTModel, Parameter, System, state_space
 from tests import kit
 
 
@@ -27,15 +27,9 @@ def oscillator(damping: float, omega: float = 1.0) -> System:
 
 def spring_and_mass(c: str = "0.02") -> LFTModel:
     """m q'' + c q' + k q = force with k and m in ranges."""
-    return realize(
-        [["0", "1", "0"], ["-k/m", f"-({c})/m", "1/m"], ["1", "0", "0"]],
-        [Parameter("k", 4.0, 3.0, 6.0, unit="N/m"), Parameter("m", 1.0, 0.8, 1.5, unit="kg")],
-        states=2,
-        inputs=["force"],
-        outputs=["position"],
-        name="spring",
-        search=0.0,
-    )
+    own = [Parameter("k", 4.0, 3.0, 6.0, unit="N/m"), Parameter("m", 1.0, 0.8, 1.5, unit="kg")]
+    rows = f"0 1 0; -k/m -({c})/m 1/m; 1 0 0"
+    return kit.plant(rows, own, 2, "force", "position", name="spring", search=0.0)
 
 
 def two_masses(m: Sequence[float], k: float, c: float, outputs: Sequence[int] = (0, 1)) -> System:

@@ -24,22 +24,19 @@ from mbdlft.robust.bisect.search import Asked, State, by_itself, enlarged
 from mbdlft.robust.evidence import LyapunovProof
 from mbdlft.robust.realization import realization
 from mbdlft.robust.stability import _is_unstable
+from tests import kit
 from tests.close import CLOSED_FORM, target
 
 DAMPING = 1e-3
 
 
+CROSSING = [Parameter(name, 1.0, low=0.6, high=1.4) for name in "ab"]
+
+
 def crossing(damping: float = DAMPING) -> System:
     """Two oscillators whose frequencies cross as a and b move; each is damped by so much."""
-    a, b = Parameter("a", 1.0, low=0.6, high=1.4), Parameter("b", 1.0, low=0.6, high=1.4)
-    d = repr(damping)
-    matrix = [
-        ["0", "0", "1", "0"],
-        ["0", "0", "0", "1"],
-        ["-a", "0", f"-{d}", "0"],
-        ["0", "-b", "0", f"-{d}"],
-    ]
-    return realize(matrix, [a, b], states=4, inputs=[], outputs=[], name="crossing")
+    rows = f"0 0 1 0; 0 0 0 1; -a 0 -{damping!r} 0; 0 -b 0 -{damping!r}"
+    return kit.plant(rows, CROSSING, 4, name="crossing")
 
 
 def attempt(
@@ -71,12 +68,8 @@ def test_a_proof_is_stored_and_proved_again(tmp_path: Path) -> None:
 
 def test_lyapunov_functions_prove_what_the_polynomial_does_not() -> None:
     """Double modes, as of symmetric mechanisms: the square of a polynomial comes near to 0 everywhere."""
-    b = Parameter("b", 1.0, low=0.6, high=1.4)
-    a = [Parameter("a", 1.0, low=0.6, high=1.4), b]
-    one = np.array([["0", "1"], ["-a*b", "-0.01"]], dtype=object)
-    zero = np.full((2, 2), "0", dtype=object)
-    matrix = np.block([[one, zero], [zero, one]]).tolist()
-    bounds = robust_stability(realize(matrix, a, states=4, inputs=[], outputs=[]), gap=0.3, work=4.0)
+    twice = kit.plant("0 1 0 0; -a*b -0.01 0 0; 0 0 0 1; 0 0 -a*b -0.01", CROSSING, 4)
+    bounds = robust_stability(twice, gap=0.3, work=4.0)
     assert 0.7 * 2.5 <= bounds.lower <= bounds.upper <= 2.5 * (1.0 + 1e-6)
     assert isinstance(bounds.proof, LyapunovProof)
 
@@ -342,13 +335,8 @@ def test_a_part_is_cut_along_the_parameter_that_leaves_it_without_a_function() -
     """A hardly damped mode is as large as the goal at one stiffness; others do not matter."""
     k = Parameter("k", 1.0, low=0.3, high=1.7)
     more = [Parameter(name, 5.0, low=3.0, high=7.0) for name in "ab"]
-    rows = [
-        ["0", "1", "0", "0"],
-        ["-k", "-0.02*k", "0.01", "1"],
-        ["0.01*a", "0", "-b", "0.1"],
-        ["k", "0", "0", "0"],
-    ]
-    system = realize(rows, [*more, k], states=3, inputs=["u"], outputs=["y"])
+    rows = "0 1 0 0; -k -0.02*k 0.01 1; 0.01*a 0 -b 0.1; k 0 0 0"
+    system = kit.plant(rows, [*more, k], 3, "u", "y")
     largest = mbdlft.worst_case_gain(system, gap=0.5, work=0.01).lower
     model, proof = bounded(system, 1.02 * largest, 4.0)
     assert proof is not None
@@ -380,18 +368,9 @@ def test_a_gain_without_parameters_has_no_part_to_cut() -> None:
 
 def crossing_with_signals(damping: float) -> System:
     """`crossing` with two forces and three outputs, one of which has a direct path."""
-    d = repr(damping)
-    rows = [
-        ["0", "0", "1", "0", "0", "0"],
-        ["0", "0", "0", "1", "0", "0"],
-        ["-a", "0", f"-{d}", "0", "1", "0.5"],
-        ["0", "-b", "0", f"-{d}", "0", "a"],
-        ["1", "0", "0", "0", "0", "0"],
-        ["1", "b", "0", "0", "0", "0"],
-        ["-a", "0", "0", "0", "1", "0"],
-    ]
-    a, b = Parameter("a", 1.0, low=0.6, high=1.4), Parameter("b", 1.0, low=0.6, high=1.4)
-    return realize(rows, [a, b], states=4, inputs=["u", "v"], outputs=["x", "y", "z"], name="crossing")
+    rates = f"0 0 1 0 0 0; 0 0 0 1 0 0; -a 0 -{damping!r} 0 1 0.5; 0 -b 0 -{damping!r} 0 a"
+    rows = f"{rates}; 1 0 0 0 0 0; 1 b 0 0 0 0; -a 0 0 0 1 0"
+    return kit.plant(rows, CROSSING, 4, "u v", "x y z", name="crossing")
 
 
 def test_gains_of_modes_that_cross_are_proved_and_verified() -> None:
@@ -443,10 +422,5 @@ def test_a_gain_of_one_is_not_below_one_however_products_are_rounded(n: int) -> 
 def test_poles_that_are_rounding_reach_no_margin() -> None:
     """A frame that becomes short: near h = 0 entries are so large that computed poles are anywhere."""
     h = Parameter("h", 0.8, low=0.4, high=1.0)
-    stiffness = [["-1/h^6", "1/h^5"], ["1/h^5", "-1/h^4-1"]]
-    rows = [
-        [*row, *damping] for row, damping in zip(stiffness, (["-0.1", "0"], ["0", "-0.1"]), strict=True)
-    ]
-    matrix = [["0", "0", "1", "0"], ["0", "0", "0", "1"], *rows]
-    system = realize(matrix, [h], states=4, inputs=[], outputs=[])
+    system = kit.plant("0 0 1 0; 0 0 0 1; -1/h^6 1/h^5 -0.1 0; 1/h^5 -1/h^4-1 0 -0.1", [h], 4)
     assert verify(system, robust_stability(system, gap=0.3, work=0.2)) == ""

@@ -22,6 +22,7 @@ from mbdlft.robust.mu.intervals import Channels, channels_matrix, interval_aroun
 from mbdlft.robust.mu.mixed import by_multipliers
 from mbdlft.robust.mu.multipliers import best_square, structure_of, upper_bound
 from mbdlft.robust.mu.small_delta import delta_near
+from tests import kit
 from tests.close import BOUND, MU, STABLE, roundoff, target
 from tests.laws.random_loops import blocks_system, random_system
 from tests.laws.test_margins import arm_loop, random_loop_with_channels
@@ -92,14 +93,8 @@ def test_a_box_is_cut_where_multipliers_do_not_suffice() -> None:
 def springs() -> mbdlft.LFTModel:
     """Two masses on springs: the dampers matter much less than the springs."""
     own = [mbdlft.Parameter(name, 1.0, percent=30) for name in ("k0", "k1", "c0", "c1")]
-    matrix = [
-        ["0", "1", "0", "0", "0"],
-        ["-k0 - k1", "-0.3*c0", "k1", "0", "0"],
-        ["0", "0", "0", "1", "0"],
-        ["k1", "0", "-k1 - 0.2*c1*k0", "-0.2", "1"],
-        ["1", "0", "0", "0", "0"],
-    ]
-    return mbdlft.realize(matrix, own, states=4, inputs=["u"], outputs=["y"], search=0.0)
+    rows = "0 1 0 0 0; -k0-k1 -0.3*c0 k1 0 0; 0 0 0 1 0; k1 0 -k1-0.2*c1*k0 -0.2 1; 1 0 0 0 0"
+    return kit.plant(rows, own, 4, "u", "y", search=0.0)
 
 
 def test_parts_are_cut_along_what_matters() -> None:

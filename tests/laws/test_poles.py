@@ -292,14 +292,9 @@ def test_systems_without_zeros() -> None:
 @pytest.mark.parametrize("coupling", ["1e-14", "3e-14"])
 def test_poles_where_the_iteration_of_lapack_has_no_end(coupling: str) -> None:
     """Two oscillators that a gyroscopic stiffness couples: K = [[k, e], [-e, k]]."""
-    rows = [
-        ["0", "0", "1", "0", "0"],
-        ["0", "0", "0", "1", "0"],
-        ["-k", f"-{coupling}", "0", "0", "1"],
-        [coupling, "-k", "0", "0", "0"],
-        ["1", "0", "0", "0", "0"],
-    ]
-    model = mbdlft.realize(rows, [mbdlft.Parameter("k", 1.0, percent=20)], states=4, search=0.0)
+    rows = f"0 0 1 0 0; 0 0 0 1 0; -k -{coupling} 0 0 1; {coupling} -k 0 0 0; 1 0 0 0 0"
+    k = mbdlft.Parameter("k", 1.0, percent=20)
+    model = mbdlft.realize(kit.rows(rows), [k], states=4, search=0.0)
     A = mbdlft.matrices_at(model, {})[0]
     values, left, right = eigenvectors_of(A)
     roundoff(np.abs(values), np.ones(4))

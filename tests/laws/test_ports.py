@@ -298,17 +298,8 @@ MASS = mbdlft.Parameter("m", 3.0, percent=20)
 W = mbdlft.Parameter("w", 2.0, percent=50, unit="Hz")
 T = mbdlft.Parameter("T", 20.0, percent=50, unit="ms")
 OMEGA = np.array([0.1, 1.0, 4.0, 30.0, 200.0])
-CART = mbdlft.realize(
-    [
-        ["0", "1", "0", "0"],
-        ["-k/m", "-0.4/m", "1/m", "2/m"],
-        ["1", "0", "0", "0"],
-        ["-k/m", "0", "1/m", "0"],
-    ],
-    [K, MASS],
-    states=["p", "v"],
-    inputs=["force", "gust"],
-    outputs=["position", "load"],
+CART = kit.plant(
+    "0 1 0 0; -k/m -0.4/m 1/m 2/m; 1 0 0 0; -k/m 0 1/m 0", [K, MASS], "p v", "force gust", "position load"
 )
 S = 1j * OMEGA
 

@@ -14,32 +14,15 @@ import pytest
 import mbdlft
 from mbdlft import LFTModel, Parameter, System, append, connect, feedback, matrices_at, realize, series
 from mbdlft.system import evidence, lft
+from tests import kit
 from tests.close import CLOSED_FORM, SCENARIO
 
 K = Parameter("k", 40.0, low=30.0, high=60.0, unit="N/m")
 M = Parameter("m", 3.0, percent=20, unit="kg")
 C = Parameter("c", 0.4, percent=50)
-CART = realize(
-    [
-        ["0", "1", "0", "0"],
-        ["-k/m", "-0.4/m", "1/m", "2/m"],
-        ["1", "0", "0", "0"],
-        ["-k/m", "0", "1/m", "0.1"],
-    ],
-    [K, M],
-    name="cart",
-    states=["p", "v"],
-    inputs=["force", "gust"],
-    outputs=["position", "load"],
-)
-SPRING = realize(
-    [["-c", "k/40", "0"], ["1", "-3*c", "c"], ["1", "0", "0.2"]],
-    [C, K],
-    name="spring",
-    states=["a", "b"],
-    inputs=["stroke"],
-    outputs=["pull"],
-)
+ROWS = "0 1 0 0; -k/m -0.4/m 1/m 2/m; 1 0 0 0; -k/m 0 1/m 0.1"
+CART = kit.plant(ROWS, [K, M], "p v", "force gust", "position load", name="cart")
+SPRING = kit.plant("-c k/40 0; 1 -3*c c; 1 0 0.2", [C, K], "a b", "stroke", "pull", name="spring")
 WEIGHT = control.tf([1.0, 2.0], [0.1, 1.0], name="weight", inputs=["r"], outputs=["e"])
 CONTROLLER = control.ss(
     [[-5.0, 1.0], [0.0, -8.0]],
@@ -81,14 +64,7 @@ def worst(model: System, build: Callable[..., Any], parts: tuple[System, ...]) -
 
 
 ARM = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
-MOTOR = realize(
-    [["-4*m3", "4*m3"], ["1", "0"]],
-    [ARM.parameters["m3"]],
-    name="motor",
-    states=["lag"],
-    inputs=["demand"],
-    outputs=["torque"],
-)
+MOTOR = kit.plant("-4*m3 4*m3; 1 0", [ARM.parameters["m3"]], "lag", "demand", "torque", name="motor")
 PD = control.ss([[-50.0]], [[1.0]], [[-2e4]], [[500.0]], name="pd", inputs=["angle"], outputs=["command"])
 NETWORK = {
     "cart.force": ["-spring.pull", "one.u"],

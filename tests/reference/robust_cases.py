@@ -8,6 +8,7 @@ import mbdlft
 from mbdlft import Block, ComplexBlock, FullBlock, Parameter, Signal, System, realize
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, delta, inverse
+from tests import kit
 
 
 def unit(name: str) -> Parameter:
@@ -45,19 +46,8 @@ def ab13md() -> tuple[NDArray[np.complex128], tuple[Block, ...]]:
 def two_carts() -> System:
     """Two carts and a spring, each 1 +-20 %, and 100((s + 1)/(0.001 s + 1))^3 (a known demo)."""
     own = [Parameter(name, 1.0, low=0.8, high=1.2) for name in ("k", "m1", "m2")]
-    plant = realize(
-        [
-            ["0", "1", "0", "0", "0"],
-            ["-k/m1", "0", "k/m1", "0", "1/m1"],
-            ["0", "0", "0", "1", "0"],
-            ["k/m2", "0", "-k/m2", "0", "0"],
-            ["0", "0", "1", "0", "0"],
-        ],
-        own,
-        states=4,
-        inputs=["force"],
-        outputs=["position"],
-    )
+    rows = "0 1 0 0 0; -k/m1 0 k/m1 0 1/m1; 0 0 0 1 0; k/m2 0 -k/m2 0 0; 0 0 1 0 0"
+    plant = kit.plant(rows, own, 4, "force", "position")
     lead = control.tf([1.0, 1.0], [0.001, 1.0])
     return mbdlft.feedback(plant, 100.0 * lead * lead * lead)
 
