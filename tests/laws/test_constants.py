@@ -233,27 +233,7 @@ def test_large_terms_that_cancel_are_zero() -> None:
     assert not is_zero(large * (tenths + literal(1e-17)))
 
 
-# Expressions: precedence; `tests/attack/expressions.py` has values of drawn texts against Python's.
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1 - 2 - 3", -4.0),
-        ("2 / 4 / 2", 0.25),
-        ("-2^2", -4.0),
-        ("2^-2", 0.25),
-        ("2**3*2", 16.0),
-        ("1.5e3 + .5", 1500.5),
-        ("sqrt(16)*cos(0) + sin(pi/6)", 4.5),
-        ("--3", 3.0),
-        ("90*deg", 1.5707963267948966),
-        ("2^(-1)", 0.5),
-        ("(2 + 1)^0", 1.0),
-    ],
-)
-def test_precedence(text: str, value: float) -> None:
-    roundoff(expression.evaluate(expression.parse(text), expression.BUILTIN_CONSTANTS), value)
+# Expressions; `tests/attack/expressions.py` has values of drawn texts against Python's.
 
 
 @pytest.mark.parametrize("text", ["(a^2)^3", "(-a)^2", "-a^2", "a/(b/c)", "a - (b - c)", "sin(a + 1)"])

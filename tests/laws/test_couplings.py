@@ -1,7 +1,6 @@
 """Couplings: the truth of maximal coordinates, the limit of stiff ones, steady rates, equilibria."""
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,6 @@ from mbdlft.multibody import at_equilibrium, find_equilibrium, fit_positions
 from mbdlft.multibody.assembly.coupled import with_positions
 from mbdlft.multibody.coupling import KINDS, Coupling
 from tests import close, kit
-from tests.attack.couplings import attack
 from tests.close import CLOSED_FORM, FITTED, MECHANISM, target
 from tests.cross.test_mechanism import equals_truth
 from tests.errors.table import says
@@ -159,12 +157,6 @@ def test_toml_is_lossless() -> None:
         KINDS["cable"](name="k", strands={"s": 2.0, "a": "0.1*n"}, stiffness="n", damping=0.1)
     )
     assert mbdlft.multibody.scene_from_toml(mbdlft.multibody.scene_to_toml(scene)) == scene
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(30))
-def test_coupled_mechanisms_equal_maximal_coordinates(seed: int, tmp_path: Path) -> None:
-    assert attack(seed, tmp_path) in ("right", "refused")
 
 
 @pytest.mark.parametrize(("stiffness", "spring"), [(None, 0.0), (1e6, 0.0), (1e6, 1e-3)])

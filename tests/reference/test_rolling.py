@@ -9,7 +9,6 @@ import mbdlft
 from mbdlft import Parameter, Scene, robust_stability, to_lft, worst_case
 from mbdlft.multibody import KnifeEdge, Rolling
 from tests import close, kit
-from tests.attack.contacts import attack
 
 FOLDER = Path(__file__).parents[2] / "scenarios"
 BICYCLE = mbdlft.load_scene(FOLDER / "bicycle.toml")
@@ -227,9 +226,3 @@ def test_a_ball_is_held_on_an_inclined_plane() -> None:
     assert np.isclose(trim["touch.force.normal"], 16.0, rtol=close.CLOSED_FORM)
     at = mbdlft.matrices_at(model, {})
     close.target((at.C @ at.B)[:, 0], 5.0 / 14.0 * np.array([0.8, 0.6, 0.0]), close.CLOSED_FORM)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", range(30))
-def test_random_vehicles_equal_maximal_coordinates(seed: int, tmp_path: Path) -> None:
-    assert attack(seed, tmp_path) in ("right", "refused")
