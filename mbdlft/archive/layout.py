@@ -102,8 +102,7 @@ _EVIDENCE = """
     certificate@truncation_error? certificate@fit_error_bound? certificate@rounding_ratio?: float64
     certificate@check_points certificate@seed certificate@order_bound?: int64
     certificate@exact certificate@exact_bound?: bool
-    provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py: text
-    provenance@created: text
+    provenance@mbdlft provenance@casadi provenance@numpy provenance@h5py provenance@created: text
 """
 _SYSTEM_1_1 = f"""{_SYSTEM}
     @digest: text
@@ -119,6 +118,7 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate/near?: text near
     certificate/accelerations?: int64 accelerations
     certificate/momenta?: int64 u
+    certificate/rigid_motions?: int64 y
     certificate/evidence/number certificate/evidence/basis: text evidence
 """
 _TRIM_LFT = """

@@ -249,6 +249,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "near",
         "accelerations",
         "momenta",
+        "rigid_motions",
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
@@ -324,7 +325,8 @@ def _check(c: Certificate, sizes: tuple[int, ...], outputs: int) -> None:
     )
     needs(all(row >= 0 and column >= 0 for row, column in c.by_terms), "by_terms has a negative number")
     needs(all(0 <= k < outputs for k in c.accelerations), f"accelerations: there are {outputs} outputs")
-    needs(len(set(c.momenta) - {0}) < 2 and min(c.momenta, default=0) >= 0, "momenta has several numbers")
+    for name, some in (("momenta", c.momenta), ("rigid_motions", c.rigid_motions)):
+        needs(len({*some} - {0}) < 2 and min(some, default=0) >= 0, f"{name} has several numbers")
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

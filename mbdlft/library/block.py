@@ -337,7 +337,9 @@ def two_port(
         states=tuple(s for s in model.states if not s.name.startswith(f"{_HOLD}.")),
         inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *body_signals[0]),
         outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *body_signals[1]),
-        certificate=replace(model.certificate, accelerations=(), momenta=()),  # P moves, too
+        certificate=replace(  # P moves, too
+            model.certificate, accelerations=(), momenta=(), rigid_motions=()
+        ),
     )
 
 

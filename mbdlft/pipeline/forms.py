@@ -79,12 +79,13 @@ def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
 
 
 def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str, Any]:
-    """Outputs whose rows of [C D] are sums of those of [A B] of rates, and momenta, at random residues.
+    """Outputs whose rows of [C D] are sums of those of [A B] of rates; momenta; at random residues.
 
     Rates are derivatives of states, as values of the model show, and states of what is held at rest: the
     entries of their rows for these states are regular. Of what is free they are singular, and sums of
     rates, the momenta, are conserved if their rows are zero: by an input, if its entries are, too. Then
-    sums are those in the columns of states and of such inputs.
+    sums are those in the columns of states and of such inputs. Motions in which those entries cancel
+    are those of a rigid body if no other row but those of positions sees them and their rates.
     """
     exact, n = candidate.exact, len(problem.states)
     if isinstance(exact, SparseResidues):
@@ -92,20 +93,29 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     else:
         value, prime = at_random(exact)[exact.order :, exact.order :], exact.M.prime
     values = evaluate_at(lft, deltas_at(problem.parameters, problem.points[:_SEVERAL]))
-    rates = rates_of(values[:, :n, :n], values[:, :n, n:])
-    of_rates, position = value[[*rates.values()]], np.array([*rates], dtype=int)
+    pairs = rates_of(values[:, :n, :n], values[:, :n, n:])
+    of_rates, position = value[[*pairs.values()]], np.array([*pairs], dtype=int)
     stiffness = of_rates[:, position]
-    rows, columns = pivot_columns(stiffness.T, prime), position[pivot_columns(stiffness, prime)]
+    rows, pivots = pivot_columns(stiffness.T, prime), pivot_columns(stiffness, prime)
+    columns, count = position[pivots], len(position) - len(rows)
     sums = solved(of_rates[rows][:, columns], of_rates[rows], prime)
     left = (value - multiplied(value[:, columns], sums, prime)) % prime
-    is_moved = np.asarray(left[[*rates.values()]].any(axis=0))
-    if np.any(is_moved[:n]) or np.all(is_moved[n:]):
-        return {}
-    others = left[n:, ~is_moved].any(axis=1)
-    momenta = np.where(is_moved[n:], 0, len(position) - len(rows))
+    motions = np.zeros((len(position), count), dtype=np.int64)
+    free = np.setdiff1d(np.arange(len(position)), pivots)
+    motions[free, range(count)], motions[pivots] = 1, -sums[:, position[free]] % prime
+    inverses = np.array([pow(int(value[p, v]), -1, prime) for p, v in pairs.items()], dtype=object)
+    moving = np.asarray(inverses[:, None] * motions % prime, dtype=np.int64)
+    seen = multiplied(value[:, [*pairs.values()]], moving, prime).any(axis=1)
+    seen = (seen | left[:, position[free]].any(axis=1)) & ~np.isin(np.arange(len(value)), position)
+    is_moved = np.asarray(left[[*pairs.values()]].any(axis=0))
+    leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:] & ~np.any(seen[:n])
+    others = left[n:, np.append(np.ones(n, dtype=bool), leaves)].any(axis=1)
+    proved = value[n:].any(axis=1) & ~others & bool(np.any(leaves))
+    momenta, rigid = (np.where(some, count, 0) for some in (leaves, is_blind))
     return {
-        "accelerations": tuple(np.flatnonzero(value[n:].any(axis=1) & ~others).tolist()),
+        "accelerations": tuple(np.flatnonzero(proved).tolist()),
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
+        "rigid_motions": tuple(rigid.tolist()) if np.any(rigid) else (),
     }
 
 

@@ -20,7 +20,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
-from mbdlft.response.momenta import Part, by_momenta
+from mbdlft.response.momenta import Part, by_momenta, parts_at
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
 
@@ -173,7 +173,7 @@ def frequency_response(
             f"{count} samples, got shape {frequencies.shape}."
         )
     rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
-    response = _responses(_placed(model, matrices), rows)
+    response = _responses(_placed(model, matrices), matrices.D.shape, rows)
     poles = ~np.isfinite(response).all(axis=(2, 3))
     if np.any(poles):
         raise AnalysisError(
@@ -193,21 +193,18 @@ class _Placed(NamedTuple):
 
 def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
     proved = system.certificate.accelerations if isinstance(system, LFTModel) else ()
-    parts = by_momenta(system, matrices)
     return [
         _Placed(part, *with_positions(part.matrices, proved if part.leaves_momenta else ()))
-        for part in parts
+        for part in by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
     ]
 
 
-def _responses(placed: Sequence[_Placed], omega: Array) -> Complex:
-    """Responses (N, F, ny, nu) of all parts at omega (N, F), rad/s."""
-    outputs = placed[0].part.matrices.D.shape[1]
-    inputs = sum(len(part.inputs) for part, _, _ in placed)
-    response = np.empty((*omega.shape, outputs, inputs), dtype=complex)
+def _responses(placed: Sequence[_Placed], shape: tuple[int, ...], omega: Array) -> Complex:
+    """Responses (N, F, ny, nu) of all parts at omega (N, F), rad/s, for a D of a shape (N, ny, nu)."""
+    response, s = np.empty((*omega.shape, *shape[1:]), dtype=complex), 1j * omega.astype(float)
     for part, whole, places in placed:
-        of_part = resolvent(whole, 1j * omega.astype(float))
-        response[..., part.inputs] = from_positions(of_part, whole.D, omega, places)
+        of_part = from_positions(resolvent(whole, s), whole.D, omega, places)
+        response[:, :, part.outputs[:, None], part.inputs] = of_part
     return response
 
 
@@ -301,11 +298,12 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
             is_zero = np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms
             if np.any(some) and (i in places or np.all(is_zero)):
                 omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
-                late[i] = max(late.get(i, (0.0, True)), (omega, i in places))
+                output = int(part.outputs[i])
+                late[output] = max(late.get(output, (0.0, True)), (omega, i in places))
     if not late:
         return {}
     omega = (np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT).reshape(1, -1)
-    response = _responses(placed, omega)[0]
+    response = _responses(placed, matrices.D.shape, omega)[0]
     apart = np.abs(resolvent(matrices, 1j * omega)[0] - response)
     size = np.where(response != 0.0, np.abs(response), np.inf)
     shares = np.max(apart / size, axis=2, initial=0.0)
@@ -426,9 +424,8 @@ def unbounded_frequencies(
     -------
     tuple of N arrays, rad/s, each rising; 0 for integrators
     """
-    matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
-    columns = modes.chosen(system.name, "input", inputs, system.inputs, "responses")
-    parts, frequencies = by_momenta(system, matrices, columns), []
+    matrices, parts = parts_at(system, values, outputs, inputs, "responses")
+    frequencies = []
     for k, A in enumerate(matrices.A):
         seen = modes.spectrum(A)
         largest = float(np.max(np.abs(seen.poles), initial=0.0))
@@ -436,9 +433,9 @@ def unbounded_frequencies(
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)
         apart = np.array([1e-2, 1e-4]) * _NEAREST
         omega = sizes[:, None] + unit[:, None] * np.where(sizes[:, None] > 0.0, apart, 100.0 * apart)
-        of_one = (StateMatrices(*(matrix[k, None] for matrix in part.matrices)) for part in parts)
-        gains = np.concatenate([resolvent(some, 1j * omega.reshape(1, -1))[0] for some in of_one], axis=2)
-        gains = np.max(np.abs(gains), axis=(1, 2), initial=0.0).reshape(-1, 2)
+        some = (StateMatrices(*(matrix[k, None] for matrix in part.matrices)) for part in parts)
+        sizes_of = (np.max(np.abs(resolvent(m, 1j * omega.reshape(1, -1))[0]), axis=(1, 2)) for m in some)
+        gains = np.max([*sizes_of], axis=0).reshape(-1, 2)
         kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
         # poles of one frequency that rounding has moved apart are one
         gaps = np.diff(kept, prepend=-np.inf) > _NEAREST * kept

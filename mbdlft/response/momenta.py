@@ -1,73 +1,103 @@
-"""What inputs that leave the momenta of a free structure do to it, without what rounding does to these.
+"""Free structures: what inputs that leave momenta do, and what outputs see that no rigid motion changes.
 
-Rounding of A and B changes the momenta, and 1/s^2 times this change moves what is free more than inputs
-that conserve them do: positions drift, and norms are infinite. Which inputs conserve them is decided on
-residues, and stands in the certificate.
+Rounding of A, B and C changes the momenta, and shows rigid motions to outputs. 1/s^2 times this change
+is more than what is left far below the modes: positions drift, and norms are infinite. Which inputs leave
+the momenta, and which outputs see no rigid motion, is decided on residues and is in the certificate.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mbdlft.base.array import Array
+from mbdlft.base.array import Array, ArrayLike
+from mbdlft.response.modes import Names, chosen, transfers_at
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
 
+Indices = NDArray[np.intp]
 _CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
 
 
 class Part(NamedTuple):
-    """Some inputs, the matrices with these, and whether they leave all momenta, if there are any."""
+    """Some outputs and inputs, numbers in the whole matrices, and the matrices of these."""
 
-    inputs: Sequence[int]  # among those of the whole matrices
+    outputs: Indices
+    inputs: Indices
     matrices: StateMatrices
-    leaves_momenta: bool = True
+    leaves_momenta: bool  # all of them, if there are any
+
+
+def parts_at(
+    system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
+) -> tuple[StateMatrices, list[Part]]:
+    """The matrices of `transfers_at`, and their parts."""
+    rows = chosen(system.name, "output", outputs, system.outputs, what)
+    columns = chosen(system.name, "input", inputs, system.inputs, what)
+    matrices = transfers_at(system, values, outputs, inputs, what)
+    return matrices, by_momenta(system, matrices, rows, columns)
 
 
 def by_momenta(
-    system: System, matrices: StateMatrices, inputs: Sequence[int] | None = None
+    system: System, matrices: StateMatrices, outputs: Sequence[int], inputs: Sequence[int]
 ) -> list[Part]:
-    """All inputs of what is held; of what is free those that conserve its momenta, and others.
+    """What is held as a whole; of what is free the inputs that leave its momenta, and the others.
 
-    `inputs` are those of the system that the matrices have; all by default.
+    The outputs by the others are those that see no rigid motion, and those that do. The matrices have
+    these outputs and inputs of the system.
     """
     A, B, C, D = matrices
-    momenta = np.array(system.certificate.momenta if isinstance(system, LFTModel) else (), dtype=int)
-    if not len(momenta):
-        return [Part(range(B.shape[2]), matrices)]
-    momenta = momenta if inputs is None else momenta[list(inputs)]
-    conserving, others = (np.flatnonzero(chosen).tolist() for chosen in (momenta, momenta == 0))
-    held = _held(A, B[:, :, conserving], int(np.max(momenta, initial=0)))
-    parts = [
-        Part(conserving, StateMatrices(held, B[:, :, conserving], C, D[:, :, conserving])),
-        Part(others, StateMatrices(A, B[:, :, others], C, D[:, :, others]), leaves_momenta=False),
-    ]
-    return [part for part in parts if part.inputs]
+    momenta, motions = np.zeros(len(system.inputs), dtype=int), np.zeros(len(system.outputs), dtype=int)
+    if isinstance(system, LFTModel):
+        momenta[:], motions[:] = system.certificate.momenta or 0, system.certificate.rigid_motions or 0
+    momenta, motions, parts = momenta[inputs], motions[outputs], list[Part]()
+    moves, sees, is_free = momenta == 0, motions == 0, bool(np.any(momenta) or np.any(motions))
+    for rows, columns, counts in (
+        (sees | True, ~moves, momenta),
+        (~sees, moves, motions),
+        (sees, moves, motions),
+    ):
+        if np.any(rows) and np.any(columns):
+            y, u = np.flatnonzero(rows), np.flatnonzero(columns)
+            part = StateMatrices(A, B[:, :, u], C[:, y], D[:, y][:, :, u])
+            of_inputs = counts is momenta
+            count = int(np.max(counts[u if of_inputs else y]))
+            held = part._replace(A=_held(part, count, of_inputs=of_inputs))
+            parts.append(Part(y, u, held, of_inputs or not is_free))
+    return parts
 
 
-def _held(A: Array, B: Array, count: int) -> Array:
-    """A with what draws momenta to zero, where they stay zero by B: its responses are the same.
+def _held(matrices: StateMatrices, count: int, *, of_inputs: bool) -> Array:
+    """A with what draws to zero the momenta that B leaves, or rigid motions that C does not see.
 
-    With x' = v and L K = 0, K the stiffnesses, momenta are L v, and v' has -P (k^2 x + k v) more, where
-    P = L' (L L')^-1 L and k is the frequency of the slowest mode. A sample that is held less than the
-    others has more of such modes, or momenta that B changes, and stays as it is.
+    The responses are the same. With x' = v, and L K = 0 or K R' = 0, K the stiffnesses, momenta are L v,
+    and rigid motions R. v' has -P (k^2 x + k v) more, where P = L' (L L')^-1 L, or with R, and k is the
+    frequency of the slowest mode. A sample that is held less than the others has more of such modes, or
+    momenta that B changes, or motions that C sees, and stays as it is.
     """
+    A, B, C, _ = matrices
     rates, held = rates_of(A, B), A.copy()
     if (count := min(count, len(rates))) == 0:
         return A
     x, v = np.array([*rates]), np.array([*rates.values()])
-    K, n, all_of_v = A[:, v[:, None], x], len(x), np.concatenate([A, B], axis=2)[:, v]
+    K, n, unit = A[:, v[:, None], x] * A[:, None, x, v], len(x), A[:, None, x, v]
     # regular, so L has the digits of soft springs beside stiff ones: [L M] [K E ; F 0] = [0 1]
     border = np.random.default_rng(0).standard_normal((len(A), n + count, n + count))
-    border[:, :n, :n], border[:, n:, n:] = K.swapaxes(1, 2), 0.0
+    border[:, :n, :n], border[:, n:, n:] = K.swapaxes(1, 2) if of_inputs else K, 0.0
     border[np.linalg.slogdet(border)[0] == 0.0] = np.nan
     L = np.linalg.solve(border, np.eye(n + count)[:, n:])[:, :n].swapaxes(1, 2)
     across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    is_zero = np.abs(L @ all_of_v) <= _CONSERVED * (np.abs(L) @ np.abs(all_of_v))
+    if of_inputs:
+        terms = np.concatenate([A, B], axis=2)[:, v]
+    else:
+        seen = np.concatenate([A, C], axis=1)
+        terms = np.concatenate([seen[:, :, x] * unit, np.delete(seen, x, axis=1)[:, :, v]], axis=1)
+        terms = terms.swapaxes(1, 2)
+    is_zero = np.abs(L @ terms) <= _CONSERVED * (np.abs(L) @ np.abs(terms))
     slowest = np.sort(np.abs(np.linalg.eigvals(A)), axis=1)[:, 2 * count :].min(axis=1, initial=np.inf)
     is_held = (np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
     k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
-    held[:, v[:, None], x] -= k**2 * P / A[:, None, x, v]
+    held[:, v[:, None], x] -= k**2 * P / unit
     held[:, v[:, None], v] -= k * P
     return held

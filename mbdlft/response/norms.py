@@ -25,8 +25,8 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
-from mbdlft.response.modes import Names, balancing, chosen, pole_text, spectrum, transfers_at
-from mbdlft.response.momenta import by_momenta
+from mbdlft.response.modes import Names, balancing, pole_text, spectrum
+from mbdlft.response.momenta import parts_at
 from mbdlft.response.staircase import Plant, connected, exactly_seen, scaled, seen, without_one
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
@@ -154,9 +154,8 @@ def h2_norm(
 def _held_at(
     system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
 ) -> StateMatrices:
-    """As `transfers_at`, but held where all of the inputs leave the momenta of a free structure."""
-    matrices = transfers_at(system, values, outputs, inputs, what)
-    parts = by_momenta(system, matrices, chosen(system.name, "input", inputs, system.inputs, what))
+    """As `transfers_at`, but held if all inputs leave the momenta, or no output sees rigid motions."""
+    matrices, parts = parts_at(system, values, outputs, inputs, what)
     return parts[0].matrices if len(parts) == 1 else matrices
 
 

@@ -4,7 +4,7 @@ x(t + h) = exp(A h) x(t) is exact for every step h, of integrators, stiff system
 with a constant input, A is bordered by B (Van Loan, IEEE Transactions on Automatic Control 1978).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import is_finite
 from mbdlft.response import modes
-from mbdlft.response.momenta import by_momenta
+from mbdlft.response.momenta import Part, parts_at
 from mbdlft.system.model import System
 from mbdlft.system.sampled import StateMatrices
 
@@ -65,15 +65,18 @@ def step_response(
         It grows beyond all numbers.
     """
 
-    def moved(matrices: StateMatrices, t: Array) -> Array:
-        A, B, C, D = matrices
-        n, m = B.shape[1:]
-        below = np.zeros((len(A), m, n + m))
-        bordered = np.concatenate([np.concatenate([A, B], axis=2), below], axis=1)
-        start = np.broadcast_to(np.concatenate([np.zeros((n, m)), np.eye(m)]), (len(A), n + m, m))
-        return _moved(system, bordered, start, np.concatenate([C, D], axis=2), t)
+    parts = parts_at(system, values, outputs, inputs, "responses")
+    return _by_parts(system, times, *parts, _bordered)
 
-    return _by_inputs(system, values, times, outputs, inputs, moved)
+
+def _bordered(m: StateMatrices) -> tuple[Array, Array, Array]:
+    """A, start and readout of states and constant inputs."""
+    count, n, inputs = m.B.shape
+    below = np.zeros((count, inputs, n + inputs))
+    bordered = np.concatenate([np.concatenate([m.A, m.B], axis=2), below], axis=1)
+    start = np.concatenate([np.zeros((n, inputs)), np.eye(inputs)])
+    start = np.broadcast_to(start, (count, n + inputs, inputs))
+    return bordered, start, np.concatenate([m.C, m.D], axis=2)
 
 
 @arguments_checked
@@ -89,26 +92,23 @@ def impulse_response(
 
     `system`, `values`, `times`, `outputs` and `inputs` are those of `step_response`.
     """
-    return _by_inputs(
-        system, values, times, outputs, inputs, lambda m, t: _moved(system, m.A, m.B, m.C, t)
-    )
+    parts = parts_at(system, values, outputs, inputs, "responses")
+    return _by_parts(system, times, *parts, lambda m: (m.A, m.B, m.C))
 
 
-def _by_inputs(
+def _by_parts(
     system: System,
-    values: Mapping[str, ArrayLike] | None,
     times: ArrayLike | None,
-    outputs: modes.Names,
-    inputs: modes.Names,
-    moved: Callable[[StateMatrices, Array], Array],
+    matrices: StateMatrices,
+    parts: Sequence[Part],
+    started: Callable[[StateMatrices], tuple[Array, Array, Array]],
 ) -> TimeResponse:
-    """Responses (N, T, ny, nu), each by the matrices of those inputs that leave as many momenta."""
-    matrices = modes.transfers_at(system, values, outputs, inputs, "responses")
+    """Responses (N, T, ny, nu), each part by matrices in which what it does not move or see is held."""
     t = _times(system, matrices.A, times)
-    columns = modes.chosen(system.name, "input", inputs, system.inputs, "responses")
     response = np.empty((len(matrices.A), len(t), *matrices.D.shape[1:]))
-    for part in by_momenta(system, matrices, columns):
-        response[..., part.inputs] = moved(part.matrices, t)
+    for part in parts:
+        moved = _moved(system, *started(part.matrices), t)
+        response[:, :, part.outputs[:, None], part.inputs] = moved
     return TimeResponse(t, response)
 
 

@@ -48,7 +48,7 @@ _NOT_RECORDED: dict[str, Any] = {
     "by_terms": (),
     "near": (),
 }
-_NO_ACCELERATIONS: dict[str, Any] = {"accelerations": (), "momenta": ()}
+_NO_ACCELERATIONS: dict[str, Any] = {"accelerations": (), "momenta": (), "rigid_motions": ()}
 
 
 class Operation(NamedTuple):
@@ -279,21 +279,25 @@ def _certificate(
 def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals.
 
-    Of one part that is free, and with which nothing is connected, also the momenta that inputs leave.
+    Of one part that is free, and with which nothing is connected, also the momenta that inputs leave, and
+    the motions as a rigid body that outputs do not see.
     """
-    others, momenta = list[bool](), list[tuple[int, ...]]()
+    others, free = list[bool](), list[Certificate]()
     for system in systems:
         known = system.certificate if isinstance(system, LFTModel) else None
         others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
-        momenta += [known.momenta] if known and known.momenta else []
-    left: tuple[int, ...] = ()
-    if momenta:
-        if len(systems) > 1 or wiring.Ky.any():
-            return _NO_ACCELERATIONS
-        is_changed = wiring.E[np.equal(momenta[0], 0)].any(axis=0)
-        left = tuple(np.where(is_changed, 0, max(momenta[0])).tolist())
+        free += [known] if known and (known.momenta or known.rigid_motions) else []
+    if free and (len(systems) > 1 or wiring.Ky.any()):
+        return _NO_ACCELERATIONS
+    momenta, motions = free[0].momenta if free else (), free[0].rigid_motions if free else ()
+    is_changed = wiring.E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)
+    is_seen = wiring.F[:, np.flatnonzero(np.equal(motions, 0))].any(axis=1)
     is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
-    return {"accelerations": tuple(np.flatnonzero(is_sum).tolist()), "momenta": left}
+    return {
+        "accelerations": tuple(np.flatnonzero(is_sum).tolist()),
+        "momenta": tuple(np.where(is_changed, 0, max(momenta)).tolist()) if momenta else (),
+        "rigid_motions": tuple(np.where(is_seen, 0, max(motions)).tolist()) if motions else (),
+    }
 
 
 def _at_generic(a: LFT) -> LFT:

@@ -292,6 +292,9 @@ class Certificate:
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
         dampers do, leaves all of them as they are; otherwise 0. `accelerations` are those by inputs that
         do. Empty for a structure of which no input does, and for what is held.
+    rigid_motions : tuple of int
+        Of a structure that is free, for each output, how many motions as a rigid body it has if the
+        output, springs and dampers see none of them, nor their rates; otherwise 0. Empty as `momenta` is.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.
@@ -356,6 +359,7 @@ class Certificate:
     rounding_ratio: float = 0.0
     accelerations: tuple[int, ...] = ()
     momenta: tuple[int, ...] = ()
+    rigid_motions: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -1,6 +1,7 @@
 """Accelerations of chains of beams far below the modes: s^2 times positions, if they are held at one end.
 
-If they are free, a motor between two of them moves all as it does in 50 digits.
+If they are free, a motor between two of them moves all as it does in 50 digits, and any force accelerates
+all as it does there.
 """
 
 from pathlib import Path
@@ -57,17 +58,17 @@ def attack(seed: int, folder: Path) -> str:
     scene = scene_of(random, is_free=is_free)
     model = mbdlft.to_lft(scene, search=0.0, prove=0.0)
     if is_free:
-        (motor,) = (k for k, signal in enumerate(model.inputs) if signal.name == "link.torque")
-        truth = problem_of_scene(scene).reference().transfers_in_digits([0], OMEGA)[0, :, :, motor]
-        found = mbdlft.frequency_response(model, {}, OMEGA)[0, :, :, motor]
+        truth = problem_of_scene(scene).reference().transfers_in_digits([0], OMEGA)[0]
+        found = mbdlft.frequency_response(model, {}, OMEGA)[0]
         units = np.array([signal.unit for signal in model.outputs])
-        for unit in {*units.tolist()}:
-            errors, sizes = (np.abs(x[:, units == unit]) for x in (found - truth, truth))
-            assert np.all(errors <= MOST * np.max(sizes, axis=1, keepdims=True)), (
-                seed,
-                model.order,
-                unit,
-            )
+        known = model.certificate
+        for j, i in enumerate(known.momenta):  # places by forces from outside lose digits
+            rows = np.full(len(units), i > 0) | (np.array(known.rigid_motions) > 0)
+            for unit in {*units[rows].tolist()}:
+                some = rows & (units == unit)
+                errors, sizes = (np.abs(x[:, some, j]) for x in (found - truth, truth))
+                right = errors <= MOST * np.max(sizes, axis=1, keepdims=True)
+                assert np.all(right), (seed, model.order, unit, model.inputs[j].name)
         return "right"
     response = mbdlft.frequency_response(model, mbdlft.random(model.parameters, 2, seed), OMEGA)
     places = {signal.name: k for k, signal in enumerate(model.outputs)}

@@ -21,4 +21,5 @@ def attack(seed: int, folder: Path) -> str:
     assert sparse.lower_bound == dense.lower_bound
     assert sparse.accelerations == dense.accelerations
     assert sparse.momenta == dense.momenta
+    assert sparse.rigid_motions == dense.rigid_motions
     return word

@@ -278,17 +278,19 @@ def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None
     alone, push = model["far.z", "motor.torque"], model["far.z", "push.torque"]
     loop, truncated = mbdlft.feedback(alone, np.array([[0.1]])), mbdlft.truncate(model, 10.0)
     turned = mbdlft.invert_channels(model["motor.acceleration", "motor.torque"], ["motor"])
-    for system, momenta, accelerations in (
-        (model, (1, 0), (1, 2, 3)),
-        (alone, (1,), (0,)),
-        (push, (0,), (0,)),
-        (loop, (), ()),
-        (turned, (), ()),
-        (truncated, (), ()),
-        (floating(damping=0.1), (), ()),
-        (floating(stiffness=1.0), (), (1, 2, 3)),
+    for system, momenta, motions, accelerations in (
+        (model, (1, 0), (0, 1, 1, 1), (1, 2, 3)),
+        (alone, (1,), (1,), (0,)),
+        (push, (0,), (1,), (0,)),
+        (model["base.angle", "push.torque"], (0,), (0,), ()),
+        (loop, (), (), ()),
+        (turned, (), (), ()),
+        (truncated, (), (), ()),
+        (floating(damping=0.1), (), (), ()),
+        (floating(stiffness=1.0), (), (), (1, 2, 3)),
     ):
         assert system.certificate.momenta == momenta
+        assert system.certificate.rigid_motions == motions
         assert system.certificate.accelerations == accelerations
     w = np.array([1e-4])
     found = (mbdlft.frequency_response(system, {}, w)[0, 0] for system in (push, model))
@@ -312,12 +314,15 @@ def test_what_a_force_far_away_accelerates_has_its_digits_beside_states_that_mov
         kit.rail("to_b", "a", "b", along, position=1.0, stiffness="k"),
         kit.rail("to_c", "b", "c", along, position=1.0, stiffness=4e4),
         mbdlft.Acceleration(name="last", port="c"),
-        inputs=["to_b.force"],
-        outputs=["last.x"],
+        kit.force("push", "a", along, magnitude=0.0),
+        inputs=["to_b.force", "push.force"],
+        outputs=["last.x", "to_c.acceleration"],
     )
     omega, k = np.array([1e-5, 1e-4]), np.array([2.5e3, 3.5e3])
-    found = mbdlft.frequency_response(mbdlft.to_lft(scene, search=0.0), {"k": k}, omega)[:, :, 0, 0]
-    target(found * k[:, None] / omega**2, np.full((2, 2), -share), RESPONSE)
+    found = mbdlft.frequency_response(mbdlft.to_lft(scene, search=0.0), {"k": k}, omega)
+    target(found[:, :, 0, 0] * k[:, None] / omega**2, np.full((2, 2), -share), RESPONSE)
+    if not first:  # the last mass is accelerated by its spring
+        target(found[:, :, 1, 1] * 4e4 / omega**2, np.full((2, 2), 1.0 / 3.0), RESPONSE)
 
 
 def sprung() -> mbdlft.Scene:
@@ -358,6 +363,44 @@ def boom_on_a_cart() -> mbdlft.Scene:
         inputs=["turn.torque"],
         outputs=["acceleration.y", "slide.acceleration", "position.y", "slide.position"],
     )
+
+
+def pushed(scene: mbdlft.Scene, *outputs: str) -> mbdlft.Scene:
+    """A scene with a force from outside, and outputs."""
+    push = kit.force("push", "one.a", (1, 0.3, 0), frame="ground", magnitude=0.0)
+    return kit.changed(scene, loads=[*scene.loads, push], inputs=["push.force"], outputs=list(outputs))
+
+
+def test_a_force_from_outside_gives_finite_accelerations_far_below_the_modes() -> None:
+    """Rounding shows the place, which has 1/s^2, to the sum: it was off by 1e7 at 1e-8 rad/s."""
+    scene = pushed(sprung(), "acceleration.x", "acceleration.y")
+    model, omega = mbdlft.to_lft(scene, search=0.0), 10.0 ** np.arange(-8.0, 2.0)
+    assert model.certificate.rigid_motions == (3, 3)
+    at = problem_of_scene(scene).reference()
+    truth = at.transfers_in_digits([0], omega)[0]
+    target(mbdlft.frequency_response(model, {}, omega)[0] / truth, np.ones(truth.shape), RESPONSE)
+    assert mbdlft.unbounded_frequencies(model)[0].size == 0
+    for k, name in enumerate(scene.outputs):
+        peak = mbdlft.hinf_norm(model, outputs=name)
+        gain = np.abs(at.transfers_in_digits([0], peak.frequency)[0, 0, k, 0])
+        target(peak.lower[0], gain, NORM)
+    times = np.linspace(0.0, 1e7, 3)  # the softest spring is damped
+    steps = mbdlft.step_response(model, {}, times).values[0, -1]
+    target(steps, truth[0].real, RESPONSE)
+
+
+def test_a_place_that_a_rigid_motion_changes_grows() -> None:
+    """And the rate of it, which sees no place; a state that the rate moves sees both."""
+    model = mbdlft.to_lft(pushed(sprung(), "acceleration.x", "position.x"), search=0.0)
+    assert model.certificate.rigid_motions == (3, 0)
+    turned = model[["position.x", "acceleration.x"], ["push.force"]]
+    assert turned.certificate.rigid_motions == (0, 3)
+    assert mbdlft.hinf_norm(turned, outputs="position.x").upper[0] == np.inf
+    assert np.isfinite(mbdlft.hinf_norm(turned, outputs="acceleration.x").upper[0])
+    both = mbdlft.step_response(model, {}, [0.0, 1e3, 2e3]).values
+    other = mbdlft.step_response(model, {}, [0.0, 1e3, 2e3], outputs=["position.x", "acceleration.x"])
+    exact(other.values[:, :, ::-1], both)
+    assert [*frequency.carried_from(floating()[:, "push.torque"])] == ["motor.acceleration"]
 
 
 @pytest.mark.parametrize("scene", [sprung(), boom_on_a_cart()], ids=["sprung", "boom"])
