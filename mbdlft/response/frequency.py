@@ -10,7 +10,7 @@ around each pole.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,20 +183,14 @@ def frequency_response(
     return response
 
 
-class _Placed(NamedTuple):
-    """A part, its matrices with positions of accelerations, and their places."""
-
-    part: Part
-    whole: StateMatrices
-    places: Mapping[int, tuple[int, Array]]
+_Placed = tuple[Part, StateMatrices, Mapping[int, tuple[int, Array]]]  # with positions, and their places
 
 
 def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
     proved = system.certificate.accelerations if isinstance(system, LFTModel) else ()
-    return [
-        _Placed(part, *with_positions(part.matrices, proved if part.leaves_momenta else ()))
-        for part in by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
-    ]
+    parts = by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
+    known = (proved if part.leaves_momenta else () for part in parts)
+    return [(part, *with_positions(part.matrices, rows)) for part, rows in zip(parts, known, strict=True)]
 
 
 def _responses(placed: Sequence[_Placed], shape: tuple[int, ...], omega: Array) -> Complex:
