@@ -131,6 +131,8 @@ def without_parameters(value: ca.SX) -> ca.SX:
         fraction = fraction_of(value, [*free, *others]) if free else None
     except NotFractionError:
         return value
+    if fraction is not None and not fraction.n:
+        return ca.SX(0)
     if fraction is None or any(any(x.degrees()[: len(free)]) for x in (fraction.n, fraction.d)):
         return value
     n, d = (_expression(x, [*free, *others]) for x in (fraction.n, fraction.d))

@@ -384,7 +384,7 @@ def test_functions_and_arguments_have_units() -> None:
     assert f.unit == "1"  # a number has any unit, and nothing is said of mm
 
 
-_FAR = "(x - number(0.3))"
+_FAR, _ZERO = "(x - number(0.3))", "(number(0.3)*number(0.3) - number(0.09))"
 
 
 @pytest.mark.parametrize(
@@ -395,6 +395,7 @@ _FAR = "(x - number(0.3))"
         ("w = z - fabs(x); z = fabs(x)", 0.0),  # each has two slopes, what is read has none
         ("2*w + fabs(w) + z = x*x; 3*z + fabs(z - w) = x*x", 0.0),
         (f"w = fabs(z); z + z**3 = fabs(2*{_FAR}) - 2*fabs({_FAR})", 0.0),
+        (f"w = tanh(p*(x + {_ZERO}))/p", 1.0),
         # determinants of two signs, or of one that changes its sign with p
         ("w + 2*fabs(w) = x*x", None),
         ("w + p*fabs(w - x) = x", None),

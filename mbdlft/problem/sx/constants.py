@@ -205,7 +205,8 @@ def _applied(function: str, value: float | ca.SX) -> float | ca.SX:
     """A function of a constant."""
     if not is_constant(ca.SX(value)):
         raise NotRationalError(f"{function} takes constants only.")
-    exact, near = rational_of(value), float(numbers_of(ca.SX(value))[0, 0])
+    exact = rational_of(value)
+    near = float(numbers_of(ca.SX(value))[0, 0] if exact is None else exact)
     if function == "sqrt":
         if near < 0.0:
             raise SceneError(f"sqrt of the negative number {near:g}.")
