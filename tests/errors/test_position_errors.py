@@ -62,6 +62,8 @@ find_equilibrium(four_bar().model_copy(update={'bodies': (*four_bar().bodies[:3]
     => no equilibrium found from 2 starts … close.gap. … misses
 at_equilibrium(chain(1), find_equilibrium(pendulum()))
     => scene 'chain': the equilibrium is one of the scene 'pendulum' with hinge
+at_equilibrium(column(), find_equilibrium(pendulum()))
+    => scene 'column': the equilibrium is one of the scene 'pendulum' with hinge
 at_equilibrium(level(1.2), find_equilibrium(level(1.2), positions=['m']))
     => parameter 'm' was found at 1.2 kg, an end of its range
 # The column buckles at k = 2 * 9.81.

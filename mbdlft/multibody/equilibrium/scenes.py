@@ -54,13 +54,13 @@ def at_equilibrium(scene: Scene, point: EquilibriumPoint) -> Scene:
         The point is an equilibrium of another scene, or a parameter was found at an end of its range.
     """
     d = conditions.displace(scene)
-    declared, densities, preloads = _declared(d, scene, point)
-    by_name = {c.signal.name: k for k, c in enumerate(d.coordinates)}
-    if point.scene != scene.name or not set(point.positions) <= set(by_name):
+    fits = set(point.positions) <= {c.signal.name for c in d.coordinates}
+    if point.scene != scene.name or not fits or set(point.parameters) != {p.name for p in d.parameters}:
         raise TrimError(
             f"scene {scene.name!r}: the equilibrium is one of the scene {point.scene!r} with "
-            f"{', '.join(point.positions)}."
+            f"{', '.join((*point.positions, *point.parameters))}."
         )
+    declared, densities, preloads = _declared(d, scene, point)
     joints = []
     for joint in scene.joints:
         moved = {
