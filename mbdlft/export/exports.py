@@ -106,34 +106,29 @@ def _exported(
 ) -> tuple[Path, ...]:
     suffix = check_suffix(file, grid=counts is not None)
     if counts is not None:
-        if isinstance(model, DeltaThetaModel):
-            raise StructureError(
-                f"{file}: model {model.name!r} has nonlinear functions, and no matrices on a grid. "
-                "Linearize it around an equilibrium (linearize_dae), or export model.linear."
-            )
-        write = {".mat": grid_mat, ".csv": grid_csv, ".npz": grid_npz}[suffix]
-        return _written({file: write(model, matrices_on(model, counts))})
+        write, linear = {".mat": grid_mat, ".csv": grid_csv, ".npz": grid_npz}[suffix], _linear(model)
+        return _written({file: write(linear, matrices_on(linear, counts))})
     if suffix == ".jl":
         return _written_julia(file, model, archive)
     if suffix == ".fmu":
-        if isinstance(model, DeltaThetaModel):
-            raise StructureError(
-                f"{file}: model {model.name!r} has nonlinear functions, which a unit does not carry. "
-                "Linearize it around an equilibrium (linearize_dae), or export it as .c."
-            )
-        return _written({file: fmu_image(model, file.stem, fmi)})
+        return _written({file: fmu_image(_linear(model), file.stem, fmi)})
     if suffix == ".mo":
-        if isinstance(model, DeltaThetaModel):
-            raise StructureError(
-                f"{file}: model {model.name!r} has nonlinear functions. Linearize it around an "
-                "equilibrium (linearize_dae), or export model.linear."
-            )
-        return _written({file: f"// {_SIGNED.decode()}\n{modelica_text(model)}".encode()})
+        return _written({file: f"// {_SIGNED.decode()}\n{modelica_text(_linear(model))}".encode()})
     return _written(_matlab(file, model) if suffix == ".mat" else _c(file, model))
 
 
+def _linear(model: System | DeltaThetaModel) -> System:
+    """The model, for what has linear models only."""
+    if isinstance(model, DeltaThetaModel):
+        raise StructureError(
+            f"model {model.name!r} has nonlinear functions. Linearize it around an equilibrium "
+            "(linearize_dae), or export model.linear; .c, .jl and .mat take the functions, too."
+        )
+    return model
+
+
 def check_suffix(file: Path, *, grid: bool) -> str:
-    """The ending of the name of a file.; a StructureError unless it exists."""
+    """The ending of the name of a file; a StructureError unless it exists."""
     suffix = file.suffix.lower()
     known = GRID_SUFFIXES if grid else MODEL_SUFFIXES
     if suffix not in known:

@@ -198,7 +198,7 @@ def test_a_script_of_julia_calls_the_c_beside_it(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_exported(tmp_path: Path) -> None:
-    with pytest.raises(StructureError, match="no matrices on a grid"):
+    with pytest.raises(StructureError, match="has nonlinear functions"):
         export_model(tmp_path / "a.npz", form("zoo"), 3)
     linear = delta_theta(dae_of("linear", "x", "der(x) = -x", outputs="x"), search=0.0)
     for suffix in ("c", "mat", "jl"):
