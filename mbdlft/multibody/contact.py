@@ -29,6 +29,7 @@ from mbdlft.base.description import Axis, Description, Direction, Expected, Name
 from mbdlft.base.errors import SceneError
 from mbdlft.base.unit import Signal
 from mbdlft.multibody.force import BodyWrench, Load, Tire
+from mbdlft.multibody.force.guided import radius_problem
 from mbdlft.multibody.joint.kinds import plane
 from mbdlft.multibody.spatial import Space, in_scene, move_wrench
 from mbdlft.problem.sx.constants import unit_vector
@@ -119,12 +120,7 @@ class Rolling(Contact):
         return {"radius": Expected(self.radius, "m"), "tire": Expected(self.tire, "m")}
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        if np.min(values["radius"]) <= 0.0:
-            return f"the radius must be positive, and it is {np.min(values['radius']):g} m in the range."
-        low, room = np.min(values["tire"]), np.min(values["radius"] - values["tire"])
-        if min(low, room) < 0.0:
-            return "the tire must have a radius from 0 to that of the wheel in the whole range."
-        return None
+        return radius_problem(values, "tire")
 
     def signals(self) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
         normal, *others = (Signal(f"{self.name}.force.{label}", "N") for label in ("normal", "1", "2"))
@@ -192,12 +188,10 @@ class KnifeEdge(Contact):
         if order == 0:
             return ca.SX(0, 1), ca.SX(0, 1)
         normal = unit_vector(self.normal)
-        body, small = space.small(self.port, order)
-        _, before = space.small(self.port, order - 1)
-        heading = self._along(space, body)
-        turned = ca.dot(normal, space.across(before.rotation, body, "ground"))
-        aside = ca.dot(ca.cross(normal, heading), space.across(small.displacement, body, "ground"))
-        return ca.SX(0, 1), aside - ca.dot(velocity, heading) * turned
+        body, moved, _ = in_scene(space, self.port, order)
+        heading, turned = self._along(space, body), in_scene(space, self.port, order - 1)[2]
+        aside = ca.dot(ca.cross(normal, heading), moved)
+        return ca.SX(0, 1), aside - ca.dot(velocity, heading) * ca.dot(normal, turned)
 
     def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
         body, _ = space.port(self.port)

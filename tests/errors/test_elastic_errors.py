@@ -88,7 +88,7 @@ panel(modes=()) => modes: at least one is needed
 panel(modes=(mode(shapes={}),)) => mode 1 has no shape at the port 'tip' … shapes.tip
 panel(modes=(mode(), mode(shapes={"tip": SIX, "end": SIX})))
     => mode 2 has a shape at 'end', which is not a port
-panel(inertia=Inertia(zz=1.0, about="end")) => inertia.about … got 'end'
+panel(inertia=Inertia(zz=1.0, about="end")) => inertia.about: unknown port 'end'
 with_a_beam("length", "m") => body 'beam' … length is not positive in the range
 with_a_beam("density", "kg m^-3") => body 'beam' … density is not positive in the range
 with_a_beam("area", "m^2") => body 'beam' … area is not positive in the range

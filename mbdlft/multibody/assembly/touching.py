@@ -10,7 +10,7 @@ from mbdlft.base.description import AXES, Direction, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly.kinematics import View, port_arm
 from mbdlft.multibody.contact import Contact, Patch, Rolling
-from mbdlft.multibody.force import BodyWrench, Wheel
+from mbdlft.multibody.force import BodyWrench, Tire, Wheel
 from mbdlft.multibody.joint import Revolute
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
@@ -98,7 +98,8 @@ def check_wheels(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[
                 f"{owner_name(wheel)}: the scene moves along the axis of the wheel with {worst:.4g} m/s "
                 "at nominal or elsewhere in the range. A wheel rolls along axis x normal."
             )
-        if np.min(speeds) < 0.0 or (not wheel.stops and np.min(speeds) <= 0.0):
+        stops = isinstance(wheel, Tire) and wheel.patch
+        if np.min(speeds) < 0.0 or (not stops and np.min(speeds) <= 0.0):
             raise SceneError(
                 f"{owner_name(wheel)}: the speed along axis x normal goes down to {np.min(speeds):.4g} "
                 f"m/s in the range; the scene has velocity = {list(scene.velocity)}. It must be positive "

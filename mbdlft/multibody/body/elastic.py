@@ -38,7 +38,7 @@ from mbdlft.base.description import (
     Values,
     Vector,
 )
-from mbdlft.base.errors import SceneError
+from mbdlft.base.errors import SceneError, check_known
 from mbdlft.base.unit import Freedom, Signal
 from mbdlft.multibody.body.rigid import Body, Inertia, RigidBody
 from mbdlft.multibody.spatial import Coordinate
@@ -274,11 +274,8 @@ class FlexibleBody(ElasticBody):
     def _data_are_complete(self) -> Self:
         if not self.modes:
             raise SceneError("modes: at least one is needed; a body without modes is 'rigid'.")
-        if self.inertia.about not in ("center_of_mass", *self.port_names()):
-            raise SceneError(
-                f"inertia.about: expected 'center_of_mass', 'origin' or a port, got "
-                f"{self.inertia.about!r}."
-            )
+        points = ("center_of_mass", *self.port_names())
+        check_known("port", [self.inertia.about], points, "inertia.about")
         for k, mode in enumerate(self.modes, start=1):
             for port in self.ports:
                 if port not in mode.shapes:

@@ -140,6 +140,16 @@ class Support(Guided):
         return ca.SX(pull - normal * ca.dot(normal, pull))
 
 
+def radius_problem(values: Mapping[str, NDArray[np.float64]], section: str) -> str | None:
+    """What is wrong with the sampled radii (samples,) of a wheel and of its `section`, if it has one."""
+    radius, inner = values["radius"], values.get(section, np.zeros(1))
+    if np.min(radius) <= 0.0:
+        return f"the radius must be positive, and it is {np.min(radius):g} m in the range."
+    if np.min(inner) < 0.0 or np.min(radius - inner) < 0.0:
+        return f"the {section} must have a radius from 0 to that of the wheel in the whole range."
+    return None
+
+
 class Wheel(Guided, abc.ABC):
     """A wheel about `axis` with its center at `child`, which rolls on a plane across `normal`.
 
@@ -158,18 +168,11 @@ class Wheel(Guided, abc.ABC):
     def line(self) -> Direction:
         return self.normal
 
-    @property
-    def stops(self) -> bool:
-        """Whether the speed may be zero."""
-        return False
-
     def quantities(self) -> dict[str, Expected]:
         return super().quantities() | {"radius": Expected(self.radius, "m")}
 
     def physical_problem(self, values: Mapping[str, NDArray[np.float64]]) -> str | None:
-        if np.min(values["radius"]) <= 0.0:
-            return f"the radius must be positive, and it is {np.min(values['radius']):g} m in the range."
-        return None
+        return radius_problem(values, "crown")
 
     def along(self, space: Space) -> tuple[ca.SX, ca.SX, ca.SX]:
         """Axis and heading (3,) of the wheel in the axes of the scene, and the speed along it."""
@@ -236,10 +239,6 @@ class Tire(Wheel):
         """The name of the frame of its patch, where it has one."""
         return f"{self.name}..patch" if self.relaxation is not None else ""
 
-    @property
-    def stops(self) -> bool:
-        return bool(self.patch)
-
     def quantities(self) -> dict[str, Expected]:
         sides = {key: Expected(getattr(self, key), "N/rad") for key in ("cornering", "camber")}
         sides["crown"] = Expected(self.crown, "m")
@@ -257,8 +256,6 @@ class Tire(Wheel):
         for key in ("cornering", "relaxation"):
             if key in values and np.min(values[key]) <= 0.0:
                 return f"the {key} must be positive, and it is {np.min(values[key]):g} in the range."
-        if np.min(values["crown"]) < 0.0 or np.min(values["radius"] - values["crown"]) < 0.0:
-            return "the crown must have a radius from 0 to that of the wheel in the whole range."
         return super().physical_problem(values)
 
     def side(self, values: Values, space: Space) -> ca.SX:

@@ -155,30 +155,21 @@ class Scene(Description):
 
     @model_validator(mode="after")
     def _names_are_unique(self) -> Self:
-        check_value_names(
-            "parameter or constant", [p.name for p in self.parameters] + list(self.constants)
-        )
+        values = [*(p.name for p in self.parameters), *self.constants]
+        check_value_names("parameter or constant", values)
         check_unique("body", [body.name for body in self.bodies])
-        with_signals: list[Joint | Load | Sensor | Loop | Coupling | Contact] = [
-            *self.joints,
-            *self.loads,
-        ]
-        with_signals += [*self.sensors, *self.loops, *self.couplings, *self.contacts]
+        kinds = ("joints", "loads", "sensors", "loops", "couplings", "contacts")
+        with_signals = [item.name for kind in kinds for item in getattr(self, kind)]
         check_unique("joint", [joint.name for joint in self.joints])
-        check_unique(
-            "joint, load, sensor, loop, coupling or contact", [item.name for item in with_signals]
-        )
+        check_unique("joint, load, sensor, loop, coupling or contact", with_signals)
         check_unique("input", self.inputs or ())
         check_unique("output", self.outputs or ())
-        if UNKNOWN in self.acceleration and UNKNOWN in {
-            *(p.name for p in self.parameters),
-            *self.constants,
-        }:
+        if UNKNOWN in self.acceleration and UNKNOWN in values:
             raise SceneError(
                 f"acceleration: {UNKNOWN!r} stands for a component that the trim solves for, and a "
                 "parameter or constant has this name. Give that another name."
             )
-        for name in [*(body.name for body in self.bodies), *(item.name for item in with_signals)]:
+        for name in [*(body.name for body in self.bodies), *with_signals]:
             if "." in name:
                 raise SceneError(
                     f"the name {name!r} has a dot; dots separate a body "
