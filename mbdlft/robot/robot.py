@@ -13,6 +13,7 @@ one: its yaw is zero.
 
 import math
 from collections.abc import Container, Iterable, Mapping, Sequence
+from graphlib import CycleError, TopologicalSorter
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -211,20 +212,15 @@ def root_of(links: Mapping[str, RobotLink], joints: Sequence[RobotJoint]) -> str
             )
         above[joint.child] = joint
     roots = [name for name in links if name not in above]
-    leads_up: set[str] = set()  # links from which joints lead to a root
-    for name in links:
-        chain = [name]
-        seen = {name}
-        while chain[-1] in above and chain[-1] not in leads_up:
-            chain.append(above[chain[-1]].parent)
-            if chain[-1] in seen:
-                loop = " -> ".join(reversed(chain[chain.index(chain[-1]) :]))
-                raise SceneError(
-                    f"line {above[chain[-1]].line}: the joints close a loop: {loop}. A robot is a tree; "
-                    "open the loop at one joint."
-                )
-            seen.add(chain[-1])
-        leads_up |= seen
+    parents = {name: [above[name].parent] if name in above else [] for name in links}
+    try:
+        TopologicalSorter(parents).prepare()
+    except CycleError as error:
+        loop: list[str] = error.args[1]
+        raise SceneError(
+            f"line {above[loop[0]].line}: the joints close a loop: {' -> '.join(loop)}. A robot is a "
+            "tree; open the loop at one joint."
+        ) from None
     if len(roots) > 1:
         raise SceneError(
             f"there are {len(roots)} links without a parent: {', '.join(roots)}. A robot is a tree with "
