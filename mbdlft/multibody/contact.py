@@ -69,15 +69,14 @@ class Contact(Description, abc.ABC):
         """Multipliers (N) of holonomic constraints, and of those of rates."""
 
     @abc.abstractmethod
-    def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def rows(self, values: Values, space: Space, order: int) -> tuple[ca.SX, ca.SX]:
         """Constraints of one order of small motions: holonomic ones, and for orders 1 and 2 the others.
 
-        `values` has the quantities and the steady ``rate`` of the body, `velocity` (3,) is that of the
-        scene over the ground.
+        `values` has the quantities and the steady ``rate`` of the body.
         """
 
     @abc.abstractmethod
-    def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
+    def slip(self, values: Values, space: Space) -> ca.SX:
         """What the steady motion misses, a column of velocities (m/s)."""
 
     @abc.abstractmethod
@@ -132,7 +131,7 @@ class Rolling(Contact):
             return ca.SX(3, 1)
         return ca.SX(space.across(unit_vector(self.axis), body, "ground") * values["rate"])
 
-    def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def rows(self, values: Values, space: Space, order: int) -> tuple[ca.SX, ca.SX]:
         normal = unit_vector(self.normal)
         body, moved, turned = in_scene(space, self.port, order)
         if order == 0:
@@ -142,10 +141,9 @@ class Rolling(Contact):
         slip = moved - values["radius"] * ca.cross(turning, normal)
         return ca.dot(normal, moved), ca.vertcat(*(ca.dot(t, slip) for t in self.tangents))
 
-    def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
-        body, _ = space.port(self.port)
-        normal = unit_vector(self.normal)
-        return ca.SX(velocity - values["radius"] * ca.cross(self._steady(values, space, body), normal))
+    def slip(self, values: Values, space: Space) -> ca.SX:
+        steady = self._steady(values, space, space.port(self.port)[0])
+        return ca.SX(space.velocity - values["radius"] * ca.cross(steady, unit_vector(self.normal)))
 
     def reaction(self, values: Values, space: Space, held: ca.SX, rolling: ca.SX) -> BodyWrench:
         body, at = space.port(self.port)
@@ -184,18 +182,18 @@ class KnifeEdge(Contact):
     def _along(self, space: Space, body: str) -> ca.SX:
         return space.across(unit_vector(self.heading), body, "ground")
 
-    def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def rows(self, values: Values, space: Space, order: int) -> tuple[ca.SX, ca.SX]:
         if order == 0:
             return ca.SX(0, 1), ca.SX(0, 1)
         normal = unit_vector(self.normal)
         body, moved, _ = in_scene(space, self.port, order)
         heading, turned = self._along(space, body), in_scene(space, self.port, order - 1)[2]
         aside = ca.dot(ca.cross(normal, heading), moved)
-        return ca.SX(0, 1), aside - ca.dot(velocity, heading) * ca.dot(normal, turned)
+        return ca.SX(0, 1), aside - ca.dot(space.velocity, heading) * ca.dot(normal, turned)
 
-    def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
+    def slip(self, values: Values, space: Space) -> ca.SX:
         body, _ = space.port(self.port)
-        return ca.dot(ca.cross(unit_vector(self.normal), self._along(space, body)), velocity)
+        return ca.dot(ca.cross(unit_vector(self.normal), self._along(space, body)), space.velocity)
 
     def reaction(self, values: Values, space: Space, held: ca.SX, rolling: ca.SX) -> BodyWrench:
         body, at = space.port(self.port)
@@ -223,7 +221,7 @@ class Patch(Contact):
     def signals(self) -> tuple[tuple[Signal, ...], tuple[Signal, ...]]:
         return (), (Signal(f"{self.name}.side_force", "N"),)
 
-    def rows(self, values: Values, space: Space, order: int, velocity: ca.SX) -> tuple[ca.SX, ca.SX]:
+    def rows(self, values: Values, space: Space, order: int) -> tuple[ca.SX, ca.SX]:
         if order == 0:
             return ca.SX(0, 1), ca.SX(0, 1)
         tire, (axis, _, speed) = self.tire, self.tire.along(space)
@@ -232,8 +230,8 @@ class Patch(Contact):
         slope += values["camber"] / values["cornering"] * tire.lean(space, order - 1)
         return ca.SX(0, 1), tire.slip(self.port, values, space, order) + speed * slope
 
-    def slip(self, values: Values, space: Space, velocity: ca.SX) -> ca.SX:
-        return ca.dot(self.tire.along(space)[0], velocity)
+    def slip(self, values: Values, space: Space) -> ca.SX:
+        return ca.dot(self.tire.along(space)[0], space.velocity)
 
     def reaction(self, values: Values, space: Space, held: ca.SX, rolling: ca.SX) -> BodyWrench:
         pair = ca.horzcat(unit_vector(self.tire.axis) * rolling, ca.SX(3, 1))

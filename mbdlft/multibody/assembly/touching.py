@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.description import AXES, Direction, Values
+from mbdlft.base.description import Direction, Values
 from mbdlft.base.errors import SceneError
 from mbdlft.multibody.assembly.kinematics import View, port_arm
 from mbdlft.multibody.contact import Contact, Patch, Rolling
@@ -14,7 +14,6 @@ from mbdlft.multibody.force import BodyWrench, Tire, Wheel
 from mbdlft.multibody.joint import Revolute
 from mbdlft.multibody.scene.quantities import owner_name
 from mbdlft.multibody.scene.scene import Scene
-from mbdlft.multibody.spatial import column
 from mbdlft.problem.sx.constants import unit_vector
 
 _GAP = 1e-9  # of the lengths, or of the speed, of the scene: what is farther off does not touch, or slips
@@ -30,16 +29,9 @@ def values_of(contact: Contact, view: View) -> Values:
     return {**values, "rate": next(rates, 0.0)}
 
 
-def velocity_of(scene: Scene, view: View) -> ca.SX:
-    """Velocity (3,) of the scene over the ground (m/s)."""
-    uniform = view.now.values[f"scene {scene.name!r}"]
-    return column(uniform[f"velocity.{axis}"] for axis in AXES)
-
-
 def contact_rows(scene: Scene, view: View, order: int) -> tuple[ca.SX, ca.SX]:
     """Constraints of one order: holonomic ones of all contacts, and those of rates."""
-    velocity = velocity_of(scene, view)
-    rows = [c.rows(values_of(c, view), view, order, velocity) for c in scene.touches]
+    rows = [c.rows(values_of(c, view), view, order) for c in scene.touches]
     held, rolling = zip(*rows, strict=True) if rows else ((), ())
     return ca.vertcat(ca.SX(0, 1), *held), ca.vertcat(ca.SX(0, 1), *rolling)
 
@@ -58,7 +50,7 @@ def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> 
 
 def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
     """Bodies touch their planes, stand upright and do not slip, at nominal and elsewhere in the range."""
-    velocity = velocity_of(scene, view)
+    velocity = view.velocity
     if scene.rolling and scene.spin and ca.sparsify(velocity).nnz():
         raise SceneError(
             f"scene {scene.name!r}: the ground of {owner_name(scene.rolling[0])} turns with the spin "
@@ -73,7 +65,7 @@ def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequenc
             _check_upright(contact, contact.port, contact.direction, view, evaluate)
         if isinstance(contact, Rolling):
             _check_height(contact, contact.plane, contact.port, values, view, evaluate)
-        if (worst := _largest(evaluate(contact.slip(values, view, velocity)))) > _GAP * speed:
+        if (worst := _largest(evaluate(contact.slip(values, view)))) > _GAP * speed:
             given = ", ".join(f"{x:.6g}" for x in evaluate(velocity)[0][:, 0])
             body = view.find(contact.port)[0]
             raise SceneError(
