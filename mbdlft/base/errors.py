@@ -70,11 +70,13 @@ class ArchiveError(MbdlftError, OSError):
 
 @contextmanager
 def naming(what: object, *kinds: type[MbdlftError]) -> Iterator[None]:
-    """Errors from inside, all or those of some kinds, begin with what they are about, such as a file."""
+    """Errors from inside, all or of some kinds, begin once with what they are about, such as a file."""
     chosen = kinds or (MbdlftError,)
     try:
         yield
     except chosen as error:
+        if str(error).startswith(f"{what}: "):
+            raise
         raise type(error)(f"{what}: {error}") from None
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from mbdlft.archive.archive import put, save, target_of, writing
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, check_known
+from mbdlft.base.errors import AnalysisError, StructureError, check_known, naming
 from mbdlft.base.samples import grid as grid_of
 from mbdlft.export import matlab
 from mbdlft.export.c import c_texts, julia_text
@@ -89,12 +89,8 @@ def export_model(
         A file cannot be written, or would take the place of one beside `path` that was not exported.
     """
     file = Path(path)
-    try:
+    with naming(file):
         return _exported(file, model, counts, archive, fmi)
-    except MbdlftError as error:
-        if str(file) in str(error):
-            raise
-        raise type(error)(f"{file}: {error}") from error
 
 
 def _exported(

@@ -15,7 +15,7 @@ from typing import Any, Literal, ParamSpec, TypeVar
 import numpy as np
 
 from mbdlft.base.description import Expected, Quantity
-from mbdlft.base.errors import MbdlftError, NotRationalError, SceneError, naming
+from mbdlft.base.errors import NotRationalError, SceneError, naming
 from mbdlft.base.expression import evaluate, names
 from mbdlft.base.parameter import Parameter
 from mbdlft.base.worker import arrays_of, content_of
@@ -128,13 +128,8 @@ def _naming_its_file(load: Callable[_P, _R]) -> Callable[_P, _R]:
 
     @wraps(load)
     def named(*given: _P.args, **options: _P.kwargs) -> _R:
-        try:
+        with naming(Path(str(given[0]))):
             return load(*given, **options)
-        except MbdlftError as error:
-            name = f"{Path(str(given[0]))}: "
-            if str(error).startswith(name):
-                raise
-            raise type(error)(f"{name}{error}") from None
 
     return named
 
