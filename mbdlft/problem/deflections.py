@@ -1,0 +1,85 @@
+"""Trim relations in which a parameter multiplies fewer signals: deflections times their stiffness.
+
+A second moment I multiplies the bending deflections q in E I / L^3 q, and the compatibility of a frame
+adds them to axial ones: I has as many channels as there are bending deflections. With I q as unknown
+signals and the rows of compatibility times I, it multiplies axial deflections alone. That is the force
+method, whose flexibilities have the redundant loads as unknowns. So relations R become
+
+    R'_ij = R_ij p^(i in Q) / p^(j in S),
+
+Q the rows and S the columns of as few entries as keep all powers of p at 0 and 1, with those of entries
+a p in S. Other parameters may get more channels by that, so both relations are tried.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import casadi as ca
+
+from mbdlft.problem.equations import rows_of
+from mbdlft.problem.relations import LinearModel
+
+_MIXED = 2  # an entry a + b p, or of another degree; a p^0 and a p^1 have the powers 0 and 1
+
+
+def with_scaled_deflections(relations: LinearModel) -> LinearModel | None:
+    """Relations whose lifted loads have scaled deflections; None if no parameter has fewer channels."""
+    lifted = relations.lifted
+    if lifted is None:
+        return None
+    trim = lifted.trim
+    for k, parameter in enumerate(trim.parameters):
+        if parameter.low * parameter.high > 0.0:
+            trim = _scaled(trim, trim.p[k])
+    return None if trim is lifted.trim else replace(relations, lifted=lifted._replace(trim=trim))
+
+
+def _scaled(m: LinearModel, p: ca.SX) -> LinearModel:
+    """Relations scaled by one parameter, if it multiplies fewer signals then."""
+    signals = ca.vertcat(m.unknown, m.known)
+    J = ca.sparsify(ca.jacobian(m.residual, signals))
+    entries = [*zip(*J.sparsity().get_triplet(), _powers(J, p), strict=True)]
+    rows, columns = set[int](), {j for _, j, power in entries if power == 1}
+    while True:
+        more = rows | {i for i, j, power in entries if j in columns and power != 1}
+        wider = columns | {j for i, j, power in entries if i in more and power}
+        if (more, wider) == (rows, columns):
+            break
+        rows, columns = more, wider
+    read = ca.jacobian_sparsity(m.output, signals).get_col()
+    if columns & {*read, *range(m.unknown.numel(), signals.numel())}:
+        return m
+    scaled = [(i, j, power + (i in rows) - (j in columns)) for i, j, power in entries]
+    if _channels(J, scaled) >= _channels(J, entries):
+        return m
+    kept = [j for j in range(signals.numel()) if j not in columns]
+    by_scaled = _without(m.residual, rows_of(signals, kept))
+    by_others = _without(m.residual, rows_of(signals, sorted(columns)))
+    at_one = ca.substitute(by_scaled, p, 1)
+    residual = (
+        by_scaled[i] + p * by_others[i] if i in rows else at_one[i] + by_others[i]
+        for i in range(m.residual.numel())
+    )
+    return replace(m, residual=ca.vertcat(*residual))
+
+
+def _powers(J: ca.SX, p: ca.SX) -> list[int]:
+    """Of the entries of a matrix that are not zero."""
+    nonzero: list[Any] = J.nonzeros()
+    entries = ca.vertcat(*nonzero)
+    slopes = ca.densify(ca.jacobian(entries, p))
+    bends, at_zero = ca.densify(ca.jacobian(slopes, p)), ca.substitute(entries, p, 0)
+    return [
+        0 if slopes[k].is_zero() else 1 if bends[k].is_zero() and at_zero[k].is_zero() else _MIXED
+        for k in range(entries.numel())
+    ]
+
+
+def _channels(J: ca.SX, entries: list[tuple[int, int, int]]) -> int:
+    """The largest rank of a matrix with the entries that a parameter is in."""
+    rows, columns = [i for i, _, power in entries if power], [j for _, j, power in entries if power]
+    return int(ca.sprank(ca.Sparsity.triplet(*J.shape, rows, columns)))
+
+
+def _without(residual: ca.SX, signals: ca.SX) -> ca.SX:
+    return ca.SX(ca.substitute(residual, signals, ca.SX.zeros(signals.numel())))
