@@ -111,11 +111,11 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:] & ~np.any(seen[:n])
     others = left[n:, np.append(np.ones(n, dtype=bool), leaves)].any(axis=1)
     proved = value[n:].any(axis=1) & ~others & bool(np.any(leaves))
-    momenta, rigid = (np.where(some, count, 0) for some in (leaves, is_blind))
+    momenta, rigid = np.where(leaves, count, 0), np.where(is_blind, count, -count)
     return {
         "accelerations": tuple(np.flatnonzero(proved).tolist()),
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
-        "rigid_motions": tuple(rigid.tolist()) if np.any(rigid) else (),
+        "rigid_motions": tuple(rigid.tolist()) if np.any(rigid) and not np.any(seen[:n]) else (),
     }
 
 

@@ -173,7 +173,7 @@ def frequency_response(
             f"{count} samples, got shape {frequencies.shape}."
         )
     rows = np.broadcast_to(frequencies, (count, frequencies.shape[-1]))
-    response = _responses(_placed(model, matrices), matrices.D.shape, rows)
+    response = _responses(_placed(model, matrices), matrices, rows)
     poles = ~np.isfinite(response).all(axis=(2, 3))
     if np.any(poles):
         raise AnalysisError(
@@ -188,17 +188,23 @@ _Placed = tuple[Part, StateMatrices, Mapping[int, tuple[int, Array]]]  # with po
 
 def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
     proved = system.certificate.accelerations if isinstance(system, LFTModel) else ()
-    parts = by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
+    _, parts = by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
     known = (proved if part.leaves_momenta else () for part in parts)
     return [(part, *with_positions(part.matrices, rows)) for part, rows in zip(parts, known, strict=True)]
 
 
-def _responses(placed: Sequence[_Placed], shape: tuple[int, ...], omega: Array) -> Complex:
-    """Responses (N, F, ny, nu) of all parts at omega (N, F), rad/s, for a D of a shape (N, ny, nu)."""
-    response, s = np.empty((*omega.shape, *shape[1:]), dtype=complex), 1j * omega.astype(float)
-    for part, whole, places in placed:
-        of_part = from_positions(resolvent(whole, s), whole.D, omega, places)
-        response[:, :, part.outputs[:, None], part.inputs] = of_part
+def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array) -> Complex:
+    """Responses (N, F, ny, nu) at omega (N, F), rad/s: of parts; from the slowest mode on, of all."""
+    count, ny, nu = matrices.D.shape
+    response = np.empty((*omega.shape, ny, nu), dtype=complex)
+    is_beyond = np.all([np.abs(omega) >= part.until[:, None] for part, _, _ in placed[:1]], axis=(0, 1))
+    of_all = np.arange(ny), np.arange(nu)
+    known = [(part.outputs, part.inputs, some, places, ~is_beyond) for part, some, places in placed]
+    for y, u, some, places, columns in (*known, (*of_all, *with_positions(matrices), is_beyond)):
+        if np.any(columns):
+            values = resolvent(some, 1j * omega[:, columns].astype(float))
+            values = from_positions(values, some.D, omega[:, columns], places)
+            response[np.ix_(np.arange(count), np.flatnonzero(columns), y, u)] = values
     return response
 
 
@@ -297,7 +303,7 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
     if not late:
         return {}
     omega = (np.array([w for w, _ in late.values()])[:, None] * _LOOKED_AT).reshape(1, -1)
-    response = _responses(placed, matrices.D.shape, omega)[0]
+    response = _responses(placed, matrices, omega)[0]
     apart = np.abs(resolvent(matrices, 1j * omega)[0] - response)
     size = np.where(response != 0.0, np.abs(response), np.inf)
     shares = np.max(apart / size, axis=2, initial=0.0)

@@ -1,8 +1,9 @@
-"""Free structures: what inputs that leave momenta do, and what outputs see that no rigid motion changes.
+"""Free structures: what inputs that leave momenta do, and what rigid motions move.
 
-Rounding of A, B and C changes the momenta, and shows rigid motions to outputs. 1/s^2 times this change
-is more than what is left far below the modes: positions drift, and norms are infinite. Which inputs leave
-the momenta, and which outputs see no rigid motion, is decided on residues and is in the certificate.
+Rounding of A, B and C changes the momenta, holds rigid motions, and shows them to outputs. 1/s^2 times
+this change is more than what is left far below the modes: positions drift, and norms are infinite. How
+many rigid motions there are, which inputs leave the momenta, and which outputs see no rigid motion, is
+decided on residues and is in the certificate.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,76 +28,150 @@ class Part(NamedTuple):
     inputs: Indices
     matrices: StateMatrices
     leaves_momenta: bool  # all of them, if there are any
+    until: Array  # (N,), rad/s: the slowest mode; from there on those of the model are as good
 
 
 def parts_at(
     system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
 ) -> tuple[StateMatrices, list[Part]]:
-    """The matrices of `transfers_at`, and their parts."""
+    """The matrices of `transfers_at`, held if nothing sees motions or moves momenta, and their parts."""
     rows = chosen(system.name, "output", outputs, system.outputs, what)
     columns = chosen(system.name, "input", inputs, system.inputs, what)
-    matrices = transfers_at(system, values, outputs, inputs, what)
-    return matrices, by_momenta(system, matrices, rows, columns)
+    return by_momenta(system, transfers_at(system, values, outputs, inputs, what), rows, columns)
 
 
 def by_momenta(
     system: System, matrices: StateMatrices, outputs: Sequence[int], inputs: Sequence[int]
-) -> list[Part]:
+) -> tuple[StateMatrices, list[Part]]:
     """What is held as a whole; of what is free the inputs that leave its momenta, and the others.
 
     The outputs by the others are those that see no rigid motion, and those that do. The matrices have
     these outputs and inputs of the system.
     """
-    A, B, C, D = matrices
     momenta, motions = np.zeros(len(system.inputs), dtype=int), np.zeros(len(system.outputs), dtype=int)
     if isinstance(system, LFTModel):
         momenta[:], motions[:] = system.certificate.momenta or 0, system.certificate.rigid_motions or 0
-    momenta, motions, parts = momenta[inputs], motions[outputs], list[Part]()
-    moves, sees, is_free = momenta == 0, motions == 0, bool(np.any(momenta) or np.any(motions))
-    for rows, columns, counts in (
-        (sees | True, ~moves, momenta),
-        (~sees, moves, motions),
-        (sees, moves, motions),
+    moves, sees = momenta[inputs] == 0, motions[outputs] <= 0
+    count = int(np.abs([0, *momenta, *motions]).max())
+    slowest = np.full(len(matrices.A), np.inf)
+    if count:
+        sizes = np.sort(np.abs(np.linalg.eigvals(matrices.A)), axis=1)
+        slowest = sizes[:, 2 * count :].min(axis=1, initial=np.inf)
+    whole, held = _beside_motions(matrices, count * bool(np.any(motions)), sees, slowest)
+    parts = list[Part]()
+    for rows, columns, some in (
+        (sees | True, ~moves, matrices),
+        (~sees, moves, held),
+        (sees, moves, whole),
     ):
         if np.any(rows) and np.any(columns):
             y, u = np.flatnonzero(rows), np.flatnonzero(columns)
-            part = StateMatrices(A, B[:, :, u], C[:, y], D[:, y][:, :, u])
-            of_inputs = counts is momenta
-            count = int(np.max(counts[u if of_inputs else y]))
-            held = part._replace(A=_held(part, count, of_inputs=of_inputs))
-            parts.append(Part(y, u, held, of_inputs or not is_free))
-    return parts
+            part = StateMatrices(some.A, some.B[:, :, u], some.C[:, y], some.D[:, y][:, :, u])
+            if leaves := not np.any(moves[u]):
+                part = part._replace(A=_held(part, count, slowest))
+            parts.append(Part(y, u, part, leaves or not count, slowest))
+    if not np.any(sees):
+        return held, parts
+    return matrices if np.any(moves) else parts[0].matrices, parts
 
 
-def _held(matrices: StateMatrices, count: int, *, of_inputs: bool) -> Array:
-    """A with what draws to zero the momenta that B leaves, or rigid motions that C does not see.
+def _kernel(K: Array, count: int) -> Array:
+    """R (N, n, count) with K R = 0. Not finite, or any numbers, if there are more.
 
-    The responses are the same. With x' = v, and L K = 0 or K R' = 0, K the stiffnesses, momenta are L v,
-    and rigid motions R. v' has -P (k^2 x + k v) more, where P = L' (L L')^-1 L, or with R, and k is the
-    frequency of the slowest mode. A sample that is held less than the others has more of such modes, or
-    momenta that B changes, or motions that C sees, and stays as it is.
+    [K E; F 0] [R; *] = [0; 1] is regular: R has the digits of soft springs beside stiff ones.
     """
-    A, B, C, _ = matrices
+    rows, columns = K.shape[1:]
+    border = np.random.default_rng(0).standard_normal((len(K), rows + count, rows + count))
+    border[:, :rows, :columns], border[:, rows:, columns:] = K, 0.0
+    border[np.linalg.slogdet(border)[0] == 0.0] = np.nan
+    unit = np.eye(rows + count)[:, rows:]
+    solution = np.linalg.solve(border, unit)
+    solution += np.linalg.solve(border, unit - border @ solution)
+    return np.asarray(solution[:, :columns], dtype=float)
+
+
+def _is_zero(terms: Array, R: Array, slowest: Array) -> NDArray[np.bool_]:
+    """Of which samples terms R are nothing but rounding, and a mode is left: (N, 1, 1)."""
+    is_zero = np.abs(terms @ R) <= _CONSERVED * (np.abs(terms) @ np.abs(R))
+    return np.asarray(np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
+
+
+def _beside_motions(
+    matrices: StateMatrices, count: int, sees: NDArray[np.bool_], slowest: Array
+) -> tuple[StateMatrices, StateMatrices]:
+    """The matrices in places beside the rigid motions R, and with these held for outputs that see none.
+
+    With x' = v, K the stiffnesses, K R = 0, and R = 1 for as many places x1 as there are motions, states
+    are x1, x - R x1, v1 and v - R v1. A has zeros for x1 and v1, and these are written. Held, v1' has
+    -k^2 x1 - k v1 more, k the frequency of the slowest mode. A sample that is held less than the others,
+    or whose other rows see motions, stays as it is.
+    """
+    A, B, C, D = matrices
+    rates = rates_of(A, B)
+    if (count := min(count, len(rates))) == 0:
+        return matrices, matrices
+    x, v = np.array([*rates]), np.array([*rates.values()])
+    unit = A[:, x, v, None]
+    first, R = _motions(A[:, v[:, None], x] * unit.swapaxes(1, 2), count)
+    shown = np.concatenate([np.delete(A, x, axis=1), C[:, ~sees]], axis=1)
+    shown = np.concatenate([shown[:, :, x] * unit.swapaxes(1, 2), shown[:, :, v]], axis=1)
+    is_free = _is_zero(shown, R, slowest)
+    R = np.where(is_free, R, 0.0)
+    R[:, first] = np.eye(len(first))
+    T = np.tile(np.eye(A.shape[1]), (len(A), 1, 1))
+    T[:, x[:, None], x[first]], T[:, v[:, None], v[first]] = unit * R / unit[:, None, first, 0], R
+    beside, back = A @ T, 2.0 * np.eye(A.shape[1]) - T
+    columns = np.concatenate([x[first], v[first]])
+    beside[:, :, columns] *= ~is_free
+    beside = back @ beside
+    beside[:, x] = A[:, x]
+    held, k = beside.copy(), np.where(is_free[:, 0], slowest[:, None], 0.0)
+    held[:, v[first], x[first]] -= k**2 / unit[:, first, 0]
+    held[:, v[first], v[first]] -= k
+    whole = StateMatrices(beside, back @ B, C @ T, D)
+    return whole, whole._replace(A=held)
+
+
+def _motions(K: Array, count: int) -> tuple[Indices, Array]:
+    """Numbers of places, and R (N, n, count) with K R = 0 that is 1 for these.
+
+    A column of zeros is a motion as it is: that of a joint to the ground of a chain. There may be more.
+    """
+    import scipy.linalg  # here because it is slow to import
+
+    held = K.any(axis=(0, 1))
+    first, others = np.flatnonzero(~held), np.flatnonzero(held)
+    more = max(count - len(first), 0)
+    R = np.zeros((len(K), K.shape[1], len(first) + more))
+    R[:, first, range(len(first))] = 1.0
+    if more:
+        kernel = _kernel(K[:, :, others], more)
+        of_all = np.nan_to_num(kernel).swapaxes(1, 2).reshape(-1, len(others))
+        largest = scipy.linalg.qr(of_all, mode="r", pivoting=True)[-1][:more]
+        scale = kernel[:, largest]
+        scale[np.linalg.slogdet(scale)[0] == 0.0] = np.nan
+        R[:, others, len(first) :] = kernel @ np.linalg.inv(scale)
+        first = np.append(first, others[largest])
+    return first, R
+
+
+def _held(matrices: StateMatrices, count: int, slowest: Array) -> Array:
+    """A with what draws to zero the momenta that B leaves: the responses are the same.
+
+    With x' = v, and L K = 0, K the stiffnesses, momenta are L v. v' has -P (k^2 x + k v) more, where
+    P = L' (L L')^-1 L, and k is the frequency of the slowest mode. A sample that is held less than the
+    others has more of such modes, or momenta that B changes, and stays as it is.
+    """
+    A, B, _, _ = matrices
     rates, held = rates_of(A, B), A.copy()
     if (count := min(count, len(rates))) == 0:
         return A
     x, v = np.array([*rates]), np.array([*rates.values()])
-    K, n, unit = A[:, v[:, None], x] * A[:, None, x, v], len(x), A[:, None, x, v]
-    # regular, so L has the digits of soft springs beside stiff ones: [L M] [K E ; F 0] = [0 1]
-    border = np.random.default_rng(0).standard_normal((len(A), n + count, n + count))
-    border[:, :n, :n], border[:, n:, n:] = K.swapaxes(1, 2) if of_inputs else K, 0.0
-    border[np.linalg.slogdet(border)[0] == 0.0] = np.nan
-    L = np.linalg.solve(border, np.eye(n + count)[:, n:])[:, :n].swapaxes(1, 2)
+    unit = A[:, None, x, v]
+    L = _kernel((A[:, v[:, None], x] * unit).swapaxes(1, 2), count).swapaxes(1, 2)
     across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    if of_inputs:
-        terms = np.concatenate([A, B], axis=2)[:, v]
-    else:
-        seen = np.concatenate([A, C], axis=1)
-        terms = np.concatenate([seen[:, :, x] * unit, np.delete(seen, x, axis=1)[:, :, v]], axis=1)
-        terms = terms.swapaxes(1, 2)
-    is_zero = np.abs(L @ terms) <= _CONSERVED * (np.abs(L) @ np.abs(terms))
-    slowest = np.sort(np.abs(np.linalg.eigvals(A)), axis=1)[:, 2 * count :].min(axis=1, initial=np.inf)
-    is_held = (np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
+    terms = np.concatenate([A, B], axis=2)[:, v].swapaxes(1, 2)
+    is_held = _is_zero(terms, L.swapaxes(1, 2), slowest)
     k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
     held[:, v[:, None], x] -= k**2 * P / unit
     held[:, v[:, None], v] -= k * P

@@ -106,7 +106,7 @@ def hinf_norm(
         raise AnalysisError(
             f"model {system.name!r}: hinf_norm: expected a tolerance from 1e-10 to 1, got {tolerance!r}."
         )
-    matrices = _held_at(system, values, outputs, inputs, "gains")
+    matrices, _ = parts_at(system, values, outputs, inputs, "gains")
     peaks = [_peak(Plant(*each), tolerance) for each in zip(*matrices, strict=True)]
     lower, upper, frequency, reason = zip(*peaks, strict=True)
     return PeakGain(np.array(lower), np.array(upper), np.array(frequency), tuple(reason))
@@ -139,7 +139,7 @@ def h2_norm(
         The two ways to compute it differ by a thousandth.
     """
     norms = []
-    for each in zip(*_held_at(system, values, outputs, inputs, "norms"), strict=True):
+    for each in zip(*parts_at(system, values, outputs, inputs, "norms")[0], strict=True):
         value, error, reason = _h2(Plant(*each))
         if error > _APART:
             raise AnalysisError(
@@ -149,14 +149,6 @@ def h2_norm(
         norms.append((value, error, reason))
     values_found, errors, reasons = zip(*norms, strict=True)
     return H2Norm(np.array(values_found), np.array(errors), tuple(reasons))
-
-
-def _held_at(
-    system: System, values: Mapping[str, ArrayLike] | None, outputs: Names, inputs: Names, what: str
-) -> StateMatrices:
-    """As `transfers_at`, but held if all inputs leave the momenta, or no output sees rigid motions."""
-    matrices, parts = parts_at(system, values, outputs, inputs, what)
-    return parts[0].matrices if len(parts) == 1 else matrices
 
 
 def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:

@@ -288,15 +288,17 @@ def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
         free += [known] if known and (known.momenta or known.rigid_motions) else []
     if free and (len(systems) > 1 or wiring.Ky.any()):
-        return _NO_ACCELERATIONS
+        if any(known.momenta for known in free):
+            return _NO_ACCELERATIONS
+        free = []
     momenta, motions = free[0].momenta if free else (), free[0].rigid_motions if free else ()
     is_changed = wiring.E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)
-    is_seen = wiring.F[:, np.flatnonzero(np.equal(motions, 0))].any(axis=1)
+    is_seen = wiring.F[:, np.flatnonzero(np.less_equal(motions, 0))].any(axis=1)
     is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
     return {
         "accelerations": tuple(np.flatnonzero(is_sum).tolist()),
         "momenta": tuple(np.where(is_changed, 0, max(momenta)).tolist()) if momenta else (),
-        "rigid_motions": tuple(np.where(is_seen, 0, max(motions)).tolist()) if motions else (),
+        "rigid_motions": tuple((np.where(is_seen, -1, 1) * abs(motions[0])).tolist()) if motions else (),
     }
 
 

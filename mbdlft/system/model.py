@@ -293,8 +293,9 @@ class Certificate:
         dampers do, leaves all of them as they are; otherwise 0. `accelerations` are those by inputs that
         do. Empty for a structure of which no input does, and for what is held.
     rigid_motions : tuple of int
-        Of a structure that is free, for each output, how many motions as a rigid body it has if the
-        output, springs and dampers see none of them, nor their rates; otherwise 0. Empty as `momenta` is.
+        Of a structure that is free, if springs and dampers see none of its motions as a rigid body, nor
+        their rates: for each output how many it has, and less than 0 if the output sees any. Otherwise
+        empty.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.

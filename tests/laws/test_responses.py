@@ -279,10 +279,10 @@ def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None
     loop, truncated = mbdlft.feedback(alone, np.array([[0.1]])), mbdlft.truncate(model, 10.0)
     turned = mbdlft.invert_channels(model["motor.acceleration", "motor.torque"], ["motor"])
     for system, momenta, motions, accelerations in (
-        (model, (1, 0), (0, 1, 1, 1), (1, 2, 3)),
+        (model, (1, 0), (-1, 1, 1, 1), (1, 2, 3)),
         (alone, (1,), (1,), (0,)),
         (push, (0,), (1,), (0,)),
-        (model["base.angle", "push.torque"], (0,), (0,), ()),
+        (model["base.angle", "push.torque"], (0,), (-1,), ()),
         (loop, (), (), ()),
         (turned, (), (), ()),
         (truncated, (), (), ()),
@@ -389,12 +389,51 @@ def test_a_force_from_outside_gives_finite_accelerations_far_below_the_modes() -
     target(steps, truth[0].real, RESPONSE)
 
 
+def test_places_and_rates_by_a_force_from_outside_have_their_digits() -> None:
+    """Rounding of A held the bodies: at 1e-8 rad/s nothing was left of their places."""
+    scene = pushed(sprung(), "position.x", "position.y", "acceleration.x", "to_one.rate")
+    scene = kit.changed(scene, inputs=["push.force", "a.force_density"])
+    model, omega = mbdlft.to_lft(scene, search=0.0), 10.0 ** np.arange(-8.0, 5.0)
+    assert model.certificate.rigid_motions == (-3, -3, 3, -3)
+    at = problem_of_scene(scene).reference()
+    truth = at.transfers_in_digits([0], omega)[0]
+    target(mbdlft.frequency_response(model, {}, omega)[0] / truth, np.ones(truth.shape), RESPONSE)
+    times = np.array([0.0, 1e8])
+    steps = mbdlft.step_response(model[:, "push.force"], {}, times).values[0, -1, :2, 0]
+    target(steps * 2e-16 / (-(omega[0] ** 2) * truth[0, :2, 0].real), np.ones(2), RESPONSE)
+    peak = mbdlft.hinf_norm(model, outputs="acceleration.x")  # by both
+    gain = np.linalg.norm(at.transfers_in_digits([0], peak.frequency)[0, 0, 2])
+    target(peak.lower[0], gain, NORM)
+
+
+def test_a_mass_far_from_a_force_has_its_digits_below_and_far_above_the_modes() -> None:
+    """Above, places beside the motion of the first one cancel with it."""
+    along, n = (1, 0, 0), 5
+    scene = kit.scene(
+        "row",
+        mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
+        *(kit.point(f"b{i}", "m" if i == 2 else 1.5) for i in range(n)),
+        *(kit.rail(f"to_b{i}", "ground", f"b{i}", along, position=float(i)) for i in range(n)),
+        *(
+            kit.spring(f"s{i}", f"b{i}", f"b{i + 1}", stiffness=10.0**i, damping=1e-3, force_density=0.0)
+            for i in range(n - 1)
+        ),
+        *(kit.force(f"push_{i}", f"b{i}", along, frame="ground", magnitude=0.0) for i in range(n)),
+        inputs=[f"push_{i}.force" for i in range(n)],
+        outputs=[f"to_b{i}.position" for i in range(n)],
+    )
+    omega = 10.0 ** np.arange(-8.0, 4.0)
+    truth = problem_of_scene(scene).reference().transfers_in_digits([0], omega)[0]
+    found = mbdlft.frequency_response(mbdlft.to_lft(scene, search=0.0), {}, omega)[0]
+    target(found / truth, np.ones(truth.shape), RESPONSE)
+
+
 def test_a_place_that_a_rigid_motion_changes_grows() -> None:
     """And the rate of it, which sees no place; a state that the rate moves sees both."""
     model = mbdlft.to_lft(pushed(sprung(), "acceleration.x", "position.x"), search=0.0)
-    assert model.certificate.rigid_motions == (3, 0)
+    assert model.certificate.rigid_motions == (3, -3)
     turned = model[["position.x", "acceleration.x"], ["push.force"]]
-    assert turned.certificate.rigid_motions == (0, 3)
+    assert turned.certificate.rigid_motions == (-3, 3)
     assert mbdlft.hinf_norm(turned, outputs="position.x").upper[0] == np.inf
     assert np.isfinite(mbdlft.hinf_norm(turned, outputs="acceleration.x").upper[0])
     both = mbdlft.step_response(model, {}, [0.0, 1e3, 2e3]).values
