@@ -45,7 +45,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "motions": (0,),
     "empty": (7, 14, 31, 35, 45),
     "tunings": (20,),
-    "accelerations": (0, 1, 2),
+    "accelerations": (0, 1, 2, 5),
     "reductions": (0, 1, 2, 4, 5, 9),
     "reasons": (3, 5, 7, 9, 11, 56, 68, 88, 132),
 }
