@@ -108,7 +108,7 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     seen = multiplied(value[:, [*pairs.values()]], moving, prime).any(axis=1)
     seen = (seen | left[:, position[free]].any(axis=1)) & ~np.isin(np.arange(len(value)), position)
     is_moved = np.asarray(left[[*pairs.values()]].any(axis=0))
-    leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:] & ~np.any(seen[:n])
+    leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:]
     others = left[n:, np.append(np.ones(n, dtype=bool), leaves)].any(axis=1)
     proved = value[n:].any(axis=1) & ~others & bool(np.any(leaves))
     momenta, rigid = np.where(leaves, count, 0), np.where(is_blind, count, -count)
