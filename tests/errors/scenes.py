@@ -22,11 +22,6 @@ def arm(old: str, new: str) -> Equations:
     return assemble(scene_from_toml(changed(old, new)))
 
 
-def line_of(text: str, part: str) -> int:
-    """Number of the first line that has `part`."""
-    return next(k for k, line in enumerate(text.splitlines(), start=1) if part in line)
-
-
 def cart(
     mass: float | str = 2.0,
     parameters: Sequence[Parameter] = (),

@@ -1,13 +1,25 @@
 """Errors of URDF files and of what is asked of them: the line, what is wrong, what to try."""
 
-from pathlib import Path
+import re
 
-from mbdlft import Angle, NotRationalError, Parameter, SceneError, load_robot
+from mbdlft import Angle, Parameter, load_robot
 from tests.errors.robots import ROBOT, written
-from tests.errors.scenes import line_of
-from tests.errors.table import refused, says
+from tests.errors.table import refused
 
 FIXED = '<joint name="weld" type="fixed"><parent link="{}"/><child link="{}"/></joint></robot>'
+
+ROUND = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+# fingers that turn
+TURNING = re.sub('("finger"|"other") type="prismatic"', r'\1 type="continuous"', ROBOT)
+TURNING = TURNING.replace('izz="0"', 'izz="0.01"').replace('"0" iyy="0"', '"0.01" iyy="0.01"')
+
+
+def behind(last: str = "") -> str:
+    """A robot of three hinges in a row, and the inertia of its last link."""
+    hinge = '<joint name="j{}" type="revolute"><parent link="l{}"/><child link="l{}"/>'
+    hinge += '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    links = "".join(f'<link name="l{k}"/>' + hinge.format(k, k, k + 1) for k in range(3))
+    return f'<robot name="r">{links}<link name="l3">{last}</link></robot>'
 
 
 test_messages = refused(
@@ -16,7 +28,7 @@ load_robot(written(tmp_path, 'name="swing" type="revolute"', 'name="swing" type=
     moving=['slide'])
     => moving: the floating joint 'swing' cannot be locked … fixed joint
 > (lambda old, new: load_robot(written(tmp_path, old, new)))({}) => SceneError:
-"</link>", "</lnk>" => line 18: not valid XML: mismatched tag.
+"</link>", "</lnk>" => /crane.urdf … line 18: not valid XML: mismatched tag.
 ROBOT, "" => line 1: not valid XML: no element found.
 "robot", "sdf" => not valid XML
 ROBOT, "<svg/>" => line 1: expected a robot … <robot> (URDF), <sdf> … got <svg>.
@@ -83,70 +95,23 @@ parameters=[Parameter("t", 0.5, 0.3, 1.0)], values={"swing.position": "2*atan(t)
     => position = '2*atan(t)': its values [0.582914 rad … 1.5708 rad = 90 deg] leave
 parameters=[Parameter("s", 0.0, plus=4.0, unit="m")], values={"slide.position": "0.5 + s"}
     => joint 'slide', position = '0.5 + s': its values [-3.5 m, 4.5 m] leave … [-1 m, 3 m]
+> load_robot({}) => SceneError:
+tmp_path / "missing.urdf" => missing.urdf: cannot be read: No such file or directory.
+# a joint moves what lies behind links without mass
+written(tmp_path, text=behind()) => joint 'j0' moves nothing that has a mass or an inertia: l1, l2, l3.
+written(tmp_path, text=behind(ROUND)) => accepted
+> load_robot(written(tmp_path, '<mass value="0.1"/>', '<mass value="0"/>'), {}) => SceneError:
+moving=None
+    => line 32: joint 'finger' moves nothing that has a mass or an inertia: tip.left. … 'tip.left.mass'
+        … 'finger.actuator_inertia' … `moving`
+moving=["slide", "swing"] => accepted
+values={"finger.actuator_inertia": 0.2} => accepted
+parameters=[Parameter("load", 0.5, percent=50, unit="kg")], values={"tip.left.mass": "load"} => accepted
+> load_robot(written(tmp_path, text=TURNING), parameters=[Angle("a", 10.0, 5.0, 20.0)], values={}) =>
+    NotRationalError: joint 'other', position =
+{"finger.position": "a"}
+    => '0.5*(a) + 0.01': an angle parameter can be multiplied by an integer … The joint mimics 'finger';
+        give 'other.position' a value or a parameter of its own.
+{"finger.position": "a", "other.position": 0.0} => accepted
 """
 )
-
-
-def test_errors_of_the_file_name_it(tmp_path: Path) -> None:
-    file = written(tmp_path, "</link>", "</lnk>")
-    with says(SceneError, str(file), "line 18"):
-        load_robot(file)
-    with says(SceneError, "missing.urdf: cannot be read: No such file or directory."):
-        load_robot(tmp_path / "missing.urdf")
-
-
-def test_joint_that_moves_nothing(tmp_path: Path) -> None:
-    """An error, unless it does not move or gets a mass."""
-    text = ROBOT.replace('<mass value="0.1"/>', '<mass value="0"/>', 1)
-    file = written(tmp_path, text=text)
-    line = line_of(text, 'name="finger"')
-    with says(
-        SceneError,
-        f"line {line}: joint 'finger' moves nothing that has a mass or an inertia: tip.left.",
-        "'tip.left.mass'",
-        "'finger.actuator_inertia'",
-        "`moving`",
-    ):
-        load_robot(file)
-    load_robot(file, moving=["slide", "swing"])
-    load_robot(file, values={"finger.actuator_inertia": 0.2})
-    load_robot(
-        file, parameters=[Parameter("load", 0.5, percent=50, unit="kg")], values={"tip.left.mass": "load"}
-    )
-
-
-def test_a_joint_moves_what_lies_behind_links_without_mass(tmp_path: Path) -> None:
-    joints = [
-        f'<joint name="j{k}" type="revolute"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        '<axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
-        for k in range(3)
-    ]
-    links = [f'<link name="l{k}"/>' for k in range(3)]
-    inertial = (
-        '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    )
-    for last, is_refused in ((inertial, False), ("", True)):
-        parts = [*links, f'<link name="l3">{last}</link>', *joints]
-        file = written(tmp_path, text=f'<robot name="r">{"".join(parts)}</robot>')
-        if is_refused:
-            with says(SceneError, "joint 'j0' moves nothing that has a mass or an inertia: l1, l2, l3."):
-                load_robot(file)
-        else:
-            assert len(load_robot(file)[0].joints) >= 3
-
-
-def test_mimic_joint_that_would_follow_a_fraction_of_an_angle(tmp_path: Path) -> None:
-    text = ROBOT.replace('"finger" type="prismatic"', '"finger" type="continuous"')
-    text = text.replace('"other" type="prismatic"', '"other" type="continuous"')
-    file = written(
-        tmp_path, text=text.replace('izz="0"', 'izz="0.01"').replace('"0" iyy="0"', '"0.01" iyy="0.01"')
-    )
-    follow = {"parameters": [Angle("a", 10.0, 5.0, 20.0)], "values": {"finger.position": "a"}}
-    with says(
-        NotRationalError,
-        "joint 'other', position = '0.5*(a) + 0.01': an angle parameter can be multiplied by an integer",
-        "The joint mimics 'finger'; give 'other.position' a value or a parameter of its own.",
-    ):
-        load_robot(file, **follow)
-    follow["values"] |= {"other.position": 0.0}
-    load_robot(file, **follow)
