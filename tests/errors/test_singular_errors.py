@@ -33,8 +33,6 @@ def lever(low: float, high: float, nominal: float = 0.2) -> mbdlft.Scene:
 
 
 def test_trim_that_is_singular_inside() -> None:
-    with says(mbdlft.WellPosednessError, "scene 'lever':", "x = ", "Narrow the ranges"):
-        mbdlft.to_lft(lever(-0.1, 0.4), search=0.0)
     model = mbdlft.to_lft(lever(0.01, 0.4), search=0.0)
     assert model.certificate.well_posed == "proved"
     assert abs(mbdlft.trim_at(model, {"x": 0.01})[0] - 0.3 * 9.81 / 0.01) < 1e-9
@@ -51,6 +49,12 @@ def test_matrix_that_is_singular_in_a_small_ball() -> None:
         mbdlft.feedback(static, np.eye(1), sign=-1)
 
 
+# I - M11 Delta is [1 1 ; 1 1 + eps] at deltas of 1
+EPS = float(np.finfo(float).eps)
+NEARLY = LFT(
+    [[0.0, -1.0], [-1.0, -EPS]], np.ones((2, 1)), np.ones((1, 2)), [[1.0]], (Block("p", 1), Block("q", 1))
+)
+PQ = [mbdlft.Parameter(name, 0.0, -2.0, 2.0, unit="m") for name in "pq"]
 LOAD = mbdlft.Parameter("m", 2.0, percent=10, unit="kg")
 SPRING = mbdlft.Parameter("k", 3.0, percent=10, unit="N/m")
 test_messages = refused(
@@ -58,6 +62,10 @@ test_messages = refused(
 > {} => WellPosednessError:
 check_regular_at(halves(), np.array([[0.1], [0.5]]), [Parameter('p', 0.0, -1.0, 1.0)], "model 'm'")
     => model 'm': it is singular at p = 0.5, and … Choose other values
+check_regular_at(NEARLY, np.array([[0.5, 0.5], [1.0, 1.0]]), PQ, "model 'm'")
+    => singular to working precision (condition … e+16) at p = 2 m, q = 2 m
+check_regular_at(NEARLY, np.array([[0.5, 0.5]]), PQ, "model 'm'") => accepted
+to_lft(lever(-0.1, 0.4), search=0.0) => scene 'lever': … x = … Narrow the ranges
 # What the proof does not look at is looked at where the model is checked.
 values_at_points(halves(), [Parameter('p', 0.0, -1.0, 1.0)], np.array([[0.0], [1.0]]), Nouns('matrix',
     'm', 'the matrix', ''))
@@ -74,6 +82,9 @@ cart("1e200*m", [LOAD], {"stiffness": 1e-200})
 cart(1e-150) => accepted
 > to_lft(lever(0.01, 0.4), prove={}) => AnalysisError: prove: expected units of work, such as 10, got
 {-1.0|"much"|float("nan")|float("inf")|True}
+> mbdlft.assemble(cart(2.0, [SPRING], {})) => MbdlftWarning: joint 'rail':
+{"damping": -0.5} => damping is negative in the range: -0.5 N s/m.
+{"stiffness": "k - 4.0"} => stiffness is negative in the range: -1.3 N/m.
 > parse({}) => SceneError:
 "2 [lb]" => expression '2 [lb]', column 3: unit 'lb': unknown symbol 'lb'.
 "2 []" => expression '2 []', column 3: a unit is empty
@@ -90,22 +101,6 @@ def halves() -> LFT:
     """1/(1 - 2 p)."""
     two, one = np.array([[2.0]]), np.ones((1, 1))
     return LFT(two, one, two, one, (Block("p", 1),))
-
-
-def test_values_at_points_that_are_singular_to_working_precision() -> None:
-    """I - M11 Delta = [1 1 ; 1 1 + eps]."""
-    eps = float(np.finfo(float).eps)
-    inner = np.array([[0.0, -1.0], [-1.0, -eps]])
-    a = LFT(inner, np.ones((2, 1)), np.ones((1, 2)), np.eye(1), (Block("p", 1), Block("q", 1)))
-    parameters = [mbdlft.Parameter(name, 0.0, -2.0, 2.0, unit="m") for name in "pq"]
-    deltas = np.array([[0.5, 0.5], [1.0, 1.0]])
-    with says(
-        mbdlft.WellPosednessError,
-        "singular to working precision (condition ",
-        "e+16) at p = 2 m, q = 2 m",
-    ):
-        check_regular_at(a, deltas, parameters, "model 'm'")
-    check_regular_at(a, deltas[:1], parameters, "model 'm'")
 
 
 def test_a_model_says_where_it_is_singular() -> None:
@@ -137,20 +132,6 @@ def test_a_number_with_a_unit() -> None:
 
 
 # warnings -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("joint", "message"),
-    [
-        ({"damping": -0.5}, "joint 'rail': damping is negative in the range: -0.5 N s/m."),
-        ({"stiffness": "k - 2.0"}, "joint 'rail': stiffness is negative in the range: -1 N/m."),
-    ],
-)
-def test_what_gains_energy_is_a_warning(joint: dict[str, Any], message: str) -> None:
-    scene = cart(2.0, [mbdlft.Parameter("k", 2.0, 1.0, 3.0, unit="N/m")], joint)
-    with pytest.warns(MbdlftWarning) as found:
-        mbdlft.assemble(scene)
-    assert [str(one.message) for one in found] == [message]
 
 
 def test_a_spring_that_pushes_is_a_warning() -> None:
