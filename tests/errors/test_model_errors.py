@@ -117,8 +117,23 @@ float('nan') => nan.
 {"mass": [1.0, 1.0], "load": [1.0, 1.0, 1.0]}
     => values of parameters must be numbers or arrays of one length, got shapes [(2,), (3,)].
 {"mass": np.ones((2, 2))} => values of parameters must be numbers or arrays of one length
+> save_singular_values({}) => AnalysisError:
+tmp_path / "f.png", mode() => model 'mode': without inputs or outputs there are no singular values
+tmp_path / "f.abc", model => f.abc: the figure cannot be written: … abc
+tmp_path / "none" / "f.png", model
+    => none/f.png: the figure cannot be written: … none is not a folder.
+(tmp_path / "d.png").mkdir() or tmp_path / "d.png", model
+    => d.png: the figure cannot be written: … Is a directory
 """
 )
+
+
+def mode() -> mbdlft.LFTModel:
+    """A mode alone, without inputs and outputs."""
+    bending = mbdlft.Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
+    inertia = Inertia(xx=1, yy=1, zz=1)
+    mast = mbdlft.FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[bending])
+    return mbdlft.to_lft(kit.scene("mode", mast, kit.weld("clamp", "ground", "mast")), search=0.0)
 
 
 def two_rails(low: float) -> mbdlft.Scene:
@@ -138,34 +153,6 @@ def two_rails(low: float) -> mbdlft.Scene:
 
 def test_state_space_of_a_name_with_a_dot(model):
     assert model.at(mass=1.5).nstates == replace(model, name="cart.v2").at(mass=1.5).nstates
-
-
-def test_figure_of_a_model_without_inputs(tmp_path):
-    clamp = kit.weld("clamp", "ground", "mast")
-    mode = mbdlft.Mode(frequency=3.0, damping=0.01, participation=(0, 0, 0.1, 0, 0, 0))
-    inertia = Inertia(xx=1, yy=1, zz=1)
-    mast = mbdlft.FlexibleBody(name="mast", mass=1, inertia=inertia, modes=[mode])
-    alone = mbdlft.to_lft(kit.scene("mode", mast, clamp), search=0.0)
-    with says(
-        mbdlft.AnalysisError, "model 'mode': without inputs or outputs there are no singular values"
-    ):
-        save_singular_values(tmp_path / "figure.png", alone)
-    assert not (tmp_path / "figure.png").exists()
-
-
-def test_figure_that_cannot_be_written(model, tmp_path):
-    file = tmp_path / "figure.abc"
-    with says(mbdlft.AnalysisError, f"{file}: the figure cannot be written: ", "abc"):
-        save_singular_values(file, model)
-    file = tmp_path / "none" / "figure.png"
-    with says(
-        mbdlft.AnalysisError, f"{file}: the figure cannot be written: {file.parent} is not a folder."
-    ):
-        save_singular_values(file, model)
-    folder = tmp_path / "folder.png"
-    folder.mkdir()
-    with says(mbdlft.AnalysisError, f"{folder}: the figure cannot be written: ", "Is a directory"):
-        save_singular_values(folder, model)
 
 
 def test_a_figure_stays_if_a_new_one_cannot_be_written(model, tmp_path, monkeypatch):

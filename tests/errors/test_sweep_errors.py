@@ -46,7 +46,11 @@ test_messages = refused(
 mbdlft.sweep(cart('m', [Parameter('k', 1.0, percent=5), Parameter('m', 1.0, percent=50)]), {'m': [1.0,
     1.1], 'k': [1.0] * 3}, tmp_path / 'a.h5')
     => numbers or arrays of one length, got shapes [(2,), (3,)]
-mbdlft.sweep(scene(), {}, tmp_path / "a.h5", workers=0) => sweep: expected at least 1 worker, got 0
+> mbdlft.sweep(scene(), dict(), {}) => ArchiveError:
+tmp_path / "a.h5", workers=0 => AnalysisError: sweep: expected at least 1 worker, got 0
+tmp_path / "a.h5", name="a/b" => 'a/b' cannot name a sweep
+tmp_path / "no" / "a.h5" => cannot be written … is not a folder
+file_of("no archive") => is not a whole HDF5 file
 > swept({}) => AnalysisError:
 {"M": 1.0} => sweep, samples: unknown parameter 'M' … m
 GridSamples({"M": 2}) => sweep, grid: unknown parameter 'M' … m
@@ -66,17 +70,6 @@ file_of("m,m\n1.0,2.0\n") => expected as many different names as columns
 file_of("m\n1.0,2.0\n") => expected as many different names as columns
 """
 )
-
-
-def test_archive_that_cannot_be_written(tmp_path: Path) -> None:
-    with says(ArchiveError, "'a/b' cannot name a sweep"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5", name="a/b")
-    with says(ArchiveError, "cannot be written", "is not a folder"):
-        mbdlft.sweep(scene(), {}, tmp_path / "no" / "a.h5")
-    (tmp_path / "a.h5").write_text("no archive", encoding="utf-8")
-    with says(ArchiveError, "is not a whole HDF5 file"):
-        mbdlft.sweep(scene(), {}, tmp_path / "a.h5")
-    assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
 def test_shard_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
