@@ -36,6 +36,7 @@ def exported(tmp_path: Path) -> Callable[..., None]:
     return export
 
 
+COMPLEX = mbdlft.as_system(np.array([[1.0 + 2.0j]]), name="a")
 test_messages = refused(
     r"""
 > {} => StructureError:
@@ -78,6 +79,12 @@ ARM, "-o", "/no/such/folder/a.c" => /no/such/folder
 True => got True
 {"theta": 3} => Did you mean 'theta
 {"theta1": -1} => got -1
+> export_model(tmp_path / {}) => AnalysisError:
+"a.c", COMPLEX => StructureError: real matrices only
+"a.mat", COMPLEX => accepted
+"a.npz", arm(), 10 => 1e+07 points of 45 numbers each is too large
+# without parameters there is one point
+"a.npz", numbers(), 10**6 => accepted
 """
 )
 
@@ -157,19 +164,6 @@ def one(*names: str) -> System:
 
 def unknown(block: ComplexBlock | FullBlock) -> System:
     return mbdlft.as_system(np.eye(1) + np.eye(1) @ delta(block), name="a")
-
-
-def test_complex_numbers(tmp_path: Path) -> None:
-    system = mbdlft.as_system(np.array([[1.0 + 2.0j]]), name="a")
-    with pytest.raises(StructureError, match="real matrices only"):
-        export_model(tmp_path / "a.c", system)
-    assert export_model(tmp_path / "a.mat", system)
-
-
-def test_grid_too_large_for_a_file(tmp_path: Path) -> None:
-    with pytest.raises(AnalysisError, match=r"1e\+07 points of 45 numbers each is too large"):
-        export_model(tmp_path / "a.npz", arm(), 10)
-    assert export_model(tmp_path / "a.npz", numbers(), 10**6)  # no parameter: one point
 
 
 def test_command_line(tmp_path: Path, call: Call, output: Output) -> None:
