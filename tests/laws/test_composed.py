@@ -33,7 +33,6 @@ from mbdlft import (
 from mbdlft.lft.lft import delta
 from mbdlft.system import evidence, lft
 from mbdlft.system.wiring import reduced
-from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import lower_bound
@@ -380,23 +379,6 @@ def test_the_star_product_is_its_closed_form() -> None:
 
 
 # archives -----------------------------------------------------------------------------------------
-
-
-def test_results_are_saved_and_loaded(tmp_path: Path) -> None:
-    file = tmp_path / "a.h5"
-    filtered = series(feedback(CART, CONTROLLER), "force", low_pass(9.0, 0.7))
-    models = {
-        "loop": feedback(CART, CONTROLLER),
-        "filtered": filtered,
-        "network": connect(
-            [CART, SPRING], [["stroke", "position"]], inputs=["force", "gust"], outputs=["pull"]
-        ),
-        "arm": feedback(ARM, GAIN).with_range(m3=(4.5, 5.0)),
-    }
-    for name, model in models.items():
-        model = replace(model, name=name)
-        mbdlft.save(file, model)
-        same(mbdlft.load(file, name), model)
 
 
 def test_the_command_line_says_that_no_bound_holds(tmp_path: Path, output: Output) -> None:

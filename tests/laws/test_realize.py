@@ -4,7 +4,6 @@
 2. states divide the matrix into A, B, C, D; without them it is static
 3. names are values as declared; a parameter that is not used has no repetition
 4. sin and cos of angles are those of the angle, whatever its unit and substitution
-5. what is stored is read back
 """
 
 import itertools
@@ -13,7 +12,6 @@ import re
 import time
 from collections.abc import Callable
 from fractions import Fraction
-from pathlib import Path
 
 import casadi as ca
 import flint
@@ -32,7 +30,6 @@ from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.pipeline import forms, stages
-from tests.archive.models import same
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.laws.loewner import degrees
 from tests.laws.test_bound import entries
@@ -188,17 +185,6 @@ def test_angles_are_angles(unit: str, substitution: str) -> None:
     known = {"th": th, "ph": ph, "a": a, "sin": ca.sin, "cos": ca.cos}
     symbolic = ca.vertcat(*(ca.horzcat(*(eval(t, dict(known)) for t in row)) for row in ROTATIONS))
     target(value(realize(symbolic, [A, *angles], search=0.0), samples), expected, CLOSED_FORM)
-
-
-def test_archive_keeps_the_model(tmp_path: Path) -> None:
-    for states in (0, 1):
-        model = realize([["a", "b"], ["a*b", "1/(1 + a)"]], [A, B], states=states, search=0.0)
-        mbdlft.save(tmp_path / "m.h5", model)
-        stored = mbdlft.load(tmp_path / "m.h5")
-        assert stored.certificate == model.certificate
-        assert stored.certificate.exact_bound
-        same(stored, model)
-        assert realize(mbdlft.matrix_from_toml(stored.provenance.scene), search=0.0).order == model.order
 
 
 def test_long_sums_and_deep_texts() -> None:
