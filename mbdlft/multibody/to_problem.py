@@ -21,7 +21,6 @@ from mbdlft.multibody.force import Spring
 from mbdlft.multibody.scene import NEEDED, Scene, scene_to_toml
 from mbdlft.multibody.scene.checks import weightless
 from mbdlft.multibody.scene.quantities import unused_names, unused_ports
-from mbdlft.problem.deflections import with_scaled_deflections
 from mbdlft.problem.equations import Equations
 from mbdlft.problem.needs import Need, all_states, felt_inputs, needed_states, without_free_modes
 from mbdlft.problem.references import reference_of
@@ -60,10 +59,11 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
     with stage("linearize"):
         need = choose_states(scene, exact, inputs, outputs)
 
-    def more_forms() -> tuple[Form, ...]:
-        again, scaled = both.second_order(), with_scaled_deflections(need.relations)
-        forms = (again and choose_states(scene, again, inputs, outputs).relations, scaled)
-        return tuple(Form(form) for form in forms if form)
+    def in_second_order() -> tuple[Form, ...]:
+        again = both.second_order()
+        if again is None:
+            return ()
+        return (Form(choose_states(scene, again, inputs, outputs).relations),)
 
     points = check_points(equations.parameters, SEED)
     return Problem(
@@ -84,7 +84,7 @@ def problem_of_scene(scene: Scene, stage: Stage = lambda name: nullcontext()) ->
         forms=(Form(need.relations),),
         points=points,
         reference=partial(reference_of, equations, exact, inputs, outputs, need, points),
-        more_forms=more_forms,
+        more_forms=in_second_order,
         singular=_singular_mass_matrix,
         trim=trim,
         is_regular=both.is_regular,

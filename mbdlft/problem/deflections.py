@@ -22,16 +22,13 @@ from mbdlft.problem.relations import LinearModel
 _MIXED = 2  # an entry a + b p, or of another degree; a p^0 and a p^1 have the powers 0 and 1
 
 
-def with_scaled_deflections(relations: LinearModel) -> LinearModel | None:
-    """Relations whose lifted loads have scaled deflections; None if no parameter has fewer channels."""
-    lifted = relations.lifted
-    if lifted is None:
-        return None
-    trim = lifted.trim
+def with_scaled_deflections(trim: LinearModel) -> tuple[LinearModel, ...]:
+    """Relations with scaled deflections and the same outputs; none if no parameter has fewer channels."""
+    scaled = trim
     for k, parameter in enumerate(trim.parameters):
         if parameter.low * parameter.high > 0.0:
-            trim = _scaled(trim, trim.p[k])
-    return None if trim is lifted.trim else replace(relations, lifted=lifted._replace(trim=trim))
+            scaled = _scaled(scaled, trim.p[k])
+    return (scaled,) if scaled is not trim else ()
 
 
 def _scaled(m: LinearModel, p: ca.SX) -> LinearModel:
