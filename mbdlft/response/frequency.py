@@ -197,7 +197,8 @@ def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array)
     """Responses (N, F, ny, nu) at omega (N, F), rad/s: of parts; from the slowest mode on, of all."""
     count, ny, nu = matrices.D.shape
     response = np.empty((*omega.shape, ny, nu), dtype=complex)
-    is_beyond = np.all([np.abs(omega) >= part.until[:, None] for part, _, _ in placed[:1]], axis=(0, 1))
+    until = placed[0][0].until if placed else np.full(count, np.inf)  # none without inputs or outputs
+    is_beyond = np.all(np.abs(omega) >= until[:, None], axis=0)
     of_all = np.arange(ny), np.arange(nu)
     known = [(part.outputs, part.inputs, some, places, ~is_beyond) for part, some, places in placed]
     for y, u, some, places, columns in (*known, (*of_all, *with_positions(matrices), is_beyond)):

@@ -72,7 +72,7 @@ def by_momenta(
             parts.append(Part(y, u, part, leaves or not count, slowest))
     if not np.any(sees):
         return held, parts
-    return matrices if np.any(moves) else parts[0].matrices, parts
+    return parts[0].matrices if parts and not np.any(moves) else matrices, parts
 
 
 def _kernel(K: Array, count: int) -> Array:
