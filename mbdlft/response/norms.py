@@ -33,6 +33,9 @@ from mbdlft.system.sampled import StateMatrices
 
 _APART = 1e-3  # of the norm: Gramians from both sides that differ by more are wrong
 _AXIS = 1e-4  # of its size: an eigenvalue as near to the axis may be on it; its frequency is tried
+# of the slowest pole, and of the fastest, from where on a system is compared with a smaller one; of its
+# response, and of the terms of that, by which they may differ: smaller parts are rounding
+_BELOW, _SLOWEST, _PLACES, _SAME, _OF_TERMS = 1e-2, 1e-9, 6, 1e-6, 1e-12
 _BITS = 128  # of balls in which gains beside a lightly damped pole are computed
 _ROUNDS = 60  # of the level; far more than are needed
 
@@ -156,23 +159,47 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
 
     Poles that the channels do not see leave it: those of states that no entries lead to, those that
     exact numbers show of few states, and simple ones whose vectors, in balls, do not tell the direction
-    in from zero, or the one out. Of others the staircase decides at the rounding of the scaled matrices.
+    in from zero, or the one out. Of others the staircase decides at the rounding of the scaled matrices,
+    if its response is the same: what it leaves out may be seen by entries of very different size.
     """
-    plant = connected(plant)
-    if spectrum(plant.A).stability == "stable":
-        return plant, ""
-    plant = exactly_seen(plant)
-    for _ in range(len(plant.A) + 1):
-        poles = spectrum(plant.A)
-        if poles.stability == "stable":
-            return plant, ""
+    whole = connected(plant)
+    if spectrum(whole.A).stability == "stable":
+        return whole, ""
+    smaller = _without_unseen(exactly_seen(whole))
+    if spectrum(smaller.A).stability == "stable" and _is_same(smaller, whole):
+        return smaller, ""
+    poles = spectrum(whole.A)
+    how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
+    return whole, f"the pole {pole_text(poles.worst)} is {how}"
+
+
+def _without_unseen(plant: Plant) -> Plant:
+    """A system without the poles on or right of the axis that it does not see, as far as doubles tell."""
+    while (poles := spectrum(plant.A)).stability != "stable":
         unstable = poles.poles[poles.on_axis | (poles.poles.real > 0.0)]
         smaller = without_one(plant, unstable) or _least(plant)
         if len(smaller.A) == len(plant.A):
             break
         plant = connected(smaller)
-    how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
-    return plant, f"the pole {pole_text(poles.worst)} is {how}"
+    return plant
+
+
+def _is_same(smaller: Plant, whole: Plant) -> bool:
+    """Whether responses at real s, at and below the poles of the smaller one, differ by rounding only."""
+    largest = float(np.max(np.abs(eigenvalues_of(whole.A)), initial=0.0)) or 1.0
+    least = float(np.min(np.abs(eigenvalues_of(smaller.A)), initial=largest)) if len(smaller.A) else 0.0
+    for s in np.geomspace(max(_BELOW * least, _SLOWEST * largest), 1.25 * largest, _PLACES):
+        (here, _), (there, terms) = (_response_at(plant, s) for plant in (smaller, whole))
+        if np.any(np.abs(here - there) > _SAME * np.abs(there) + _OF_TERMS * terms):
+            return False
+    return True
+
+
+def _response_at(plant: Plant, s: float) -> tuple[Array, Array]:
+    """C (s I - A)^-1 B + D, and the sizes of its terms."""
+    states = np.linalg.inv(s * np.eye(len(plant.A)) - plant.A)
+    sizes = np.abs(plant.C) @ np.abs(states) @ np.abs(plant.B) + np.abs(plant.D)
+    return plant.C @ states @ plant.B + plant.D, sizes
 
 
 def _least(plant: Plant) -> Plant:

@@ -1,12 +1,13 @@
 """Norms of structures that fly freely, whose nutation is hardly damped: against 60 digits.
 
 And of one mode beside poles on or right of the axis that another channel sees, in any coordinates; and of
-free chains that a force between two of their masses moves.
+free chains that a force between two of their masses moves, or one from outside.
 """
 
 from pathlib import Path
 
 import numpy as np
+import scipy.linalg
 
 import mbdlft
 from mbdlft import System, state_space
@@ -25,6 +26,8 @@ def attack(seed: int, folder: Path) -> str:
         return unseen(np.random.default_rng(seed))
     if seed % 4 == 2:
         return moved_within(np.random.default_rng(seed))
+    if seed % 8 == 4:
+        return drifting(np.random.default_rng(seed))
     system = free_flyer(seed)
     seen = spectrum(samples_at(system).A[0])
     assert np.array_equal(seen.on_axis, seen.at_zero), seen
@@ -49,6 +52,29 @@ def moved_within(random: np.random.Generator) -> str:
         moved, expected = (respond(system, {}, times).values[0, :, 0, 0] for system in (model, truth))
         assert np.max(np.abs(moved - expected)) <= MOST * np.max(np.abs(expected)), respond
     return "right, moved within"
+
+
+def drifting(random: np.random.Generator) -> str:
+    """Free chains by places beside their first mass: a force moves each place without end."""
+    blocks = []
+    for _ in range(int(random.integers(1, 3))):
+        n = int(random.integers(2, 6))
+        k, masses = 10.0 ** random.uniform(-3, 3, n - 1), 10.0 ** random.uniform(-2, 2, n)
+        ends = np.diff(np.eye(n), axis=0)
+        places, back = np.eye(n), np.eye(n)
+        places[1:, 0], back[1:, 0] = 1.0, -1.0
+        K = ends.T @ (k[:, None] * np.delete(np.eye(n), 0, axis=0))  # of x1, x2 - x1, ...
+        K[:, 1:] -= ends.T[:, 1:] @ (k[1:, None] * np.eye(n - 1)[:-1])
+        slopes = -back @ (K / masses[:, None])
+        A = np.block([[np.zeros((n, n)), np.eye(n)], [slopes, 10.0 ** random.uniform(-5, -2) * slopes]])
+        force, place = (int(x) for x in random.integers(n, size=2))
+        blocks.append((A, back[:, force] / masses[force], places[place]))
+    A = scipy.linalg.block_diag(*(each[0] for each in blocks))
+    B = np.concatenate([np.append(0.0 * force, force) for _, force, _ in blocks])[:, None]
+    C = np.concatenate([np.append(place, 0.0 * place) for _, _, place in blocks])[None]
+    found = mbdlft.hinf_norm(state_space(A, B, C, np.zeros((1, 1))))
+    assert np.isinf(found.lower[0]), found
+    return "right, drifting"
 
 
 def unseen(random: np.random.Generator) -> str:
