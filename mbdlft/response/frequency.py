@@ -199,9 +199,10 @@ def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array)
     response = np.empty((*omega.shape, ny, nu), dtype=complex)
     until = placed[0][0].until if placed else np.full(count, np.inf)  # none without inputs or outputs
     is_beyond = np.all(np.abs(omega) >= until[:, None], axis=0)
-    of_all = np.arange(ny), np.arange(nu)
-    known = [(part.outputs, part.inputs, some, places, ~is_beyond) for part, some, places in placed]
-    for y, u, some, places, columns in (*known, (*of_all, *with_positions(matrices), is_beyond)):
+    pieces = [(part.outputs, part.inputs, some, places, ~is_beyond) for part, some, places in placed]
+    if np.any(is_beyond):
+        pieces.append((np.arange(ny), np.arange(nu), *with_positions(matrices), is_beyond))
+    for y, u, some, places, columns in pieces:
         if np.any(columns):
             values = resolvent(some, 1j * omega[:, columns].astype(float))
             values = from_positions(values, some.D, omega[:, columns], places)

@@ -25,7 +25,7 @@ from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import middles_of
 from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.response.frequency import resolvent
-from mbdlft.response.modes import Names, balancing, pole_text, spectrum
+from mbdlft.response.modes import Names, Spectrum, balancing, pole_text, spectrum
 from mbdlft.response.momenta import parts_at
 from mbdlft.response.staircase import Plant, connected, exactly_seen, scaled, seen, without_one
 from mbdlft.system.model import System
@@ -163,25 +163,30 @@ def _seen_if_needed(plant: Plant) -> tuple[Plant, str]:
     if its response is the same: what it leaves out may be seen by entries of very different size.
     """
     whole = connected(plant)
-    if spectrum(whole.A).stability == "stable":
+    of_whole = spectrum(whole.A)
+    if of_whole.stability == "stable":
         return whole, ""
-    smaller = _without_unseen(exactly_seen(whole))
-    if spectrum(smaller.A).stability == "stable" and _is_same(smaller, whole):
-        return smaller, ""
-    poles = spectrum(whole.A)
+    smaller, poles = _without_unseen(exactly_seen(whole))
+    if poles.stability == "stable":
+        if _is_same(smaller, whole):
+            return smaller, ""
+        smaller, poles = whole, of_whole
     how = "right of the imaginary axis" if poles.stability == "unstable" else "on the imaginary axis"
-    return whole, f"the pole {pole_text(poles.worst)} is {how}"
+    return smaller, f"the pole {pole_text(poles.worst)} is {how}"
 
 
-def _without_unseen(plant: Plant) -> Plant:
-    """A system without the poles on or right of the axis that it does not see, as far as doubles tell."""
+def _without_unseen(plant: Plant) -> tuple[Plant, Spectrum]:
+    """A system without the poles on or right of the axis that it does not see, as far as doubles tell.
+
+    And the poles that it has.
+    """
     while (poles := spectrum(plant.A)).stability != "stable":
         unstable = poles.poles[poles.on_axis | (poles.poles.real > 0.0)]
         smaller = without_one(plant, unstable) or _least(plant)
         if len(smaller.A) == len(plant.A):
             break
         plant = connected(smaller)
-    return plant
+    return plant, poles
 
 
 def _is_same(smaller: Plant, whole: Plant) -> bool:

@@ -64,7 +64,6 @@ def step_response(
     AnalysisError
         It grows beyond all numbers.
     """
-
     parts = parts_at(system, values, outputs, inputs, "responses")
     return _by_parts(system, times, *parts, _bordered)
 
