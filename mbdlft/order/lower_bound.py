@@ -33,7 +33,7 @@ the three stand in an order, and the slope of H in the middle one, y, is g(z) h(
 row h: its values at two z and two x are blocks of a matrix of rank 1. Where no delta can be the middle
 one, one of the three is repeated. (All products of two of three variables: order 4, degrees 1, 1, 1.)
 
-Theorems and proofs: docs/method.md, section "Pairs that cannot both be smallest".
+Theorems and proofs: docs/pairs.md.
 """
 
 from collections.abc import Mapping, Sequence

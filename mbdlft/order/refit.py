@@ -5,7 +5,7 @@ changes the value to first order by Y dM W. The entries of M in the rows and col
 the unknowns, all others stay: some directions of that delta are left out, and the unknowns are fitted to
 the values until the difference is rounding (Levenberg 1944, Marquardt 1963). As many as the bound allows
 are left out first: fewer unknowns are quicker, and have fewer false ends. LFTs between the degree and
-what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/method.md), by the lines
+what n-D reduction finds can belong to a continuous family: of Theorem 2 (docs/pairs.md), by the lines
 where its quotient lives.
 
 The products Y dM W of a row i and a column b have the scalar products

@@ -204,7 +204,7 @@ def known(g: float, seed: int) -> LFT:
     """g [L^2 0 0 ; 0 0 0] + m N(L), N = [quadratic linear linear ; linear constant constant].
 
     D_L = D_m = 2. With g = 0 both are enough, as m N(L). Otherwise (1, 0) is in X by hand
-    (docs/method.md), h = 1, and 5 are needed; they are enough: m for the rows of N, and L three times for
+    (docs/pairs.md), h = 1, and 5 are needed; they are enough: m for the rows of N, and L three times for
     [N ; L^2 0 0].
     """
     al, be, ga, de, ep, ze, et, ka, th = eighths(np.random.default_rng(seed), 9)
