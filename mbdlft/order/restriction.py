@@ -80,13 +80,14 @@ def _in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
     return ExactLFT(a.M[rows][:, columns], tuple(spans[name][0] for name in names))
 
 
-def _selected(a: ExactLFT, outputs: Sequence[int], inputs: Sequence[int]) -> ExactLFT:
+def selected(a: ExactLFT, outputs: Sequence[int], inputs: Sequence[int]) -> ExactLFT:
+    """An LFT with some of its outputs and of its inputs."""
     n = a.order
     rows, columns = [*range(n), *(n + k for k in outputs)], [*range(n), *(n + k for k in inputs)]
     return ExactLFT(a.M[rows][:, columns], a.blocks)
 
 
-def _merged(M: matrices.ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) -> ExactLFT:
+def merged(M: matrices.ExactMatrix, blocks: Sequence[Block], others: Sequence[Block]) -> ExactLFT:
     """An LFT whose channels are those of `blocks` and then of `others`, with the same deltas."""
     first, n = consecutive(b.size for b in blocks), sum(b.size for b in blocks)
     second = [slice(n + p.start, n + p.stop) for p in consecutive(b.size for b in others)]
@@ -98,8 +99,8 @@ def _merged(M: matrices.ExactMatrix, blocks: Sequence[Block], others: Sequence[B
     return ExactLFT(M[rows][:, columns], named)
 
 
-def _after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
-    """F [G v ; v'] with the inputs (v, v')."""
+def after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
+    """F [G v ; v'] with the inputs (v, v'), not reduced."""
     f, g, prime = F.order, G.order, F.M.prime
     taken = slice(f, f + G.M.shape[0] - g)
     others = slice(taken.stop, F.M.shape[1])
@@ -108,7 +109,7 @@ def _after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
     inner = matrices.stacked(
         [[matrices.zeros(g, f, prime), G.M[:g], matrices.zeros(g, others.stop - others.start, prime)]]
     )
-    return _merged(matrices.stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
+    return merged(matrices.stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
 
 
 def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
@@ -152,8 +153,8 @@ def _krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> Exact
     def step(K: ExactLFT | None, power: int) -> ExactLFT:
         inputs = [size + c for c, other in columns if other == power]
         if K is None:
-            return reduce_exactly(_selected(a, inside, inputs))
-        return reduce_exactly(_after(_selected(a, inside, [*inside, *inputs]), K))
+            return reduce_exactly(selected(a, inside, inputs))
+        return reduce_exactly(after(selected(a, inside, [*inside, *inputs]), K))
 
     K = reduce(step, range(highest, -1, -1), None)
     assert K is not None
@@ -164,9 +165,9 @@ def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> Ex
     """(w', u) -> (z', y) of an opened LFT in a basis K."""
     d, prime = len(rows), a.M.prime
     outputs = a.M.shape[0] - a.order - size
-    wanted = _selected(a, [*rows, *range(size, size + outputs)], range(a.M.shape[1] - a.order))
-    moved = _after(wanted, K)
-    chosen = _selected(K, rows.tolist(), range(d))
+    wanted = selected(a, [*rows, *range(size, size + outputs)], range(a.M.shape[1] - a.order))
+    moved = after(wanted, K)
+    chosen = selected(K, rows.tolist(), range(d))
     n, k = moved.order, chosen.order
     others = moved.M.shape[1] - n
     M = matrices.stacked(
@@ -177,7 +178,7 @@ def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> Ex
             [moved.M[n + d :, :n], matrices.zeros(outputs, k + d, prime), moved.M[n + d :, n:]],
         ]
     )
-    whole = _merged(M, moved.blocks, chosen.blocks)
+    whole = merged(M, moved.blocks, chosen.blocks)
     return reduce_exactly(eliminated(whole, d, [*range(d + outputs)]))
 
 
@@ -187,7 +188,7 @@ def _settled(a: ExactLFT) -> ExactLFT:
     D = a.M[n:, n:]
     varies = np.any([_value(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
     rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
-    core = reduce_exactly(_selected(a, rows.tolist(), columns.tolist()))
+    core = reduce_exactly(selected(a, rows.tolist(), columns.tolist()))
     m, (high, wide) = core.order, D.shape
     left, right = matrices.identity(high, prime)[:, rows], matrices.identity(wide, prime)[columns]
     return ExactLFT(

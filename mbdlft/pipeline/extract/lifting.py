@@ -16,10 +16,10 @@ from dataclasses import replace
 import casadi as ca
 
 from mbdlft.base.parameter import BilinearMap
-from mbdlft.exact.matrices import ExactMatrix, stacked, zeros
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.pipeline.extract.copies import Moved, as_they_are, channels_of, copied, fed, followed
 from mbdlft.pipeline.extract.graph import Extraction, SparseExtraction, extract_graph
 from mbdlft.problem.deflections import with_scaled_deflections
 from mbdlft.problem.relations import Lifted, LinearModel
@@ -81,12 +81,28 @@ def _with_lifted(
         for rows, read in zip(held, loads, strict=True)
     ]
     held_by = forms[-1] if forms[-1].order < _FEWER * forms[0].order else forms[0]
-    places = _displaced(model, lifted)
     # what outputs do not see goes first: it is more than what inputs do not reach
     relations = transposed(reduce_exactly(transposed(relations)))
-    if relations.order + len(set(places)) * held_by.order > most:
+    opened = ExactLFT(M[[*z, *r]][:, [*w, *u, *x, *lifts]], blocks)
+    moved, pairs = _moved(model, lifted, opened, held_by)
+    if relations.order + channels_of(held_by, moved, pairs) > most:
         return None
-    return Extraction(_with_loads(relations, held_by, places, lifted.outputs), every.channels)
+    by_sources = reduce_exactly(copied(held_by, moved, pairs))
+    return Extraction(fed(relations, by_sources, moved.sources), every.channels)
+
+
+def _moved(
+    model: LinearModel, lifted: Lifted, relations: ExactLFT, trim: ExactLFT
+) -> tuple[Moved, list[tuple[int, int]]]:
+    """The displacements of loads by signals that few copies of the trim are for; pairs of both."""
+    places = _displaced(model, lifted)
+    some = sorted(set(places))
+    pairs = [(some.index(place), load) for place, load in zip(places, lifted.outputs, strict=True)]
+    by_themselves = as_they_are(some, relations)
+    by_free = followed(model, lifted, relations, some)
+    if by_free and channels_of(trim, by_free, pairs) < channels_of(trim, by_themselves, pairs):
+        return by_free, pairs
+    return by_themselves, pairs
 
 
 def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
@@ -138,39 +154,3 @@ def _loads(trim: ExactLFT, held: int) -> ExactLFT:
     M = loads.M[[*kept, *range(n, loads.M.shape[0])]][:, [*kept, *range(n, loads.M.shape[1])]]
     blocks = tuple(Block(b.name, b.size if degrees[b.name] else 0) for b in loads.blocks)
     return reduce_exactly(ExactLFT(M, blocks))
-
-
-def _with_loads(a: ExactLFT, trim: ExactLFT, places: Sequence[int], outputs: Sequence[int]) -> ExactLFT:
-    """An LFT whose last inputs are signals T x: x the input `places[j]`, T the row `outputs[j]`."""
-    copies = sorted(set(places))
-    n, d, lifts = a.order, trim.order, len(places)
-    v, rows = a.M.shape[1] - n - lifts, a.M.shape[0]
-    width, prime = n + len(copies) * d + v, a.M.prime
-    inserted = zeros(lifts, width, prime)  # loads by [w ; channels of the copies ; v]
-    inner = zeros(len(copies) * d, width, prime)
-    for k, place in enumerate(copies):
-        copy, x = slice(n + k * d, n + (k + 1) * d), slice(width - v + place, width - v + place + 1)
-        _put(inner, slice(k * d, (k + 1) * d), copy, trim.M[:d, :d])
-        _put(inner, slice(k * d, (k + 1) * d), x, trim.M[:d, d:])
-        for j in (j for j, p in enumerate(places) if p == place):
-            row = trim.M[[d + outputs[j]]]
-            _put(inserted, slice(j, j + 1), copy, row[:, :d])
-            _put(inserted, slice(j, j + 1), x, row[:, d:])
-    plain = stacked([[a.M[:, :n], zeros(rows, len(copies) * d, prime), a.M[:, n : n + v]]])
-    whole = plain + a.M[:, n + v :] @ inserted
-    M = stacked([[whole[:n]], [inner], [whole[n:]]])
-    channels, inside = range(n), range(d)
-    order, blocks = list[int](), list[Block]()
-    for block, first, second in zip(a.blocks, a.parts, trim.parts, strict=True):
-        first_channels = len(order)
-        order += channels[first]
-        order += [n + k * d + j for k in range(len(copies)) for j in inside[second]]
-        blocks.append(Block(block.name, len(order) - first_channels))
-    total = len(order)
-    M = M[[*order, *range(total, M.shape[0])]][:, [*order, *range(total, M.shape[1])]]
-    return ExactLFT(M, tuple(blocks))
-
-
-def _put(a: ExactMatrix, rows: slice, columns: slice, block: ExactMatrix) -> None:
-    """Write a block into a matrix that is being made."""
-    a.residues[rows, columns], a.balls[rows, columns] = block.residues, block.balls
