@@ -1,5 +1,7 @@
 """Loads of frames as the force method has them: a second moment multiplies axial deflections alone."""
 
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from mbdlft.problem.relations import Lifted, LinearModel
 from tests import close
 from tests.attack.frames import STEEL, Bar, Structure, scene_of
 
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
 POST_AND_ARM = (Bar(-1, 0, 0, 0.0, ""), Bar(0, 1, 90, 1.2, "fixed"))
 
 
@@ -79,3 +82,9 @@ def test_loads_have_a_copy_for_each_free_displacement(by_load: float, order: dic
         expected = load * (b + 2.0 + 1.0 + by_load * load * b)
         value = evaluate_at(model, np.array([[a - 2.0, b - 2.0]]))[0]
         close.roundoff(value[0], np.array([expected, 1.0]))
+
+
+def test_displacements_in_proportion_have_copies_of_their_own() -> None:
+    """They fall together, with a mass restricted to one channel; the order is 14 with one copy."""
+    model = mbdlft.to_lft(mbdlft.load_scene(SCENARIOS / "four_bar.toml"), search=0.0, prove=0.0)
+    assert model.order == 10

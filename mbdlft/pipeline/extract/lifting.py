@@ -2,11 +2,12 @@
 
 The loads of an equilibrium that the trim solves for are t(p) = T(Delta) 1, rational in the parameters. A
 displacement x is multiplied with them in a signal T(Delta) x. T is reduced before it is put into the
-relations, once for each displacement. What it does not depend on leaves it: that needs parameters that
-commute, as numbers do, where the reduction of the whole knows products in their order only. The loads of
-a frame of one material do not depend on its modulus, though each deflection does. For two and three
-elements in each of the three beams of a portal the order is 84 and 121 so. It was 110 and 1,193, as each
-displacement had all deflections of the frame, and 1,500 channels were the most for exact numbers.
+relations, once for each displacement, or for each that is free (`copies.py`). What it does not depend on
+leaves it: that needs parameters that commute, as numbers do, where the reduction of the whole knows
+products in their order only. The loads of a frame of one material do not depend on its modulus, though
+each deflection does. For two and three elements in each of the three beams of a portal the order is 84
+and 121 so. It was 110 and 1,193, as each displacement had all deflections of the frame, and 1,500 channels
+were the most for exact numbers.
 """
 
 import math
@@ -94,15 +95,19 @@ def _with_lifted(
 def _moved(
     model: LinearModel, lifted: Lifted, relations: ExactLFT, trim: ExactLFT
 ) -> tuple[Moved, list[tuple[int, int]]]:
-    """The displacements of loads by signals that few copies of the trim are for; pairs of both."""
+    """The displacements of loads by signals that few copies of the trim are for; pairs of both.
+
+    Copies for displacements that follow from others without any parameter fall together by themselves.
+    """
     places = _displaced(model, lifted)
     some = sorted(set(places))
     pairs = [(some.index(place), load) for place, load in zip(places, lifted.outputs, strict=True)]
     by_themselves = as_they_are(some, relations)
     by_free = followed(model, lifted, relations, some)
-    if by_free and channels_of(trim, by_free, pairs) < channels_of(trim, by_themselves, pairs):
-        return by_free, pairs
-    return by_themselves, pairs
+    if by_free is None or not by_free.lft.order:
+        return by_themselves, pairs
+    fewer = channels_of(trim, by_free, pairs) < channels_of(trim, by_themselves, pairs)
+    return by_free if fewer else by_themselves, pairs
 
 
 def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
