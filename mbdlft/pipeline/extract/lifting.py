@@ -6,8 +6,8 @@ relations, once for each displacement, or for each that is free (`copies.py`). W
 leaves it: that needs parameters that commute, as numbers do, where the reduction of the whole knows
 products in their order only. The loads of a frame of one material do not depend on its modulus, though
 each deflection does. For two and three elements in each of the three beams of a portal the order is 84
-and 121 so. It was 110 and 1,193, as each displacement had all deflections of the frame, and 1,500 channels
-were the most for exact numbers.
+and 121 so. It was 110 and 1,193, as each displacement had all deflections of the frame, and 1,500
+channels were the most for exact numbers.
 """
 
 import math
