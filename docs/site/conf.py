@@ -43,6 +43,7 @@ html_static_path = ["static"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": False}
 
+_SHORT, _MANY = 12, 9  # letters of a cell that is not broken; columns of a wide table
 _QUOTED = re.compile(r"(``.+?``|`[^`]+`)")
 _SEVERAL = re.compile(r"^\w+(, \w+)+( :.*)?$")  # one line for several attributes
 _MARKUP = re.compile(r"(?<!\\)([*|])|(?<=\w)(_)(?!\w)")
@@ -66,6 +67,16 @@ def _unlink(app: Any, tree: nodes.document) -> None:
             node.replace_self(node.children)
 
 
+def _fit(app: Any, tree: nodes.document) -> None:
+    """Numbers of tables stay on one line, and tables of many columns get small letters."""
+    for entry in tree.findall(nodes.entry):
+        if len(entry.astext()) <= _SHORT:
+            entry["classes"].append("short")
+    for table in tree.findall(nodes.tgroup):
+        if table["cols"] >= _MANY:
+            table.parent["classes"].append("wide")
+
+
 def _visit_inline(translator: Any, node: nodes.math) -> None:
     translator.body.append(tex2mathml(node.astext(), as_block=False))
     raise nodes.SkipNode
@@ -81,5 +92,6 @@ def setup(app: Any) -> dict[str, bool]:
     """Sphinx calls this: the drawing of mathematics, and how docstrings are read."""
     app.add_html_math_renderer("mathml", (_visit_inline, None), (_visit_display, None))
     app.connect("doctree-read", _unlink)
+    app.connect("doctree-read", _fit)
     app.connect("autodoc-process-docstring", _escape, priority=100)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
