@@ -173,6 +173,8 @@ def test_functions_of_constants() -> None:
     sqrt, sin, cos, atan = (FUNCTIONS[name] for name in ("sqrt", "sin", "cos", "atan"))
     assert sqrt(6.25) == 2.5
     assert is_zero(sqrt(literal(0.1) + literal(0.2)) - sqrt(0.3))
+    third = literal(Fraction(1, 3))
+    assert is_zero(sqrt(third) * sqrt(third) - third)
     assert is_zero(sin(0.3) * sin(0.3) + cos(0.3) * cos(0.3) - 1.0)
     assert is_zero(cos(module.pi_times(Fraction(1, 3))) - 0.5)
     roundoff(value(atan(0.4)), math.atan(0.4))

@@ -301,7 +301,7 @@ def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None
     target(next(found), next(found), CLOSED_FORM)
 
 
-@pytest.mark.parametrize(("first", "share"), [(1e5, 1.0), (0.0, 1.0 / 3.0)], ids=["held", "free"])
+@pytest.mark.parametrize(("first", "share"), [(1e3, 1.0), (0.0, 1.0 / 3.0)], ids=["held", "free"])
 def test_what_a_force_far_away_accelerates_has_its_digits_beside_states_that_move_more(
     first: float, share: float
 ) -> None:
