@@ -31,6 +31,7 @@ from scipy import linalg, sparse
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import consecutive
 from mbdlft.lft.sampling import evaluate_at
+from mbdlft.response.modes import balancing
 from mbdlft.robust.moving.variation import conic_solution, vectors
 from mbdlft.synthesis.goals import Goal
 from mbdlft.synthesis.loop import Network, sizes_of, weighted
@@ -38,6 +39,7 @@ from mbdlft.synthesis.loop import Network, sizes_of, weighted
 _SURE = 0.99  # of the dual value, which a solver knows to some digits: it is computed, not proved
 _NOTHING = 1e-6  # a solver does not tell smaller values from zero, which is a bound, too
 _SOLVED = ("Solved", "AlmostSolved")  # a value of any other status may be far above
+_MISSED = 1e-2  # of the dual value; the unknowns at the least gamma may be larger than those found
 _MOST_SKEW = 10.0  # of D: with larger G, plant and controller are hard to put together
 _CLOSE = 1.0 - 1e-3  # of the least gamma: a bound that is as near is not looked for in another unit
 _FAR = 4.0  # of gamma from its unit: further, the program is solved in another one
@@ -90,6 +92,23 @@ def opened_plant(
 def _once(M: Array, first: int, end: int) -> list[int]:
     """Rows from the first to the end, but for those that are equal to an earlier one."""
     return sorted(first + np.unique(M[first:end], axis=0, return_index=True)[1])
+
+
+def balanced(plant: Opened) -> tuple[Opened, Array, float]:
+    """The plant in other units of states, channels and time: turn, and the rate of time."""
+    M, k = plant.M.copy(), plant.states + sum(plant.sizes)
+    size = np.linalg.norm(M[: plant.states], axis=1)
+    rate = float(np.exp(np.mean(np.log(size[size > 0.0])))) if np.any(size) else 1.0
+    M[: plant.states] /= rate
+    sizes = np.zeros((k + 2, k + 2))  # y and u are one channel, as q and v
+    sizes[:k, :k] = np.abs(M[:k, :k])
+    for i, (row, column) in enumerate(zip(plant.rows[2:], plant.transposed.rows[2:], strict=True)):
+        sizes[k + i, :k] = np.linalg.norm(M[row, :k], axis=0)
+        sizes[:k, k + i] = np.linalg.norm(M[:k, column], axis=1)
+    scale = balancing(sizes)
+    M[:, :k] *= scale[:k] / scale[k]
+    M[:k] /= (scale[:k] / scale[k])[:, None]
+    return plant._replace(M=M), np.diag(scale[:k] / scale[k]), rate
 
 
 class Side(NamedTuple):
@@ -183,7 +202,7 @@ class Least(NamedTuple):
 
 def least_gamma(plant: Opened, enough: float = np.inf) -> Least:
     """Solved again in another unit, where gamma is far from 1 and the bound below `enough` of it."""
-    unit = 1.0
+    unit, least = 1.0, Least(plant, 1.0, 0.0, 0.0)
     for _ in range(2):
         M = plant.M.copy()
         M[plant.rows[2]] /= np.sqrt(unit)
@@ -193,11 +212,12 @@ def least_gamma(plant: Opened, enough: float = np.inf) -> Least:
         cost = np.zeros(problem.rows.shape[1])
         cost[-1] = 1.0
         solution = conic_solution(cost, problem.rows, problem.b, problem.cones)
-        gamma, bound = float(solution.x[-1]) * unit, 0.0
+        gamma, bound = float(solution.x[-1]) * unit, least.bound
         if str(solution.status) in _SOLVED:  # not where R or S has to grow without end
             # what misses the dual equations counts with the unknowns, as R and S may be large
             missed = np.abs(problem.rows.T @ np.array(solution.z) + cost) @ np.abs(np.array(solution.x))
-            bound = (float(solution.obj_val_dual) - float(missed)) * unit
+            dual = float(solution.obj_val_dual)
+            bound = max(least.bound, (dual - float(missed)) * unit if missed < _MISSED * dual else 0.0)
         least = Least(within, unit, gamma, bound if np.isfinite(bound) and bound > _NOTHING else 0.0)
         is_near = 1.0 / _FAR < gamma / unit < _FAR or bound > enough * gamma
         if is_near or not _NOTHING < gamma < 1.0 / _NOTHING:
@@ -213,4 +233,20 @@ def full_order_bound(opened: Network, goals: Sequence[Goal], point: Array | None
     all channels of the goals at once, over their limits.
     """
     plant = opened_plant(opened, goals, point=point)
-    return 0.0 if plant.states > MOST_STATES else _SURE * least_gamma(plant, _CLOSE).bound
+    if plant.states > MOST_STATES:
+        return 0.0
+    return _SURE * max(_at_once(plant), least_gamma(balanced(plant)[0], _CLOSE).bound)
+
+
+def _at_once(plant: Opened) -> float:
+    """The gain of what no controller changes at once: where none moves y, and where none sees u."""
+    (y, v), (u, q) = plant.rows[2:], plant.transposed.rows[2:]
+    sides = ((plant.M[y, u].T, plant.M[y, q].T), (plant.M[y, u], plant.M[v, u]))
+    gains = (np.linalg.norm(direct @ _kernel(own), 2) for direct, own in sides if direct.size)
+    return max(map(float, gains), default=0.0)
+
+
+def _kernel(matrix: Array) -> Array:
+    """What is zero times a matrix, each row of which is in its own unit."""
+    sizes = np.linalg.norm(matrix, axis=1)
+    return np.asarray(linalg.null_space(matrix[sizes > 0.0] / sizes[sizes > 0.0, None]))

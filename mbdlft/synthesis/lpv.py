@@ -31,12 +31,20 @@ from mbdlft.base.errors import AnalysisError, StructureError, check_known
 from mbdlft.base.running import one_thread
 from mbdlft.exact.rounding import EPS
 from mbdlft.lft.lft import consecutive
-from mbdlft.response.modes import balancing
 from mbdlft.robust.evidence import Bounds, MotionProof
 from mbdlft.robust.gain import worst_case_gain
 from mbdlft.robust.moving.variation import conic_solution
 from mbdlft.robust.proofs import verify
-from mbdlft.synthesis.bound import MOST_STATES, Opened, Side, least_gamma, opened_plant, program, sides_of
+from mbdlft.synthesis.bound import (
+    MOST_STATES,
+    Opened,
+    Side,
+    balanced,
+    least_gamma,
+    opened_plant,
+    program,
+    sides_of,
+)
 from mbdlft.synthesis.goals import HINF, MARGIN, Goal
 from mbdlft.synthesis.loop import Connections, network
 from mbdlft.synthesis.pieces import TunableSystem
@@ -178,7 +186,7 @@ class _Made(NamedTuple):
 
 
 def _synthesized(plant: Opened, slack: float) -> _Made:
-    turned, turn, rate = _balanced(plant)
+    turned, turn, rate = balanced(plant)
     found = least_gamma(turned)
     level, coupled = max(found.gamma / found.unit, _SMALLEST) * (1.0 + slack), 1.0 + 0.5 * slack
     n, r, turned = plant.states, sum(plant.sizes), found.plant
@@ -199,23 +207,6 @@ def _synthesized(plant: Opened, slack: float) -> _Made:
     D, G = (gamma * channels.T @ M @ channels for M in (D, G))
     P, theta_of_v = _symmetric(gamma / rate * X), np.asarray(np.linalg.solve(loop, theta))
     return _Made(theta, theta_of_v, gamma, found.bound, P, _symmetric(D), G - _symmetric(G), states)
-
-
-def _balanced(plant: Opened) -> tuple[Opened, Array, float]:
-    """The plant in other units of states, channels and time: turn, and the rate of time."""
-    M, k = plant.M.copy(), plant.states + sum(plant.sizes)
-    size = np.linalg.norm(M[: plant.states], axis=1)
-    rate = float(np.exp(np.mean(np.log(size[size > 0.0])))) if np.any(size) else 1.0
-    M[: plant.states] /= rate
-    sizes = np.zeros((k + 2, k + 2))  # y and u are one channel, as q and v
-    sizes[:k, :k] = np.abs(M[:k, :k])
-    for i, (row, column) in enumerate(zip(plant.rows[2:], plant.transposed.rows[2:], strict=True)):
-        sizes[k + i, :k] = np.linalg.norm(M[row, :k], axis=0)
-        sizes[:k, k + i] = np.linalg.norm(M[:k, column], axis=1)
-    scale = balancing(sizes)
-    M[:, :k] *= scale[:k] / scale[k]
-    M[:k] /= (scale[:k] / scale[k])[:, None]
-    return plant._replace(M=M), np.diag(scale[:k] / scale[k]), rate
 
 
 def _moving(
