@@ -33,7 +33,7 @@ from mbdlft.order.degree import degree_bounds, moved
 from mbdlft.system.conversion import check_once
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.regular import PROVED, well_posed
-from mbdlft.system.wiring import Wiring, plain_wiring, reduced, wire, wired_values
+from mbdlft.system.wiring import Wiring, beside_gains, plain_wiring, reduced, wire, wired_values
 
 _LOOKED_AT = 8  # points at which cancellation in LFTs is looked at
 _SEED = 0
@@ -279,22 +279,23 @@ def _certificate(
 def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals.
 
-    Of one part that is free, and with which nothing is connected, also the momenta that inputs leave, and
-    the motions as a rigid body that outputs do not see.
+    Of one part that is free, and with which nothing but gains is connected, also the momenta that inputs
+    leave, and the motions as a rigid body that outputs do not see.
     """
+    systems, Ky, E, F, direct = beside_gains(systems, wiring)
     others, free = list[bool](), list[Certificate]()
     for system in systems:
         known = system.certificate if isinstance(system, LFTModel) else None
         others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
         free += [known] if known and (known.momenta or known.rigid_motions) else []
-    if free and (len(systems) > 1 or wiring.Ky.any()):
+    if free and (len(systems) > 1 or Ky.any()):
         if any(known.momenta for known in free):
             return _NO_ACCELERATIONS
         free = []
     momenta, motions = free[0].momenta if free else (), free[0].rigid_motions if free else ()
-    is_changed = wiring.E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)
-    is_seen = wiring.F[:, np.flatnonzero(np.less_equal(motions, 0))].any(axis=1)
-    is_sum = wiring.F.any(axis=1) & ~wiring.F[:, others].any(axis=1)
+    is_changed = E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)
+    is_seen = F[:, np.flatnonzero(np.less_equal(motions, 0))].any(axis=1)
+    is_sum = F.any(axis=1) & ~(F[:, others].any(axis=1) | direct.any(axis=1))
     return {
         "accelerations": tuple(np.flatnonzero(is_sum).tolist()),
         "momenta": tuple(np.where(is_changed, 0, max(momenta)).tolist()) if momenta else (),

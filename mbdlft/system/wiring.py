@@ -8,6 +8,7 @@ Feedback, series, sums, products, selections and inversions of channels are choi
 """
 
 from collections.abc import Sequence
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -54,6 +55,34 @@ def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring
         np.zeros((outputs, ny)),
         np.zeros((outputs, nu)),
     )
+
+
+def beside_gains(
+    systems: Sequence[System], wiring: Wiring
+) -> tuple[Sequence[System], Array, Array, Array, Array]:
+    """The systems that are more than numbers, with K_y, E and F of these, and what w does to z beside.
+
+    All of them, where the others are a loop that determines nothing.
+    """
+    kept = [bool(system.states or system.order) for system in systems]
+    u, y = (
+        np.repeat(kept, [len(getattr(system, side)) for system in systems])
+        for side in ("inputs", "outputs")
+    )
+    D = np.zeros((len(y), len(u)))
+    i = j = 0
+    for system, is_kept in zip(systems, kept, strict=True):
+        ny, nu = len(system.outputs), len(system.inputs)
+        if not is_kept:
+            D[i : i + ny, j : j + nu] = system.lft.M22
+        i, j = i + ny, j + nu
+    by_u = wiring.G + wiring.F @ D
+    try:
+        both = -np.linalg.solve(wiring.Ku + wiring.Ky @ D, np.hstack([wiring.Ky[:, y], wiring.E]))
+    except np.linalg.LinAlgError:
+        return systems, wiring.Ky, wiring.E, wiring.F, wiring.G
+    Ky, E = np.hsplit(both, [np.count_nonzero(y)])
+    return list(compress(systems, kept)), Ky[u], E[u], wiring.F[:, y] + by_u @ Ky, by_u @ E
 
 
 def wire(systems: Sequence[System], wiring: Wiring, what: str) -> LFT:

@@ -250,6 +250,27 @@ def floating(**base: float) -> mbdlft.LFTModel:
     return mbdlft.to_lft(scene, search=0.0)
 
 
+def test_gains_beside_a_free_structure_leave_its_digits() -> None:
+    """In other units, and for sums of accelerations: they were off by 1e4 at 1e-8 rad/s."""
+    model, omega = floating(), 10.0 ** np.arange(-8.0, 2.0)
+    plain = mbdlft.frequency_response(model, {}, omega)
+    sums = np.array([[0.0, 2.0, 0.0, 3.0], [0.0, 0.0, 1.0, -0.5]])
+    gains = mbdlft.as_system(np.eye(1), inputs=["apart"], outputs=["too"])
+    for whole, expected in (
+        (1e3 * model, 1e3 * plain),
+        (model * np.diag([2.0, 3.0]), plain * [2.0, 3.0]),
+        (sums @ model, sums @ plain),
+        (mbdlft.append(model, gains)[:4, :2], plain),
+        (mbdlft.feedback(model, np.zeros((2, 4))), plain),
+    ):
+        found = mbdlft.frequency_response(whole, {}, omega)[..., 0] / expected[..., 0]  # by the motor
+        target(found, np.ones(found.shape), RESPONSE)
+    assert (sums @ model).certificate.rigid_motions == (1, 1)
+    assert (np.ones((1, 4)) @ model).certificate.accelerations == ()  # the angle is in it
+    assert (model + np.ones((4, 2))).certificate.accelerations == ()  # and here the torques
+    assert mbdlft.feedback(model, np.ones((2, 4))).certificate.momenta == ()
+
+
 def test_a_motor_between_two_free_bodies_moves_them_as_it_should_at_all_frequencies() -> None:
     """It leaves the momentum, which rounding does not; at k = 0 the bodies have two."""
     model, second = floating(), 0.3
