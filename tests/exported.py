@@ -53,6 +53,7 @@ MODELS: dict[str, Callable[[], System]] = {
     "numbers": numbers,
     "bare": bare,
     "off_center": off_center,
+    "word": lambda: mbdlft.as_system(off_center(), name="end"),
     "system": lambda: mbdlft.as_system(np.array([[1.0, 2.0]]), name="gains"),
     "loop": lambda: mbdlft.feedback(arm(), mbdlft.as_system(np.eye(2), name="gains")),
 }

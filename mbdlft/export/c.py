@@ -31,11 +31,11 @@ from mbdlft.export.matlab import table_of
 from mbdlft.export.names import (
     check_plain_model,
     filled,
-    identifier,
     identifiers,
     listed,
     one_line,
     places_of,
+    prefix,
 )
 from mbdlft.lft.lft import LFT
 from mbdlft.system.model import LFTModel, Parameters, System
@@ -51,7 +51,7 @@ def c_texts(model: System | DeltaThetaModel, stem: str) -> tuple[str, str]:
             f"{stem!r}.c: C cannot include a header of this name. Choose another name of the file."
         )
     names = identifiers(linear.parameters.names, f"model {linear.name!r}: C")
-    name = identifier(linear.name)
+    name = prefix(linear.name)
     shown = {key: f"{name}_p_{text}" for key, text in names.items()}
     trim = linear.trim.lft if isinstance(linear, LFTModel) and linear.trim.signals else None
     functions = [value_function(f"{name}_f_value", linear.parameters, linear.lft)]
@@ -234,7 +234,7 @@ def julia_text(model: System | DeltaThetaModel, stem: str, archive: str) -> str:
     if isinstance(model, DeltaThetaModel):
         places, parameters = places_of(model, "the Julia script"), linear.parameters
         entries |= {
-            "name": identifier(model.name),
+            "name": prefix(model.name),
             "source": _literal(f"{stem}.c"),
             "functions": listed(model, "#     "),
             "initial": _vector(model.initial),

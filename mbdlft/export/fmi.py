@@ -29,7 +29,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 from mbdlft.base.errors import SceneError, StructureError
 from mbdlft.base.unit import BASE, parse_unit
 from mbdlft.export.c import c_texts
-from mbdlft.export.names import filled, identifier, one_line
+from mbdlft.export.names import filled, identifier, one_line, prefix
 from mbdlft.system.model import LFTModel, System
 
 VERSIONS = (3, 2)
@@ -55,7 +55,7 @@ def fmu_image(model: System, stem: str, version: int) -> bytes:
     """The unit of a model as bytes; `stem` names its source."""
     if version not in VERSIONS:
         raise StructureError(f"FMI {version!r} is unknown; 3 and 2 are written.")
-    name, source = identifier(model.name), identifier(stem)
+    name, source = prefix(model.name), identifier(stem)
     text, header = c_texts(model, source)
     variables = [v._replace(name=one_line(v.name)) for v in _variables(model)]
     twice = [name for name, count in Counter(v.name for v in variables).items() if count > 1]

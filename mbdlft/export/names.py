@@ -55,6 +55,11 @@ def identifier(name: str) -> str:
     return f"{text}_" if text in RESERVED else text
 
 
+def prefix(name: str) -> str:
+    """What names of C begin with for a model: no word is reserved with more behind it."""
+    return identifier(name).rstrip("_")
+
+
 def _letter(letter: str) -> str:
     """ASCII for one letter."""
     if letter.isascii():

@@ -50,8 +50,9 @@ def casadi_function(model: System) -> ca.Function:
     columns = [0, len(model.states), model.lft.shape[1]]
     blocks = [block for row in rows for block in ca.horzsplit(row, columns)]
     nominal = {"default_in": [p.nominal for p in model.parameters]} if names else {}
+    name = ca.Function.fix_name(identifier(model.name))  # it has reserved names of its own
     options: dict[str, Any] = {"allow_duplicate_io_names": True, **nominal}  # an area is often called A
-    return ca.Function(identifier(model.name), values, blocks, names, list("ABCD"), options)
+    return ca.Function(name, values, blocks, names, list("ABCD"), options)
 
 
 @arguments_checked

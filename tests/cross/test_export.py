@@ -13,7 +13,7 @@ import pytest
 import mbdlft
 from mbdlft import Block, FullBlock, LFTModel, Parameter
 from mbdlft.export import export_model, lpv_grid
-from mbdlft.export.names import identifier
+from mbdlft.export.names import identifier, prefix
 from mbdlft.lft import LFT
 from mbdlft.lft.lft import delta
 from mbdlft.synthesis import scheduled, tunable_pid
@@ -49,7 +49,7 @@ def kappa(model: System) -> float:
 
 
 def check_c(model: System, folder: Path) -> None:
-    library, name = compiled(model, folder), identifier(model.name)
+    library, name = compiled(model, folder), prefix(model.name)
     values, expected = samples_of(model)
     rows = rows_of(model, values)
     for found, matrices in zip(values_of_c(library, name, model, rows), expected, strict=True):

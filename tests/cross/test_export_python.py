@@ -26,6 +26,9 @@ def test_casadi_function_has_the_matrices_and_their_slopes() -> None:
     area = [mbdlft.Parameter("A", 2.0, percent=20)]
     of_area = casadi_function(mbdlft.realize([["3*A"]], area, inputs=["u"], outputs=["y"]))
     exact(np.array(of_area(A=2.25)["D"]), [[6.75]])
+    for word in ("end", "null", "jac"):  # of MATLAB, and of CasADi itself
+        named = casadi_function(mbdlft.as_system(model, name=word))
+        exact(np.array(named()["A"]), np.array(function()["A"]))
     m3 = ca.MX.sym("m3")
     slope = ca.Function("slope", [m3], [ca.jacobian(function(m3=m3)["A"], m3)])
     at, h = model.parameters["m3"].nominal, 1e-4
