@@ -32,7 +32,6 @@ from mbdlft import (
 )
 from mbdlft.lft.lft import delta
 from mbdlft.system import evidence, lft
-from mbdlft.system.wiring import reduced
 from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.table import says
 from tests.extracted import lower_bound
@@ -88,8 +87,8 @@ def test_a_whole_has_the_largest_ratio_of_its_parts_and_its_own() -> None:
 def test_a_whole_that_is_wrong_by_little_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """One entry of a loop is wrong by 1e-9 of itself."""
 
-    def wrong(a: LFT) -> LFT:
-        a = reduced(a)
+    def wrong(*asked: object) -> LFT:
+        a = right(*asked)
         moved = np.ones(a.shape)
         moved[-1, 0] += 1e-9
         if a.order:
@@ -97,9 +96,25 @@ def test_a_whole_that_is_wrong_by_little_is_refused(monkeypatch: pytest.MonkeyPa
         return replace(a, M22=moved * a.M22)
 
     feedback(CART, CONTROLLER)
-    monkeypatch.setattr(evidence, "reduced", wrong)
+    right = evidence.wire
+    monkeypatch.setattr(evidence, "wire", wrong)
     with pytest.raises(mbdlft.AnalysisError, match="times what rounding"):
         feedback(CART, CONTROLLER)
+
+
+def test_a_reduction_that_loses_a_direction_is_left_out() -> None:
+    """In doubles it does, of ranges far to one side: the result has more channels, and the values."""
+    ranges = [
+        Parameter("p", 1.25, low=0.9, high=1.25 * (1.0 + 3e-8)),
+        Parameter("q", 2.5, low=1.25, high=2.5e6),
+    ]
+    matrix = [["q/p", "(p - 1.4)/(2 + p)"], ["0", "p^2/(p + 1)"]]
+    model = realize(matrix, ranges, inputs=["a", "b"], outputs=["c", "d"], search=0.0)
+    found = -model
+    at = mbdlft.corners(model.parameters)
+    target(matrices_at(found, at).D, -matrices_at(model, at).D, CLOSED_FORM)
+    assert max(found.certificate.order) <= max(found.certificate.raw_order)
+    assert found.certificate.rounding_ratio < 10.0
 
 
 def test_a_system_without_evidence_gives_none() -> None:
