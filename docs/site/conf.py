@@ -58,6 +58,13 @@ def _escape(app: Any, what: str, name: str, item: Any, options: Any, lines: list
         parts = _QUOTED.split(line)
         parts[::2] = [_MARKUP.sub(r"\\\1\2", part) for part in parts[::2]]
         lines[number] = "".join(parts)
+    if what == "property" and ":" in lines[0]:
+        lines[:0] = ["..", ""]  # napoleon would take the words before the colon for a type
+
+
+def _skip(app: Any, what: str, name: str, item: Any, skip: Any, options: Any) -> bool | None:
+    """Fields of named tuples: the docstring of their class has them."""
+    return True if str(item.__doc__).startswith("Alias for field number") else None
 
 
 def _unlink(app: Any, tree: nodes.document) -> None:
@@ -94,4 +101,5 @@ def setup(app: Any) -> dict[str, bool]:
     app.connect("doctree-read", _unlink)
     app.connect("doctree-read", _fit)
     app.connect("autodoc-process-docstring", _escape, priority=100)
+    app.connect("autodoc-skip-member", _skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
