@@ -61,15 +61,18 @@ def samples_of(
     """Check the samples of a user; arrays (N,) by name are in the units of the parameters."""
     names = [p.name for p in parameters]
     if isinstance(samples, GridSamples):
-        check_known("parameter", samples.counts, names, "sweep, grid", AnalysisError)
-        if not samples.counts or any(count < 1 for count in samples.counts.values()):
+        counts = samples.counts
+        is_given = isinstance(counts, Mapping)
+        if is_given:
+            check_known("parameter", counts, names, "sweep, grid", AnalysisError)
+        if not is_given or not counts or not all(_is_count(count, 1) for count in counts.values()):
             raise AnalysisError(
-                f"sweep: a grid needs a number of values of at least 1 for some parameters, got "
-                f"{dict(samples.counts)}."
+                "sweep: a grid needs a whole number of values of at least 1 for some parameters, such as "
+                f"{ {(names or ['m'])[0]: 3} }, got {counts!r}."
             )
         return samples
     if isinstance(samples, RandomSamples):
-        if samples.count < 1 or samples.seed < 0:
+        if not (_is_count(samples.count, 1) and _is_count(samples.seed, 0)):
             raise AnalysisError(
                 f"sweep: expected at least 1 random sample and a seed of at least 0, got {samples}."
             )
@@ -85,6 +88,11 @@ def samples_of(
     if not len(points):
         raise AnalysisError("sweep: there are no samples.")
     return GivenSamples(points)
+
+
+def _is_count(number: Any, least: int) -> bool:
+    is_whole = isinstance(number, int | np.integer) and not isinstance(number, bool)
+    return is_whole and number >= least
 
 
 def count_of(samples: Samples) -> int:

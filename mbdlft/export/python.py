@@ -133,7 +133,10 @@ def dataset(
     places["D"] = ("output", "input")
     arrays = {key: (("sample", *places[key]), m) for key, m in zip("ABCD", matrices, strict=True)}
     labels: dict[str, Any] = {p.name: ("sample", column, {"units": p.unit}) for p, column in columns}
-    clash = sorted(labels.keys() & {*arrays, *more, *_DIMENSIONS, "sample"})
+    others = {f"{dimension}_unit" for dimension in _DIMENSIONS} | (
+        {"omega"} if omega is not None else set()
+    )
+    clash = sorted(labels.keys() & {*arrays, *more, *_DIMENSIONS, "sample", *others})
     if clash:
         raise StructureError(
             f"{source.name!r}: parameter {clash[0]!r} has the name of an array. Rename it."

@@ -62,6 +62,8 @@ export_model(tmp_path / "grid.csv", one("D_1_1"), 2) => columns of the table cla
 arm(), fmi=1 => FMI 1 is unknown; 3 and 2 are written
 > dataset({}) => StructureError:
 one("input") => parameter 'input' has the name of an array
+one("omega"), {}, [1.0] => parameter 'omega' has the name of an array
+one("input_unit") => parameter 'input_unit' has the name of an array
 > lpv_grid(unknown({ComplexBlock|FullBlock}("unknown", 1)), {}) => StructureError:
 2 => a grid has no blocks of dynamics
 > command("export", {}) => MessageError:

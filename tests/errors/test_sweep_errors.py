@@ -56,6 +56,9 @@ file_of("no archive") => is not a whole HDF5 file
 GridSamples({"M": 2}) => sweep, grid: unknown parameter 'M' … m
 GridSamples({"m": 0}) => number of values of at least 1 … {'m': 0}
 GridSamples({}) => number of values of at least 1 … {}
+GridSamples(3) => number of values of at least 1 for some parameters, such as {'m': 3}, got 3
+GridSamples({"m": 2.5}) => a whole number of values
+RandomSamples(2.5) => at least 1 random sample … count=
 RandomSamples(0) => at least 1 random sample … count=0
 RandomSamples(1, -1) => a seed of at least 0 … seed=-1
 [1.0] => expected GridSamples, RandomSamples or a mapping … got list

@@ -64,8 +64,8 @@ def bound_and_gain(seed: int) -> tuple[float, float]:
     return full_order_bound(opened, goals), float(mbdlft.hinf_norm(alone).upper[0])
 
 
-# of 300 such plants these, and 4 others, had bounds above what they have without a controller
-@pytest.mark.parametrize("seed", [37, 42, 158, 219, 251, 288])
+# of 300 such plants the first six, and 4 others, had bounds above what they have without a controller
+@pytest.mark.parametrize("seed", [37, 42, 158, 219, 251, 288, 807])
 def test_no_bound_is_above_what_is_reached_without_a_controller(seed: int) -> None:
     bound, gain = bound_and_gain(seed)
     assert bound <= gain + 1e-6
