@@ -21,6 +21,7 @@ from scipy.linalg import qr
 from mbdlft.exact import matrices
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import Block, consecutive
+from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 from mbdlft.order.rewriting import simplest_first
 
@@ -54,6 +55,19 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
     closed = _closed(_settled(inner), Block(name, len(columns)))
     ordered = _in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
+
+
+def with_affine_restricted(a: ExactLFT) -> ExactLFT:
+    """The LFT with parameters that it is affine in on one side of the others.
+
+    A density multiplies masses and loads, before and after products of lengths.
+    """
+    degrees = exact_degrees(a)
+    for name, size in a.blocks:
+        if size > degrees[name] and is_affine(a, name):
+            once = restricted_exactly(a, name, is_transposed=True)
+            a = once if once is not None and once.order < a.order else a
+    return a
 
 
 def _opened(a: ExactLFT, name: str) -> ExactLFT:

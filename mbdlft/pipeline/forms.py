@@ -24,7 +24,7 @@ from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.lower_bound import at_random, exact_degrees, is_affine
+from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
     ExactLFT,
@@ -34,7 +34,7 @@ from mbdlft.order.reduction import (
     reduce_exactly,
     transposed,
 )
-from mbdlft.order.restriction import Step, restricted_exactly
+from mbdlft.order.restriction import Step, restricted_exactly, with_affine_restricted
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_random
 from mbdlft.pipeline.extract import SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
@@ -163,7 +163,7 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
         ask_for_bits(2 * BITS)
     relations = reduce_exactly(opened)
     if form.relations.lifted is not None:
-        relations = _with_affine_restricted(relations)
+        relations = with_affine_restricted(relations)
     relations = _restricted(relations, steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())
@@ -184,19 +184,6 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
         exact,
         in_good_coordinates(exact, _some_deltas(problem, exact), _MOST_CONDITION),
     )
-
-
-def _with_affine_restricted(a: ExactLFT) -> ExactLFT:
-    """The LFT with parameters that it is affine in on one side of the others.
-
-    A density multiplies masses and loads, before and after products of lengths.
-    """
-    degrees = exact_degrees(a)
-    for name, size in a.blocks:
-        if size > degrees[name] and is_affine(a, name):
-            once = restricted_exactly(a, name, is_transposed=True)
-            a = once if once is not None and once.order < a.order else a
-    return a
 
 
 def _some_deltas(problem: Problem, a: ExactLFT) -> Array:

@@ -9,6 +9,9 @@ method, whose flexibilities have the redundant loads as unknowns. So relations R
 
 Q the rows and S the columns of as few entries as keep all powers of p at 0 and 1, with those of entries
 a p in S. Other parameters may get more channels by that, so both relations are tried.
+
+Loads of weight and thrust have an area and a density as factors, which leave the relations: what they
+multiply outside, such as masses, has them too, and there they may be restricted to few channels.
 """
 
 from dataclasses import replace
@@ -29,6 +32,16 @@ def with_scaled_deflections(trim: LinearModel) -> tuple[LinearModel, ...]:
         if parameter.low * parameter.high > 0.0:
             scaled = _scaled(scaled, trim.p[k])
     return (scaled,) if scaled is not trim else ()
+
+
+def without_factor(trim: LinearModel) -> tuple[LinearModel, ca.SX]:
+    """Relations whose solution times a product of parameters is that of `trim`, and this product."""
+    by_known, factor = ca.sparsify(ca.jacobian(trim.residual, trim.known)), ca.SX(1)
+    for p in ca.vertsplit(trim.p):
+        if set(_powers(by_known, p)) == {1}:
+            by_known, factor = ca.substitute(by_known, p, 1), factor * p
+    others = _without(trim.residual, trim.known)
+    return replace(trim, residual=others + ca.mtimes(by_known, trim.known)), factor
 
 
 def _scaled(m: LinearModel, p: ca.SX) -> LinearModel:

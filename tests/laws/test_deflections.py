@@ -11,7 +11,7 @@ from mbdlft import Parameter
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction import eliminated, reduce_exactly
 from mbdlft.pipeline.extract.lifting import extract
-from mbdlft.problem.deflections import with_scaled_deflections
+from mbdlft.problem.deflections import with_scaled_deflections, without_factor
 from mbdlft.problem.relations import Lifted, LinearModel
 from tests import close
 from tests.attack.frames import STEEL, Bar, Structure, scene_of
@@ -21,12 +21,13 @@ POST_AND_ARM = (Bar(-1, 0, 0, 0.0, ""), Bar(0, 1, 90, 1.2, "fixed"))
 
 
 @pytest.mark.parametrize(
-    ("names", "order"), [(("I", "h"), {"I": 20, "h": 84}), (("A", "I", "h"), {"A": 33, "I": 20, "h": 92})]
+    ("names", "order"), [(("I", "h"), {"I": 20, "h": 84}), (("A", "I", "h"), {"A": 20, "I": 20, "h": 90})]
 )
 def test_second_moments_multiply_few_deflections(names: tuple[str, ...], order: dict[str, int]) -> None:
     """I 69 and h 139, or 141, with the bending deflections as they are, and a copy of the loads for each.
 
-    With one for each that is free, I 24 and h 95, or 110, become these.
+    I 24 and h 95, or 110, with one for each, and A 38. With one for each that is free they become these,
+    but A 33, which is 20 as a factor of all loads.
     """
     values = {"h": 1.5, **STEEL}
     frame = Structure(POST_AND_ARM, 1, (1.0, -9.81, 2.0), (0.0, 0.0, 0.0), 0.0, values, names)
@@ -56,6 +57,20 @@ def test_loads_do_not_depend_on_how_deflections_are_scaled() -> None:
 def test_parameters_that_may_be_zero_scale_nothing() -> None:
     """Deflections times such a parameter are not determined where it is zero."""
     assert with_scaled_deflections(_springs(-1.0)) == ()
+
+
+def test_a_factor_of_all_loads_leaves_them() -> None:
+    """q = (b/a, a b) is b times (1/a, a)."""
+    p, q, one = ca.SX.sym("p", 2), ca.SX.sym("q", 2), ca.SX.sym("one")
+    residual = ca.vertcat(p[0] * q[0] - p[1] * one, q[1] - p[0] * p[1] * one)
+    parameters = tuple(Parameter(name, 2.0, low=1.0, high=3.0) for name in "ab")
+    trim, factor = without_factor(LinearModel(residual, q, q, one, p, parameters))
+    assert (ca.is_equal(factor, p[1], 1), ca.depends_on(trim.residual, p[1])) == (True, False)
+    solution = ca.vertcat(1 / p[0], p[0])
+    left = ca.Function(
+        "left", [p], [ca.substitute(trim.residual, ca.vertcat(q, one), ca.vertcat(solution, 1))]
+    )
+    close.roundoff(left([1.5, 2.5]).full(), np.zeros((2, 1)), scale=1.0)
 
 
 def _displaced(by_load: float) -> LinearModel:

@@ -20,9 +20,10 @@ from mbdlft.base.parameter import BilinearMap
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
+from mbdlft.order.restriction import with_affine_restricted
 from mbdlft.pipeline.extract.copies import Moved, as_they_are, channels_of, copied, fed, followed
 from mbdlft.pipeline.extract.graph import Extraction, SparseExtraction, extract_graph
-from mbdlft.problem.deflections import with_scaled_deflections
+from mbdlft.problem.deflections import with_scaled_deflections, without_factor
 from mbdlft.problem.relations import Lifted, LinearModel
 
 # times the channels of the loads, below which another form takes the place of the first. Copies of other
@@ -53,7 +54,8 @@ def _with_lifted(
     model: LinearModel, lifted: Lifted, maps: Sequence[BilinearMap] | None, most: float
 ) -> Extraction | None:
     """The LFT with lifted loads; None if it has more than `most` channels."""
-    m, trims = model, (lifted.trim, *with_scaled_deflections(lifted.trim))
+    trim, factor = without_factor(lifted.trim)
+    m, trims = _with_loads_times(model, lifted, factor), (trim, *with_scaled_deflections(trim))
     residuals, outputs = [t.residual for t in trims], [t.output for t in trims]
     reduced = extract_graph(  # together, as the numbers of all decide on the prime of their residues
         replace(
@@ -82,8 +84,9 @@ def _with_lifted(
         for rows, read in zip(held, loads, strict=True)
     ]
     held_by = forms[-1] if forms[-1].order < _FEWER * forms[0].order else forms[0]
-    # what outputs do not see goes first: it is more than what inputs do not reach
-    relations = transposed(reduce_exactly(transposed(relations)))
+    # what outputs do not see goes first: it is more than what inputs do not reach. Parameters that loads
+    # share with masses are affine without the loads
+    relations = with_affine_restricted(transposed(reduce_exactly(transposed(relations))))
     opened = ExactLFT(M[[*z, *r]][:, [*w, *u, *x, *lifts]], blocks)
     moved, pairs = _moved(model, lifted, opened, held_by)
     if relations.order + channels_of(held_by, moved, pairs) > most:
@@ -108,6 +111,13 @@ def _moved(
         return by_themselves, pairs
     fewer = channels_of(trim, by_free, pairs) < channels_of(trim, by_themselves, pairs)
     return by_free if fewer else by_themselves, pairs
+
+
+def _with_loads_times(model: LinearModel, lifted: Lifted, factor: ca.SX) -> LinearModel:
+    """The relations of loads that are to be multiplied with a factor."""
+    loads = factor * lifted.loads
+    residual, output = ca.substitute([model.residual, model.output], [lifted.loads], [loads])
+    return replace(model, residual=residual, output=output)
 
 
 def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
