@@ -52,7 +52,8 @@ def zeros(
     """Transmission zeros: s at which G(s) = C (s I - A)^-1 B + D loses rank, infinite ones left out.
 
     Modes that the inputs do not reach, or the outputs do not see, are no zeros: they are taken out first.
-    Ranks are decided at the rounding of the scaled matrices.
+    Those that no entries lead to, or from, are found by the zeros of the matrices; of others ranks are
+    decided at the rounding of the scaled matrices.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def zeros(
     """
     finite: list[NDArray[np.complex128]] = []
     for A, B, C, D in zip(*transfers_at(system, values, outputs, inputs, "zeros"), strict=True):
-        plant = seen(scaled(Plant(A, B, C, D))[0])
+        plant = seen(scaled(connected(Plant(A, B, C, D)))[0])
         try:
             finite.append(_sorted(finite_zeros(plant).astype(complex), real=np.isrealobj(plant.A)))
         except np.linalg.LinAlgError:

@@ -256,6 +256,17 @@ def test_hidden_modes_are_no_zeros() -> None:
     target(mbdlft.zeros(plain(turn @ A @ turn.T, turn @ B, C @ turn.T))[0], [-7.0], ZEROS)
 
 
+def test_a_mode_that_no_entries_lead_to_is_no_zero() -> None:
+    """The others are reached so badly that rounding of the staircase reaches it, too."""
+    A = np.diag([-2.57, -3.47, -1.48, -2.16, -2.43, -2.09])
+    A[0, 1], A[1, 0], A[3:, 2], A[3, [1, 4, 5]] = 0.34, 0.09, [0.88, 0.43, 0.09], [-1.13, 0.75, 3.06]
+    A[4, 5] = 0.04
+    b, c = np.array([-0.99, 2.7, 0.0, -0.5, -3.12, -1.18]), np.array([0.0, 0.0, 0.0, 0.0, 0.28, 1.8])
+    top, bottom = c[4:] * b[4:]
+    zero = (top * A[5, 5] + bottom * A[4, 4] - c[4] * A[4, 5] * b[5]) / (top + bottom)
+    target(mbdlft.zeros(plain(A, b[:, None], c[None]))[0], [zero], CLOSED_FORM)
+
+
 def test_zeros_are_where_the_pencil_loses_rank_in_50_digits() -> None:
     model = mbdlft.to_lft(mbdlft.load_scene("scenarios/two_link_arm.toml"), search=0.0)
     values = mbdlft.corners(model.parameters)
