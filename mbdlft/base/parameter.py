@@ -257,10 +257,11 @@ def to_physical(parameter: Parameter, delta: ArrayLike) -> NDArray[np.float64]:
 
     Returns
     -------
-    array of the same shape, in `parameter.unit`
+    array of the same shape, in `parameter.unit`; infinite at the delta that no value has
     """
     values, m = np.asarray(delta, dtype=float), parameter.map
-    internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
+    with np.errstate(divide="ignore"):
+        internal = m.b0 + m.gain * values / (1.0 + m.a1 * values)
     if not parameter.is_angle:
         return internal
     radians = parameter.reference + DIVISORS[parameter.substitution] * np.arctan(internal)

@@ -298,6 +298,11 @@ def test_centered_ranges_are_affine() -> None:
     roundoff([p.low, p.high, p.map.b1], [2.4, 3.6, 0.6])
     exact(mbdlft.to_delta(p, 3.0), 0.0)
     assert mbdlft.Parameter("m", 3.0, plus=0.5) == mbdlft.Parameter("m", 3.0, 2.5, 3.5)
+
+
+def test_a_delta_that_no_value_has_is_infinite() -> None:
+    """Without a warning; 3 here, where the worst case of a range without end is."""
+    assert mbdlft.to_physical(mbdlft.Parameter("p", 1.0, 0.5, 2.0), 3.0) == np.inf
     assert mbdlft.Parameter("m", 3.0, plus=0.5, minus=1.0) == mbdlft.Parameter("m", 3.0, 2.0, 3.5)
 
 
