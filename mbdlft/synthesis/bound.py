@@ -233,7 +233,9 @@ def full_order_bound(opened: Network, goals: Sequence[Goal], point: Array | None
     all channels of the goals at once, over their limits.
     """
     plant = opened_plant(opened, goals, point=point)
-    if plant.states > MOST_STATES:
+    with np.errstate(over="ignore"):
+        has_size = np.isfinite(np.linalg.norm(plant.M))
+    if plant.states > MOST_STATES or not has_size:
         return 0.0
     return _SURE * max(_at_once(plant), least_gamma(balanced(plant)[0], _CLOSE).bound)
 

@@ -240,10 +240,10 @@ def test_a_worker_of_a_killed_sweep_writes_nothing_into_another(tmp_path: Path) 
     def interrupt(done: int, count: int) -> None:
         raise KeyboardInterrupt
 
-    for restart in (False, True):
+    for seed, restart in enumerate((False, True)):
         with pytest.raises(KeyboardInterrupt):
             mbdlft.sweep(
-                arm(), RandomSamples(9000, restart), file, workers=1, restart=restart, progress=interrupt
+                arm(), RandomSamples(9000, seed), file, workers=1, restart=restart, progress=interrupt
             )
         (folder,) = tmp_path.glob(".a.h5.two_link_arm.sweep*")
         if not restart:
