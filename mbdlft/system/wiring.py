@@ -60,22 +60,21 @@ def plain_wiring(systems: Sequence[System], inputs: int, outputs: int) -> Wiring
 def beside_gains(
     systems: Sequence[System], wiring: Wiring
 ) -> tuple[Sequence[System], Array, Array, Array, Array]:
-    """The systems that are more than numbers, with K_y, E and F of these, and what w does to z beside.
+    """The systems that are more than real numbers, with K_y, E, F of these, and what w does to z beside.
 
     All of them, where the others are a loop that determines nothing.
     """
-    kept = [bool(system.states or system.order) for system in systems]
+    kept = [bool(system.states or system.order or system.lft.is_complex) for system in systems]
     u, y = (
         np.repeat(kept, [len(getattr(system, side)) for system in systems])
         for side in ("inputs", "outputs")
     )
-    D = np.zeros((len(y), len(u)))
-    i = j = 0
-    for system, is_kept in zip(systems, kept, strict=True):
-        ny, nu = len(system.outputs), len(system.inputs)
-        if not is_kept:
-            D[i : i + ny, j : j + nu] = system.lft.M22
-        i, j = i + ny, j + nu
+    D = stack_diagonal(
+        *(
+            np.zeros((len(system.outputs), len(system.inputs))) if is_kept else system.lft.M22
+            for system, is_kept in zip(systems, kept, strict=True)
+        )
+    ).M22
     by_u = wiring.G + wiring.F @ D
     try:
         both = -np.linalg.solve(wiring.Ku + wiring.Ky @ D, np.hstack([wiring.Ky[:, y], wiring.E]))
