@@ -106,6 +106,7 @@ def balanced_channels(M11: Array, M12: Array, M21: Array, sweeps: int) -> tuple[
 
 _DIGITS = 53  # binary, of a double
 _SLICES = 5  # of a factor
+_LEAST = -900  # power of two: what is some hundred bits smaller is nothing, and not divided by
 _SETTLED = 2.0**-90  # of the largest entry of a column: what is smaller is not solved for
 _MOST_STEPS = 12  # each adds the digits that the condition leaves of one solution
 
@@ -125,10 +126,10 @@ def exact_sum(a: Array, b: Array) -> Twofold:
 
 
 def slices(matrix: Twofold, axis: int) -> list[Array]:
-    """Arrays whose sum is the matrix but for 2^-95 of the largest along an axis, for 800 terms."""
+    """Arrays whose sum is the matrices but for 2^-95 of the largest along an axis, for 800 terms."""
     bits = (_DIGITS - (_SLICES * max(matrix.high.shape[axis], 1) - 1).bit_length()) // 2
     largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
-    unit = np.ldexp(1.0, np.frexp(largest)[1])
+    unit = np.ldexp(1.0, np.maximum(np.frexp(largest)[1], _LEAST))
     remainder, pieces = matrix.high, []
     for k in range(_SLICES):
         unit = np.ldexp(unit, -bits)
@@ -143,14 +144,15 @@ def slices(matrix: Twofold, axis: int) -> list[Array]:
 
 
 def add_product(base: Twofold, left: list[Array], right: list[Array]) -> Twofold:
-    """base + left right, the factors in slices along the terms of the sums."""
+    """base + left right (..., n, m), the factors in slices along the terms of the sums."""
     high, low = base
     for level in range(_SLICES):
         pairs = [(i, level - i) for i in range(level + 1) if i < len(left)]
         pairs = [(i, j) for i, j in pairs if j < len(right)]
         if pairs:
-            first = np.hstack([left[i] for i, _ in pairs])
-            high, error = exact_sum(high, first @ np.vstack([right[j] for _, j in pairs]))
+            first = np.concatenate([left[i] for i, _ in pairs], axis=-1)
+            second = np.concatenate([right[j] for _, j in pairs], axis=-2)
+            high, error = exact_sum(high, first @ second)
             low = low + error
     return exact_sum(high, low)
 
@@ -158,7 +160,7 @@ def add_product(base: Twofold, left: list[Array], right: list[Array]) -> Twofold
 def multiply_add(base: Array, left: Array, right: Twofold) -> Array:
     """base + left right, rounded once."""
     start, factor = Twofold(base, np.zeros_like(base)), Twofold(left, np.zeros_like(left))
-    return add_product(start, slices(factor, 1), slices(right, 0)).high
+    return add_product(start, slices(factor, -1), slices(right, -2)).high
 
 
 def solve_twofold(matrix: Array, right: Array) -> Twofold:
@@ -168,7 +170,7 @@ def solve_twofold(matrix: Array, right: Array) -> Twofold:
     scaled = matrix / rows[:, None]
     columns = _power(np.max(np.abs(scaled), axis=0, initial=0.0))
     scaled = scaled / columns
-    pieces = slices(Twofold(-scaled, np.zeros_like(scaled)), 1)
+    pieces = slices(Twofold(-scaled, np.zeros_like(scaled)), -1)
     nothing = np.zeros_like(right)
     residual, solution = Twofold(right / rows[:, None], nothing), Twofold(nothing, nothing)
     settled: Array | float = 0.0
@@ -179,11 +181,41 @@ def solve_twofold(matrix: Array, right: Array) -> Twofold:
         settled = _SETTLED * np.max(np.abs(high), axis=0, initial=0.0)
         if np.all(np.abs(step) <= settled):
             break
-        residual = add_product(residual, pieces, slices(Twofold(step, nothing), 0))
+        residual = add_product(residual, pieces, slices(Twofold(step, nothing), -2))
     # what is smaller than the last step is nothing: an imposed coordinate takes no part in the rest
     kept = np.abs(solution.high) > settled
     high, low = (np.where(kept, part / columns[:, None], 0.0) for part in solution)
     return Twofold(high, low)
+
+
+_SMALL, _TERMS = 4, 16  # a part of 2^-4 is squared; of its series the rest is below 2^-110
+
+
+def exponential(matrices: Array) -> Twofold:
+    """exp of matrices (..., n, n): the series of a small part, squared, all in twice the precision.
+
+    Slow motions keep their digits beside fast ones, whose squares are larger by many orders.
+    """
+    size = float(np.max(np.sum(np.abs(matrices), axis=-2), initial=0.0))
+    squarings = max(0, int(np.frexp(size)[1]) + _SMALL)
+    one, nothing = np.broadcast_to(np.eye(matrices.shape[-1]), matrices.shape), np.zeros_like(matrices)
+    part, factor = slices(Twofold(np.ldexp(matrices, -squarings), nothing), -1), 1.0
+    total = Twofold(one, nothing)  # times the factorial of the terms: whole numbers
+    for k in range(_TERMS, 0, -1):
+        factor *= k
+        total = add_product(Twofold(factor * one, nothing), part, slices(total, -2))
+    quotient, whole = total.high / factor, slices(Twofold(factor * one, nothing), -2)
+    rest = add_product(total, slices(Twofold(-quotient, nothing), -1), whole)
+    total = exact_sum(quotient, rest.high / factor)
+    for _ in range(squarings):
+        total = square(total)
+    return total
+
+
+def square(matrices: Twofold) -> Twofold:
+    """The products of matrices (..., n, n) with themselves, in twice the precision."""
+    nothing = np.zeros_like(matrices.high)
+    return add_product(Twofold(nothing, nothing), slices(matrices, -1), slices(matrices, -2))
 
 
 def _power(sizes: Array) -> Array:

@@ -41,23 +41,27 @@ def parts_at(
 
 
 def by_momenta(
-    system: System, matrices: StateMatrices, outputs: Sequence[int], inputs: Sequence[int]
+    system: System, matrices: StateMatrices, outputs: Sequence[int], inputs: Sequence[int] | None
 ) -> tuple[StateMatrices, list[Part]]:
     """What is held as a whole; of what is free the inputs that leave its momenta, and the others.
 
     The outputs by the others are those that see no rigid motion, and those that do. The matrices have
-    these outputs and inputs of the system.
+    these outputs and inputs of the system; without inputs, B is the states that a motion starts from.
     """
     momenta, motions = np.zeros(len(system.inputs), dtype=int), np.zeros(len(system.outputs), dtype=int)
     if isinstance(system, LFTModel):
         momenta[:], motions[:] = system.certificate.momenta or 0, system.certificate.rigid_motions or 0
-    moves, sees = momenta[inputs] == 0, motions[outputs] <= 0
+    starts = inputs is None
+    moves = np.ones(matrices.B.shape[2], dtype=bool) if starts else momenta[inputs] == 0
+    sees = motions[outputs] <= 0
     count = int(np.abs([0, *momenta, *motions]).max())
     slowest = np.full(len(matrices.A), np.inf)
     if count:
         sizes = np.sort(np.abs(np.linalg.eigvals(matrices.A)), axis=1)
         slowest = sizes[:, 2 * count :].min(axis=1, initial=np.inf)
-    whole, held = _beside_motions(matrices, count * bool(np.any(motions)), sees, slowest)
+    rates = rates_of(matrices.A, np.zeros_like(matrices.B) if starts else matrices.B)
+    count_of_motions = min(count, len(rates)) if np.any(motions) else 0
+    whole, held = _beside_motions(matrices, rates, count_of_motions, sees, slowest)
     parts = list[Part]()
     for rows, columns, some in (
         (sees | True, ~moves, matrices),
@@ -97,7 +101,7 @@ def _is_zero(terms: Array, R: Array, slowest: Array) -> NDArray[np.bool_]:
 
 
 def _beside_motions(
-    matrices: StateMatrices, count: int, sees: NDArray[np.bool_], slowest: Array
+    matrices: StateMatrices, rates: Mapping[int, int], count: int, sees: NDArray[np.bool_], slowest: Array
 ) -> tuple[StateMatrices, StateMatrices]:
     """The matrices in places beside the rigid motions R, and with these held for outputs that see none.
 
@@ -107,8 +111,7 @@ def _beside_motions(
     or whose other rows see motions, stays as it is.
     """
     A, B, C, D = matrices
-    rates = rates_of(A, B)
-    if (count := min(count, len(rates))) == 0:
+    if count == 0:
         return matrices, matrices
     x, v = np.array([*rates]), np.array([*rates.values()])
     unit = A[:, x, v, None]

@@ -322,6 +322,22 @@ def test_products(seed: int) -> None:
     )
 
 
+@pytest.mark.parametrize("n", [1, 3, 8])
+def test_exponentials(n: int) -> None:
+    """To twice the digits, also of many revolutions, and of what has decayed to nothing."""
+    random = np.random.default_rng(n)
+    A = random.standard_normal((2, n, n)) * [[[1.0]], [[1e4]]]
+    A = A - np.swapaxes(A, 1, 2) - 0.1 * np.eye(n)
+    high, low = rounding.exponential(A)
+    for k in range(2):
+        with flint.ctx.workprec(400):
+            parts = [flint.arb_mat(part[k].tolist()) for part in (high, low)]
+            left = flint.arb_mat(A[k].tolist()).exp() - parts[0] - parts[1]
+        assert max(abs(float(x.mid())) for x in left.entries()) < 1e-22
+    exact(rounding.exponential(np.array([[-1380.0]])).high, [[0.0]])  # of a square of 1e-300
+    assert rounding.exponential(np.zeros((2, 0, 0))).high.shape == (2, 0, 0)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5, 8, 10])
 def test_solutions(n: int) -> None:
     matrix, right = hilbert(n), np.random.default_rng(n).standard_normal((n, 3))

@@ -6,6 +6,7 @@ from typing import Any
 from unittest.mock import patch
 
 import control
+import flint
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
@@ -788,6 +789,48 @@ def test_responses_of_a_stiff_system() -> None:
     times = np.linspace(0.0, 12.0, 300)
     expected = 0.5 + (1.0 - np.exp(-times)) + (times > 0.0)
     target(mbdlft.step_response(stiff, {}, times).values[0, :, 0, 0], expected, RESPONSE)
+
+
+@pytest.mark.parametrize("times", [np.linspace(0.0, 4e3, 81), np.geomspace(0.1, 4e3, 40)])
+def test_a_soft_motion_keeps_its_digits_beside_stiff_ones(times: np.ndarray) -> None:
+    """In doubles their accelerations were 2e-6 off; by springs of 2^34, twenty times too large."""
+    k, soft, n = 2.0**18, 0.25, 3
+    stiffness = np.array([[k, -k, 0.0], [-k, k, 0.0], [0.0, 0.0, soft]])
+    stiffness[1:, 1:] += soft * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, np.zeros((n, n))]])
+    B = np.zeros((2 * n, 1))
+    B[5] = 1.0
+    found = mbdlft.step_response(plain(A, B, A[n:]), {}, times).values[0, :, :, 0]
+    exponent = flint.arb_mat(np.block([[A, B], [np.zeros((1, 2 * n + 1))]]).tolist())
+    with flint.ctx.workprec(300):
+        moved = [(exponent * flint.arb(t)).exp().entries()[2 * n :: 2 * n + 1] for t in times]
+        rows = flint.arb_mat(A[n:].tolist()) * flint.arb_mat(np.array(moved)[:, :-1].T.tolist())
+    expected = np.array(rows.tolist(), dtype=float).T
+    target(found / np.max(np.abs(expected), axis=0), expected / np.max(np.abs(expected), axis=0), CHAIN)
+
+
+def test_free_bodies_drift_from_any_start_as_their_momentum_says() -> None:
+    """Rounding of the springs pulled their center back: 4e-5 of the way."""
+    names, masses = ("one", "other", "third"), np.array([0.08, 0.0859885, 0.31])
+    springs = zip(names[:2], names[1:], (1.68e6, 2.3e5), strict=True)
+    model = mbdlft.to_lft(
+        kit.scene(
+            "row",
+            mbdlft.Parameter("m", 0.08, percent=20, unit="kg"),
+            *(kit.body(name, m) for name, m in zip(names, ("m", *masses[1:].tolist()), strict=True)),
+            *(
+                kit.rail(f"to_{name}", "ground", name, (1, 0, 0), position=float(k), preload=0.0)
+                for k, name in enumerate(names)
+            ),
+            *(kit.spring(a, a, b, stiffness=k, force_density=0.0) for a, b, k in springs),
+        )
+    )
+    times = np.linspace(0.0, 1e3, 11)
+    start = {"to_one.position": 0.5, "to_one.velocity": 1.0, "to_other.velocity": -2.0}
+    places = [f"to_{name}.position" for name in names]
+    found = mbdlft.initial_response(model, start, {}, times, outputs=places).values[0]
+    expected = 0.5 * masses[0] + (masses[0] - 2.0 * masses[1]) * times
+    target(found @ masses, expected, CHAIN)
 
 
 def test_random_systems_against_python_control() -> None:
