@@ -47,21 +47,6 @@ def declared(**fields: object) -> Dae:
     return d.dae()
 
 
-def test_a_small_start_tells_the_size_of_a_variable_without_a_nominal_value() -> None:
-    """Beside 1 the argument of |w/s + 1.44| was taken for zero: two slopes were told of w = -0.54 s."""
-    d = DaeDraft("small")
-    x, u, k = d.variable("x", start=-0.65), d.input("u"), d.parameter(P)
-    w = d.variable("w", start=-5e-15) / d.number(8.28e-15)
-    d.equation(d.der(x), equals=k * ca.fabs(w - d.number(-1.44)) + u)
-    d.equation(d.number(1) * w * ca.exp(w * w / 4), equals=ca.atan(x))
-    d.output("x")
-    at = trim(reduce_index(d.dae()), {"x": -0.65}, free=["u"])
-    v = at.nominal["w"] / 8.28e-15
-    slope = 1.0 / (1.0 + 0.65**2) / (np.exp(v * v / 4.0) * (1.0 + v * v / 2.0))
-    found = mbdlft.matrices_at(mbdlft.linearize_dae(at, search=0.0), {"p": 2.0}).A
-    target(found, np.array([[2.0 * slope]]), CLOSED_FORM)
-
-
 def within(low: float, high: float) -> Dae:
     """x follows the parameter p, from 1.8 to 2.2, and has a range."""
     d = DaeDraft("bad")
@@ -82,10 +67,14 @@ SINE: dict[str, Any] = {
 }
 
 
-def test_an_equation_that_is_flat_at_the_start_holds_to_rounding_of_its_own_terms() -> None:
+@pytest.mark.parametrize("told", [{"nominal": 1e-10}, {"start": 2e-10}], ids=["nominal", "start"])
+def test_an_equation_that_is_flat_at_the_start_holds_to_rounding_of_its_own_terms(
+    told: dict[str, Any],
+) -> None:
+    """A start far below 1 tells the size, too: a fit of x within 1e-6 of 1 is far from 2e-10."""
     d = DaeDraft("flat")
     p = d.parameter(Parameter("p", 8.0, percent=10))
-    x = d.variable("x", nominal=1e-10)
+    x = d.variable("x", **told)
     d.equation(d.der(x), equals=1e-30 * p - x**3)
     d.output("x")
     A = mbdlft.matrices_at(linearize_dae(d.dae(), fit=1e-6), {"p": 8.0}).A
@@ -153,6 +142,7 @@ unit="parsec" => … parsec
 "x x" => 'x' is declared twice
 "x", inputs="u", one="der(u)" => 'u' is an input … 'u' a variable
 "x", odd="x + SX.sym('stranger')" => unknown symbol 'stranger'
+"x", law="x - 1e400" => model 'bad', equation 'law': the number inf in an equation is not finite
 > reduce_index(bad({})) => StructureError:
 "a b x", one="a + b - 1", two="2*a + 2*b - 2", three="der(x) - a"
     =~ whatever the parameters are.*'one', 'two'.*a, b

@@ -289,13 +289,16 @@ def test_a_saturated_function_beside_one_that_switches_keeps_the_digits_that_it_
     roundoff(C, np.array([[slope / 1.5]]), kappa=1.0 / slope)
 
 
-def test_rounding_beside_a_switch_counts_where_its_coefficient_is_not_zero() -> None:
-    """The state is 2e-16 above a switch, and 1 - k is zero at nominal: "a bug" was told."""
-    v, start = "x/number(8.5e-5)", -9.265000000000002e-05
-    law = f"der(x) = u - x - (1 - k)*if_else({v} > number(-1.09), ({v} + number(1.09))**2, 0)"
-    dae = dae_of("beside", f"x={start}", law, inputs="u", outputs="x", parameters=[K_SWITCHED])
-    linear = mbdlft.linearize_dae(trim(reduce_index(dae), {"x": start}, free=["u"]))
-    target(linear.at().A, np.array([[-1.0]]), CLOSED_FORM)
+def test_rounding_counts_where_its_coefficient_is_not_zero() -> None:
+    """1 - tanh(7.7)^2 loses seven digits, and 1 - k is zero at nominal: "a bug" was told.
+
+    A function without a rule for 50 digits is beside it, so doubles are compared.
+    """
+    laws = "der(x) = u - x", "w = hypot(x, 1)", "z = (1 - k)*tanh(x)"
+    given = {"inputs": "u=7.7", "outputs": "z", "parameters": [K_SWITCHED]}
+    C = mbdlft.linearize_dae(dae_of("saturated", "x=7.7 w=7.7 z", *laws, **given)).at(k=1.2).C
+    slope = 1.0 / np.cosh(7.7) ** 2
+    roundoff(C, np.array([[-0.2 * slope]]), kappa=1.0 / slope)
 
 
 def test_an_unknown_far_below_one_that_is_zero_needs_no_nominal_value() -> None:
