@@ -3,7 +3,7 @@
 1. value(a + b) = value(a) + value(b); likewise product, negative, difference, transpose, inverse
 2. stacking stacks values; selecting selects
 3. eliminate solves the first relations; star closes the loop
-4. fix, then evaluate = evaluate
+4. fix, then evaluate = evaluate; blocks that are opened and closed are what they were
 5. evaluating many points = one point at a time = the dense definition by loops
 6. the order of construction does not change names or order of blocks
 """
@@ -207,6 +207,9 @@ def test_values_of_the_algebra(imaginary: float) -> None:
         for name in at:
             left = {key: item for key, item in at.items() if key != name}
             roundoff(value_of_kinds(fix(a, {name: at[name]}), left), va, KAPPA)
+            opened = algebra.open_blocks(a, [name])
+            again = algebra.close_blocks(opened, [b for b in a.blocks if b.name == name])
+            roundoff(value_of_kinds(again, at), va, KAPPA)
 
 
 def test_many_points_and_points_by_name() -> None:
