@@ -83,9 +83,9 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
 
     Rates are derivatives of states, as values of the model show, and states of what is held at rest: the
     entries of their rows for these states are regular. Of what is free they are singular, and sums of
-    rates, the momenta, are conserved if their rows are zero: by an input, if its entries are, too. Then
-    sums are those in the columns of states and of such inputs. Motions in which those entries cancel
-    are those of a rigid body if no other row but those of positions sees them and their rates.
+    rates, the momenta, are conserved if their rows are zero: by an input, if its entries are, too. Which
+    sums other rows are, inputs that move momenta tell. Motions in which those entries cancel are those
+    of a rigid body if no other row but those of positions sees them and their rates.
     """
     exact, n = candidate.exact, len(problem.states)
     if isinstance(exact, SparseResidues):
@@ -109,13 +109,21 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     seen = (seen | left[:, position[free]].any(axis=1)) & ~np.isin(np.arange(len(value)), position)
     is_moved = np.asarray(left[[*pairs.values()]].any(axis=0))
     leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:]
-    others = left[n:, np.append(np.ones(n, dtype=bool), leaves)].any(axis=1)
-    proved = value[n:].any(axis=1) & ~others & bool(np.any(leaves))
+    if not np.all(leaves):
+        some = np.append(position, np.arange(n, value.shape[1]))
+        rows, some = (
+            pivot_columns(of_rates[:, some].T, prime),
+            some[pivot_columns(of_rates[:, some], prime)],
+        )
+        sums = solved(of_rates[rows][:, some], of_rates[rows], prime)
+        left = (value - multiplied(value[:, some], sums, prime)) % prime
     momenta, rigid = np.where(leaves, count, 0), np.where(is_blind, count, -count)
+    is_rigid = bool(np.any(rigid)) and not np.any(seen[:n])
+    proved = value[n:].any(axis=1) & ~left[n:].any(axis=1) & (is_rigid or bool(np.any(leaves)))
     return {
         "accelerations": tuple(np.flatnonzero(proved).tolist()),
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
-        "rigid_motions": tuple(rigid.tolist()) if np.any(rigid) and not np.any(seen[:n]) else (),
+        "rigid_motions": tuple(rigid.tolist()) if is_rigid else (),
     }
 
 

@@ -231,9 +231,7 @@ def with_positions(
     for p, v in rates.items():
         largest = int(np.argmax(np.abs(derivatives[0, v])))
         for i in np.flatnonzero(measured[0, :, largest]).tolist():
-            # states have units of powers of two
             unit = measured[0, i, largest] / (derivatives[0, v, largest] or 1.0)
-            unit = np.copysign(np.exp2(np.round(np.log2(np.abs(unit)))), unit)
             apart = np.abs(measured[:, i] - unit * derivatives[:, v])
             if np.all(apart <= _SAME * np.abs(measured[:, i])):
                 rows[i] = np.eye(states)[p] * unit / A[:, p, v, None]

@@ -308,9 +308,7 @@ def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         known = system.certificate if isinstance(system, LFTModel) else None
         others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
         free += [known] if known and (known.momenta or known.rigid_motions) else []
-    if free and (len(systems) > 1 or Ky.any()):
-        if any(known.momenta for known in free):
-            return _NO_ACCELERATIONS
+    if len(systems) > 1 or Ky.any():
         free = []
     momenta, motions = free[0].momenta if free else (), free[0].rigid_motions if free else ()
     is_changed = E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)

@@ -290,8 +290,8 @@ class Certificate:
         accelerations of positions: decided on residues, at random values of the parameters.
     momenta : tuple of int
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
-        dampers do, leaves all of them as they are; otherwise 0. `accelerations` are those by inputs that
-        do. Empty for a structure of which no input does, and for what is held.
+        dampers do, leaves all of them as they are; otherwise 0. Empty for a structure of which no input
+        does, and for what is held.
     rigid_motions : tuple of int
         Of a structure that is free, if springs and dampers see none of its motions as a rigid body, nor
         their rates: for each output how many it has, and less than 0 if the output sees any. Otherwise

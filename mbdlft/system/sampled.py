@@ -42,11 +42,23 @@ class StateMatrices(NamedTuple):
 
 
 def rates_of(A: Array, B: Array) -> dict[int, int]:
-    """States whose derivative is another one times a number, and that one, whose derivative is not."""
+    """States whose derivative is another one times a number, and that one, whose derivative is not.
+
+    Of two that are so, as without damper and input, the first is the position if its number is a power
+    of two, which samples do not change, and that of the second is not.
+    """
     changes = np.any(np.concatenate([A, B], axis=2) != 0.0, axis=0)
     alone = np.flatnonzero((np.sum(changes, axis=1) == 1) & np.all(np.any(A != 0.0, axis=2), axis=0))
     rates = {p: int(np.argmax(changes[p])) for p in alone.tolist()}
-    return {p: v for p, v in rates.items() if v not in rates}
+    units = {p for p, v in rates.items() if np.all(A[:, p, v] == A[0, p, v]) and _is_unit(A[0, p, v])}
+    of_units = {rates[p] for p in units if rates[p] not in units}
+    found = {p: v for p, v in rates.items() if v not in rates or (p in units and v in of_units)}
+    return {p: v for p, v in found.items() if p not in of_units}
+
+
+def _is_unit(number: float) -> bool:
+    """Whether it is a power of two, as the numbers of positions in scaled states are."""
+    return bool(np.frexp(number)[0] == 0.5)
 
 
 def deltas_of(model: System, values: Mapping[str, ArrayLike]) -> Array:

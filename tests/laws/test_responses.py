@@ -151,8 +151,8 @@ def test_accelerations_far_below_the_modes_of_a_clamped_beam_keep_their_digits(
     assert f"six digits of beam.bending_y.3.acceleration from {omega_6:.2g} rad/s on" in said
 
 
-def short_beam(g: float, **sensor: object) -> mbdlft.LFTModel:
-    """A steel beam of 0.2 m, held at its root, below gravity along it; a push and a sensor at its tip."""
+def short_beam(g: float, *sensors: object, outputs: list[str]) -> mbdlft.LFTModel:
+    """A steel beam of 0.2 m, held at its root, below gravity along it; a push and sensors at its tip."""
     beam = mbdlft.Beam(
         name="beam", length=0.2, density=7800.0, area=1e-3, modulus=210e9, I_z=1e-7, elements=8,
         deformations=("bending_y",),
@@ -160,41 +160,77 @@ def short_beam(g: float, **sensor: object) -> mbdlft.LFTModel:
     scene = kit.scene(
         "short",
         *held_at_root(beam),
-        *(sensor["tip"], mbdlft.SmallRotation(name="turn", port="beam.tip")),
+        *(kit.point("cap", 0.1, ports={"end": (0.1, 0.0, 0.0)}), kit.weld("on", "beam.tip", "cap")),
+        *sensors,
         gravity=(-g, 0.0, 0.0),
         inputs=["push.force"],
-        outputs=[sensor["output"], "turn.z"],
+        outputs=outputs,
     )
     return mbdlft.to_lft(scene, search=0.0)
 
 
 def test_an_accelerometer_feels_gravity_far_below_the_modes_of_a_stiff_beam() -> None:
     """g in a row of 3e12 1/s^2 makes it no acceleration; at 0.01 rad/s nothing else is left."""
-    model = short_beam(9.81, tip=mbdlft.Accelerometer(name="tip", port="beam.tip"), output="tip.y")
+    sensors = [
+        kind(name=kind.kind, port="beam.tip") for kind in (mbdlft.Accelerometer, mbdlft.SmallRotation)
+    ]
+    model = short_beam(9.81, *sensors, outputs=["accelerometer.y", "rotation.z"])
     felt, turn = mbdlft.frequency_response(model, {}, [0.01])[0, 0, :, 0]
     assert abs(felt / (-9.81 * turn) - 1.0) < 1e-4  # of 1e-6 m/s^2; the terms of the sum are near 1
 
 
 def test_accelerations_without_a_position_have_digits_from_where_the_certificate_says() -> None:
-    """The turn of the tip is no coordinate: without what is decided on residues it is a sum."""
-    tip = mbdlft.AngularAcceleration(name="tip", port="beam.tip")
-    whole = short_beam(0.0, tip=tip, output="tip.z")
+    """The place of the end is no coordinate: without what is decided on residues it is a sum."""
+    sensors = [kind(name=kind.kind, port="cap.end") for kind in (mbdlft.Acceleration, mbdlft.Position)]
+    whole = short_beam(0.0, *sensors, outputs=["acceleration.y", "position.y"])
     assert whole.certificate.accelerations == (0,)
     model = replace(whole, certificate=replace(whole.certificate, accelerations=()))
-    omega_6, has_position = frequency.carried_from(model)["tip.z"]
+    omega_6, has_position = frequency.carried_from(model)["acceleration.y"]
     assert not has_position
-    assert frequency.carried_from(whole)["tip.z"] == (omega_6, True)
+    assert frequency.carried_from(whole)["acceleration.y"] == (omega_6, True)
     omega = omega_6 * np.array([1.0, 0.01])
     loop = mbdlft.feedback(whole, np.array([[0.1, 5.0]]))  # changes no relation of the two
     assert loop.certificate.accelerations == (0,)
-    assert not (whole["tip.z", "push.force"] + 1.0).certificate.accelerations
+    assert not (whole["acceleration.y", "push.force"] + 1.0).certificate.accelerations
     for system in (model, whole, loop):
-        found, turn = mbdlft.frequency_response(system, {}, omega)[0, :, :, 0].T
-        errors = np.abs(found / (-(omega**2) * turn) - 1.0)
+        found, place = mbdlft.frequency_response(system, {}, omega)[0, :, :, 0].T
+        errors = np.abs(found / (-(omega**2) * place) - 1.0)
         assert errors[0] < 1e-6
         assert errors[1] > 1e-6 if system is model else errors[1] < 1e-9
     said = [text for text in sentences.checked_beside(model) if text.startswith("accelerations")]
     assert said[0].endswith("below, it has fewer: take -w^2 times a position of the same place")
+
+
+@pytest.mark.parametrize("factor", [1.0, -1000.0])
+def test_what_is_free_along_one_axis_is_held_across_it_by_all_forces(factor: float) -> None:
+    """By one across, all digits were lost: without a force along it nothing told the free place from
+    its rate. By one in both, those of multiples: as -w^2 times a place they were powers of two only.
+    """
+    pushes = ("both", "cart", (1, 1, 0)), ("across", "slider", (0, 1, 0))
+    loads = (kit.force(*push, frame="ground", magnitude=0.0) for push in pushes)
+    scene = kit.scene(
+        "cart",
+        mbdlft.Parameter("k", 400.0, percent=20, unit="N/m"),
+        *(kit.body("cart", 2.0, (0.1, 0.1, 0.2)), kit.body("slider", 1.3, (0.1, 0.1, 0.2)), *loads),
+        kit.planar(
+            "wheels", "ground", "cart", (0, 0, 1), stiffness=(0.0, "k", 50.0), preload=(0.0, 0.0, 0.0)
+        ),
+        kit.rail("rail", "cart", "slider", (0, 1, 0), position=0.3, stiffness=33.0, damping=0.1),
+        *(kind(name=kind.kind, port="cart") for kind in (mbdlft.Acceleration, mbdlft.Position)),
+        *(
+            kind(name=f"slider_{kind.kind}", port="slider")
+            for kind in (mbdlft.Acceleration, mbdlft.Position)
+        ),
+        inputs=["both.force", "across.force"],
+    )
+    model, omega = factor * mbdlft.to_lft(scene), np.array([1e-5, 1e-3])  # modes are above 4 rad/s
+    square = (omega**2)[:, None]
+    by_both = model[["acceleration.y", "position.y"], "both.force"]
+    felt, place = np.moveaxis(mbdlft.frequency_response(by_both, {"k": 390.0}, omega)[0], 1, 0)
+    target(felt / place / square, -np.ones((2, 1)), RESPONSE)
+    across = model[["slider_acceleration.y", "slider_position.y", "position.x"], "across.force"]
+    felt, place, _ = np.moveaxis(mbdlft.frequency_response(across, {"k": 390.0}, omega)[0], 1, 0)
+    target(felt / place / square, -np.ones((2, 1)), RESPONSE)
 
 
 def pair(low: float) -> mbdlft.LFTModel:
@@ -307,7 +343,7 @@ def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None
         (alone, (1,), (1,), (0,)),
         (push, (0,), (1,), (0,)),
         (model["base.angle", "push.torque"], (0,), (-1,), ()),
-        (loop, (), (), ()),
+        (loop, (), (), (0,)),
         (turned, (), (), ()),
         (truncated, (), (), ()),
         (floating(damping=0.1), (), (), ()),
@@ -322,6 +358,15 @@ def test_momenta_that_inputs_leave_are_those_that_nothing_else_changes() -> None
     wrong = replace(model, certificate=replace(model.certificate, momenta=(1, 1)))
     found = (mbdlft.frequency_response(system, {}, w)[0, 0, :, 1] for system in (wrong, model))
     target(next(found), next(found), CLOSED_FORM)
+
+
+def test_accelerations_of_what_is_free_are_so_in_loops_that_hold_it() -> None:
+    """They were known by inputs that leave momenta only, and the loop lost all digits."""
+    plant = floating()[["base.angle", "far.z"], "push.torque"]
+    loop, omega = mbdlft.feedback(plant, np.array([[1.0, 0.0]])), 10.0 ** np.arange(-8.0, -3.0)
+    assert loop.certificate.accelerations == (1,)
+    opened, closed = (mbdlft.frequency_response(s, {}, omega)[0, :, :, 0] for s in (plant, loop))
+    target(closed * (1.0 + opened[:, :1]) / opened, np.ones((5, 2)), CLOSED_FORM)
 
 
 @pytest.mark.parametrize(("first", "share"), [(1e3, 1.0), (0.0, 1.0 / 3.0)], ids=["held", "free"])
