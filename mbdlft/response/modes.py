@@ -274,9 +274,9 @@ def without_integrators(system: System, poles: NDArray[np.complex128]) -> NDArra
 
     As many as the nominal system has at zero are taken for the same at the samples, if they are small.
     """
-    seen = spectrum(samples_at(system).A[0])
-    sizes = np.abs(poles)
-    small = _ZERO * max(float(np.max(np.abs(seen.poles), initial=0.0)), 1e-300)
+    nominal = samples_at(system).A[0]
+    seen, sizes = spectrum(nominal), np.abs(poles)
+    small = _ZERO * float(np.linalg.norm(nominal))
     zero = (sizes <= small) & (np.arange(sizes.shape[1]) < np.sum(seen.at_zero))
     return poles[~zero & (sizes > 0.0)]
 

@@ -828,6 +828,15 @@ def test_responses_of_integrators_and_of_undamped_ones(times: np.ndarray) -> Non
     target(found, (1.0 - np.cos(5.0 * times)) / 25.0, RESPONSE)
 
 
+def test_integrators_alone_take_a_second_in_any_coordinates() -> None:
+    """Rounding of their poles, 1e-16 to 1e-9 rad/s, chose times of 1e9 to 1e17 s."""
+    for turn in np.linspace(0.3, 2.7, 5):
+        T = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+        double = plain(T @ [[0.0, 1.0], [0.0, 0.0]] @ T.T, T @ [[0.0], [1.0]], [[1.0, 0.0]] @ T.T)
+        times, values = mbdlft.step_response(double)
+        target(values[0, :, 0, 0], np.linspace(0.0, 1.0, len(times)) ** 2 / 2.0, RESPONSE)
+
+
 def test_responses_of_a_stiff_system() -> None:
     """Poles at -1 and -1e8: a step that a fixed-step solver takes a billion steps for."""
     stiff = plain(np.diag([-1.0, -1e8]), [[1.0], [1e8]], [[1.0, 1.0]], [[0.5]])
