@@ -1,4 +1,4 @@
-"""Loads of frames as the force method has them: a second moment multiplies axial deflections alone."""
+"""Loads of frames in units of their own, with few copies: parameters multiply few deflections."""
 
 from pathlib import Path
 
@@ -8,26 +8,27 @@ import pytest
 
 import mbdlft
 from mbdlft import Parameter
+from mbdlft.exact.numbers import in_enough_bits
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.order.reduction import eliminated, reduce_exactly
 from mbdlft.pipeline.extract.lifting import extract
-from mbdlft.problem.deflections import with_scaled_deflections, without_factor
 from mbdlft.problem.relations import Lifted, LinearModel
+from mbdlft.problem.scales import in_own_units
 from tests import close
 from tests.attack.frames import STEEL, Bar, Structure, scene_of
+from tests.attack.loops import drawn
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 POST_AND_ARM = (Bar(-1, 0, 0, 0.0, ""), Bar(0, 1, 90, 1.2, "fixed"))
 
 
 @pytest.mark.parametrize(
-    ("names", "order"), [(("I", "h"), {"I": 20, "h": 84}), (("A", "I", "h"), {"A": 20, "I": 20, "h": 90})]
+    ("names", "order"), [(("I", "h"), {"I": 20, "h": 70}), (("A", "I", "h"), {"A": 25, "I": 20, "h": 73})]
 )
 def test_second_moments_multiply_few_deflections(names: tuple[str, ...], order: dict[str, int]) -> None:
     """I 69 and h 139, or 141, with the bending deflections as they are, and a copy of the loads for each.
 
-    I 24 and h 95, or 110, with one for each, and A 38. With one for each that is free they become these,
-    but A 33, which is 20 as a factor of all loads.
+    With one for each that is free and A as a factor, I 20 and h 84, or 90; these with units of their own.
     """
     values = {"h": 1.5, **STEEL}
     frame = Structure(POST_AND_ARM, 1, (1.0, -9.81, 2.0), (0.0, 0.0, 0.0), 0.0, values, names)
@@ -35,42 +36,57 @@ def test_second_moments_multiply_few_deflections(names: tuple[str, ...], order: 
     assert {block.name: block.size for block in model.lft.blocks} == order
 
 
-def _springs(low: float) -> LinearModel:
-    """A force f on springs p, p/2 and 3 in a row, which are 1 longer together."""
-    parameter = Parameter("p", 2.0, low=low, high=4.0)
-    p, q, f, one = ca.SX.sym("p"), ca.SX.sym("q", 3), ca.SX.sym("f"), ca.SX.sym("one")
-    residual = ca.vertcat(p * q[0] - f, p * q[1] - 2 * f, 3 * q[2] - f, ca.sum1(q) - one)
-    return LinearModel(residual, ca.SX(f), ca.vertcat(q, f), one, p, (parameter,))
-
-
-def test_loads_do_not_depend_on_how_deflections_are_scaled() -> None:
-    """f = 1/(3/p + 1/3); the parameter multiplies two springs before, and one signal after."""
-    (trim,) = with_scaled_deflections(_springs(1.0))
-    assert [k for k in range(4) if ca.depends_on(trim.residual[k], trim.p)] == [3]
-    for p in (1.0, 2.5, 4.0):
-        at = ca.SX(ca.substitute(trim.residual, ca.vertcat(trim.p, trim.known), ca.DM([p, 1.0])))
-        offset = ca.DM(ca.substitute(at, trim.unknown, ca.DM.zeros(4)))
-        f = ca.solve(ca.DM(ca.jacobian(at, trim.unknown)), -offset)[3]
-        close.roundoff(float(f), 1.0 / (3.0 / p + 1.0 / 3.0))
-
-
-def test_parameters_that_may_be_zero_scale_nothing() -> None:
-    """Deflections times such a parameter are not determined where it is zero."""
-    assert with_scaled_deflections(_springs(-1.0)) == ()
-
-
-def test_a_factor_of_all_loads_leaves_them() -> None:
-    """q = (b/a, a b) is b times (1/a, a)."""
-    p, q, one = ca.SX.sym("p", 2), ca.SX.sym("q", 2), ca.SX.sym("one")
-    residual = ca.vertcat(p[0] * q[0] - p[1] * one, q[1] - p[0] * p[1] * one)
-    parameters = tuple(Parameter(name, 2.0, low=1.0, high=3.0) for name in "ab")
-    trim, factor = without_factor(LinearModel(residual, q, q, one, p, parameters))
-    assert (ca.is_equal(factor, p[1], 1), ca.depends_on(trim.residual, p[1])) == (True, False)
-    solution = ca.vertcat(1 / p[0], p[0])
-    left = ca.Function(
-        "left", [p], [ca.substitute(trim.residual, ca.vertcat(q, one), ca.vertcat(solution, 1))]
+def _weighed(parameter: Parameter) -> LinearModel:
+    """rate = u/p - (3/p + p) x, by loads f = p^2/4 and 3 f of springs in a row, and a multiplier."""
+    p, q, f, one = ca.SX.sym("p"), ca.SX.sym("q", 2), ca.SX.sym("f", 2), ca.SX.sym("one")
+    rate, m, x, u, loads = (
+        ca.SX.sym(name, n) for name, n in (("rate", 1), ("m", 1), ("x", 1), ("u", 1), ("loads", 2))
     )
-    close.roundoff(left([1.5, 2.5]).full(), np.zeros((2, 1)), scale=1.0)
+    springs = ca.vertcat(p * q[0] - f[0], p * q[1] - f[1], q[0] + q[1] - one * p, f[1] - 3 * f[0])
+    trim = LinearModel(springs, f, ca.vertcat(q, f), one, p, (parameter,))
+    residual = ca.vertcat(p * rate + 3 * x - p * m + loads[0] + loads[1], p * m - u)
+    lifted = Lifted(loads, ca.vertcat(x, x), (0, 1), trim)
+    signals, known = ca.vertcat(rate, m), ca.vertcat(x, u)
+    return LinearModel(residual, ca.SX(0, 1), signals, known, p, (parameter,), 1, lifted)
+
+
+def test_loads_in_their_own_units_are_the_same_model() -> None:
+    """The loads are made with fewer powers of the parameter."""
+    model = _weighed(Parameter("p", 2.0, low=1.0, high=3.0))
+    scaled = in_own_units(model)
+    assert scaled.lifted
+    assert model.lifted
+    counts = [
+        sum(ca.depends_on(m.lifted.trim.residual[k], m.p) for k in range(4)) for m in (model, scaled)
+    ]
+    assert counts[1] < counts[0]
+    made = in_enough_bits(
+        lambda: reduce_exactly(eliminated(extract(model).lft, 2, [0])).rounded(), "loads"
+    )
+    for p in (1.0, 2.5, 3.0):
+        value = evaluate_at(made, np.array([[p - 2.0]]))[0]
+        close.roundoff(value[0], np.array([-3.0 / p - p, 1.0 / p]))
+
+
+@pytest.mark.parametrize(
+    "parameter", [Parameter("p", 2.0, low=-1.0, high=3.0), mbdlft.Angle("p", 30.0, low=20.0, high=40.0)]
+)
+def test_parameters_that_may_be_zero_scale_nothing(parameter: Parameter) -> None:
+    """Loads in powers of it are not determined there; the tangent of an angle is zero at nominal."""
+    model = _weighed(parameter)
+    assert in_own_units(model) is model
+
+
+def test_loads_with_each_parameter_once_keep_their_units() -> None:
+    """Units of their own are fewer channels of no copy; the order is 15 with them."""
+    scene = mbdlft.load_scene(SCENARIOS / "tasks" / "delta_robot.toml")
+    assert mbdlft.to_lft(scene, search=0.0, prove=0.0).order == 9
+
+
+def test_levers_of_mechanisms_keep_their_units() -> None:
+    """They have 18 channels more in units of their own, before the relations are closed, and 26 after."""
+    model = mbdlft.to_lft(drawn(19, flat=False)[0], search=0.0, prove=0.0)
+    assert model.order == 19
 
 
 def _displaced(by_load: float) -> LinearModel:

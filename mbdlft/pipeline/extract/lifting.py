@@ -23,13 +23,8 @@ from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transpo
 from mbdlft.order.restriction import with_affine_restricted
 from mbdlft.pipeline.extract.copies import Moved, as_they_are, channels_of, copied, fed, followed
 from mbdlft.pipeline.extract.graph import Extraction, SparseExtraction, extract_graph
-from mbdlft.problem.deflections import with_scaled_deflections, without_factor
 from mbdlft.problem.relations import Lifted, LinearModel
-
-# times the channels of the loads, below which another form takes the place of the first. Copies of other
-# parameters fall together less often in it: frames 14 and 30 of the attack, loads of 11 for 12 and 15
-# for 16 channels, would have 374 for 350 and 392 for 328
-_FEWER = 0.9
+from mbdlft.problem.scales import in_own_units
 
 
 def extract(model: LinearModel, maps: Sequence[BilinearMap] | None = None) -> Extraction:
@@ -46,24 +41,39 @@ def extract_within(
     if model.lifted is None:
         reduced = extract_graph(model, maps)
         return reduced.closed() if reduced.order <= most else reduced.sparse()
-    made = _with_lifted(model, model.lifted, maps, most)
-    return made or extract_graph(_inlined(model, model.lifted), maps).sparse()
+    forms = [model]
+    if _is_repeated(model.lifted.trim, maps, most):
+        forms.append(in_own_units(model))
+    # levers of mechanisms have fewer channels as they are: loop 19 of the attack 19, and 45 in own units
+    made = [_with_lifted(m, m.lifted, maps, most) for m in forms if m.lifted]
+    fewest = min((m for m in made if m), key=lambda m: m.lft.order, default=None)
+    return fewest or extract_graph(_inlined(model, model.lifted), maps).sparse()
+
+
+def _is_repeated(trim: LinearModel, maps: Sequence[BilinearMap] | None, most: float) -> bool:
+    """Whether loads have a parameter more than once, as those of frames have.
+
+    Where none is, units of their own take no channel of the copies: a delta robot would have 15 for 9.
+    """
+    reduced = extract_graph(trim, maps)
+    if reduced.order > most:
+        return False
+    loads = _loads(reduced.closed().lft, trim.residual.numel())
+    return any(block.size > 1 for block in loads.blocks)
 
 
 def _with_lifted(
     model: LinearModel, lifted: Lifted, maps: Sequence[BilinearMap] | None, most: float
 ) -> Extraction | None:
     """The LFT with lifted loads; None if it has more than `most` channels."""
-    trim, factor = without_factor(lifted.trim)
-    m, trims = _with_loads_times(model, lifted, factor), (trim, *with_scaled_deflections(trim))
-    residuals, outputs = [t.residual for t in trims], [t.output for t in trims]
-    reduced = extract_graph(  # together, as the numbers of all decide on the prime of their residues
+    m, trim = model, lifted.trim
+    reduced = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
             m,
-            residual=ca.vertcat(m.residual, *residuals),
-            output=ca.vertcat(m.output, *outputs),
-            unknown=ca.vertcat(m.unknown, lifted.trim.unknown),
-            known=ca.vertcat(m.known, lifted.loads, lifted.trim.known),
+            residual=ca.vertcat(m.residual, trim.residual),
+            output=ca.vertcat(m.output, trim.output),
+            unknown=ca.vertcat(m.unknown, trim.unknown),
+            known=ca.vertcat(m.known, lifted.loads, trim.known),
             lifted=None,
         ),
         maps,
@@ -72,18 +82,13 @@ def _with_lifted(
         return None
     every = reduced.closed()
     M, blocks = every.lft.M, every.lft.blocks
-    z, r, *held_and_y = _places(every.lft.order, m.residual, *residuals, m.output, *outputs)
-    held, y, loads = held_and_y[: len(trims)], held_and_y[len(trims)], held_and_y[len(trims) + 1 :]
+    z, r, held, y, loads = _places(every.lft.order, m.residual, trim.residual, m.output, trim.output)
     w, u, efforts, x, lifts, constant = _places(
-        every.lft.order, m.unknown, lifted.trim.unknown, m.known, lifted.loads, lifted.trim.known
+        every.lft.order, m.unknown, trim.unknown, m.known, lifted.loads, trim.known
     )
     relations = ExactLFT(M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], blocks)
-    inside = [*w, *efforts, *constant]
-    forms = [
-        _loads(ExactLFT(M[[*z, *rows, *read]][:, inside], blocks), len(rows))
-        for rows, read in zip(held, loads, strict=True)
-    ]
-    held_by = forms[-1] if forms[-1].order < _FEWER * forms[0].order else forms[0]
+    inside = ExactLFT(M[[*z, *held, *loads]][:, [*w, *efforts, *constant]], blocks)
+    held_by = _loads(inside, len(held))
     # what outputs do not see goes first: it is more than what inputs do not reach. Parameters that loads
     # share with masses are affine without the loads
     relations = with_affine_restricted(transposed(reduce_exactly(transposed(relations))))
@@ -111,13 +116,6 @@ def _moved(
         return by_themselves, pairs
     fewer = channels_of(trim, by_free, pairs) < channels_of(trim, by_themselves, pairs)
     return by_free if fewer else by_themselves, pairs
-
-
-def _with_loads_times(model: LinearModel, lifted: Lifted, factor: ca.SX) -> LinearModel:
-    """The relations of loads that are to be multiplied with a factor."""
-    loads = factor * lifted.loads
-    residual, output = ca.substitute([model.residual, model.output], [lifted.loads], [loads])
-    return replace(model, residual=residual, output=output)
 
 
 def _displaced(model: LinearModel, lifted: Lifted) -> list[int]:
