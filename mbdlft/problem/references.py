@@ -32,6 +32,8 @@ _FROM, _TO = 0.097, 2.137  # times the slowest and the fastest pole; no ratio th
 _SLOWEST = 1e-4  # of the fastest pole: slower ones, as those of free motions, ask for no frequency
 _BESIDE = 1.01  # times a pole: no frequency is nearer
 _REST = 1e-4  # rad/s: slower ones may be rounding of nothing
+_MOST_STEPS = 4  # of refinement: one does, but where stiffnesses lie twelve orders apart
+_ROUNDED = 4.0 * EPS  # of the terms of an equation: if it misses no more, it is solved
 QUIET = 1e-6  # of the largest of a row over the frequencies: 120 dB below, nobody looks
 
 
@@ -116,7 +118,22 @@ def _eliminated(top: Matrices, bottom: Matrices, count: int) -> Complex:
     M, N = bottom[..., :count], dense(bottom[..., count:])
     if not count:
         return np.asarray(N, dtype=complex)
-    return np.asarray(N - M @ solve_scaled(top[..., :count], top[..., count:]))
+    return np.asarray(N - M @ _refined(top[..., :count], dense(top[..., count:])))
+
+
+def _refined(K: Matrices, right: Array) -> Complex:
+    """K^-1 right, as if entries of K and right were rounded, each relative to itself.
+
+    Elimination rounds what it fills in: where a stiff spring holds what a weak one moves, that is larger
+    by many orders. Refinement removes it, also in the same precision (Skeel 1980).
+    """
+    solved = solve_scaled(K, right)
+    for _ in range(_MOST_STEPS):
+        missed, terms = right - K @ solved, abs(K) @ np.abs(solved) + np.abs(right)
+        if np.all(np.abs(missed) <= _ROUNDED * terms):
+            break
+        solved = solved + solve_scaled(K, missed)
+    return np.asarray(solved)
 
 
 NEGLIGIBLE = 1e-8  # an entry below this part of its row's size is compared with the row

@@ -3,16 +3,19 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import flint
 import numpy as np
 import pytest
 
 import mbdlft
 from mbdlft import LFTModel, Parameter, realize
+from mbdlft.exact.numbers import precision
 from mbdlft.exact.rounding import conditioning
 from mbdlft.lft.lft import LFT, Block, add, constant, delta, inverse, multiply
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline.certification import measure_error
 from mbdlft.problem import references
+from mbdlft.problem.digits import BITS, transfers_of
 from mbdlft.problem.relations import Problem
 from mbdlft.system import regular, sampled
 from mbdlft.system.regular import Box, physical_boxes, regularity
@@ -142,6 +145,47 @@ def test_what_rounding_makes_of_transfers() -> None:
     moved = matrices - rounding
     change = np.abs(references.transfers(moved, 1, w) - references.transfers(matrices, 1, w))[0, :, 0, 0]
     assert np.all(change <= 1.001 * found)
+
+
+@pytest.mark.parametrize(
+    ("masses", "springs", "relative"),
+    [([0.5, 31.0], [2.25e8, 1918.5], False), ([4.0, 0.0625, 0.0625], [1.56e12, 164.0, 0.01], True)],
+)
+def test_transfers_have_the_digits_of_their_matrices(
+    masses: list[float], springs: list[float], relative: bool
+) -> None:
+    """A stiff spring to the ground and weak ones beyond; the second takes two steps of refinement."""
+    n = len(masses)
+    stretch = np.eye(n) - np.eye(n, k=-1)
+    pulled, pushed = -(stretch.T * springs) / np.array(masses)[:, None], np.diag(1.0 / np.array(masses))
+    pulled, pushed = (stretch @ pulled, stretch @ pushed) if relative else (pulled @ stretch, pushed)
+    rates = np.hstack([pulled, np.zeros((n, n)), pushed])
+    matrices = np.vstack([np.eye(n, 3 * n, k=n), rates, rates])
+    w = references.frequencies_of(matrices[None, : 2 * n, : 2 * n])
+    with precision(BITS):
+        balls = np.array([[flint.arb(float(x)) for x in row] for row in matrices])
+        truth = transfers_of([balls], 2 * n, w)
+    found = references.transfers(matrices[None], 2 * n, w)
+    change = references.rounded_transfers(matrices[None], 2 * n, w, EPS * np.abs(matrices))
+    assert np.all(np.abs(found - truth) <= 10.0 * change)
+
+
+def test_weak_spring_behind_a_stiff_one_is_no_bug() -> None:
+    """What elimination loses of an acceleration is no error of the model."""
+    scene = kit.scene(
+        "line",
+        Parameter("m", 6.0, percent=20, unit="kg"),
+        kit.point("near", "m"),
+        kit.point("far", 28.6),
+        kit.rail("held", "ground", "near", (1, 0, 0), stiffness=189000.0, preload=0.0),
+        kit.rail("loose", "ground", "far", (1, 0, 0), position=1.0),
+        kit.spring("weak", "near", "far", stiffness=1.757, damping=0.087, force_density=0.0),
+        kit.force("push", "far", (1, 0, 0), frame="ground", magnitude=0.0),
+        inputs=["push.force"],
+        outputs=["held.acceleration"],
+    )
+    certificate = mbdlft.to_lft(scene, search=0.0).certificate
+    assert certificate.transfer_error < 1e-8
 
 
 def test_rounding_is_counted_and_accepted() -> None:
