@@ -79,8 +79,14 @@ def pole_distance(loop: Array, largest: float) -> float:
     return float(1.0 / max(1.0 / largest, size))
 
 
-def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work) -> CircleValues:
-    """Values at random points of circles, enough for so many real unknowns; a LinAlgError at a pole."""
+def circle_values(
+    a: LFT, source: LFT, unknowns: int, random: np.random.Generator, work: Work
+) -> CircleValues:
+    """Values at random points of circles, enough for so many real unknowns; a LinAlgError at a pole.
+
+    They are computed from a `source` of the same value, with other deltas at 0; circles, rows and columns
+    are those of `a`.
+    """
     rows = np.flatnonzero(np.any(a.M21, axis=1))
     columns = np.flatnonzero(np.any(a.M12, axis=0))
     each = 2 * max(1, len(rows) * len(columns))
@@ -88,10 +94,12 @@ def circle_values(a: LFT, unknowns: int, random: np.random.Generator, work: Work
     loops = [a.M11[span, span] for span in a.slices().values()]
     radii = np.array([_INSIDE * pole_distance(loop, _LARGEST / _INSIDE) for loop in loops])
     points = np.exp(2j * np.pi * random.uniform(size=(count, len(a.blocks))))
-    deltas = np.repeat(points * radii, [block.size for block in a.blocks], axis=1)
-    z = channels_at(a.M11, a.M12[:, columns], deltas)
-    work.add(solutions(count, a.order, len(columns)))
-    values = (a.M21[rows] * deltas[:, None, :]) @ z
+    on_circles = {block.name: values for block, values in zip(a.blocks, (points * radii).T, strict=True)}
+    at = np.array([on_circles.get(name, np.zeros(count)) for name, _ in source.blocks]).T
+    deltas = np.repeat(at, [block.size for block in source.blocks], axis=1)
+    z = channels_at(source.M11, source.M12[:, columns], deltas)
+    work.add(solutions(count, source.order, len(columns)))
+    values = (source.M21[rows] * deltas[:, None, :]) @ z
     if not np.all(np.isfinite(values)):
         raise LinAlgError
     high, wide = _factors(values)

@@ -159,7 +159,7 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
                 best, least = rough, lost
             if T_of is _by_signals and _GAIN * before < least < _SHOWN:
                 break  # inverses of balls cost more than this gains
-        if least <= _SHOWN:
+        if most and least <= _SHOWN:  # 0: there are no zeros to keep
             break
     return best
 
@@ -226,7 +226,7 @@ def _transformation(a: LFT) -> Array:
         for rows in a.slices().values():
             into = np.hstack([M11[rows], M12[rows] / inputs])
             out = np.vstack([M11[:, rows], M21[:, rows] / outputs])
-            T[rows, rows] = _of_block(into @ into.T, out.T @ out)
+            T[rows, rows] = balancing(into @ into.T, out.T @ out)
         M11 = np.asarray(np.linalg.solve(T, M11 @ T), dtype=float)
         M12 = np.asarray(np.linalg.solve(T, M12), dtype=float)
         M21 = np.asarray(M21 @ T, dtype=float)
@@ -241,7 +241,7 @@ def _by_signals(M: Balls, a: LFT, deltas: Array) -> Array:
     into = into / or_one(np.linalg.norm(into, axis=0))
     out = out / or_one(np.linalg.norm(out, axis=1))[:, None]
     for rows in a.slices().values():
-        T[rows, rows] = _of_block(into[rows] @ into[rows].T, out[:, rows].T @ out[:, rows])
+        T[rows, rows] = balancing(into[rows] @ into[rows].T, out[:, rows].T @ out[:, rows])
     return T
 
 
@@ -269,7 +269,7 @@ def _has_value(a: LFT, M: Balls, deltas: Array) -> bool:
     return bool(np.max(missed, initial=0.0) <= 1e-4 * np.max(np.abs(value), initial=0.0))
 
 
-def _of_block(P: Array, Q: Array) -> Array:
+def balancing(P: Array, Q: Array) -> Array:
     """T with T^-1 P T^-1' = T' Q T, diagonal."""
     size = len(P)
     P = P + _LEAST * (np.trace(P) or 1.0) * np.eye(size)

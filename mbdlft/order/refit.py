@@ -25,11 +25,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError
-from scipy.linalg.lapack import dgeqp3, dormqr, dpotrf, dpotrs, dtrtrs
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
+from mbdlft.order.reduction import balancing
 from mbdlft.order.work import UNIT, Work, product
 
 CLOSE = 2  # forms so much larger than the smallest are looked at
@@ -46,9 +47,7 @@ _CONVERGES = 1e-6  # a difference from which few steps lead to rounding: they ar
 _RAISES = 10
 _SLOW, _NEAR_DOUBLE = 6.0, 1e-3  # a gain below is that of two solutions that are one; a difference near
 _NEAR_END = 1e-9  # a difference that is polished
-_POLISHED, _MOST_POLISHED = 2, 1000  # times; more unknowns take long
-_EQUATIONS = 6  # for each unknown, of combined rows and columns: fewer lose digits
-_NULL, _LEAST_POLISH = 1e-10, 2.0  # of the largest pivot; a smaller gain ends it
+_POLISHED, _LEAST_POLISH = 8, 2.0  # times; a smaller gain ends it
 _OF_TRY = 0.15  # units of work, which most tries do not need
 _PASSES = 60  # over the normal equations, beside their sums
 _LEAST_STEPS = 8  # of a try: one that cannot make as many is not begun
@@ -56,6 +55,7 @@ _LEAST_STEPS = 8  # of a try: one that cannot make as many is not begun
 
 def refit(
     forms: Sequence[LFT],
+    source: LFT,
     bound: Mapping[str, int],
     least: int,
     keeps: Callable[[LFT], bool],
@@ -75,7 +75,14 @@ def refit(
         of_form = work.part(1.0 / (len(close) - k))
         below = min(other.order for other in close)
         less = partial(
-            fewer, bound=bound, least=least, tries=_TURNS, seed=seed, work=of_form, below=below
+            fewer,
+            source=source,
+            bound=bound,
+            least=least,
+            tries=_TURNS,
+            seed=seed,
+            work=of_form,
+            below=below,
         )
         close[k] = _followed(form, less, least, keeps, of_form)
         if close[k].order <= least:
@@ -114,13 +121,15 @@ def fewer(
     seed: int,
     work: Work,
     below: int | None = None,
+    source: LFT | None = None,
 ) -> Iterator[LFT]:
     """LFTs with fewer repetitions of one delta, as far as they are found until the work is over.
 
     A delta that meets its bound is left as it is; those far above it come first. In turn all, half, a
     quarter of the repetitions above the bound are left out, and then one, in directions of chance; none
     below the order `least`, and none of the order `below` or above it. The LFTs are equal to `a` up to
-    rounding on circles around delta = 0: they are to be compared with it.
+    rounding on circles around delta = 0: they are to be compared with it. The values are those of the
+    `source`, which may have more digits.
     """
     random, more, sizes = np.random.default_rng(seed), above_bound(a, bound), dict(a.blocks)
     names = sorted(more, key=lambda name: bound[name] / sizes[name])
@@ -137,14 +146,16 @@ def fewer(
         if work.is_over:
             return
         try:
-            fitted = _fitted(a, name, count, random, work)
+            fitted = _fitted(a, source or a, name, count, random, work)
         except (LinAlgError, np.linalg.LinAlgError):  # a pole at one of the points
             continue
         if fitted is not None:
             yield fitted
 
 
-def _fitted(a: LFT, name: str, count: int, random: np.random.Generator, work: Work) -> LFT | None:
+def _fitted(
+    a: LFT, source: LFT, name: str, count: int, random: np.random.Generator, work: Work
+) -> LFT | None:
     """Without directions of a delta, whose rows and columns are the unknowns; None without the values."""
     block, n = a.slices()[name], a.order - count
     span = slice(block.start, block.stop - count)
@@ -154,7 +165,7 @@ def _fitted(a: LFT, name: str, count: int, random: np.random.Generator, work: Wo
     of_step = (_of_factor(unknowns) + product(_PASSES, unknowns, unknowns)) / UNIT  # of work, at least
     if unknowns > _MOST_UNKNOWNS or _LEAST_STEPS * of_step > max(_OF_TRY, work.most):
         return None
-    truth = circle_values(a, unknowns, random, work)
+    truth = circle_values(a, source, unknowns, random, work)
     M = scaled(a, truth)
     turn = np.linalg.qr(random.standard_normal((block.stop - block.start,) * 2))[0]
     M[block] = turn.T @ M[block]
@@ -197,7 +208,7 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
         sizes.append(fit.size)
         if len(sizes) > _STALLED and sizes[-1 - _STALLED] < _GAIN * fit.size:
             break
-    return _polished(fit, kept, block, truth, work) if fit.size < _NEAR_END else fit
+    return _polished(fit, kept, truth, work) if fit.size < _NEAR_END else fit
 
 
 def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
@@ -212,46 +223,38 @@ def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues
     return min(after, twice, key=attrgetter("size"))
 
 
-def _polished(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
-    """Newton's method without normal equations, whose rounding is that of a squared condition.
+def _polished(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
+    """Newton's method on all entries of M, each block in coordinates in which it is well-conditioned.
 
-    So near the end the slopes of the first step do for all. Equations are random combinations of rows and
-    of columns at each point, as many as determine the unknowns.
+    The entries that were no unknowns have rounding of the coordinates in which they came.
     """
-    others = np.delete(np.arange(fit.Y.shape[2]), block)
-    pairs = ((fit.Y[:, :, block], fit.W), (fit.Y[:, :, others], fit.W[:, block]))
-    unknowns = sum(y.shape[2] * w.shape[1] for y, w in pairs)
-    if unknowns > _MOST_POLISHED:
+    n = len(fit.M) - fit.difference.shape[1]
+    if n * (sum(fit.M.shape) - n) > _MOST_UNKNOWNS:
         return fit
-    points, outputs, inputs = fit.difference.shape
-    needed, random = _EQUATIONS * unknowns / (2 * points), np.random.default_rng(0)
-    high = min(outputs, math.ceil(max(math.sqrt(needed), needed / inputs)))
-    wide = min(inputs, math.ceil(needed / high))
-    left = random.standard_normal((points, high, outputs)) if high < outputs else np.eye(outputs)
-    right = random.standard_normal((points, inputs, wide)) if wide < inputs else np.eye(inputs)
-    columns = [
-        np.einsum("poi,pbu->pouib", left @ y, w @ right).reshape(points * high * wide, -1)
-        for y, w in pairs
-    ]
-    slopes = np.hstack(columns)
-    slopes = np.concatenate([slopes.real, slopes.imag])
-    work.add(product(4 * len(slopes), unknowns, unknowns))
-    factor, pivots, reflectors, _, _ = dgeqp3(slopes)
-    sizes = np.abs(np.diagonal(factor))
-    rank = int(np.sum(sizes > _NULL * sizes[0]))
+    M, everything, first = fit.M.copy(), slice(0, n), 0
+    for block in kept:
+        rows = slice(first, first + block.size)
+        into, out = fit.W[:, rows], fit.Y[:, :, rows]
+        T = balancing(*(np.mean(x, axis=0).real for x in (into @ _adjoint(into), _adjoint(out) @ out)))
+        M[rows] = np.linalg.solve(T, M[rows])
+        M[:, rows] = M[:, rows] @ T
+        first += block.size
+    best, ridge = fit_of(M, kept, truth, work), _RIDGE
     for _ in range(_POLISHED):
-        combined = (left @ fit.difference @ right).ravel()
-        difference = np.concatenate([combined.real, combined.imag])
-        turned = dormqr("L", "T", factor, reflectors, difference[:, None], len(difference))[0]
-        step = np.zeros(unknowns)
-        step[pivots[:rank] - 1] = dtrtrs(factor[:rank, :rank], turned[:rank, 0])[0]
-        after = fit_of(fit.M - _spread(step, fit, block), kept, truth, work)
-        if after.size > fit.size / _SLOW:
-            after = _of_twice(fit, after, kept, truth, work)
-        if after.size > fit.size / _LEAST_POLISH:
-            return min(fit, after, key=attrgetter("size"))
-        fit = after
-    return fit
+        normal, slope = _normal_equations(best, everything, work)
+        try:
+            step = _solved(normal, ridge * float(np.max(np.diagonal(normal))), slope, work)
+            after = fit_of(best.M - _spread(step, best, everything), kept, truth, work)
+        except (LinAlgError, np.linalg.LinAlgError):
+            ridge *= _RAISED
+            continue
+        if after.size > best.size / _SLOW:
+            after = _of_twice(best, after, kept, truth, work)
+        is_last = after.size > best.size / _LEAST_POLISH
+        best = min(best, after, key=attrgetter("size"))
+        if is_last:
+            break
+    return min(fit, best, key=attrgetter("size"))
 
 
 def _solved(normal: Array, ridge: float, slope: Array, work: Work) -> Array:

@@ -165,9 +165,9 @@ class _Side:
         if self.is_new:
             self.begin(work, dropped)
         with _keeping(dropped):  # the next round makes other choices
-            of_refits = work.limited(size)
+            of_refits, source = work.limited(size), self.level.source
             keeps = partial(self.level.keeps, of_refits, self.level.fitted)
-            smallest = refit(self.forms, proof.bound, proof.order_bound, keeps, seed, of_refits)
+            smallest = refit(self.forms, source, proof.bound, proof.order_bound, keeps, seed, of_refits)
             by_sizes = {form.blocks: form for form in [smallest, *self.forms][::-1]}
             self.forms = sorted(by_sizes.values(), key=attrgetter("order"))[:_POOL]
 
@@ -374,6 +374,7 @@ class _Level(NamedTuple):
     fitted: tuple[_Check, ...]
     close: Callable[[LFT], LFT]
     proof: _Proof
+    source: LFT
 
     def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
         """Whether a candidate has the value."""
@@ -397,10 +398,10 @@ def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
     rounded = Truth(lambda: form, part_of_either)
     if truth is None:
         exact = _Check(Truth(lambda: form, part_of_largest), SAME)
-        return _Level((exact,), (_Check(rounded, FITTED),), lambda form: form, proof)
+        return _Level((exact,), (_Check(rounded, FITTED),), lambda form: form, proof, form)
     unreduced = Truth(lambda: truth, part_of_either)
     fitted = (_Check(rounded, SAME), _Check(unreduced, FITTED))
-    return _Level((_Check(unreduced, SAME),), fitted, lambda form: form, proof)
+    return _Level((_Check(unreduced, SAME),), fitted, lambda form: form, proof, truth)
 
 
 def _level_of_relations(
@@ -410,12 +411,9 @@ def _level_of_relations(
     plain = Truth(lambda: form, part_of_largest)
     rounded = Truth(lambda: form, part_of_either)
     unreduced = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
-    return _Level(
-        (_Check(plain, SAME, is_closed=False), _Check(unreduced, SAME)),
-        (_Check(rounded, SAME, is_closed=False), _Check(unreduced, FITTED)),
-        close,
-        proof,
-    )
+    exact = (_Check(plain, SAME, is_closed=False), _Check(unreduced, SAME))
+    fitted = (_Check(rounded, SAME, is_closed=False), _Check(unreduced, FITTED))
+    return _Level(exact, fitted, close, proof, form)
 
 
 def _comparable(forms: Sequence[LFT]) -> list[LFT]:

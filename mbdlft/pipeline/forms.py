@@ -190,7 +190,7 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
         in_scales(relations.rounded()),
         in_scales(closed.rounded()),
         exact,
-        in_good_coordinates(exact, _some_deltas(problem, exact), _MOST_CONDITION),
+        in_good_coordinates(exact, _some_deltas(problem, exact), 0.0 if steps else _MOST_CONDITION),
     )
 
 

@@ -193,15 +193,17 @@ def _search(
     budget: Budget,
     stage: Stage,
     *,
+    truth: LFT | None = None,
     is_closed: bool = False,
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is.
 
-    If it `is_closed`, the relations are left out.
+    Results are compared with the LFT before its reduction, or with a `truth` that has more digits. If it
+    `is_closed`, the relations are left out.
     """
     best = reduced[0]
     closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
-    close = truth = None
+    close = None
     if best.form.relations.unknown.numel() and not is_closed:
         # a form that is written with other unknowns is closed in another way
         relations = [candidate.relations for candidate in reduced]
@@ -239,7 +241,7 @@ def _searched_exactly(
             break
         is_closed = _above(chosen) > 0
         of_more = budget._replace(work=(_OF_FITS if is_closed else 1.0) * budget.work)
-        more = _search([candidate], degrees, of_more, stage, is_closed=is_closed)
+        more = _search([candidate], degrees, of_more, stage, truth=start.closed, is_closed=is_closed)
         bound = max(result.order_bound, more.order_bound)
         if more.lft.order >= least:
             return result._replace(order_bound=bound)

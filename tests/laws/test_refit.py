@@ -36,7 +36,8 @@ from mbdlft.lft.lft import (
 )
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.multibody.assembly import assemble
-from mbdlft.multibody.to_problem import choose_signals
+from mbdlft.multibody.to_problem import choose_signals, problem_of_scene
+from mbdlft.order import reduction
 from mbdlft.order import refit as newton
 from mbdlft.order.circles import circle_values, fit_of, independent, scaled
 from mbdlft.order.degree import least_more
@@ -44,11 +45,12 @@ from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
 from mbdlft.order.refit import fewer
-from mbdlft.order.restriction import restricted_exactly
+from mbdlft.order.restriction import Step, restricted_exactly
 from mbdlft.order.rewriting import restrictions
 from mbdlft.order.search import Budget, find_smallest
 from mbdlft.order.work import Work
 from mbdlft.pipeline.extract import extract
+from mbdlft.pipeline.forms import restricted
 from mbdlft.pipeline.models import build
 from mbdlft.problem.relations import linearize
 from tests.close import SCENARIO, roundoff, target
@@ -170,14 +172,40 @@ def test_what_converges_is_finished_without_work(
 ) -> None:
     monkeypatch.setattr(newton, "_OF_TRY", 0.0)
     a, random = chain_in_space(2, "m0", "t1"), np.random.default_rng(0)
-    truth = circle_values(a, 200, random, Work())
+    truth = circle_values(a, a, 200, random, Work())
     M, block = scaled(a, truth), a.slices()["t1"]
     M[block] += change * random.standard_normal(M[block].shape)
     start = fit_of(M, a.blocks, truth, Work())
     fit = newton._descend(start, a.blocks, block, truth, Work(0.0))
     assert (fit.size < 1e-13) == is_finished
-    polished = newton._polished(start, a.blocks, block, truth, Work())
-    assert (polished.size < 1e-13) == is_finished
+    polished = newton._polished(start, a.blocks, truth, Work())
+    assert polished.size < 1e-13
+
+
+def test_a_fit_has_the_digits_of_its_source() -> None:
+    """In coordinates of a condition of 1e5 an LFT has lost five digits; all entries have them again."""
+    a, random = chain_in_space(2, "m0", "t1"), np.random.default_rng(0)
+    T = np.eye(a.order)
+    for rows in a.slices().values():
+        left, right = (np.linalg.qr(random.standard_normal(T[rows, rows].shape))[0] for _ in range(2))
+        T[rows, rows] = left * np.logspace(0.0, 5.0, len(left)) @ right
+    into = np.linalg.inv(T)
+    lossy = LFT(into @ a.M11 @ T, into @ a.M12, a.M21 @ T, a.M22, a.blocks)
+    truth = circle_values(lossy, a, 200, random, Work())
+    start = fit_of(scaled(lossy, truth), a.blocks, truth, Work())
+    assert start.size > 1e-12
+    assert newton._polished(start, a.blocks, truth, Work()).size < 1e-15
+
+
+def test_steps_in_exact_numbers_keep_digits() -> None:
+    """What is left of a block has few zeros to keep: it comes in the coordinates of its signals."""
+    problem = problem_of_scene(open_tree(26))
+    step = Step("th", is_transposed=False, of_relations=True)
+    found = restricted(problem, problem.forms[0], [step])
+    assert found is not None
+    assert isinstance(found.exact, ExactLFT)
+    deltas = np.array([[0.0, 0.0], [1.0, 1.0], [-0.9, 0.8]])
+    assert reduction._lost(found.lft, deltas) < 0.2 * reduction._lost(found.exact.rounded(), deltas)
 
 
 # Laws of channels with independent functions of the deltas.
