@@ -26,6 +26,8 @@ def coupled(seed: int) -> Scene:
         if not kinds or (count and random.random() < 0.5):
             break
         kind = str(random.choice(kinds))
+        if kind == "cable" and couplings and couplings[0].kind == kind:
+            break  # its distances have one factor in both, and what the first has beside them is locked
         made = _drawn(f"c{count}", kind, angles, distances, random)
         alone = [x for x in (term.coordinate for term in made.terms()) if _is_driven(x, joints)]
         follower = alone[0] if alone else made.terms()[0].coordinate
