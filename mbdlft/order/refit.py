@@ -48,6 +48,7 @@ _RAISES = 10
 _SLOW, _NEAR_DOUBLE = 6.0, 1e-3  # a gain below is that of two solutions that are one; a difference near
 _NEAR_END = 1e-9  # a difference that is polished
 _POLISHED, _LEAST_POLISH = 8, 2.0  # times; a smaller gain ends it
+_LOSSY = 1e-14  # a difference that other coordinates make smaller
 _OF_TRY = 0.15  # units of work, which most tries do not need
 _PASSES = 60  # over the normal equations, beside their sums
 _LEAST_STEPS = 8  # of a try: one that cannot make as many is not begun
@@ -208,7 +209,14 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
         sizes.append(fit.size)
         if len(sizes) > _STALLED and sizes[-1 - _STALLED] < _GAIN * fit.size:
             break
-    return _polished(fit, kept, truth, work) if fit.size < _NEAR_END else fit
+    if fit.size >= _NEAR_END:
+        return fit
+    polished = _polished(fit, kept, block, truth, work)
+    if polished.size <= _LOSSY:
+        return polished
+    turned, everything = _balanced(fit, kept, truth, work), slice(0, sum(b.size for b in kept))
+    turned = _polished(turned, kept, everything, truth, work)
+    return min(polished, turned, key=attrgetter("size"))
 
 
 def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
@@ -223,15 +231,13 @@ def _of_twice(fit: Fit, after: Fit, kept: tuple[Block, ...], truth: CircleValues
     return min(after, twice, key=attrgetter("size"))
 
 
-def _polished(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
-    """Newton's method on all entries of M, each block in coordinates in which it is well-conditioned.
+def _balanced(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work) -> Fit:
+    """The fit with each block in coordinates in which it is well-conditioned on the circles.
 
-    The entries that were no unknowns have rounding of the coordinates in which they came.
+    There it has all digits as a whole, but small entries of its value lose some: it is for fits that
+    have lost more.
     """
-    n = len(fit.M) - fit.difference.shape[1]
-    if n * (sum(fit.M.shape) - n) > _MOST_UNKNOWNS:
-        return fit
-    M, everything, first = fit.M.copy(), slice(0, n), 0
+    M, first = fit.M.copy(), 0
     for block in kept:
         rows = slice(first, first + block.size)
         into, out = fit.W[:, rows], fit.Y[:, :, rows]
@@ -239,12 +245,19 @@ def _polished(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work
         M[rows] = np.linalg.solve(T, M[rows])
         M[:, rows] = M[:, rows] @ T
         first += block.size
-    best, ridge = fit_of(M, kept, truth, work), _RIDGE
+    return fit_of(M, kept, truth, work)
+
+
+def _polished(best: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValues, work: Work) -> Fit:
+    """Newton's method on the rows and columns of a block, or of all, with next to no damping."""
+    size, ridge = block.stop - block.start, _RIDGE
+    if size * (sum(best.M.shape) - size) > _MOST_UNKNOWNS:
+        return best
     for _ in range(_POLISHED):
-        normal, slope = _normal_equations(best, everything, work)
+        normal, slope = _normal_equations(best, block, work)
         try:
             step = _solved(normal, ridge * float(np.max(np.diagonal(normal))), slope, work)
-            after = fit_of(best.M - _spread(step, best, everything), kept, truth, work)
+            after = fit_of(best.M - _spread(step, best, block), kept, truth, work)
         except (LinAlgError, np.linalg.LinAlgError):
             ridge *= _RAISED
             continue
@@ -254,7 +267,7 @@ def _polished(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work
         best = min(best, after, key=attrgetter("size"))
         if is_last:
             break
-    return min(fit, best, key=attrgetter("size"))
+    return best
 
 
 def _solved(normal: Array, ridge: float, slope: Array, work: Work) -> Array:

@@ -149,12 +149,15 @@ def test_what_rounding_makes_of_transfers() -> None:
 
 @pytest.mark.parametrize(
     ("masses", "springs", "relative"),
-    [([0.5, 31.0], [2.25e8, 1918.5], False), ([4.0, 0.0625, 0.0625], [1.56e12, 164.0, 0.01], True)],
+    [
+        ([0.5, 31.0], [2.25e8, 1918.5], False),
+        ([0.033, 6.099, 2.401, 22.078], [1463354127.8531, 1151.8781, 0.2156, 1082.0518], True),
+    ],
 )
 def test_transfers_have_the_digits_of_their_matrices(
     masses: list[float], springs: list[float], relative: bool
 ) -> None:
-    """A stiff spring to the ground and weak ones beyond; the second takes two steps of refinement."""
+    """A stiff spring to the ground and weak ones beyond; the second takes three steps of refinement."""
     n = len(masses)
     stretch = np.eye(n) - np.eye(n, k=-1)
     pulled, pushed = -(stretch.T * springs) / np.array(masses)[:, None], np.diag(1.0 / np.array(masses))
