@@ -126,7 +126,7 @@ def exact_sum(a: Array, b: Array) -> Twofold:
 
 
 def slices(matrix: Twofold, axis: int) -> list[Array]:
-    """Arrays whose sum is the matrices but for 2^-95 of the largest along an axis, for 800 terms."""
+    """Arrays whose sum is the matrix but for 2^-95 of the largest along an axis, for 800 terms."""
     bits = (_DIGITS - (_SLICES * max(matrix.high.shape[axis], 1) - 1).bit_length()) // 2
     largest = np.max(np.abs(matrix.high), axis=axis, keepdims=True, initial=0.0)
     unit = np.ldexp(1.0, np.maximum(np.frexp(largest)[1], _LEAST))

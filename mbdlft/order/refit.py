@@ -28,7 +28,7 @@ from scipy.linalg import LinAlgError
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from mbdlft.base.array import Array
-from mbdlft.lft.lft import LFT, Block
+from mbdlft.lft.lft import LFT, Block, consecutive
 from mbdlft.order.circles import CircleValues, Complex, Fit, circle_values, fit_of, scaled, unscaled
 from mbdlft.order.reduction import balancing
 from mbdlft.order.work import UNIT, Work, product
@@ -237,14 +237,12 @@ def _balanced(fit: Fit, kept: tuple[Block, ...], truth: CircleValues, work: Work
     There it has all digits as a whole, but small entries of its value lose some: it is for fits that
     have lost more.
     """
-    M, first = fit.M.copy(), 0
-    for block in kept:
-        rows = slice(first, first + block.size)
+    M = fit.M.copy()
+    for rows in consecutive(block.size for block in kept):
         into, out = fit.W[:, rows], fit.Y[:, :, rows]
         T = balancing(*(np.mean(x, axis=0).real for x in (into @ _adjoint(into), _adjoint(out) @ out)))
         M[rows] = np.linalg.solve(T, M[rows])
         M[:, rows] = M[:, rows] @ T
-        first += block.size
     return fit_of(M, kept, truth, work)
 
 

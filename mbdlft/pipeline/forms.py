@@ -19,7 +19,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
-from mbdlft.exact.matrices import multiplied, pivot_columns, solved
+from mbdlft.exact.matrices import Residues, multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
@@ -95,11 +95,8 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     values = evaluate_at(lft, deltas_at(problem.parameters, problem.points[:_SEVERAL]))
     pairs = rates_of(values[:, :n, :n], values[:, :n, n:])
     of_rates, position = value[[*pairs.values()]], np.array([*pairs], dtype=int)
-    stiffness = of_rates[:, position]
-    rows, pivots = pivot_columns(stiffness.T, prime), pivot_columns(stiffness, prime)
-    columns, count = position[pivots], len(position) - len(rows)
-    sums = solved(of_rates[rows][:, columns], of_rates[rows], prime)
-    left = (value - multiplied(value[:, columns], sums, prime)) % prime
+    left, sums, pivots = _without_sums(value, of_rates, position, prime)
+    count = len(position) - len(pivots)
     motions = np.zeros((len(position), count), dtype=np.int64)
     free = np.setdiff1d(np.arange(len(position)), pivots)
     motions[free, range(count)], motions[pivots] = 1, -sums[:, position[free]] % prime
@@ -111,12 +108,7 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:]
     if not np.all(leaves):
         some = np.append(position, np.arange(n, value.shape[1]))
-        rows, some = (
-            pivot_columns(of_rates[:, some].T, prime),
-            some[pivot_columns(of_rates[:, some], prime)],
-        )
-        sums = solved(of_rates[rows][:, some], of_rates[rows], prime)
-        left = (value - multiplied(value[:, some], sums, prime)) % prime
+        left, _, _ = _without_sums(value, of_rates, some, prime)
     momenta, rigid = np.where(leaves, count, 0), np.where(is_blind, count, -count)
     is_rigid = bool(np.any(rigid)) and not np.any(seen[:n])
     proved = value[n:].any(axis=1) & ~left[n:].any(axis=1) & (is_rigid or bool(np.any(leaves)))
@@ -125,6 +117,16 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
         "rigid_motions": tuple(rigid.tolist()) if is_rigid else (),
     }
+
+
+def _without_sums(
+    value: Residues, of_rates: Residues, some: Residues, prime: int
+) -> tuple[Residues, Residues, list[int]]:
+    """Rows less the sums of rates that some columns tell; these sums, and their pivots there."""
+    among = of_rates[:, some]
+    rows, pivots = pivot_columns(among.T, prime), pivot_columns(among, prime)
+    sums = solved(of_rates[rows][:, some[pivots]], of_rates[rows], prime)
+    return (value - multiplied(value[:, some[pivots]], sums, prime)) % prime, sums, pivots
 
 
 def reduced_relations(relations: LinearModel) -> LFT:

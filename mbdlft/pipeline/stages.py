@@ -198,8 +198,8 @@ def _search(
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is.
 
-    Results are compared with the LFT before its reduction, or with a `truth` that has more digits. If it
-    `is_closed`, the relations are left out.
+    Results are compared with the LFT before its reduction. If it `is_closed`, the relations are left out,
+    and results are compared with `truth`, which has more digits.
     """
     best = reduced[0]
     closed, forms = [candidate.lft for candidate in reduced], list[LFT]()

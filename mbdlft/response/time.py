@@ -142,9 +142,9 @@ def initial_response(
             )
         x[names.index(name)] = value
     rows = modes.chosen(system.name, "output", outputs, system.outputs, "responses")
-    A, _, C, D = modes.samples_at(system, values)
+    A, _, C, _ = modes.samples_at(system, values)
     start = np.broadcast_to((x / modes.balancing(system.A))[:, None], (len(A), len(x), 1))
-    matrices = StateMatrices(A, start, C[:, rows], np.zeros((len(D), len(rows), 1)))
+    matrices = StateMatrices(A, start, C[:, rows], np.zeros((len(A), len(rows), 1)))
     parts = by_momenta(system, matrices, rows, None)
     response = _by_parts(system, times, *parts, lambda m: (m.A, m.B, m.C))
     return response._replace(values=response.values[..., 0])
@@ -197,25 +197,37 @@ def _times(system: System, A: Array, times: ArrayLike | None) -> Array:
 
 def _moved(system: System, A: Array, start: Array, readout: Array, times: Array) -> Array:
     """readout exp(A t) start at all times, (N, T, ny, m)."""
-    values = np.empty((len(A), len(times), readout.shape[1], start.shape[2]))
     if np.iscomplexobj(A) or np.iscomplexobj(readout) or np.iscomplexobj(start):
         raise AnalysisError(
             f"model {system.name!r}: responses in time are those of real matrices, and some are complex."
         )
-    each = max(1, _ENTRIES // max(1, len(times) * A.shape[1] * start.shape[2]))
     with np.errstate(all="ignore"):  # what grows beyond all numbers is an error below
-        for exponential, square in ((_exponential, _square), (rounding.exponential, rounding.square)):
-            for k in range(0, len(A), each):
-                samples = slice(k, k + each)
-                states = _states(A[samples], start[samples], times, exponential, square)
-                values[samples] = readout[samples, None] @ states
-            if not _is_lost(A, start, readout, times, values):
-                break
+        values = _read(A, start, readout, times, _exponential, _square)
+        if _is_lost(A, start, readout, times, values):
+            values = _read(A, start, readout, times, rounding.exponential, rounding.square)
     if not np.all(np.isfinite(values)):
         raise AnalysisError(
             f"model {system.name!r}: the response grows beyond the largest number before "
             f"{times[-1]:g} s. Give shorter times."
         )
+    return values
+
+
+def _read(
+    A: Array,
+    start: Array,
+    readout: Array,
+    times: Array,
+    exponential: Callable[[Array], Twofold],
+    square: Callable[[Twofold], Twofold],
+) -> Array:
+    """`_moved` by one kind of exponential, for as many samples at once as there is room for."""
+    values = np.empty((len(A), len(times), readout.shape[1], start.shape[2]))
+    each = max(1, _ENTRIES // max(1, len(times) * A.shape[1] * start.shape[2]))
+    for k in range(0, len(A), each):
+        samples = slice(k, k + each)
+        states = _states(A[samples], start[samples], times, exponential, square)
+        values[samples] = readout[samples, None] @ states
     return values
 
 
