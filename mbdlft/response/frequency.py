@@ -20,7 +20,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
-from mbdlft.response.momenta import Part, by_momenta, parts_at
+from mbdlft.response.momenta import Part, by_momenta, frequencies_of, parts_at
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
 
@@ -246,7 +246,7 @@ def with_positions(
         read = np.zeros((len(others), len(A), states))
         read[:, :, position] = np.transpose(factors, (2, 0, 1)) / A[:, position, rate]
         rows |= dict(zip(others, read, strict=True))
-        until |= dict.fromkeys(others, np.min(np.abs(np.linalg.eigvals(A)), axis=1))
+        until |= dict.fromkeys(others, frequencies_of(A, rates)[:, 0])
     if not rows:
         return matrices, {}
     weights = np.random.default_rng(0).standard_normal(states)

@@ -56,10 +56,9 @@ def by_momenta(
     sees = motions[outputs] <= 0
     count = int(np.abs([0, *momenta, *motions]).max())
     slowest = np.full(len(matrices.A), np.inf)
-    if count:
-        sizes = np.sort(np.abs(np.linalg.eigvals(matrices.A)), axis=1)
-        slowest = sizes[:, 2 * count :].min(axis=1, initial=np.inf)
     rates = rates_of(matrices.A, np.zeros_like(matrices.B) if starts else matrices.B)
+    if count:
+        slowest = frequencies_of(matrices.A, rates)[:, 2 * count :].min(axis=1, initial=np.inf)
     count_of_motions = min(count, len(rates)) if np.any(motions) else 0
     whole, held = _beside_motions(matrices, rates, count_of_motions, sees, slowest)
     parts = list[Part]()
@@ -77,6 +76,12 @@ def by_momenta(
     if not np.any(sees):
         return held, parts
     return parts[0].matrices if parts and not np.any(moves) else matrices, parts
+
+
+def frequencies_of(A: Array, rates: Mapping[int, int]) -> Array:
+    """Sizes of poles (N, 2 n), rising, of positions and their rates: filters beside have their own."""
+    own = np.array([*rates, *rates.values()], dtype=int)
+    return np.asarray(np.sort(np.abs(np.linalg.eigvals(A[:, own[:, None], own])), axis=1))
 
 
 def _kernel(K: Array, count: int) -> Array:
@@ -115,8 +120,10 @@ def _beside_motions(
         return matrices, matrices
     x, v = np.array([*rates]), np.array([*rates.values()])
     unit = A[:, x, v, None]
+    observed = _reached(A.swapaxes(1, 2), np.any(C[:, ~sees] != 0.0, axis=(0, 1)), x, v)
     first, R = _motions(A[:, v[:, None], x] * unit.swapaxes(1, 2), count)
-    shown = np.concatenate([np.delete(A, x, axis=1), C[:, ~sees]], axis=1)
+    observed[x] = False
+    shown = np.concatenate([A[:, observed], C[:, ~sees]], axis=1)
     shown = np.concatenate([shown[:, :, x] * unit.swapaxes(1, 2), shown[:, :, v]], axis=1)
     is_free = _is_zero(shown, R, slowest)
     R = np.where(is_free, R, 0.0)
@@ -125,7 +132,7 @@ def _beside_motions(
     T[:, x[:, None], x[first]], T[:, v[:, None], v[first]] = unit * R / unit[:, None, first, 0], R
     beside, back = A @ T, 2.0 * np.eye(A.shape[1]) - T
     columns = np.concatenate([x[first], v[first]])
-    beside[:, :, columns] *= ~is_free
+    beside[:, np.flatnonzero(observed)[:, None], columns] *= ~is_free
     beside = back @ beside
     beside[:, x] = A[:, x]
     held, k = beside.copy(), np.where(is_free[:, 0], slowest[:, None], 0.0)
@@ -173,9 +180,20 @@ def _held(matrices: StateMatrices, count: int, slowest: Array) -> Array:
     unit = A[:, None, x, v]
     L = _kernel((A[:, v[:, None], x] * unit).swapaxes(1, 2), count).swapaxes(1, 2)
     across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    terms = np.concatenate([A, B], axis=2)[:, v].swapaxes(1, 2)
+    reached = _reached(A, np.any(B != 0.0, axis=(0, 2)))
+    terms = np.concatenate([A * reached, B], axis=2)[:, v].swapaxes(1, 2)
     is_held = _is_zero(terms, L.swapaxes(1, 2), slowest)
     k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
     held[:, v[:, None], x] -= k**2 * P / unit
     held[:, v[:, None], v] -= k * P
     return held
+
+
+def _reached(A: Array, start: NDArray[np.bool_], *others: Indices) -> NDArray[np.bool_]:
+    """States (n,) that those at the start and others lead to, with these."""
+    leads, reached = np.any(A != 0.0, axis=0), start.copy()
+    for states in others:
+        reached[states] = True
+    for _ in range(len(leads)):
+        reached |= leads @ reached
+    return reached

@@ -31,9 +31,10 @@ from mbdlft.lft.lft import LFT, fix, stack_rows, with_blocks
 from mbdlft.lft.sampling import evaluate, evaluate_at, rounding_sizes
 from mbdlft.order.degree import degree_bounds, moved
 from mbdlft.system.conversion import check_once
+from mbdlft.system.free import free_motions
 from mbdlft.system.model import Certificate, LFTModel, Parameters, Provenance, System, Trim
 from mbdlft.system.regular import PROVED, well_posed
-from mbdlft.system.wiring import Wiring, beside_gains, plain_wiring, reduced, wire, wired_values
+from mbdlft.system.wiring import Wiring, plain_wiring, reduced, wire, wired_values
 
 _LOOKED_AT = 8  # points at which cancellation in LFTs is looked at
 _SEED = 0
@@ -115,7 +116,7 @@ def composed(
         description=like.description,
         trim=_trim(certified, parameters.names),
         certificate=replace(
-            certificate, rounding_ratio=ratio, **_accelerations(systems, wiring), **regularity
+            certificate, rounding_ratio=ratio, **free_motions(systems, wiring), **regularity
         ),
         provenance=_provenance(systems, certified[0].provenance, operation),
     )
@@ -294,31 +295,6 @@ def _certificate(
         truncation_error=np.inf if any(c.truncation_error > 0.0 for c in certificates) else 0.0,
         fit_error_bound=max(c.fit_error_bound for c in certificates),
     )
-
-
-def _accelerations(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
-    """Outputs that are sums of accelerations: what acts on a part changes no relation of its signals.
-
-    Of one part that is free, and with which nothing but gains is connected, also the momenta that inputs
-    leave, and the motions as a rigid body that outputs do not see.
-    """
-    systems, Ky, E, F, direct = beside_gains(systems, wiring)
-    others, free = list[bool](), list[Certificate]()
-    for system in systems:
-        known = system.certificate if isinstance(system, LFTModel) else None
-        others += (known is None or k not in known.accelerations for k in range(len(system.outputs)))
-        free += [known] if known and (known.momenta or known.rigid_motions) else []
-    if len(systems) > 1 or Ky.any():
-        free = []
-    momenta, motions = free[0].momenta if free else (), free[0].rigid_motions if free else ()
-    is_changed = E[np.flatnonzero(np.equal(momenta, 0))].any(axis=0)
-    is_seen = F[:, np.flatnonzero(np.less_equal(motions, 0))].any(axis=1)
-    is_sum = F.any(axis=1) & ~(F[:, others].any(axis=1) | direct.any(axis=1))
-    return {
-        "accelerations": tuple(np.flatnonzero(is_sum).tolist()),
-        "momenta": tuple(np.where(is_changed, 0, max(momenta)).tolist()) if momenta else (),
-        "rigid_motions": tuple((np.where(is_seen, -1, 1) * abs(motions[0])).tolist()) if motions else (),
-    }
 
 
 def _at_generic(a: LFT) -> LFT:

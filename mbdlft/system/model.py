@@ -291,7 +291,7 @@ class Certificate:
     momenta : tuple of int
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
         dampers do, leaves all of them as they are; otherwise 0. Empty for a structure of which no input
-        does, and for what is held.
+        does, and for what is held. Of a whole: those of its free parts together.
     rigid_motions : tuple of int
         Of a structure that is free, if springs and dampers see none of its motions as a rigid body, nor
         their rates: for each output how many it has, and less than 0 if the output sees any. Otherwise

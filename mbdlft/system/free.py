@@ -1,0 +1,78 @@
+"""What is known of accelerations and of free structures in a whole that has them as parts.
+
+What acts on a part changes no relation of its signals. It leaves its momenta if it acts as springs
+between its bodies do; and its motions as a rigid body are free if nothing that sees them acts on it.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mbdlft.lft.lft import stack_diagonal
+from mbdlft.system.model import LFTModel, System
+from mbdlft.system.wiring import Wiring, beside_gains
+
+Mask = NDArray[np.bool_]
+
+
+class _Part(NamedTuple):
+    """Of a system: how many rigid motions are known, and whether none is seen inside."""
+
+    motions: int
+    is_rigid: bool
+    leaves: Mask  # (nu,), inputs that leave momenta
+    is_blind: Mask  # (ny,), outputs that see no rigid motion
+    is_sum: Mask  # (ny,), outputs that are sums of accelerations
+
+
+def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
+    """Fields of the certificate: outputs that are sums of accelerations, momenta, rigid motions.
+
+    Those of all free parts together. An input leaves momenta if it leads to none of a part that changes
+    them; an output sees no rigid motion if none of a part that sees any leads to it.
+    """
+    is_real = not any(system.lft.is_complex for system in systems)
+    systems, Ky, E, F, direct = beside_gains(systems, wiring)
+    parts = [_part(system) for system in systems]
+    leaves = _joined([part.leaves for part in parts])
+    is_blind, is_sum = (
+        _joined([part.is_blind for part in parts]),
+        _joined([part.is_sum for part in parts]),
+    )
+    is_free = _joined([np.full(len(part.leaves), part.motions > 0) for part in parts])
+    is_one = stack_diagonal(*(np.ones((len(p.is_blind), len(p.leaves))) for p in parts)).M22 != 0.0
+    leads = np.eye(len(leaves), dtype=np.bool_) | (Ky != 0.0) @ is_one
+    for _ in range(len(leaves).bit_length()):
+        leads = leads @ leads
+    is_moved = (leads @ (E != 0.0))[~leaves].any(axis=0)
+    fed = leads @ (Ky[:, ~is_blind] != 0.0).any(axis=1)
+    is_seen = F[:, ~is_blind | is_one @ fed].any(axis=1)
+    count = sum(part.motions for part in parts) if is_real else 0
+    is_rigid = all(part.is_rigid for part in parts) and not np.any(fed & is_free)
+    momenta, motions = np.where(is_moved, 0, count), np.where(is_seen, -count, count)
+    proved = F.any(axis=1) & ~(F[:, ~is_sum].any(axis=1) | direct.any(axis=1))
+    return {
+        "accelerations": tuple(np.flatnonzero(proved).tolist()),
+        "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
+        "rigid_motions": tuple(motions.tolist()) if count and is_rigid else (),
+    }
+
+
+def _joined(masks: Sequence[Mask]) -> Mask:
+    return np.concatenate([np.zeros(0, dtype=np.bool_), *masks])
+
+
+def _part(system: System) -> _Part:
+    nu, ny = len(system.inputs), len(system.outputs)
+    known = system.certificate if isinstance(system, LFTModel) else None
+    momenta, motions = (known.momenta, known.rigid_motions) if known else ((), ())
+    count = max(map(abs, momenta + motions), default=0)
+    return _Part(
+        count,
+        not count or bool(motions),
+        np.equal(momenta or [0] * nu, count),
+        np.equal(motions or [-count] * ny, count),
+        np.isin(range(ny), known.accelerations if known else ()),
+    )
