@@ -42,7 +42,8 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         _joined([part.is_sum for part in parts]),
     )
     is_free = _joined([np.full(len(part.leaves), part.motions > 0) for part in parts])
-    is_one = stack_diagonal(*(np.ones((len(p.is_blind), len(p.leaves))) for p in parts)).M22 != 0.0
+    by_part = [np.ones((len(part.is_blind), len(part.leaves))) for part in parts]
+    is_one = stack_diagonal(np.zeros((0, 0)), *by_part).M22 != 0.0
     leads = np.eye(len(leaves), dtype=np.bool_) | (Ky != 0.0) @ is_one
     for _ in range(len(leaves).bit_length()):
         leads = leads @ leads

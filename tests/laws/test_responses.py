@@ -306,6 +306,7 @@ def test_gains_beside_a_free_structure_leave_its_digits() -> None:
     assert (np.ones((1, 4)) @ model).certificate.accelerations == ()  # the angle is in it
     assert (model + np.ones((4, 2))).certificate.accelerations == ()  # and here the torques
     assert mbdlft.feedback(model, np.ones((2, 4))).certificate.momenta == ()
+    assert (2.0 * mbdlft.realize([["3"]])).certificate.momenta == ()  # gains alone
     assert ((2.0 + 1.0j) * model).certificate.momenta == ()  # nothing is known beside complex numbers
 
 
