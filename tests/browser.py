@@ -10,6 +10,8 @@ import pytest
 from benchmarks.cases import browser as found
 from benchmarks.cases.browser import Loaded as Loaded
 
+SIZE = 650, 400  # pixels: software draws them, and pages of twice the width take twice the time
+
 
 @functools.cache
 def chromium() -> str:
@@ -24,5 +26,5 @@ def chromium() -> str:
 @contextmanager
 def browser() -> Iterator[Any]:
     """A function that loads a file as a `Loaded` page; more options start a browser of its own."""
-    with found.browser(chromium()) as load:
+    with found.browser(chromium(), SIZE) as load:
         yield load

@@ -8,4 +8,5 @@ import pytest
 
 def some(few: Sequence[Any], more: Iterable[Any]) -> list[Any]:
     """Parameters: `few`, and those of `more` that are not among them, marked as long."""
-    return [*few, *(pytest.param(seed, marks=pytest.mark.long) for seed in more if seed not in few)]
+    rest = [seed if isinstance(seed, tuple) else (seed,) for seed in more if seed not in few]
+    return [*few, *(pytest.param(*seed, marks=pytest.mark.long) for seed in rest)]

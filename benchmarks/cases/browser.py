@@ -10,7 +10,7 @@ from typing import Any
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 # software draws: machines of tests have no graphics; root needs no sandbox
 _OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-_WIDE, _HIGH = 1300, 800
+SIZE = 1300, 800  # pixels of a page
 
 
 def chromium() -> str | None:
@@ -50,7 +50,7 @@ class Loaded:
 
 
 @contextmanager
-def browser(program: str) -> Iterator[Any]:
+def browser(program: str, size: tuple[int, int] = SIZE) -> Iterator[Any]:
     """A function that loads a file as a `Loaded` page; more options start a browser of its own."""
     from playwright.sync_api import sync_playwright
 
@@ -60,7 +60,7 @@ def browser(program: str) -> Iterator[Any]:
         def load(file: Path, *more: str) -> Loaded:
             if more not in running:
                 running[more] = tool.chromium.launch(executable_path=program, args=[*_OPTIONS, *more])
-            page = running[more].new_page(viewport={"width": _WIDE, "height": _HIGH})
+            page = running[more].new_page(viewport={"width": size[0], "height": size[1]})
             loaded = Loaded(page)
             page.goto(file.resolve().as_uri())
             return loaded

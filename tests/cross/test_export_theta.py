@@ -22,6 +22,7 @@ from tests.close import EXPORT, target
 from tests.daes import dae_of, example_1, example_2, pendulum, servo
 from tests.exported import COMPILER, OCTAVE, STRICT, compiled, pointer, read
 from tests.modelica import flat
+from tests.seeds import some
 
 COUNT = 12
 
@@ -84,7 +85,7 @@ def samples(model: DeltaThetaModel) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return x, u, p, [rates, y]
 
 
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", some(["pendulum", "zoo"], MODELS))
 def test_derivatives_in_c(name: str, tmp_path: Path) -> None:
     model = form(name)
     library = compiled(model, tmp_path)

@@ -6,6 +6,7 @@ The truth has true gaps and cosines of closures, whose redundant rows stay.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,15 +28,22 @@ CLOSED = {kind: seed for seed, kind in enumerate(mbdlft.multibody.loop.KINDS)}
 
 def closed(kind: str, seed: int) -> mbdlft.Scene:
     scene = closed_by(kind, seed)
-    return scene.model_copy(update={"sensors": scene.sensors[6:8]})
+    changes: dict[str, Any] = {"sensors": scene.sensors[6:8]}
+    if kind == "fixed":  # with its angle as a parameter it takes five times as long
+        *parameters, angle = scene.parameters
+        held = mbdlft.Constant(value=angle.nominal, unit=angle.unit)
+        changes |= {"parameters": tuple(parameters), "constants": {**scene.constants, angle.name: held}}
+    return scene.model_copy(update=changes)
 
 
 SCENES: dict[str, Callable[[], mbdlft.Scene]] = {
-    **{f"tree {seed}": (lambda seed=seed: open_tree(seed)) for seed in range(5)},
+    **{f"tree {seed}": (lambda seed=seed: open_tree(seed)) for seed in (0, 2, 3)},
     **{kind: (lambda kind=kind: closed(kind, CLOSED[kind])) for kind in CLOSED if kind not in _PLANAR},
     **PLANAR,
-    "mixed": lambda: mixed(15),
+    "mixed": lambda: mixed(0),
 }
+
+LONG = ("four-bar, coupler held", "four-bar, rocker held")
 
 
 def points_of(scene: mbdlft.Scene) -> list[dict[str, float]]:
@@ -55,7 +63,7 @@ def equals_truth(scene: mbdlft.Scene) -> mbdlft.LFTModel:
     return model
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", some([name for name in SCENES if name not in LONG], LONG))
 def test_a_mechanism_equals_maximal_coordinates(name: str) -> None:
     equals_truth(SCENES[name]())
 
@@ -90,18 +98,21 @@ def rigid(folder: str) -> list[mbdlft.Scene]:
     return [scene for scene in scenes if {body.kind for body in scene.bodies} <= kinds]
 
 
-SCENARIOS = [scene for scene in rigid("scenarios") if scene.name not in OTHERS]
+LARGE = [scene for scene in rigid("scenarios") if scene.name in ("ur5", "whipple_bicycle")]
+SCENARIOS = [scene for scene in rigid("scenarios") if scene not in LARGE and scene.name not in OTHERS]
 
 
-@pytest.mark.parametrize("scene", SCENARIOS + rigid("docs/trials"), ids=lambda scene: str(scene.name))
+@pytest.mark.parametrize(
+    "scene", some(SCENARIOS, LARGE + rigid("docs/trials")), ids=lambda scene: str(scene.name)
+)
 def test_a_scene_equals_maximal_coordinates(scene: mbdlft.Scene) -> None:
     equals_truth(scene)
 
 
 # Random scenes against maximal coordinates; another description of the same one changes nothing.
 
-SEEDS = some((1, 3, 4, 6, 9, 10), range(40))
-SOME = some((4, 6), range(0, 24, 3))
+SEEDS = some((1, 3), range(40))
+SOME = some((6,), range(0, 24, 3))
 
 
 @pytest.mark.parametrize("seed", SEEDS)

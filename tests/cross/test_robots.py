@@ -184,12 +184,13 @@ def coordinate(signal: str) -> str:
 QUICK = ("ur5", "anymal_free", "allegro", "so101")  # one of each kind
 
 
-def quick_first(names: Iterable[str]) -> list[Any]:
+def quick_first(names: Iterable[str], without: str = "") -> list[Any]:
     """Parameters of a test; robots that are large, or of the same kind, run with the long tests."""
-    return [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.long]) for name in names]
+    quick = {*QUICK} - {without}
+    return [pytest.param(name, marks=[] if name in quick else [pytest.mark.long]) for name in names]
 
 
-@pytest.mark.parametrize("name", quick_first(ROBOTS))
+@pytest.mark.parametrize("name", quick_first(ROBOTS, without="ur5"))
 def test_robot_equals_pinocchio(name: str) -> None:
     compare(case(name), by_pinocchio, COUNT, PINOCCHIO)
 

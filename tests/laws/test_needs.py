@@ -19,6 +19,7 @@ from mbdlft.multibody.coupling import Gear
 from mbdlft.multibody.force import Tire
 from tests import kit
 from tests.close import roundoff
+from tests.seeds import some
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 FREQUENCIES = np.array([0.03, 0.7, 11.0])
@@ -35,6 +36,8 @@ TRANSFERS = (
     ("solar_arrays", "wheel_z.torque", "flight.rotation.z", 36, 10),
 )
 
+LARGE = ("balloon_gondola", "four_bar", "solar_arrays")
+
 
 def scene_of(name: str, source: str, target: str, states: str) -> mbdlft.Scene:
     scene = mbdlft.load_scene(SCENARIOS / f"{name}.toml")
@@ -42,7 +45,10 @@ def scene_of(name: str, source: str, target: str, states: str) -> mbdlft.Scene:
     return scene.model_copy(update=chosen)
 
 
-@pytest.mark.parametrize(("name", "source", "target", "all_of_them", "needed"), TRANSFERS)
+@pytest.mark.parametrize(
+    ("name", "source", "target", "all_of_them", "needed"),
+    some([row for row in TRANSFERS if row[0] not in ("four_bar", "solar_arrays")], TRANSFERS),
+)
 def test_same_transfer_for_less(
     name: str, source: str, target: str, all_of_them: int, needed: int
 ) -> None:
@@ -57,9 +63,6 @@ def test_same_transfer_for_less(
     roundoff(mbdlft.frequency_response(part, values, FREQUENCIES), expected, kappa=1e6)
     assert part.order <= whole.order
     assert sum(part.certificate.raw_order) <= sum(whole.certificate.raw_order)
-
-
-LARGE = ("balloon_gondola", "four_bar", "solar_arrays")
 
 
 @pytest.mark.parametrize(

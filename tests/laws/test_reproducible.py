@@ -234,10 +234,10 @@ def test_without_a_process_the_search_is_done_here(monkeypatch: pytest.MonkeyPat
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 SEARCHES = {
-    "margin": lambda model: mbdlft.robust_stability(model, gap=1e-3, work=1.0),
+    "margin": lambda model: mbdlft.robust_stability(model, gap=1e-3, work=0.3),
     "gain": lambda model: mbdlft.worst_case_gain(model, "shoulder.torque", "tip.y", work=3.0),
     "poles": lambda model: mbdlft.worst_case(model, "damping", work=2.0),
-    "mixed": lambda _: mbdlft.robust_stability(blocks_system(0, 5), work=0.15),
+    "mixed": lambda _: mbdlft.robust_stability(blocks_system(0, 5), work=0.1),
     "stability": lambda model: mbdlft.check_stability(model, 20, prove=2.0),
 }
 

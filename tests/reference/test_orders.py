@@ -66,7 +66,7 @@ def law_certified(realize: Realize, case: Case) -> LFTModel:
     return model
 
 
-@by_name(LONG)
+@by_name((*LONG, "O1", "O11"))
 def test_values_are_those_of_the_matrix(case: Case) -> None:
     law_certified(mbdlft.realize, case)
 
