@@ -32,7 +32,7 @@ settings.load_profile(os.environ.get("MBDLFT_HYPOTHESIS", "fast"))
 def pytest_collection_finish() -> None:
     """Garbage is not looked for in what collected tests hold: half of the time of parsing all sources."""
     gc.freeze()
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(500_000, 20, 20)
 
 
 @pytest.fixture

@@ -37,12 +37,12 @@ def margin() -> mbdlft.Bounds:
 
 @cache
 def mixed_margin() -> mbdlft.Bounds:
-    return mbdlft.robust_stability(mixed_system(0), gap=0.1)
+    return mbdlft.robust_stability(mixed_system(2), gap=0.1)
 
 
 def test_round_trip(tmp_path: Path) -> None:
     file = tmp_path / "a.h5"
-    loop, mixed = random_loop_with_channels(), mixed_system(0)
+    loop, mixed = random_loop_with_channels(), mixed_system(2)
     first, second = margin(), mbdlft.worst_case_gain(loop, "f", gap=0.1)
     third = mixed_margin()
     for system, bounds in ((loop, first), (loop, second), (mixed, third)):
@@ -58,16 +58,16 @@ def test_round_trip(tmp_path: Path) -> None:
 
 def test_parts_fixed_blocks_and_first_files(tmp_path: Path) -> None:
     """Proofs of parts come back; those of the first files, with a bound of mu, are read as one part."""
-    file, system = tmp_path / "a.h5", blocks_system(2)
+    file, system = tmp_path / "a.h5", blocks_system(3)
     cut, whole = mbdlft.robust_stability(system, gap=0.1), mixed_margin()
     held = mbdlft.robust_stability(random_loop_with_channels(), fixed=["m"], gap=0.1)
-    for model, bounds in ((system, cut), (mixed_system(0), whole), (random_loop_with_channels(), held)):
+    for model, bounds in ((system, cut), (mixed_system(2), whole), (random_loop_with_channels(), held)):
         mbdlft.save_analysis(file, model, bounds, "one")
         found_model, found = mbdlft.load_analysis(file, "one")
         same(found, bounds)
         assert mbdlft.verify(found_model, found) == ""
     assert isinstance(whole.proof, IntervalProof)
-    mbdlft.save_analysis(file, mixed_system(0), whole, "one")
+    mbdlft.save_analysis(file, mixed_system(2), whole, "one")
     beta = (1.0 - 1e-15) / whole.lower
 
     def old(group: Any) -> None:

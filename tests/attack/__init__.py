@@ -35,7 +35,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "claims": (),
     "proofs": (66,),
     "norms": (0, 2, 7, 15, 287),
-    "frames": (5,),
+    "frames": (2,),
     "loops": (3,),
     "switches": range(4),
     "mechanisms": (0,),

@@ -106,6 +106,14 @@ def closed_loop(seed: int) -> Scene:
     return scene.model_copy(update=spins) if seed % 2 else scene
 
 
+def with_angle_held(scene: Scene) -> Scene:
+    """A closed loop whose orientation is a constant: its loads take a third of the time."""
+    *parameters, angle = (p for p in scene.parameters if p.name != "rate")
+    held = {angle.name: mbdlft.Constant(value=angle.nominal, unit=angle.unit)}
+    changes = {"parameters": tuple(parameters), "constants": {**scene.constants, **held}}
+    return scene.model_copy(update=changes)
+
+
 def closed_by(kind: str, seed: int) -> Scene:
     """A chain closed on a copy that stands still, by one of the kinds; its orientation is a parameter.
 

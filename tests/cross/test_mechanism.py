@@ -6,7 +6,6 @@ The truth has true gaps and cosines of closures, whose redundant rows stay.
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ import mbdlft
 from tests import close, kit
 from tests.attack.mechanisms import check
 from tests.attack.mechanisms import points_of as points_of_drawn
-from tests.cross.mechanisms import closed_by, open_tree
+from tests.cross.mechanisms import closed_by, open_tree, with_angle_held
 from tests.cross.mixed_mechanisms import mixed
 from tests.cross.planar_mechanisms import PLANAR
 from tests.cross.steady_mechanisms import second_bearing, spinning
@@ -28,12 +27,8 @@ CLOSED = {kind: seed for seed, kind in enumerate(mbdlft.multibody.loop.KINDS)}
 
 def closed(kind: str, seed: int) -> mbdlft.Scene:
     scene = closed_by(kind, seed)
-    changes: dict[str, Any] = {"sensors": scene.sensors[6:8]}
-    if kind == "fixed":  # with its angle as a parameter it takes five times as long
-        *parameters, angle = scene.parameters
-        held = mbdlft.Constant(value=angle.nominal, unit=angle.unit)
-        changes |= {"parameters": tuple(parameters), "constants": {**scene.constants, angle.name: held}}
-    return scene.model_copy(update=changes)
+    scene = with_angle_held(scene) if kind == "fixed" else scene
+    return scene.model_copy(update={"sensors": scene.sensors[6:8]})
 
 
 SCENES: dict[str, Callable[[], mbdlft.Scene]] = {

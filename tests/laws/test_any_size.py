@@ -18,7 +18,7 @@ from mbdlft.multibody import Beam, KnifeEdge, Mode, Position, Rolling, Spin, Tir
 from mbdlft.multibody.motion.equations import Motion, equations_of_motion
 from tests import kit
 from tests.close import CLOSED_FORM, EPS, KEPT, target
-from tests.cross.mechanisms import closed_loop
+from tests.cross.mechanisms import closed_loop, with_angle_held
 from tests.cross.planar_mechanisms import driven_four_bar
 from tests.motions import check_second_order
 
@@ -113,7 +113,10 @@ _ELASTIC: list[Beam | FlexibleBody] = [
     ),
 ]
 # the second has sensors that feel weight and the forces of a loop
-_MADE: dict[str, Callable[[], Scene]] = {"driven": driven_four_bar, "felt": lambda: closed_loop(5002)}
+_MADE: dict[str, Callable[[], Scene]] = {
+    "driven": driven_four_bar,
+    "felt": lambda: with_angle_held(closed_loop(5002)),
+}
 # the others have the same kinds of bodies, joints and loads
 _FIRST = {
     *("ball_turntable", "bicycle", "control_moment_gyros", "driven", "felt", "half_car", "lander"),

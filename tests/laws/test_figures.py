@@ -3,6 +3,7 @@
 import math
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from mbdlft.show.figures.properties import orders_figure, trim_curves
 from tests import kit
 from tests.close import CLOSED_FORM, target
 from tests.laws.test_report import read
+from tests.seeds import some
 
 _G = 9.81
 
@@ -130,8 +132,9 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> list[Figure]:
     return figures
 
 
-@pytest.mark.parametrize("width", [None, 8.5])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "width"), some([("singular_values", None), *product(KINDS, [8.5])], product(KINDS, [None]))
+)
 def test_legends_and_labels_have_room(
     kind: str, width: float | None, tmp_path: Path, drawn: list[Figure]
 ) -> None:

@@ -237,7 +237,7 @@ SEARCHES = {
     "margin": lambda model: mbdlft.robust_stability(model, gap=1e-3, work=0.3),
     "gain": lambda model: mbdlft.worst_case_gain(model, "shoulder.torque", "tip.y", work=3.0),
     "poles": lambda model: mbdlft.worst_case(model, "damping", work=2.0),
-    "mixed": lambda _: mbdlft.robust_stability(blocks_system(0, 5), work=0.1),
+    "mixed": lambda _: mbdlft.robust_stability(blocks_system(0, 5), work=0.15),
     "stability": lambda model: mbdlft.check_stability(model, 20, prove=2.0),
 }
 
