@@ -84,7 +84,7 @@ def worst_case_gain(
         if not moving and chosen.model is None:
             return _by_multipliers(asked, chosen, GAIN)
         model = chosen.model or realization(system, chosen.inputs, chosen.outputs, chosen.left_out)
-        if not moving:
+        if not (moving and model.names):  # nothing that moves is seen
             state = search.last_of(asked, search.State(NOTHING), _gains(asked, model))
             return with_ball(_loop(asked, chosen, GAIN), _gain_bounds(asked, model, state, chosen.names))
         constant = _gain_bounds(asked, model, _reached(model), chosen.names)

@@ -19,7 +19,8 @@ from mbdlft.robust.moving import polynomial, varying
 from mbdlft.robust.moving.motion import growth, unstable_motion
 from mbdlft.robust.moving.varying import delta_rates
 from mbdlft.robust.realization import realization
-from tests.close import BOUND, EPS, STABLE, finite_difference, roundoff, target
+from tests import kit
+from tests.close import BOUND, EPS, STABLE, exact, finite_difference, roundoff, target
 from tests.laws.random_loops import random_system, reached, state_matrices
 from tests.laws.test_margins import random_loop_with_channels
 from tests.reference.robust_cases import discrete_pair, unit
@@ -439,3 +440,27 @@ def test_what_grows_beyond_all_numbers_for_a_while_may_fall() -> None:
         roundoff(growth(model, none, 3.0, wave + mean, 1), 3.0 * (1e4 * mean - 1.0), kappa=1e6)
     assert growth(model, none, 1e4, wave, 1) == -np.inf
     assert unstable_motion(model, lambda _: none, 1.0, 1.0).size >= 1e-4 * (1.0 - BOUND)
+
+
+def test_no_motion_is_unstable_by_rounding_alone() -> None:
+    """Near a pole of the map of its range nothing falls in a period: a margin of 0 was said."""
+    lag = kit.plant("-c 1; 1 0", [mbdlft.Parameter("c", 1.0, 0.5, 2.0)], "x", "u", "y", search=0.0)
+    moving, constant = (mbdlft.robust_stability(lag, rates=rates) for rates in (0.01, None))
+    exact([moving.lower, moving.upper], [constant.lower, constant.upper])
+    assert mbdlft.verify(lag, moving) == ""
+
+
+@pytest.mark.parametrize("text", ["-1 1; 1 0", "0", "-1 1; 0 0"])
+def test_a_gain_that_sees_nothing_move_is_that_of_constants(text: str) -> None:
+    """There was no motion of no deltas, and a form without signals: two tracebacks."""
+    a, n = mbdlft.Parameter("a", 1.0, 0.5, 1.5), text.count(";")
+    model = kit.plant(text, [a], [f"x{k}" for k in range(n)], "u", "y", search=0.0)
+    moving, constant = (mbdlft.worst_case_gain(model, rates=rates) for rates in (1.0, None))
+    exact([moving.lower, moving.upper], [constant.lower, constant.upper])
+
+
+def test_an_integrator_has_no_turn() -> None:
+    """A pole of 1e9 that a range brings to infinity leaves one of exactly zero at its other end."""
+    c = mbdlft.Parameter("c", 1.0, 0.5, 2.0)
+    lag = kit.plant("-1e9*c 1; 1e12 0", [c], "x", "u", "y", search=0.0)
+    assert 2.9 < mbdlft.robust_stability(lag, rates=1.0).lower <= 3.0

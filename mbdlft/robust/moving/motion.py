@@ -19,7 +19,7 @@ from scipy.linalg import expm
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.exact.rounding import eigenvalues_of
+from mbdlft.exact.rounding import EPS, eigenvalues_of
 from mbdlft.robust.ascent import bisected, by_damping, moving_at, state_matrices
 from mbdlft.robust.bisect.characteristic import Realization
 
@@ -132,7 +132,10 @@ def _tuned(
 
 
 def growth(model: Realization, rates: Array, period: float, deltas: Array, fine: int) -> float:
-    """log |mu| of a period; inf where the model is singular, -inf where a step is beyond all numbers."""
+    """log |mu| of a period; inf where the model is singular, -inf where a step is beyond all numbers.
+
+    Also where only rounding is left of it: a period may be too short for anything to fall or grow.
+    """
     A = state_matrices(model, _points(deltas, rates, fine))
     if A is None:
         return np.inf
@@ -144,7 +147,8 @@ def growth(model: Realization, rates: Array, period: float, deltas: Array, fine:
                 return -np.inf
             steps, total = steps / sizes[:, None, None], total + float(np.sum(np.log(sizes)))
             if len(steps) == 1:
-                return total + float(np.log(np.max(np.abs(eigenvalues_of(steps[0])))))
+                total += float(np.log(np.max(np.abs(eigenvalues_of(steps[0])))))
+                return total if abs(total) > EPS * A[..., 0].size else -np.inf
             pairs = steps[1::2] @ steps[: len(steps) // 2 * 2 : 2]
             steps = np.concatenate([pairs, steps[len(steps) // 2 * 2 :]])
 
@@ -194,7 +198,7 @@ def _modes(model: Realization, center: Array) -> list[tuple[float, Array]]:
         here, _, _ = moving_at(model, center)
     except WellPosednessError:
         return []
-    kept = np.flatnonzero(here.poles.imag >= 0.0)
+    kept = np.flatnonzero((here.poles.imag >= 0.0) & (here.poles != 0.0))  # an integrator has no turn
     modes = []
     for k in kept[by_damping(here.poles[kept])][:_MODES]:
         pole, slope = here.poles[k], here.gradients[k]
