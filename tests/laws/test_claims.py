@@ -10,7 +10,7 @@ from tests.claims import KINDS, analysis, changed, forged, is_true, misstated
 from tests.seeds import some
 
 DRAWS = 12
-SLOW = ("slow powers", "slow gain")
+SLOW = ("slow powers", "slow gain", "parts of a gain")
 
 
 @pytest.mark.parametrize("kind", some([kind for kind in KINDS if kind not in SLOW], SLOW))

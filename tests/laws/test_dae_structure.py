@@ -56,7 +56,7 @@ def _as_known(known: Known, seed: int) -> None:
             target(_transfer(*found, w), expected, CROSS, scale=size)
 
 
-@pytest.mark.parametrize("seed", some(range(12), range(224)))
+@pytest.mark.parametrize("seed", some(range(4), range(224)))
 def test_random_daes_have_the_known_linear_model(seed: int) -> None:
     _as_known(random_dae(seed), seed)
 

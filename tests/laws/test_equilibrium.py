@@ -64,7 +64,7 @@ def solved(known: Known, seed: int) -> None:
     target(trim.values, [point.efforts[name] for name in names], SCENARIO, scale=sizes)
 
 
-@pytest.mark.parametrize("seed", some(range(4), range(8)))
+@pytest.mark.parametrize("seed", some((0, 3), range(8)))
 def test_random_scenes(seed: int) -> None:
     solved(known_equilibrium(seed), seed)
 

@@ -5,7 +5,7 @@ import pytest
 from tests.attack.loops import FAMILIES, attack
 
 # families go round: even seeds have a flat position in the range, odd ones do not
-SOME, MANY = (1, 3, 4, 9, 11, 15, 28, 46, 60), range(4 * len(FAMILIES))
+SOME, MANY = (1, 3, 4, 9, 11, 60), range(4 * len(FAMILIES))
 
 
 def check(seed: int) -> None:

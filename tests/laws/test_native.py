@@ -33,6 +33,7 @@ from mbdlft.multibody.assembly import assembly
 from mbdlft.problem.digits import equations_in_digits
 from tests.close import ELASTIC, EVALUATION, NOTHING, exact, roundoff
 from tests.errors.scenes import cart
+from tests.seeds import some
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 EACH = ("two_link_arm", "crane", "gimbal", "four_bar", "spinning_satellite", "launcher_slosh")
@@ -174,7 +175,7 @@ def probes(given: Compiled, count: int = 203) -> np.ndarray:
     return check_points(given.parameters, 3)[:count]
 
 
-@pytest.mark.parametrize("name", EACH)
+@pytest.mark.parametrize("name", some(["two_link_arm", "launcher_slosh", "crane"], EACH))
 def test_rows_are_those_of_the_definition(name: str) -> None:
     for given in (scene(name), mbdlft.to_lft(scene(name), search=0.0)):
         found = mbdlft.compile(given, threads=1)

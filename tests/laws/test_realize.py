@@ -363,7 +363,7 @@ def scaled(rows: Rows, seed: int) -> tuple[Rows, list[Parameter]]:
     return found, parameters
 
 
-@pytest.mark.parametrize("seed", some(range(2), range(6)))
+@pytest.mark.parametrize("seed", some(range(1), range(6)))
 @pytest.mark.parametrize("rows", MATRICES, ids=str)
 def test_units_change_nothing(rows: Rows, seed: int) -> None:
     plain = realize(rows, [IN_A, IN_B], search=0.0)
