@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.errors import AnalysisError, WellPosednessError, naming
 from mbdlft.base.parameter import Parameter
 from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning
 from mbdlft.lft.determinant import values_at, vanishes
@@ -62,7 +62,8 @@ def measure_error(problem: Problem, lft: LFT, trim: LFT | None, at: Reference) -
     far, odd = (np.max(x, axis=(1, 2), initial=0.0) for x in (errors / at.scale, ratios))
     some = sorted({0, int(np.argmax(far)), int(np.argmax(odd)), count - 1})
     if (by_terms or error > _CARRIED or np.any(odd > MOST_ROUNDINGS)) and at.in_digits is not None:
-        truth = at.in_digits(problem.points[some])
+        with naming(problem.nouns.owner, WellPosednessError):
+            truth = at.in_digits(problem.points[some])
         error, by_terms = error_of_values(values[some], truth, at, in_digits=True)
         ratios, count = np.abs(values[some] - truth) / rounding, len(some)
         # evaluation has lost digits, and other kernels lose others

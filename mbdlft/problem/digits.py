@@ -37,6 +37,7 @@ class InDigits(NamedTuple):
     """Linear relations in 50 digits: slopes of [residual ; outputs] at a physical point, as balls."""
 
     slopes: Callable[[Array], Balls]
+    parameters: Sequence[Parameter]
     unknown: int  # numbers of signals
     known: int
     states: int
@@ -54,10 +55,15 @@ class InDigits(NamedTuple):
             return transfers_of(self._balls(points), self.states, frequencies)
 
     def _balls(self, points: Array) -> list[Balls]:
-        try:
-            return [_state_space(self.slopes(p), self.unknown, self.known, self.states) for p in points]
-        except ZeroDivisionError:
-            raise _singular() from None
+        found = []
+        for p in points:
+            try:
+                found.append(_state_space(self.slopes(p), self.unknown, self.known, self.states))
+            except ZeroDivisionError:
+                values = zip(self.parameters, p, strict=True)
+                where = ", ".join(f"{q.name} = {x:g} {q.unit}" for q, x in values)
+                raise _singular(f" at {where}" if where else "") from None
+        return found
 
 
 def equations_in_digits(exact: Equations, inputs: Sequence[int], outputs: Sequence[int]) -> InDigits:
@@ -69,7 +75,7 @@ def equations_in_digits(exact: Equations, inputs: Sequence[int], outputs: Sequen
         return tape.at(physical + _efforts(exact, trim, physical))[0]
 
     unknown, known = (signals.numel() for signals in split(exact, inputs))
-    return InDigits(slopes, unknown, known, len(exact.states))
+    return InDigits(slopes, exact.parameters, unknown, known, len(exact.states))
 
 
 def relations_in_digits(m: LinearModel, slopes: ca.SX) -> InDigits:
@@ -79,7 +85,7 @@ def relations_in_digits(m: LinearModel, slopes: ca.SX) -> InDigits:
     def at(point: Array) -> Balls:
         return tape.at([_internal(*pair) for pair in zip(m.parameters, point, strict=True)])[0]
 
-    return InDigits(at, m.unknown.numel(), m.known.numel(), m.derivatives)
+    return InDigits(at, m.parameters, m.unknown.numel(), m.known.numel(), m.derivatives)
 
 
 def nonlinear_in_digits(
@@ -104,7 +110,7 @@ def nonlinear_in_digits(
             raise ZeroDivisionError
         return J
 
-    return InDigits(slopes_at, *sizes)
+    return InDigits(slopes_at, parameters, *sizes)
 
 
 def number_in_digits(value: ca.SX) -> Any:
@@ -141,7 +147,7 @@ def transfers_of(matrices: Sequence[Balls], states: int, frequencies: Array) -> 
             try:
                 solved = _matrix(shifted, flint.acb_mat).solve(right)
             except ZeroDivisionError:
-                raise _singular() from None
+                raise _singular(f" at omega = {w:g} rad/s") from None
             values.append([rounded(x) for x in (direct - entries_of(read * solved)).ravel()])
     shape = (len(matrices), len(frequencies), *matrices[0][states:, states:].shape)
     return np.array(values, dtype=complex).reshape(shape)
@@ -169,10 +175,8 @@ def _state_space(J: Balls, unknown: int, known: int, states: int) -> Balls:
     return np.concatenate([solved[:states], read])
 
 
-def _singular() -> WellPosednessError:
-    return WellPosednessError(
-        "The equations are singular at one of the points that are checked in 50 digits."
-    )
+def _singular(where: str) -> WellPosednessError:
+    return WellPosednessError(f"the equations are singular{where}, in 50 digits.")
 
 
 class _Tape(NamedTuple):

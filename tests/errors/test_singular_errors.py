@@ -12,6 +12,7 @@ from mbdlft.base.errors import MbdlftWarning
 from mbdlft.base.expression import evaluate, parse, write
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.multibody.scene import checks
+from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.pipeline.certification import values_at_points
 from mbdlft.problem.relations import Nouns
 from mbdlft.system.sampled import check_regular_at
@@ -117,6 +118,17 @@ def test_a_model_says_where_it_is_singular() -> None:
         with says(mbdlft.WellPosednessError, "model ", "it is singular at p = 0.5,"):
             ask()
     assert mbdlft.matrices_at(doubtful, {"p": 0.25}).D[0, 0] == 2.0
+
+
+def test_a_point_that_50_digits_find_singular_is_named() -> None:
+    """It said "at one of the points that are checked"."""
+    mass, rail = (
+        mbdlft.Parameter("m", 1.0, percent=20, unit="kg"),
+        kit.rail("r", "ground", "p", (1, 0, 0)),
+    )
+    problem = problem_of_scene(kit.scene("rail", mass, kit.point("p", "m"), rail))
+    with says(mbdlft.WellPosednessError, "the equations are singular at m = 0 kg, in 50 digits"):
+        problem.reference().in_digits(np.zeros((1, 1)))
 
 
 # units of numbers -----------------------------------------------------------------------------
