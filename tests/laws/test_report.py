@@ -19,7 +19,7 @@ from mbdlft.base.errors import MbdlftError
 from mbdlft.multibody import scene_from_toml, scene_schema, scene_to_toml
 from mbdlft.robust.evidence import Bounds, BoxProof
 from mbdlft.show import model_report
-from mbdlft.show.report import content, page
+from mbdlft.show.report import content, page, sentences
 from mbdlft.show.viewer import stills
 from mbdlft.show.viewer.stills import scene_film, scene_picture
 from mbdlft.system.model import LFTModel
@@ -374,3 +374,19 @@ def test_the_command(tmp_path: Path, call: Call, output: Output) -> None:
     assert file.read_text(encoding="utf-8") == said
     code, _, said = call("schema", "-o", str(tmp_path))
     assert (code, "cannot be written" in said) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a^60", "4.3e+00 of itself at a = 1.051"),
+        ("a^20", "1.4e-06 of itself at a = 1.04"),
+        *((text, "") for text in ("a^5", "1/a-1/a^3", "a-2")),
+    ],
+)
+def test_entries_that_fall_over_the_ranges_are_said(text: str, said: str) -> None:
+    """And not those that vanish at a corner, or change their sign."""
+    model = mbdlft.realize([[text]], [mbdlft.Parameter("a", 3.0, 1.0, 5.0)], search=0.0)
+    found = [sentence for sentence in sentences.checked_beside(model) if "fall" in sentence]
+    assert len(found) == bool(said)
+    assert all(said in sentence for sentence in found)

@@ -6,8 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from mbdlft.base.parameter import to_physical
+from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 from mbdlft.problem.references import rounded_transfers, transfers
 from mbdlft.response.frequency import carried_from
+from mbdlft.system.evidence import sampled_deltas
 from mbdlft.system.model import Certificate, LFTModel, System
 from mbdlft.system.sampled import matrices_at
 
@@ -18,6 +21,7 @@ _BELOW = {  # what is below it, with a position among the states and without
     True: "frequency responses are -w^2 times the position",
     False: "it has fewer: take -w^2 times a position of the same place",
 }
+_INSIDE = 0.98  # of the ranges
 _SIX_DIGITS, _SOME_DIGITS = 1e-6, 1e-3  # shares of an entry that rounding may change
 _EVIDENCE_OF_SCENE = 'format = "mbdlft-scene/'  # in the text of a scene, in provenance
 _EVIDENCE_OF_MATRIX = 'format = "mbdlft-matrix/'  # how the text of a matrix begins, in provenance
@@ -96,6 +100,7 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
                 f"{name} from {late[name]:.2g} rad/s on; below, {below}"
             )
     yield from _small_entries(model)
+    yield from _falling_entries(model)
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
         rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
@@ -130,6 +135,37 @@ def _small_entries(model: LFTModel) -> Iterator[str]:
             f"small entries: rounding may change the response of {model.outputs[i].name} by "
             f"{model.inputs[j].name} by {shares[k, i, j]:.1e} of itself at {omega[k]:.3g} rad/s, where "
             f"it is {size[k, i, j] / np.max(size[k, i]):.1e} of its row"
+        )
+
+
+def _falling_entries(model: LFTModel) -> Iterator[str]:
+    """A sentence on the entry of A, B, C, D that rounding of the model changes most, relative to itself.
+
+    Near the points of the check, where an entry that vanishes at a corner does not. One that changes its
+    sign, or that rounding may change by all of itself wherever it is looked at, is left out.
+    """
+    a, parameters = model.lft, model.parameters
+    if not (a.is_plain and a.blocks):
+        return
+    deltas = _INSIDE * sampled_deltas(parameters, model.certificate.seed)
+    numbers = [parameters.names.index(block.name) for block in a.blocks]
+    values = evaluate_at(a, deltas[:, numbers])
+    sizes = np.abs(values)
+    shares = _EPS * rounding_sizes(a, deltas[:, numbers]) / np.where(sizes > 0.0, sizes, np.inf)
+    is_known = shares < _SOME_DIGITS
+    has_one_sign = np.any(is_known & (values > 0.0), axis=0) != np.any(is_known & (values < 0.0), axis=0)
+    shares = np.where(has_one_sign, shares, 0.0)
+    k, i, j = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    if shares[k, i, j] > _SIX_DIGITS:
+        rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
+        column = (*model.states, *model.inputs)[j].name
+        place = [
+            f"{p.name} = {to_physical(p, x):.4g}" for p, x in zip(parameters, deltas[k], strict=True)
+        ]
+        yield (
+            f"entries that fall: rounding may change {rows[i]} by {column} by {shares[k, i, j]:.1e} of "
+            f"itself at {', '.join(place)}, where it is {sizes[k, i, j] / np.max(sizes[:, i, j]):.1e} of "
+            "its largest size; exports have no more digits there"
         )
 
 
