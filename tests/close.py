@@ -47,7 +47,6 @@ LENGTH_TABLE = Method(1e-3)
 MAST_TABLE = Method(3e-3)
 KEPT = Method(1e-8)  # of a quantity that a motion of ten seconds keeps
 SIMULATED = Method(1e-7)  # two simulations of the same equations
-EXTRAPOLATED = Method(1e-8)  # central differences, extrapolated twice (Richardson), of the largest entry
 CORES = 1e-12  # values with the kernels of other processors
 ATTACKED = 1e-11  # values of what is drawn by chance, of each entry
 ACCELERATION = 1e-7  # of beams on a hub, of the largest of a row, against 50 digits

@@ -223,7 +223,7 @@ def test_parametric_resonance_of_a_square_wave(damping: float) -> None:
     assert abs(found.period / np.pi - 1.0) <= BOUND
 
 
-@pytest.mark.parametrize("rate", [0.005, 0.05])
+@pytest.mark.parametrize("rate", [0.005, pytest.param(0.05, marks=pytest.mark.long)])
 def test_a_slow_stiffness_grows_a_mode_where_it_is_soft(rate: float) -> None:
     """x'' + 2 c x' + (1 + d) x around the stiffness k: triangles of half a turn grow it by rate/(2 pi k).
 

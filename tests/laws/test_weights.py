@@ -124,8 +124,8 @@ def test_fewer_repetitions_than_with_forces_that_turn(spatial: bool) -> None:
 # The weights in another order of products, against forces that are turned on the way in.
 
 LONG = partial(pytest.param, marks=pytest.mark.long)
-DRAWN = [(random_scene, 3), (open_tree, 10)]
-MORE = [(random_scene, 14), (random_scene, 20), (open_tree, 4), (open_tree, 6)]
+DRAWN = [(random_scene, 3)]
+MORE = [(open_tree, 10), (random_scene, 14), (random_scene, 20), (open_tree, 4), (open_tree, 6)]
 
 
 @contextmanager
@@ -165,7 +165,7 @@ def spatial_chain(links: int) -> mbdlft.LFTModel:
     return build(chain(links, spatial=True), 0.0).model
 
 
-@pytest.mark.parametrize(("links", "reached"), [(3, 47), (4, 84), LONG(5, 129), LONG(6, 183)])
+@pytest.mark.parametrize(("links", "reached"), [(3, 47), LONG(4, 84), LONG(5, 129), LONG(6, 183)])
 def test_fewer_repetitions_in_long_chains_in_space(links: int, reached: int) -> None:
     with one_order_only():
         alone = build(chain(links, spatial=True), 0.0).model.order
