@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 # name of the class (its file has underscores), and the seeds of `make test`: some tenths of a second;
-# of claims tests/laws/test_claims.py has one change after another, of sparse models tests/laws/test_sparse.py
+# of claims tests/laws/test_claims.py has one change after another
+# and tests/laws/test_sparse.py compares sparse models with dense ones
 CLASSES: dict[str, Sequence[int]] = {
     "archives": range(2),
     "matrix-files": (1, 3),
