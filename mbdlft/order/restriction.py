@@ -41,10 +41,10 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
     sizes = dict(a.blocks)
     opened = _opened(transposed(a) if is_transposed else a, name)
     size = sizes[name]
-    columns = _independent_columns(opened, size)
+    columns = independent_columns(opened, size, value_at_random(opened, 0))
     if len(columns) in (0, size):
         return None
-    K = _krylov(opened, size, columns)
+    K = krylov(opened, size, columns)
     rows = np.sort(
         qr(matrices.rough_values(K.M[K.order :, K.order :]).T, mode="r", pivoting=True)[1][: len(columns)]
     )
@@ -53,7 +53,7 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
     except ZeroDivisionError:
         return None
     closed = _closed(_settled(inner), Block(name, len(columns)))
-    ordered = _in_order(closed, [block.name for block in a.blocks])
+    ordered = in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
 
 
@@ -86,7 +86,7 @@ def _closed(a: ExactLFT, block: Block) -> ExactLFT:
     return ExactLFT(a.M, (*a.blocks, block))
 
 
-def _in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
+def in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
     """The same with its blocks in an order."""
     spans = {block.name: (block, span) for block, span in zip(a.blocks, a.parts, strict=True)}
     channels = [k for name in names for k in range(a.order)[spans[name][1]]]
@@ -126,9 +126,12 @@ def after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
     return merged(matrices.stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
 
 
-def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
-    """(input, power) of columns A^power B_input that span what the block reaches, the simplest first."""
-    value, prime = _value(opened, 0), opened.M.prime
+def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -> list[tuple[int, int]]:
+    """(input, power) of columns A^power B_input that span what the block reaches, the simplest first.
+
+    They are independent in a `value` of the LFT.
+    """
+    prime = opened.M.prime
     A, space, chosen = value[:size, :size], Space(size, prime), list[tuple[int, int]]()
     n = opened.order
     residues = opened.M.residues
@@ -146,10 +149,14 @@ def _independent_columns(opened: ExactLFT, size: int) -> list[tuple[int, int]]:
     return chosen
 
 
-def _value(a: ExactLFT, seed: int) -> matrices.Residues:
+def value_at_random(a: ExactLFT, seed: int) -> matrices.Residues:
     """The value at a random point, in residues."""
+    return value_at(a, np.random.default_rng(seed).integers(1, a.M.prime, len(a.blocks)))
+
+
+def value_at(a: ExactLFT, at: matrices.Residues) -> matrices.Residues:
+    """The value at residues of the deltas, in residues."""
     n, prime, M = a.order, a.M.prime, a.M.residues
-    at = np.random.default_rng(seed).integers(1, prime, len(a.blocks), dtype=np.int64)
     deltas = np.repeat(at, [block.size for block in a.blocks])
     loop = (np.eye(n, dtype=np.int64) - matrices.entrywise(M[:n, :n], deltas[None], prime)) % prime
     z = matrices.solved(loop, M[:n, n:], prime)
@@ -159,7 +166,7 @@ def _value(a: ExactLFT, seed: int) -> matrices.Residues:
     )
 
 
-def _krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactLFT:
+def krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactLFT:
     """The columns A^power B_input in some order, as an LFT (size, number of columns)."""
     highest = max(power for _, power in columns)
     inside = range(size)
@@ -200,7 +207,7 @@ def _settled(a: ExactLFT) -> ExactLFT:
     """The same with rows and columns that do not vary as constants, for which nothing is repeated."""
     n, prime = a.order, a.M.prime
     D = a.M[n:, n:]
-    varies = np.any([_value(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
+    varies = np.any([value_at_random(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
     rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
     core = reduce_exactly(selected(a, rows.tolist(), columns.tolist()))
     m, (high, wide) = core.order, D.shape

@@ -24,6 +24,7 @@ from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
+from mbdlft.order.exchange import with_exchanges
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -139,11 +140,14 @@ def reduced_relations(relations: LinearModel) -> LFT:
     return in_enough_bits(solved, "trim")
 
 
-def restricted(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate | None:
-    """A candidate with blocks restricted by steps; None if that is not possible."""
+def restricted(
+    problem: Problem, form: Form, steps: Sequence[Step] = (), *, exchanges: bool = False
+) -> Candidate | None:
+    """A candidate with blocks restricted by steps, or with exchanges; None if that is not possible."""
+    make = partial(_candidate, problem, form, steps, exchanges=exchanges)
     try:
         with without_collection():
-            return in_enough_bits(partial(_candidate, problem, form, steps), problem.nouns.owner)
+            return in_enough_bits(make, problem.nouns.owner)
     except (AnalysisError, WellPosednessError):
         return None
 
@@ -155,7 +159,9 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
     return a
 
 
-def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Candidate | None:
+def _candidate(
+    problem: Problem, form: Form, steps: Sequence[Step] = (), *, exchanges: bool = False
+) -> Candidate | None:
     with naming(problem.nouns.owner, StructureError, WellPosednessError):
         extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
     if isinstance(extracted, SparseExtraction):
@@ -186,13 +192,15 @@ def _candidate(problem: Problem, form: Form, steps: Sequence[Step] = ()) -> Cand
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     exact = _restricted(reduce_exactly(closed), steps, of_relations=False)
+    exact = with_exchanges(exact) if exchanges else exact
+    most = 0.0 if steps or exchanges else _MOST_CONDITION
     return Candidate(
         form,
         extracted.channels,
         in_scales(relations.rounded()),
         in_scales(closed.rounded()),
         exact,
-        in_good_coordinates(exact, _some_deltas(problem, exact), 0.0 if steps else _MOST_CONDITION),
+        in_good_coordinates(exact, _some_deltas(problem, exact), most),
     )
 
 

@@ -18,6 +18,7 @@ from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
+from mbdlft.order.exchange import plans
 from mbdlft.order.reduction import ExactLFT, residues_alone
 from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
@@ -108,9 +109,18 @@ def _searched(
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = _in_units(problem, reduced[0].lft), None
     with stage("search"):
-        result = _search(reduced, degrees, budget, stage)
+        exchanged = _exchanged(problem, reduced[0]) if budget.seconds is None else None
+        if exchanged is not None and exchanged.lft.order == sum(degrees.values()):
+            result = Smallest(exchanged.lft, exchanged.lft.order)
+        else:
+            result = _search(reduced, degrees, budget, stage)
         if budget.seconds is None:
             result = _searched_exactly(problem, reduced[0], result, degrees, budget, stage)
+        if exchanged is not None and exchanged.lft.order < result.lft.order:
+            more = _search([exchanged], degrees, budget, stage, truth=reduced[0].closed, is_closed=True)
+            bound = max(result.order_bound, more.order_bound)
+            larger = (*more.larger, exchanged.lft, result.lft, *result.larger)
+            result = more._replace(order_bound=bound, larger=larger, steps=result.steps)
         dropped = result.dropped
         for smaller in _results(problem, reduced[0], result):
             if smaller.order >= lft.order:
@@ -248,6 +258,15 @@ def _searched_exactly(
         larger = (*more.larger, candidate.lft, result.lft, *result.larger)
         result = more._replace(order_bound=bound, larger=larger, dropped=more.dropped or result.dropped)
     return result
+
+
+def _exchanged(problem: Problem, start: Candidate) -> Candidate | None:
+    """The candidate with repetitions of some deltas exchanged for fewer of others, if that is smaller."""
+    exact = start.exact
+    if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED or not any(plans(exact)):
+        return None
+    candidate = restricted(problem, start.form, exchanges=True)
+    return candidate if candidate is not None and candidate.lft.order < exact.order else None
 
 
 def _above(steps: Sequence[Step]) -> int:

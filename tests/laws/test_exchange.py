@@ -1,0 +1,54 @@
+"""Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
+
+import numpy as np
+import pytest
+
+from mbdlft import to_lft
+from mbdlft.lft.sampling import evaluate
+from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.order.exchange import plans
+from mbdlft.order.lower_bound import at_random
+from mbdlft.order.reduction import ExactLFT
+from mbdlft.pipeline.forms import Candidate, restricted
+from tests.close import SCENARIO, target
+from tests.strategies import random_scene
+
+# repetitions after reduction, and after exchanges
+CASES = {
+    224: ({"m3": 5, "theta2": 4}, {"m3": 3, "theta2": 0}),
+    243: ({"r2": 2, "theta3": 14}, {"r2": 3, "theta3": 12}),  # of transposed relations
+    557: ({"L1": 2, "s2": 4, "theta4": 4}, {"L1": 3, "s2": 2, "theta4": 4}),
+}
+
+
+def made(seed: int, *, exchanges: bool) -> Candidate:
+    problem = problem_of_scene(random_scene(seed))
+    candidate = restricted(problem, problem.forms[0], exchanges=exchanges)
+    assert candidate is not None
+    return candidate
+
+
+def exact(candidate: Candidate) -> ExactLFT:
+    assert isinstance(candidate.exact, ExactLFT)
+    return candidate.exact
+
+
+@pytest.mark.parametrize("seed", CASES)
+def test_exchanges_keep_the_value(seed: int) -> None:
+    plain, smaller = (made(seed, exchanges=exchanges) for exchanges in (False, True))
+    before, after = CASES[seed]
+    assert {name: size for name, size in exact(plain).blocks if size} == before
+    assert dict(exact(smaller).blocks) == dict.fromkeys(dict(exact(plain).blocks), 0) | after
+    values = [at_random(exact(x))[exact(x).order :, exact(x).order :] for x in (plain, smaller)]
+    assert np.array_equal(*values)
+    points = {name: np.linspace(-1.0, 1.0, 5) * (-1) ** k for k, name in enumerate(before)}
+    target(evaluate(smaller.lft, points), evaluate(plain.lft, points), SCENARIO)
+    assert not any(plans(exact(smaller)))
+
+
+def test_models_are_searched_from_exchanges() -> None:
+    """Work for no step of a search: 3 repetitions need none, 24 become 22 by two lines of two."""
+    model = to_lft(random_scene(224), search=1e-6)
+    assert model.order == 3
+    assert model.certificate.minimal
+    assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
