@@ -17,6 +17,10 @@ from tests.strategies import random_scene
 CASES = {
     224: ({"m3": 5, "theta2": 4}, {"m3": 3, "theta2": 0}),
     243: ({"r2": 2, "theta3": 14}, {"r2": 3, "theta3": 12}),  # of transposed relations
+    542: (  # one line of four
+        {"L1": 2, "L2": 1, "r3": 1, "theta4": 24},
+        {"L1": 3, "L2": 1, "r3": 1, "theta4": 20},
+    ),
     557: ({"L1": 2, "s2": 4, "theta4": 4}, {"L1": 3, "s2": 2, "theta4": 4}),
 }
 
