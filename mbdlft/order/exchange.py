@@ -190,7 +190,8 @@ def _chain(opened: ExactLFT, size: int, columns: Sequence[Column], line: _Line) 
         V = K @ _null_space(matrices.stacked(seen))
     nominal = M[n:, n:]
     at_nominal = _columns(nominal[:size, :size], nominal[:size, size:], columns)
-    numbers = _far_outside(*map(matrices.rough_values, (V, A, at_nominal, nominal)), size, line.length)
+    rough = [matrices.rough_values(x) for x in (V, A, at_nominal, nominal)]
+    numbers = _far_outside(rough[0], rough[1], rough[2], rough[3], line.length)
     chain = [V @ _exactly(numbers, M.prime)]
     while len(chain) < line.length:
         chain.append(A @ chain[-1])
@@ -205,11 +206,12 @@ def _columns(A: ExactMatrix, B: ExactMatrix, columns: Sequence[Column]) -> Exact
     return matrices.stacked([[powers[power][:, [column]] for column, power in columns]])
 
 
-def _far_outside(V: Array, A: Array, K: Array, value: Array, size: int, length: int) -> Array:
+def _far_outside(V: Array, A: Array, K: Array, value: Array, length: int) -> Array:
     """Numbers (k, 1) of columns V for a chain that is far outside of what is reached at nominal, K.
 
     It is the best of some directions of chance, as doubles tell: any of them is right.
     """
+    size = len(A)
     scale = channel_scales(value[:size, :size], value[:size, size:], value[size:, :size])
     V, A, K = scale[:, None] * V, scale[:, None] * A / scale, scale[:, None] * K
     lengths = or_one(np.linalg.norm(V, axis=0))
