@@ -42,6 +42,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
+_TRIED, _MOST_TRIED = 2, 64  # steps before exchanges; channels, of which one takes half a second
 _OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
@@ -109,18 +110,7 @@ def _searched(
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = _in_units(problem, reduced[0].lft), None
     with stage("search"):
-        exchanged = _exchanged(problem, reduced[0]) if budget.seconds is None else None
-        if exchanged is not None and exchanged.lft.order == sum(degrees.values()):
-            result = Smallest(exchanged.lft, exchanged.lft.order)
-        else:
-            result = _search(reduced, degrees, budget, stage)
-        if budget.seconds is None:
-            result = _searched_exactly(problem, reduced[0], result, degrees, budget, stage)
-        if exchanged is not None and exchanged.lft.order < result.lft.order:
-            more = _search([exchanged], degrees, budget, stage, truth=reduced[0].closed, is_closed=True)
-            bound = max(result.order_bound, more.order_bound)
-            larger = (*more.larger, exchanged.lft, result.lft, *result.larger)
-            result = more._replace(order_bound=bound, larger=larger, steps=result.steps)
+        result = _smallest(problem, reduced, degrees, budget, stage, check)
         dropped = result.dropped
         for smaller in _results(problem, reduced[0], result):
             if smaller.order >= lft.order:
@@ -260,13 +250,44 @@ def _searched_exactly(
     return result
 
 
+def _smallest(
+    problem: Problem,
+    reduced: Sequence[Candidate],
+    degrees: Mapping[str, int],
+    budget: Budget,
+    stage: Stage,
+    check: "_Check",
+) -> Smallest:
+    """The result of searches, of steps in exact numbers, and of exchanges."""
+    start = reduced[0]
+    if budget.seconds is not None:
+        return _search(reduced, degrees, budget, stage)
+    first = _exchanged(problem, start)
+    if first is not None and first.lft.order == sum(degrees.values()):
+        minimal, plain = (_in_units(problem, candidate.lft) for candidate in (first, start))
+        if not _loses_digits(minimal, plain, check):
+            return Smallest(first.lft, first.lft.order)
+    result = _search(reduced, degrees, budget, stage)
+    some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
+    result = _searched_exactly(problem, start, result, degrees, budget, stage)
+    if result.lft.order <= result.order_bound:
+        return result
+    others = [restricted(problem, start.form, steps, exchanges=True) for _, steps in some]
+    exchanged = min(filter(None, (first, *others)), key=lambda c: c.lft.order, default=None)
+    if exchanged is None or exchanged.lft.order >= result.lft.order:
+        return result
+    more = _search([exchanged], degrees, budget, stage, truth=start.closed, is_closed=True)
+    bound = max(result.order_bound, more.order_bound)
+    larger = (*more.larger, exchanged.lft, result.lft, *result.larger)
+    return more._replace(order_bound=bound, larger=larger, steps=result.steps)
+
+
 def _exchanged(problem: Problem, start: Candidate) -> Candidate | None:
-    """The candidate with repetitions of some deltas exchanged for fewer of others, if that is smaller."""
+    """The candidate with repetitions of some deltas exchanged for fewer of others, if it has such."""
     exact = start.exact
     if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED or not any(plans(exact)):
         return None
-    candidate = restricted(problem, start.form, exchanges=True)
-    return candidate if candidate is not None and candidate.lft.order < exact.order else None
+    return restricted(problem, start.form, exchanges=True)
 
 
 def _above(steps: Sequence[Step]) -> int:

@@ -9,6 +9,8 @@ from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.exchange import plans
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.search import Smallest
+from mbdlft.pipeline import stages
 from mbdlft.pipeline.forms import Candidate, restricted
 from tests.close import SCENARIO, target
 from tests.strategies import random_scene
@@ -51,8 +53,24 @@ def test_exchanges_keep_the_value(seed: int) -> None:
 
 
 def test_models_are_searched_from_exchanges() -> None:
-    """Work for no step of a search: 3 repetitions need none, 24 become 22 by two lines of two."""
-    model = to_lft(random_scene(224), search=1e-6)
+    """Work for no step of a search: 24 repetitions become 22 by two lines of two."""
+    assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
+
+
+def test_what_is_minimal_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stages, "_search", None)
+    model = to_lft(random_scene(224))
     assert model.order == 3
     assert model.certificate.minimal
-    assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
+
+
+def test_steps_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the steps of a search lead to is exchanged, too: here the first of them changes nothing."""
+
+    def search(reduced: list[Candidate], *_: object, **__: object) -> Smallest:
+        return Smallest(reduced[0].lft, 0, steps=((0, ()),))
+
+    monkeypatch.setattr(stages, "_exchanged", lambda *_: None)
+    monkeypatch.setattr(stages, "_search", search)
+    monkeypatch.setattr(stages, "_searched_exactly", lambda _, __, result, *___: result)
+    assert to_lft(random_scene(557)).order == 9
