@@ -95,7 +95,7 @@ def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
         inner = _in_coordinates(opened, krylov(opened, size, columns), _zero_on(chains))
     except ZeroDivisionError:  # P K is singular at nominal
         return None
-    if inner.order - opened.order >= size - len(columns):
+    if inner.order - opened.order > len(lines):  # poles elsewhere may be in the range
         return None
     others = tuple(block for block in a.blocks if block.name not in (first, second))
     closed = ExactLFT(inner.M, (*inner.blocks, Block(first, len(columns)), *others))

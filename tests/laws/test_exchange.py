@@ -52,6 +52,13 @@ def test_exchanges_keep_the_value(seed: int) -> None:
     assert not any(plans(exact(smaller)))
 
 
+def test_what_costs_more_than_its_lines_is_not_exchanged() -> None:
+    """One line would do for two directions; with other poles than that it costs three repetitions."""
+    plain, same = (made(1220, exchanges=exchanges) for exchanges in (False, True))
+    assert any(plans(exact(plain)))
+    assert exact(same).blocks == exact(plain).blocks
+
+
 def test_models_are_searched_from_exchanges() -> None:
     """Work for no step of a search: 24 repetitions become 22 by two lines of two."""
     assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
