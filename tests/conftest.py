@@ -29,10 +29,14 @@ settings.register_profile("deep", max_examples=500, deadline=None, print_blob=Tr
 settings.load_profile(os.environ.get("MBDLFT_HYPOTHESIS", "fast"))
 
 
+gc.disable()  # modules and tests that are collected stay
+
+
 def pytest_collection_finish() -> None:
     """Garbage is not looked for in what collected tests hold: half of the time of parsing all sources."""
     gc.freeze()
     gc.set_threshold(500_000, 20, 20)
+    gc.enable()
 
 
 @pytest.fixture

@@ -93,8 +93,9 @@ def rigid(folder: str) -> list[mbdlft.Scene]:
     return [scene for scene in scenes if {body.kind for body in scene.bodies} <= kinds]
 
 
-LARGE = [scene for scene in rigid("scenarios") if scene.name in ("ur5", "whipple_bicycle")]
-SCENARIOS = [scene for scene in rigid("scenarios") if scene not in LARGE and scene.name not in OTHERS]
+_ALL = rigid("scenarios")
+LARGE = [scene for scene in _ALL if scene.name in ("ur5", "whipple_bicycle")]
+SCENARIOS = [scene for scene in _ALL if scene not in LARGE and scene.name not in OTHERS]
 
 
 @pytest.mark.parametrize(

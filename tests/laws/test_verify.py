@@ -66,12 +66,10 @@ def false() -> Iterator[tuple[str, mbdlft.System, mbdlft.Bounds]]:
     yield "the gain is 1 and not 1/5", weak, replace(performance, lower=5.0, upper=9.0)
 
 
-@pytest.mark.parametrize(("system", "bounds"), [pytest.param(*row[1:], id=row[0]) for row in false()])
-def test_a_false_claim_is_refused_whatever_is_reached(
-    system: mbdlft.System, bounds: mbdlft.Bounds
-) -> None:
-    assert bounds.proof is not None
-    assert mbdlft.verify(system, bounds)
+def test_a_false_claim_is_refused_whatever_is_reached() -> None:
+    for why, system, bounds in false():
+        assert bounds.proof is not None, why
+        assert mbdlft.verify(system, bounds), why
 
 
 def test_one_over_a_bound_times_it_is_not_below_one() -> None:
