@@ -29,6 +29,7 @@ from scipy.linalg import qr
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, equilibrate, or_one
 from mbdlft.lft.lft import Block
 from mbdlft.order.lower_bound import exact_degrees
@@ -71,16 +72,22 @@ class Plan(NamedTuple):
 
 def plans(a: ExactLFT) -> Iterator[Plan]:
     """Exchanges that residues allow, those of the delta furthest above its degree first."""
-    degrees = exact_degrees(a)
+    degrees, M = exact_degrees(a), a.M
+    nothing = np.zeros(M.shape, dtype=object)  # balls are not looked at
+    a = ExactLFT(ExactMatrix(M.residues, nothing, M.prime), a.blocks)
     above = {name: size - degrees[name] for name, size in a.blocks if size > degrees[name] + 1}
     pairs = [(x, y) for x, y in permutations([b.name for b in a.blocks if b.size], 2) if x in above]
     for first, second in sorted(pairs, key=lambda pair: -above[pair[0]]):
         for side in (False, True):
             opened, size = _in_one(transposed(a) if side else a, first, second), dict(a.blocks)[first]
-            reached = len(independent_columns(opened, size, value_at_random(opened, 0)))
+            value = value_at_random(opened, 0)
+            space = reachable_bases(value[:size, :size], value[:size, size:], [size], M.prime)[0]
+            reached, lost = len(space.pivots), size - len(space.pivots)
+            if lost < 2 or not reached:
+                continue
             nominal = opened.M.residues[opened.order :, opened.order :]
-            columns, lost = independent_columns(opened, size, nominal), size - reached
-            if lost > 1 and 0 < reached == len(columns):
+            columns = independent_columns(opened, size, nominal)
+            if len(columns) == reached:
                 lines = _lines(opened, size, columns, lost)
                 if len(lines) < lost == sum(line.length for line in lines):
                     yield Plan(first, second, side, columns, lines)

@@ -110,7 +110,7 @@ def _searched(
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = _in_units(problem, reduced[0].lft), None
     with stage("search"):
-        result = _smallest(problem, reduced, degrees, budget, stage, check)
+        result = _smallest(problem, reduced, degrees, budget, stage)
         dropped = result.dropped
         for smaller in _results(problem, reduced[0], result):
             if smaller.order >= lft.order:
@@ -256,22 +256,16 @@ def _smallest(
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
-    check: "_Check",
 ) -> Smallest:
     """The result of searches, of steps in exact numbers, and of exchanges."""
-    start = reduced[0]
+    start, result = reduced[0], _search(reduced, degrees, budget, stage)
     if budget.seconds is not None:
-        return _search(reduced, degrees, budget, stage)
-    first = _exchanged(problem, start)
-    if first is not None and first.lft.order == sum(degrees.values()):
-        minimal, plain = (_in_units(problem, candidate.lft) for candidate in (first, start))
-        if not _loses_digits(minimal, plain, check):
-            return Smallest(first.lft, first.lft.order)
-    result = _search(reduced, degrees, budget, stage)
+        return result
     some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
     result = _searched_exactly(problem, start, result, degrees, budget, stage)
     if result.lft.order <= result.order_bound:
         return result
+    first = _exchanged(problem, start)
     others = [restricted(problem, start.form, steps, exchanges=True) for _, steps in some]
     exchanged = min(filter(None, (first, *others)), key=lambda c: c.lft.order, default=None)
     if exchanged is None or exchanged.lft.order >= result.lft.order:

@@ -64,13 +64,6 @@ def test_models_are_searched_from_exchanges() -> None:
     assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
 
 
-def test_what_is_minimal_is_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stages, "_search", None)
-    model = to_lft(random_scene(224))
-    assert model.order == 3
-    assert model.certificate.minimal
-
-
 def test_steps_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the steps of a search lead to is exchanged, too: here the first of them changes nothing."""
 
