@@ -145,7 +145,7 @@ def _falling_entries(model: LFTModel) -> Iterator[str]:
     sign, or that rounding may change by all of itself wherever it is looked at, is left out.
     """
     a, parameters = model.lft, model.parameters
-    if not (a.is_plain and a.blocks):
+    if not (a.is_plain and a.blocks and all(a.shape)):
         return
     deltas = _INSIDE * sampled_deltas(parameters, model.certificate.seed)
     numbers = [parameters.names.index(block.name) for block in a.blocks]
