@@ -97,10 +97,11 @@ def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
     """The LFT after an exchange; None where that does not make it smaller."""
     first, second, is_transposed, columns, lines = plan
     opened, size = _in_one(transposed(a) if is_transposed else a, first, second), dict(a.blocks)[first]
-    chains = matrices.stacked([[_chain(opened, size, columns, line) for line in lines]])
     try:
-        inner = _in_coordinates(opened, krylov(opened, size, columns), _zero_on(chains))
-    except ZeroDivisionError:  # P K is singular at nominal
+        chains = matrices.stacked([[_chain(opened, size, columns, line) for line in lines]])
+        P = _null_space(chains.T).T
+        inner = _in_coordinates(opened, krylov(opened, size, columns), P)
+    except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
         return None
     if inner.order - opened.order > len(lines):  # poles elsewhere may be in the range
         return None
@@ -228,7 +229,7 @@ def _far_outside(V: Array, A: Array, K: Array, value: Array, length: int) -> Arr
     tries[:, 0] = np.linalg.svd(outside.T @ Q)[2][0]
     chains = [Q @ tries]
     while len(chains) < length:
-        chains.append(A @ (chains[-1] / np.linalg.norm(chains[-1], axis=0)))
+        chains.append(A @ (chains[-1] / or_one(np.linalg.norm(chains[-1], axis=0))))
     spans = np.linalg.qr(np.array(chains).transpose(2, 1, 0))[0]  # (tries, size, length)
     least = np.linalg.svd(outside.T @ spans, compute_uv=False)[:, -1]
     chosen = np.linalg.lstsq(R, tries[:, [np.argmax(least)]], rcond=None)[0]
@@ -265,17 +266,6 @@ def _independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     order = qr(rows[:, None] * rough * columns, mode="r", pivoting=True)[1]
     chosen = order[matrices.pivot_columns(a.residues[:, order], a.prime)].tolist()
     return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
-
-
-def _zero_on(V: ExactMatrix) -> ExactMatrix:
-    """Rows P with P V = 0: unit rows but for as many columns as V has."""
-    n, h = V.shape
-    pivots, kept = _independent(V.T)
-    P = matrices.zeros(n - h, n, V.prime)
-    unit, others = matrices.identity(n - h, V.prime), -(V[pivots].T.solve(V[kept].T)).T
-    P.residues[:, kept], P.balls[:, kept] = unit.residues, unit.balls
-    P.residues[:, pivots], P.balls[:, pivots] = others.residues, others.balls
-    return P
 
 
 def _times(P: ExactMatrix, a: ExactLFT) -> ExactLFT:
