@@ -69,6 +69,11 @@ class Plan(NamedTuple):
     columns: Sequence[Column]
     lines: "Sequence[_Line]"
 
+    @property
+    def gain(self) -> int:
+        """Repetitions less."""
+        return sum(line.length - 1 for line in self.lines)
+
 
 def plans(a: ExactLFT) -> Iterator[Plan]:
     """Exchanges that residues allow, those of the delta furthest above its degree first."""

@@ -265,7 +265,7 @@ def _smallest(
     result = _searched_exactly(problem, start, result, degrees, budget, stage)
     if result.lft.order <= result.order_bound:
         return result
-    first = _exchanged(problem, start)
+    first = _exchanged(problem, start, result.lft.order)
     others = [restricted(problem, start.form, steps, exchanges=True) for _, steps in some]
     exchanged = min(filter(None, (first, *others)), key=lambda c: c.lft.order, default=None)
     if exchanged is None or exchanged.lft.order >= result.lft.order:
@@ -276,10 +276,12 @@ def _smallest(
     return more._replace(order_bound=bound, larger=larger, steps=result.steps)
 
 
-def _exchanged(problem: Problem, start: Candidate) -> Candidate | None:
-    """The candidate with repetitions of some deltas exchanged for fewer of others, if it has such."""
+def _exchanged(problem: Problem, start: Candidate, least: int) -> Candidate | None:
+    """The candidate with exchanges, if these, and as many that follow from them, may lead below an order."""
     exact = start.exact
-    if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED or not any(plans(exact)):
+    if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED:
+        return None
+    if exact.order - 2 * sum(plan.gain for plan in plans(exact)) >= least:
         return None
     return restricted(problem, start.form, exchanges=True)
 
