@@ -278,7 +278,7 @@ def _smallest(
 
 
 def _exchanged(problem: Problem, start: Candidate, least: int) -> Candidate | None:
-    """The candidate with exchanges, if these, and those that follow from them, may lead below an order."""
+    """The candidate with exchanges, if these and those that follow may lead below an order."""
     exact = start.exact
     if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED:
         return None
