@@ -10,6 +10,7 @@ value to a normalized delta:
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -374,3 +375,11 @@ def exact_cosine_sine(angle: float) -> tuple[float, float]:
     if abs(quarter - nearest) <= 4.0 * np.finfo(float).eps * max(1.0, abs(quarter)):
         return ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[nearest % 4]
     return float(np.cos(angle)), float(np.sin(angle))
+
+
+def at_values(parameters: Iterable[Parameter], values: Iterable[float]) -> str:
+    """Values of all parameters, with their units, for messages."""
+    return ", ".join(
+        f"{p.name} = {value:.6g} {p.unit}".removesuffix(" 1")
+        for p, value in zip(parameters, values, strict=True)
+    )

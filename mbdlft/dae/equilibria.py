@@ -16,6 +16,7 @@ import numpy as np
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError, SceneError, TrimError, check_known
+from mbdlft.base.parameter import at_values
 from mbdlft.base.samples import check_points
 from mbdlft.dae import balance
 from mbdlft.dae.index import independent
@@ -35,7 +36,6 @@ from mbdlft.exact.rounding import NOISE, equilibrate
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import constants_in, double, in_doubles, literal
 from mbdlft.problem.sx.tapes import term_sizes
-from mbdlft.system.sampled import at_values
 
 _SEED = 20261129  # of the points at which equilibria are in their ranges
 

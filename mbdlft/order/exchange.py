@@ -18,10 +18,10 @@ In the words of docs/pairs.md: these v are quotients O(-d) of the bundle on the 
 exist at any beta are used; values beta are outside of the range, which is from -1 to 1.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from fractions import Fraction
 from itertools import permutations
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import qr
@@ -33,19 +33,19 @@ from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, equilibrate, or_one
 from mbdlft.lft.lft import Block
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.rational import residue_of
+from mbdlft.order.rational import image_of
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 from mbdlft.order.restriction import (
     after,
     in_order,
     independent_columns,
     krylov,
-    merged,
     value_at,
     value_at_random,
 )
 
 Column = tuple[int, int]  # input and power, of A^power B_input
+Matrix = TypeVar("Matrix", Residues, ExactMatrix)
 
 _LINES = (100, -100, 200, -200, 300, -300, 400, -400)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
@@ -136,7 +136,7 @@ class _Line(NamedTuple):
 def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -> list[_Line]:
     """Lines of the longest chains that make so many directions superfluous, by residues."""
     prime, other = opened.M.prime, value_at_random(opened, 1)
-    reached = _reached(other[:size, :size], other[:size, size:], columns, prime)
+    reached = np.hstack(_columns(_by(other[:size, :size], prime), other[:size, size:], columns))
     outside = matrices.null_space(reached.T, prime).T  # rows that are zero on R
     lines, before = list[_Line](), np.zeros((size, 0), dtype=np.int64)
     for beta in _LINES:
@@ -144,9 +144,9 @@ def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -
             value = value_at(opened, np.array([beta % prime]))
         except ZeroDivisionError:  # the model has no value there
             continue
-        A, B, C = value[:size, :size], value[:size, size:], value[size:, :size]
-        K = _reached(A, B, columns, prime)
-        before = _with_longest(A, C, K, outside, before, count, prime)
+        times, C = _by(value[:size, :size], prime), value[size:, :size]
+        K = np.hstack(_columns(times, value[:size, size:], columns))
+        before = _with_longest(times, C, K, outside, before, count, prime)
         length = before.shape[1] - sum(line.length for line in lines)
         if length == 0:
             break
@@ -157,34 +157,49 @@ def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -
 
 
 def _with_longest(
-    A: Residues, C: Residues, K: Residues, outside: Residues, before: Residues, count: int, prime: int
+    times: Callable[[Residues], Residues],
+    C: Residues,
+    K: Residues,
+    outside: Residues,
+    before: Residues,
+    count: int,
+    prime: int,
 ) -> Residues:
     """Columns, at most so many, with those of the longest chain that is outside of R beside them."""
     seen, moved, bases = list[Residues](), K, [np.eye(K.shape[1], dtype=np.int64)]
     while len(bases) < count - before.shape[1]:
         seen.append(matrices.multiplied(C, moved, prime))
-        moved = matrices.multiplied(A, moved, prime)
+        moved = times(moved)
         basis = matrices.null_space(np.vstack(seen), prime)
         if not basis.shape[1]:
             break
         bases.append(basis)
     for length, basis in reversed([*enumerate(bases, 1)]):
         numbers = np.random.default_rng(0).integers(1, prime, (basis.shape[1], 1))
-        chain = [matrices.multiplied(K, matrices.multiplied(basis, numbers, prime), prime)]
-        while len(chain) < length:
-            chain.append(matrices.multiplied(A, chain[-1], prime))
-        V = np.hstack([before, *chain])
+        v = matrices.multiplied(K, matrices.multiplied(basis, numbers, prime), prime)
+        V = np.hstack([before, *_powers(times, v, length)])
         if matrices.rank(matrices.multiplied(outside, V, prime), prime) == V.shape[1]:
             return V
     return before
 
 
-def _reached(A: Residues, B: Residues, columns: Sequence[Column], prime: int) -> Residues:
-    """The columns A^power B_input, in residues."""
-    powers = [B]
-    for _ in range(max(power for _, power in columns)):
-        powers.append(matrices.multiplied(A, powers[-1], prime))
-    return np.stack([powers[power][:, column] for column, power in columns], axis=1)
+def _powers(times: Callable[[Matrix], Matrix], first: Matrix, count: int) -> list[Matrix]:
+    """The first, and what it becomes by a product that is repeated: so many."""
+    powers = [first]
+    while len(powers) < count:
+        powers.append(times(powers[-1]))
+    return powers
+
+
+def _columns(times: Callable[[Matrix], Matrix], B: Matrix, columns: Sequence[Column]) -> list[Matrix]:
+    """The columns A^power B_input, by a product with A."""
+    powers = _powers(times, B, 1 + max(power for _, power in columns))
+    return [powers[power][:, [column]] for column, power in columns]
+
+
+def _by(A: Residues, prime: int) -> Callable[[Residues], Residues]:
+    """The product with A."""
+    return lambda x: matrices.multiplied(A, x, prime)
 
 
 def _chain(opened: ExactLFT, size: int, columns: Sequence[Column], line: _Line) -> ExactMatrix:
@@ -194,29 +209,16 @@ def _chain(opened: ExactLFT, size: int, columns: Sequence[Column], line: _Line) 
     loop = matrices.identity(n, M.prime) + -scaled[:, :n]
     value = M[n:, n:] + M[n:, :n] @ loop.solve(scaled[:, n:])
     A, B, C = value[:size, :size], value[:size, size:], value[size:, :size]
-    V = K = _columns(A, B, columns)
-    seen, moved = list[list[ExactMatrix]](), K
-    for _ in range(line.length - 1):
-        seen.append([C @ moved])
-        moved = A @ moved
-    if seen:
+    V = K = matrices.stacked([_columns(A.__matmul__, B, columns)])
+    if line.length > 1:
+        seen = [[C @ x] for x in _powers(A.__matmul__, K, line.length - 1)]
         V = K @ _null_space(matrices.stacked(seen))
     nominal = M[n:, n:]
-    at_nominal = _columns(nominal[:size, :size], nominal[:size, size:], columns)
-    rough = [matrices.rough_values(x) for x in (V, A, at_nominal, nominal)]
+    at_nominal = _columns(nominal[:size, :size].__matmul__, nominal[:size, size:], columns)
+    rough = [matrices.rough_values(x) for x in (V, A, matrices.stacked([at_nominal]), nominal)]
     numbers = _far_outside(rough[0], rough[1], rough[2], rough[3], line.length)
-    chain = [V @ _exactly(numbers, M.prime)]
-    while len(chain) < line.length:
-        chain.append(A @ chain[-1])
-    return matrices.stacked([chain])
-
-
-def _columns(A: ExactMatrix, B: ExactMatrix, columns: Sequence[Column]) -> ExactMatrix:
-    """The columns A^power B_input."""
-    powers = [B]
-    for _ in range(max(power for _, power in columns)):
-        powers.append(A @ powers[-1])
-    return matrices.stacked([[powers[power][:, [column]] for column, power in columns]])
+    v = V @ _exactly(numbers, M.prime)
+    return matrices.stacked([_powers(A.__matmul__, v, line.length)])
 
 
 def _far_outside(V: Array, A: Array, K: Array, value: Array, length: int) -> Array:
@@ -243,8 +245,8 @@ def _far_outside(V: Array, A: Array, K: Array, value: Array, length: int) -> Arr
 
 def _exactly(a: Array, prime: int) -> ExactMatrix:
     """Doubles as exact numbers."""
-    residues = [residue_of(Fraction(x), prime) for x in a.ravel().tolist()]
-    return ExactMatrix(np.array(residues, dtype=np.int64).reshape(a.shape), matrices.balls_of(a), prime)
+    fractions = np.array([Fraction(x) for x in a.ravel().tolist()], dtype=object).reshape(a.shape)
+    return ExactMatrix(image_of(fractions, prime), matrices.balls_of(a), prime)
 
 
 def _multiple(a: ExactMatrix, factor: int) -> ExactMatrix:
@@ -273,34 +275,14 @@ def _independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
 
 
-def _times(P: ExactMatrix, a: ExactLFT) -> ExactLFT:
-    """The LFT with P y' for its first outputs y'."""
-    n, size = a.order, P.shape[1]
-    rows = [[a.M[:n]], [P @ a.M[n : n + size]], [a.M[n + size :]]]
-    return ExactLFT(matrices.stacked(rows), a.blocks)
-
-
 def _in_coordinates(opened: ExactLFT, K: ExactLFT, P: ExactMatrix) -> ExactLFT:
     """(w', u) -> (z', y), reduced: with x of w = K x as an unknown, P K x = w'."""
-    d, prime = P.shape[0], P.prime
-    moved, chosen = after(_times(P, opened), K), _times(P, K)
-    n, k = moved.order, chosen.order
-
-    def zeros(rows: int, columns: int) -> ExactMatrix:
-        return matrices.zeros(rows, columns, prime)
-
-    def beside(rows: ExactMatrix) -> list[ExactMatrix]:
-        count = rows.shape[0]
-        return [rows[:, :n], zeros(count, k), rows[:, n : n + d], zeros(count, d), rows[:, n + d :]]
-
-    outputs, inputs = moved.M.shape[0] - n, moved.M.shape[1] - n - d
-    M = matrices.stacked(
-        [
-            beside(moved.M[:n]),
-            [zeros(k, n), chosen.M[:k], zeros(k, d + inputs)],
-            [zeros(d, n), chosen.M[k:], -matrices.identity(d, prime), zeros(d, inputs)],
-            beside(moved.M[n:]),
-        ]
-    )
-    whole = merged(M, moved.blocks, chosen.blocks)
-    return reduce_exactly(eliminated(whole, d, [*range(d, d + outputs)]))
+    (d, size), n, M, prime = P.shape, opened.order, opened.M, P.prime
+    before, after_w = (matrices.zeros(d, count, prime) for count in (n, M.shape[1] - n - size))
+    outputs = [[before, P, after_w], [P @ M[n : n + size]], [M[n + size :]]]  # P w, z', y
+    moved = after(ExactLFT(matrices.stacked([[M[:n]], *outputs]), opened.blocks), K)
+    k, others = moved.order, moved.M.shape[0] - moved.order - d
+    given = [matrices.zeros(k, d, prime), -matrices.identity(d, prime), matrices.zeros(others, d, prime)]
+    beside = matrices.stacked([[x] for x in given])  # w', after x
+    whole = matrices.stacked([[moved.M[:, : k + d], beside, moved.M[:, k + d :]]])
+    return reduce_exactly(eliminated(ExactLFT(whole, moved.blocks), d, [*range(d, d + others)]))

@@ -145,6 +145,12 @@ def residue_of(x: Fraction, prime: int) -> int:
     return x.numerator * pow(x.denominator, -1, prime) % prime
 
 
+def image_of(a: Fractions, prime: int) -> Residues:
+    """Of an array, modulo a prime."""
+    flat = [residue_of(x, prime) for x in a.ravel().tolist()]
+    return np.array(flat, dtype=np.int64).reshape(a.shape)
+
+
 def along(a: Residues, axis: int, matrix: Residues, prime: int) -> Residues:
     """A matrix times the vectors along an axis."""
     moved = np.moveaxis(a, axis, 0)

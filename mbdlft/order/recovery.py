@@ -34,6 +34,7 @@ import numpy as np
 
 from mbdlft.exact.matrices import Residues, multiplied, powers_of, solved
 from mbdlft.order import rational
+from mbdlft.order.rational import image_of
 from mbdlft.order.work import Work
 
 _ATTEMPTS = 3  # primes that choices are made with: another one has other factors
@@ -94,7 +95,7 @@ def _along_path(
         return None
     if isinstance(name, _Factors):
         W = next(
-            (row for row in _rational_rows(F, k) if np.array_equal(_image(row, prime), step.spaces[k])),
+            (row for row in _rational_rows(F, k) if np.array_equal(image_of(row, prime), step.spaces[k])),
             None,
         )
     else:
@@ -109,7 +110,7 @@ def _along_path(
 
     def inner(prime: int) -> Residues | None:
         f = F.modulo(prime, work)
-        opened = _opened(f.T if step.is_transposed else f, k, _image(W, prime))
+        opened = _opened(f.T if step.is_transposed else f, k, image_of(W, prime))
         return (
             None
             if opened is None
@@ -129,12 +130,6 @@ def _along_path(
     others = [other for other in left if other != k]
     result = _along_path(rational.RationalMatrix(rows, d, F.parameters), others, following, prime, work)
     return None if result is None else result._replace(blocks=first.blocks)
-
-
-def _image(a: rational.Fractions, prime: int) -> Residues:
-    """Modulo a prime."""
-    flat = [rational.residue_of(x, prime) for x in a.ravel().tolist()]
-    return np.array(flat, dtype=np.int64).reshape(a.shape)
 
 
 def _named(f: "rational.Polynomials", left: Sequence[int], budget: int, name: "_Name") -> "_Step | None":

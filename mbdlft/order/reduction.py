@@ -41,7 +41,7 @@ from mbdlft.exact.matrices import (
     stacked,
 )
 from mbdlft.exact.numbers import TooFewBitsError, half_precision
-from mbdlft.exact.reachable import reduced
+from mbdlft.exact.reachable import in_reach, reduced
 from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one, product
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
@@ -111,11 +111,7 @@ def _in_touch(a: ExactLFT) -> ExactLFT:
     n, some = a.order, a.M.residues != 0
     kept = np.ones(n, dtype=bool)
     for entries in (some, some.T):
-        fresh = reached = entries[:n, n:].any(axis=1)
-        while fresh.any():
-            fresh = entries[:n, :n][:, fresh].any(axis=1) & ~reached
-            reached = reached | fresh
-        kept &= reached
+        kept &= in_reach(entries[:n, :n], entries[:n, n:].any(axis=1))
     if kept.all():
         return a
     rows, columns = (np.append(kept, np.ones(count - n, dtype=bool)) for count in a.M.shape)

@@ -7,7 +7,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError, naming
-from mbdlft.base.parameter import Parameter
+from mbdlft.base.parameter import Parameter, at_values
 from mbdlft.exact.rounding import EPS, MOST_ROUNDINGS, conditioning
 from mbdlft.lft.determinant import values_at, vanishes
 from mbdlft.lft.lft import LFT
@@ -18,7 +18,7 @@ from mbdlft.problem.relations import Nouns, Problem, Reference
 from mbdlft.system.evidence import deltas_at, largest
 from mbdlft.system.model import Certificate
 from mbdlft.system.regular import PROVED, SAMPLED, Regularity, check_no_zero, physical_boxes, regularity
-from mbdlft.system.sampled import at_values, in_twofold
+from mbdlft.system.sampled import in_twofold
 
 Boxes = tuple[tuple[tuple[float, float], ...], ...]  # physical: (low, high) of each parameter
 

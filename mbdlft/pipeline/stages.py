@@ -243,12 +243,20 @@ def _searched_exactly(
         is_closed = _above(chosen) > 0
         of_more = budget._replace(work=(_OF_FITS if is_closed else 1.0) * budget.work)
         more = _search([candidate], degrees, of_more, stage, truth=start.closed, is_closed=is_closed)
-        bound = max(result.order_bound, more.order_bound)
-        if more.lft.order >= least:
-            return result._replace(order_bound=bound)
-        larger = (*more.larger, candidate.lft, result.lft, *result.larger)
-        result = more._replace(order_bound=bound, larger=larger, dropped=more.dropped or result.dropped)
+        after = _gone_on(result, candidate, more)
+        if after.lft.order >= least:
+            return result._replace(order_bound=after.order_bound)
+        result = after
     return result
+
+
+def _gone_on(result: Smallest, candidate: Candidate, more: Smallest) -> Smallest:
+    """What a search has found from a candidate, before the result of the one that it goes on from."""
+    return more._replace(
+        order_bound=max(result.order_bound, more.order_bound),
+        larger=(*more.larger, candidate.lft, result.lft, *result.larger),
+        dropped=more.dropped or result.dropped,
+    )
 
 
 def _smallest(
@@ -272,9 +280,7 @@ def _smallest(
     if exchanged is None or exchanged.lft.order >= result.lft.order:
         return result
     more = _search([exchanged], degrees, budget, stage, truth=start.closed, is_closed=True)
-    bound = max(result.order_bound, more.order_bound)
-    larger = (*more.larger, exchanged.lft, result.lft, *result.larger)
-    return more._replace(order_bound=bound, larger=larger, steps=result.steps)
+    return _gone_on(result, exchanged, more)._replace(steps=result.steps)
 
 
 def _exchanged(problem: Problem, start: Candidate, least: int) -> Candidate | None:

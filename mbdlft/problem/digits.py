@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.base.parameter import DIVISORS, Parameter
+from mbdlft.base.parameter import DIVISORS, Parameter, at_values
 from mbdlft.exact.matrices import entries_of
 from mbdlft.exact.numbers import Field, constant_of, precision
 from mbdlft.problem.equations import Equations, ParameterSymbols, split
@@ -60,8 +60,7 @@ class InDigits(NamedTuple):
             try:
                 found.append(_state_space(self.slopes(p), self.unknown, self.known, self.states))
             except ZeroDivisionError:
-                values = zip(self.parameters, p, strict=True)
-                where = ", ".join(f"{q.name} = {x:g} {q.unit}" for q, x in values)
+                where = at_values(self.parameters, p)
                 raise _singular(f" at {where}" if where else "") from None
         return found
 

@@ -17,6 +17,7 @@ from scipy.linalg import qr
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array
 from mbdlft.base.errors import TrimError
+from mbdlft.base.parameter import at_values
 from mbdlft.base.samples import physical_points
 from mbdlft.base.unit import Signal
 from mbdlft.exact.rounding import cleaned
@@ -281,9 +282,7 @@ def _unbalanced(e: Equations, points: Array, residual: Array, worst: int) -> str
     n = e.degrees_of_freedom
     row = int(np.argmax(np.abs(residual[worst, n : 2 * n])))
     signal, size = e.equilibrium_signals[row], residual[worst, n + row]
-    where = ", ".join(
-        f"{p.name} = {value:g} {p.unit}" for p, value in zip(e.parameters, points[worst], strict=True)
-    )
+    where = at_values(e.parameters, points[worst])
     return (
         f"scene {e.name!r}: no equilibrium{' at ' + where if where else ''}: {signal.name} misses "
         f"{size:.4g} {signal.unit}"

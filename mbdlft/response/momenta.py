@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
+from mbdlft.exact.reachable import in_reach
 from mbdlft.response.modes import Names, chosen, transfers_at
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
@@ -120,7 +121,9 @@ def _beside_motions(
         return matrices, matrices
     x, v = np.array([*rates]), np.array([*rates.values()])
     unit = A[:, x, v, None]
-    observed = _reached(A.swapaxes(1, 2), np.any(C[:, ~sees] != 0.0, axis=(0, 1)), x, v)
+    observed = np.any(C[:, ~sees] != 0.0, axis=(0, 1))
+    observed[x] = observed[v] = True
+    observed = in_reach(np.any(A != 0.0, axis=0).T, observed)
     first, R = _motions(A[:, v[:, None], x] * unit.swapaxes(1, 2), count)
     observed[x] = False
     shown = np.concatenate([A[:, observed], C[:, ~sees]], axis=1)
@@ -180,20 +183,10 @@ def _held(matrices: StateMatrices, count: int, slowest: Array) -> Array:
     unit = A[:, None, x, v]
     L = _kernel((A[:, v[:, None], x] * unit).swapaxes(1, 2), count).swapaxes(1, 2)
     across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    reached = _reached(A, np.any(B != 0.0, axis=(0, 2)))
+    reached = in_reach(np.any(A != 0.0, axis=0), np.any(B != 0.0, axis=(0, 2)))
     terms = np.concatenate([A * reached, B], axis=2)[:, v].swapaxes(1, 2)
     is_held = _is_zero(terms, L.swapaxes(1, 2), slowest)
     k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
     held[:, v[:, None], x] -= k**2 * P / unit
     held[:, v[:, None], v] -= k * P
     return held
-
-
-def _reached(A: Array, start: NDArray[np.bool_], *others: Indices) -> NDArray[np.bool_]:
-    """States (n,) that those at the start and others lead to, with these."""
-    leads, reached = np.any(A != 0.0, axis=0), start.copy()
-    for states in others:
-        reached[states] = True
-    for _ in range(len(leads)):
-        reached |= leads @ reached
-    return reached

@@ -18,7 +18,7 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.matrices import from_rows
 from mbdlft.exact.numbers import Field, in_enough_bits
-from mbdlft.exact.reachable import reduced
+from mbdlft.exact.reachable import in_reach, reduced
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import Names, balancing, eigenpair, transfers_at, with_rounding
 from mbdlft.system.model import System
@@ -120,10 +120,9 @@ def scaled(plant: Plant) -> tuple[Plant, Array, Array]:
 def connected(plant: Plant) -> Plant:
     """The states that inputs reach and outputs see along entries that are not zero: the same transfer."""
     A, B, C, D = plant
-    reached, read = np.any(B != 0.0, axis=1), np.any(C != 0.0, axis=0)
-    for _ in range(len(A)):
-        reached = reached | np.any(A[:, reached] != 0.0, axis=1)
-        read = read | np.any(A[read] != 0.0, axis=0)
+    leads = A != 0.0
+    reached = in_reach(leads, np.any(B != 0.0, axis=1))
+    read = in_reach(leads.T, np.any(C != 0.0, axis=0))
     kept = np.flatnonzero(reached & read)
     return Plant(A[np.ix_(kept, kept)], B[kept], C[:, kept], D)
 

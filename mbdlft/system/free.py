@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from mbdlft.lft.lft import stack_diagonal
+from mbdlft.exact.reachable import in_reach
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.wiring import Wiring, beside_gains
 
@@ -37,18 +38,14 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     systems, Ky, E, F, direct = beside_gains(systems, wiring)
     parts = [_part(system) for system in systems]
     leaves = _joined([part.leaves for part in parts])
-    is_blind, is_sum = (
-        _joined([part.is_blind for part in parts]),
-        _joined([part.is_sum for part in parts]),
-    )
+    is_blind = _joined([part.is_blind for part in parts])
+    is_sum = _joined([part.is_sum for part in parts])
     is_free = _joined([np.full(len(part.leaves), part.motions > 0) for part in parts])
     by_part = [np.ones((len(part.is_blind), len(part.leaves))) for part in parts]
-    is_one = stack_diagonal(np.zeros((0, 0)), *by_part).M22 != 0.0
-    leads = np.eye(len(leaves), dtype=np.bool_) | (Ky != 0.0) @ is_one
-    for _ in range(len(leaves).bit_length()):
-        leads = leads @ leads
-    is_moved = (leads @ (E != 0.0))[~leaves].any(axis=0)
-    fed = leads @ (Ky[:, ~is_blind] != 0.0).any(axis=1)
+    is_one = block_diag(np.zeros((0, 0)), *by_part) != 0.0
+    leads = (Ky != 0.0) @ is_one
+    is_moved = (E[in_reach(leads.T, ~leaves)] != 0.0).any(axis=0)
+    fed = in_reach(leads, (Ky[:, ~is_blind] != 0.0).any(axis=1))
     is_seen = F[:, ~is_blind | is_one @ fed].any(axis=1)
     count = sum(part.motions for part in parts) if is_real else 0
     is_rigid = all(part.is_rigid for part in parts) and not np.any(fed & is_free)

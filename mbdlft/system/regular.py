@@ -28,11 +28,10 @@ from scipy.sparse.csgraph import connected_components
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, WellPosednessError
-from mbdlft.base.parameter import Parameter, to_physical
+from mbdlft.base.parameter import Parameter, at_values, to_physical
 from mbdlft.base.running import after, budget, tell
 from mbdlft.lft.lft import LFT
 from mbdlft.lft.sparse import SparseLFT
-from mbdlft.system.sampled import at_values
 
 PROVED, SAMPLED = "proved", "sampled"  # what a certificate says
 PROVE = 1.0  # units of work of a proof, each at most about a second of one core

@@ -18,7 +18,7 @@ import numpy as np
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import StructureError, WellPosednessError, check_known
-from mbdlft.base.parameter import Parameter, to_delta, to_physical
+from mbdlft.base.parameter import Parameter, at_values, to_delta, to_physical
 from mbdlft.base.samples import physical_points
 from mbdlft.exact import rounding
 from mbdlft.exact.rounding import equilibrate
@@ -219,14 +219,6 @@ def _conditions(matrices: Array) -> Array:
     ]
     conditions[some] = norms[0] * norms[1]
     return conditions
-
-
-def at_values(parameters: Sequence[Parameter], values: Sequence[float] | Array) -> str:
-    """Values of all parameters, with their units, for messages."""
-    return ", ".join(
-        f"{p.name} = {value:.6g} {p.unit}".removesuffix(" 1")
-        for p, value in zip(parameters, values, strict=True)
-    )
 
 
 LOST = 2.0**-40  # of the size of an entry: an error that is worth the work

@@ -17,8 +17,14 @@ from tests.attack.run import Attacker, Tally, command, once, tally
 
 # seeds that were wrong, and more of what no other test draws at random
 SLOW = {
-    **{"proofs": (66, 1488), "couplings": range(30), "contacts": range(30)},
-    **{"claims": (0,), "sparse": (0,), "frames": (5,), "empty": (7,), "accelerations": (1, 2)},
+    "proofs": (66, 1488),
+    "couplings": range(30),
+    "contacts": range(30),
+    "claims": (0,),
+    "sparse": (0,),
+    "frames": (5,),
+    "empty": (7,),
+    "accelerations": (1, 2),
 }
 
 

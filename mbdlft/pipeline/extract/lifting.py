@@ -43,7 +43,8 @@ def extract_within(
         return reduced.closed() if reduced.order <= most else reduced.sparse()
     forms = [model]
     if _is_repeated(model.lifted.trim, maps, most):
-        forms += [own for own in [in_own_units(model)] if own is not model]
+        own = in_own_units(model)
+        forms += [own] if own is not model else []
     # levers of mechanisms have fewer channels as they are: loop 19 of the attack 19, and 45 in own units
     made = [_with_lifted(m, m.lifted, maps, most) for m in forms if m.lifted]
     fewest = min((m for m in made if m), key=lambda m: m.lft.order, default=None)

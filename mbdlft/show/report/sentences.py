@@ -103,9 +103,7 @@ def checked_beside(model: LFTModel) -> Iterator[str]:
     yield from _falling_entries(model)
     yield from (f"nearly: {text}" for text in certificate.near)
     if certificate.by_terms:
-        rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
-        columns = [signal.name for signal in (*model.states, *model.inputs)]
-        named = [f"{rows[i]} by {columns[j]}" for i, j in certificate.by_terms]
+        named = [_entry(model, i, j) for i, j in certificate.by_terms]
         more = f" and {len(named) - _MOST_BOXES} more" if len(named) > _MOST_BOXES else ""
         yield (
             "entries that are only rounding of terms that cancel, and compared with these: "
@@ -129,7 +127,7 @@ def _small_entries(model: LFTModel) -> Iterator[str]:
     size = np.abs(transfers(whole[None], states, omega)[0])
     shares = change / np.where(size > 0.0, size, np.inf)
     shares = np.where(np.min(shares, axis=0) < _SOME_DIGITS, shares, 0.0)
-    k, i, j = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    k, i, j = map(int, np.unravel_index(int(np.argmax(shares)), shares.shape))
     if shares[k, i, j] > _SIX_DIGITS:
         yield (
             f"small entries: rounding may change the response of {model.outputs[i].name} by "
@@ -155,18 +153,22 @@ def _falling_entries(model: LFTModel) -> Iterator[str]:
     is_known = shares < _SOME_DIGITS
     has_one_sign = np.any(is_known & (values > 0.0), axis=0) != np.any(is_known & (values < 0.0), axis=0)
     shares = np.where(has_one_sign, shares, 0.0)
-    k, i, j = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    k, i, j = map(int, np.unravel_index(int(np.argmax(shares)), shares.shape))
     if shares[k, i, j] > _SIX_DIGITS:
-        rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
-        column = (*model.states, *model.inputs)[j].name
         place = [
             f"{p.name} = {to_physical(p, x):.4g}" for p, x in zip(parameters, deltas[k], strict=True)
         ]
         yield (
-            f"entries that fall: rounding may change {rows[i]} by {column} by {shares[k, i, j]:.1e} of "
+            f"entries that fall: rounding may change {_entry(model, i, j)} by {shares[k, i, j]:.1e} of "
             f"itself at {', '.join(place)}, where it is {sizes[k, i, j] / np.max(sizes[:, i, j]):.1e} of "
             "its largest size; exports have no more digits there"
         )
+
+
+def _entry(model: LFTModel, i: int, j: int) -> str:
+    """The name of an entry of [A B ; C D]."""
+    rows = [f"d{s.name}/dt" for s in model.states] + [s.name for s in model.outputs]
+    return f"{rows[i]} by {(*model.states, *model.inputs)[j].name}"
 
 
 def well_posed(model: LFTModel) -> Iterator[str]:
