@@ -119,6 +119,7 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate/accelerations?: int64 accelerations
     certificate/momenta?: int64 u
     certificate/rigid_motions?: int64 y
+    certificate/unmoved?: int64 unmoved 2
     certificate/evidence/number certificate/evidence/basis: text evidence
 """
 _TRIM_LFT = """

@@ -250,6 +250,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "accelerations",
         "momenta",
         "rigid_motions",
+        "unmoved",
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
@@ -274,7 +275,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
         raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []
     certificate = layout.record(Certificate, items, "certificate", open_boxes=layout.nested(boxes))
-    _check(certificate, sizes, len(items["outputs/name"]))
+    _check(certificate, sizes, len(items["outputs/name"]), len(items["inputs/name"]))
     if "certificate/evidence/number" in items:
         stated = layout.words(items, "certificate/evidence/number")
         basis = layout.words(items, "certificate/evidence/basis")
@@ -285,7 +286,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
     return certificate
 
 
-def _check(c: Certificate, sizes: tuple[int, ...], outputs: int) -> None:
+def _check(c: Certificate, sizes: tuple[int, ...], outputs: int, inputs: int) -> None:
     """Raise an ArchiveError unless the values of a certificate can be true."""
 
     def needs(condition: bool, what: str) -> None:  # noqa: FBT001
@@ -327,6 +328,10 @@ def _check(c: Certificate, sizes: tuple[int, ...], outputs: int) -> None:
     needs(all(0 <= k < outputs for k in c.accelerations), f"accelerations: there are {outputs} outputs")
     needs(len({*c.momenta} - {0}) < 2 and min(c.momenta, default=0) >= 0, "momenta has several numbers")
     needs(len({*map(abs, c.rigid_motions)}) < 2, "rigid_motions has several numbers")
+    needs(
+        all(0 <= i < outputs and 0 <= j < inputs for i, j in c.unmoved),
+        f"unmoved: there are {outputs} outputs and {inputs} inputs",
+    )
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

@@ -39,6 +39,7 @@ from mbdlft.multibody.scene.quantities import Place, check_dimension, expression
 from mbdlft.multibody.sensor import Acceleration, AngularAcceleration, JointWrench
 from mbdlft.order.search import SEARCH
 from mbdlft.pipeline.models import realize, to_lft
+from mbdlft.system.evidence import NOTHING_FREE
 from mbdlft.system.model import LFTModel
 
 _MOST = 20
@@ -337,9 +338,7 @@ def two_port(
         states=tuple(s for s in model.states if not s.name.startswith(f"{_HOLD}.")),
         inputs=(*(s for port in ports for s in loads[port]), *accelerations[parent], *body_signals[0]),
         outputs=(*(s for port in ports for s in accelerations[port]), *loads[parent], *body_signals[1]),
-        certificate=replace(  # P moves, too
-            model.certificate, accelerations=(), momenta=(), rigid_motions=()
-        ),
+        certificate=replace(model.certificate, **NOTHING_FREE),  # P moves, too
     )
 
 

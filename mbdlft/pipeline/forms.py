@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
@@ -86,7 +87,8 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     entries of their rows for these states are regular. Of what is free they are singular, and sums of
     rates, the momenta, are conserved if their rows are zero: by an input, if its entries are, too. Which
     sums other rows are, inputs that move momenta tell. Motions in which those entries cancel are those
-    of a rigid body if no other row but those of positions sees them and their rates.
+    of a rigid body if no other row but those of positions sees them and their rates. Momenta of inputs
+    say which motions they make, and rows whether an output feels these.
     """
     exact, n = candidate.exact, len(problem.states)
     if isinstance(exact, SparseResidues):
@@ -95,35 +97,61 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
         value, prime = at_random(exact)[exact.order :, exact.order :], exact.M.prime
     values = evaluate_at(lft, deltas_at(problem.parameters, problem.points[:_SEVERAL]))
     pairs = rates_of(values[:, :n, :n], values[:, :n, n:])
-    of_rates, position = value[[*pairs.values()]], np.array([*pairs], dtype=int)
-    left, sums, pivots = _without_sums(value, of_rates, position, prime)
+    rates, position = [*pairs.values()], np.array([*pairs], dtype=int)
+    left, sums, pivots = _without_sums(value, rates, position, prime)
     count = len(position) - len(pivots)
     motions = np.zeros((len(position), count), dtype=np.int64)
     free = np.setdiff1d(np.arange(len(position)), pivots)
     motions[free, range(count)], motions[pivots] = 1, -sums[:, position[free]] % prime
     inverses = np.array([pow(int(value[p, v]), -1, prime) for p, v in pairs.items()], dtype=object)
     moving = np.asarray(inverses[:, None] * motions % prime, dtype=np.int64)
-    seen = multiplied(value[:, [*pairs.values()]], moving, prime).any(axis=1)
+    seen = multiplied(value[:, rates], moving, prime).any(axis=1)
     seen = (seen | left[:, position[free]].any(axis=1)) & ~np.isin(np.arange(len(value)), position)
-    is_moved = np.asarray(left[[*pairs.values()]].any(axis=0))
+    is_moved = np.asarray(left[rates].any(axis=0))
     leaves, is_blind = ~is_moved[n:] & ~np.any(is_moved[:n]), ~seen[n:]
-    if not np.all(leaves):
-        some = np.append(position, np.arange(n, value.shape[1]))
-        left, _, _ = _without_sums(value, of_rates, some, prime)
     momenta, rigid = np.where(leaves, count, 0), np.where(is_blind, count, -count)
     is_rigid = bool(np.any(rigid)) and not np.any(seen[:n])
-    proved = value[n:].any(axis=1) & ~left[n:].any(axis=1) & (is_rigid or bool(np.any(leaves)))
+    ends = len(is_moved)
+    if not np.all(leaves):  # some of the inputs, and as many more, which push as the motions go
+        value = np.hstack([value, np.zeros((len(value), count), dtype=np.int64)])
+        value[rates, ends:] = moving
+        left, _, _ = _without_sums(value, rates, np.append(position, np.arange(n, ends)), prime)
+    proved = value[n:].any(axis=1) & ~left[n:, :ends].any(axis=1) & (is_rigid or bool(np.any(leaves)))
+    proved, unmoved = np.asarray(proved), np.zeros((len(value) - n, len(leaves)), dtype=np.bool_)
+    if is_rigid and not np.all(leaves) and not np.any(is_moved[:n]):
+        shown = (
+            multiplied(value[n:, position], motions, prime),
+            multiplied(value[n:, rates], moving, prime),
+            left[n:, ends:] * proved[:, None],
+        )
+        momenta_by = _without_sums(value, rates, position, prime)[0][rates, n:]
+        unmoved = _unmoved(shown, momenta_by, count, prime) & ~leaves
     return {
         "accelerations": tuple(np.flatnonzero(proved).tolist()),
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
         "rigid_motions": tuple(rigid.tolist()) if is_rigid else (),
+        "unmoved": tuple((i, j) for i, j in np.argwhere(unmoved).tolist()),
     }
 
 
+def _unmoved(shown: Sequence[Residues], momenta: Residues, count: int, prime: int) -> NDArray[np.bool_]:
+    """Which outputs (ny, nu) are shown nothing of the rigid motions of inputs.
+
+    Shown are motions (ny, count), such as places and rates. Momenta are those of the inputs, and of
+    inputs that push as the motions go; some depend on others.
+    """
+    rows = pivot_columns(momenta[:, -count:].T, prime)
+    if len(rows) < count:  # a motion that has no momentum
+        return np.zeros((len(shown[0]), momenta.shape[1] - count), dtype=np.bool_)
+    moved = solved(momenta[rows, -count:], momenta[rows, :-count], prime)
+    return np.asarray(~np.any([multiplied(motion, moved, prime) for motion in shown], axis=0))
+
+
 def _without_sums(
-    value: Residues, of_rates: Residues, some: Residues, prime: int
+    value: Residues, rates: Sequence[int], some: Residues, prime: int
 ) -> tuple[Residues, Residues, list[int]]:
     """Rows less the sums of rates that some columns tell; these sums, and their pivots there."""
+    of_rates = value[rates]
     among = of_rates[:, some]
     rows, pivots = pivot_columns(among.T, prime), pivot_columns(among, prime)
     sums = solved(of_rates[rows][:, some[pivots]], of_rates[rows], prime)

@@ -199,14 +199,16 @@ def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array)
     response = np.empty((*omega.shape, ny, nu), dtype=complex)
     until = placed[0][0].until if placed else np.full(count, np.inf)  # none without inputs or outputs
     is_beyond = np.all(np.abs(omega) >= until[:, None], axis=0)
-    pieces = [(part.outputs, part.inputs, some, places, ~is_beyond) for part, some, places in placed]
+    pieces = [(*part[:2], part.is_own, some, places, ~is_beyond) for part, some, places in placed]
     if np.any(is_beyond):
-        pieces.append((np.arange(ny), np.arange(nu), *with_positions(matrices), is_beyond))
-    for y, u, some, places, columns in pieces:
+        everywhere = np.arange(ny), np.arange(nu), np.ones((ny, nu), dtype=bool)
+        pieces.append((*everywhere, *with_positions(matrices), is_beyond))
+    for y, u, is_own, some, places, columns in pieces:
         if np.any(columns):
             values = resolvent(some, 1j * omega[:, columns].astype(float))
             values = from_positions(values, some.D, omega[:, columns], places)
-            response[np.ix_(np.arange(count), np.flatnonzero(columns), y, u)] = values
+            at = np.ix_(np.arange(count), np.flatnonzero(columns), y, u)
+            response[at] = np.where(is_own, values, response[at])
     return response
 
 
@@ -294,8 +296,8 @@ def carried_from(system: System) -> dict[str, tuple[float, bool]]:
             continue
         for i in np.flatnonzero(np.any(D != 0.0, axis=1)).tolist():
             terms, x = np.abs(C[i]) @ np.abs(at_rest) + np.abs(D[i]), np.abs(C[i] @ moved)
-            some = x > _AT_REST * (np.abs(C[i]) @ np.abs(moved))
-            is_zero = np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms
+            some = part.is_own[i] & (x > _AT_REST * (np.abs(C[i]) @ np.abs(moved)))
+            is_zero = ~part.is_own[i] | (np.abs(D[i] - C[i] @ at_rest) <= _AT_REST * terms)
             if np.any(some) and (i in places or np.all(is_zero)):
                 omega = float(np.sqrt(np.max(EPS * terms[some] / x[some]) / _SIX_DIGITS))
                 output = int(part.outputs[i])
@@ -433,9 +435,12 @@ def unbounded_frequencies(
         unit = np.where(sizes > 0.0, sizes, largest or 1.0)
         apart = np.array([1e-2, 1e-4]) * _NEAREST
         omega = sizes[:, None] + unit[:, None] * np.where(sizes[:, None] > 0.0, apart, 100.0 * apart)
-        some = (StateMatrices(*(matrix[k, None] for matrix in part.matrices)) for part in parts)
-        sizes_of = (np.max(np.abs(resolvent(m, 1j * omega.reshape(1, -1))[0]), axis=(1, 2)) for m in some)
-        gains = np.max([*sizes_of], axis=0).reshape(-1, 2)
+        gains = np.zeros(omega.size)
+        for part in parts:
+            some = StateMatrices(*(matrix[k, None] for matrix in part.matrices))
+            sizes_of = np.abs(resolvent(some, 1j * omega.reshape(1, -1))[0][:, part.is_own])
+            gains = np.maximum(gains, np.max(sizes_of, axis=1))
+        gains = gains.reshape(-1, 2)
         kept = sizes[gains[:, 1] > _INFINITE * gains[:, 0]]
         # poles of one frequency that rounding has moved apart are one
         gaps = np.diff(kept, prepend=-np.inf) > _NEAREST * kept

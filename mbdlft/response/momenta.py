@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.exact.reachable import in_reach
+from mbdlft.exact.rounding import EPS
 from mbdlft.response.modes import Names, chosen, transfers_at
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.sampled import StateMatrices, rates_of
 
 Indices = NDArray[np.intp]
 _CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
+_ROUNDED = 1e-4  # of the largest of a motion: where it has less, that may be rounding alone
 
 
 class Part(NamedTuple):
@@ -28,6 +30,7 @@ class Part(NamedTuple):
     outputs: Indices
     inputs: Indices
     matrices: StateMatrices
+    is_own: NDArray[np.bool_]  # (rows, columns); the other entries are those of other parts
     leaves_momenta: bool  # all of them, if there are any
     until: Array  # (N,), rad/s: the slowest mode; from there on those of the model are as good
 
@@ -46,14 +49,21 @@ def by_momenta(
 ) -> tuple[StateMatrices, list[Part]]:
     """What is held as a whole; of what is free the inputs that leave its momenta, and the others.
 
+    With the first are entries by inputs whose rigid motions the output does not feel: these are left out.
     The outputs by the others are those that see no rigid motion, and those that do. The matrices have
     these outputs and inputs of the system; without inputs, B is the states that a motion starts from.
     """
     momenta, motions = np.zeros(len(system.inputs), dtype=int), np.zeros(len(system.outputs), dtype=int)
+    unmoved = np.zeros((len(motions), len(momenta)), dtype=np.bool_)
     if isinstance(system, LFTModel):
-        momenta[:], motions[:] = system.certificate.momenta or 0, system.certificate.rigid_motions or 0
+        known = system.certificate
+        momenta[:], motions[:] = known.momenta or 0, known.rigid_motions or 0
+        unmoved[tuple(np.array(known.unmoved, dtype=int).reshape(-1, 2).T)] = True
     starts = inputs is None
     moves = np.ones(matrices.B.shape[2], dtype=bool) if starts else momenta[inputs] == 0
+    is_still = ~moves & np.ones((len(outputs), 1), dtype=bool)
+    if inputs is not None:
+        is_still |= unmoved[np.ix_(outputs, inputs)]
     sees = motions[outputs] <= 0
     count = int(np.abs([0, *momenta, *motions]).max())
     slowest = np.full(len(matrices.A), np.inf)
@@ -63,20 +73,22 @@ def by_momenta(
     count_of_motions = min(count, len(rates)) if np.any(motions) else 0
     whole, held = _beside_motions(matrices, rates, count_of_motions, sees, slowest)
     parts = list[Part]()
-    for rows, columns, some in (
-        (sees | True, ~moves, matrices),
-        (~sees, moves, held),
-        (sees, moves, whole),
+    for rows, some, are_still in (
+        (sees | True, matrices, True),
+        (~sees, held, False),
+        (sees, whole, False),
     ):
-        if np.any(rows) and np.any(columns):
-            y, u = np.flatnonzero(rows), np.flatnonzero(columns)
+        y = np.flatnonzero(rows)
+        u = np.flatnonzero(np.any(is_still[y] == are_still, axis=0))
+        if len(y) and len(u):
             part = StateMatrices(some.A, some.B[:, :, u], some.C[:, y], some.D[:, y][:, :, u])
-            if leaves := not np.any(moves[u]):
-                part = part._replace(A=_held(part, count, slowest))
-            parts.append(Part(y, u, part, leaves or not count, slowest))
+            if are_still:
+                part = _held(part, count, slowest, moves[u])
+            is_own = is_still[np.ix_(y, u)] == are_still
+            parts.append(Part(y, u, part, is_own, are_still or not count, slowest))
     if not np.any(sees):
         return held, parts
-    return parts[0].matrices if parts and not np.any(moves) else matrices, parts
+    return parts[0].matrices if parts and np.all(is_still) else matrices, parts
 
 
 def frequencies_of(A: Array, rates: Mapping[int, int]) -> Array:
@@ -102,7 +114,8 @@ def _kernel(K: Array, count: int) -> Array:
 
 def _is_zero(terms: Array, R: Array, slowest: Array) -> NDArray[np.bool_]:
     """Of which samples terms R are nothing but rounding, and a mode is left: (N, 1, 1)."""
-    is_zero = np.abs(terms @ R) <= _CONSERVED * (np.abs(terms) @ np.abs(R))
+    sizes = np.maximum(np.abs(R), _ROUNDED * np.max(np.abs(R), axis=1, keepdims=True, initial=0.0))
+    is_zero = np.abs(terms @ R) <= _CONSERVED * (np.abs(terms) @ sizes)
     return np.asarray(np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
 
 
@@ -168,25 +181,39 @@ def _motions(K: Array, count: int) -> tuple[Indices, Array]:
     return first, R
 
 
-def _held(matrices: StateMatrices, count: int, slowest: Array) -> Array:
-    """A with what draws to zero the momenta that B leaves: the responses are the same.
+def _held(
+    matrices: StateMatrices, count: int, slowest: Array, pushed: NDArray[np.bool_]
+) -> StateMatrices:
+    """The matrices with what draws momenta to zero: of inputs that leave them the responses are the same.
 
     With x' = v, and L K = 0, K the stiffnesses, momenta are L v. v' has -P (k^2 x + k v) more, where
     P = L' (L L')^-1 L, and k is the frequency of the slowest mode. A sample that is held less than the
-    others has more of such modes, or momenta that B changes, and stays as it is.
+    others has more of such modes, or momenta that B changes, and stays as it is. Of inputs that are
+    `pushed`, and of states beside, what moves L v is left out, with the rigid motions R (L R)^-1 L v.
     """
-    A, B, _, _ = matrices
-    rates, held = rates_of(A, B), A.copy()
+    A, B, C, D = (matrix.copy() for matrix in matrices)
+    rates = rates_of(A, B)
     if (count := min(count, len(rates))) == 0:
-        return A
+        return matrices
     x, v = np.array([*rates]), np.array([*rates.values()])
     unit = A[:, None, x, v]
-    L = _kernel((A[:, v[:, None], x] * unit).swapaxes(1, 2), count).swapaxes(1, 2)
+    K = A[:, v[:, None], x] * unit
+    L = _kernel(K.swapaxes(1, 2), count).swapaxes(1, 2)
     across = np.linalg.solve(L @ L.swapaxes(1, 2), L).swapaxes(1, 2) @ L
-    reached = in_reach(np.any(A != 0.0, axis=0), np.any(B != 0.0, axis=(0, 2)))
-    terms = np.concatenate([A * reached, B], axis=2)[:, v].swapaxes(1, 2)
+    kept = in_reach(np.any(A != 0.0, axis=0), np.any(B != 0.0, axis=(0, 2)))
+    if np.any(pushed):
+        kept &= np.isin(range(len(kept)), [*x, *v])
+        fastest = frequencies_of(A, rates)[:, -1]
+        slowest = np.where(slowest**2 > EPS * fastest**2, slowest, np.inf)  # R has digits
+    terms = np.concatenate([A * kept, B * ~pushed], axis=2)[:, v].swapaxes(1, 2)
     is_held = _is_zero(terms, L.swapaxes(1, 2), slowest)
+    if np.any(pushed):
+        R = _kernel(K, count)
+        for matrix, columns in ((A, np.flatnonzero(~kept)), (B, np.flatnonzero(pushed))):
+            some = matrix[:, v[:, None], columns]
+            rigid = R @ np.linalg.solve(L @ R, L @ some)
+            matrix[:, v[:, None], columns] -= np.where(is_held, rigid, 0.0)
     k, P = (np.where(is_held, matrix, 0.0) for matrix in (slowest[:, None, None], across))
-    held[:, v[:, None], x] -= k**2 * P / unit
-    held[:, v[:, None], v] -= k * P
-    return held
+    A[:, v[:, None], x] -= k**2 * P / unit
+    A[:, v[:, None], v] -= k * P
+    return StateMatrices(A, B, C, D)

@@ -111,7 +111,8 @@ def _by_parts(
     response = np.empty((len(matrices.A), len(t), *matrices.D.shape[1:]))
     for part in parts:
         moved = _moved(system, *started(part.matrices), t)
-        response[:, :, part.outputs[:, None], part.inputs] = moved
+        at = np.s_[:, :, part.outputs[:, None], part.inputs]
+        response[at] = np.where(part.is_own, moved, response[at])
     return TimeResponse(t, response)
 
 

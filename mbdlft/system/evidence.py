@@ -49,7 +49,9 @@ _NOT_RECORDED: dict[str, Any] = {
     "by_terms": (),
     "near": (),
 }
-_NO_ACCELERATIONS: dict[str, Any] = {"accelerations": (), "momenta": (), "rigid_motions": ()}
+NOTHING_FREE: dict[str, Any] = {
+    name: () for name in ("accelerations", "momenta", "rigid_motions", "unmoved")
+}
 
 
 class Operation(NamedTuple):
@@ -374,7 +376,7 @@ def opened_evidence(model: LFTModel, names: Sequence[str]) -> dict[str, Any]:
         raw_order=of(known.raw_order),
         doubtful=of(known.doubtful),
         order_bound=max(sum(of(known.lower_bound)), known.order_bound - opened),
-        **_NO_ACCELERATIONS,
+        **NOTHING_FREE,
         **_NOT_RECORDED,  # of the entries of the opened model
     )
     lft = model.trim.lft
@@ -410,7 +412,7 @@ def truncated_certificate(model: LFTModel, lft: LFT, error: float) -> Certificat
     """That of a truncated model: not exact, with the guaranteed bound of its error [1]."""
     order = tuple(block.size for block in lft.blocks)
     truncated = replace(
-        model.certificate, order=order, exact=False, truncation_error=error, **_NO_ACCELERATIONS
+        model.certificate, order=order, exact=False, truncation_error=error, **NOTHING_FREE
     )
     what = f"model {model.name!r}, truncate"
     return replace(

@@ -26,13 +26,15 @@ class _Part(NamedTuple):
     leaves: Mask  # (nu,), inputs that leave momenta
     is_blind: Mask  # (ny,), outputs that see no rigid motion
     is_sum: Mask  # (ny,), outputs that are sums of accelerations
+    feels: Mask  # (ny, nu), outputs that may feel the rigid motion that an input causes
 
 
 def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     """Fields of the certificate: outputs that are sums of accelerations, momenta, rigid motions.
 
     Those of all free parts together. An input leaves momenta if it leads to none of a part that changes
-    them; an output sees no rigid motion if none of a part that sees any leads to it.
+    them; an output sees no rigid motion if none of a part that sees any leads to it. It feels that by an
+    input if one that leads to it feels that by one to which the input leads.
     """
     is_real = not any(system.lft.is_complex for system in systems)
     systems, Ky, E, F, direct = beside_gains(systems, wiring)
@@ -50,11 +52,19 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     count = sum(part.motions for part in parts) if is_real else 0
     is_rigid = all(part.is_rigid for part in parts) and not np.any(fed & is_free)
     momenta, motions = np.where(is_moved, 0, count), np.where(is_seen, -count, count)
+    unmoved = np.zeros((len(F), E.shape[1]), dtype=np.bool_)
+    if count and is_rigid and np.any(is_moved):
+        back = (is_one @ (Ky != 0.0)).T
+        fed_by = np.array([in_reach(leads, column != 0.0) for column in E.T])
+        led_by = np.array([in_reach(back, row != 0.0) for row in F]).reshape(F.shape)
+        feels = led_by @ block_diag(*(part.feels for part in parts)) @ fed_by.T
+        unmoved = is_moved & (feels == 0.0)
     proved = F.any(axis=1) & ~(F[:, ~is_sum].any(axis=1) | direct.any(axis=1))
     return {
         "accelerations": tuple(np.flatnonzero(proved).tolist()),
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
         "rigid_motions": tuple(motions.tolist()) if count and is_rigid else (),
+        "unmoved": tuple((i, j) for i, j in np.argwhere(unmoved).tolist()),
     }
 
 
@@ -67,10 +77,14 @@ def _part(system: System) -> _Part:
     known = system.certificate if isinstance(system, LFTModel) else None
     momenta, motions = (known.momenta, known.rigid_motions) if known else ((), ())
     count = max(map(abs, momenta + motions), default=0)
+    leaves = np.equal(momenta or [0] * nu, count)
+    feels = ~leaves & np.ones((ny, 1), dtype=np.bool_)
+    feels[tuple(np.array(known.unmoved if known else (), dtype=int).reshape(-1, 2).T)] = False
     return _Part(
         count,
         not count or bool(motions),
-        np.equal(momenta or [0] * nu, count),
+        leaves,
         np.equal(motions or [-count] * ny, count),
         np.isin(range(ny), known.accelerations if known else ()),
+        feels,
     )

@@ -296,6 +296,10 @@ class Certificate:
         Of a structure that is free, if springs and dampers see none of its motions as a rigid body, nor
         their rates: for each output how many it has, and less than 0 if the output sees any. Otherwise
         empty.
+    unmoved : tuple of (output, input)
+        Of a structure that is free, with `momenta` and `rigid_motions`: outputs that feel nothing of the
+        rigid motion that an input causes, as a place across a force; one of `accelerations` nothing of
+        its acceleration, either. Inputs that leave the momenta are not listed.
     near : tuple of str
         Sentences on numbers of the problem that nearly are others, with which the order is smaller, such
         as a component 0.866025 of an axis that may be sqrt(3/4). Nothing is changed.
@@ -361,6 +365,7 @@ class Certificate:
     accelerations: tuple[int, ...] = ()
     momenta: tuple[int, ...] = ()
     rigid_motions: tuple[int, ...] = ()
+    unmoved: tuple[tuple[int, int], ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -447,6 +447,121 @@ def sprung() -> mbdlft.Scene:
     )
 
 
+def in_a_row() -> mbdlft.Scene:
+    """Two bodies in a row, springs across: a push along turns them by stretches alone."""
+    ports = {"a": (0.5, 0.3, 0), "b": (0.5, -0.3, 0), "c": (0.2, 0.5, 0)}
+    springs = ("a", 3e4, 0.1), ("b", 200.0, 0.1), ("c", "k", 0.0)
+    kinds = mbdlft.Velocity, mbdlft.Acceleration, mbdlft.AngularRate, mbdlft.AngularAcceleration
+    seen = ["velocity.x", "velocity.y", "acceleration.x", "acceleration.y"]
+    return kit.scene(
+        "in_a_row",
+        mbdlft.Parameter("k", 3e4, low=0.0, high=6e4, unit="N/m"),
+        *(kit.body(name, m, (0.1, 0.1, 0.2), ports=ports) for name, m in (("one", 2.0), ("two", 1.5))),
+        kit.planar("to_one", "ground", "one"),
+        kit.planar("to_two", "ground", "two", position=(2.0, 0.0, 0.3)),
+        *(
+            kit.spring(p, f"one.{p}", f"two.{p}", stiffness=k, damping=c, force_density=0.0)
+            for p, k, c in springs
+        ),
+        *(kind(name=kind.kind, port="two") for kind in kinds),
+        kit.force("push", "one", (1, 0, 0), frame="ground", magnitude=0.0),
+        kit.torque("turn", "one", (0, 0, 1), magnitude=0.0),
+        inputs=["push.force", "turn.torque", "a.force_density"],
+        outputs=[*seen, "angular_rate.z", "angular_acceleration.z"],
+    )
+
+
+ACROSS = (0, 1), (1, 0), (2, 1), (3, 0), (4, 0), (5, 0)
+
+
+def test_what_a_push_moves_by_stretches_alone_has_its_digits() -> None:
+    """What rounding makes of the motion along it was in the motion across: 1e-6 rad/s had no digits."""
+    scene, omega = in_a_row(), 10.0 ** np.arange(-7.0, 2.0)
+    model, at = mbdlft.to_lft(scene, search=0.0), problem_of_scene(scene).reference()
+    truth = at.transfers_in_digits([0], omega)[0]
+    for gains, unmoved in (
+        (np.eye(6), ACROSS),
+        ([[0.0, 0.0, 2.0, 0.0, 0.0, 0.0]], ((0, 1),)),
+        ([[0.0, 1.0, 0.0, 0.0, 3.0, 0.0]], ((0, 0),)),
+        ([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]], ()),
+    ):
+        whole = gains @ model
+        assert whole.certificate.unmoved == unmoved
+        found = mbdlft.frequency_response(whole, {}, omega)[0] / (gains @ truth)
+        target(found, np.ones(found.shape), RESPONSE)
+    alone = model["angular_rate.z", "push.force"]
+    assert alone.certificate.unmoved == ((0, 0),)
+    assert mbdlft.unbounded_frequencies(alone)[0].size == 0
+    peak = mbdlft.hinf_norm(alone)
+    target(peak.lower[0], np.abs(at.transfers_in_digits([0], peak.frequency)[0, 0, 4, 0]), NORM)
+    times = np.array([0.0, 1e8])
+    steps = mbdlft.step_response(model, {}, times).values[0, -1]
+    target(steps[[3, 5, 4], 0], [0.0, 0.0, 0.0], ELASTIC)
+    impulses = mbdlft.impulse_response(model, {}, times).values[0, -1]
+    target(impulses[[1, 4, 0], [0, 0, 1]], [0.0, 0.0, 0.0], ELASTIC)
+    both, first = (mbdlft.frequency_response(m, {"k": [0.0, 3e4]}, omega) for m in (model, alone))
+    target(first[..., 0, 0], both[..., 4, 0], CLOSED_FORM)
+    wide = replace(
+        model, certificate=replace(model.certificate, rigid_motions=(), momenta=(), unmoved=())
+    )
+    fast = np.array([0.1, 1.0])  # and without a spring only two are left: what is known says nothing
+    found, plain = (mbdlft.frequency_response(m, {"k": 0.0}, fast) for m in (model, wide))
+    target(found / plain, np.ones(found.shape), RESPONSE)
+
+
+def test_what_a_push_does_not_move_is_so_beside_filters_and_in_loops() -> None:
+    scene, omega = in_a_row(), 10.0 ** np.arange(-7.0, 2.0)
+    model, lag = mbdlft.to_lft(scene, search=0.0), mbdlft.as_system(mbdlft.low_pass(2e-3), name="lag")
+    plain, g = mbdlft.frequency_response(model, {}, omega)[0], 2e-3 / (1j * omega + 2e-3)
+    columns, rows = np.ones((9, 6, 3), dtype=complex), np.ones((9, 6, 3), dtype=complex)
+    columns[:, :, 1], rows[:, 0] = g[:, None], g[:, None]
+    names = [signal.name for signal in model.outputs]
+    wires = {"a.force_density": ["M", "-lag.output"], "lag.command": "acceleration.y"}
+    loop = mbdlft.connect([model, lag], wires, inputs=["push.force", "turn.torque", "M"], outputs=names)
+    back = plain[:, :, 2:] * (g[:, None] * plain[:, 3] / (1.0 + g * plain[:, 3, 2])[:, None])[:, None]
+    two = mbdlft.append(model, mbdlft.as_system(model, inputs=[*"abc"], outputs=[*"defghi"]))
+    for whole, expected, unmoved in (
+        (mbdlft.series(model, "turn.torque", lag), plain * columns, ACROSS),
+        (mbdlft.series(model, "velocity.x", lag), plain * rows, ACROSS),
+        (two[6:, 3:], plain, ACROSS),
+        (loop, plain - back, ((1, 0), (3, 0), (4, 0), (5, 0))),
+    ):
+        assert whole.certificate.unmoved == unmoved
+        found = mbdlft.frequency_response(whole, {}, omega)[0] / expected
+        y, u = np.transpose(unmoved)
+        target(found[:, y, u], np.ones(found[:, y, u].shape), CHAIN)  # K of two copies is singular twice
+
+
+def test_rigid_motions_keep_their_digits_where_rounding_leaves_entries_that_are_zero() -> None:
+    """Springs in a plane leave four motions of each pair of bodies out of it: none of them was known."""
+    ports = {"p": (0.4, 0.2, 0), "q": (0.4, -0.2, 0), "r": (-0.4, 0.2, 0), "s": (-0.4, -0.2, 0)}
+    names, ends, random = ("b0", "b1", "b2"), ("pr", "qs", "ps"), np.random.default_rng(1)
+    scene = kit.scene(
+        "free",
+        mbdlft.Parameter("m", 2.0, percent=20, unit="kg"),
+        *(
+            kit.body(b, m, (0.1, 0.12, 0.2), ports=ports)
+            for b, m in zip(names, (1.3, "m", 0.7), strict=True)
+        ),
+        *(
+            kit.free(f"to_{b}", "ground", b, position=(1.5 * i, *random.uniform(-0.3, 0.3, 2)))
+            for i, b in enumerate(names)
+        ),
+        *(
+            kit.spring(f"{a}{b}{i}", f"b{i}.{a}", f"b{i + 1}.{b}", stiffness=k, force_density=0.0)
+            for i in range(2)
+            for (a, b), k in zip(ends, (300.0, 20.0, 4e3), strict=True)
+        ),
+        kit.force("push", "b0", (1, 0, 0), frame="ground", magnitude=0.0),
+        inputs=["push.force"],
+        outputs=["to_b2.position.x", "to_b1.rotation.y"],
+    )
+    omega = 10.0 ** np.arange(-8.0, 1.0)
+    truth = problem_of_scene(scene).reference().transfers_in_digits([0], omega)[0]
+    found = mbdlft.frequency_response(mbdlft.to_lft(scene, search=0.0, prove=0.0), {}, omega)[0] / truth
+    target(found, np.ones(found.shape), RESPONSE)
+
+
 def boom_on_a_cart() -> mbdlft.Scene:
     """A beam that a cart turns: entries of A are 50 roundings from the truth."""
     boom = mbdlft.Beam(
