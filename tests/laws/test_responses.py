@@ -479,6 +479,7 @@ def test_what_a_push_moves_by_stretches_alone_has_its_digits() -> None:
     scene, omega = in_a_row(), 10.0 ** np.arange(-7.0, 2.0)
     model, at = mbdlft.to_lft(scene, search=0.0), problem_of_scene(scene).reference()
     truth = at.transfers_in_digits([0], omega)[0]
+    assert model.certificate.unmoved == ACROSS
     for gains, unmoved in (
         (np.eye(6), ACROSS),
         ([[0.0, 0.0, 2.0, 0.0, 0.0, 0.0]], ((0, 1),)),
