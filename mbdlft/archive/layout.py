@@ -96,8 +96,7 @@ _SPARSE = """sparse@signals: int64
 _EVIDENCE = """
     trim/name trim/unit: text t
     trim/nominal: float64 t
-    certificate/order certificate/lower_bound certificate/raw_order: int64 p
-    certificate/doubtful?: int64 p
+    certificate/order certificate/lower_bound certificate/raw_order certificate/doubtful?: int64 p
     certificate@max_relative_error: float64
     certificate@truncation_error? certificate@fit_error_bound? certificate@rounding_ratio?: float64
     certificate@check_points certificate@seed certificate@order_bound?: int64
@@ -115,11 +114,11 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate@well_posed: text
     certificate/open?: float64 open p 2
     certificate/by_terms?: int64 by_terms 2
+    certificate/unmoved?: int64 unmoved 2
     certificate/near?: text near
     certificate/accelerations?: int64 accelerations
     certificate/momenta?: int64 u
     certificate/rigid_motions?: int64 y
-    certificate/unmoved?: int64 unmoved 2
     certificate/evidence/number certificate/evidence/basis: text evidence
 """
 _TRIM_LFT = """
