@@ -1,10 +1,4 @@
-"""The straight-line program of a model in an archive: used where it is shorter, and compared.
-
-1. a reader without mbdlft, mbdlft and the LFT have the same values; so has a process without CasADi
-2. it belongs to one LFT: what is made of the model has none
-3. samples at which digits are lost, or a program that has other values, are computed by the LFT
-4. a program that does anything but arithmetic on what is there is an ArchiveError
-"""
+"""The straight-line program of a model in an archive: used where it is shorter, and compared."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -69,6 +69,7 @@ assemble(cart(sensors=[Position(name="p", port="cart.tip")]))
     => sensor 'p' … unknown port 'tip'. Existing: origin.
 Spin(axis=(0, 0, 0), rate=1.0) => spin: axis has zero length, got [0.0, 0.0, 0.0].
 Rotation(axis=(0, 0, 0), angle=1.0) => orientation: axis has zero length
+Strut(name="s", parent="a", child="b", direction=(0, 0, 0)) => direction has zero length
 assemble(cart(spin=Spin(axis=(1, 0, 0), rate='m'), parameters=[Parameter('m', 1, percent=10, unit='kg')]))
     => spin.rate … rad/s
 assemble(four_bar()) => accepted

@@ -43,6 +43,7 @@ robust_stability(DRIFTING, leave_out=["x0"]) => x0 cannot be left out: the state
 robust_stability(DRIFTING, leave_out=["x9"]) => StructureError: unknown signal 'x9'
 robust_stability(FIXED) => no parameter and no uncertain block
 structured_singular_value(FIXED, [1.0]) => no parameter and no uncertain block
+mbdlft.mu_bands(cart(), 1.0, 1.0) => expected 0 < low < high
 robust_stability(cart(), rates={"K": 1.0}) => unknown parameter 'K'. Did you mean 'k'
 robust_stability(cart("-1"), rates=1.0) => unstable
 robust_stability(of_matrices(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2)), ComplexBlock("c", 1),

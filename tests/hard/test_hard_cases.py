@@ -173,11 +173,7 @@ def two_modes(damping: float, apart: float, scale: float) -> tuple[np.ndarray, .
 @pytest.mark.parametrize("apart", [0.5, 1e-6])
 @pytest.mark.parametrize("scale", [1.0, 1e6])
 def test_poles_have_the_digits_of_their_condition(damping: float, apart: float, scale: float) -> None:
-    """In units of masses and springs, whatever those of the states.
-
-    Balancing does not find these where near modes differ by 1e6; what it leaves then is graded, which QR
-    keeps.
-    """
+    """In units of masses and springs, whatever those of the states."""
     A, B, C = two_modes(damping, apart, scale)
     even = two_modes(damping, apart, 1.0)[0]
     found = poles(plain(A, B, C))[0]

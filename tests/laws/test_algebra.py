@@ -1,14 +1,4 @@
-"""The value of an operation on LFTs is the operation on their values.
-
-1. value(a + b) = value(a) + value(b); likewise product, negative, difference, transpose, inverse
-2. stacking stacks values; selecting selects
-3. eliminate solves the first relations; star closes the loop
-4. fix, then evaluate = evaluate; blocks that are opened and closed are what they were
-5. evaluating many points = one point at a time = the dense definition by loops
-6. the order of construction does not change names or order of blocks
-"""
-
-from collections.abc import Callable
+"""The value of an operation on LFTs is the operation on their values."""
 
 import numpy as np
 import pytest
@@ -40,33 +30,11 @@ def value(a: LFT, at: dict[str, np.ndarray]) -> np.ndarray:
     return found
 
 
-def law_sum(add: Callable[[LFT, LFT], LFT], a: LFT, b: LFT, at: dict[str, np.ndarray]) -> None:
-    roundoff(value(add(a, b), at), value(a, at) + value(b, at), KAPPA)
-
-
-def law_product(multiply: Callable[[LFT, LFT], LFT], a: LFT, b: LFT, at: dict[str, np.ndarray]) -> None:
-    roundoff(value(multiply(a, b), at), value(a, at) @ value(b, at), KAPPA)
-
-
-def law_inverse(inverse: Callable[[LFT], LFT], a: LFT, at: dict[str, np.ndarray]) -> None:
-    product = value(inverse(a), at) @ value(a, at)
-    roundoff(product, np.broadcast_to(np.eye(a.shape[0]), product.shape), KAPPA)
-
-
-def law_eliminate(
-    eliminate: Callable[[LFT, int], LFT], a: LFT, n: int, at: dict[str, np.ndarray]
-) -> None:
-    values = value(a, at)
-    solved = -np.linalg.solve(values[:, :n, :n], values[:, :n, n:])
-    read = values[:, n:, n:] + values[:, n:, :n] @ solved
-    roundoff(value(eliminate(a, n), at), np.concatenate([solved, read], 1), KAPPA)
-
-
 @given(lfts(2, 3), lfts(2, 3), lfts(3, 2), seeds)
 def test_sum_difference_product_negative(a: LFT, b: LFT, c: LFT, seed: int) -> None:
     at = points(seed)
-    law_sum(algebra.add, a, b, at)
-    law_product(algebra.multiply, a, c, at)
+    roundoff(value(a + b, at), value(a, at) + value(b, at), KAPPA)
+    roundoff(value(a @ c, at), value(a, at) @ value(c, at), KAPPA)
     roundoff(value(a - b, at), value(a, at) - value(b, at), KAPPA, scale=_size(a, b, at))
     roundoff(value(-a, at), -value(a, at), KAPPA)
     roundoff(value(a - a, at), 0 * value(a, at), KAPPA, scale=_size(a, a, at))
@@ -82,8 +50,10 @@ def _size(a: LFT, b: LFT, at: dict[str, np.ndarray]) -> float:
 @given(lfts(3, 3), seeds)
 def test_inverse_and_transpose(a: LFT, seed: int) -> None:
     at = points(seed)
-    law_inverse(algebra.inverse, a, at)
-    assert algebra.inverse(a).blocks == a.blocks
+    inverse = algebra.inverse(a)
+    product = value(inverse, at) @ value(a, at)
+    roundoff(product, np.broadcast_to(np.eye(3), product.shape), KAPPA)
+    assert inverse.blocks == a.blocks
     roundoff(value(algebra.transpose(a), at), np.swapaxes(value(a, at), 1, 2), KAPPA)
 
 
@@ -101,8 +71,12 @@ def test_stacking_and_selecting(a: LFT, b: LFT, c: LFT, seed: int) -> None:
 
 @given(lfts(4, 4), st.integers(1, 4), seeds)
 def test_eliminate(a: LFT, n: int, seed: int) -> None:
-    law_eliminate(algebra.eliminate, a, n, points(seed))
-    assert algebra.eliminate(a, n).order == a.order
+    at, closed = points(seed), algebra.eliminate(a, n)
+    values = value(a, at)
+    solved = -np.linalg.solve(values[:, :n, :n], values[:, :n, n:])
+    read = values[:, n:, n:] + values[:, n:, :n] @ solved
+    roundoff(value(closed, at), np.concatenate([solved, read], 1), KAPPA)
+    assert closed.order == a.order
 
 
 @given(lfts(2, 2), seeds)
@@ -281,49 +255,42 @@ def chained(loops: tuple[int, ...], seed: int, shape: tuple[int, int] = (3, 2)) 
 LOOPS = [(1,), (3, 1, 2), (1,) * 100, (2, 3) * 30, (70, 1, 1, 20, 5, 90), (1, 1, 120) + (2,) * 40]
 
 
-def law_blocks(matrix: np.ndarray) -> int:
-    """The number of blocks."""
-    blocks = determinant.diagonal_blocks(matrix)
-    exact(np.sort(np.concatenate(blocks)), np.arange(len(matrix)))
-    for k, block in enumerate(blocks):
-        for later in blocks[k + 1 :]:
-            assert not matrix[np.ix_(block, later)].any()
-    return len(blocks)
+def spread(a: LFT, at: np.ndarray) -> np.ndarray:
+    return np.repeat(at, [block.size for block in a.blocks], axis=1)
+
+
+def signs_of(a: LFT, at: np.ndarray) -> list[float]:
+    return [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread(a, at)]
 
 
 def law_values(a: LFT, at: np.ndarray) -> None:
     values, signs = determinant.values_at(a, at)
-    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
-    exact(signs, [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread])
+    exact(signs, signs_of(a, at))
     roundoff(values, evaluate_at(a, at), KAPPA_OF_LOOPS)
-
-
-def law_vanishing(a: LFT, at: np.ndarray) -> np.ndarray:
-    """Every line is searched: at most 32 points, small blocks."""
-    found = determinant.vanishes(a, at)
-    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
-    poles = [np.linalg.eigvals(a.M11 * row) for row in spread]
-    exact(found, [bool(np.any((s.imag == 0.0) & (s.real >= 1.0))) for s in poles])
-    return found
 
 
 @pytest.mark.parametrize("loops", LOOPS)
 @pytest.mark.parametrize("shape", [(3, 2), (2, 3)])
 def test_chained_loops(loops: tuple[int, ...], shape: tuple[int, int]) -> None:
     a = chained(loops, 1, shape)
-    assert (law_blocks(a.M11) > 1) == (a.order > 48)
+    blocks = determinant.diagonal_blocks(a.M11)
+    exact(np.sort(np.concatenate(blocks)), np.arange(a.order))
+    for k, block in enumerate(blocks):
+        assert not any(a.M11[np.ix_(block, later)].any() for later in blocks[k + 1 :])
+    assert (len(blocks) > 1) == (a.order > 48)
     law_values(a, deltas(a, 7))
-    law_vanishing(a, 3.0 * deltas(a, 7))
+    at = 3.0 * deltas(a, 7)  # every line is searched: at most 32 points, small blocks
+    poles = [np.linalg.eigvals(a.M11 * row) for row in spread(a, at)]
+    vanishing = [bool(np.any((s.imag == 0.0) & (s.real >= 1.0))) for s in poles]
+    exact(determinant.vanishes(a, at), vanishing)
 
 
 def test_signs_far_from_nominal() -> None:
     """Where rows are exchanged in the factorization, and each exchange changes the sign."""
     a = chained((70,), 2)
     at = 20.0 * deltas(a, 12)
-    spread = np.repeat(at, [block.size for block in a.blocks], axis=1)
-    expected = [np.linalg.slogdet(np.eye(a.order) - a.M11 * row)[0] for row in spread]
-    assert set(expected) == {-1.0, 1.0}
-    exact(determinant.values_at(a, at)[1], expected)
+    assert set(signs_of(a, at)) == {-1.0, 1.0}
+    exact(determinant.values_at(a, at)[1], signs_of(a, at))
 
 
 @given(lfts(2, 3), seeds)

@@ -1,8 +1,4 @@
-"""A planar mechanism costs what a planar one does, also in a plane that is not a coordinate plane.
-
-1. The arm in skew planes has the channels and the order of the arm, and nearly its instructions.
-2. Axes along the plane change no value: neither of joints, loads and springs, nor of sensors.
-"""
+"""A planar mechanism costs what a planar one does, also in a plane that is not a coordinate plane."""
 
 from fractions import Fraction
 from functools import cache

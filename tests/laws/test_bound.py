@@ -1,9 +1,4 @@
-"""Laws of the lower bound.
-
-1. it is never above the degree in exact arithmetic modulo a prime, and equal if nothing is doubtful
-2. what rounding could have made does not count, and what is not clear is said to be doubtful
-3. multibody chains have the degrees of exact arithmetic
-"""
+"""Laws of the lower bound."""
 
 import numpy as np
 import pytest
@@ -12,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.linalg import schur
 
 import mbdlft
+from benchmarks.cases.chains import chain
 from mbdlft import Angle, MatrixProblem, Parameter, exact_lower_bound
 from mbdlft.base.array import Array
 from mbdlft.lft.lft import LFT, Block, constant, delta, inverse, stack_diagonal, with_blocks
@@ -73,10 +69,7 @@ def test_inputs_and_outputs_of_very_different_sizes() -> None:
 
 
 def test_constant_in_padded_channels() -> None:
-    """Channels that nothing reaches or nobody sees: their functions are rounding of terms that cancel.
-
-    In about one in a hundred draws all of it vanishes in the twin, too.
-    """
+    """Channels that nothing reaches or nobody sees: their functions are rounding of terms that cancel."""
     a = with_blocks(constant([[1.5]]), ["a", "b"])
     for seed in range(100, 300):
         degrees = degree_bounds(padded(a, np.random.default_rng(seed)))
@@ -143,33 +136,10 @@ def test_what_cancels_does_not_count() -> None:
         assert lower_bound(a, seed) == {"p": 0, "q": 0, "t": 1}
 
 
-def chain(links: int) -> LFT:
-    """Relations of a planar chain of equal links with parameters m, L and the angle t of each."""
-    parameters: list[mbdlft.Parameter] = []
-    bodies, joints = [], []
-    for k in range(links):
-        parameters += [
-            mbdlft.Parameter(f"m{k}", 2.0, percent=20, unit="kg"),
-            mbdlft.Parameter(f"L{k}", 1.0, percent=20, unit="m"),
-            mbdlft.Angle(f"t{k}", 20.0 + 10 * k, 0.0, 80.0),
-        ]
-        body = kit.body(
-            f"b{k}",
-            f"m{k}",
-            (0.1, 0.05, 0.1),
-            center_of_mass=(0, f"0.5*L{k}", 0),
-            ports={"tip": (0, f"L{k}", 0)},
-        )
-        parent = f"b{k - 1}.tip" if k else "ground"
-        bodies.append(body)
-        joints.append(kit.hinge(f"j{k}", parent, f"b{k}", (1, 0, 0), position=f"t{k}"))
-    scene = kit.scene("chain", *parameters, *bodies, *joints, gravity=(0, 0, -9.81))
-    return extracted(linearize(assemble(scene), range(links), range(links)))
-
-
 def test_degrees_of_a_chain() -> None:
     """85 in exact arithmetic modulo 2^61 - 1, of which mass k has k + 1: the joints that it loads."""
-    found = degree_bounds(reduce_order(chain(6)))
+    equations = assemble(chain(6, spatial=False))
+    found = degree_bounds(reduce_order(extracted(linearize(equations, range(6), range(6)))))
     assert sum(item.degree for item in found.values()) == 85
     assert [found[f"m{k}"].degree for k in range(6)] == [1, 2, 3, 4, 5, 6]
     assert not any(item.doubtful for item in found.values())

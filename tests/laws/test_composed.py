@@ -263,21 +263,6 @@ def test_parameters_by_name() -> None:
     exact(CART.at({"m": 3.1}, k=31.0).A, CART.at(m=3.1, k=31.0).A)
 
 
-def test_renamed() -> None:
-    other = as_system(CART, name="second", inputs={"force": "f"}, outputs=["p", "l"])
-    assert isinstance(other, LFTModel)
-    assert [s.name for s in (*other.inputs, *other.outputs)] == ["f", "gust", "p", "l"]
-    assert (other.name, CART.name) == ("second", "cart")
-
-
-def test_a_state_space_of_numbers() -> None:
-    made = state_space([[-1.0]], [[1.0, 2.0]], [[3.0]], 0.0, inputs=["a", "b"], outputs=["c"])
-    exact(made.at().A, [[-1.0]])
-    exact(made.D_yu, np.zeros((1, 2)))
-    static = state_space([], [], [], [[2.0]], name="two")
-    assert (len(static.states), static.D_yu[0, 0]) == (0, 2.0)
-
-
 # ranges -------------------------------------------------------------------------------------------
 
 

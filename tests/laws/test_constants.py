@@ -1,10 +1,4 @@
-"""Laws of constants in CasADi SX, and of literals.
-
-1. with doubles in their places, expressions are what folding in doubles gives
-2. directions have unit length, parallel ones are one, and zeros are zeros
-3. functions of constants that are rational are, and have their relations otherwise
-4. a literal is all of its digits
-"""
+"""Laws of constants in CasADi SX, and of literals."""
 
 import math
 import pickle

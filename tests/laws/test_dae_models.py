@@ -43,7 +43,10 @@ CASES = {
 }
 
 
-def _agree(case: str, arrange: Arrange, count: int) -> None:
+@pytest.mark.parametrize("count", [2, pytest.param(100, marks=pytest.mark.long)])
+@pytest.mark.parametrize("arrange", ["fewest", "blocks"])
+@pytest.mark.parametrize("case", CASES)
+def test_simulations_agree(case: str, arrange: Arrange, count: int) -> None:
     make, inputs, initial = CASES[case]
     s = reduce_index(make())
     model = delta_theta(s, arrange, search=0.0, prove=0.0)
@@ -57,19 +60,6 @@ def _agree(case: str, arrange: Arrange, count: int) -> None:
             target(b.states[:, k], a.states[:, k], SIMULATED)
         target(b.outputs, a.outputs, SIMULATED)
         assert np.max(np.abs(a.outputs)) > 0
-
-
-@pytest.mark.parametrize("arrange", ["fewest", "blocks"])
-@pytest.mark.parametrize("case", CASES)
-def test_simulations_agree(case: str, arrange: Arrange) -> None:
-    _agree(case, arrange, 2)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("arrange", ["fewest", "blocks"])
-@pytest.mark.parametrize("case", CASES)
-def test_a_hundred_simulations_agree(case: str, arrange: Arrange) -> None:
-    _agree(case, arrange, 100)
 
 
 def test_initial_values_that_are_fixed_and_initial_equations() -> None:

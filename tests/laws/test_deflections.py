@@ -26,10 +26,7 @@ POST_AND_ARM = (Bar(-1, 0, 0, 0.0, ""), Bar(0, 1, 90, 1.2, "fixed"))
     ("names", "order"), [(("I", "h"), {"I": 20, "h": 70}), (("A", "I", "h"), {"A": 25, "I": 20, "h": 73})]
 )
 def test_second_moments_multiply_few_deflections(names: tuple[str, ...], order: dict[str, int]) -> None:
-    """I 69 and h 139, or 141, with the bending deflections as they are, and a copy of the loads for each.
-
-    With one for each that is free and A as a factor, I 20 and h 84, or 90; these with units of their own.
-    """
+    """I 69 and h 139, or 141, with bending deflections as they are, and a copy of the loads for each."""
     values = {"h": 1.5, **STEEL}
     frame = Structure(POST_AND_ARM, 1, (1.0, -9.81, 2.0), (0.0, 0.0, 0.0), 0.0, values, names)
     model = mbdlft.to_lft(scene_of(frame), search=0.0, prove=0.0)

@@ -1,9 +1,4 @@
-"""Laws of exact matrices against fractions, and of LFTs of exact numbers.
-
-1. sums, products, solutions, ranks, echelon forms and null spaces are those of fractions
-2. values are the nearest doubles, or too few bits are said to be too few
-3. what is solved for in an LFT is what values say
-"""
+"""Laws of exact matrices against fractions, and of LFTs of exact numbers."""
 
 import math
 from fractions import Fraction

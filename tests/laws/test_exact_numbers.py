@@ -1,11 +1,4 @@
-"""Laws of exact numbers.
-
-1. residues are a field: they agree with fractions
-2. a residue is zero if and only if the number is, also of random expressions of cosines and roots
-3. angles of up to nine decimals of a degree, angles in radians, square roots and directions have all
-   of their relations
-4. a double in code stands for the number that was meant
-"""
+"""Laws of exact numbers."""
 
 from collections.abc import Sequence
 from fractions import Fraction

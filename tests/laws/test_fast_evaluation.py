@@ -1,10 +1,4 @@
-"""Values of an LFT at many samples: the program is the dense definition, and loses no digits.
-
-1. on generated LFTs the program gives the dense values, for vectors of any length
-2. on the arm it gives those of 50 digits
-3. a sample at which a pivot loses digits, or a program that is wrong, is solved for with dense matrices
-4. the memory beside the result does not grow with the number of samples
-"""
+"""Values of an LFT at many samples: the program is the dense definition, and loses no digits."""
 
 import tracemalloc
 from functools import cache

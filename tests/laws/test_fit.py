@@ -274,10 +274,7 @@ def test_taylor_models_enclose(name: str, order: int) -> None:
 
 
 def test_singular_jacobian_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """t = 0 is a root for all p, but p0 t = sin t has others where p0 is near to 1.
-
-    The samples do not see it.
-    """
+    """t = 0 is a root for all p, but p0 t = sin t has others where p0 is near to 1."""
     case = Case(lambda t, p, m: [p[0] * t[0] - m.sin(t[0])], [(0.5, 2.0, 2.6)], [0.0], 1e-6)
     monkeypatch.setattr(fitting, "follow", lambda s, nominal, root, p: np.zeros((len(p), 1)))
 

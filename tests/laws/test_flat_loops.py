@@ -3,22 +3,13 @@
 import pytest
 
 from tests.attack.loops import FAMILIES, attack
+from tests.seeds import some
 
 # families go round: even seeds have a flat position in the range, odd ones do not
 SOME, MANY = (1, 3, 4, 9, 11, 60), range(4 * len(FAMILIES))
 
 
-def check(seed: int) -> None:
+@pytest.mark.parametrize("seed", some(SOME, MANY))
+def test_flat_positions_in_the_range(seed: int) -> None:
     word = attack(seed)
     assert word.startswith("flat") if seed % 2 == 0 else word == "regular, proved"
-
-
-@pytest.mark.parametrize("seed", SOME)
-def test_flat_positions_in_the_range(seed: int) -> None:
-    check(seed)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("seed", sorted({*MANY} - {*SOME}))
-def test_flat_positions_of_all_families(seed: int) -> None:
-    check(seed)

@@ -1,12 +1,5 @@
 """Laws of the lower bound by pairs and triples of parameters, on residues.
 
-1. it has the values of the table: reached orders are proved minimal, attained sums get nothing more
-2. it is not above the order of any LFT of the same matrix, whatever LFT it is computed from, and the
-   same for all of them
-3. it stays with constant transformations, feedback, transposition and Moebius changes of the parameters
-4. a closed form where it is known by hand
-5. the least sum of repetitions is that of an enumeration
-
 LFTs are written in doubles with numbers of few binary digits, so that their algebra is exact.
 """
 
@@ -386,10 +379,7 @@ def test_both_together_need_more_than_one_each() -> None:
 
 @pytest.mark.parametrize("most", [600, 120])
 def test_a_part_can_need_more_than_the_whole(monkeypatch: pytest.MonkeyPatch, most: int) -> None:
-    """Rows [L^2, L + m, L m] need one more each: without more L, four m, though three are enough for all.
-
-    With few coefficients one side alone is looked at.
-    """
+    """Rows [L^2, L + m, L m] need one more each: without more L, four m, though three do for all."""
     monkeypatch.setattr(module, "_MOST_COEFFICIENTS", {1: most})
     L, m = parameter("L", 0.375), parameter("m", 0.625)
     row = stack_columns(L @ L, L + m, L @ m)

@@ -53,11 +53,7 @@ def largest(system: mbdlft.System, values: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def test_least_gamma_in_closed_form() -> None:
-    """z = (theta_i x_i + u_i, c u_i), y = x: u = -theta x/(1 + c^2) leaves c/sqrt(1 + c^2) of |theta x|.
-
-    x' = w - x, so |x| <= |w| however theta moves, and theta = 1 at rest has no less; without a schedule
-    u = 0 is the best, and 1 stays.
-    """
+    """z = (theta_i x_i + u_i, c u_i), y = x: u = -theta x/(1 + c^2), c/sqrt(1 + c^2) of |theta x|."""
     c, thetas = 0.75, [mbdlft.Parameter(n, 0.0, low=-1.0, high=1.0, role="scheduled") for n in "ab"]
     matrix = [
         ["-1", "0", "1", "0", "0", "0"], ["0", "-1", "0", "1", "0", "0"],

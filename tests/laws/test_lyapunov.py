@@ -345,10 +345,7 @@ def test_a_part_is_cut_along_the_parameter_that_leaves_it_without_a_function() -
 
 
 def test_a_gain_without_parameters_has_no_part_to_cut() -> None:
-    """Modes in coordinates in which the polynomial has few digits: no Lyapunov functions are tried.
-
-    Whether the norm of this matrix is proved instead is decided by the kernel of linear algebra.
-    """
+    """Modes in coordinates in which the polynomial has few digits: no Lyapunov functions are tried."""
     random, omega, n = np.random.default_rng(0), np.geomspace(0.01, 1e5, 6), 12
     modes = np.zeros((n, n))
     for k, w in enumerate(omega):

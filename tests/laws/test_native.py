@@ -1,12 +1,4 @@
-"""Native code is the definition, and its cache gives nothing that was not compiled from the same text.
-
-1. bit for bit the results of numpy on programs of all operations but cosines and sines, with numbers that
-   are not finite; cosines and sines to a unit of the last place
-2. a scene or model that is compiled has the matrices, trims and status of its definition
-3. it is as near to 50 digits as the definition
-4. a sample that the program cannot do is done by the definition
-5. scenes that differ in numbers share code; what is damaged, or others can write to, is not run
-"""
+"""Native code is the definition, and its cache gives nothing that was not compiled from the same text."""
 
 import os
 import warnings
@@ -258,18 +250,6 @@ def test_what_is_lost_is_asked_of_the_definition(monkeypatch: pytest.MonkeyPatch
     for part, other in zip(found.rows(at), expected, strict=True):
         exact(part, other)
     assert calls == [40]
-
-
-def test_samples_without_a_solution_have_their_status() -> None:
-    force = mbdlft.Parameter("f", 0.0, low=-1.0, high=1.0, unit="N")
-    mass = mbdlft.Parameter("m", 1.0, low=0.0, high=2.0, unit="kg")
-    found = mbdlft.compile(cart("m", [force, mass], {"preload": "f"}))
-    values = {"f": np.array([0.0, 0.0, 0.5, 1.0, 0.0]), "m": np.array([0.0, 1.0, 1.0, 0.0, 0.5])}
-    rows = found(values)
-    assert rows.status.tolist() == [1, 0, 2, 2, 0]
-    for part in rows[:4]:
-        assert np.all(np.isnan(part[[0, 2, 3]]))
-    roundoff(rows.A[[1, 4], 1, 0], [-3.0, -6.0])
 
 
 def test_a_scene_without_parameters() -> None:

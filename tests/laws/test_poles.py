@@ -154,37 +154,25 @@ def test_a_proof_is_one_of_the_whole_box() -> None:
     assert "a pole is on the axis at a = 1" in str(verdict)
 
 
-def narrow(width: float) -> mbdlft.LFTModel:
-    """Unstable only near a = 0.6, b = -0.7: inside of the box, off its corners."""
+def narrow(width: float, *beside: str) -> mbdlft.LFTModel:
+    """Unstable only near a = 0.6, b = -0.7: inside of the box, off its corners; and other poles."""
     bump = f"1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/{width}^2)"
-    return mbdlft.realize(
-        [[f"-({bump})"]], [mbdlft.Parameter(name, 0.0, -1.0, 1.0) for name in "ab"], states=1, search=0.0
-    )
+    diagonal, none = [f"-({bump})", *beside], ["0"] * len(beside)
+    matrix = [[*none[:k], pole, *none[k:]] for k, pole in enumerate(diagonal)]
+    own = [mbdlft.Parameter(name, 0.0, -1.0, 1.0) for name in "ab"]
+    return mbdlft.realize(matrix, own, states=len(matrix), search=0.0)
 
 
-def test_counterexample_inside_the_box_is_found_by_the_search_alone() -> None:
+@pytest.mark.parametrize("beside", [(), ("-0.001",)], ids=["alone", "beside a pole that nothing moves"])
+def test_counterexample_inside_the_box_is_found_by_the_search_alone(beside: tuple[str, ...]) -> None:
     """No corner is unstable and no sample is tried; the gradient leads from nominal to it."""
-    verdict = mbdlft.check_stability(narrow(0.5), samples=0)
+    verdict = mbdlft.check_stability(narrow(0.5, *beside), samples=0)
     assert verdict.nominal == "stable"
     assert verdict.counterexample
     a, b = verdict.counterexample["a"], verdict.counterexample["b"]
     assert (a - 0.6) ** 2 + (b + 0.7) ** 2 < 0.05 * 0.5**2
     assert mbdlft.poles(narrow(0.5), verdict.counterexample)[0, 0].real > 0.0
     assert "stable at nominal, unstable in the range" in str(verdict)
-
-
-def test_search_follows_modes_that_are_not_the_rightmost() -> None:
-    """A pole that nothing moves is farther right than the one that the search has to move."""
-    bump = "1 - 1.05/(1 + ((a - 0.6)^2 + (b + 0.7)^2)/0.25)"
-    model = mbdlft.realize(
-        [["-0.001", "0"], ["0", f"-({bump})"]],
-        [mbdlft.Parameter(name, 0.0, -1.0, 1.0) for name in "ab"],
-        states=2,
-        search=0.0,
-    )
-    verdict = mbdlft.check_stability(model, samples=0)
-    assert verdict.nominal == "stable"
-    assert verdict.counterexample
 
 
 def test_unstable_nominal_names_the_pole() -> None:

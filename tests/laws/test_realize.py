@@ -1,10 +1,4 @@
-"""Laws of realize beside those of tests/reference/test_orders.py.
-
-1. rows of texts, an SX matrix, a problem and its TOML text give one value
-2. states divide the matrix into A, B, C, D; without them it is static
-3. names are values as declared; a parameter that is not used has no repetition
-4. sin and cos of angles are those of the angle, whatever its unit and substitution
-"""
+"""Laws of realize beside those of tests/reference/test_orders.py."""
 
 import itertools
 import random

@@ -1,10 +1,4 @@
-"""Laws of reduction and of the lower bound.
-
-1. reduction does not change values, never grows, and does nothing the second time
-2. a similarity transformation and padding with useless channels are taken back completely
-3. lower bound <= order of every LFT of the same matrix; equal for generic minimal LFTs
-4. the scale of channels, of inputs and outputs, and of parameters does not change a rank
-"""
+"""Laws of reduction and of the lower bound."""
 
 from collections.abc import Callable
 from fractions import Fraction

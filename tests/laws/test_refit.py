@@ -1,11 +1,4 @@
-"""Laws of repetitions left out by Newton's method.
-
-1. the value stays, with fewer repetitions
-2. chains with few parameters get to the bound by pairs, where words, search and independence do not
-3. nothing is found where there is nothing: at the degree, or in a generic LFT
-4. an LFT is found whatever the units of its rows and columns
-5. a search has it, and refuses what has another value
-"""
+"""Laws of repetitions left out by Newton's method."""
 
 from collections.abc import Iterator
 from itertools import permutations
@@ -271,12 +264,6 @@ def test_orders_of_factors() -> None:
     assert law(transpose(a)).order == 2
 
 
-def test_it_is_needed() -> None:
-    """The law of independence is not true of what n-D reduction leaves."""
-    a = reduce_order(stack_columns(word(("a", "b")), word(("b", "a"))))
-    assert rank_of_functions(a) < a.order + a.shape[0]
-
-
 @pytest.mark.parametrize("a", [constant([[1.0, 2.0]]), delta("a"), word(("a", "b"))])
 def test_independent_comes_back(a: LFT) -> None:
     assert independent(a, Work()) is a
@@ -353,10 +340,7 @@ def test_blocks_of_matrices(name: str) -> None:
 
 
 def test_a_result_that_has_lost_digits_is_made_again() -> None:
-    """Voltages of patches stand in bending and in tension: 53 repetitions, 47 with a block restricted.
-
-    In doubles an entry of these 47 differs by hundreds of roundings.
-    """
+    """Voltages of patches stand in bending and in tension: 53 repetitions, 47 with a block restricted."""
     model = to_lft(load_scene(ROOT / "scenarios" / "piezo_beam.toml"))
     assert model.order == 47
     assert model.certificate.max_relative_error < SCENARIO

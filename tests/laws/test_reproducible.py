@@ -1,10 +1,4 @@
-"""Laws of the process whose arithmetic is the same on every processor of one kind.
-
-1. results, errors and Ctrl-C come across, and a process that ends is another one at the next call
-2. bits are the same whatever kernels this process has, where those of this process differ
-3. a search finds the same LFT, bit by bit, whatever kernels this process has
-4. without such a process a search is done here, and says so
-"""
+"""Laws of the process whose arithmetic is the same on every processor of one kind."""
 
 import json
 import os
@@ -38,7 +32,7 @@ from mbdlft.pipeline.models import build
 from mbdlft.problem import trim
 from mbdlft.system.regular import regularity
 from tests.attack.cores import kinds
-from tests.close import exact
+from tests.close import exact, roundoff
 from tests.errors.scenes import cart
 from tests.laws.random_loops import blocks_system
 
@@ -401,6 +395,9 @@ def test_samples_without_a_solution() -> None:
     assert rows.status.tolist() == [1, 0, 2, 2, 0]
     for part, other in zip(rows, first(values), strict=True):
         assert np.array_equal(part, other, equal_nan=True)
+    for part in rows[:4]:
+        assert np.all(np.isnan(part[[0, 2, 3]]))
+    roundoff(rows.A[[1, 4], 1, 0], [-3.0, -6.0])
 
 
 def test_loads_through_elastic_bodies_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -74,15 +74,6 @@ def test_peaks_of_two_modes_side_by_side() -> None:
     target(np.max(largest[..., 0]), np.max(expected[..., 0]), PEAK)
 
 
-def test_values_are_those_of_elimination() -> None:
-    for seed in range(5):
-        system = random_system(seed, 9, 3, 2, direct=True)
-        A, B, C, D = matrices(system)
-        omega = np.geomspace(1e-3, 1e3, 40)
-        expected = [C @ np.linalg.solve(1j * w * np.eye(9) - A, B) + D for w in omega]
-        roundoff(mbdlft.frequency_response(system, {}, omega)[0], expected, kappa=100.0)
-
-
 def test_values_where_eigenvectors_give_no_triangle() -> None:
     """Repeated undamped pairs in one chain: a Jordan block of each frequency, turned."""
     block = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -96,16 +87,17 @@ def test_values_where_eigenvectors_give_no_triangle() -> None:
     roundoff(mbdlft.frequency_response(system, {}, omega)[0], expected, kappa=1e4)
 
 
-def test_triangles_alone_are_as_good_and_are_used() -> None:
-    """What they would get wrong goes to elimination: slow, and no other test would see it."""
+def test_values_are_those_of_elimination_and_triangles_are_used() -> None:
+    """What triangles would get wrong goes to elimination: slow, and no other test would see it."""
     omega = np.geomspace(1e-3, 1e3, 40)
     for seed in range(5):
-        system = random_system(seed, 9, 3, 2, direct=True)
-        whole = [matrix[None] for matrix in matrices(system)]
-        values = np.empty((1, 40, 3, 2), dtype=complex)
-        good = frequency._by_triangles(StateMatrices(*whole), 1j * omega[None], values)
-        assert np.all(good)
-        roundoff(values, mbdlft.frequency_response(system, {}, omega), kappa=100.0)
+        A, B, C, D = matrices(system := random_system(seed, 9, 3, 2, direct=True))
+        expected = [C @ np.linalg.solve(1j * w * np.eye(9) - A, B) + D for w in omega]
+        roundoff(mbdlft.frequency_response(system, {}, omega)[0], expected, kappa=100.0)
+        whole = StateMatrices(A[None], B[None], C[None], D[None])
+        values = np.empty((1, 40, 3, 2), complex)
+        assert np.all(frequency._by_triangles(whole, 1j * omega[None], values))
+        roundoff(values[0], expected, kappa=100.0)
 
 
 def held_at_root(beam: mbdlft.Beam) -> tuple[Any, ...]:

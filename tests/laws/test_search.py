@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 import mbdlft
 from benchmarks import ablation
-from benchmarks.cases.arm import NAMES, closed_form, state_and_input
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.errors import WellPosednessError
@@ -168,19 +167,6 @@ def case(name: str) -> LFT:
         (numbers(1.0), numbers(1.0), numbers(0.0)),
     )
     return stack_rows(*(stack_columns(*row) for row in rows))
-
-
-def test_arm_reaches_its_bound_and_stays_exact() -> None:
-    """16 repetitions, proved minimal, against the closed form at 1 000 points and all corners."""
-    model = mbdlft.to_lft(two_link_arm.scene(), search=WORK)
-    assert model.order == 16
-    assert model.certificate.minimal
-    inside, outer = mbdlft.random(model.parameters, 1000, seed=8), mbdlft.corners(model.parameters)
-    values = {name: np.concatenate([inside[name], outer[name]]) for name in NAMES}
-    expected, _ = closed_form(values)
-    actual = state_and_input(model, values)
-    for k in range(len(expected)):
-        target(actual[k], expected[k], CLOSED_FORM)
 
 
 @given(lfts(2, 2, most=2, scales=(1.0,)), st.integers(0, 100))
@@ -370,14 +356,6 @@ def test_rounding_is_no_value() -> None:
 def test_small_errors_are_found(value: float, factor: float) -> None:
     truth = Truth(with_row_that_cancels, part_of_largest)
     assert not is_same(with_zero_row(value, factor), truth, Work())
-
-
-@pytest.mark.long
-def test_closing_shows_what_cancels() -> None:
-    """Repetitions that the relations need and the closed model does not; its bound is 8."""
-    model = mbdlft.to_lft(mbdlft.load_scene(SCENARIOS / "four_bar.toml"))
-    assert model.lft.order <= 10
-    assert model.certificate.max_relative_error < 1e-12
 
 
 def test_very_large_models_are_not_searched(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,4 @@
-"""Laws of models of many equations: what is sparse stays so, and says the same as dense matrices do.
-
-1. a geared chain has the transfer function of its inertias and springs, and no dense matrix is handed to
-   linear algebra that is as large as its equations are many
-2. sparse solutions, smallest solutions and independent columns are those of dense matrices
-"""
+"""Laws of models of many equations: what is sparse stays so, and says the same as dense matrices do."""
 
 from typing import Any
 

@@ -1,11 +1,4 @@
-"""Sweeps give what trimming and linearizing at each sample gives, whoever computes them and how often.
-
-1. rows of the arm are the closed form; rows of a model are its values
-2. samples do not depend on how they are cut
-3. a row without a solution is NaN with its status, and its neighbors are right
-4. any number of processes, a worker or the sweep killed, a cluster: the same bits, each row once
-5. memory is bounded
-"""
+"""Sweeps give what trimming and linearizing at each sample gives, whoever computes them and how often."""
 
 import os
 import subprocess
@@ -30,7 +23,6 @@ from tests.close import CLOSED_FORM, exact, roundoff, target
 from tests.errors.scenes import cart
 from tests.errors.table import says
 
-ROOT = Path(__file__).parents[2]
 PARAMETERS = (
     Parameter("a", 1.0, low=0.0, high=3.0),
     Parameter("b", 2.0, percent=10),
@@ -109,19 +101,6 @@ def test_a_sweep_that_another_one_computes_is_refused(tmp_path: Path) -> None:
     assert all(".a.h5.q.sweep" in text for text in refused)
     assert mbdlft.sweep(arm(), RandomSamples(5), file, name="q", workers=1).solved == 5
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
-
-
-def test_rows_are_the_closed_form(tmp_path: Path) -> None:
-    values = drawn(400, 2)
-    report = mbdlft.sweep(arm(), values, tmp_path / "a.h5", workers=1)
-    assert (report.count, report.solved, report.resumed) == (400, 400, 0)
-    found = mbdlft.load_sweep(tmp_path / "a.h5")
-    for k, parameter in enumerate(found.layout.parameters):
-        exact(found.samples[:, k], values[parameter.name])
-    check_arm(found, values)
-    names = [signal.name for signal in found.layout.inputs]
-    assert names == ["shoulder.torque", "elbow.torque"]
-    assert [p.name for p in (tmp_path).iterdir()] == ["a.h5"]
 
 
 def test_rows_of_a_model_are_its_values(tmp_path: Path) -> None:

@@ -405,10 +405,7 @@ def test_searches_begin_anew_where_the_box_costs_much(monkeypatch: pytest.Monkey
 
 
 def test_values_that_are_good_in_the_box_are_not_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No search at nominal; each descent begins at them, as where it ends is worse at the next points.
-
-    The first begins although no point of the box is worse.
-    """
+    """No search at nominal; each descent begins at them, as where it ends is worse at the next points."""
     good = dict(tune([PLANT, PID], [GOALS[0]], LOOP, starts=1, prove=False).values)
     begun, corners = list[Any](), iter([[], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
 
@@ -448,10 +445,7 @@ def test_values_that_are_given_are_tuned_until_little_is_gained(monkeypatch: pyt
 
 
 def test_many_parameters_have_more_searches_for_the_worst(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each begins at other points; with five parameters the third in vain is the last.
-
-    No value moves a pole here: the loop is as stable as it is.
-    """
+    """Each begins at other points; with five parameters the third in vain is the last."""
     seeds = []
 
     def in_vain(*given: Any) -> tuple[Any, float]:
@@ -567,10 +561,7 @@ def test_a_design_parameter_is_a_free_value() -> None:
 
 
 def test_a_box_grows_where_the_loop_is_unstable() -> None:
-    """Of x' = a x - k (x + n), k x is k at high and k a/(k - a) at low frequencies: k = 2 a.
-
-    At nominal k = 100, with which the loop is unstable above a = 100.
-    """
+    """Of x' = a x - k (x + n), k x is k at high and k a/(k - a) at low frequencies: k = 2 a."""
     a = mbdlft.Parameter("a", 50.0, low=40.0, high=150.0)
     plant = mbdlft.realize(
         [["a", "1"], ["1", "0"]], [a], states=1, inputs=["f"], outputs=["x"], name="P", search=0.0
@@ -594,10 +585,7 @@ def test_a_box_grows_where_the_loop_is_unstable() -> None:
 
 
 def test_loops_are_made_stable_beside_what_others_reach(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of x' = a x - k (x + n), k x is at most k and k a/(k - a): 130 at a = 50 with 81.25 <= k <= 130.
-
-    With k = 100 at first the loop is not stable at a = 250: k0 + k1 has to grow by 150 there.
-    """
+    """Of x' = a x - k (x + n), k x is at most k and k a/(k - a): 130 at a = 50 with 81.25 <= k <= 130."""
     a = mbdlft.Parameter("a", 50.0, low=40.0, high=250.0)
     plant = mbdlft.realize(
         [["a", "1"], ["1", "0"]], [a], states=1, inputs=["f"], outputs=["x"], name="P", search=0.0

@@ -1,10 +1,4 @@
-"""Laws of truncation and of the bound behind it.
-
-1. the bound is not below any value: random points, all corners, lines between corners
-2. where the largest value is known in closed form, the bound is close to it
-3. a larger tolerance never gives a larger model; nominal values and the trim stay
-4. what was truncated is not called exact or minimal, and the archive keeps that
-"""
+"""Laws of truncation and of the bound behind it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -205,10 +199,6 @@ def test_rounding_of_coordinates_is_in_the_bound(weak: float, size: float) -> No
         difference = np.array([int(x.p) / int(x.q) for x in entries]).reshape(2, 2)
         error = np.linalg.norm(difference / rows[:, None] / columns, 2)
         assert error <= bound
-
-
-def test_nothing_to_leave_out() -> None:
-    assert mbdlft.truncate(arm(), 1e-6) is arm()
 
 
 def test_not_minimal_where_the_order_is_the_bound() -> None:

@@ -45,10 +45,7 @@ def test_order(model: mbdlft.LFTModel) -> None:
 
 
 def test_frequency_response_over_all_angles() -> None:
-    """Figure 5 of the paper: nominal masses, both angles over the full circle, (-180, 180] deg.
-
-    The paper's error is worst near theta1 = +-90 deg; here nothing happens there.
-    """
+    """Figure 5 of the paper: nominal masses, both angles over the full circle, (-180, 180] deg."""
     full = mbdlft.to_lft(full_circle_scene(), search=0.0)
     angles = np.concatenate([np.arange(-150.0, 181.0, 30.0), [-90.1, -89.9, 89.9, 90.1, 179.999]])
     theta1, theta2 = (axis.ravel() for axis in np.meshgrid(angles, angles))

@@ -100,10 +100,7 @@ def test_an_entry_that_is_small_beside_its_terms_stays(names: tuple[str, ...]) -
 
 
 def test_an_entry_that_doubles_do_not_carry_is_right_or_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where both factors are parameters, k J - J k cancels in the values only.
-
-    The LFT that is made from them has the entry; those that are made as it is written lose it.
-    """
+    """Where both factors are parameters, k J - J k cancels in the values only."""
     law_turbine(tuple(TRAIN))
     monkeypatch.setattr("mbdlft.matrix.relations.least_forms", lambda *_: ())
     with pytest.raises(mbdlft.AnalysisError, match="differs from the matrix by"):

@@ -190,11 +190,7 @@ def squares(H: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_chain_of_beams_is_one_mesh() -> None:
-    """Four beams of 7 elements in a row, of L/8, L/4, L/2, L/8, against the 28 elements.
-
-    The slow half of the modes is taken from the inverse, which has them to more digits: as many as the
-    entries of M^-1 K, and the size of the inverse, leave of each. QR of n rows leaves n eps of them.
-    """
+    """Four beams of 7 elements in a row, of L/8, L/4, L/2, L/8, against the 28 elements."""
     parts, length = [0.125, 0.25, 0.5, 0.125], 0.5
     found = model(data.chain([length * part for part in parts], 7))
     own = [k for k, signal in enumerate(found.states) if signal.name.startswith("beam")]

@@ -73,11 +73,7 @@ def cardan(kind: str) -> Scene:
 
 
 def test_cardan_joint_is_faster_by_the_cosine() -> None:
-    """With the cross across both shafts the driven one turns cos b times as fast (here), which is exact.
-
-    With axis1 = x of the driver and axis2 = y of the driven shaft, n = x cross y' = z'' makes an angle b
-    with the driver and 0 with the driven shaft: w cos b = w'.
-    """
+    """With the cross across both shafts the driven one turns cos b times as fast, which is exact."""
     model = mbdlft.to_lft(cardan("universal"), search=0.0)
     assert model.certificate.minimal
     for point in points_of(cardan("universal")):

@@ -300,11 +300,6 @@ def test_pendulum_of_a_multibody_library_is_that_of_the_scene() -> None:
         target(kit.transfer(model, s, p)[0], expected, CROSS)
 
 
-@pytest.mark.long
-def test_pendulum_of_a_multibody_library_is_as_small_as_that_of_the_scene() -> None:
-    assert linearize_dae(operating_point(*flat("pendulum"))).order == 3
-
-
 def test_pendulum_in_cartesian_coordinates_is_that_of_the_scene() -> None:
     """A horizontal force on the mass is the torque L f, and its position is L phi."""
     model = model_of("cartesian_pendulum")

@@ -1,10 +1,4 @@
-"""Matrices of the literature: values against fractions, orders against the table, bounds proved.
-
-1. the value of the model is the matrix, at 250 random points and at corners
-2. the order is not below the bound, and the search reaches the order of the table
-3. the bound in exact arithmetic is that of the table, and that of double precision is not above it
-4. none of this depends on how the entries are written
-"""
+"""Matrices of the literature: values against fractions, orders against the table, bounds proved."""
 
 from collections.abc import Callable
 from fractions import Fraction

@@ -82,11 +82,7 @@ def test_motor_holds_the_rate_against_friction() -> None:
 
 
 def test_dual_spin_satellite_nutates() -> None:
-    """A platform that turns with the orbit, and a rotor: the axis nutates at (J_z n + h)/J in space.
-
-    Seen from the frame, which turns with n, that is n less; and the axis of the momentum, which
-    stands still in space, moves by -n.
-    """
+    """A platform that turns with the orbit, and a rotor: the axis nutates at (J_z n + h)/J in space."""
     n = 0.5
     body = kit.body("hub", 1.0, (3.0, 3.0, 5.0))
     scene = gyrostat().model_copy(

@@ -68,10 +68,7 @@ def gammas(controller: mbdlft.System, model: LFTModel, deltas: Array, zero: floa
 def test_the_printed_pair_is_reached_at_many_points_of_the_whole_box(
     task: str, zero: float, most: float
 ) -> None:
-    """gamma1 = 0.97 and gamma2 = 0.69 of Kassarian et al. 2023, section VI.D, or `most` of them.
-
-    theta1 is `zero` where the arm stands on its shoulder.
-    """
+    """gamma1 = 0.97 and gamma2 = 0.69 of Kassarian et al. 2023, section VI.D, or `most` of them."""
     read = load_tuning(FOLDER / f"{task}.toml")
     model = mbdlft.to_lft(mbdlft.load_scene(FOLDER / read.model), search=0.0)
     random, p = np.random.default_rng(5), len(model.parameters)
