@@ -109,14 +109,14 @@ _SYSTEM_1_1 = f"""{_SYSTEM}
     delta/rows delta/columns: int64 b
 """
 _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
-    provenance@scene?: text
+    provenance@scene? certificate@well_posed: text
     provenance/scene: uint8 characters
-    certificate@well_posed: text
     certificate/open?: float64 open p 2
     certificate/by_terms?: int64 by_terms 2
     certificate/unmoved?: int64 unmoved 2
     certificate/near?: text near
     certificate/accelerations?: int64 accelerations
+    certificate/driven?: int64 driven
     certificate/momenta?: int64 u
     certificate/rigid_motions?: int64 y
     certificate/evidence/number certificate/evidence/basis: text evidence

@@ -251,6 +251,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "momenta",
         "rigid_motions",
         "unmoved",
+        "driven",
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
@@ -275,7 +276,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
         raise ArchiveError("is not whole: the attribute 'truncation_error' of 'certificate' is missing.")
     boxes = items["certificate/open"].tolist() if "certificate/open" in items else []
     certificate = layout.record(Certificate, items, "certificate", open_boxes=layout.nested(boxes))
-    _check(certificate, sizes, len(items["outputs/name"]), len(items["inputs/name"]))
+    _check(certificate, sizes, *(len(items[f"{side}/name"]) for side in ("outputs", "inputs", "states")))
     if "certificate/evidence/number" in items:
         stated = layout.words(items, "certificate/evidence/number")
         basis = layout.words(items, "certificate/evidence/basis")
@@ -286,7 +287,7 @@ def _certificate(items: layout.Items, sizes: tuple[int, ...]) -> Certificate:
     return certificate
 
 
-def _check(c: Certificate, sizes: tuple[int, ...], outputs: int, inputs: int) -> None:
+def _check(c: Certificate, sizes: tuple[int, ...], outputs: int, inputs: int, states: int) -> None:
     """Raise an ArchiveError unless the values of a certificate can be true."""
 
     def needs(condition: bool, what: str) -> None:  # noqa: FBT001
@@ -332,6 +333,7 @@ def _check(c: Certificate, sizes: tuple[int, ...], outputs: int, inputs: int) ->
         all(0 <= i < outputs and 0 <= j < inputs for i, j in c.unmoved),
         f"unmoved: there are {outputs} outputs and {inputs} inputs",
     )
+    needs(all(0 <= k < states for k in c.driven), f"driven: there are {states} states")
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

@@ -20,15 +20,14 @@ from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
-from mbdlft.response.momenta import Part, by_momenta, frequencies_of, parts_at
+from mbdlft.response.momenta import Part, by_momenta, parts_at
+from mbdlft.response.positions import Place, from_positions, with_positions
 from mbdlft.system.model import LFTModel, System
-from mbdlft.system.sampled import StateMatrices, rates_of
+from mbdlft.system.sampled import StateMatrices
 
 Complex = NDArray[np.complex128]
 _ENTRIES = 2**15  # of the states at all frequencies, held at once: they stay near a core
-_SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
 _AT_REST = 100.0 * EPS  # of terms: what is left of them is nothing
-_CANCELED = 0.1  # of terms: where less is left, a digit is lost
 _SIX_DIGITS = 1e-6
 _LOOKED_AT = np.array([0.1, 0.3, 1.0])  # of a frequency; errors of accelerations are as its square
 _NEAR = 4.0 * EPS  # of s: an eigenvalue as near as this is s
@@ -183,14 +182,17 @@ def frequency_response(
     return response
 
 
-_Placed = tuple[Part, StateMatrices, Mapping[int, tuple[int, Array]]]  # with positions, and their places
+_Placed = tuple[Part, StateMatrices, Mapping[int, Place]]  # with positions
 
 
 def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
-    proved = system.certificate.accelerations if isinstance(system, LFTModel) else ()
+    known = system.certificate if isinstance(system, LFTModel) else None
+    proved, driven = (known.accelerations, known.driven) if known else ((), ())
     _, parts = by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
-    known = (proved if part.leaves_momenta else () for part in parts)
-    return [(part, *with_positions(part.matrices, rows)) for part, rows in zip(parts, known, strict=True)]
+    return [
+        (part, *with_positions(part.matrices, proved if part.leaves_momenta else (), driven))
+        for part in parts
+    ]
 
 
 def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array) -> Complex:
@@ -210,71 +212,6 @@ def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array)
             at = np.ix_(np.arange(count), np.flatnonzero(columns), y, u)
             response[at] = np.where(is_own, values, response[at])
     return response
-
-
-def with_positions(
-    matrices: StateMatrices, proved: Sequence[int] = ()
-) -> tuple[StateMatrices, dict[int, tuple[int, Array]]]:
-    """The matrices with positions of outputs that are accelerations as further outputs; their places.
-
-    With a place stand the frequencies (N,), rad/s, below which the position may have more digits; for
-    sums of rates that is the slowest pole, as their factors have no more digits than are left there.
-
-    Output i is the acceleration of a position p if its row [C D] is that of the rate v in [A B], where
-    the row of p says that its derivative is v. The row of one that is `proved` is a sum of those of
-    rates, whose factors its entries for positions give, and its position the same sum of theirs. Behind
-    the positions stand as many outputs C x with random weights, with which its terms do not cancel.
-    """
-    A, B, C, D = matrices
-    states, outputs = A.shape[1], C.shape[1]
-    derivatives, measured = (np.concatenate(pair, axis=2) for pair in ((A, B), (C, D)))
-    rows: dict[int, Array] = {}
-    rates = rates_of(A, B)
-    for p, v in rates.items():
-        largest = int(np.argmax(np.abs(derivatives[0, v])))
-        for i in np.flatnonzero(measured[0, :, largest]).tolist():
-            unit = measured[0, i, largest] / (derivatives[0, v, largest] or 1.0)
-            apart = np.abs(measured[:, i] - unit * derivatives[:, v])
-            if np.all(apart <= _SAME * np.abs(measured[:, i])):
-                rows[i] = np.eye(states)[p] * unit / A[:, p, v, None]
-    until = dict.fromkeys(rows, np.full(len(A), np.inf))
-    if others := [i for i in proved if i not in rows]:
-        position, rate = [*rates], [*rates.values()]
-        stiffness, sums = A[:, rate][:, :, position], C[:, others][:, :, position]
-        stiffness[np.linalg.slogdet(stiffness)[0] == 0.0] = np.nan  # none is left there
-        turned = np.swapaxes(stiffness, 1, 2)
-        factors = np.linalg.solve(turned, np.swapaxes(sums, 1, 2))
-        factors += np.linalg.solve(turned, np.swapaxes(sums, 1, 2) - turned @ factors)
-        read = np.zeros((len(others), len(A), states))
-        read[:, :, position] = np.transpose(factors, (2, 0, 1)) / A[:, position, rate]
-        rows |= dict(zip(others, read, strict=True))
-        until |= dict.fromkeys(others, frequencies_of(A, rates)[:, 0])
-    if not rows:
-        return matrices, {}
-    weights = np.random.default_rng(0).standard_normal(states)
-    largest_terms = weights * np.max(np.abs(C[:, [*rows]]), axis=2, keepdims=True)
-    read = np.concatenate([np.stack([*rows.values()], axis=1), largest_terms], axis=1)
-    none = np.zeros((len(A), 2 * len(rows), D.shape[2]))
-    both = StateMatrices(A, B, np.concatenate([C, read], axis=1), np.concatenate([D, none], axis=1))
-    return both, {i: (outputs + k, until[i]) for k, i in enumerate(rows)}
-
-
-def from_positions(
-    response: Complex, D: Array, omega: Array, accelerations: Mapping[int, tuple[int, Array]]
-) -> Complex:
-    """A response (N, F, ny, nu) without the positions; accelerations are -w^2 x where these are small.
-
-    Far below its modes a structure that is held hardly moves. C (s I - A)^-1 B is then nearly -D, and the
-    sum, or that of the terms of C x, loses all digits of w^2 x.
-    """
-    count = len(accelerations)
-    for i, (k, until) in accelerations.items():
-        by_position = -(omega[:, :, None] ** 2) * response[:, :, k]
-        terms = np.abs(D[:, None, i]) + np.abs(response[:, :, k + count])
-        is_small = np.abs(by_position) < _CANCELED * terms
-        is_small &= (np.abs(omega) < until[:, None])[:, :, None]
-        response[:, :, i] = np.where(is_small, by_position, response[:, :, i])
-    return response[:, :, : response.shape[2] - 2 * count]
 
 
 def carried_from(system: System) -> dict[str, tuple[float, bool]]:

@@ -21,7 +21,6 @@ from mbdlft.system.sampled import StateMatrices, rates_of
 
 Indices = NDArray[np.intp]
 _CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
-_ROUNDED = 1e-4  # of the largest of a motion: where it has less, that may be rounding alone
 
 
 class Part(NamedTuple):
@@ -114,8 +113,8 @@ def _kernel(K: Array, count: int) -> Array:
 
 def _is_zero(terms: Array, R: Array, slowest: Array) -> NDArray[np.bool_]:
     """Of which samples terms R are nothing but rounding, and a mode is left: (N, 1, 1)."""
-    sizes = np.maximum(np.abs(R), _ROUNDED * np.max(np.abs(R), axis=1, keepdims=True, initial=0.0))
-    is_zero = np.abs(terms @ R) <= _CONSERVED * (np.abs(terms) @ sizes)
+    sizes = np.max(np.abs(R), axis=1, keepdims=True, initial=0.0)  # what is zero is rounded to these
+    is_zero = np.abs(terms @ R) <= _CONSERVED * np.sum(np.abs(terms), axis=2, keepdims=True) * sizes
     return np.asarray(np.isfinite(slowest) & is_zero.all(axis=(1, 2)))[:, None, None]
 
 

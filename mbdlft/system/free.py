@@ -5,12 +5,14 @@ between its bodies do; and its motions as a rigid body are free if nothing that 
 """
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from mbdlft.base.array import Array
 from mbdlft.exact.reachable import in_reach
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.wiring import Wiring, beside_gains
@@ -26,22 +28,26 @@ class _Part(NamedTuple):
     leaves: Mask  # (nu,), inputs that leave momenta
     is_blind: Mask  # (ny,), outputs that see no rigid motion
     is_sum: Mask  # (ny,), outputs that are sums of accelerations
+    driven: Mask  # (nx,), states that accelerations drive
     feels: Mask  # (ny, nu), outputs that may feel the rigid motion that an input causes
 
 
 def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
-    """Fields of the certificate: outputs that are sums of accelerations, momenta, rigid motions.
+    """Fields of the certificate: outputs that are sums of accelerations, what is free, what is driven.
 
     Those of all free parts together. An input leaves momenta if it leads to none of a part that changes
     them; an output sees no rigid motion if none of a part that sees any leads to it. It feels that by an
-    input if one that leads to it feels that by one to which the input leads.
+    input if one that leads to it feels that by one to which the input leads. A part in which nothing is
+    known is driven by accelerations if nothing else leads to it.
     """
     is_real = not any(system.lft.is_complex for system in systems)
     systems, Ky, E, F, direct = beside_gains(systems, wiring)
     parts = [_part(system) for system in systems]
     leaves = _joined([part.leaves for part in parts])
     is_blind = _joined([part.is_blind for part in parts])
-    is_sum = _joined([part.is_sum for part in parts])
+    driven = _driven(parts, Ky, E)
+    is_sum = _joined([part.is_sum | of for part, of in zip(parts, driven, strict=True)])
+    states = _joined([part.driven | of for part, of in zip(parts, driven, strict=True)])
     is_free = _joined([np.full(len(part.leaves), part.motions > 0) for part in parts])
     by_part = [np.ones((len(part.is_blind), len(part.leaves))) for part in parts]
     is_one = block_diag(np.zeros((0, 0)), *by_part) != 0.0
@@ -65,7 +71,21 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         "momenta": tuple(momenta.tolist()) if np.any(momenta) else (),
         "rigid_motions": tuple(motions.tolist()) if count and is_rigid else (),
         "unmoved": tuple((i, j) for i, j in np.argwhere(unmoved).tolist()),
+        "driven": tuple(np.flatnonzero(states).tolist()) if np.any(proved) else (),
     }
+
+
+def _driven(parts: Sequence[_Part], Ky: Array, E: Array) -> list[bool]:
+    """Which parts are driven by accelerations, and by others that are, alone."""
+    driven = [not part.motions and not np.any(part.is_sum) and len(part.leaves) > 0 for part in parts]
+    ends = np.cumsum([0, *(len(part.leaves) for part in parts)])
+    while True:
+        is_sum = _joined([part.is_sum | of for part, of in zip(parts, driven, strict=True)])
+        others = np.asarray(E.any(axis=1) | Ky[:, ~is_sum].any(axis=1))
+        left = [of and not others[a:b].any() for of, (a, b) in zip(driven, pairwise(ends), strict=True)]
+        if left == driven:
+            return driven
+        driven = left
 
 
 def _joined(masks: Sequence[Mask]) -> Mask:
@@ -86,5 +106,6 @@ def _part(system: System) -> _Part:
         leaves,
         np.equal(motions or [-count] * ny, count),
         np.isin(range(ny), known.accelerations if known else ()),
+        np.isin(range(len(system.states)), known.driven if known else ()),
         feels,
     )

@@ -287,7 +287,10 @@ class Certificate:
         `max_relative_error` they are relative to these terms.
     accelerations : tuple of int
         Outputs that are sums of derivatives of states that are derivatives of others, and so
-        accelerations of positions: decided on residues, at random values of the parameters.
+        accelerations of positions: decided on residues, at random values of the parameters. Also those
+        of systems that such outputs alone drive.
+    driven : tuple of int
+        The states of these systems.
     momenta : tuple of int
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
         dampers do, leaves all of them as they are; otherwise 0. Empty for a structure of which no input
@@ -366,6 +369,7 @@ class Certificate:
     momenta: tuple[int, ...] = ()
     rigid_motions: tuple[int, ...] = ()
     unmoved: tuple[tuple[int, int], ...] = ()
+    driven: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

@@ -525,6 +525,50 @@ def test_what_a_push_does_not_move_is_so_beside_filters_and_in_loops() -> None:
         target(found[:, y, u], np.ones(found[:, y, u].shape), CHAIN)  # K of two copies is singular twice
 
 
+def test_accelerations_have_their_digits_behind_filters_and_in_loops_with_them() -> None:
+    """Their terms cancel in the states of the filter: 1e-3 was lost at 1e-4 rad/s."""
+    free, held, omega = mbdlft.to_lft(in_a_row(), search=0.0), pair(1e3), 10.0 ** np.arange(-7.0, 2.0)
+    s = 1j * omega
+    lag, g = mbdlft.as_system(mbdlft.low_pass(2e-3), name="lag"), 2e-3 / (s + 2e-3)
+    A, B, C = [[0.0, 1.0], [-4.0, -0.8]], [[0.0], [4.0]], [[1.0, 0.5]]
+    second = mbdlft.state_space(A, B, C, [[0.0]], inputs=["in"], outputs=["out"], name="second")
+    both = g * (4.0 + 2.0 * s) / (s**2 + 0.8 * s + 4.0)
+    for model, named, force in (
+        (free, "acceleration.y", "a.force_density"),
+        (held, "felt.x", "second.force"),
+    ):
+        inputs, n = [signal.name for signal in model.inputs], len(model.states)
+        row = [signal.name for signal in model.outputs].index(named)
+        plain = mbdlft.frequency_response(model, {}, omega)[0]
+        wires = {"lag.command": named, "in": "lag.output"}
+        ends = ["lag.output", "out", named]
+        opened = mbdlft.connect([lag, model, second], wires, inputs=inputs, outputs=ends)
+        assert opened.certificate.accelerations == (0, 1, 2)
+        assert opened.certificate.driven == (0, n + 1, n + 2)
+        expected = plain[:, row, None] * np.stack([g, both, np.ones(9)], axis=1)[:, :, None]
+        found = mbdlft.frequency_response(opened, {}, omega)[0] / expected
+        target(found, np.ones(found.shape), CHAIN)
+        wires[force] = ["M", "-lag.output"]
+        left = [name for name in inputs if name != force]
+        loop = mbdlft.connect([lag, model, second], wires, inputs=["M", *left], outputs=ends)
+        back = 1.0 + g * plain[:, row, inputs.index(force)]
+        found = mbdlft.frequency_response(loop, {}, omega)[0, :, :, 0] * back[:, None]
+        target(found / expected[:, :, inputs.index(force)], np.ones((9, 3)), CHAIN)
+        beside = {"lag.command": [named, "w"], "in": "lag.output"}
+        other = mbdlft.connect([lag, model, second], beside, inputs=[*inputs, "w"], outputs=ends)
+        assert other.certificate.accelerations == (2,)
+        assert other.certificate.driven == ()
+    whole = mbdlft.series(opened, "lag.output", mbdlft.as_system(second, name="third", inputs=["c"]))
+    assert whole.certificate.driven == (0, n + 1, n + 2, n + 3, n + 4)
+    found = mbdlft.frequency_response(whole, {}, omega)[0, :, 0] / (expected[:, 1])
+    target(found, np.ones(found.shape), CHAIN)
+    assert mbdlft.series(free, "velocity.x", lag).certificate.driven == ()
+    loose, values, some = pair(0.0), {"k": [0.0, 1e4]}, omega[-3:]  # nothing holds the first sample
+    plain = mbdlft.frequency_response(loose, values, some)[:, :, 1, 0]
+    found = mbdlft.frequency_response(mbdlft.series(loose, "felt.x", lag), values, some)[:, :, 1, 0]
+    target(found / (plain * g[-3:]), np.ones((2, 3)), CHAIN)
+
+
 def test_rigid_motions_keep_their_digits_where_rounding_leaves_entries_that_are_zero() -> None:
     """Springs in a plane leave four motions of each pair of bodies out of it: none of them was known."""
     ports = {"p": (0.4, 0.2, 0), "q": (0.4, -0.2, 0), "r": (-0.4, 0.2, 0), "s": (-0.4, -0.2, 0)}
