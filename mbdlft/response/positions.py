@@ -24,7 +24,6 @@ class Place(NamedTuple):
 
     row: int
     until: Array  # (N,), rad/s: below, the position may have more digits
-    is_driven: bool  # by states in which terms of accelerations cancel
 
 
 def with_positions(
@@ -70,10 +69,7 @@ def with_positions(
     read = np.concatenate([np.stack([*rows.values()], axis=1), largest_terms], axis=1)
     none = np.zeros((len(A), 2 * len(rows), D.shape[2]))
     both = StateMatrices(A, B, np.concatenate([C, read], axis=1), np.concatenate([D, none], axis=1))
-    return both, {
-        i: Place(outputs + k, until[i], is_driven=i in others and bool(np.any(C[:, i, [*driven]])))
-        for k, i in enumerate(rows)
-    }
+    return both, {i: Place(outputs + k, until[i]) for k, i in enumerate(rows)}
 
 
 def _moved(sums: Array, A: Array, rates: Mapping[int, int], driven: list[int]) -> Array:
@@ -97,10 +93,10 @@ def from_positions(
     response: NDArray[np.complex128], D: Array, omega: Array, places: Mapping[int, Place]
 ) -> NDArray[np.complex128]:
     """A response (N, F, ny, nu) without the positions; accelerations are -w^2 x where these are small."""
-    for i, (k, until, is_driven) in places.items():
+    for i, (k, until) in places.items():
         by_position = -(omega[:, :, None] ** 2) * response[:, :, k]
         terms = np.abs(D[:, None, i]) + np.abs(response[:, :, k + len(places)])
-        is_small = np.isfinite(by_position) if is_driven else np.abs(by_position) < _CANCELED * terms
+        is_small = np.abs(by_position) < _CANCELED * terms
         is_small &= (np.abs(omega) < until[:, None])[:, :, None]
         response[:, :, i] = np.where(is_small, by_position, response[:, :, i])
     return response[:, :, : response.shape[2] - 2 * len(places)]
