@@ -263,16 +263,29 @@ def times(a: Residues, b: Array, prime: int) -> Residues:
         first = times(a[..., :half], b[..., :half, :], prime)
         second = times(a[..., half:], b[..., half:, :], prime)
         return np.asarray((first + second) % prime)
-    return joined(np.matmul(limbs(a)[:, None], b).astype(np.int64), prime)
+    # x y' + y x' = x x' + y y' - (x - y) (x' - y'), whose factors are no larger: six products for nine
+    x, y, z, xy, xz, yz = np.matmul(*map(_with_differences, (limbs(a), b))).astype(np.int64)
+    return _joined((x, x + y - xy, x + y + z - xz, y + z - yz, z), prime)
+
+
+def _with_differences(a: Array) -> Array:
+    x, y, z = a
+    return np.array([x, y, z, x - y, x - z, y - z])
 
 
 def joined(C: Residues, prime: int) -> Residues:
-    """The residue of products C (3, 3, ...) of limbs with limbs.
+    """The residue of products C (3, 3, ...) of limbs with limbs."""
+    middle = C[0, 2] + C[1, 1] + C[2, 0]
+    return _joined((C[0, 0], C[0, 1] + C[1, 0], middle, C[1, 2] + C[2, 1], C[2, 2]), prime)
+
+
+def _joined(totals: Sequence[Residues], prime: int) -> Residues:
+    """The residue of a sum of totals times 1, 2^21, 2^42, ..., each below 2^55 in size.
 
     Sums stay below 2^62 in size, as 2^21 times one of them is reduced by its quotient.
     """
-    sums: Residues = C[2, 2]
-    for total in (C[1, 2] + C[2, 1], C[0, 2] + C[1, 1] + C[2, 0], C[0, 1] + C[1, 0], C[0, 0]):
+    *lower, sums = totals
+    for total in reversed(lower):
         quotient = (sums * (2.0**_LIMB / prime)).astype(np.int64)
         sums = (sums << _LIMB) - quotient * prime + total
     return np.asarray(sums % prime)

@@ -353,8 +353,9 @@ def _span(
     monomials = powers_of(points[second], length, prime)
     for third in thirds:
         monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
-    all_Hu = _outer(seen, monomials, prime)
-    all_y = _outer(directions, monomials, prime)
+    # left' H u - left' y
+    at_samples = [_outer(x, monomials, prime) for x in (seen, -directions % prime)]
+    at_samples = limbs(np.hstack(at_samples).T)
     E: Residues = np.zeros((0, count := len(directions)), dtype=np.int64)
     pivots, added = list[int](), list[tuple[Residues, Sequence[int]]]()
     for alpha in random.integers(1, prime, 2 * degrees[first] + 2).tolist():
@@ -364,9 +365,8 @@ def _span(
         # random combinations of as many u as E can still grow by span the same
         most = None if thirds else count // (1 + moves) - len(E) + _EXTRA
         u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second], most)
-        sections = (multiplied(all_Hu, u, prime) - multiplied(all_y, y, prime)) % prime
         over = _inverses((points[first] - alpha) % prime, prime)
-        outside = entrywise(over[:, None], sections, prime).T
+        outside = entrywise(over, times(np.vstack([u, y]).T, at_samples, prime), prime)
         outside = (outside - multiplied(outside[:, pivots], E, prime)) % prime
         H.work.add(exact_elimination(len(outside), count))
         fresh, more = row_echelon(outside, prime)
