@@ -215,7 +215,10 @@ def _descend(fit: Fit, kept: tuple[Block, ...], block: slice, truth: CircleValue
     if polished.size <= _LOSSY:
         return polished
     turned, everything = _balanced(fit, kept, truth, work), slice(0, sum(b.size for b in kept))
-    turned = _polished(turned, kept, everything, truth, work)
+    for span in (block, everything):  # with all unknowns a step takes twenty times as long
+        turned = _polished(turned, kept, span, truth, work)
+        if turned.size <= _LOSSY:
+            break
     return min(polished, turned, key=attrgetter("size"))
 
 
