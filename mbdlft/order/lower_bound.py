@@ -353,9 +353,8 @@ def _span(
     monomials = powers_of(points[second], length, prime)
     for third in thirds:
         monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
-    # left' H u - left' y
-    at_samples = [_outer(x, monomials, prime) for x in (seen, -directions % prime)]
-    at_samples = limbs(np.hstack(at_samples).T)
+    sides = [_outer(x, monomials, prime) for x in (seen, -directions % prime)]
+    at_samples = limbs(np.hstack(sides).T)  # left' H u - left' y
     E: Residues = np.zeros((0, count := len(directions)), dtype=np.int64)
     pivots, added = list[int](), list[tuple[Residues, Sequence[int]]]()
     for alpha in random.integers(1, prime, 2 * degrees[first] + 2).tolist():

@@ -14,6 +14,7 @@ from math import inf, pi
 from typing import Any, NamedTuple
 
 import casadi as ca
+import flint
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,7 +39,7 @@ from mbdlft.order.reduction import (
 )
 from mbdlft.order.restriction import Step, restricted_exactly, with_affine_restricted
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_random
-from mbdlft.pipeline.extract import SparseExtraction, extract, extract_within
+from mbdlft.pipeline.extract import Extraction, SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
 from mbdlft.problem.sx.constants import constant, constants_in, double, is_zero
 from mbdlft.system.evidence import deltas_at
@@ -58,6 +59,7 @@ class Candidate:
 
     form: Form
     channels: Mapping[str, int]  # of the signal graph before any reduction, by parameter
+    exactly: tuple[int, ExactLFT] | None  # bits, and `relations` before any steps
     relations: LFT  # as extracted, reduced
     closed: LFT  # solved for the unknown signals, not reduced
     exact: ExactLFT | SparseResidues  # the same, reduced
@@ -169,10 +171,18 @@ def reduced_relations(relations: LinearModel) -> LFT:
 
 
 def restricted(
-    problem: Problem, form: Form, steps: Sequence[Step] = (), *, exchanges: bool = False
+    problem: Problem,
+    form: Form,
+    steps: Sequence[Step] = (),
+    *,
+    exchanges: bool = False,
+    known: Candidate | None = None,
 ) -> Candidate | None:
-    """A candidate with blocks restricted by steps, or with exchanges; None if that is not possible."""
-    make = partial(_candidate, problem, form, steps, exchanges=exchanges)
+    """A candidate with blocks restricted by steps, or with exchanges; None if that is not possible.
+
+    The relations of a `known` candidate of the form are not extracted again.
+    """
+    make = partial(_candidate, problem, form, steps, exchanges=exchanges, known=known)
     try:
         with without_collection():
             return in_enough_bits(make, problem.nouns.owner)
@@ -188,31 +198,27 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
 
 
 def _candidate(
-    problem: Problem, form: Form, steps: Sequence[Step] = (), *, exchanges: bool = False
+    problem: Problem,
+    form: Form,
+    steps: Sequence[Step] = (),
+    *,
+    exchanges: bool = False,
+    known: Candidate | None = None,
 ) -> Candidate | None:
-    with naming(problem.nouns.owner, StructureError, WellPosednessError):
-        extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
-    if isinstance(extracted, SparseExtraction):
-        return None if form.is_transposed else _sparsely(problem, form, extracted)
-    opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
-    count = sum(block.size > 0 for block in opened.blocks)
-    if count > _MOST_PARAMETERS:
-        raise AnalysisError(
-            f"{problem.nouns.owner}: depends on {count} parameters; at most {_MOST_PARAMETERS}, as the "
-            "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
-            "products of them. A sweep takes any number."
-        )
-    n = form.relations.unknown.numel()
-    if n and opened.order > _MANY:
-        ask_for_bits(2 * BITS)
-    relations = reduce_exactly(opened)
-    if form.relations.lifted is not None:
-        relations = with_affine_restricted(relations)
+    if known and known.exactly and known.exactly[0] == flint.ctx.prec:
+        relations, channels = known.exactly[1], known.channels
+    else:
+        with naming(problem.nouns.owner, StructureError, WellPosednessError):
+            extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
+        if isinstance(extracted, SparseExtraction):
+            return None if form.is_transposed else _sparsely(problem, form, extracted)
+        relations, channels = _reduced(problem, form, extracted), extracted.channels
+    exactly, n = (flint.ctx.prec, relations), form.relations.unknown.numel()
     relations = _restricted(relations, steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())
         best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
-        return Candidate(form, extracted.channels, lft, lft, relations, best)
+        return Candidate(form, channels, exactly, lft, lft, relations, best)
     # the equations come first; there are as many as unknowns
     outputs = range(n, relations.M.shape[0] - relations.order)
     try:
@@ -224,12 +230,29 @@ def _candidate(
     most = 0.0 if steps or exchanges else _MOST_CONDITION
     return Candidate(
         form,
-        extracted.channels,
+        channels,
+        exactly,
         in_scales(relations.rounded()),
         in_scales(closed.rounded()),
         exact,
         in_good_coordinates(exact, _some_deltas(problem, exact), most),
     )
+
+
+def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
+    """The relations of a form, reduced."""
+    opened = transposed(extracted.lft) if form.is_transposed else extracted.lft
+    count = sum(block.size > 0 for block in opened.blocks)
+    if count > _MOST_PARAMETERS:
+        raise AnalysisError(
+            f"{problem.nouns.owner}: depends on {count} parameters; at most {_MOST_PARAMETERS}, as the "
+            "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
+            "products of them. A sweep takes any number."
+        )
+    if form.relations.unknown.numel() and opened.order > _MANY:
+        ask_for_bits(2 * BITS)
+    relations = reduce_exactly(opened)
+    return relations if form.relations.lifted is None else with_affine_restricted(relations)
 
 
 def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
@@ -251,7 +274,7 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     )
     with naming(problem.nouns.owner, WellPosednessError):
         lft = with_zeros(lft, value_at_random(residues) != 0)
-    return Candidate(form, relations.channels, lft, lft, residues, lft)
+    return Candidate(form, relations.channels, None, lft, lft, residues, lft)
 
 
 def closing(form: Form) -> Closing:

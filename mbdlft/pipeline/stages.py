@@ -3,10 +3,10 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib.metadata import version
 from operator import attrgetter
 
@@ -47,6 +47,8 @@ _FOLLOWING = 3  # times what exchanges gain that are seen at first: of gap_9304 
 _OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
+
+_Remade = Callable[..., Candidate | None]  # the first candidate again, with steps or exchanges
 
 
 def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:
@@ -110,10 +112,11 @@ def _searched(
 ) -> tuple[LFT, Regularity | None, int]:
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = _in_units(problem, reduced[0].lft), None
+    remade = cache(partial(restricted, problem, reduced[0].form, known=reduced[0]))
     with stage("search"):
-        result = _smallest(problem, reduced, degrees, budget, stage)
+        result = _smallest(problem, reduced, degrees, budget, stage, remade)
         dropped = result.dropped
-        for smaller in _results(problem, reduced[0], result):
+        for smaller in _results(remade, reduced[0], result):
             if smaller.order >= lft.order:
                 break
             smaller = _in_units(problem, smaller)
@@ -228,6 +231,7 @@ def _searched_exactly(
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
+    remade: _Remade,
 ) -> Smallest:
     """The result of searches that go on from what their steps lead to in exact numbers."""
     steps: list[Step] = []
@@ -237,7 +241,7 @@ def _searched_exactly(
         if not chosen or least <= result.order_bound:
             break
         steps += chosen
-        candidate = restricted(problem, start.form, steps)
+        candidate = remade(tuple(steps))
         if candidate is None or candidate.lft.order >= least + _above(chosen):
             break
         is_closed = _above(chosen) > 0
@@ -265,17 +269,19 @@ def _smallest(
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
+    remade: _Remade,
 ) -> Smallest:
     """The result of searches, of steps in exact numbers, and of exchanges."""
     start, result = reduced[0], _search(reduced, degrees, budget, stage)
     if budget.seconds is not None:
         return result
     some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
-    result = _searched_exactly(problem, start, result, degrees, budget, stage)
+    result = _searched_exactly(problem, start, result, degrees, budget, stage, remade)
     if result.lft.order <= result.order_bound:
         return result
-    first = _exchanged(problem, start, result.lft.order)
-    others = [restricted(problem, start.form, steps, exchanges=True) for _, steps in some]
+    first = _exchanged(remade, start, result.lft.order)
+    plain = [(steps, known) for _, steps in some if (known := remade(steps))]
+    others = (remade(x, exchanges=True) if _has_plans(known) else known for x, known in plain)
     exchanged = min(filter(None, (first, *others)), key=lambda c: c.lft.order, default=None)
     if exchanged is None or exchanged.lft.order >= result.lft.order:
         return result
@@ -283,14 +289,18 @@ def _smallest(
     return _gone_on(result, exchanged, more)._replace(steps=result.steps)
 
 
-def _exchanged(problem: Problem, start: Candidate, least: int) -> Candidate | None:
+def _has_plans(candidate: Candidate) -> bool:
+    return isinstance(candidate.exact, ExactLFT) and any(plans(candidate.exact))
+
+
+def _exchanged(remade: _Remade, start: Candidate, least: int) -> Candidate | None:
     """The candidate with exchanges, if these and those that follow may lead below an order."""
     exact = start.exact
     if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED:
         return None
     if exact.order - _FOLLOWING * sum(plan.gain for plan in plans(exact)) >= least:
         return None
-    return restricted(problem, start.form, exchanges=True)
+    return remade(exchanges=True)
 
 
 def _above(steps: Sequence[Step]) -> int:
@@ -298,12 +308,12 @@ def _above(steps: Sequence[Step]) -> int:
     return CLOSE if len(steps) > 1 else 0
 
 
-def _results(problem: Problem, start: Candidate, result: Smallest) -> Iterator[LFT]:
+def _results(remade: _Remade, start: Candidate, result: Smallest) -> Iterator[LFT]:
     """The LFT of a search; if that is not used, its first step in exact numbers, and larger ones."""
     yield result.lft
     others = [*result.larger]
     if result.steps and start.lft.order <= _MOST_RESTRICTED:
-        candidate = restricted(problem, start.form, result.steps[0][1])
+        candidate = remade(result.steps[0][1])
         others += [candidate.lft] if candidate else []
     yield from sorted(others, key=attrgetter("order"))
 
