@@ -114,7 +114,7 @@ def _searched(
     lft, of_search = _in_units(problem, reduced[0].lft), None
     remade = cache(partial(restricted, problem, reduced[0].form, known=reduced[0]))
     with stage("search"):
-        result = _smallest(problem, reduced, degrees, budget, stage, remade)
+        result = _smallest(remade, reduced, degrees, budget, stage)
         dropped = result.dropped
         for smaller in _results(remade, reduced[0], result):
             if smaller.order >= lft.order:
@@ -225,13 +225,12 @@ def _search(
 
 
 def _searched_exactly(
-    problem: Problem,
+    remade: _Remade,
     start: Candidate,
     result: Smallest,
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
-    remade: _Remade,
 ) -> Smallest:
     """The result of searches that go on from what their steps lead to in exact numbers."""
     steps: list[Step] = []
@@ -264,19 +263,18 @@ def _gone_on(result: Smallest, candidate: Candidate, more: Smallest) -> Smallest
 
 
 def _smallest(
-    problem: Problem,
+    remade: _Remade,
     reduced: Sequence[Candidate],
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
-    remade: _Remade,
 ) -> Smallest:
     """The result of searches, of steps in exact numbers, and of exchanges."""
     start, result = reduced[0], _search(reduced, degrees, budget, stage)
     if budget.seconds is not None:
         return result
     some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
-    result = _searched_exactly(problem, start, result, degrees, budget, stage, remade)
+    result = _searched_exactly(remade, start, result, degrees, budget, stage)
     if result.lft.order <= result.order_bound:
         return result
     first = _exchanged(remade, start, result.lft.order)
