@@ -33,6 +33,7 @@ from mbdlft.exact.matrices import (
 from mbdlft.exact.rounding import channel_scales, or_one
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
+_NO_FACTOR = 1.999  # a basis whose factors are clearly not above that: there is nothing to choose
 # channels: of fewer, doubles of powers of M11 choose rows at the end. Of equal factors they take others
 # than exact numbers do: a search finds order 30 of the gimbal then, and 31 otherwise
 _MOST_GUESSED = 200
@@ -81,11 +82,13 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
         roughly = _orthonormal(np.hstack([scaled[:, :n] / scale, scaled[:, n:]]), blocks, spaces)
         spaces = [_in_rows(space, _pivot_rows(Q)) for space, Q in zip(spaces, roughly, strict=True)]
     bases = _bases(M, blocks, spaces)
-    guesses: list[Array | None]
-    if n <= _MOST_GUESSED:
+    guesses: list[Array | None] = [None] * len(bases)
+    factors = (
+        np.max(np.abs(_rough(basis, scale[block], np.array(space.pivots, dtype=int))), initial=0.0)
+        for space, basis, block in zip(spaces, bases, blocks, strict=True)
+    )
+    if n <= _MOST_GUESSED and max(factors) > _NO_FACTOR:
         guesses = [_guess(*pair) for pair in zip(spaces, _krylov(M, blocks, spaces), strict=True)]
-    else:
-        guesses = [None] * len(bases)
     graphs = [
         _graph(space, basis, scale[block], guess)
         for space, basis, guess, block in zip(spaces, bases, guesses, blocks, strict=True)
@@ -131,11 +134,11 @@ class Space:
             outside = (outside - inside) % self.prime
             some = np.any(outside != 0, axis=1)
             used, outside = used[some], outside[some]
-        which = pivot_columns(outside.T, self.prime)
-        taken = used[which]
+        fresh, pivots = row_echelon(outside, self.prime)
+        is_all = len(pivots) == len(outside)
+        taken = used if is_all else used[pivot_columns(outside.T, self.prime)]
         self.taken.append(taken.tolist())
-        if len(which):
-            fresh, pivots = row_echelon(outside[which], self.prime)
+        if pivots:
             if self.pivots:
                 inside = multiplied(self.basis[:, pivots], fresh, self.prime)
                 self.basis = (self.basis - inside) % self.prime
@@ -373,10 +376,14 @@ def _graph(space: Space, basis: ExactMatrix, scale: Array, guess: Array | None =
     rows = np.array(space.pivots)
     if guess is not None:
         basis, rows = _exchanged(basis, rows, _best_rows(scale[:, None] * guess / scale[rows], rows))
-    rough = scale[:, None] * rough_values(basis) / scale[rows]
-    basis, rows = _exchanged(basis, rows, _best_rows(rough, rows))
+    basis, rows = _exchanged(basis, rows, _best_rows(_rough(basis, scale, rows), rows))
     order = np.argsort(rows)
     return _Graph(rows[order], basis[:, order])
+
+
+def _rough(basis: ExactMatrix, scale: Array, rows: NDArray[np.int64]) -> Array:
+    """A basis that is the identity in some rows, in doubles, for channels of a size (n,)."""
+    return np.asarray(scale[:, None] * rough_values(basis) / scale[rows])
 
 
 def _exchanged(
