@@ -1,5 +1,7 @@
 """Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,8 @@ from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.exchange import plans
 from mbdlft.order.lower_bound import at_random
-from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.reduction import ExactLFT, transposed
+from mbdlft.order.restriction import Step
 from mbdlft.order.search import Smallest
 from mbdlft.pipeline import stages
 from mbdlft.pipeline.forms import Candidate, restricted
@@ -50,6 +53,23 @@ def test_exchanges_keep_the_value(seed: int) -> None:
     points = {name: np.linspace(-1.0, 1.0, 5) * (-1) ** k for k, name in enumerate(before)}
     target(evaluate(smaller.lft, points), evaluate(plain.lft, points), SCENARIO)
     assert not any(plans(exact(smaller)))
+
+
+def test_relations_are_extracted_once() -> None:
+    """From a candidate that is known, and from what was made in other bits, the same is made."""
+    problem, first = problem_of_scene(random_scene(243)), made(243, exchanges=False)
+    steps = [Step("theta3", is_transposed=True, of_relations=True)]
+    form = problem.forms[0]
+    assert first.exactly is not None
+    bits, relations = first.exactly
+    other = replace(first, exactly=(2 * bits, transposed(relations)))
+    expected = restricted(problem, form, steps)
+    assert expected is not None
+    for known in (first, other):
+        found = restricted(problem, form, steps, known=known)
+        assert found is not None
+        assert np.array_equal(exact(found).M.residues, exact(expected).M.residues)
+        assert np.array_equal(found.lft.M11, expected.lft.M11)
 
 
 def test_what_costs_more_than_its_lines_is_not_exchanged() -> None:
