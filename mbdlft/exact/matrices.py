@@ -214,6 +214,11 @@ def identity(n: int, prime: int) -> ExactMatrix:
     return result
 
 
+def of_integers(a: Array, prime: int) -> ExactMatrix:
+    """A matrix of whole numbers, each less than 2^53."""
+    return ExactMatrix(a.astype(np.int64) % prime, balls_of(a), prime)
+
+
 def from_rows(rows: Sequence[Mapping[int, Exact]], width: int, prime: int) -> ExactMatrix:
     """A matrix of sparse rows: numbers by column."""
     matrix = zeros(len(rows), width, prime)

@@ -15,40 +15,41 @@ each costs a repetition of b. One repetition is enough for d of them at one valu
     v, A v, ..., A^(d-1) v    at beta,    with v in R(beta) and C v = C A v = ... = C A^(d-2) v = 0.
 
 In the words of docs/pairs.md: these v are quotients O(-d) of the bundle on the line b = beta. Chains that
-exist at any beta are used; values beta are outside of the range, which is from -1 to 1.
+exist at any beta are used, and those that are longer at single values of beta, which are zeros of what
+leads to C v, ... All beta are outside of the range, which is from -1 to 1, or infinite.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from fractions import Fraction
-from itertools import permutations
-from typing import NamedTuple, TypeVar
+from collections.abc import Iterator, Sequence
+from itertools import islice, permutations, product
+from typing import Any, NamedTuple
 
+import flint
 import numpy as np
-from scipy.linalg import qr
 
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact.numbers import NOTHING, TooFewBitsError
+from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues
 from mbdlft.exact.reachable import reachable_bases
-from mbdlft.exact.rounding import channel_scales, equilibrate, or_one
+from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import Block
 from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.order.rational import image_of
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 from mbdlft.order.restriction import (
     after,
     in_order,
     independent_columns,
     krylov,
-    value_at,
+    selected,
     value_at_random,
 )
 
 Column = tuple[int, int]  # input and power, of A^power B_input
-Matrix = TypeVar("Matrix", Residues, ExactMatrix)
 
 _LINES = (100, -100, 200, -200, 300, -300, 400, -400)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
+_MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 
 
 def with_exchanges(a: ExactLFT) -> ExactLFT:
@@ -78,8 +79,6 @@ class Plan(NamedTuple):
 def plans(a: ExactLFT) -> Iterator[Plan]:
     """Exchanges that residues allow, those of the delta furthest above its degree first."""
     degrees, M = exact_degrees(a), a.M
-    nothing = np.zeros(M.shape, dtype=object)  # balls are not looked at
-    a = ExactLFT(ExactMatrix(M.residues, nothing, M.prime), a.blocks)
     above = {name: size - degrees[name] for name, size in a.blocks if size > degrees[name] + 1}
     pairs = [(x, y) for x, y in permutations([b.name for b in a.blocks if b.size], 2) if x in above]
     for first, second in sorted(pairs, key=lambda pair: -above[pair[0]]):
@@ -93,22 +92,36 @@ def plans(a: ExactLFT) -> Iterator[Plan]:
             nominal = opened.M.residues[opened.order :, opened.order :]
             columns = independent_columns(opened, size, nominal)
             if len(columns) == reached:
-                lines = _lines(opened, size, columns, lost)
-                if len(lines) < lost == sum(line.length for line in lines):
-                    yield Plan(first, second, side, columns, lines)
+                try:
+                    choices = [*_lines(opened, size, columns, lost)]
+                except TooFewBitsError:
+                    continue
+                for lines in choices:
+                    if len(lines) < lost == sum(line.length for line in lines):
+                        yield Plan(first, second, side, columns, lines)
 
 
 def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
     """The LFT after an exchange; None where that does not make it smaller."""
     first, second, is_transposed, columns, lines = plan
     opened, size = _in_one(transposed(a) if is_transposed else a, first, second), dict(a.blocks)[first]
-    try:
-        chains = matrices.stacked([[_chain(opened, size, columns, line) for line in lines]])
-        P = _null_space(chains.T).T
-        inner = _in_coordinates(opened, krylov(opened, size, columns), P)
-    except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
-        return None
-    if inner.order - opened.order > len(lines):  # poles elsewhere may be in the range
+    K = krylov(opened, size, columns)
+    nominal = matrices.rough_values(opened.M[opened.order :, opened.order :])
+    at_nominal = matrices.rough_values(K.M[K.order :, K.order :])
+    for values in islice(product(*(line.values for line in lines)), _MOST_PAIRS):
+        V = at_nominal
+        try:
+            chains = list[ExactMatrix]()
+            for line, value in zip(lines, values, strict=True):
+                chains.append(_chain(line, value, size, V, nominal))
+                V = np.hstack([V, matrices.rough_values(chains[-1])])
+            P = null_space(matrices.stacked([chains]).T)[0].T
+            inner = _in_coordinates(opened, K, P)
+        except (ZeroDivisionError, TooFewBitsError, np.linalg.LinAlgError):
+            continue  # P K is singular at nominal, or a zero is not the one of the residue
+        if inner.order - opened.order <= len(lines):  # poles elsewhere may be in the range
+            break
+    else:
         return None
     others = tuple(block for block in a.blocks if block.name not in (first, second))
     closed = ExactLFT(inner.M, (*inner.blocks, Block(first, len(columns)), *others))
@@ -127,152 +140,129 @@ def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
 
 
 class _Line(NamedTuple):
-    """A value of the second delta, and how many directions a chain there makes superfluous."""
+    """A chain of so many columns at 1/beta, a residue that is one of some values.
 
-    beta: int
+    `chains` is an LFT (v, ...) -> (..., A v, v; C v, ...) with v in R.
+    """
+
+    chains: ExactLFT
     length: int
+    residue: int
+    values: Sequence[Any]
 
 
-def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -> list[_Line]:
-    """Lines of the longest chains that make so many directions superfluous, by residues."""
-    prime, other = opened.M.prime, value_at_random(opened, 1)
-    reached = np.hstack(_columns(_by(other[:size, :size], prime), other[:size, size:], columns))
-    outside = matrices.null_space(reached.T, prime).T  # rows that are zero on R
-    lines, before = list[_Line](), np.zeros((size, 0), dtype=np.int64)
+def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -> Iterator[list[_Line]]:
+    """Lines of long chains that make so many directions superfluous, by residues."""
+    prime, K = opened.M.prime, krylov(opened, size, columns)
+    outside = matrices.null_space(value_at_random(K, 1).T, prime).T  # rows that are zero on R
+    nothing, anywhere = (
+        np.zeros((size, 0), dtype=np.int64),
+        int(np.random.default_rng(2).integers(1, prime)),
+    )
+    chains, longer = [K], K
+    while len(chains) < count:
+        longer = _longer(longer, opened, size)
+        if _with_chain(nothing, _Line(longer, len(chains) + 1, anywhere, ()), outside) is None:
+            yield _chosen(_special(longer, len(chains) + 1, size), chains, outside, count)
+            break
+        chains.append(longer)
+    if len(chains) > 1:
+        yield _chosen([], chains, outside, count)
+
+
+def _chosen(
+    special: Sequence[_Line], chains: Sequence[ExactLFT], outside: Residues, count: int
+) -> list[_Line]:
+    """Lines whose directions are independent outside of R: special ones, then the longest at any beta."""
+    prime = chains[0].M.prime
+    choices = [[line] for line in special for _ in range(count // line.length)]
     for beta in _LINES:
-        try:
-            value = value_at(opened, np.array([beta % prime]))
-        except ZeroDivisionError:  # the model has no value there
-            continue
-        times, C = _by(value[:size, :size], prime), value[size:, :size]
-        K = np.hstack(_columns(times, value[:size, size:], columns))
-        before = _with_longest(times, C, K, outside, before, count, prime)
-        length = before.shape[1] - sum(line.length for line in lines)
-        if length == 0:
-            break
-        lines.append(_Line(beta, length))
-        if before.shape[1] == count or lines[0].length < 2:
-            break
+        residue, value = pow(beta, -1, prime), flint.arb(1) / beta
+        lengths = reversed([*enumerate(chains, 1)])
+        choices.append([_Line(chain, length, residue, [value]) for length, chain in lengths])
+    lines, before = list[_Line](), np.zeros((outside.shape[1], 0), dtype=np.int64)
+    for choice in choices:
+        for line in choice:
+            grown = _with_chain(before, line, outside)
+            if grown is not None and grown.shape[1] <= count:
+                lines, before = [*lines, line], grown
+                break
     return lines
 
 
-def _with_longest(
-    times: Callable[[Residues], Residues],
-    C: Residues,
-    K: Residues,
-    outside: Residues,
-    before: Residues,
-    count: int,
-    prime: int,
-) -> Residues:
-    """Columns, at most so many, with those of the longest chain that is outside of R beside them."""
-    seen, moved, bases = list[Residues](), K, [np.eye(K.shape[1], dtype=np.int64)]
-    while len(bases) < count - before.shape[1]:
-        seen.append(matrices.multiplied(C, moved, prime))
-        moved = times(moved)
-        basis = matrices.null_space(np.vstack(seen), prime)
-        if not basis.shape[1]:
-            break
-        bases.append(basis)
-    for length, basis in reversed([*enumerate(bases, 1)]):
-        numbers = np.random.default_rng(0).integers(1, prime, (basis.shape[1], 1))
-        v = matrices.multiplied(K, matrices.multiplied(basis, numbers, prime), prime)
-        V = np.hstack([before, *_powers(times, v, length)])
-        if matrices.rank(matrices.multiplied(outside, V, prime), prime) == V.shape[1]:
-            return V
-    return before
+def _special(chains: ExactLFT, length: int, size: int) -> list[_Line]:
+    """Values 1/beta at which there are more chains than at others, with beta outside of the range."""
+    try:
+        Z = invariant_zeros(_of_kernel(chains, length, size), chains.order)
+        residues, values = real_eigenvalues(Z)
+    except TooFewBitsError:
+        return []
+    outside = [x for x in values if abs(x) < 1]
+    lines = [_Line(chains, length, x, outside if x else [NOTHING]) for x in residues]
+    return [line for line in lines if line.values]
 
 
-def _powers(times: Callable[[Matrix], Matrix], first: Matrix, count: int) -> list[Matrix]:
-    """The first, and what it becomes by a product that is repeated: so many."""
-    powers = [first]
-    while len(powers) < count:
-        powers.append(times(powers[-1]))
-    return powers
+def _of_kernel(chains: ExactLFT, length: int, size: int) -> ExactMatrix:
+    """The system whose pencil is zero on chains: its outputs are C v, C A v, ..."""
+    n = chains.order
+    return chains.M[[*range(n), *range(n + length * size, chains.M.shape[0])]]
 
 
-def _columns(times: Callable[[Matrix], Matrix], B: Matrix, columns: Sequence[Column]) -> list[Matrix]:
-    """The columns A^power B_input, by a product with A."""
-    powers = _powers(times, B, 1 + max(power for _, power in columns))
-    return [powers[power][:, [column]] for column, power in columns]
+def _longer(chains: ExactLFT, opened: ExactLFT, size: int) -> ExactLFT:
+    """Chains (..., A v, v; C v, ...) with one column more."""
+    prime, n = opened.M.prime, opened.order
+    count = chains.M.shape[0] - chains.order
+    step = selected(opened, range(opened.M.shape[0] - n), range(size)).M
+    step = matrices.stacked([[step, matrices.zeros(step.shape[0], count - size, prime)]])
+    same = matrices.stacked([[matrices.zeros(count, n, prime), matrices.identity(count, prime)]])
+    M = matrices.stacked([[step[: n + size]], [same], [step[n + size :]]])
+    return reduce_exactly(after(ExactLFT(M, opened.blocks), chains))
 
 
-def _by(A: Residues, prime: int) -> Callable[[Residues], Residues]:
-    """The product with A."""
-    return lambda x: matrices.multiplied(A, x, prime)
+def _with_chain(before: Residues, line: _Line, outside: Residues) -> Residues | None:
+    """Columns with those of a chain in a direction of chance; None where they depend beside R."""
+    size, (n, M) = outside.shape[1], (line.chains.order, line.chains.M)
+    system = _of_kernel(line.chains, line.length, size)
+    kernel = matrices.null_space(pencil(system, n, line.residue, NOTHING).residues, M.prime)
+    numbers = np.random.default_rng(before.shape[1]).integers(1, M.prime, (kernel.shape[1], 1))
+    numbers = matrices.multiplied(kernel, numbers, M.prime)
+    chain = matrices.multiplied(M.residues[n : n + line.length * size], numbers, M.prime)
+    V = np.hstack([before, chain.reshape(line.length, size).T])
+    some = matrices.multiplied(outside, V, M.prime)
+    return V if matrices.rank(some, M.prime) == V.shape[1] else None
 
 
-def _chain(opened: ExactLFT, size: int, columns: Sequence[Column], line: _Line) -> ExactMatrix:
-    """The columns v, A v, ... of a line."""
-    n, M = opened.order, opened.M
-    scaled = _multiple(M[:n], line.beta)
-    loop = matrices.identity(n, M.prime) + -scaled[:, :n]
-    value = M[n:, n:] + M[n:, :n] @ loop.solve(scaled[:, n:])
-    A, B, C = value[:size, :size], value[:size, size:], value[size:, :size]
-    V = K = matrices.stacked([_columns(A.__matmul__, B, columns)])
-    if line.length > 1:
-        seen = [[C @ x] for x in _powers(A.__matmul__, K, line.length - 1)]
-        V = K @ _null_space(matrices.stacked(seen))
-    nominal = M[n:, n:]
-    at_nominal = _columns(nominal[:size, :size].__matmul__, nominal[:size, size:], columns)
-    rough = [matrices.rough_values(x) for x in (V, A, matrices.stacked([at_nominal]), nominal)]
-    numbers = _far_outside(rough[0], rough[1], rough[2], rough[3], line.length)
-    v = V @ _exactly(numbers, M.prime)
-    return matrices.stacked([_powers(A.__matmul__, v, line.length)])
+def _chain(line: _Line, value: Any, size: int, before: Array, nominal: Array) -> ExactMatrix:
+    """The columns of a line, far outside of columns before."""
+    n, M = line.chains.order, line.chains.M
+    at = pencil(_of_kernel(line.chains, line.length, size), n, line.residue, value)
+    kernel, _ = null_space(at)
+    at @ kernel  # a zero that is not the one of the residue has no balls of zeros here
+    V = M[n : n + line.length * size] @ kernel
+    rough = matrices.rough_values(V).reshape(line.length, size, -1)
+    v = V @ matrices.of_integers(_far_outside(rough, before, nominal), M.prime)
+    return matrices.stacked([[v[k : k + size] for k in range(0, line.length * size, size)]])
 
 
-def _far_outside(V: Array, A: Array, K: Array, value: Array, length: int) -> Array:
-    """Numbers (k, 1) of columns V for a chain that is far outside of what is reached at nominal, K.
+def _far_outside(chains: Array, K: Array, value: Array) -> Array:
+    """Numbers (k, 1) for one of chains (length, size, k) that is far outside of columns (size, m).
 
     It is the best of some directions of chance, as doubles tell: any of them is right.
     """
-    size = len(A)
+    length, size, _ = chains.shape
     scale = channel_scales(value[:size, :size], value[:size, size:], value[size:, :size])
-    V, A, K = scale[:, None] * V, scale[:, None] * A / scale, scale[:, None] * K
-    lengths = or_one(np.linalg.norm(V, axis=0))
-    Q, R = np.linalg.qr(V / lengths)
+    K, chains = scale[:, None] * K, scale[:, None] * chains
+    chains = chains / or_one(np.linalg.norm(chains, axis=(1, 2)))[:, None, None]
+    stacked = chains.reshape(length * size, -1)
+    lengths = or_one(np.linalg.norm(stacked, axis=0))
+    Q, R = np.linalg.qr(stacked / lengths)
     outside = np.linalg.svd(K / or_one(np.linalg.norm(K, axis=0)))[0][:, K.shape[1] :]
-    tries = np.random.default_rng(0).standard_normal((V.shape[1], _TRIES))
-    tries[:, 0] = np.linalg.svd(outside.T @ Q)[2][0]
-    chains = [Q @ tries]
-    while len(chains) < length:
-        chains.append(A @ (chains[-1] / or_one(np.linalg.norm(chains[-1], axis=0))))
-    spans = np.linalg.qr(np.array(chains).transpose(2, 1, 0))[0]  # (tries, size, length)
+    tries = np.random.default_rng(0).standard_normal((Q.shape[1], _TRIES))
+    tries[:, 0] = np.linalg.svd(outside.T @ Q[:size])[2][0]
+    spans = np.linalg.qr((Q @ tries).reshape(length, size, -1).transpose(2, 1, 0))[0]
     least = np.linalg.svd(outside.T @ spans, compute_uv=False)[:, -1]
-    chosen = np.linalg.lstsq(R, tries[:, [np.argmax(least)]], rcond=None)[0]
-    return np.asarray(chosen / lengths[:, None])
-
-
-def _exactly(a: Array, prime: int) -> ExactMatrix:
-    """Doubles as exact numbers."""
-    fractions = np.array([Fraction(x) for x in a.ravel().tolist()], dtype=object).reshape(a.shape)
-    return ExactMatrix(image_of(fractions, prime), matrices.balls_of(a), prime)
-
-
-def _multiple(a: ExactMatrix, factor: int) -> ExactMatrix:
-    residues = matrices.entrywise(a.residues, np.full(a.shape, factor % a.prime), a.prime)
-    return ExactMatrix(residues, a.balls * factor, a.prime)
-
-
-def _null_space(a: ExactMatrix) -> ExactMatrix:
-    """Columns that span it."""
-    pivots, free = _independent(a)
-    rows, _ = _independent(a[:, pivots].T)
-    basis = matrices.zeros(a.shape[1], len(free), a.prime)
-    dependent = -a[rows][:, pivots].solve(a[rows][:, free])
-    basis.residues[pivots], basis.balls[pivots] = dependent.residues, dependent.balls
-    unit = matrices.identity(len(free), a.prime)
-    basis.residues[free], basis.balls[free] = unit.residues, unit.balls
-    return basis
-
-
-def _independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
-    """Columns that are independent, as far from dependent as doubles tell, and the others."""
-    rough = matrices.rough_values(a)
-    rows, columns = equilibrate(rough[None])
-    order = qr(rows[:, None] * rough * columns, mode="r", pivoting=True)[1]
-    chosen = order[matrices.pivot_columns(a.residues[:, order], a.prime)].tolist()
-    return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
+    chosen = np.linalg.lstsq(R, tries[:, [np.argmax(least)]], rcond=None)[0] / lengths[:, None]
+    return np.asarray(np.round(chosen / np.abs(chosen).max() * 2.0**52))
 
 
 def _in_coordinates(opened: ExactLFT, K: ExactLFT, P: ExactMatrix) -> ExactLFT:

@@ -1,0 +1,114 @@
+"""Pencils s I - A with inputs and outputs, in exact numbers: null spaces, values s at which ranks fall.
+
+The pencil of M = [A B; C D] is [s I - A, -B; C, D]. It has less rank than at other s at the invariant
+zeros of D + C (s I - A)^-1 B. Emami-Naeini and Van Dooren (Automatica 18, 1982) leave them as eigenvalues
+of a matrix: states that outputs see at once leave, then those that inputs move at once.
+"""
+
+from typing import Any
+
+import flint
+import numpy as np
+from scipy.linalg import qr
+
+from mbdlft.exact import matrices
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.numbers import NOTHING
+from mbdlft.exact.rounding import equilibrate
+
+_PART = 0.75  # of the bits that are there, for a root
+
+
+def pencil(M: ExactMatrix, n: int, residue: int, value: Any) -> ExactMatrix:
+    """The pencil of n states at s, which is given as a residue and as a ball."""
+    s = matrices.zeros(n, n, M.prime)
+    s.residues[range(n), range(n)] = residue
+    if residue:
+        s.balls[range(n), range(n)] = value
+    return matrices.stacked([[s + -M[:n, :n], -M[:n, n:]], [M[n:]]])
+
+
+def invariant_zeros(M: ExactMatrix, n: int) -> ExactMatrix:
+    """The matrix (k, k) whose eigenvalues are the invariant zeros of n states."""
+    for _ in range(2):
+        M, n = _with_full_rows(M, n)
+        M = M.T
+    return M[:n, :n] + -(M[:n, n:] @ M[n:, n:].solve(M[n:, :n]))
+
+
+def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
+    """The system of fewer states with the same finite zeros, and with rows of D that are independent."""
+    while True:
+        C, D = M[n:, :n], M[n:, n:]
+        first, others = independent_columns(D.T)
+        columns, _ = independent_columns(D[first])
+        factors = D[first][:, columns].T.solve(D[others][:, columns].T).T
+        seen, others = C[others] + -(factors @ C[first]), [*range(n), *(n + k for k in first)]
+        M = M[others]
+        if not seen.residues.any():
+            return M, n
+        S, free = null_space(seen)
+        fixed = sorted(set(range(n)) - set(free))
+        moved = matrices.stacked([[M[:, :n] @ S, M[:, n:]]])
+        beyond = moved[fixed] + -(S[fixed] @ moved[free])  # the states that are zero, moved
+        M, n = matrices.stacked([[moved[free]], [moved[n:]], [beyond]]), len(free)
+
+
+def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
+    """Columns that span it, and the rows in which they are the identity."""
+    pivots, free = independent_columns(a)
+    rows, _ = independent_columns(a[:, pivots].T)
+    basis = matrices.zeros(a.shape[1], len(free), a.prime)
+    dependent = -a[rows][:, pivots].solve(a[rows][:, free])
+    basis.residues[pivots], basis.balls[pivots] = dependent.residues, dependent.balls
+    unit = matrices.identity(len(free), a.prime)
+    basis.residues[free], basis.balls[free] = unit.residues, unit.balls
+    return basis, free
+
+
+def independent_columns(a: ExactMatrix) -> tuple[list[int], list[int]]:
+    """Columns that are independent, as far from dependent as doubles tell, and the others."""
+    if 0 in a.shape:
+        return [], [*range(a.shape[1])]
+    rough = matrices.rough_values(a)
+    rows, columns = equilibrate(rough[None])
+    order = qr(rows[:, None] * rough * columns, mode="r", pivoting=True)[1]
+    chosen = order[matrices.pivot_columns(a.residues[:, order], a.prime)].tolist()
+    return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
+
+
+def real_eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any]]:
+    """Eigenvalues as residues, and the real ones as balls: which are the same is not known.
+
+    They are the roots of the minimal polynomial. Those that are not residues are left out. So are all but
+    zero where it has a root twice.
+    """
+    prime, n = a.prime, len(a.residues)
+    if not n:
+        return [], []
+    start = np.random.default_rng(0).integers(1, 1000, (n, 1)).astype(float)
+    coefficients = _minimal_polynomial(a, matrices.of_integers(start, prime))
+    zeros = int(np.flatnonzero(coefficients.residues[:, 0])[0])
+    residues, balls = coefficients.residues[zeros:, 0].tolist(), coefficients.balls[zeros:, 0].tolist()
+    roots = [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
+    try:
+        values = (
+            flint.acb_poly(balls).roots(tol=2.0 ** (-_PART * flint.ctx.prec)) if len(balls) > 1 else []
+        )
+    except ValueError:  # roots that are equal, or not told apart
+        values = []
+    real = [x.real for x in values if x.imag.contains(0)]
+    return [0] * (zeros > 0) + roots, [NOTHING] * (zeros > 0) + real
+
+
+def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
+    """Its coefficients (degree + 1, 1), the highest last, by the powers of a matrix on a column."""
+    powers = [start]
+    while True:
+        span = matrices.stacked([powers])
+        if len(independent_columns(span)[0]) < len(powers):
+            break
+        powers.append(a @ powers[-1])
+    before, last = span[:, : len(powers) - 1], powers[-1]
+    rows, _ = independent_columns(before.T)
+    return matrices.stacked([[-before[rows].solve(last[rows])], [matrices.identity(1, a.prime)]])
