@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.matrices import ExactMatrix, Residues
 from mbdlft.exact.numbers import NOTHING
 from mbdlft.exact.rounding import equilibrate
 
@@ -21,11 +21,18 @@ _PART = 0.75  # of the bits that are there, for a root
 
 def pencil(M: ExactMatrix, n: int, residue: int, value: Any) -> ExactMatrix:
     """The pencil of n states at s, which is given as a residue and as a ball."""
-    s = matrices.zeros(n, n, M.prime)
+    s = matrices.zeros(n, M.shape[1], M.prime)
     s.residues[range(n), range(n)] = residue
     if residue:
         s.balls[range(n), range(n)] = value
-    return matrices.stacked([[s + -M[:n, :n], -M[:n, n:]], [M[n:]]])
+    return matrices.stacked([[s + -M[:n]], [M[n:]]])
+
+
+def residues_of_pencil(M: Residues, n: int, s: int, prime: int) -> Residues:
+    """The same in residues alone."""
+    at = -M[:n]
+    at[range(n), range(n)] += s
+    return np.vstack([at % prime, M[n:]])
 
 
 def invariant_zeros(M: ExactMatrix, n: int) -> ExactMatrix:

@@ -30,7 +30,7 @@ from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
 from mbdlft.exact.numbers import NOTHING, TooFewBitsError
-from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues
+from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import Block
@@ -45,10 +45,9 @@ from mbdlft.order.restriction import (
     value_at_random,
 )
 
-Column = tuple[int, int]  # input and power, of A^power B_input
-
 _LINES = (100, -100, 200, -200, 300, -300, 400, -400)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
+_MOST_BITS = 1024  # with which an exchange that needs more is made again
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 
 
@@ -57,23 +56,33 @@ def with_exchanges(a: ExactLFT) -> ExactLFT:
     found: ExactLFT | None = a
     while found is not None:
         a = found
-        found = next((b for plan in plans(a) if (b := _exchanged(a, plan)) is not None), None)
+        try:
+            found = next((b for plan in plans(a) if (b := _exchanged(a, plan)) is not None), None)
+        except TooFewBitsError:
+            if flint.ctx.prec <= _MOST_BITS:
+                raise
+            found = None
     return a
 
 
 class Plan(NamedTuple):
-    """Repetitions of the first delta that go, and the lines of the second one that they go for."""
+    """Repetitions of the first delta that go, and choices of lines of the second one that they go for.
+
+    `opened` is the LFT in the second delta, with the channels of the first one as signals, transposed if
+    that is so, and K spans R in it.
+    """
 
     first: str
     second: str
     is_transposed: bool
-    columns: Sequence[Column]
-    lines: "Sequence[_Line]"
+    opened: ExactLFT
+    K: ExactLFT
+    choices: "Sequence[Sequence[_Line]]"
 
     @property
     def gain(self) -> int:
-        """Repetitions less."""
-        return sum(line.length - 1 for line in self.lines)
+        """Repetitions less, at most."""
+        return max(sum(line.length - 1 for line in lines) for lines in self.choices)
 
 
 def plans(a: ExactLFT) -> Iterator[Plan]:
@@ -91,42 +100,46 @@ def plans(a: ExactLFT) -> Iterator[Plan]:
                 continue
             nominal = opened.M.residues[opened.order :, opened.order :]
             columns = independent_columns(opened, size, nominal)
-            if len(columns) == reached:
-                try:
-                    choices = [*_lines(opened, size, columns, lost)]
-                except TooFewBitsError:
-                    continue
-                for lines in choices:
-                    if len(lines) < lost == sum(line.length for line in lines):
-                        yield Plan(first, second, side, columns, lines)
+            if len(columns) < reached:
+                continue
+            K = krylov(opened, size, columns)
+            choices = [lines for lines in _lines(opened, K, lost) if sum(x.length for x in lines) == lost]
+            if choices := [lines for lines in choices if len(lines) < lost]:
+                yield Plan(first, second, side, opened, K, choices)
 
 
 def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
     """The LFT after an exchange; None where that does not make it smaller."""
-    first, second, is_transposed, columns, lines = plan
-    opened, size = _in_one(transposed(a) if is_transposed else a, first, second), dict(a.blocks)[first]
-    K = krylov(opened, size, columns)
-    nominal = matrices.rough_values(opened.M[opened.order :, opened.order :])
-    at_nominal = matrices.rough_values(K.M[K.order :, K.order :])
-    for values in islice(product(*(line.values for line in lines)), _MOST_PAIRS):
-        V = at_nominal
-        try:
-            chains = list[ExactMatrix]()
-            for line, value in zip(lines, values, strict=True):
-                chains.append(_chain(line, value, size, V, nominal))
-                V = np.hstack([V, matrices.rough_values(chains[-1])])
-            P = null_space(matrices.stacked([chains]).T)[0].T
-            inner = _in_coordinates(opened, K, P)
-        except (ZeroDivisionError, TooFewBitsError, np.linalg.LinAlgError):
-            continue  # P K is singular at nominal, or a zero is not the one of the residue
-        if inner.order - opened.order <= len(lines):  # poles elsewhere may be in the range
-            break
-    else:
+    for lines in plan.choices:
+        for values in islice(product(*(line.values for line in lines)), _MOST_PAIRS):
+            inner = _along_lines(plan.opened, plan.K, lines, values)
+            if inner is not None:
+                others = (block for block in a.blocks if block.name not in (plan.first, plan.second))
+                block = Block(plan.first, plan.K.M.shape[1] - plan.K.order)
+                closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
+                result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
+                return transposed(result) if plan.is_transposed else result
+    return None
+
+
+def _along_lines(
+    opened: ExactLFT, K: ExactLFT, lines: Sequence["_Line"], values: Sequence[Any]
+) -> ExactLFT | None:
+    """(w', u) -> (z', y) with P that is zero on chains at 1/beta; None with more poles than lines."""
+    nominal, V = (matrices.rough_values(x.M[x.order :, x.order :]) for x in (opened, K))
+    try:
+        chains = list[ExactMatrix]()
+        for line, value in zip(lines, values, strict=True):
+            chains.append(_chain(line, value, V, nominal))
+            V = np.hstack([V, matrices.rough_values(chains[-1])])
+        inner = _in_coordinates(opened, K, null_space(matrices.stacked([chains]).T)[0].T)
+    except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
         return None
-    others = tuple(block for block in a.blocks if block.name not in (first, second))
-    closed = ExactLFT(inner.M, (*inner.blocks, Block(first, len(columns)), *others))
-    result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
-    return transposed(result) if is_transposed else result
+    except TooFewBitsError:
+        if all(len(line.values) == 1 for line in lines):
+            raise
+        return None  # a zero is not the one of the residue
+    return inner if inner.order - opened.order <= len(lines) else None  # others may be in the range
 
 
 def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
@@ -151,14 +164,12 @@ class _Line(NamedTuple):
     values: Sequence[Any]
 
 
-def _lines(opened: ExactLFT, size: int, columns: Sequence[Column], count: int) -> Iterator[list[_Line]]:
+def _lines(opened: ExactLFT, K: ExactLFT, count: int) -> Iterator[list[_Line]]:
     """Lines of long chains that make so many directions superfluous, by residues."""
-    prime, K = opened.M.prime, krylov(opened, size, columns)
+    prime, size = opened.M.prime, K.M.shape[0] - K.order
     outside = matrices.null_space(value_at_random(K, 1).T, prime).T  # rows that are zero on R
-    nothing, anywhere = (
-        np.zeros((size, 0), dtype=np.int64),
-        int(np.random.default_rng(2).integers(1, prime)),
-    )
+    nothing = np.zeros((size, 0), dtype=np.int64)
+    anywhere = int(np.random.default_rng(2).integers(1, prime))
     chains, longer = [K], K
     while len(chains) < count:
         longer = _longer(longer, opened, size)
@@ -178,6 +189,8 @@ def _chosen(
     choices = [[line] for line in special for _ in range(count // line.length)]
     for beta in _LINES:
         residue, value = pow(beta, -1, prime), flint.arb(1) / beta
+        if not _has_value(chains[-1], residue):
+            continue
         lengths = reversed([*enumerate(chains, 1)])
         choices.append([_Line(chain, length, residue, [value]) for length, chain in lengths])
     lines, before = list[_Line](), np.zeros((outside.shape[1], 0), dtype=np.int64)
@@ -188,6 +201,12 @@ def _chosen(
                 lines, before = [*lines, line], grown
                 break
     return lines
+
+
+def _has_value(a: ExactLFT, s: int) -> bool:
+    """Whether an LFT has no pole at 1/s."""
+    n = a.order
+    return matrices.is_regular(residues_of_pencil(a.M.residues[:n, :n], n, s, a.M.prime), a.M.prime)
 
 
 def _special(chains: ExactLFT, length: int, size: int) -> list[_Line]:
@@ -222,8 +241,8 @@ def _longer(chains: ExactLFT, opened: ExactLFT, size: int) -> ExactLFT:
 def _with_chain(before: Residues, line: _Line, outside: Residues) -> Residues | None:
     """Columns with those of a chain in a direction of chance; None where they depend beside R."""
     size, (n, M) = outside.shape[1], (line.chains.order, line.chains.M)
-    system = _of_kernel(line.chains, line.length, size)
-    kernel = matrices.null_space(pencil(system, n, line.residue, NOTHING).residues, M.prime)
+    system = _of_kernel(line.chains, line.length, size).residues
+    kernel = matrices.null_space(residues_of_pencil(system, n, line.residue, M.prime), M.prime)
     numbers = np.random.default_rng(before.shape[1]).integers(1, M.prime, (kernel.shape[1], 1))
     numbers = matrices.multiplied(kernel, numbers, M.prime)
     chain = matrices.multiplied(M.residues[n : n + line.length * size], numbers, M.prime)
@@ -232,9 +251,9 @@ def _with_chain(before: Residues, line: _Line, outside: Residues) -> Residues | 
     return V if matrices.rank(some, M.prime) == V.shape[1] else None
 
 
-def _chain(line: _Line, value: Any, size: int, before: Array, nominal: Array) -> ExactMatrix:
+def _chain(line: _Line, value: Any, before: Array, nominal: Array) -> ExactMatrix:
     """The columns of a line, far outside of columns before."""
-    n, M = line.chains.order, line.chains.M
+    n, M, size = line.chains.order, line.chains.M, len(before)
     at = pencil(_of_kernel(line.chains, line.length, size), n, line.residue, value)
     kernel, _ = null_space(at)
     at @ kernel  # a zero that is not the one of the residue has no balls of zeros here

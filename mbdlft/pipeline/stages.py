@@ -15,7 +15,7 @@ import numpy as np
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
-from mbdlft.exact.numbers import BITS, precision
+from mbdlft.exact.numbers import BITS, TooFewBitsError, precision
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
@@ -297,8 +297,11 @@ def _exchanged(remade: _Remade, start: Candidate, least: int) -> Candidate | Non
     exact = start.exact
     if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED:
         return None
-    with precision(BITS):
-        gain = sum(plan.gain for plan in plans(exact))
+    try:
+        with precision(BITS):
+            gain = sum(plan.gain for plan in plans(exact))
+    except TooFewBitsError:
+        gain = exact.order
     if exact.order - _FOLLOWING * gain >= least:
         return None
     return remade(exchanges=True)
