@@ -268,19 +268,19 @@ def _far_outside(chains: Array, K: Array, value: Array) -> Array:
 
     It is the best of some directions of chance, as doubles tell: any of them is right.
     """
-    length, size, _ = chains.shape
+    size = len(K)
     scale = channel_scales(value[:size, :size], value[:size, size:], value[size:, :size])
     K, chains = scale[:, None] * K, scale[:, None] * chains
-    chains = chains / or_one(np.linalg.norm(chains, axis=(1, 2)))[:, None, None]
-    stacked = chains.reshape(length * size, -1)
-    lengths = or_one(np.linalg.norm(stacked, axis=0))
-    Q, R = np.linalg.qr(stacked / lengths)
+    lengths = or_one(np.linalg.norm(chains[-1], axis=0))
+    Q, R = np.linalg.qr(chains[-1] / lengths)
     outside = np.linalg.svd(K / or_one(np.linalg.norm(K, axis=0)))[0][:, K.shape[1] :]
     tries = np.random.default_rng(0).standard_normal((Q.shape[1], _TRIES))
-    tries[:, 0] = np.linalg.svd(outside.T @ Q[:size])[2][0]
-    spans = np.linalg.qr((Q @ tries).reshape(length, size, -1).transpose(2, 1, 0))[0]
+    tries[:, 0] = np.linalg.svd(outside.T @ Q)[2][0]
+    tries = np.linalg.lstsq(R, tries, rcond=None)[0] / lengths[:, None]
+    vectors = (chains @ tries).transpose(2, 1, 0)
+    spans = np.linalg.qr(vectors / or_one(np.linalg.norm(vectors, axis=1, keepdims=True)))[0]
     least = np.linalg.svd(outside.T @ spans, compute_uv=False)[:, -1]
-    chosen = np.linalg.lstsq(R, tries[:, [np.argmax(least)]], rcond=None)[0] / lengths[:, None]
+    chosen = tries[:, [np.argmax(least)]]
     return np.asarray(np.round(chosen / np.abs(chosen).max() * 2.0**52))
 
 

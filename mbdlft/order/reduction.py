@@ -143,7 +143,7 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
             if least <= most:
                 break
             T = T_of(M, rough, deltas)
-            gains = least >= _SHOWN or _lost(_turned(rough, T), deltas) <= _GAIN * least
+            gains = not most or least >= _SHOWN or _lost(_turned(rough, T), deltas) <= _GAIN * least
             if T_of is _by_channels and not gains:
                 break  # the data cancel, and not the channels
             M = _in_coordinates(M, T, a.parts)
@@ -155,6 +155,8 @@ def in_good_coordinates(a: ExactLFT, deltas: Array, most: float) -> LFT:
                 best, least = rough, lost
             if T_of is _by_signals and _GAIN * before < least < _SHOWN:
                 break  # inverses of balls cost more than this gains
+            if T_of is _by_channels and not most and lost >= before:
+                break
         if most and least <= _SHOWN:  # 0: there are no zeros to keep
             break
     return best
