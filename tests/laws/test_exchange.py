@@ -20,13 +20,14 @@ from tests.strategies import random_scene
 
 # repetitions after reduction, and after exchanges
 CASES = {
-    224: ({"m3": 5, "theta2": 4}, {"m3": 3, "theta2": 0}),
     243: ({"r2": 2, "theta3": 14}, {"r2": 3, "theta3": 12}),  # of transposed relations
     542: (  # one line of four
         {"L1": 2, "L2": 1, "r3": 1, "theta4": 24},
         {"L1": 3, "L2": 1, "r3": 1, "theta4": 20},
     ),
-    557: ({"L1": 2, "s2": 4, "theta4": 4}, {"L1": 3, "s2": 2, "theta4": 4}),
+    # lines of two at one value of a mass alone, one of three that are zeros, and at infinity
+    146: ({"m1": 2, "theta2": 8}, {"m1": 3, "theta2": 6}),
+    93: ({"m1": 4, "rho2": 1, "theta3": 6}, {"m1": 5, "rho2": 1, "theta3": 4}),
 }
 
 
@@ -80,8 +81,8 @@ def test_what_costs_more_than_its_lines_is_not_exchanged() -> None:
 
 
 def test_models_are_searched_from_exchanges() -> None:
-    """Work for no step of a search: 24 repetitions become 22 by two lines of two."""
-    assert dict(to_lft(random_scene(683), search=1e-6).lft.blocks)["theta2"] == 18
+    """Work for no step of a search: 49 repetitions become 46 by a line of four, in balanced coordinates."""
+    assert dict(to_lft(random_scene(32), search=1e-6).lft.blocks)["theta3"] == 40
 
 
 def test_steps_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
