@@ -79,11 +79,6 @@ class Plan(NamedTuple):
     K: ExactLFT
     choices: "Sequence[Sequence[_Line]]"
 
-    @property
-    def gain(self) -> int:
-        """Repetitions less, at most."""
-        return max(sum(line.length - 1 for line in lines) for lines in self.choices)
-
 
 def plans(a: ExactLFT) -> Iterator[Plan]:
     """Exchanges that residues allow, those of the delta furthest above its degree first."""

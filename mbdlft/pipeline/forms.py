@@ -6,7 +6,7 @@ compared with simple numbers near them (`near_relations`). If the problem with t
 smaller order, its certificate says which; the problem is not changed.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -171,18 +171,36 @@ def reduced_relations(relations: LinearModel) -> LFT:
 
 
 def restricted(
-    problem: Problem,
-    form: Form,
-    steps: Sequence[Step] = (),
-    *,
-    exchanges: bool = False,
-    known: Candidate | None = None,
+    problem: Problem, form: Form, steps: Sequence[Step] = (), *, known: Candidate | None = None
 ) -> Candidate | None:
-    """A candidate with blocks restricted by steps, or with exchanges; None if that is not possible.
+    """A candidate with blocks restricted by steps; None if that is not possible.
 
     The relations of a `known` candidate of the form are not extracted again.
     """
-    make = partial(_candidate, problem, form, steps, exchanges=exchanges, known=known)
+    return _if_possible(problem, partial(_candidate, problem, form, steps, known=known))
+
+
+def exchanged(
+    problem: Problem, candidate: Candidate, steps: Sequence[Step], least: int
+) -> Candidate | None:
+    """A candidate of some steps with exchanges; None if these do not lead below an order."""
+
+    def make() -> Candidate | None:
+        known: Candidate | None = candidate
+        if not (candidate.exactly and candidate.exactly[0] == flint.ctx.prec):
+            known = _candidate(problem, candidate.form, steps)
+        if known is None or not isinstance(known.exact, ExactLFT):
+            return None
+        exact = with_exchanges(known.exact)
+        if exact.order >= min(least, known.exact.order):
+            return None
+        lft = in_good_coordinates(exact, _some_deltas(problem, exact), 0.0)
+        return replace(known, exact=exact, lft=lft)
+
+    return _if_possible(problem, make)
+
+
+def _if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Candidate | None:
     try:
         with without_collection():
             return in_enough_bits(make, problem.nouns.owner)
@@ -198,12 +216,7 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
 
 
 def _candidate(
-    problem: Problem,
-    form: Form,
-    steps: Sequence[Step] = (),
-    *,
-    exchanges: bool = False,
-    known: Candidate | None = None,
+    problem: Problem, form: Form, steps: Sequence[Step] = (), *, known: Candidate | None = None
 ) -> Candidate | None:
     if known and known.exactly and known.exactly[0] == flint.ctx.prec:
         relations, channels = known.exactly[1], known.channels
@@ -226,8 +239,7 @@ def _candidate(
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     exact = _restricted(reduce_exactly(closed), steps, of_relations=False)
-    exact = with_exchanges(exact) if exchanges else exact
-    most = 0.0 if steps or exchanges else _MOST_CONDITION
+    most = 0.0 if steps else _MOST_CONDITION
     return Candidate(
         form,
         channels,

@@ -15,11 +15,9 @@ import numpy as np
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
-from mbdlft.exact.numbers import BITS, TooFewBitsError, precision
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
-from mbdlft.order.exchange import plans
 from mbdlft.order.reduction import ExactLFT, residues_alone
 from mbdlft.order.refit import CLOSE
 from mbdlft.order.restriction import Step
@@ -31,6 +29,7 @@ from mbdlft.pipeline.forms import (
     candidates,
     closing,
     degrees,
+    exchanged,
     near_relations,
     reduced_relations,
     restricted,
@@ -44,12 +43,11 @@ _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
 _TRIED, _MOST_TRIED = 2, 64  # steps before exchanges; channels, of which one takes half a second
-_FOLLOWING = 3  # times what exchanges gain that are seen at first: of gap_9304 2 repetitions become 6
 _OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
-_Remade = Callable[..., Candidate | None]  # the first candidate again, with steps or exchanges
+_Remade = Callable[..., Candidate | None]  # the first candidate again, with steps
 
 
 def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:
@@ -115,7 +113,7 @@ def _searched(
     lft, of_search = _in_units(problem, reduced[0].lft), None
     remade = cache(partial(restricted, problem, reduced[0].form, known=reduced[0]))
     with stage("search"):
-        result = _smallest(remade, reduced, degrees, budget, stage)
+        result = _smallest(problem, remade, reduced, degrees, budget, stage)
         dropped = result.dropped
         for smaller in _results(remade, reduced[0], result):
             if smaller.order >= lft.order:
@@ -264,6 +262,7 @@ def _gone_on(result: Smallest, candidate: Candidate, more: Smallest) -> Smallest
 
 
 def _smallest(
+    problem: Problem,
     remade: _Remade,
     reduced: Sequence[Candidate],
     degrees: Mapping[str, int],
@@ -276,35 +275,16 @@ def _smallest(
         return result
     some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
     result = _searched_exactly(remade, start, result, degrees, budget, stage)
-    if result.lft.order <= result.order_bound:
+    least = result.lft.order
+    if least <= result.order_bound or start.lft.order > _MOST_RESTRICTED:
         return result
-    first = _exchanged(remade, start, result.lft.order)
-    plain = [(steps, known) for _, steps in some if (known := remade(steps))]
-    others = (remade(x, exchanges=True) if _has_plans(known) else known for x, known in plain)
-    exchanged = min(filter(None, (first, *others)), key=lambda c: c.lft.order, default=None)
-    if exchanged is None or exchanged.lft.order >= result.lft.order:
+    plain = [(start, ()), *((known, steps) for _, steps in some if (known := remade(steps)))]
+    smaller = [exchanged(problem, known, steps, least) or known for known, steps in plain]
+    best = min(smaller, key=lambda candidate: candidate.lft.order)
+    if best.lft.order >= least:
         return result
-    more = _search([exchanged], degrees, budget, stage, truth=start.closed, is_closed=True)
-    return _gone_on(result, exchanged, more)._replace(steps=result.steps)
-
-
-def _has_plans(candidate: Candidate) -> bool:
-    return isinstance(candidate.exact, ExactLFT) and any(plans(candidate.exact))
-
-
-def _exchanged(remade: _Remade, start: Candidate, least: int) -> Candidate | None:
-    """The candidate with exchanges, if these and those that follow may lead below an order."""
-    exact = start.exact
-    if not isinstance(exact, ExactLFT) or exact.order > _MOST_RESTRICTED:
-        return None
-    try:
-        with precision(BITS):
-            gain = sum(plan.gain for plan in plans(exact))
-    except TooFewBitsError:
-        gain = exact.order
-    if exact.order - _FOLLOWING * gain >= least:
-        return None
-    return remade(exchanges=True)
+    more = _search([best], degrees, budget, stage, truth=start.closed, is_closed=True)
+    return _gone_on(result, best, more)._replace(steps=result.steps)
 
 
 def _above(steps: Sequence[Step]) -> int:
