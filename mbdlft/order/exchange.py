@@ -29,7 +29,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import NOTHING, TooFewBitsError
+from mbdlft.exact.numbers import TooFewBitsError
 from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
@@ -212,8 +212,7 @@ def _special(chains: ExactLFT, length: int, size: int) -> list[_Line]:
     except TooFewBitsError:
         return []
     outside = [x for x in values if abs(x) < 1]
-    lines = [_Line(chains, length, x, outside if x else [NOTHING]) for x in residues]
-    return [line for line in lines if line.values]
+    return [_Line(chains, length, residue, outside) for residue in residues if outside]
 
 
 def _of_kernel(chains: ExactLFT, length: int, size: int) -> ExactMatrix:

@@ -19,13 +19,16 @@ def exact(a: np.ndarray) -> ExactMatrix:
 def system(seed: int, n: int, outputs: int, inputs: int, zeros: list[int]) -> np.ndarray:
     """Integers [A B ; C D] with n states, whose pencil loses rank at some integers.
 
-    A state x of its own is moved by s x = A x + B u, and none of the outputs sees it beside u.
+    A state x is moved by s x = A x + B u, and none of the outputs sees it beside u.
     """
     random = np.random.default_rng(seed)
     M = random.integers(-3, 4, (n + outputs, n + inputs))
     for k, s in enumerate(zeros):  # column k of A from column k of B: (s - A) e_k = B e_k
         M[:n, k] = s * np.eye(n, dtype=int)[k] - M[:n, n + k]
         M[n:, k] = -M[n:, n + k]
+    T = np.tril(random.integers(-1, 2, (n, n)), -1) + np.eye(n, dtype=int)
+    M[:n], inverse = T @ M[:n], np.round(np.linalg.inv(T)).astype(int)
+    M[:, :n] = M[:, :n] @ inverse
     return M
 
 
