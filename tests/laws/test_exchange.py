@@ -10,7 +10,7 @@ from mbdlft import to_lft
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.exchange import plans
+from mbdlft.order.exchange import plans, with_exchanges
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
@@ -83,6 +83,7 @@ def test_what_costs_more_than_its_lines_is_not_exchanged() -> None:
     plain, smaller = made(1220)
     with precision(BITS):
         assert any(plans(exact(plain)))
+        assert with_exchanges(exact(plain)).blocks == exact(plain).blocks
     assert smaller is None
 
 
