@@ -227,6 +227,17 @@ def test_blocks_of_other_kinds_are_carried_by_mat_files(tmp_path: Path) -> None:
         target(found[letter.lower()], getattr(expected, letter), EXPORT)
 
 
+def test_octave_takes_integers_and_singles_as_doubles(tmp_path: Path) -> None:
+    """An integer would make integers of the products that its angle is in."""
+    model = exported("arm")
+    export_model(tmp_path / "some.mat", model)
+    kinds = ("int32", "uint8", "single")
+    more = "".join(f"{kind}s = some_at(struct('theta1', {kind}(60)));\n" for kind in kinds)
+    found = octave(model, tmp_path, "some", np.zeros((0, 7)), more)
+    for kind in kinds:
+        target(found[f"{kind}s"], mbdlft.matrices_at(model, {"theta1": 60.0}).A, EXPORT)
+
+
 def test_octave_refuses_what_is_outside(tmp_path: Path) -> None:
     export_model(tmp_path / "some.mat", exported("arm"))
     more = "".join(

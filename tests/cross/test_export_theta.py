@@ -149,6 +149,8 @@ for k = 1:size(s.x, 1)
   for j = 1:numel(s.names), values.(s.names{j}) = s.p(k, j); end
   [rates(k, :), y(k, :), zeta] = m_rates(s.x(k, :)', s.u(k, :)', values);
 end
+a = single(s.x(1, :)'); b = single(s.u(1, :)');
+singles = isequal(m_rates(a, b), m_rates(double(a), double(b)));
 m; model = load('m.mat'); [z, S] = m_rates(s.omega');
 message = '';
 try, m_rates(1e9 * ones(1, numel(model.theta.initial)), s.u(1, :)', values);
@@ -178,6 +180,7 @@ def test_derivatives_in_octave(name: str, tmp_path: Path) -> None:
     values, differences = theta_of(model, omega)
     target(found["z"].ravel(), values, EXPORT)
     target(found["S"].reshape(differences.shape), differences, 1e-6, 10.0)
+    assert found["singles"]  # numbers of other types are doubles
     if name == "zoo":
         assert "Theta" in str(found["message"])
 

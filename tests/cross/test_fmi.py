@@ -16,8 +16,10 @@ import pytest
 from numpy.typing import ArrayLike
 
 import mbdlft
+from mbdlft import Block, Parameter
 from mbdlft.export import export_model
 from mbdlft.export.names import identifier
+from mbdlft.lft import LFT
 from mbdlft.system import System
 from tests.close import exact, roundoff
 from tests.exported import COMPILER, STRICT, exported, scenario
@@ -74,13 +76,13 @@ def test_steps_of_co_simulation_are_exact(stem: str, version: int, units: Any) -
 
 @pytest.fixture
 def opened(units: Any, tmp_path: Path) -> Any:
-    """Open a unit of a model for model exchange, in initialization mode."""
+    """Open a unit of a model, for model exchange unless a kind is given, in initialization mode."""
 
-    def open_unit(model: System, version: int) -> Any:
+    def open_unit(model: System, version: int, kind: str = "ModelExchange") -> Any:
         file = units(model, version)
         folder = fmpy.extract(str(file), str(tmp_path / f"unit{version}"))
         description = fmpy.read_model_description(folder)
-        unit = fmpy.instantiate_fmu(folder, description, "ModelExchange")
+        unit = fmpy.instantiate_fmu(folder, description, kind)
         if version == 2:
             unit.setupExperiment()
         unit.enterInitializationMode()
@@ -101,7 +103,10 @@ def opened(units: Any, tmp_path: Path) -> Any:
             at = [[numbers[name] for name in names] for names in (unknowns, knowns)]
             return np.array(unit.getDirectionalDerivative(*at, list(np.asarray(seed))))
 
-        return SimpleNamespace(unit=unit, read=read, write=write, slope=slope)
+        def call(function: str, *arguments: Any) -> None:
+            getattr(unit, f"fmi{version}{function}")(unit.component, *arguments)
+
+        return SimpleNamespace(unit=unit, read=read, write=write, slope=slope, call=call)
 
     return open_unit
 
@@ -124,6 +129,66 @@ def test_rates_outputs_and_slopes_are_those_of_the_matrices(opened: Any, version
     columns = [*(f"state.{name}" for name in x), *(f"input.{name}" for name in u)]
     seed = np.concatenate([states, inputs])
     roundoff(fmu.slope(rows, columns, seed), np.block([[A, B], [C, D]]) @ seed, 100.0)
+
+
+@cache
+def stiff() -> System:
+    """f' = 1e6 (s - f), s' = -s/100 + u, g' = g + a - 1; the description has what XML does not allow."""
+    A = np.diag([-1e6, -0.01, 1.0])
+    A[0, 1] = 1e6
+    direct = np.vstack([np.column_stack([A, [0.0, 1.0, 0.0]]), [0.0, 0.0, 1.0, 0.0]])
+    column = np.array([[0.0], [0.0], [1.0], [0.0]])
+    lft = LFT([[0.0]], [[0.0, 0.0, 1.0, 0.0]], column, direct, (Block("a", 1),))
+    f, s, g, u, y = (mbdlft.Signal(name, "1") for name in "fsguy")
+    parameters = (Parameter("a", 0.0, -0.5, 0.5),)
+    return System("stiff", lft, (f, s, g), (u,), (y,), parameters, description="a <b>\x00\x01\nc")
+
+
+def check_stiff(fmu: Any, t: float, u: float, kappa: float) -> None:
+    """States from ones, after f has settled, each against its closed form."""
+    moving = (1.0 - 100.0 * u) * np.exp(-0.01 * t)
+    expected = [moving * 1e6 / (1e6 - 0.01) + 100.0 * u, moving + 100.0 * u, np.exp(t)]
+    roundoff(fmu.read("state.{}", ["f", "s", "g"]) / expected, np.ones(3), kappa)
+
+
+@VERSIONS
+def test_steps_keep_digits_of_slow_poles_beside_fast_ones(opened: Any, version: int) -> None:
+    """Long steps, and many short ones; where a state overflows there is an error, and it stays."""
+    fmu = opened(stiff(), version, "CoSimulation")
+    fmu.write("state.{}", dict.fromkeys("fsg", 1.0))
+    fmu.write("input.{}", {"u": 0.3})
+    fmu.unit.exitInitializationMode()
+    fmu.unit.doStep(0.0, 50.0)
+    check_stiff(fmu, 50.0, 0.3, 50.0)
+    for step in (1000.0, 0.0, -1.0, np.nan, np.inf):
+        with pytest.raises(Exception, match="fmi"):
+            fmu.unit.doStep(50.0, step)
+    check_stiff(fmu, 50.0, 0.3, 50.0)
+    fmu.write("state.{}", dict.fromkeys("fsg", 1.0))
+    count, step = 4000, 1.3e-6
+    for k in range(count):
+        fmu.unit.doStep(k * step, step)
+    check_stiff(fmu, count * step, 0.3, 1.0)
+
+
+@VERSIONS
+def test_units_refuse_what_they_do_not_have(opened: Any, version: int) -> None:
+    """Slopes by parameters and of numbers that no variable has; another number of states."""
+    fmu, numbers = opened(stiff(), version), (ctypes.c_double * 8)()
+    exact(fmu.slope(["der(state.g)", "output.y", "state.f"], ["state.g"], [2.0]), [2.0, 2.0, 0.0])
+    for unknown, known in (("output.y", "parameter.a"), ("der(state.g)", "parameter.a")):
+        with pytest.raises(Exception, match="fmi"):
+            fmu.slope([unknown], [known], [1.0])
+    for unknown, known in ((99, 99), (99, 2), (2, 99)):
+        with pytest.raises(Exception, match="fmi"):
+            fmu.unit.getDirectionalDerivative([unknown], [known], [1.0])
+    rates = "GetDerivatives" if version == 2 else "GetContinuousStateDerivatives"
+    sizes = dict.fromkeys(("GetContinuousStates", rates, "GetNominalsOfContinuousStates"), 3)
+    for function, size in {**sizes, "SetContinuousStates": 3, "GetEventIndicators": 0}.items():
+        fmu.call(function, numbers, size)
+        for other in {0, 2, 4} - {size}:
+            with pytest.raises(Exception, match="fmi"):
+                fmu.call(function, numbers, other)
 
 
 @VERSIONS

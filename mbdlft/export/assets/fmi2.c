@@ -100,9 +100,9 @@ API(CompletedIntegratorStep)(component c, int no_set, int *event, int *end)
 API(SetTime)(component c, double time) { return ((instance *)c)->time = time, OK; }
 API(SetContinuousStates)(component c, const double x[], size_t n) { return set_states(c, x, n); }
 API(GetDerivatives)(component c, double rates[], size_t n) { return get_rates(c, rates, n); }
-API(GetEventIndicators)(component c, double z[], size_t n) { return OK; }
+API(GetEventIndicators)(component c, double z[], size_t n) { return expect(c, n, 0); }
 API(GetContinuousStates)(component c, double x[], size_t n) { return get_states(c, x, n); }
-API(GetNominalsOfContinuousStates)(component c, double v[], size_t n) { return ones(v, n); }
+API(GetNominalsOfContinuousStates)(component c, double v[], size_t n) { return get_nominals(c, v, n); }
 
 /* co-simulation */
 API(SetRealInputDerivatives)(component c, const reference r[], size_t n, const int order[], const double v[])

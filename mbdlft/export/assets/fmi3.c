@@ -147,9 +147,9 @@ API(CompletedIntegratorStep)(component c, bool no_set, bool *event, bool *end)
 API(SetTime)(component c, double time) { return ((instance *)c)->time = time, OK; }
 API(SetContinuousStates)(component c, const double x[], size_t n) { return set_states(c, x, n); }
 API(GetContinuousStateDerivatives)(component c, double rates[], size_t n) { return get_rates(c, rates, n); }
-API(GetEventIndicators)(component c, double z[], size_t n) { return OK; }
+API(GetEventIndicators)(component c, double z[], size_t n) { return expect(c, n, 0); }
 API(GetContinuousStates)(component c, double x[], size_t n) { return get_states(c, x, n); }
-API(GetNominalsOfContinuousStates)(component c, double v[], size_t n) { return ones(v, n); }
+API(GetNominalsOfContinuousStates)(component c, double v[], size_t n) { return get_nominals(c, v, n); }
 API(GetNumberOfEventIndicators)(component c, size_t *n) { return *n = 0, OK; }
 API(GetNumberOfContinuousStates)(component c, size_t *n) { return *n = NX, OK; }
 

@@ -7,6 +7,7 @@
 
 #include <math.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -26,9 +27,9 @@ typedef unsigned int reference;
 typedef struct {
     double time, values[NP + 1], u[NU + 1], x[NX + 1], trim[NT + 1];
     double A[NX * NX + 1], B[NX * NU + 1], C[NY * NX + 1], D[NY * NU + 1];
-    double step, transition[N * N + 1]; /* of a step of this length */
+    double step, change[N * N + 1], kept[N + 1]; /* of a step of this length: diag(kept) + change */
     int current; /* whether the matrices are those at the values */
-    void *environment;
+    void *environment; /* this and what follows is given, and no part of a state */
     void (*log)(void);
     char name[256];
 } instance;
@@ -150,10 +151,14 @@ static void multiply(const double *a, const double *b, double *target)
     }
 }
 
-/* exp([A B ; 0 0] h): 18 terms of the series after a division by a power of two, then squares. */
+/* exp([A B ; 0 0] h) = diag(kept) + F: the series after a division by a power of two, then squares.
+ *
+ * 1 is kept apart on the diagonal until it has changed by a half: a slow pole beside a fast one would lose
+ * the digits of its small changes in it.
+ */
 static int prepare(instance *m, double h)
 {
-    double norm = 0.0, *a, *b, *E = m->transition;
+    double norm = 0.0, *a, *b, *F = m->change, *const kept = m->kept;
     int halvings = 0, term;
     size_t i, j;
     if (update(m) != OK) {
@@ -181,19 +186,33 @@ static int prepare(instance *m, double h)
     for (i = 0; i < N * N; i++) {
         a[i] = ldexp(a[i], -halvings);
     }
-    memset(E, 0, sizeof m->transition);
-    for (term = 18; term >= 0; term--) { /* E = I + a E / (term + 1) */
-        multiply(a, E, b);
+    memcpy(F, a, sizeof(double) * N * N);
+    for (term = 18; term > 1; term--) { /* F = a (I + F / term) */
         for (i = 0; i < N * N; i++) {
-            E[i] = b[i] / (term + 1);
+            F[i] /= term;
         }
-        for (i = 0; i < N; i++) {
-            E[i * N + i] += 1.0;
+        multiply(a, F, b);
+        for (i = 0; i < N * N; i++) {
+            F[i] = a[i] + b[i];
         }
     }
+    for (i = 0; i < N; i++) {
+        kept[i] = 1.0;
+    }
     for (; halvings > 0; halvings--) {
-        multiply(E, E, b);
-        memcpy(E, b, sizeof(double) * N * N);
+        multiply(F, F, b);
+        for (i = 0; i < N; i++) {
+            for (j = 0; j < N; j++) {
+                b[i * N + j] += (kept[i] + kept[j]) * F[i * N + j];
+            }
+        }
+        memcpy(F, b, sizeof(double) * N * N);
+        for (i = 0; i < N; i++) {
+            if (kept[i] != 0.0 && fabs(F[i * N + i]) > 0.5) {
+                F[i * N + i] += kept[i];
+                kept[i] = 0.0;
+            }
+        }
     }
     free(a);
     m->step = h;
@@ -214,7 +233,12 @@ static int advance(instance *m, double from, double h)
     for (i = 0; i < NX; i++) {
         next[i] = 0.0;
         for (j = 0; j < N; j++) {
-            next[i] += m->transition[i * N + j] * (j < NX ? m->x[j] : m->u[j - NX]);
+            next[i] += m->change[i * N + j] * (j < NX ? m->x[j] : m->u[j - NX]);
+        }
+        next[i] += m->kept[i] * m->x[i];
+        if (!isfinite(next[i])) {
+            tell(m, "a state overflows in this step, or an input is not a number");
+            return ERROR;
         }
     }
     memcpy(m->x, next, sizeof(double) * NX);
@@ -251,11 +275,7 @@ static instance *copied(const instance *m)
 /* The numbers of a state; what an environment has given stays. */
 static void restore(instance *m, const instance *state)
 {
-    void *const environment = m->environment;
-    void (*const log)(void) = m->log;
-    memcpy(m, state, sizeof *m);
-    m->environment = environment;
-    m->log = log;
+    memcpy(m, state, offsetof(instance, environment));
 }
 
 /* States of the unit, as an environment stores them. */
@@ -306,38 +326,42 @@ static int set_all(instance *m, const reference which[], size_t count, const dou
     return status;
 }
 
+static int expect(const instance *m, size_t count, size_t expected)
+{
+    return count == expected ? OK : (tell(m, "there is another number of states or of indicators"), ERROR);
+}
+
 static int get_states(const instance *m, double x[], size_t count)
 {
-    memcpy(x, m->x, sizeof(double) * (count < NX ? count : NX));
-    return OK;
+    return expect(m, count, NX) == OK ? (memcpy(x, m->x, sizeof(double) * NX), OK) : ERROR;
 }
 
 static int set_states(instance *m, const double x[], size_t count)
 {
-    memcpy(m->x, x, sizeof(double) * (count < NX ? count : NX));
-    return OK;
+    return expect(m, count, NX) == OK ? (memcpy(m->x, x, sizeof(double) * NX), OK) : ERROR;
 }
 
 static int get_rates(instance *m, double rates[], size_t count)
 {
     size_t k;
-    int status = update(m);
+    int status = expect(m, count, NX) == OK ? update(m) : ERROR;
     for (k = 0; k < count && status == OK; k++) {
         status = get(m, (reference)(RATES + k), rates + k);
     }
     return status;
 }
 
-static int ones(double values[], size_t count)
+static int get_nominals(const instance *m, double values[], size_t count)
 {
     size_t k;
-    for (k = 0; k < count; k++) {
+    const int status = expect(m, count, NX);
+    for (k = 0; k < NX && status == OK; k++) {
         values[k] = 1.0;
     }
-    return OK;
+    return status;
 }
 
-/* J' seed or J seed */
+/* J' seed or J seed; slopes by parameters are refused */
 static int derivatives(instance *m, const reference unknowns[], size_t rows, const reference knowns[],
     size_t columns, const double seed[], double result[], int is_adjoint)
 {
@@ -348,6 +372,11 @@ static int derivatives(instance *m, const reference unknowns[], size_t rows, con
     memset(result, 0, sizeof(double) * (is_adjoint ? columns : rows));
     for (i = 0; i < rows; i++) {
         for (j = 0; j < columns; j++) {
+            const int by_parameter = knowns[j] >= VALUES && knowns[j] < INPUTS;
+            if (unknowns[i] >= END || knowns[j] >= END || (unknowns[i] >= RATES && by_parameter)) {
+                tell(m, "there are slopes by states and inputs only");
+                return ERROR;
+            }
             const double entry = unknowns[i] == knowns[j] ? 1.0 : slope(m, unknowns[i], knowns[j]);
             result[is_adjoint ? j : i] += entry * seed[is_adjoint ? i : j];
         }

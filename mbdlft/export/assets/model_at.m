@@ -48,6 +48,7 @@ function deltas = deltas_of(p, blocks, values)
     if ~(isnumeric(value) && isscalar(value) && isreal(value))
       error('mbdlft:value', '%s: expected one real number.', names{k});
     end
+    value = double(value); % integers would round what follows
     slack = 1e-9 * (p.high(k) - p.low(k));
     if ~(value >= p.low(k) - slack && value <= p.high(k) + slack)
       error('mbdlft:range', '%s = %g is outside its range [%g, %g] %s.', names{k}, value, ...
@@ -73,7 +74,7 @@ function M = close_loop(blocks, deltas, values, M11, M12, M21, M22)
     if blocks.parameter(k) > 0
       part = deltas(blocks.parameter(k)) * eye(rows);
     elseif isfield(values, blocks.identifier{k})
-      part = values.(blocks.identifier{k});
+      part = double(values.(blocks.identifier{k}));
       if strcmp(blocks.kind{k}, 'complex')
         part = part * eye(rows);
       end

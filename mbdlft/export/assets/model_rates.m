@@ -18,8 +18,9 @@ function [rates, y, zeta] = <<stem>>_rates(x, u, values, zeta)
   end
   t = model.theta;
   if nargin == 1
-    check_range(t, x);
-    [rates, y] = theta(x(:), t.table);
+    omega = double(x(:));
+    check_range(t, omega);
+    [rates, y] = theta(omega, t.table);
     return
   end
   if nargin < 3
@@ -32,15 +33,16 @@ function [rates, y, zeta] = <<stem>>_rates(x, u, values, zeta)
     [A, B, C, D] = <<stem>>_at(values);
     last = values;
   end
+  x = double(x(:));
   given = zeros(size(B, 2), 1);
-  given(t.u) = u;
+  given(t.u) = double(u);
   given(t.one) = 1;
-  known = C(t.omega, :) * x(:) + D(t.omega, :) * given;
-  [zeta, omega] = solve(known, D(t.omega, t.zeta), zeta(:), t.table);
+  known = C(t.omega, :) * x + D(t.omega, :) * given;
+  [zeta, omega] = solve(known, D(t.omega, t.zeta), double(zeta(:)), t.table);
   check_range(t, omega);
   given(t.zeta) = zeta;
-  rates = A * x(:) + B * given;
-  y = C(t.y, :) * x(:) + D(t.y, :) * given;
+  rates = A * x + B * given;
+  y = C(t.y, :) * x + D(t.y, :) * given;
 end
 
 function check_range(t, omega)
