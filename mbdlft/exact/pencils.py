@@ -16,7 +16,7 @@ from mbdlft.exact.matrices import ExactMatrix, Residues
 from mbdlft.exact.numbers import NOTHING
 from mbdlft.exact.rounding import equilibrate
 
-_PART = 0.75  # of the bits that are there, for a root
+_PART = 0.75  # of the bits of coefficients, for a root
 
 
 def pencil(M: ExactMatrix, n: int, residue: int, value: Any) -> ExactMatrix:
@@ -87,22 +87,20 @@ def independent_columns(a: ExactMatrix) -> tuple[list[int], list[int]]:
 def real_eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any]]:
     """Eigenvalues as residues, and the real ones as balls: which are the same is not known.
 
-    They are the roots of the minimal polynomial. Those that are not residues are left out. So are all but
-    zero where it has a root twice.
+    They are the roots of the minimal polynomial. Those that are not residues are left out.
     """
     prime, n = a.prime, len(a.residues)
     if not n:
         return [], []
     start = np.random.default_rng(0).integers(1, 1000, (n, 1)).astype(float)
-    coefficients = _minimal_polynomial(a, matrices.of_integers(start, prime))
+    coefficients = _with_single_roots(_minimal_polynomial(a, matrices.of_integers(start, prime)))
     zeros = int(np.flatnonzero(coefficients.residues[:, 0])[0])
     residues, balls = coefficients.residues[zeros:, 0].tolist(), coefficients.balls[zeros:, 0].tolist()
     roots = [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
+    bits = min([flint.ctx.prec, *(x.rel_accuracy_bits() for x in balls)])
     try:
-        values = (
-            flint.acb_poly(balls).roots(tol=2.0 ** (-_PART * flint.ctx.prec)) if len(balls) > 1 else []
-        )
-    except ValueError:  # roots that are equal, or not told apart
+        values = flint.acb_poly(balls).roots(tol=2.0 ** (-_PART * bits)) if len(balls) > 1 else []
+    except ValueError:  # roots that are not told apart
         values = []
     real = [x.real for x in values if x.imag.contains(0)]
     return [0] * (zeros > 0) + roots, [NOTHING] * (zeros > 0) + real
@@ -119,3 +117,19 @@ def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
     before, last = span[:, : len(powers) - 1], powers[-1]
     rows, _ = independent_columns(before.T)
     return matrices.stacked([[-before[rows].solve(last[rows])], [matrices.identity(1, a.prime)]])
+
+
+def _with_single_roots(p: ExactMatrix) -> ExactMatrix:
+    """A polynomial with the same roots, each once: p / gcd(p, p'), which is u of p' u = p v."""
+    d, prime = len(p.residues) - 1, p.prime
+    slope = matrices.of_integers(np.diag(np.arange(1.0, d + 1.0)), prime) @ p[1:]
+    first, second = (flint.nmod_poly(x.residues[:, 0].tolist(), prime) for x in (p, slope))
+    m = d - first.gcd(second).degree()
+    if m == d:
+        return p
+    shifted = [(slope, k) for k in range(m + 1)] + [(-p, k) for k in range(m)]
+    whole = matrices.zeros(d + m, len(shifted), prime)
+    for column, (x, k) in enumerate(shifted):
+        rows = slice(k, k + len(x.residues))
+        whole.residues[rows, column], whole.balls[rows, column] = x.residues[:, 0], x.balls[:, 0]
+    return null_space(whole)[0][: m + 1]
