@@ -102,10 +102,10 @@ def _variables(model: System) -> Iterator[_Variable]:
 
 def _description(model: System, name: str, token: str, variables: list[_Variable], version: int) -> bytes:
     """modelDescription.xml."""
-    head = {"fmiVersion": "3.0" if version == 3 else "2.0", "modelName": one_line(model.name)}
+    head = {"fmiVersion": "3.0" if version == 3 else "2.0", "modelName": model.name}
     head["instantiationToken" if version == 3 else "guid"] = token
     if model.description:
-        head["description"] = one_line(model.description)
+        head["description"] = model.description
     head |= {"generationTool": "mbdlft", "variableNamingConvention": "flat"}
     root = ET.Element("fmiModelDescription", head)
     can = (
@@ -192,6 +192,9 @@ def _build(name: str) -> bytes:
 
 
 def _bytes_of(root: ET.Element) -> bytes:
+    """The text of a tree, without letters that XML does not allow."""
+    for element in root.iter():
+        element.attrib.update({key: one_line(text) for key, text in element.attrib.items()})
     return bytes(ET.tostring(root, encoding="utf-8", xml_declaration=True))
 
 

@@ -133,13 +133,13 @@ def test_rates_outputs_and_slopes_are_those_of_the_matrices(opened: Any, version
 
 @cache
 def stiff() -> System:
-    """f' = 1e6 (s - f), s' = -s/100 + u, g' = g + a - 1; the description has what XML does not allow."""
+    """f' = 1e6 (s - f), s' = -s/100 + u, g' = g + a - 1; texts have what XML does not allow."""
     A = np.diag([-1e6, -0.01, 1.0])
     A[0, 1] = 1e6
     direct = np.vstack([np.column_stack([A, [0.0, 1.0, 0.0]]), [0.0, 0.0, 1.0, 0.0]])
     column = np.array([[0.0], [0.0], [1.0], [0.0]])
     lft = LFT([[0.0]], [[0.0, 0.0, 1.0, 0.0]], column, direct, (Block("a", 1),))
-    f, s, g, u, y = (mbdlft.Signal(name, "1") for name in "fsguy")
+    f, s, g, u, y = (mbdlft.Signal(name, "furlong\x02" if name == "y" else "1") for name in "fsguy")
     parameters = (Parameter("a", 0.0, -0.5, 0.5),)
     return System("stiff", lft, (f, s, g), (u,), (y,), parameters, description="a <b>\x00\x01\nc")
 
