@@ -22,8 +22,7 @@ Items = dict[str, NDArray[Any]]
 Made = TypeVar("Made")
 MODEL_TYPE, SYSTEM_TYPE, SWEEP_TYPE, ANALYSIS_TYPE = "lft-model", "system", "sweep", "analysis"
 VERSION, FIRST = "1.1", "1.0"
-DIGEST, BLOCK_ROWS = "@digest", "@block_rows"
-TEXT = "text"
+DIGEST, BLOCK_ROWS, TEXT = "@digest", "@block_rows", "text"
 # names of the types in digests and messages, by the character and the size of numpy's
 TYPES = {"f8": "float64", "f4": "float32", "i8": "int64", "i1": "int8", "u1": "uint8", "b1": "bool"}
 _CODES = {name: code for code, name in TYPES.items()}
@@ -117,6 +116,7 @@ _MODEL_1_1 = f"""{_SYSTEM_1_1} {_EVIDENCE}
     certificate/near?: text near
     certificate/accelerations?: int64 accelerations
     certificate/driven?: int64 driven
+    certificate/beside?: int64 beside
     certificate/momenta?: int64 u
     certificate/rigid_motions?: int64 y
     certificate/evidence/number certificate/evidence/basis: text evidence

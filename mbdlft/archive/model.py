@@ -252,6 +252,7 @@ def _certificate_values(c: Certificate) -> dict[str, Any]:
         "rigid_motions",
         "unmoved",
         "driven",
+        "beside",
         "frequencies",
     )
     absent = {name for name in optional if not getattr(c, name)}
@@ -333,7 +334,9 @@ def _check(c: Certificate, sizes: tuple[int, ...], outputs: int, inputs: int, st
         all(0 <= i < outputs and 0 <= j < inputs for i, j in c.unmoved),
         f"unmoved: there are {outputs} outputs and {inputs} inputs",
     )
-    needs(all(0 <= k < states for k in c.driven), f"driven: there are {states} states")
+    for name in ("driven", "beside"):
+        some = getattr(c, name)
+        needs(all(0 <= k < states for k in some), f"{name}: there are {states} states")
     needs(
         all(low <= high for box in c.open_boxes for low, high in box),
         "an open box has a lower end above its upper end, or none",

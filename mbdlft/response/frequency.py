@@ -187,10 +187,10 @@ _Placed = tuple[Part, StateMatrices, Mapping[int, Place]]  # with positions
 
 def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
     known = system.certificate if isinstance(system, LFTModel) else None
-    proved, driven = (known.accelerations, known.driven) if known else ((), ())
+    proved, *others = (known.accelerations, known.driven, known.beside) if known else ((), (), ())
     _, parts = by_momenta(system, matrices, range(len(system.outputs)), range(len(system.inputs)))
     return [
-        (part, *with_positions(part.matrices, proved if part.leaves_momenta else (), driven))
+        (part, *with_positions(part.matrices, proved if part.leaves_momenta else (), *others))
         for part in parts
     ]
 

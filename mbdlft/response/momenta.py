@@ -54,8 +54,10 @@ def by_momenta(
     """
     momenta, motions = np.zeros(len(system.inputs), dtype=int), np.zeros(len(system.outputs), dtype=int)
     unmoved = np.zeros((len(motions), len(momenta)), dtype=np.bool_)
+    beside: Sequence[int] = ()
     if isinstance(system, LFTModel):
         known = system.certificate
+        beside = known.beside
         momenta[:], motions[:] = known.momenta or 0, known.rigid_motions or 0
         unmoved[tuple(np.array(known.unmoved, dtype=int).reshape(-1, 2).T)] = True
     starts = inputs is None
@@ -66,7 +68,7 @@ def by_momenta(
     sees = motions[outputs] <= 0
     count = int(np.abs([0, *momenta, *motions]).max())
     slowest = np.full(len(matrices.A), np.inf)
-    rates = rates_of(matrices.A, np.zeros_like(matrices.B) if starts else matrices.B)
+    rates = places_of(matrices.A, np.zeros_like(matrices.B) if starts else matrices.B, beside)
     if count:
         slowest = frequencies_of(matrices.A, rates)[:, 2 * count :].min(axis=1, initial=np.inf)
     count_of_motions = min(count, len(rates)) if np.any(motions) else 0
@@ -82,12 +84,17 @@ def by_momenta(
         if len(y) and len(u):
             part = StateMatrices(some.A, some.B[:, :, u], some.C[:, y], some.D[:, y][:, :, u])
             if are_still:
-                part = _held(part, count, slowest, moves[u])
+                part = _held(part, beside, count, slowest, moves[u])
             is_own = is_still[np.ix_(y, u)] == are_still
             parts.append(Part(y, u, part, is_own, are_still or not count, slowest))
     if not np.any(sees):
         return held, parts
     return parts[0].matrices if parts and np.all(is_still) else matrices, parts
+
+
+def places_of(A: Array, B: Array, beside: Sequence[int]) -> dict[int, int]:
+    """States that are places of a structure, and their rates: filters beside may look like one."""
+    return {p: v for p, v in rates_of(A, B).items() if p not in beside}
 
 
 def frequencies_of(A: Array, rates: Mapping[int, int]) -> Array:
@@ -181,7 +188,7 @@ def _motions(K: Array, count: int) -> tuple[Indices, Array]:
 
 
 def _held(
-    matrices: StateMatrices, count: int, slowest: Array, pushed: NDArray[np.bool_]
+    matrices: StateMatrices, beside: Sequence[int], count: int, slowest: Array, pushed: NDArray[np.bool_]
 ) -> StateMatrices:
     """The matrices with what draws momenta to zero: of inputs that leave them the responses are the same.
 
@@ -191,7 +198,7 @@ def _held(
     `pushed`, and of states beside, what moves L v is left out, with the rigid motions R (L R)^-1 L v.
     """
     A, B, C, D = (matrix.copy() for matrix in matrices)
-    rates = rates_of(A, B)
+    rates = places_of(A, B, beside)
     if (count := min(count, len(rates))) == 0:
         return matrices
     x, v = np.array([*rates]), np.array([*rates.values()])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.exact.rounding import EPS
-from mbdlft.response.momenta import frequencies_of
+from mbdlft.response.momenta import frequencies_of, places_of
 from mbdlft.system.sampled import StateMatrices, rates_of
 
 _SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
@@ -27,15 +27,19 @@ class Place(NamedTuple):
 
 
 def with_positions(
-    matrices: StateMatrices, proved: Sequence[int] = (), driven: Sequence[int] = ()
+    matrices: StateMatrices,
+    proved: Sequence[int] = (),
+    driven: Sequence[int] = (),
+    beside: Sequence[int] = (),
 ) -> tuple[StateMatrices, dict[int, Place]]:
     """The matrices with positions of outputs that are accelerations as further outputs; their places.
 
     Output i is the acceleration of a position p if its row [C D] is that of the rate v in [A B], where
     the row of p says that its derivative is v. The row of one that is `proved` is a sum of those of
     rates, and its position the same sum of theirs. With `driven` states it is what positions drive in
-    copies of these. Sums have no more digits than are left at the slowest pole. Behind the positions
-    stand as many outputs C x with random weights, with which its terms do not cancel.
+    copies of these; states `beside`, these among them, are no places. Sums have no more digits than are
+    left at the slowest pole. Behind the positions stand as many outputs C x with random weights, with
+    which its terms do not cancel.
     """
     A, B, C, D = matrices
     states, outputs = A.shape[1], C.shape[1]
@@ -51,16 +55,16 @@ def with_positions(
                 rows[i] = np.eye(states)[p] * unit / A[:, p, v, None]
     until = dict.fromkeys(rows, np.full(len(A), np.inf))
     if others := [i for i in proved if i not in rows]:
-        rates = {p: v for p, v in rates.items() if p not in driven}
+        rates = places_of(A, B, beside)
         until |= dict.fromkeys(others, frequencies_of(A, rates)[:, 0])
         sums = np.concatenate([C[:, others], A[:, driven]], axis=1)
         moved = _moved(sums, A, rates, [*driven])
-        beside = (0, 0), (0, 0), (0, len(driven))
-        rows = {i: np.pad(row, beside[1:]) for i, row in rows.items()}
+        padding = (0, 0), (0, 0), (0, len(driven))
+        rows = {i: np.pad(row, padding[1:]) for i, row in rows.items()}
         rows |= {i: moved[:, k] for k, i in enumerate(others)}
         copies = np.where(np.isfinite(moved), moved, 0.0)[:, len(others) :]
-        A = np.concatenate([np.pad(A, beside), copies], axis=1)
-        B, C = np.pad(B, (beside[0], beside[2], beside[0])), np.pad(C, beside)
+        A = np.concatenate([np.pad(A, padding), copies], axis=1)
+        B, C = np.pad(B, (padding[0], padding[2], padding[0])), np.pad(C, padding)
     if not rows:
         return matrices, {}
     weights = np.random.default_rng(0).standard_normal(states)

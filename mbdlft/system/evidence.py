@@ -50,7 +50,7 @@ _NOT_RECORDED: dict[str, Any] = {
     "near": (),
 }
 NOTHING_FREE: dict[str, Any] = {
-    name: () for name in ("accelerations", "momenta", "rigid_motions", "unmoved", "driven")
+    name: () for name in ("accelerations", "momenta", "rigid_motions", "unmoved", "driven", "beside")
 }
 
 

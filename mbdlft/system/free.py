@@ -29,11 +29,12 @@ class _Part(NamedTuple):
     is_blind: Mask  # (ny,), outputs that see no rigid motion
     is_sum: Mask  # (ny,), outputs that are sums of accelerations
     driven: Mask  # (nx,), states that accelerations drive
+    beside: Mask  # (nx,), states of what is no structure
     feels: Mask  # (ny, nu), outputs that may feel the rigid motion that an input causes
 
 
 def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
-    """Fields of the certificate: outputs that are sums of accelerations, what is free, what is driven.
+    """Fields of the certificate: sums of accelerations, what is free, driven, and beside it.
 
     Those of all free parts together. An input leaves momenta if it leads to none of a part that changes
     them; an output sees no rigid motion if none of a part that sees any leads to it. It feels that by an
@@ -48,6 +49,7 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
     driven = _driven(parts, Ky, E)
     is_sum = _joined([part.is_sum | of for part, of in zip(parts, driven, strict=True)])
     states = _joined([part.driven | of for part, of in zip(parts, driven, strict=True)])
+    beside = _joined([part.beside for part in parts])
     is_free = _joined([np.full(len(part.leaves), part.motions > 0) for part in parts])
     by_part = [np.ones((len(part.is_blind), len(part.leaves))) for part in parts]
     is_one = block_diag(np.zeros((0, 0)), *by_part) != 0.0
@@ -72,6 +74,7 @@ def free_motions(systems: Sequence[System], wiring: Wiring) -> dict[str, Any]:
         "rigid_motions": tuple(motions.tolist()) if count and is_rigid else (),
         "unmoved": tuple((i, j) for i, j in np.argwhere(unmoved).tolist()),
         "driven": tuple(np.flatnonzero(states).tolist()) if np.any(proved) else (),
+        "beside": tuple(np.flatnonzero(beside).tolist()) if count or np.any(proved) else (),
     }
 
 
@@ -98,6 +101,8 @@ def _part(system: System) -> _Part:
     momenta, motions = (known.momenta, known.rigid_motions) if known else ((), ())
     count = max(map(abs, momenta + motions), default=0)
     leaves = np.equal(momenta or [0] * nu, count)
+    is_sum = np.isin(range(ny), known.accelerations if known else ())
+    states = np.arange(len(system.states))
     feels = ~leaves & np.ones((ny, 1), dtype=np.bool_)
     feels[tuple(np.array(known.unmoved if known else (), dtype=int).reshape(-1, 2).T)] = False
     return _Part(
@@ -105,7 +110,8 @@ def _part(system: System) -> _Part:
         not count or bool(motions),
         leaves,
         np.equal(motions or [-count] * ny, count),
-        np.isin(range(ny), known.accelerations if known else ()),
-        np.isin(range(len(system.states)), known.driven if known else ()),
+        is_sum,
+        np.isin(states, known.driven if known else ()),
+        np.isin(states, known.beside if known else ()) | (not count and not np.any(is_sum)),
         feels,
     )

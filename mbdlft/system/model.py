@@ -291,6 +291,9 @@ class Certificate:
         of systems that such outputs alone drive.
     driven : tuple of int
         The states of these systems.
+    beside : tuple of int
+        States of all systems that are no structure, such as filters: of a whole with `accelerations` or
+        rigid motions. A state that is the rate of another one there is none of a place.
     momenta : tuple of int
         Of a structure that is free, for each input, how many momenta it has if the input, as springs and
         dampers do, leaves all of them as they are; otherwise 0. Empty for a structure of which no input
@@ -370,6 +373,7 @@ class Certificate:
     rigid_motions: tuple[int, ...] = ()
     unmoved: tuple[tuple[int, int], ...] = ()
     driven: tuple[int, ...] = ()
+    beside: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         alone = sum(self.lower_bound)

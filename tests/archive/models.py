@@ -102,6 +102,7 @@ def strange(seed: int, sizes: tuple[int, ...] = (2, 0, 3)) -> mbdlft.LFTModel:
             rigid_motions=(6, -6, 6)[: ny * (seed % 2)],
             unmoved=((0, int(nu) - 1),) * (seed % 2),
             driven=(0,) * (seed % 2),
+            beside=(0,) * (seed % 2),
         ),
         provenance=Provenance(
             scene='name = "µ"\n# ' + "日本 " * 30000,

@@ -141,6 +141,7 @@ put("certificate/lower_bound", 0, -1) => lower_bound has a negative
 made("certificate/accelerations", data=np.array([2], "<i8")) => accelerations: there are 2 outputs
 made("certificate/unmoved", data=np.array([[0, 9]], "<i8")) => unmoved: there are 2 outputs
 made("certificate/driven", data=np.array([99], "<i8")) => driven: there are
+made("certificate/beside", data=np.array([-1], "<i8")) => beside: there are
 attributes("certificate", max_relative_error=np.nan) => is nan
 attributes("certificate", max_relative_error=np.inf) => is inf
 attributes("certificate", max_relative_error=-1.0) => is -1.0

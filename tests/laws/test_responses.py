@@ -569,6 +569,31 @@ def test_accelerations_have_their_digits_behind_filters_and_in_loops_with_them()
     target(found / (plain * g[-3:]), np.ones((2, 3)), CHAIN)
 
 
+def test_filters_in_the_form_of_a_mass_on_a_spring_are_no_structure() -> None:
+    """Behind rates one held no rigid motion any more: accelerations at 1e-7 rad/s had no digit."""
+    free, omega = mbdlft.to_lft(in_a_row(), search=0.0), 10.0 ** np.arange(-7.0, 1.0)
+    plain, n = mbdlft.frequency_response(free, {}, omega)[0], len(free.states)
+    lag = mbdlft.as_system(mbdlft.low_pass(2e-3), name="lag")
+    A, B, s = [[0.0, 1.0], [-1e-8, -1.4e-4]], [[0.0], [1e-8]], 1j * omega
+    slow = mbdlft.state_space(A, B, [[1.0, 0.0]], [[0.0]], inputs=["in"], outputs=["out"], name="slow")
+    g = (1e-8 / (s**2 + 1.4e-4 * s + 1e-8))[:, None]
+    inputs, names = ([signal.name for signal in signals] for signals in (free.inputs, free.outputs))
+    for name in ("velocity.x", "acceleration.y"):
+        row, ends = names.index(name), [*names, "out"]
+        whole = mbdlft.connect([free, slow], {"in": name}, inputs=inputs, outputs=ends)
+        assert whole.certificate.beside == (n, n + 1)
+        assert mbdlft.series(whole, "out", lag).certificate.beside == (n, n + 1, n + 2)
+        found = mbdlft.frequency_response(whole, {}, omega)[0]
+        expected = np.concatenate([plain, (g * plain[:, row])[:, None]], axis=1)
+        target(found / expected, np.ones(found.shape), CHAIN)
+    wires = {"in": name, "a.force_density": ["M", "-out"]}
+    loop = mbdlft.connect([free, slow], wires, inputs=["M", *inputs[:2]], outputs=ends)
+    back = expected[:, :, 2:] * (g * plain[:, row] / (1.0 + g * plain[:, row, 2:]))[:, None]
+    found = mbdlft.frequency_response(loop, {}, omega)[0] / (expected - back)[:, :, [2, 0, 1]]
+    target(found[:, :, :2], np.ones((8, 7, 2)), CHAIN)
+    assert free.certificate.beside == ()
+
+
 def test_rigid_motions_keep_their_digits_where_rounding_leaves_entries_that_are_zero() -> None:
     """Springs in a plane leave four motions of each pair of bodies out of it: none of them was known."""
     ports = {"p": (0.4, 0.2, 0), "q": (0.4, -0.2, 0), "r": (-0.4, 0.2, 0), "s": (-0.4, -0.2, 0)}
