@@ -206,13 +206,28 @@ def _has_value(a: ExactLFT, s: int) -> bool:
 
 def _special(chains: ExactLFT, length: int, size: int) -> list[_Line]:
     """Values 1/beta at which there are more chains than at others, with beta outside of the range."""
+    system = _of_kernel(chains, length, size)
     try:
-        Z = invariant_zeros(_of_kernel(chains, length, size), chains.order)
-        residues, values = real_eigenvalues(Z)
+        residues, values = real_eigenvalues(invariant_zeros(system, chains.order))
     except TooFewBitsError:
         return []
     outside = [x for x in values if abs(x) < 1]
-    return [_Line(chains, length, residue, outside) for residue in residues if outside]
+    lines = list[_Line]()
+    for residue in residues:  # one of a value inside of the range, or of a complex one, has none
+        some = [x for x in outside if _is_zero_at(system, chains.order, residue, x)]
+        if some:
+            lines.append(_Line(chains, length, residue, some))
+    return lines
+
+
+def _is_zero_at(system: ExactMatrix, n: int, residue: int, value: Any) -> bool:
+    """Whether what is zero as a residue may be so as a ball: where the pencil has less rank."""
+    try:
+        at = pencil(system, n, residue, value)
+        at @ null_space(at)[0]
+    except TooFewBitsError:
+        return False
+    return True
 
 
 def _of_kernel(chains: ExactLFT, length: int, size: int) -> ExactMatrix:

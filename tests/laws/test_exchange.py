@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from mbdlft import to_lft
+from mbdlft.exact import matrices
 from mbdlft.exact.numbers import BITS, precision
+from mbdlft.lft.lft import Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.exchange import plans, with_exchanges
+from mbdlft.order.exchange import _special, plans, with_exchanges
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
@@ -18,6 +20,8 @@ from mbdlft.order.search import Smallest
 from mbdlft.pipeline import stages
 from mbdlft.pipeline.forms import Candidate, exchanged, restricted
 from tests.close import SCENARIO, target
+from tests.extracted import FIELD
+from tests.extracted import with_bits as with_bits
 from tests.strategies import random_scene
 
 # repetitions after reduction, and after exchanges
@@ -85,6 +89,18 @@ def test_what_costs_more_than_its_lines_is_not_exchanged() -> None:
         assert any(plans(exact(plain)))
         assert with_exchanges(exact(plain)).blocks == exact(plain).blocks
     assert smaller is None
+
+
+def test_a_zero_inside_of_the_range_is_no_line() -> None:
+    """Its residue was tried with the values of others, and its directions were taken for theirs."""
+    prime = FIELD.prime
+    M = matrices.of_integers(np.array([[8, 0], [0, 1], [4, 0], [0, 4], [0, 0]]), prime)  # zeros 2, 1/4
+    quarter = pow(4, -1, prime)
+    four = matrices.of_integers(np.diag([4, 4, 4, 4, 1]), prime)
+    M = four.solve(M)
+    (line,) = _special(ExactLFT(M, (Block("b", 2),)), 1, 2)
+    assert line.residue == quarter
+    assert float(line.values[0]) == 0.25
 
 
 def test_models_are_searched_from_exchanges() -> None:
