@@ -29,7 +29,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import TooFewBitsError
+from mbdlft.exact.numbers import BITS, TooFewBitsError, ask_for_bits
 from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
@@ -47,7 +47,6 @@ from mbdlft.order.restriction import (
 
 _LINES = (100, -100, 200, -200, 300, -300, 400, -400)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
-_MOST_BITS = 1024  # with which an exchange that needs more is made again
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 
 
@@ -56,12 +55,7 @@ def with_exchanges(a: ExactLFT) -> ExactLFT:
     found: ExactLFT | None = a
     while found is not None:
         a = found
-        try:
-            found = next((b for plan in plans(a) if (b := _exchanged(a, plan)) is not None), None)
-        except TooFewBitsError:
-            if flint.ctx.prec <= _MOST_BITS:
-                raise
-            found = None
+        found = next((b for plan in plans(a) if (b := _exchanged(a, plan)) is not None), None)
     return a
 
 
@@ -97,23 +91,36 @@ def plans(a: ExactLFT) -> Iterator[Plan]:
             columns = independent_columns(opened, size, nominal)
             if len(columns) < reached:
                 continue
-            K = krylov(opened, size, columns)
-            choices = [lines for lines in _lines(opened, K, lost) if sum(x.length for x in lines) == lost]
+            try:
+                K = krylov(opened, size, columns)
+                choices = [x for x in _lines(opened, K, lost) if sum(line.length for line in x) == lost]
+            except TooFewBitsError:
+                _ask_once()
+                continue
             if choices := [lines for lines in choices if len(lines) < lost]:
                 yield Plan(first, second, side, opened, K, choices)
 
 
+def _ask_once() -> None:
+    """A TooFewBitsError again with the bits at first: all is made with twice as many then, not more."""
+    ask_for_bits(2 * BITS)
+
+
 def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
     """The LFT after an exchange; None where that does not make it smaller."""
+    others = [block for block in a.blocks if block.name not in (plan.first, plan.second)]
+    block = Block(plan.first, plan.K.M.shape[1] - plan.K.order)
     for lines in plan.choices:
         for values in islice(product(*(line.values for line in lines)), _MOST_PAIRS):
-            inner = _along_lines(plan.opened, plan.K, lines, values)
-            if inner is not None:
-                others = (block for block in a.blocks if block.name not in (plan.first, plan.second))
-                block = Block(plan.first, plan.K.M.shape[1] - plan.K.order)
-                closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
-                result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
-                return transposed(result) if plan.is_transposed else result
+            try:
+                inner = _along_lines(plan.opened, plan.K, lines, values)
+                if inner is not None:
+                    closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
+                    result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
+                    return transposed(result) if plan.is_transposed else result
+            except TooFewBitsError:  # or a zero is not the one of the residue
+                if all(len(line.values) == 1 for line in lines):
+                    _ask_once()
     return None
 
 
@@ -130,10 +137,6 @@ def _along_lines(
         inner = _in_coordinates(opened, K, null_space(matrices.stacked([chains]).T)[0].T)
     except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
         return None
-    except TooFewBitsError:
-        if all(len(line.values) == 1 for line in lines):
-            raise
-        return None  # a zero is not the one of the residue
     return inner if inner.order - opened.order <= len(lines) else None  # others may be in the range
 
 
