@@ -706,6 +706,15 @@ def test_a_mass_far_from_a_force_has_its_digits_below_and_far_above_the_modes() 
     target(found / truth, np.ones(truth.shape), RESPONSE)
 
 
+def test_rows_that_are_nearly_those_of_rates_are_no_accelerations() -> None:
+    """A mass on a spring: its acceleration three times, and with 1e-10 of its place beside."""
+    plant = control.ss([[0, 1], [-1, 0]], [[0], [1]], [[-3, 0], [-1 + 1e-10, 0]], [[3], [1]])
+    omega = np.array([1e-7, 1e-6])
+    found = mbdlft.frequency_response(mbdlft.as_system(plant), {}, omega)[0, :, :, 0]
+    target(found[:, 0] / (-3.0 * omega**2 / (1.0 - omega**2)), np.ones(2), RESPONSE)
+    assert np.max(np.abs(found[:, 1] / (1e-10 - omega**2) - 1.0)) < 1e-4
+
+
 def test_a_place_that_a_rigid_motion_changes_grows() -> None:
     """And the rate of it, which sees no place; a state that the rate moves sees both."""
     model = mbdlft.to_lft(pushed(sprung(), "acceleration.x", "position.x"), search=0.0)
