@@ -47,11 +47,11 @@ def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
     """The system of fewer states with the same finite zeros, and with rows of D that are independent."""
     while True:
         C, D = M[n:, :n], M[n:, n:]
-        first, others = independent_columns(D.T)
-        columns, _ = independent_columns(D[first])
+        first, others = _independent(D.T)
+        columns, _ = _independent(D[first])
         factors = D[first][:, columns].T.solve(D[others][:, columns].T).T
-        seen, others = C[others] + -(factors @ C[first]), [*range(n), *(n + k for k in first)]
-        M = M[others]
+        seen = C[others] + -(factors @ C[first])
+        M = M[[*range(n), *(n + k for k in first)]]
         if not seen.residues.any():
             return M, n
         S, free = null_space(seen)
@@ -63,8 +63,8 @@ def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
 
 def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
     """Columns that span it, and the rows in which they are the identity."""
-    pivots, free = independent_columns(a)
-    rows, _ = independent_columns(a[:, pivots].T)
+    pivots, free = _independent(a)
+    rows, _ = _independent(a[:, pivots].T)
     basis = matrices.zeros(a.shape[1], len(free), a.prime)
     dependent = -a[rows][:, pivots].solve(a[rows][:, free])
     basis.residues[pivots], basis.balls[pivots] = dependent.residues, dependent.balls
@@ -73,7 +73,7 @@ def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
     return basis, free
 
 
-def independent_columns(a: ExactMatrix) -> tuple[list[int], list[int]]:
+def _independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     """Columns that are independent, as far from dependent as doubles tell, and the others."""
     if 0 in a.shape:
         return [], [*range(a.shape[1])]
@@ -111,11 +111,11 @@ def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
     powers = [start]
     while True:
         span = matrices.stacked([powers])
-        if len(independent_columns(span)[0]) < len(powers):
+        if len(_independent(span)[0]) < len(powers):
             break
         powers.append(a @ powers[-1])
     before, last = span[:, : len(powers) - 1], powers[-1]
-    rows, _ = independent_columns(before.T)
+    rows, _ = _independent(before.T)
     return matrices.stacked([[-before[rows].solve(last[rows])], [matrices.identity(1, a.prime)]])
 
 

@@ -268,7 +268,6 @@ def _chain(line: _Line, value: Any, before: Array, nominal: Array) -> ExactMatri
     n, M, size = line.chains.order, line.chains.M, len(before)
     at = pencil(_of_kernel(line.chains, line.length, size), n, line.residue, value)
     kernel, _ = null_space(at)
-    at @ kernel  # a zero that is not the one of the residue has no balls of zeros here
     V = M[n : n + line.length * size] @ kernel
     rough = matrices.rough_values(V).reshape(line.length, size, -1)
     v = V @ matrices.of_integers(_far_outside(rough, before, nominal), M.prime)
