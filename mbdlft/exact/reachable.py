@@ -104,15 +104,6 @@ def _parts(sizes: Sequence[int]) -> list[slice]:
     return [slice(first, end) for first, end in pairwise([0, *accumulate(sizes)])]
 
 
-def in_reach(leads: NDArray[np.bool_], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Those (n,) at the start, and all to which they lead: i from j where leads[i, j]."""
-    fresh = reached = start
-    while fresh.any():
-        fresh = leads[:, fresh].any(axis=1) & ~reached
-        reached = reached | fresh
-    return reached
-
-
 class Space:
     """A growing subspace: its echelon form, the identity in `pivots`; what was `taken` at each step."""
 

@@ -30,6 +30,7 @@ from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
+from mbdlft.base.reach import in_reach
 from mbdlft.base.running import one_thread
 from mbdlft.exact.matrices import (
     Balls,
@@ -41,7 +42,7 @@ from mbdlft.exact.matrices import (
     stacked,
 )
 from mbdlft.exact.numbers import TooFewBitsError, half_precision
-from mbdlft.exact.reachable import in_reach, reduced
+from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one, product
 from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes

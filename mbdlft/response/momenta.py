@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array, ArrayLike
-from mbdlft.exact.reachable import in_reach
+from mbdlft.base.reach import in_reach
 from mbdlft.exact.rounding import EPS
 from mbdlft.response.modes import Names, chosen, transfers_at
 from mbdlft.system.model import LFTModel, System
-from mbdlft.system.sampled import StateMatrices, rates_of
+from mbdlft.system.sampled import StateMatrices, places_of
 
 Indices = NDArray[np.intp]
 _CONSERVED = 1e-6  # of terms: more is left of momenta, which rounding changes, where an input moves them
@@ -90,11 +90,6 @@ def by_momenta(
     if not np.any(sees):
         return held, parts
     return parts[0].matrices if parts and np.all(is_still) else matrices, parts
-
-
-def places_of(A: Array, B: Array, beside: Sequence[int]) -> dict[int, int]:
-    """States that are places of a structure, and their rates: filters beside may look like one."""
-    return {p: v for p, v in rates_of(A, B).items() if p not in beside}
 
 
 def frequencies_of(A: Array, rates: Mapping[int, int]) -> Array:

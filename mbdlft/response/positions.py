@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.exact.rounding import EPS
-from mbdlft.response.momenta import frequencies_of, places_of
-from mbdlft.system.sampled import StateMatrices, rates_of
+from mbdlft.response.momenta import frequencies_of
+from mbdlft.system.sampled import StateMatrices, places_of, rates_of
 
 _SAME = 8.0 * EPS  # of an entry: rows that differ by less are one; accelerometers have g in them, too
 _CANCELED = 0.1  # of terms: where less is left, a digit is lost

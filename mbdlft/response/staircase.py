@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.base.reach import in_reach
 from mbdlft.exact.matrices import from_rows
 from mbdlft.exact.numbers import Field, in_enough_bits
-from mbdlft.exact.reachable import in_reach, reduced
+from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import eigenvalues_of, eigenvectors_of
 from mbdlft.response.modes import Names, balancing, eigenpair, transfers_at, with_rounding
 from mbdlft.system.model import System

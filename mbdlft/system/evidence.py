@@ -103,7 +103,11 @@ def composed(
         certificate = _in_other_coordinates(certified[0].certificate, error)
     else:  # every entry of the twin is moved by what may be wrong with it
         moved_systems = [
-            replace(p, lft=moved(p.lft, _SEED, p.certificate.max_relative_error))
+            replace(
+                p,
+                lft=moved(p.lft, _SEED, p.certificate.max_relative_error),
+                certificate=replace(p.certificate, **NOTHING_FREE),
+            )
             if isinstance(p, LFTModel) and p.lft.is_plain
             else p
             for p in systems

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from mbdlft.base.array import Array
-from mbdlft.exact.reachable import in_reach
+from mbdlft.base.reach import in_reach
 from mbdlft.system.model import LFTModel, System
 from mbdlft.system.wiring import Wiring, beside_gains
 

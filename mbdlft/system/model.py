@@ -421,6 +421,12 @@ class LFTModel(System):
     provenance: Provenance
     program: ModelProgram | None = field(default=None, kw_only=True)
 
+    def __post_init__(self) -> None:
+        System.__post_init__(self)
+        c = self.certificate
+        if c.accelerations or c.momenta or c.rigid_motions or c.unmoved or c.driven:
+            _above("claims").check_claims(self)
+
     def _repr_html_(self) -> str:
         c = self.certificate
         said = "minimal: proved" if c.minimal else f"proved to be needed: {c.order_bound}"

@@ -56,6 +56,11 @@ def rates_of(A: Array, B: Array) -> dict[int, int]:
     return {p: v for p, v in found.items() if p not in of_units}
 
 
+def places_of(A: Array, B: Array, beside: Sequence[int]) -> dict[int, int]:
+    """States that are places of a structure, and their rates: filters beside may look like one."""
+    return {p: v for p, v in rates_of(A, B).items() if p not in beside}
+
+
 def _is_unit(number: float) -> bool:
     """Whether it is a power of two, as the numbers of positions in scaled states are."""
     return bool(np.frexp(number)[0] == 0.5)

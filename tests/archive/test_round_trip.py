@@ -20,6 +20,7 @@ BUILT = {
     "turned arm": models.turned_arm,
     "a parameter with zero repetitions": models.unused,
     "no parameters": models.numbers,
+    "all that is known of what is free": models.free,
 }
 MADE = {
     "bare": models.bare,

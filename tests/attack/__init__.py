@@ -47,6 +47,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "empty": (14, 31, 35, 45),
     "tunings": (20,),
     "accelerations": (0, 5),
+    "certificates": (3,),
     "reductions": (0, 1, 2, 4, 5, 9),
     "reasons": (3, 5, 7, 9, 11, 56, 68, 88, 132),
 }
