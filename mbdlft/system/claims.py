@@ -164,13 +164,12 @@ def _zeros(
     N = _solved(L @ R, np.zeros((len(V), count, 0)), one, in_digits)
     b, a, f = N @ Lt, rR @ N, W[:, : 2 * p, :n]
     Y = _solved(M, t - R @ b, one[:0, :0], in_digits)[:, :n]
-    held = Y - R @ (N @ (L @ Y))  # what t moves beside R; an error of L R would be one of its size
-    aY, aR, aL, af, aheld = map(np.abs, (Y, R, L, f, held))
+    aY, aR, aL, af = map(np.abs, (Y, R, L, f))
     # what is zero is rounded to 2.2e-16 of the largest
-    for of, axis in ((aY, 1), (aR, 1), (aheld, 1), (aL, 2), (af, 2)):
+    for of, axis in ((aY, 1), (aR, 1), (aL, 2), (af, 2)):
         of += EPS * np.max(of, axis=axis, keepdims=True, initial=0.0)
     of_t, of_r, of_b = St + SK @ aY, Sr + af @ SK, aR @ np.abs(b)
-    sizes = np.abs(a) @ aL @ (St + SK @ aheld + of_b) + (np.abs(rR) + of_r @ aR) @ np.abs(b)
+    sizes = np.abs(a) @ aL @ (of_t + of_b) + (np.abs(rR) + of_r @ aR) @ np.abs(b)
     felt = rR @ b, sizes
     left = V[:, rows][:, :, columns] - r[:, :p] @ Y
     left_sizes = S[:, rows][:, :, columns] + Sr[:, :p] @ aY + af[:, :p] @ (of_t + of_b)
