@@ -258,9 +258,11 @@ def test_what_a_force_at_another_place_accelerates_has_its_digits_far_below_the_
 def test_accelerations_of_what_a_sample_hardly_holds_are_those_of_its_force() -> None:
     """A stiffness of 1e-9 beside 7e3 gives factors with four digits."""
     k, w = np.array([0.0, 1e-9, 1e4]), 0.1
-    found = mbdlft.frequency_response(pair(0.0), {"k": k}, [w])[:, 0, 1, 0]
+    rows = np.array([[0.0, 1.0], [1.0, 1.0]])  # a rate, and a sum of two, which has factors
+    found = mbdlft.frequency_response(rows @ pair(0.0), {"k": k}, [w])[:, 0, :, 0]
     stiff, soft = 7e3 - 3.0 * w**2, k - 3.0 * w**2
-    target(found, -0.6 * w**2 * (soft + 7e3) / (soft * stiff - 3.0 * w**2 * 7e3), RESPONSE)
+    both = np.array([np.full(3, 7e3), 0.6 * (soft + 7e3)])
+    target(found.T, -(w**2) * (rows @ both) / (soft * stiff - 3.0 * w**2 * 7e3), RESPONSE)
 
 
 def floating(**base: float) -> mbdlft.LFTModel:
