@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, zero_of
+from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, carries_values, zero_of
 from mbdlft.exact.rounding import equilibrate
 
 Residues = NDArray[np.int64]
@@ -58,12 +58,16 @@ class ExactMatrix:
         left, right, place = left[rows], right[:, columns], np.ix_(rows, columns)
         residues = multiplied(left.residues, right.residues, self.prime)
         product.residues[place] = residues
+        if not carries_values():
+            return product
         balls = entries_of(ball_matrix(left.balls) * ball_matrix(right.balls))
         product.balls[place] = _cleared(residues, balls)
         return product
 
     def __add__(self, other: "ExactMatrix") -> "ExactMatrix":
         residues = (self.residues + other.residues) % self.prime
+        if not carries_values():
+            return of_residues(residues, self.prime)
         balls = np.where(self.residues != 0, self.balls, other.balls)
         both = (self.residues != 0) & (other.residues != 0)
         balls[both] = _cleared(residues[both], self.balls[both] + other.balls[both])
@@ -79,10 +83,12 @@ class ExactMatrix:
         n, m = right.shape
         if n == 0 or m == 0:
             return zeros(n, m, self.prime)
-        if n > _LARGE and not densely:
+        if n > _LARGE and not densely and carries_values():
             return _solved_sparsely(self, right)
         matrix = _residue_matrix(self.residues, self.prime)
         residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
+        if not carries_values():
+            return of_residues(residues, self.prime)
         try:
             balls = _solved(self, right)
         except ZeroDivisionError:
@@ -199,10 +205,14 @@ def rough_values(a: ExactMatrix) -> Array:
     return values
 
 
+def of_residues(residues: Residues, prime: int) -> ExactMatrix:
+    """A matrix of which residues alone are known."""
+    return ExactMatrix(residues, np.full(residues.shape, NOTHING, dtype=object), prime)
+
+
 def zeros(n: int, m: int, prime: int) -> ExactMatrix:
     """A matrix of zeros."""
-    balls = np.full((n, m), NOTHING, dtype=object)
-    return ExactMatrix(np.zeros((n, m), dtype=np.int64), balls, prime)
+    return of_residues(np.zeros((n, m), dtype=np.int64), prime)
 
 
 def identity(n: int, prime: int) -> ExactMatrix:

@@ -35,6 +35,7 @@ Made = TypeVar("Made")
 
 BITS = 384  # of balls, at first
 MOST_BITS = 5120
+RESIDUES_ALONE = 2  # bits, with which no balls are computed
 
 _TURN = 360 * 10**9  # parts of a turn that have residues of their own
 _FIRST = 2**60 // _TURN  # P is above 2^60
@@ -189,6 +190,11 @@ def precision(bits: int) -> Iterator[None]:
     """Balls of so many bits in what is done inside."""
     with flint.ctx.workprec(bits):
         yield
+
+
+def carries_values() -> bool:
+    """Whether balls are computed: not in `precision(RESIDUES_ALONE)`, where ranks cost less."""
+    return bool(flint.ctx.prec > RESIDUES_ALONE)
 
 
 @contextmanager

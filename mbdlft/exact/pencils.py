@@ -13,7 +13,7 @@ from scipy.linalg import qr
 
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import NOTHING
+from mbdlft.exact.numbers import NOTHING, carries_values
 from mbdlft.exact.rounding import equilibrate
 
 _PART = 0.75  # of the bits of coefficients, for a root
@@ -47,8 +47,8 @@ def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
     """The system of fewer states with the same finite zeros, and with rows of D that are independent."""
     while True:
         C, D = M[n:, :n], M[n:, n:]
-        first, others = _independent(D.T)
-        columns, _ = _independent(D[first])
+        first, others = independent(D.T)
+        columns, _ = independent(D[first])
         factors = D[first][:, columns].T.solve(D[others][:, columns].T).T
         seen = C[others] + -(factors @ C[first])
         M = M[[*range(n), *(n + k for k in first)]]
@@ -63,8 +63,8 @@ def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
 
 def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
     """Columns that span it, and the rows in which they are the identity."""
-    pivots, free = _independent(a)
-    rows, _ = _independent(a[:, pivots].T)
+    pivots, free = independent(a)
+    rows, _ = independent(a[:, pivots].T)
     basis = matrices.zeros(a.shape[1], len(free), a.prime)
     dependent = -a[rows][:, pivots].solve(a[rows][:, free])
     basis.residues[pivots], basis.balls[pivots] = dependent.residues, dependent.balls
@@ -73,7 +73,7 @@ def null_space(a: ExactMatrix) -> tuple[ExactMatrix, list[int]]:
     return basis, free
 
 
-def _independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
+def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     """Columns that are independent, as far from dependent as doubles tell, and the others."""
     if 0 in a.shape:
         return [], [*range(a.shape[1])]
@@ -96,14 +96,17 @@ def real_eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any]]:
     coefficients = _with_single_roots(_minimal_polynomial(a, matrices.of_integers(start, prime)))
     zeros = int(np.flatnonzero(coefficients.residues[:, 0])[0])
     residues, balls = coefficients.residues[zeros:, 0].tolist(), coefficients.balls[zeros:, 0].tolist()
-    roots = [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
+    roots = [0] * (zeros > 0) + [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
+    if not carries_values():
+        return roots, []
     bits = min([flint.ctx.prec, *(x.rel_accuracy_bits() for x in balls)])
     try:
-        values = flint.acb_poly(balls).roots(tol=2.0 ** (-_PART * bits)) if len(balls) > 1 else []
+        tol = flint.arb(2) ** -int(_PART * bits)  # as a double it would be 0.0
+        values = flint.acb_poly(balls).roots(tol=tol) if len(balls) > 1 else []
     except ValueError:  # roots that are not told apart
         values = []
     real = [x.real for x in values if x.imag.contains(0)]
-    return [0] * (zeros > 0) + roots, [NOTHING] * (zeros > 0) + real
+    return roots, [NOTHING] * (zeros > 0) + real
 
 
 def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
@@ -111,11 +114,11 @@ def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
     powers = [start]
     while True:
         span = matrices.stacked([powers])
-        if len(_independent(span)[0]) < len(powers):
+        if len(independent(span)[0]) < len(powers):
             break
         powers.append(a @ powers[-1])
     before, last = span[:, : len(powers) - 1], powers[-1]
-    rows, _ = _independent(before.T)
+    rows, _ = independent(before.T)
     return matrices.stacked([[-before[rows].solve(last[rows])], [matrices.identity(1, a.prime)]])
 
 

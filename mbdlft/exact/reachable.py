@@ -23,6 +23,7 @@ from mbdlft.exact.matrices import (
     identity,
     limbs,
     multiplied,
+    of_residues,
     pivot_columns,
     rough_values,
     row_echelon,
@@ -30,6 +31,7 @@ from mbdlft.exact.matrices import (
     times,
     zeros,
 )
+from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.rounding import channel_scales, or_one
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
@@ -46,6 +48,9 @@ def reduced(
 
     Of equal value are so many outputs, all by default. What the others are is what these need.
     """
+    if outputs is None and not carries_values():
+        residues, sizes = reduced_residues(M.residues, list(sizes), M.prime)
+        return of_residues(residues, M.prime), sizes
     M, sizes = _compressed(M, list(sizes), M.shape[1] - sum(sizes))
     M, sizes = _compressed(M.T, sizes, M.shape[0] - sum(sizes) if outputs is None else outputs)
     return M.T, sizes

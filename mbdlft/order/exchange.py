@@ -4,24 +4,30 @@ With all deltas but b as signals, and w = a z,
 
     z = A(b) w + B(b) u,    y = C(b) w + D(b) u,
 
-is rational in b. If z stays in a space R(b) that has h dimensions less than z, the columns K(b) span it,
+is rational in b. If z stays in a space R(b) that has fewer dimensions than z, the columns K(b) span it,
 and rows of numbers P have P K regular, then z' = P z are enough:
 
     z' = P A S w' + P B u,    y = C S w' + D u,    w' = a z',    S = K (P K)^-1.
 
-The delta a is repeated h times less. S has poles where P K is singular, at h values of b as a rule, and
-each costs a repetition of b. One repetition is enough for d of them at one value beta, if P is zero on
+S has poles where P K is singular, and each costs a repetition of b. As few as can be, d, are those of
+K (K_rows)^-1 in rows x of z. Its channels beside x make a z of which R leaves d dimensions out, and P may
+be any rows in it. One repetition is enough for d of the poles, at one value beta, if P is zero on
 
     v, A v, ..., A^(d-1) v    at beta,    with v in R(beta) and C v = C A v = ... = C A^(d-2) v = 0.
 
 In the words of docs/pairs.md: these v are quotients O(-d) of the bundle on the line b = beta. Chains that
 exist at any beta are used, and those that are longer at single values of beta, which are zeros of what
 leads to C v, ... All beta are outside of the range, which is from -1 to 1, or infinite.
+
+Where b is repeated more than it need be, an exchange the other way round comes first: it costs more, and
+the one back gains more. Residues alone tell what exchanges lead to; what gains is made in balls.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import islice, permutations, product
-from typing import Any, NamedTuple
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from functools import lru_cache
+from heapq import heappop, heappush
+from itertools import islice, product
+from typing import Any, Literal, NamedTuple
 
 import flint
 import numpy as np
@@ -29,7 +35,15 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import BITS, TooFewBitsError, ask_for_bits
+from mbdlft.exact.numbers import (
+    BITS,
+    NOTHING,
+    RESIDUES_ALONE,
+    TooFewBitsError,
+    ask_for_bits,
+    carries_values,
+    precision,
+)
 from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
@@ -40,104 +54,164 @@ from mbdlft.order.restriction import (
     after,
     in_order,
     independent_columns,
+    independent_rows,
     krylov,
     selected,
     value_at_random,
 )
 
-_LINES = (100, -100, 200, -200, 300, -300, 400, -400)  # values beta, in units of the range
+_LINES = (10, -10, 20, -20, 30, -30, 40, -40)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
+_MORE = 4  # repetitions than there are, on the way to fewer
+_IDLE, _OF_RESULT = 500, 20  # of work without a gain; of that of an exchange that leads nowhere
+MOST_BITS = 4 * BITS  # for an exchange that needs more others are tried
 
 
-def with_exchanges(a: ExactLFT) -> ExactLFT:
-    """An LFT of equal value, smaller where repetitions of one delta can be exchanged for fewer."""
-    found: ExactLFT | None = a
-    while found is not None:
-        a = found
-        found = next((b for plan in plans(a) if (b := _exchanged(a, plan)) is not None), None)
-    return a
+# of values beta: what chains have at any of them, at infinity, and at zeros, which may not be real
+Kind = Literal["any", "infinite", "zeros"]
+_KINDS: tuple[Kind, ...] = ("infinite", "any", "zeros")
 
 
-class Plan(NamedTuple):
-    """Repetitions of the first delta that go, and choices of lines of the second one that they go for.
+class Exchange(NamedTuple):
+    """Repetitions of the first delta for fewer of the second, one for each chain of some lengths."""
 
-    `opened` is the LFT in the second delta, with the channels of the first one as signals, transposed if
-    that is so, and K spans R in it.
+    first: str
+    second: str
+    is_transposed: bool
+    kind: Kind
+    lengths: tuple[int, ...]
+
+
+Path = tuple[Exchange, ...]
+Impossible = tuple[tuple[Block, ...], Exchange]
+
+
+def path_below(
+    a: ExactLFT,
+    least: int,
+    bound: int,
+    but_not: Collection[Impossible | None] = (),
+    *,
+    with_zeros: bool = True,
+) -> tuple[Path, int]:
+    """Exchanges one after the other to the smallest order below one that residues find, and that order.
+
+    They go on from the smallest LFTs first, and end at a bound, or where the last gain is long ago.
+    """
+    path, idle, smallest = Path(), 0, a.order
+    with precision(RESIDUES_ALONE):
+        start = ExactLFT(matrices.of_residues(a.M.residues, a.M.prime), a.blocks)
+        seen, queue = {a.blocks}, [(a.order, 0, Path(), start)]
+        while queue and bound < least and idle < _IDLE:
+            order, _, before, start = heappop(queue)
+            if before and order > least + _MORE:
+                break
+            for exchange, result in exchanges(start, _KINDS[: 2 + with_zeros]):
+                idle += _OF_RESULT if result else 1
+                if result is None or result.blocks in seen or (start.blocks, exchange) in but_not:
+                    continue
+                seen.add(result.blocks)
+                after = (*before, exchange)
+                heappush(queue, (result.order, len(seen), after, result))
+                if result.order < smallest:
+                    smallest, idle = result.order, 0
+                if result.order < least:
+                    least, path = result.order, after
+    return path, least
+
+
+def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
+    """The LFT after exchanges, in balls, up to one that is not possible.
+
+    The value of a zero is not real, or in the range, or too many bits are needed.
+    """
+    for exchange in path:
+        try:
+            result = _by_one(a, exchange)
+        except TooFewBitsError:
+            ask_for_bits(MOST_BITS)
+            result = None
+        if result is None:
+            return a, (a.blocks, exchange)
+        a = result
+    return a, None
+
+
+def _by_one(a: ExactLFT, wanted: Exchange) -> ExactLFT | None:
+    opened = _opened(a, wanted.first, wanted.second, is_transposed=wanted.is_transposed)
+    if opened is None:
+        return None
+    longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
+    lines = _lines(opened, longest, wanted.kind)
+    return _along(a, opened, lines) if tuple(line.length for line in lines) == wanted.lengths else None
+
+
+def exchanges(a: ExactLFT, kinds: Sequence[Kind]) -> Iterator[tuple[Exchange, ExactLFT | None]]:
+    """Exchanges of two deltas, and what they lead to; None where there are none."""
+    degrees, sizes = exact_degrees(a), {block.name: block.size for block in a.blocks if block.size}
+    above = [name for name, size in sizes.items() if size > degrees[name]]
+    for first, second, side in product(above, sizes, (False, True)):
+        opened = _opened(a, first, second, is_transposed=side) if first != second else None
+        for kind in kinds:
+            lines = _lines(opened, opened.K.order, kind) if opened else []
+            lengths = tuple(line.length for line in lines)
+            is_enough = opened is not None and sum(lengths) == opened.K.order
+            result = _along(a, opened, lines) if opened and is_enough else None
+            yield Exchange(first, second, side, kind, lengths), result
+
+
+class _Opened(NamedTuple):
+    """An LFT in the second delta, transposed or not, (w, u) -> (z, y) with the channels of the first one.
+
+    z has as many channels beside R, which is K(b) x, as K has poles.
     """
 
     first: str
     second: str
     is_transposed: bool
-    opened: ExactLFT
+    lft: ExactLFT
     K: ExactLFT
-    choices: "Sequence[Sequence[_Line]]"
+
+    @property
+    def size(self) -> int:
+        return self.K.M.shape[0] - self.K.order
 
 
-def plans(a: ExactLFT) -> Iterator[Plan]:
-    """Exchanges that residues allow, those of the delta furthest above its degree first."""
-    degrees, M = exact_degrees(a), a.M
-    above = {name: size - degrees[name] for name, size in a.blocks if size > degrees[name] + 1}
-    pairs = [(x, y) for x, y in permutations([b.name for b in a.blocks if b.size], 2) if x in above]
-    for first, second in sorted(pairs, key=lambda pair: -above[pair[0]]):
-        for side in (False, True):
-            opened, size = _in_one(transposed(a) if side else a, first, second), dict(a.blocks)[first]
-            value = value_at_random(opened, 0)
-            space = reachable_bases(value[:size, :size], value[:size, size:], [size], M.prime)[0]
-            reached, lost = len(space.pivots), size - len(space.pivots)
-            if lost < 2 or not reached:
-                continue
-            nominal = opened.M.residues[opened.order :, opened.order :]
-            columns = independent_columns(opened, size, nominal)
-            if len(columns) < reached:
-                continue
-            try:
-                K = krylov(opened, size, columns)
-                choices = [x for x in _lines(opened, K, lost) if sum(line.length for line in x) == lost]
-            except TooFewBitsError:
-                _ask_once()
-                continue
-            if choices := [lines for lines in choices if len(lines) < lost]:
-                yield Plan(first, second, side, opened, K, choices)
-
-
-def _ask_once() -> None:
-    """A TooFewBitsError again with the bits at first: all is made with twice as many then, not more."""
-    ask_for_bits(2 * BITS)
-
-
-def _exchanged(a: ExactLFT, plan: Plan) -> ExactLFT | None:
-    """The LFT after an exchange; None where that does not make it smaller."""
-    others = [block for block in a.blocks if block.name not in (plan.first, plan.second)]
-    block = Block(plan.first, plan.K.M.shape[1] - plan.K.order)
-    for lines in plan.choices:
-        for values in islice(product(*(line.values for line in lines)), _MOST_PAIRS):
-            try:
-                inner = _along_lines(plan.opened, plan.K, lines, values)
-                if inner is not None:
-                    closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
-                    result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
-                    return transposed(result) if plan.is_transposed else result
-            except TooFewBitsError:  # or a zero is not the one of the residue
-                if all(len(line.values) == 1 for line in lines):
-                    _ask_once()
-    return None
-
-
-def _along_lines(
-    opened: ExactLFT, K: ExactLFT, lines: Sequence["_Line"], values: Sequence[Any]
-) -> ExactLFT | None:
-    """(w', u) -> (z', y) with P that is zero on chains at 1/beta; None with more poles than lines."""
-    nominal, V = (matrices.rough_values(x.M[x.order :, x.order :]) for x in (opened, K))
-    try:
-        chains = list[ExactMatrix]()
-        for line, value in zip(lines, values, strict=True):
-            chains.append(_chain(line, value, V, nominal))
-            V = np.hstack([V, matrices.rough_values(chains[-1])])
-        inner = _in_coordinates(opened, K, null_space(matrices.stacked([chains]).T)[0].T)
-    except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
+def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Opened | None:
+    """None if R is all of z."""
+    size, prime = dict(a.blocks)[first], a.M.prime
+    lft = _in_one(transposed(a) if is_transposed else a, first, second)
+    value = value_at_random(lft, 0)
+    space = reachable_bases(value[:size, :size], value[:size, size:], [size], prime)[0]
+    count = len(space.pivots)
+    if count in (0, size):
         return None
-    return inner if inner.order - opened.order <= len(lines) else None  # others may be in the range
+    columns = independent_columns(lft, size, lft.M.residues[lft.order :, lft.order :])
+    if len(columns) < count:
+        return None
+    K = krylov(lft, size, columns)
+    rows, outputs = independent_rows(K), [*range(size, lft.M.shape[0] - lft.order)]
+    K = _in_rows(K, rows)
+    n, y = K.order, len(outputs)
+    inner = after(selected(lft, [*rows, *outputs], range(lft.M.shape[1] - lft.order)), K)
+    ahead = [[K.M[:n], matrices.zeros(n, y, prime)], [matrices.identity(n + count + y, prime)]]
+    moved = after(ExactLFT(matrices.stacked(ahead), K.blocks), reduce_exactly(inner))
+    k, M = moved.order, moved.M
+    M = matrices.stacked([[M[:, :k], matrices.zeros(M.shape[0], n, prime), M[:, k:]]])
+    K = ExactLFT(matrices.stacked([[K.M[:n]], [matrices.identity(n + count, prime)]]), K.blocks)
+    return _Opened(first, second, is_transposed, reduce_exactly(ExactLFT(M, moved.blocks)), K)
+
+
+def _in_rows(K: ExactLFT, rows: Sequence[int]) -> ExactLFT:
+    """K (K_rows)^-1, which has the fewest poles."""
+    k, count, prime = K.order, len(rows), K.M.prime
+    size = K.M.shape[0] - k
+    given = [matrices.zeros(k, count, prime), -matrices.identity(count, prime)]
+    given.append(matrices.zeros(size, count, prime))
+    whole = [[K.M[:k], given[0]], [K.M[[k + i for i in rows]], given[1]], [K.M[k:], given[2]]]
+    in_x = eliminated(ExactLFT(matrices.stacked(whole), K.blocks), count, [*range(count, count + size)])
+    return reduce_exactly(in_x)
 
 
 def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
@@ -148,6 +222,41 @@ def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
     rows, columns = ([*channels, *others, *range(a.order, count)] for count in a.M.shape)
     block = next(block for block in a.blocks if block.name == second)
     return ExactLFT(a.M[rows][:, columns], (block,))
+
+
+def _along(a: ExactLFT, opened: _Opened, lines: Sequence["_Line"]) -> ExactLFT | None:
+    """The LFT after an exchange along lines; None if none of their values is right."""
+    others = [block for block in a.blocks if block.name not in (opened.first, opened.second)]
+    block = Block(opened.first, opened.K.M.shape[1] - opened.K.order)
+    places = {line.residue: line.values for line in lines}
+    for values in islice(product(*places.values()), _MOST_PAIRS):
+        try:
+            inner = _along_values(opened, lines, dict(zip(places, values, strict=True)))
+        except TooFewBitsError:  # or a zero is not the one of the residue
+            if all(len(some) == 1 for some in places.values()):
+                raise
+            continue
+        if inner is not None:
+            closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
+            result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
+            return transposed(result) if opened.is_transposed else result
+    return None
+
+
+def _along_values(
+    opened: _Opened, lines: Sequence["_Line"], values: Mapping[int, Any]
+) -> ExactLFT | None:
+    """(w', u) -> (z', y) with P that is zero on chains at 1/beta; None if that has no value."""
+    nominal, V = (matrices.rough_values(x.M[x.order :, x.order :]) for x in (opened.lft, opened.K))
+    try:
+        chains = list[ExactMatrix]()
+        for line in lines:
+            chains.append(_chain(line, values[line.residue], V, nominal))
+            V = np.hstack([V, matrices.rough_values(chains[-1])])
+        inner = _in_coordinates(opened.lft, opened.K, null_space(matrices.stacked([chains]).T)[0].T)
+    except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
+        return None
+    return inner
 
 
 class _Line(NamedTuple):
@@ -162,40 +271,60 @@ class _Line(NamedTuple):
     values: Sequence[Any]
 
 
-def _lines(opened: ExactLFT, K: ExactLFT, count: int) -> Iterator[list[_Line]]:
-    """Lines of long chains that make so many directions superfluous, by residues."""
-    prime, size = opened.M.prime, K.M.shape[0] - K.order
-    outside = matrices.null_space(value_at_random(K, 1).T, prime).T  # rows that are zero on R
-    nothing = np.zeros((size, 0), dtype=np.int64)
-    anywhere = int(np.random.default_rng(2).integers(1, prime))
-    chains, longer = [K], K
-    while len(chains) < count:
-        longer = _longer(longer, opened, size)
-        if _with_chain(nothing, _Line(longer, len(chains) + 1, anywhere, ()), outside) is None:
-            yield _chosen(_special(longer, len(chains) + 1, size), chains, outside, count)
-            break
-        chains.append(longer)
-    if len(chains) > 1:
-        yield _chosen([], chains, outside, count)
+_Place = tuple[int, Sequence[Any]]  # a residue of 1/beta, and values that may be its own
 
 
-def _chosen(
-    special: Sequence[_Line], chains: Sequence[ExactLFT], outside: Residues, count: int
-) -> list[_Line]:
-    """Lines whose directions are independent outside of R: special ones, then the longest at any beta."""
-    prime = chains[0].M.prime
-    choices = [[line] for line in special for _ in range(count // line.length)]
+def _lines(opened: _Opened, longest: int, kind: Kind) -> list[_Line]:
+    """Lines of long chains that make directions superfluous, by residues; none if none is of the kind."""
+    anywhere = int(np.random.default_rng(2).integers(1, opened.K.M.prime))
+    length, places = 1, list[_Place]()
+    while length < longest and _is_there(opened, length + 1, anywhere):
+        length += 1
+    if kind != "any":
+        if length < longest:
+            places = [(0, [NOTHING])] if _is_there(opened, length + 1, 0) else []
+            if kind == "zeros":
+                zeros = _zeros(_chains(opened, length + 1), length + 1, opened.size)
+                places = [*places, *zeros] if zeros else []
+        if not places:
+            return []
+        while length < longest and any(_is_there(opened, length + 1, residue) for residue, _ in places):
+            length += 1
+    places = [place for place in places for _ in range(opened.K.order)]
     for beta in _LINES:
-        residue, value = pow(beta, -1, prime), flint.arb(1) / beta
-        if not _has_value(chains[-1], residue):
-            continue
-        lengths = reversed([*enumerate(chains, 1)])
-        choices.append([_Line(chain, length, residue, [value]) for length, chain in lengths])
-    lines, before = list[_Line](), np.zeros((outside.shape[1], 0), dtype=np.int64)
-    for choice in choices:
-        for line in choice:
-            grown = _with_chain(before, line, outside)
-            if grown is not None and grown.shape[1] <= count:
+        residue = pow(beta, -1, opened.K.M.prime)
+        if _has_value(_chains(opened, length), residue):
+            places.append((residue, [flint.arb(1) / beta]))
+    return _chosen(opened, places, length)
+
+
+@lru_cache(maxsize=64)
+def _chains(opened: _Opened, length: int) -> ExactLFT:
+    """Those of so many columns, in R."""
+    return opened.K if length == 1 else _longer(_chains(opened, length - 1), opened.lft, opened.size)
+
+
+def _is_there(opened: _Opened, length: int, residue: int) -> bool:
+    """Whether there is a chain at 1/beta."""
+    line = _Line(_chains(opened, length), length, residue, ())
+    return _with_chain(np.zeros((opened.size, 0), dtype=np.int64), line, _outside(opened)) is not None
+
+
+@lru_cache(maxsize=1)
+def _outside(opened: _Opened) -> Residues:
+    """Rows that are zero on R."""
+    prime = opened.K.M.prime
+    return matrices.null_space(value_at_random(opened.K, 1).T, prime).T
+
+
+def _chosen(opened: _Opened, places: Sequence[_Place], longest: int) -> list[_Line]:
+    """Lines of the longest chains whose directions are independent beside R."""
+    lines, before = list[_Line](), np.zeros((opened.size, 0), dtype=np.int64)
+    for residue, values in places:
+        for length in range(min(longest, opened.K.order - before.shape[1]), 0, -1):
+            line = _Line(_chains(opened, length), length, residue, values)
+            grown = _with_chain(before, line, _outside(opened))
+            if grown is not None:
                 lines, before = [*lines, line], grown
                 break
     return lines
@@ -207,20 +336,25 @@ def _has_value(a: ExactLFT, s: int) -> bool:
     return matrices.is_regular(residues_of_pencil(a.M.residues[:n, :n], n, s, a.M.prime), a.M.prime)
 
 
-def _special(chains: ExactLFT, length: int, size: int) -> list[_Line]:
-    """Values 1/beta at which there are more chains than at others, with beta outside of the range."""
+def _zeros(chains: ExactLFT, length: int, size: int) -> list[tuple[int, list[Any]]]:
+    """Residues of finite 1/beta, and values, at which there are more chains than at others.
+
+    These beta are outside of the range.
+    """
     system = _of_kernel(chains, length, size)
     try:
         residues, values = real_eigenvalues(invariant_zeros(system, chains.order))
     except TooFewBitsError:
         return []
-    outside = [x for x in values if abs(x) < 1]
-    lines = list[_Line]()
-    for residue in residues:  # one of a value inside of the range, or of a complex one, has none
+    if not carries_values():
+        return [(residue, [NOTHING]) for residue in filter(None, residues)]
+    outside = [x for x in values if x != 0 and abs(x) < 1]
+    places = list[tuple[int, list[Any]]]()
+    for residue in filter(None, residues):  # one inside of the range, or complex, has no value
         some = [x for x in outside if _is_zero_at(system, chains.order, residue, x)]
         if some:
-            lines.append(_Line(chains, length, residue, some))
-    return lines
+            places.append((residue, some))
+    return places
 
 
 def _is_zero_at(system: ExactMatrix, n: int, residue: int, value: Any) -> bool:
@@ -269,8 +403,12 @@ def _chain(line: _Line, value: Any, before: Array, nominal: Array) -> ExactMatri
     at = pencil(_of_kernel(line.chains, line.length, size), n, line.residue, value)
     kernel, _ = null_space(at)
     V = M[n : n + line.length * size] @ kernel
-    rough = matrices.rough_values(V).reshape(line.length, size, -1)
-    v = V @ matrices.of_integers(_far_outside(rough, before, nominal), M.prime)
+    if carries_values():
+        rough = matrices.rough_values(V).reshape(line.length, size, -1)
+        numbers = _far_outside(rough, before, nominal)
+    else:
+        numbers = np.random.default_rng(before.shape[1]).integers(1, 2**52, (V.shape[1], 1)).astype(float)
+    v = V @ matrices.of_integers(numbers, M.prime)
     return matrices.stacked([[v[k : k + size] for k in range(0, line.length * size, size)]])
 
 

@@ -15,10 +15,9 @@ from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import qr
 
 from mbdlft.exact import matrices
+from mbdlft.exact.pencils import independent
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees, is_affine
@@ -45,14 +44,10 @@ def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactL
     if len(columns) in (0, size):
         return None
     K = krylov(opened, size, columns)
-    rows = np.sort(
-        qr(matrices.rough_values(K.M[K.order :, K.order :]).T, mode="r", pivoting=True)[1][: len(columns)]
-    )
-    try:
-        inner = _in_basis(opened, size, K, rows)
-    except ZeroDivisionError:
+    rows = independent_rows(K)
+    if len(rows) < len(columns):
         return None
-    closed = _closed(_settled(inner), Block(name, len(columns)))
+    closed = _closed(_settled(_in_basis(opened, size, K, rows)), Block(name, len(columns)))
     ordered = in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
 
@@ -149,6 +144,11 @@ def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -
     return chosen
 
 
+def independent_rows(K: ExactLFT) -> list[int]:
+    """Rows that are independent at nominal, as far from dependent as doubles tell."""
+    return independent(K.M[K.order :, K.order :].T)[0]
+
+
 def value_at_random(a: ExactLFT, seed: int) -> matrices.Residues:
     """The value at a random point, in residues."""
     return value_at(a, np.random.default_rng(seed).integers(1, a.M.prime, len(a.blocks)))
@@ -182,13 +182,13 @@ def krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactL
     return K
 
 
-def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: NDArray[np.intp]) -> ExactLFT:
+def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: Sequence[int]) -> ExactLFT:
     """(w', u) -> (z', y) of an opened LFT in a basis K."""
     d, prime = len(rows), a.M.prime
     outputs = a.M.shape[0] - a.order - size
     wanted = selected(a, [*rows, *range(size, size + outputs)], range(a.M.shape[1] - a.order))
     moved = after(wanted, K)
-    chosen = selected(K, rows.tolist(), range(d))
+    chosen = selected(K, rows, range(d))
     n, k = moved.order, chosen.order
     others = moved.M.shape[1] - n
     M = matrices.stacked(

@@ -26,7 +26,7 @@ from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.exchange import with_exchanges
+from mbdlft.order.exchange import MOST_BITS, Impossible, Path, exchanged, path_below
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -50,6 +50,7 @@ _MOST_PARAMETERS = 1000  # that a model depends on: some 10 s, with their cube
 _MANY = 300  # channels: reduced before and after they are closed, they lose more bits than `BITS`
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _SEVERAL = 4  # points, at which an entry that is not zero has a value
+_MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
 
@@ -180,24 +181,37 @@ def restricted(
     return _if_possible(problem, partial(_candidate, problem, form, steps, known=known))
 
 
-def exchanged(
-    problem: Problem, candidate: Candidate, steps: Sequence[Step], least: int
+def with_exchanges(
+    problem: Problem, candidate: Candidate, steps: Sequence[Step], least: int, bound: int
 ) -> Candidate | None:
     """A candidate of some steps with exchanges; None if these do not lead below an order."""
+    if not isinstance(candidate.exact, ExactLFT):
+        return None
+    impossible = set[Impossible | None]()
 
-    def make() -> Candidate | None:
+    def make(path: Path) -> Candidate | None:
         known: Candidate | None = candidate
         if not (candidate.exactly and candidate.exactly[0] == flint.ctx.prec):
+            ask_for_bits(MOST_BITS)
             known = _candidate(problem, candidate.form, steps)
         if known is None or not isinstance(known.exact, ExactLFT):
             return None
-        exact = with_exchanges(known.exact)
-        if exact.order >= min(least, known.exact.order):
+        exact, failed = exchanged(known.exact, path)
+        impossible.add(failed)
+        if exact.order >= least:
             return None
         lft = in_good_coordinates(exact, _some_deltas(problem, exact), 0.0)
         return replace(known, exact=exact, lft=lft)
 
-    return _if_possible(problem, make)
+    best = None
+    for k in range(_MOST_PATHS, 0, -1):
+        path, wanted = path_below(candidate.exact, least, bound, impossible, with_zeros=k > 1)
+        found = _if_possible(problem, partial(make, path)) if path else None
+        if found:
+            best, least = found, found.lft.order
+        if not path or least == wanted:
+            break
+    return best
 
 
 def _if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Candidate | None:

@@ -29,10 +29,10 @@ from mbdlft.pipeline.forms import (
     candidates,
     closing,
     degrees,
-    exchanged,
     near_relations,
     reduced_relations,
     restricted,
+    with_exchanges,
 )
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
@@ -279,9 +279,12 @@ def _smallest(
     if least <= result.order_bound or start.lft.order > _MOST_RESTRICTED:
         return result
     plain = [(start, ()), *((known, steps) for _, steps in some if (known := remade(steps)))]
-    smaller = [exchanged(problem, known, steps, least) or known for known, steps in plain]
-    best = min(smaller, key=lambda candidate: candidate.lft.order)
-    if best.lft.order >= least:
+    best = start
+    for known, steps in plain:
+        smaller = with_exchanges(problem, known, steps, least, result.order_bound) or known
+        if smaller.lft.order < least:
+            best, least = smaller, smaller.lft.order
+    if least == result.lft.order:
         return result
     more = _search([best], degrees, budget, stage, truth=start.closed, is_closed=True)
     return _gone_on(result, best, more)._replace(steps=result.steps)

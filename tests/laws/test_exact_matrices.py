@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from mbdlft.exact import matrices, rounding
 from mbdlft.exact import matrices as module
 from mbdlft.exact.interval import Interval
-from mbdlft.exact.numbers import BITS, Constant, Field, TooFewBitsError, precision
+from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, Constant, Field, TooFewBitsError, precision
 from mbdlft.exact.rounding import product
 from mbdlft.lft import lft as algebra
 from mbdlft.lft.box_gain import gain_bound
@@ -99,6 +99,16 @@ def test_solve(seed: int, n: int, m: int) -> None:
         return
     is_matrix(a.solve(b), in_flint(A, n).solve(in_flint(B, m)))
     exact((a @ a.solve(matrices.identity(n, PRIME))).residues, np.eye(n))
+
+
+def test_residues_alone_are_the_same() -> None:
+    """Sums, products and solutions, also of more rows than are eliminated one by one, without balls."""
+    a, b = (from_fractions(fractions(seed, 70, 70, 70), 70) for seed in (1, 2))
+    wanted = [(a @ b + -a).residues, a.solve(b).residues]
+    with precision(RESIDUES_ALONE):
+        found = [a @ b + -a, a.solve(b)]
+    assert all(np.array_equal(x.residues, y) for x, y in zip(found, wanted, strict=True))
+    assert not any(ball != 0 for x in found for ball in x.balls.ravel())
 
 
 @given(st.integers(0, 10**6), sides, sides, st.integers(0, 5))

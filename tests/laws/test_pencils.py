@@ -6,6 +6,7 @@ import pytest
 
 from mbdlft.exact import matrices, pencils
 from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.numbers import RESIDUES_ALONE, precision
 from tests.extracted import FIELD
 from tests.extracted import with_bits as with_bits
 
@@ -70,6 +71,10 @@ def test_eigenvalues_are_residues_and_balls() -> None:
         assert all(any((2 * x).contains(flint.arb(y)) for x in values) for y in expected)
         assert all(float(x.rad()) < 1e-60 for x in values)
     assert pencils.real_eigenvalues(exact(np.zeros((0, 0)))) == ([], [])
+    with precision(1536):  # where a part of the bits is no double
+        assert len(pencils.real_eigenvalues(exact(np.diag([1, 2])))[1]) == 2
+    with precision(RESIDUES_ALONE):
+        assert pencils.real_eigenvalues(exact(np.diag([2, 2]))) == ([2], [])
     residues, values = pencils.real_eigenvalues(exact(np.array([[0, -1], [1, 0]])))
     assert all(x * x % PRIME == PRIME - 1 for x in residues)
     assert not values
