@@ -9,13 +9,14 @@ and rows of numbers P have P K regular, then z' = P z are enough:
 
     z' = P A S w' + P B u,    y = C S w' + D u,    w' = a z',    S = K (P K)^-1.
 
-S has poles where P K is singular, and each costs a repetition of b. As few as can be, d, are those of
-K (K_rows)^-1 in rows x of z. Its channels beside x make a z of which R leaves d dimensions out, and P may
-be any rows in it. One repetition is enough for d of the poles, at one value beta, if P is zero on
+S has poles where P K is singular, and each costs a repetition of b. They are at least as many, d, as
+those of K (K_rows)^-1 for independent rows x = K_rows of z. The channels of this one join x: in such a z
+R leaves d dimensions out, and whichever rows P are there, S has d poles. One repetition is enough for k
+of them at one value beta, if P is zero on
 
-    v, A v, ..., A^(d-1) v    at beta,    with v in R(beta) and C v = C A v = ... = C A^(d-2) v = 0.
+    v, A v, ..., A^(k-1) v    at beta,    with v in R(beta) and C v = C A v = ... = C A^(k-2) v = 0.
 
-In the words of docs/pairs.md: these v are quotients O(-d) of the bundle on the line b = beta. Chains that
+In the words of docs/pairs.md: these v are quotients O(-k) of the bundle on the line b = beta. Chains that
 exist at any beta are used, and those that are longer at single values of beta, which are zeros of what
 leads to C v, ... All beta are outside of the range, which is from -1 to 1, or infinite.
 
@@ -65,10 +66,10 @@ _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 _MORE = 4  # repetitions than there are, on the way to fewer
 _IDLE, _OF_RESULT = 500, 20  # of work without a gain; of that of an exchange that leads nowhere
-MOST_BITS = 4 * BITS  # for an exchange that needs more others are tried
+MOST_BITS = 4 * BITS  # an exchange that needs more is not made
 
 
-# of values beta: what chains have at any of them, at infinity, and at zeros, which may not be real
+# chains at any beta, those that are longer at infinity, and those at zeros, which may not be real
 Kind = Literal["any", "infinite", "zeros"]
 _KINDS: tuple[Kind, ...] = ("infinite", "any", "zeros")
 
