@@ -65,7 +65,8 @@ _LINES = (10, -10, 20, -20, 30, -30, 40, -40)  # values beta, in units of the ra
 _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 _MORE = 4  # repetitions than there are, on the way to fewer
-_IDLE, _OF_RESULT = 500, 20  # of work without a gain; of that of an exchange that leads nowhere
+_IDLE, _MOST_IDLE = 150, 600  # of work without a gain, for each repetition above the bound
+_OF_RESULT = 20  # work of an exchange that leads somewhere
 MOST_BITS = 4 * BITS  # an exchange that needs more is not made
 
 
@@ -104,7 +105,7 @@ def path_below(
     with precision(RESIDUES_ALONE):
         start = ExactLFT(matrices.of_residues(a.M.residues, a.M.prime), a.blocks)
         seen, queue = {a.blocks}, [(a.order, 0, Path(), start)]
-        while queue and bound < least and idle < _IDLE:
+        while queue and idle < min(_IDLE * (least - bound), _MOST_IDLE):
             order, _, before, start = heappop(queue)
             if before and order > least + _MORE:
                 break
