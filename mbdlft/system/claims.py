@@ -114,7 +114,8 @@ def _claims(model: LFTModel, V: Array, S: Array, *, in_digits: bool) -> Iterator
         np.append(in_reach(leads, row) & ~is_rate, np.arange(nu) == j)
         for j, row in enumerate(of_inputs.T)
     ]
-    both = np.transpose(to)[rows] @ unmoved @ np.array(by)[:, columns] > 0
+    to_rows, by_columns = (np.reshape(x, (n, nx + n)).T for x, n in ((to, ny), (by, nu)))
+    both = to_rows[rows] @ unmoved @ by_columns[columns].T > 0
     sums = np.append(driven, np.isin(range(ny), c.accelerations))[rows]
     own = ~np.append(driven, np.zeros(nu, dtype=bool))[columns]
     one, wrong = np.ones((1, 1, 1)), [model.states[k].name for k in (*x, *v) if driven[k]]

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -267,7 +268,8 @@ def test_a_search_in_another_process_is_heard() -> None:
         mbdlft.to_lft(scene, search=0.3, prove=0.2)
     by_budget = {most: [done for done, own in told if own == most] for _, most in told}
     assert {0.3, 0.2} <= set(by_budget)
-    assert by_budget[0.3] == sorted(by_budget[0.3])
+    # exchanges lead to an LFT from which a second search begins
+    assert all(after in (0.0, max(before, after)) for before, after in pairwise(by_budget[0.3]))
     assert max(by_budget[0.3]) > 0.0
 
 
