@@ -67,7 +67,7 @@ _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 _MORE = 4  # repetitions than there are, on the way to fewer
 _IDLE, _MOST_IDLE = 150, 600  # of work without a gain, for each repetition above the bound
 _OF_RESULT = 20  # work of an exchange that leads somewhere
-MOST_BITS = 4 * BITS  # an exchange that needs more is not made
+ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
 
 
 # chains at any beta, those that are longer at infinity, and those at zeros, which may not be real
@@ -132,7 +132,7 @@ def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
         try:
             result = _by_one(a, exchange)
         except TooFewBitsError:
-            ask_for_bits(MOST_BITS)
+            ask_for_bits(ENOUGH_BITS)
             result = None
         if result is None:
             return a, (a.blocks, exchange)

@@ -26,7 +26,7 @@ from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.exchange import MOST_BITS, Impossible, Path, exchanged, path_below
+from mbdlft.order.exchange import ENOUGH_BITS, Impossible, Path, exchanged, path_below
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -192,7 +192,7 @@ def with_exchanges(
     def make(path: Path) -> Candidate | None:
         known: Candidate | None = candidate
         if not (candidate.exactly and candidate.exactly[0] == flint.ctx.prec):
-            ask_for_bits(MOST_BITS)
+            ask_for_bits(ENOUGH_BITS)
             known = _candidate(problem, candidate.form, steps)
         if known is None or not isinstance(known.exact, ExactLFT):
             return None
