@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.array import Array, ArrayLike
 from mbdlft.base.errors import AnalysisError
+from mbdlft.base.reach import in_reach
 from mbdlft.exact.rounding import EPS
 from mbdlft.response import modes
 from mbdlft.response.momenta import Part, by_momenta, parts_at
@@ -196,7 +197,10 @@ def _placed(system: System, matrices: StateMatrices) -> list[_Placed]:
 
 
 def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array) -> Complex:
-    """Responses (N, F, ny, nu) at omega (N, F), rad/s: of parts; from the slowest mode on, of all."""
+    """Responses (N, F, ny, nu) at omega (N, F), rad/s: of parts; from the slowest mode on, of all.
+
+    An entry is D where no entries of A lead from the input to the output: rounding mixes what is apart.
+    """
     count, ny, nu = matrices.D.shape
     response = np.empty((*omega.shape, ny, nu), dtype=complex)
     until = placed[0][0].until if placed else np.full(count, np.inf)  # none without inputs or outputs
@@ -211,7 +215,9 @@ def _responses(placed: Sequence[_Placed], matrices: StateMatrices, omega: Array)
             values = from_positions(values, some.D, omega[:, columns], places)
             at = np.ix_(np.arange(count), np.flatnonzero(columns), y, u)
             response[at] = np.where(is_own, values, response[at])
-    return response
+    A, B, C, _ = (np.any(matrix != 0.0, axis=0) for matrix in matrices)
+    led = np.array([in_reach(A, column) for column in B.T], dtype=bool).reshape(nu, len(A))
+    return np.where(C @ led.T, response, matrices.D[:, None])
 
 
 def carried_from(system: System) -> dict[str, tuple[float, bool]]:

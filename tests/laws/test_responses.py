@@ -711,6 +711,22 @@ def test_a_mass_far_from_a_force_has_its_digits_below_and_far_above_the_modes() 
     target(found / truth, np.ones(truth.shape), RESPONSE)
 
 
+def test_what_no_entry_of_the_matrices_leads_to_does_not_move() -> None:
+    """A free rod that is turned along its axis: rigid motions, in doubles, mix what is apart."""
+    rod = mbdlft.Beam(
+        name="rod", length=1.5, density=7800.0, area=1e-3, modulus=2.1e11, shear_modulus=8e10,
+        I_y=1e-7, I_z=2e-7, torsion_constant=1e-7, elements=2, deformations=("torsion", "bending_y"),
+    )  # fmt: skip
+    outputs = ["root.rotation.x", "root.rotation.y", "root.position.x", "root.position.z"]
+    scene = kit.scene(
+        "rod", rod, kit.free("root", "ground", "rod"), inputs=["root.torque.x"], outputs=outputs
+    )
+    model = mbdlft.to_lft(scene, search=0.0)
+    found = mbdlft.frequency_response(model, {}, [0.1, 10.0])[0, :, :, 0]
+    assert np.all(found[:, 0] != 0.0)
+    exact(found[:, 1:], np.zeros((2, 3)))
+
+
 def test_rows_that_are_nearly_those_of_rates_are_no_accelerations() -> None:
     """A mass on a spring: its acceleration three times, and with 1e-10 of its place beside."""
     plant = control.ss([[0, 1], [-1, 0]], [[0], [1]], [[-3, 0], [-1 + 1e-10, 0]], [[3], [1]])
