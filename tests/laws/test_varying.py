@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement, product
+from unittest.mock import Mock
 
 import flint
 import numpy as np
@@ -14,6 +15,7 @@ from mbdlft.base.parameter import to_delta, to_physical
 from mbdlft.robust.balls import is_positive
 from mbdlft.robust.bisect.bernstein import at_nodes, binomials
 from mbdlft.robust.bisect.characteristic import Realization
+from mbdlft.robust.bisect.search import INTERRUPTED
 from mbdlft.robust.evidence import MotionProof, PolynomialProof
 from mbdlft.robust.moving import polynomial, varying
 from mbdlft.robust.moving.motion import growth, unstable_motion
@@ -53,6 +55,23 @@ def test_one_quadratic_form_for_any_motion_is_the_circle_criterion(
     monkeypatch.setattr(varying, "SHAPES", ())
     found = mbdlft.robust_stability(oscillator("3+d"), rates=np.inf, gap=0.005)
     assert 0.99 * np.sqrt(2.75) <= found.lower <= np.sqrt(2.75)
+
+
+@pytest.mark.parametrize("rates", [{"k": np.inf, "m": 0.1}, {"k": 100.0, "m": 0.1}])
+def test_a_box_around_nominal_is_proved_without_work_or_after_an_interrupt(
+    rates: dict[str, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """x'' = -(k x + 1.4 x')/m: 4.48 to 4.52 for any motion, and at least 1.9 by its norm."""
+    own = [mbdlft.Parameter("k", 2.0, low=1.6, high=2.4), mbdlft.Parameter("m", 1.0, low=0.9, high=1.1)]
+    matrix = [["0", "1"], ["-k/m", "-1.4/m"]]
+    cart = mbdlft.realize(matrix, own, states=2, inputs=[], outputs=[])
+    found = mbdlft.robust_stability(cart, rates=rates, work=0.01)
+    assert 0.7 <= found.lower <= 4.5
+    assert mbdlft.verify(cart, found) == ""
+    monkeypatch.setattr(varying, "unstable_motion", Mock(side_effect=KeyboardInterrupt))
+    again = mbdlft.robust_stability(cart, rates=rates)
+    assert (again.lower, again.reason) == (found.lower, INTERRUPTED)
+    assert mbdlft.verify(cart, again) == ""
 
 
 @cache

@@ -36,6 +36,7 @@ from typing import Any, NamedTuple
 
 import flint
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -233,6 +234,23 @@ def solved(form: Form, sizes: Array, states: int, gain: float = 0.0) -> Unknowns
     total = trace, float(states + len(form.S))
     values = _solution(form, cost, columns, np.zeros((N, N)), places.ends[0], _FLOOR, total)
     return None if values is None else _unpacked(form, values, places, with_gain=gain > 0.0)
+
+
+def around_nominal(form: Form, A: Array, B: Array, rates: Array) -> tuple[Array, Array, Array, float]:
+    """P, X and Y of a form that is negative for small boxes, and a size of which that may be true.
+
+    P is constant, A'P + P A = -1: 2 x'P B w <= |x|^2/2 + 2 |P B|^2 |w|^2. X is 4 |P B|^2 for w, and so
+    small for what else Delta gives that bounds of rates take little of x and w.
+    """
+    n, m, count = len(A), len(form.S), B.shape[1]
+    P, X = np.zeros((len(form.V), len(form.V))), np.zeros(m)
+    solution = scipy.linalg.solve_continuous_lyapunov(A.T, -np.eye(n))
+    P[:n, :n] = 0.5 * (solution + solution.T)
+    X[:count] = 4.0 * float(np.linalg.norm(P[:n, :n] @ B, 2)) ** 2
+    fed = sizes_of(form, 1.0, rates)[:, None] * (form.R + form.K @ form.W)
+    X[count:] = 0.1 * min(1.0, X[0]) / max(1.0, float(np.linalg.norm(fed[count:])) ** 2)
+    largest = float(np.linalg.norm(form.R[:count], 2)) * np.sqrt(max(1.0, X[0]))
+    return P, np.diag(X), np.zeros((m, m)), 1.0 / largest if largest else np.inf
 
 
 def least_gain(form: Form, sizes: Array, states: int) -> float:

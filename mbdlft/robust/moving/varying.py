@@ -28,6 +28,7 @@ from mbdlft.system.model import System
 Rates = float | Mapping[str, float] | None
 _OUTSIDE = 1.0 + 1e-12  # a bound of a rate is not below it, however that was rounded
 _LEAST = 1e-3  # of the other bound: margins below this are not looked for
+_HALVINGS = 10  # of a box around nominal
 _MOTIONS = 0.2  # of the work
 _FACTOR = 1.25  # of a bound of a gain that is tried after one that was not proved
 _SOLUTIONS = 2.0  # of a shape of forms that there should be work for
@@ -109,6 +110,19 @@ class _Question(NamedTuple):
         P, X, Y = (matrix / y**2 for matrix in unknowns[:3])
         proof = MotionProof(P, X, Y, states, channels, time)
         return None if _wrong(model, bounds, k, gain, proof) else proof, variation.cost_of(form)
+
+    def ball(self, most: float) -> tuple[float, MotionProof | None]:
+        """A size up to `most` that a constant form proves, without a search for one; and its proof."""
+        states, _, channels, time = modal(self.model)
+        _, bounds, near, _ = self._near(_LEAST, 0.0)
+        form = variation.form_of(near, bounds)
+        P, X, Y, size = variation.around_nominal(form, near.A, near.B, bounds)
+        proof, size = MotionProof(P, X, Y, states, channels, time), min(size, most)
+        for k in size * 0.5 ** np.arange(_HALVINGS):
+            model, bounds, *_ = self._near(k, 0.0)
+            if not _wrong(model, bounds, k, 0.0, proof):
+                return float(k), proof
+        return 0.0, None
 
     def least(self, gain: float) -> tuple[float, float]:
         """Nearly the least gain that can be proved, of the size of a gain, inf if none; units of work."""
@@ -212,6 +226,9 @@ def moving_margin(
     """Bounds of the margin of parameters that move, given those of constant ones."""
     question = _Question(asked, model, rates, constant)
     state = last_of(asked, State(NONE, upper=constant.upper), _margins(question))
+    if state.proof is None:
+        lower, proof = question.ball(min(state.upper, asked.largest))
+        state = state._replace(lower=lower, proof=proof)
     return question.bounds(state, is_open=state.lower < state.upper * (1.0 - asked.gap))
 
 
