@@ -271,7 +271,7 @@ def attempted(
     smaller box, Lyapunov functions are tried before it, with the longest work if that is more. If only
     work was missing, no more is tried.
     While nothing is proved, the longest try of a size above 1 waits (`State.later`), 1 is tried in all
-    ways, and what waits is given up if 1 is not proved.
+    ways, and what waits is given up if 1 is not proved, or cuts of a smaller box have had as much work.
     """
     k, ends, polynomials = box
     waiting, state = state.later, state._replace(later=(0.0, 0.0))
@@ -288,6 +288,8 @@ def attempted(
             state, outcome = cut(asked, state, model, (ends, polynomials), is_wrong, gain, most)
             proof = None if outcome.log is None else BoxProof(outcome.log)
             state = state if proof else state._replace(reason=resistance(outcome, k, model, ends))
+            if proof is None and k < waiting[0] and most >= waiting[1]:
+                waiting = 0.0, 0.0
             center = outcome.open_box.center
             attempt = Attempt(proof, outcome.counterexample, center, outcome.work, is_hopeless=True)
         else:
