@@ -15,6 +15,7 @@ import numpy as np
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
+from mbdlft.exact.rounding import EPS, channel_scales
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
@@ -41,6 +42,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
+_MOST_BY_ZEROS = 2.0  # times the error before numbers that are rounding are left out
 _MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
 _TRIED, _MOST_TRIED = 2, 64  # steps before exchanges; channels, of which one takes half a second
 _OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
@@ -118,7 +120,7 @@ def _searched(
         for smaller in _results(remade, reduced[0], result):
             if smaller.order >= lft.order:
                 break
-            smaller = _in_units(problem, smaller)
+            smaller = _without_rounding(_in_units(problem, smaller), check)
             known = regularity(smaller, prove)
             lost = _what_is_lost(smaller, known, lft, check, trim)
             if not lost:
@@ -303,6 +305,24 @@ def _results(remade: _Remade, start: Candidate, result: Smallest) -> Iterator[LF
         candidate = remade(result.steps[0][1])
         others += [candidate.lft] if candidate else []
     yield from sorted(others, key=attrgetter("order"))
+
+
+def _without_rounding(a: LFT, check: _Check) -> LFT:
+    """An LFT without numbers below the rounding of those in their row and column, if no digit needs them.
+
+    Searches leave such numbers in doubles where channels cancel: entries that are zero are not zero then.
+    """
+    scale, M = channel_scales(a.M11, a.M12, a.M21), np.block([[a.M11, a.M12], [a.M21, 0.0 * a.M22]])
+    n, (outputs, inputs) = a.order, a.shape
+    sizes = np.abs(M) * np.append(scale, np.ones(outputs))[:, None] / np.append(scale, np.ones(inputs))
+    rows, columns = (np.max(sizes, axis=axis, keepdims=True, initial=0.0) for axis in (1, 0))
+    is_rounding = (sizes > 0.0) & (sizes < EPS * np.minimum(rows, columns))
+    if not np.any(is_rounding):
+        return a
+    M[is_rounding] = 0.0
+    without = LFT(M[:n, :n], M[:n, n:], M[n:, :n], a.M22, a.blocks)
+    errors = zip(check.error_of(without), check.error_of(a), strict=True)
+    return without if all(after <= _MOST_BY_ZEROS * before for after, before in errors) else a
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:
