@@ -24,15 +24,15 @@ from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.worker import NoProcessError, settings
-from mbdlft.order import rewriting, search
+from mbdlft.order import search
 from mbdlft.pipeline import stages
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)
 _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
-    "without restrictions": {"restrictions": lambda *_: iter(())},
-    "without affine moves": {"affine_moved": lambda *_: iter(())},
+    "without restrictions and exchanges": {"restrictions": lambda *_: []},
+    "without exchanges": {"with_exchanges": lambda *_: None},
     "without dependent channels": {"independent": lambda form, work: form},
     "without refits": {"refit": lambda forms, *_: min(forms, key=lambda form: form.order)},
 }
@@ -76,7 +76,7 @@ def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
         stack.enter_context(patch.object(stages, "same_everywhere", _nowhere))
-        for module, (name, nothing) in product((search, rewriting), left_out.items()):
+        for module, (name, nothing) in product((search, stages), left_out.items()):
             if hasattr(module, name):
                 stack.enter_context(patch.object(module, name, nothing))
         models = {name: make(work) for name, make in cases()}

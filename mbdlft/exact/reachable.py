@@ -120,15 +120,16 @@ class Space:
 
     def extend(self, candidates: Residues) -> Residues:
         """Add candidates (count, n); those that were independent."""
-        used = np.flatnonzero(np.any(candidates != 0, axis=1))
-        if len(self.pivots) == self.size or not len(used):
+        is_full = len(self.pivots) == self.size
+        used = np.flatnonzero(False if is_full else candidates.any(axis=1))
+        if not len(used):
             self.taken.append([])
             return candidates[:0]
         outside = candidates[used]
         if self.pivots:
             inside = multiplied(outside[:, self.pivots], self.basis, self.prime)
             outside = (outside - inside) % self.prime
-            some = np.any(outside != 0, axis=1)
+            some = outside.any(axis=1)
             used, outside = used[some], outside[some]
         fresh, pivots = row_echelon(outside, self.prime)
         is_all = len(pivots) == len(outside)

@@ -24,9 +24,9 @@ Where b is repeated more than it need be, an exchange the other way round comes 
 the one back gains more. Residues alone tell what exchanges lead to; what gains is made in balls.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from itertools import islice, product
 from typing import Any, Literal, NamedTuple
 
@@ -90,37 +90,39 @@ Impossible = tuple[tuple[Block, ...], Exchange]
 
 
 def path_below(
-    a: ExactLFT,
+    starts: Sequence[ExactLFT],
     least: int,
     bound: int,
     but_not: Collection[Impossible | None] = (),
     *,
     with_zeros: bool = True,
-) -> tuple[Path, int]:
-    """Exchanges one after the other to the smallest order below one that residues find, and that order.
+) -> tuple[int, Path, int]:
+    """Exchanges one after the other to the smallest order below one that residues find.
 
-    They go on from the smallest LFTs first, and end at a bound, or where the last gain is long ago.
+    From which of the starts, the exchanges, and that order. They go on from the smallest LFTs first, and
+    end at a bound, or where the last gain is long ago.
     """
-    path, idle, smallest = Path(), 0, a.order
+    first, path, idle = 0, Path(), 0
     with precision(RESIDUES_ALONE):
-        start = ExactLFT(matrices.of_residues(a.M.residues, a.M.prime), a.blocks)
-        seen, queue = {a.blocks}, [(a.order, 0, Path(), start)]
-        while queue and idle < min(_IDLE * (least - bound), _MOST_IDLE):
-            order, _, before, start = heappop(queue)
-            if before and order > least + _MORE:
-                break
+        queue = [(a.order, k, Path(), a, k) for k, a in enumerate(starts)]
+        seen = {a.blocks for a in starts}
+        heapify(queue)
+        while queue:
+            order, _, before, start, k = heappop(queue)
+            if order > least + _MORE and (before or k):
+                continue
             for exchange, result in exchanges(start, _KINDS[: 2 + with_zeros]):
+                if idle >= min(_IDLE * (least - bound), _MOST_IDLE):
+                    return first, path, least
                 idle += _OF_RESULT if result else 1
                 if result is None or result.blocks in seen or (start.blocks, exchange) in but_not:
                     continue
                 seen.add(result.blocks)
                 after = (*before, exchange)
-                heappush(queue, (result.order, len(seen), after, result))
-                if result.order < smallest:
-                    smallest, idle = result.order, 0
+                heappush(queue, (result.order, len(seen), after, result, k))
                 if result.order < least:
-                    least, path = result.order, after
-    return path, least
+                    first, path, least, idle = k, after, result.order, 0
+    return first, path, least
 
 
 def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
@@ -193,6 +195,7 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     if len(columns) < count:
         return None
     K = krylov(lft, size, columns)
+    assert K is not None
     rows, outputs = independent_rows(K), [*range(size, lft.M.shape[0] - lft.order)]
     K = _in_rows(K, rows)
     n, y = K.order, len(outputs)
@@ -278,10 +281,7 @@ _Place = tuple[int, Sequence[Any]]  # a residue of 1/beta, and values that may b
 
 def _lines(opened: _Opened, longest: int, kind: Kind) -> list[_Line]:
     """Lines of long chains that make directions superfluous, by residues; none if none is of the kind."""
-    anywhere = int(np.random.default_rng(2).integers(1, opened.K.M.prime))
-    length, places = 1, list[_Place]()
-    while length < longest and _is_there(opened, length + 1, anywhere):
-        length += 1
+    length, places = _longest_anywhere(opened, longest), list[_Place]()
     if kind != "any":
         if length < longest:
             places = [(0, [NOTHING])] if _is_there(opened, length + 1, 0) else []
@@ -293,11 +293,25 @@ def _lines(opened: _Opened, longest: int, kind: Kind) -> list[_Line]:
         while length < longest and any(_is_there(opened, length + 1, residue) for residue, _ in places):
             length += 1
     places = [place for place in places for _ in range(opened.K.order)]
+    return _chosen(opened, _and_lines(places, _chains(opened, length)), length)
+
+
+def _and_lines(places: Sequence[_Place], chains: ExactLFT) -> Iterator[_Place]:
+    """Places, then others outside of the range at which chains have no pole."""
+    yield from places
     for beta in _LINES:
-        residue = pow(beta, -1, opened.K.M.prime)
-        if _has_value(_chains(opened, length), residue):
-            places.append((residue, [flint.arb(1) / beta]))
-    return _chosen(opened, places, length)
+        residue = pow(beta, -1, chains.M.prime)
+        if _has_value(chains, residue):
+            yield residue, [flint.arb(1) / beta]
+
+
+@lru_cache(maxsize=1)  # chains of all kinds are asked for one after the other
+def _longest_anywhere(opened: _Opened, longest: int) -> int:
+    """The length of the longest chains that there are at any beta, up to one."""
+    anywhere, length = int(np.random.default_rng(2).integers(1, opened.K.M.prime)), 1
+    while length < longest and _is_there(opened, length + 1, anywhere):
+        length += 1
+    return length
 
 
 @lru_cache(maxsize=64)
@@ -319,7 +333,7 @@ def _outside(opened: _Opened) -> Residues:
     return matrices.null_space(value_at_random(opened.K, 1).T, prime).T
 
 
-def _chosen(opened: _Opened, places: Sequence[_Place], longest: int) -> list[_Line]:
+def _chosen(opened: _Opened, places: Iterable[_Place], longest: int) -> list[_Line]:
     """Lines of the longest chains whose directions are independent beside R."""
     lines, before = list[_Line](), np.zeros((opened.size, 0), dtype=np.int64)
     for residue, values in places:
@@ -329,6 +343,8 @@ def _chosen(opened: _Opened, places: Sequence[_Place], longest: int) -> list[_Li
             if grown is not None:
                 lines, before = [*lines, line], grown
                 break
+        if before.shape[1] == opened.K.order:
+            break
     return lines
 
 

@@ -6,15 +6,17 @@ at delta = 0 give z':
 
     K_rows z' = A_rows K w' + B_rows u,   y = C K w' + D u,   w' = delta z'.
 
-It is what `mbdlft.order.rewriting.restrictions` does in doubles, which find where this makes an LFT
-smaller, but lose digits where the powers of A are many. Independence is decided on residues.
+n-D reduction restricts each delta to a constant subspace; this basis depends on the other deltas, which
+may be repeated more often for it, so columns that depend on them in the simplest way come first.
+Independence is decided on residues.
 """
 
 from collections.abc import Sequence
-from functools import reduce
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
@@ -22,34 +24,60 @@ from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
-from mbdlft.order.rewriting import simplest_first
 
 _POINTS = 2  # at which a constant has its value at zero
 
 
 class Step(NamedTuple):
-    """A block of the relations, or of the closed LFT, or of its transpose, to be restricted."""
+    """A block of the relations, or of the closed LFT, or of its transpose, to be restricted.
+
+    A basis of an affine delta may leave the polynomial ones outside: then it does not depend on them.
+    """
 
     name: str
     is_transposed: bool
     of_relations: bool
+    is_inside: bool = False
 
 
-def restricted_exactly(a: ExactLFT, name: str, *, is_transposed: bool) -> ExactLFT | None:
-    """An LFT of equal value with one block restricted, reduced; None if that is singular at delta = 0."""
-    sizes = dict(a.blocks)
-    opened = _opened(transposed(a) if is_transposed else a, name)
-    size = sizes[name]
-    columns = independent_columns(opened, size, value_at_random(opened, 0))
-    if len(columns) in (0, size):
+def restricted_exactly(
+    a: ExactLFT, name: str, *, is_transposed: bool, is_inside: bool = False, most: float = inf
+) -> ExactLFT | None:
+    """An LFT of equal value with one block restricted, reduced; None if that is singular at delta = 0.
+
+    None, too, where the basis repeats other deltas more than `most` times, and of a delta that is not
+    affine, or without polynomial ones, inside of these.
+    """
+    size = dict(a.blocks)[name]
+    outside = [block for block in a.blocks if is_inside and _stays_outside(a, name, block)]
+    opened = _opened(transposed(a) if is_transposed else a, name, outside)
+    value = value_at_random(opened, 0)
+    columns = independent_columns(opened, size, value)
+    if len(columns) in (0, size) or (is_inside and (value[:size, :size].any() or not outside)):
         return None
-    K = krylov(opened, size, columns)
-    rows = independent_rows(K)
-    if len(rows) < len(columns):
+    K = krylov(opened, size, columns, most)
+    rows = independent_rows(K) if K else []
+    if K is None or len(rows) < len(columns):
         return None
-    closed = _closed(_settled(_in_basis(opened, size, K, rows)), Block(name, len(columns)))
+    M = _settled(_in_basis(opened, size, K, rows))
+    closed = ExactLFT(M.M, (*M.blocks, Block(name, len(columns)), *outside))
     ordered = in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
+
+
+def by_step(a: ExactLFT, step: Step, most: float = inf) -> ExactLFT | None:
+    """An LFT with the block of a step restricted."""
+    side, is_inside = step.is_transposed, step.is_inside
+    return restricted_exactly(a, step.name, is_transposed=side, is_inside=is_inside, most=most)
+
+
+def _stays_outside(a: ExactLFT, name: str, block: Block) -> bool:
+    """Whether another delta is polynomial, but not affine, as no path leads from a channel back to it."""
+    span = a.parts[[other.name for other in a.blocks].index(block.name)]
+    paths = reach = (a.M.residues[span, span] != 0).astype(int)
+    for _ in range(block.size):
+        paths = np.minimum(paths @ reach, 1)
+    return block.name != name and block.size > 0 and bool(reach.any()) and not paths.any()
 
 
 def with_affine_restricted(a: ExactLFT) -> ExactLFT:
@@ -65,20 +93,14 @@ def with_affine_restricted(a: ExactLFT) -> ExactLFT:
     return a
 
 
-def _opened(a: ExactLFT, name: str) -> ExactLFT:
-    """The LFT in the other deltas, (w, u) -> (z, y)."""
-    ((k, span),) = [
-        (k, p) for k, (b, p) in enumerate(zip(a.blocks, a.parts, strict=True)) if b.name == name
-    ]
-    n, inside = a.order, [*range(span.start, span.stop)]
-    others = [i for i in range(n) if i not in set(inside)]
-    rows, columns = ([*others, *inside, *range(n, count)] for count in a.M.shape)
-    return ExactLFT(a.M[rows][:, columns], a.blocks[:k] + a.blocks[k + 1 :])
-
-
-def _closed(a: ExactLFT, block: Block) -> ExactLFT:
-    """The inverse of `_opened`: the first inputs and outputs become the last block."""
-    return ExactLFT(a.M, (*a.blocks, block))
+def _opened(a: ExactLFT, name: str, outside: Sequence[Block]) -> ExactLFT:
+    """The LFT in the other deltas, (w, u) -> (z, y); u and y begin with the channels of those outside."""
+    spans = {block.name: range(a.order)[span] for block, span in zip(a.blocks, a.parts, strict=True)}
+    signals = [name, *(block.name for block in outside)]
+    others = [block for block in a.blocks if block.name not in signals]
+    channels = [k for some in (*(block.name for block in others), *signals) for k in spans[some]]
+    rows, columns = ([*channels, *range(a.order, count)] for count in a.M.shape)
+    return ExactLFT(a.M[rows][:, columns], tuple(others))
 
 
 def in_order(a: ExactLFT, names: Sequence[str]) -> ExactLFT:
@@ -144,6 +166,19 @@ def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -
     return chosen
 
 
+def simplest_first(
+    M11: NDArray[np.bool_], inputs: NDArray[np.bool_], outputs: NDArray[np.bool_]
+) -> NDArray[np.intp]:
+    """The inputs (n, .) that feed outputs (., n), by the channels through which they do."""
+    # products of booleans are those of loops; of doubles, whose sums are exact, those of BLAS
+    near = np.where(M11, 1.0, np.eye(len(M11)))
+    for _ in range(len(M11).bit_length()):
+        near = np.sign(near @ near)
+    after = near @ inputs > 0.0
+    before = outputs.any(axis=0) @ near > 0.0
+    return np.argsort(np.sum(after & before[:, None], axis=0), kind="stable")
+
+
 def independent_rows(K: ExactLFT) -> list[int]:
     """Rows that are independent at nominal, as far from dependent as doubles tell."""
     return independent(K.M[K.order :, K.order :].T)[0]
@@ -166,19 +201,22 @@ def value_at(a: ExactLFT, at: matrices.Residues) -> matrices.Residues:
     )
 
 
-def krylov(a: ExactLFT, size: int, columns: Sequence[tuple[int, int]]) -> ExactLFT:
-    """The columns A^power B_input in some order, as an LFT (size, number of columns)."""
-    highest = max(power for _, power in columns)
-    inside = range(size)
+def krylov(
+    a: ExactLFT, size: int, columns: Sequence[tuple[int, int]], most: float = inf
+) -> ExactLFT | None:
+    """The columns A^power B_input in some order, as an LFT (size, number of columns).
 
-    def step(K: ExactLFT | None, power: int) -> ExactLFT:
+    None if it has more than `most` channels.
+    """
+    K, inside = None, range(size)
+    for power in range(max(power for _, power in columns), -1, -1):
         inputs = [size + c for c, other in columns if other == power]
         if K is None:
-            return reduce_exactly(selected(a, inside, inputs))
-        return reduce_exactly(after(selected(a, inside, [*inside, *inputs]), K))
-
-    K = reduce(step, range(highest, -1, -1), None)
-    assert K is not None
+            K = reduce_exactly(selected(a, inside, inputs))
+        else:
+            K = reduce_exactly(after(selected(a, inside, [*inside, *inputs]), K))
+        if K.order > most:
+            return None
     return K
 
 

@@ -1,16 +1,14 @@
 """The search for a smaller LFT of the same value, and for a better lower bound on its order.
 
-n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and three steps use
-it: affine deltas are moved to one side of the others (`mbdlft.order.rewriting`), channels with dependent
-functions are left out (`mbdlft.order.circles`), and repetitions of one delta are left out by Newton's
-method on the values (`mbdlft.order.refit`).
+n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and two steps use
+it: channels with dependent functions are left out (`mbdlft.order.circles`), and repetitions of one delta
+are left out by Newton's method on the values (`mbdlft.order.refit`).
 Pairs and triples of deltas (`mbdlft.order.joint_bound`) show how small the order can be: then the search
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import cached_property, partial
 from itertools import combinations
 from operator import attrgetter
@@ -23,26 +21,21 @@ from mbdlft.base import running
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
-from mbdlft.lft.lft import LFT, Block, with_blocks
+from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
 from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.joint_bound import JointBound
-from mbdlft.order.reduction import ExactLFT
-from mbdlft.order.refit import CLOSE, above_bound, refit
-from mbdlft.order.restriction import Step
-from mbdlft.order.rewriting import Restricted, affine_moved, restrictions
+from mbdlft.order.refit import above_bound, refit
 from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
 _IN_VAIN = 0.08  # of the work without a gain ends a search: O8 would miss its bound with 0.07
-_OF_PAIRS, _OF_TRIPLES = 0.6, 2.0  # units for a first look at all pairs; steps for one at triples, too
+OF_PAIRS, _OF_TRIPLES = 0.6, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
 _OF_STEP = 0.25  # of the work: steps that may take more are not begun, which seldom gain anything
-_OF_SWEEPS = 0.3  # units, at most, for restrictions of one block each before the rounds
-_BESIDE, _DEAR = 1.1, 1.5  # times the closed order: larger relations are not swept, wait four rounds
-_MORE = 6  # channels more after a first side is restricted, of which the second leaves out 2 to 4
+_BESIDE, _DEAR = 1.1, 1.5  # times the closed order: larger relations wait for a round, for four
 _FAR = 3  # a form this much larger than the smallest is not started from
 _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _POOL = 8  # forms that are kept
@@ -52,7 +45,6 @@ _ROUNDS = 16  # with other random choices each
 _SEED = 1
 _POINTS = 64
 SAME = 1e-11  # relative difference of values, far above rounding and far below a wrong step
-_NEAR = 1e-4  # where only digits are lost
 FITTED = 1e-12  # of the finished values of LFTs that are fitted, so that they are not much worse
 _CONDITION = 1e7  # of I - M11 Delta on the range
 _NEGLIGIBLE = 1e-6  # of the largest entry: a smaller one is compared with that part of it
@@ -74,14 +66,13 @@ _LOST = (WellPosednessError, LinAlgError, AnalysisError)  # of LFTs that doubles
 
 class Smallest(NamedTuple):
     """The smallest LFT, the least order of any, whether seconds ended the search early, why a part of it
-    failed, larger LFTs on the way, the smallest first, and restrictions with the orders they lead to."""
+    failed, and larger LFTs on the way, the smallest first."""
 
     lft: LFT
     order_bound: int
     is_cut_off: bool = False
     dropped: str = ""
     larger: tuple[LFT, ...] = ()
-    steps: tuple[tuple[int, tuple[Step, ...]], ...] = ()
 
 
 def budget_of(search: float, seconds: float | None = None) -> Budget:
@@ -100,21 +91,21 @@ def find_smallest(
     relations: Sequence[LFT] = (),
     close: Callable[[LFT], LFT] | None = None,
     truth: LFT | None = None,
-    exact: ExactLFT | None = None,
+    joint: JointBound | None = None,
 ) -> Smallest:
     """The smallest LFT of the value of some `closed` ones that is found, and the best bound on its order.
 
     All have the same blocks but for their sizes; `bound` are lower bounds of these by name. In the
     `relations` that the model was closed from, masses and lengths are polynomial, and closing can hide
     that parameters cancel; `close` makes the reduced model of LFTs like them. The model before it was
-    reduced, `truth`, shows what is left of terms that cancel. With the `exact` model there are bounds by
-    pairs and triples. A part that meets an LFT that doubles do not carry leaves what was there before it.
+    reduced, `truth`, shows what is left of terms that cancel. What pairs and triples say is in `joint`. A
+    part that meets an LFT that doubles do not carry leaves what was there before it.
     """
     dropped: list[str] = []
     with running.budget(budget.work):
         smallest = min(closed, key=attrgetter("order"))
         work = Work(budget.work, late_after(budget.seconds), running.tell)
-        proof = _Proof(bound, smallest, exact)
+        proof = _Proof(bound, smallest, joint)
         if smallest.order <= proof.order_bound or work.is_over:
             return Smallest(smallest, proof.order_bound, work.is_cut_off)
         level = _level_of_closed(smallest, truth, proof)
@@ -122,43 +113,29 @@ def find_smallest(
         if relations:
             assert close is not None
             opened = _level_of_relations(_comparable(relations)[0], close, truth, proof)
-            sides.append(_Side(relations, opened, is_opened=True))
+            sides.append(_Side(relations, opened))
         on_the_way = _in_rounds(sides, proof, work, dropped)
         names, why = [block.name for block in smallest.blocks], dropped[0] if dropped else ""
         smaller = [with_blocks(form, names) for form in on_the_way if form.order < smallest.order]
         best, *larger = [*smaller, smallest]
-        by_order = sorted((order, step) for side in sides for step, order in side.steps.items())
-        steps = tuple((order, step) for order, step in by_order if order < smallest.order)
-        return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger), steps)
+        return Smallest(best, proof.order_bound, work.is_cut_off, why, tuple(larger))
 
 
 class _Side:
     """Forms of the closed LFT or of the relations, the smallest first, and their checks."""
 
-    def __init__(self, forms: Sequence[LFT], level: "_Level", *, is_opened: bool = False) -> None:
-        self.is_opened = is_opened
+    def __init__(self, forms: Sequence[LFT], level: "_Level") -> None:
         self.forms, self.level, self.is_new = list(forms), level, True
-        self.steps: dict[tuple[Step, ...], int] = {}  # that may lack digits, with what they lead to
-        self.start = _without_empty(self.forms[0])
 
     def begin(self, work: Work, dropped: list[str]) -> None:
-        """Forms with affine deltas moved, without dependent channels."""
+        """Forms without dependent channels."""
         self.is_new, self.forms = False, _comparable(self.forms)
         with _keeping(dropped):
-            for form in _other_forms(self.forms, work):
-                is_smaller = form.order < self.forms[0].order
-                if is_smaller and self.level.keeps(work, self.level.exact, form):
-                    self.forms.insert(0, form)
-
-    def sweep(self, proof: "_Proof", work: Work, dropped: list[str]) -> bool:
-        """Forms with blocks restricted; whether one of them is the smallest."""
-        least = self.forms[0].order
-        with _keeping(dropped):
-            swept = _swept(self, proof, work.limited(_OF_SWEEPS))
-            self.forms = sorted(swept, key=attrgetter("order"))
-            if self.is_opened:  # closed LFTs are seldom smaller then, and take as long
-                _sweep_on_both_sides(self, proof, work.limited(_OF_SWEEPS))
-        return self.forms[0].order < least
+            for form in tuple(self.forms):
+                smaller = form if work.is_over else independent(form, work)
+                is_smaller = smaller.order < self.forms[0].order
+                if is_smaller and self.level.keeps(work, self.level.exact, smaller):
+                    self.forms.insert(0, smaller)
 
     def step(self, proof: "_Proof", work: Work, size: float, seed: int, dropped: list[str]) -> None:
         """A refit of some size."""
@@ -181,18 +158,14 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
     # on ties the relations first: there deltas are polynomial
     tied = [side for side in opened if side.forms[0].order <= closed.forms[0].order]
     in_order = [*tied, closed, *(side for side in opened if side not in tied)]
-    proof.improve(closed.forms[0], work.limited(_OF_PAIRS), triples=False)
-    swept = [side for side in opened if side.forms[0].order <= _BESIDE * closed.forms[0].order]
-    for first in (closed, *swept):
+    proof.improve(closed.forms[0], work.limited(OF_PAIRS), triples=False)
+    near = [side for side in opened if side.forms[0].order <= _BESIDE * closed.forms[0].order]
+    for first in (closed, *near):
         if closed.forms[0].order > proof.order_bound and not work.is_over:
             first.begin(work, dropped)
-    if closed.forms[0].order > proof.order_bound and not work.is_over:
-        gained = [side.sweep(proof, work, dropped) for side in swept]
-        if any(gained) or not tied:  # a second way to the same order may have more digits
-            closed.sweep(proof, work, dropped)
-        for opened_side in swept:
-            with _keeping(dropped):
-                _closed_too(opened_side, closed, proof)
+    for opened_side in near:
+        with _keeping(dropped):
+            _closed_too(opened_side, closed, proof)
     best, last_gain, known = closed.forms[0], work.spent, (0, 0)
     on_the_way = list(closed.forms)
     for attempt in range(_ROUNDS):
@@ -203,7 +176,7 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
             if best.order <= proof.order_bound or work.is_over:
                 return on_the_way
             if side is None:
-                of_proof = work.limited(max(_OF_PAIRS, _OF_TRIPLES * size))
+                of_proof = work.limited(max(OF_PAIRS, _OF_TRIPLES * size))
                 proof.improve(best, of_proof, triples=attempt > 2)
             elif side is closed or attempt > 3 or side.forms[0].order <= _DEAR * best.order:
                 side.step(proof, work, size, _SEED + attempt, dropped)
@@ -243,10 +216,10 @@ def _keeping(dropped: list[str]) -> Iterator[None]:
 class _Proof:
     """The best lower bound on the order: degrees, and then pairs and triples of deltas."""
 
-    def __init__(self, bound: Mapping[str, int], source: LFT, exact: ExactLFT | None) -> None:
-        self.bound, self.order_bound = bound, sum(bound.values())
+    def __init__(self, bound: Mapping[str, int], source: LFT, joint: JointBound | None) -> None:
+        self.bound, self.order_bound = bound, joint.known if joint else sum(bound.values())
         self._source = dict(source.blocks)
-        self._joint = JointBound(exact, bound) if exact else None
+        self._joint = joint
         self._work_of_looks = Work(_OF_LOOKS)
 
     def allows(self, candidate: LFT, *, is_fitted: bool = True) -> bool:
@@ -426,73 +399,3 @@ def _comparable(forms: Sequence[LFT]) -> list[LFT]:
 
 def _without_empty(a: LFT) -> LFT:
     return LFT(a.M11, a.M12, a.M21, a.M22, tuple(block for block in a.blocks if block.size))
-
-
-def _swept(side: _Side, proof: _Proof, work: Work) -> list[LFT]:
-    """LFTs by restrictions of one block after the other, those above their bound first."""
-    start, level = side.start, side.level
-    pool, done = {form.blocks: form for form in (*side.forms, start)}, set[tuple[Block, ...]]()
-    while not work.is_over:
-        least = min(form.order for form in pool.values())
-        smallest = (form for form in pool.values() if form.order == least)
-        form = next((form for form in (start, *smallest) if form.blocks not in done), None)
-        if form is None or least <= proof.order_bound:
-            break
-        done.add(form.blocks)
-        more = above_bound(form, proof.bound)
-        above = sorted(more, key=lambda name: -more[name])
-        others = [name for name, size in form.blocks if size and name not in more]
-        for names in (above, others):
-            plain = Restricted(independent(form, work))
-            for made in itertools.chain([plain], restrictions(form, names, work)):
-                candidate = made.lft
-                if candidate.order > least or candidate.blocks in pool:
-                    continue
-                is_kept = level.keeps(work, level.exact, candidate)
-                if form is start and made.name and (is_kept or _is_near(candidate, level.exact[0].truth)):
-                    side.steps[(Step(*made[1:], side.is_opened),)] = candidate.order
-                if is_kept:
-                    pool[candidate.blocks] = candidate
-                    if candidate.order <= proof.order_bound:
-                        break
-            if min(form.order for form in pool.values()) < least:
-                break
-    return list(pool.values())
-
-
-def _sweep_on_both_sides(side: _Side, proof: _Proof, work: Work) -> None:
-    """Steps that restrict the block furthest above its bound on one side, then on the other.
-
-    Few lead to the smallest LFT. But with the other deltas at 0 the block is a minimal realization then,
-    which is unique but for coordinates: refits of the others exclude nothing.
-    """
-    least, more = side.forms[0].order, above_bound(side.start, proof.bound)
-    names = sorted(more, key=lambda name: -more[name])[:1]
-    for once in restrictions(side.start, names, work):
-        is_least = dict(once.lft.blocks)[once.name] == proof.bound[once.name]
-        if is_least or once.lft.order > least + _MORE or least <= proof.order_bound:
-            continue
-        for twice in restrictions(once.lft, names, work, is_transposed=not once.is_transposed):
-            sizes = dict(twice.lft.blocks)
-            known = (all(sizes[b.name] >= b.size for b in form.blocks) for form in side.forms)
-            is_larger = twice.lft.order > least + CLOSE or any(known)
-            if not is_larger and _is_near(twice.lft, side.level.exact[0].truth):
-                steps = tuple(Step(*made[1:], side.is_opened) for made in (once, twice))
-                side.steps[steps] = twice.lft.order
-
-
-def _is_near(candidate: LFT, truth: Truth) -> bool:
-    """Whether values are the same but for digits."""
-    fields, *values = truth.values
-    points = np.array([fields[name] for name, _ in candidate.blocks]).T
-    with suppress(WellPosednessError):
-        return _missed(candidate, points, *values) <= _NEAR
-    return False
-
-
-def _other_forms(forms: Sequence[LFT], work: Work) -> Iterator[LFT]:
-    """Forms without dependent channels, and the first with its affine deltas moved."""
-    for form in forms:
-        if not work.is_over:
-            yield independent(form, work)
-    yield from affine_moved(forms[0], work)

@@ -26,7 +26,6 @@ from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.exchange import ENOUGH_BITS, Impossible, Path, exchanged, path_below
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -37,7 +36,7 @@ from mbdlft.order.reduction import (
     reduce_exactly,
     transposed,
 )
-from mbdlft.order.restriction import Step, restricted_exactly, with_affine_restricted
+from mbdlft.order.restriction import Step, by_step, with_affine_restricted
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_random
 from mbdlft.pipeline.extract import Extraction, SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
@@ -50,7 +49,6 @@ _MOST_PARAMETERS = 1000  # that a model depends on: some 10 s, with their cube
 _MANY = 300  # channels: reduced before and after they are closed, they lose more bits than `BITS`
 _MOST_CONDITION = 1e3  # of I - M11 Delta, up to which three digits are lost and zeros are kept
 _SEVERAL = 4  # points, at which an entry that is not zero has a value
-_MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
 _TAKES_PART = 0.1  # in a direction that nothing determines
 
 
@@ -71,7 +69,7 @@ def candidates(problem: Problem, forms: Sequence[Form]) -> list[Candidate]:
     """A candidate of each form, the smallest first; none of a transposed one that would be sparse."""
     with without_collection():
         reduced = [
-            in_enough_bits(partial(_candidate, problem, form), problem.nouns.owner) for form in forms
+            in_enough_bits(partial(candidate_of, problem, form), problem.nouns.owner) for form in forms
         ]
     return sorted(filter(None, reduced), key=lambda candidate: candidate.lft.order)
 
@@ -178,43 +176,11 @@ def restricted(
 
     The relations of a `known` candidate of the form are not extracted again.
     """
-    return _if_possible(problem, partial(_candidate, problem, form, steps, known=known))
+    return if_possible(problem, partial(candidate_of, problem, form, steps, known=known))
 
 
-def with_exchanges(
-    problem: Problem, candidate: Candidate, steps: Sequence[Step], least: int, bound: int
-) -> Candidate | None:
-    """A candidate of some steps with exchanges; None if these do not lead below an order."""
-    if not isinstance(candidate.exact, ExactLFT):
-        return None
-    impossible = set[Impossible | None]()
-
-    def make(path: Path) -> Candidate | None:
-        known: Candidate | None = candidate
-        if not (candidate.exactly and candidate.exactly[0] == flint.ctx.prec):
-            ask_for_bits(ENOUGH_BITS)
-            known = _candidate(problem, candidate.form, steps)
-        if known is None or not isinstance(known.exact, ExactLFT):
-            return None
-        exact, failed = exchanged(known.exact, path)
-        impossible.add(failed)
-        if exact.order >= least:
-            return None
-        lft = in_good_coordinates(exact, _some_deltas(problem, exact), 0.0)
-        return replace(known, exact=exact, lft=lft)
-
-    best = None
-    for k in range(_MOST_PATHS, 0, -1):
-        path, wanted = path_below(candidate.exact, least, bound, impossible, with_zeros=k > 1)
-        found = _if_possible(problem, partial(make, path)) if path else None
-        if found:
-            best, least = found, found.lft.order
-        if not path or least == wanted:
-            break
-    return best
-
-
-def _if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Candidate | None:
+def if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Candidate | None:
+    """A candidate in as many bits as it needs; None if it needs too many, or is singular."""
     try:
         with without_collection():
             return in_enough_bits(make, problem.nouns.owner)
@@ -225,13 +191,14 @@ def _if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Cand
 def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> ExactLFT:
     for step in steps:
         if step.of_relations is of_relations:
-            a = restricted_exactly(a, step.name, is_transposed=step.is_transposed) or a
+            a = by_step(a, step) or a
     return a
 
 
-def _candidate(
+def candidate_of(
     problem: Problem, form: Form, steps: Sequence[Step] = (), *, known: Candidate | None = None
 ) -> Candidate | None:
+    """A candidate of a form with blocks restricted by steps, in the bits of now; None if it is sparse."""
     if known and known.exactly and known.exactly[0] == flint.ctx.prec:
         relations, channels = known.exactly[1], known.channels
     else:
@@ -244,12 +211,10 @@ def _candidate(
     relations = _restricted(relations, steps, of_relations=n > 0)
     if not n:
         lft = in_scales(relations.rounded())
-        best = in_good_coordinates(relations, _some_deltas(problem, relations), _MOST_CONDITION)
+        best = in_good_coordinates(relations, some_deltas(problem, relations), _MOST_CONDITION)
         return Candidate(form, channels, exactly, lft, lft, relations, best)
-    # the equations come first; there are as many as unknowns
-    outputs = range(n, relations.M.shape[0] - relations.order)
     try:
-        closed = eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
+        closed = closed_exactly(form, relations)
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     exact = _restricted(reduce_exactly(closed), steps, of_relations=False)
@@ -261,8 +226,15 @@ def _candidate(
         in_scales(relations.rounded()),
         in_scales(closed.rounded()),
         exact,
-        in_good_coordinates(exact, _some_deltas(problem, exact), most),
+        in_good_coordinates(exact, some_deltas(problem, exact), most),
     )
+
+
+def closed_exactly(form: Form, relations: ExactLFT) -> ExactLFT:
+    """Relations solved for unknown signals, not reduced; a ZeroDivisionError if they are singular."""
+    n = form.relations.unknown.numel()  # the equations come first; there are as many as unknowns
+    outputs = range(n, relations.M.shape[0] - relations.order)
+    return eliminated(relations, n, [*range(form.relations.derivatives), *outputs])
 
 
 def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
@@ -281,7 +253,7 @@ def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
     return relations if form.relations.lifted is None else with_affine_restricted(relations)
 
 
-def _some_deltas(problem: Problem, a: ExactLFT) -> Array:
+def some_deltas(problem: Problem, a: ExactLFT) -> Array:
     """Deltas (N, number of blocks) of a few of the points of the check."""
     names = [parameter.name for parameter in problem.parameters]
     points = problem.points[sorted({0, len(problem.points) // 2, len(problem.points) - 1})]

@@ -3,26 +3,27 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from importlib.metadata import version
 from operator import attrgetter
 
 import numpy as np
 
+from mbdlft.base import running
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
-from mbdlft.exact.rounding import EPS, channel_scales
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
+from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT, residues_alone
-from mbdlft.order.refit import CLOSE
-from mbdlft.order.restriction import Step
-from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, Budget, Smallest, find_smallest
+from mbdlft.order.refit import above_bound
+from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, OF_PAIRS, Budget, Smallest, find_smallest
+from mbdlft.order.work import Work
 from mbdlft.pipeline import certification
 from mbdlft.pipeline.forms import (
     Candidate,
@@ -33,8 +34,8 @@ from mbdlft.pipeline.forms import (
     near_relations,
     reduced_relations,
     restricted,
-    with_exchanges,
 )
+from mbdlft.pipeline.smaller import restrictions, with_exchanges, with_restrictions
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -42,14 +43,10 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
-_MOST_BY_ZEROS = 2.0  # times the error before numbers that are rounding are left out
-_MOST_STEPS, _MOST_RESTRICTED = 4, 150  # in exact numbers; channels, of which a step takes seconds
-_TRIED, _MOST_TRIED = 2, 64  # steps before exchanges; channels, of which one takes half a second
-_OF_FITS = 3.0  # times the work where one block is at its degree: a fit of the others takes a few starts
+_MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
+_OF_RESTRICTIONS = 0.5  # units of work
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
-
-_Remade = Callable[..., Candidate | None]  # the first candidate again, with steps
 
 
 def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = PROVE) -> LFTModel:
@@ -113,14 +110,13 @@ def _searched(
 ) -> tuple[LFT, Regularity | None, int]:
     """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
     lft, of_search = _in_units(problem, reduced[0].lft), None
-    remade = cache(partial(restricted, problem, reduced[0].form, known=reduced[0]))
     with stage("search"):
-        result = _smallest(problem, remade, reduced, degrees, budget, stage)
+        result = _smallest(problem, reduced, degrees, budget, stage)
         dropped = result.dropped
-        for smaller in _results(remade, reduced[0], result):
+        for smaller in (result.lft, *sorted(result.larger, key=attrgetter("order"))):
             if smaller.order >= lft.order:
                 break
-            smaller = _without_rounding(_in_units(problem, smaller), check)
+            smaller = _in_units(problem, smaller)
             known = regularity(smaller, prove)
             lost = _what_is_lost(smaller, known, lft, check, trim)
             if not lost:
@@ -197,26 +193,27 @@ def _search(
     bound: Mapping[str, int],
     budget: Budget,
     stage: Stage,
+    joint: JointBound | None,
+    truth: LFT | None,
     *,
-    truth: LFT | None = None,
     is_closed: bool = False,
 ) -> Smallest:
     """The search, from LFTs that are the same on every machine, in a process whose arithmetic is.
 
-    Results are compared with the LFT before its reduction. If it `is_closed`, the relations are left out,
-    and results are compared with `truth`, which has more digits.
+    Results are compared with `truth`, the LFT before its reduction. If it `is_closed`, the relations are
+    left out.
     """
     best = reduced[0]
     closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
     close = None
     if best.form.relations.unknown.numel() and not is_closed:
         # a form that is written with other unknowns is closed in another way
+        closed = [candidate.lft for candidate in reduced if candidate.form is best.form]
         relations = [candidate.relations for candidate in reduced]
-        closed, forms = closed[:1], [form for form in relations if form.shape == best.relations.shape]
-        close, truth = closing(best.form), best.closed
-    exact = residues_alone(best.exact) if isinstance(best.exact, ExactLFT) else None
+        forms = [form for form in relations if form.shape == best.relations.shape]
+        close = closing(best.form)
     target = "mbdlft.order.search:find_smallest"
-    arguments = (closed, dict(bound), budget, forms, close, truth, exact)
+    arguments = (closed, dict(bound), budget, forms, close, truth, joint)
     try:
         smallest: Smallest = same_everywhere(target, *arguments)
     except NoProcessError:
@@ -225,104 +222,44 @@ def _search(
     return smallest
 
 
-def _searched_exactly(
-    remade: _Remade,
-    start: Candidate,
-    result: Smallest,
-    degrees: Mapping[str, int],
-    budget: Budget,
-    stage: Stage,
-) -> Smallest:
-    """The result of searches that go on from what their steps lead to in exact numbers."""
-    steps: list[Step] = []
-    while len(steps) < _MOST_STEPS and start.lft.order <= _MOST_RESTRICTED:
-        least = result.lft.order
-        chosen = next((more for order, more in result.steps if order < least + _above(more)), ())
-        if not chosen or least <= result.order_bound:
-            break
-        steps += chosen
-        candidate = remade(tuple(steps))
-        if candidate is None or candidate.lft.order >= least + _above(chosen):
-            break
-        is_closed = _above(chosen) > 0
-        of_more = budget._replace(work=(_OF_FITS if is_closed else 1.0) * budget.work)
-        more = _search([candidate], degrees, of_more, stage, truth=start.closed, is_closed=is_closed)
-        after = _gone_on(result, candidate, more)
-        if after.lft.order >= least:
-            return result._replace(order_bound=after.order_bound)
-        result = after
-    return result
-
-
-def _gone_on(result: Smallest, candidate: Candidate, more: Smallest) -> Smallest:
-    """What a search has found from a candidate, before the result of the one that it goes on from."""
-    return more._replace(
-        order_bound=max(result.order_bound, more.order_bound),
-        larger=(*more.larger, candidate.lft, result.lft, *result.larger),
-        dropped=more.dropped or result.dropped,
-    )
-
-
 def _smallest(
     problem: Problem,
-    remade: _Remade,
     reduced: Sequence[Candidate],
     degrees: Mapping[str, int],
     budget: Budget,
     stage: Stage,
 ) -> Smallest:
-    """The result of searches, of steps in exact numbers, and of exchanges."""
-    start, result = reduced[0], _search(reduced, degrees, budget, stage)
-    if budget.seconds is not None:
-        return result
-    some = result.steps[:_TRIED] if start.lft.order <= _MOST_TRIED else ()
-    result = _searched_exactly(remade, start, result, degrees, budget, stage)
-    least = result.lft.order
-    if least <= result.order_bound or start.lft.order > _MOST_RESTRICTED:
-        return result
-    plain = [(start, ()), *((known, steps) for _, steps in some if (known := remade(steps)))]
-    best = start
-    for known, steps in plain:
-        smaller = with_exchanges(problem, known, steps, least, result.order_bound) or known
-        if smaller.lft.order < least:
-            best, least = smaller, smaller.lft.order
-    if least == result.lft.order:
-        return result
-    more = _search([best], degrees, budget, stage, truth=start.closed, is_closed=True)
-    return _gone_on(result, best, more)._replace(steps=result.steps)
-
-
-def _above(steps: Sequence[Step]) -> int:
-    """From how far above the smallest LFT a search goes on: refits from a block that is at its degree."""
-    return CLOSE if len(steps) > 1 else 0
-
-
-def _results(remade: _Remade, start: Candidate, result: Smallest) -> Iterator[LFT]:
-    """The LFT of a search; if that is not used, its first step in exact numbers, and larger ones."""
-    yield result.lft
-    others = [*result.larger]
-    if result.steps and start.lft.order <= _MOST_RESTRICTED:
-        candidate = remade(result.steps[0][1])
-        others += [candidate.lft] if candidate else []
-    yield from sorted(others, key=attrgetter("order"))
-
-
-def _without_rounding(a: LFT, check: _Check) -> LFT:
-    """An LFT without numbers below the rounding of those in their row and column, if no digit needs them.
-
-    Searches leave such numbers in doubles where channels cancel: entries that are zero are not zero then.
-    """
-    scale, M = channel_scales(a.M11, a.M12, a.M21), np.block([[a.M11, a.M12], [a.M21, 0.0 * a.M22]])
-    n, (outputs, inputs) = a.order, a.shape
-    sizes = np.abs(M) * np.append(scale, np.ones(outputs))[:, None] / np.append(scale, np.ones(inputs))
-    rows, columns = (np.max(sizes, axis=axis, keepdims=True, initial=0.0) for axis in (1, 0))
-    is_rounding = (sizes > 0.0) & (sizes < EPS * np.minimum(rows, columns))
-    if not np.any(is_rounding):
-        return a
-    M[is_rounding] = 0.0
-    without = LFT(M[:n, :n], M[:n, n:], M[n:, :n], a.M22, a.blocks)
-    errors = zip(check.error_of(without), check.error_of(a), strict=True)
-    return without if all(after <= _MOST_BY_ZEROS * before for after, before in errors) else a
+    """The result of a search from blocks restricted, then from repetitions exchanged."""
+    start, exact = reduced[0], reduced[0].exact
+    truth = start.closed if start.form.relations.unknown.numel() else None
+    joint = JointBound(residues_alone(exact), degrees) if isinstance(exact, ExactLFT) else None
+    if joint is None or budget.seconds is not None or start.lft.order > _MOST_RESTRICTED:
+        return _search(reduced, degrees, budget, stage, joint, truth)
+    with running.budget(budget.work):
+        work, above = Work(budget.work, tell=running.tell), above_bound(start.lft, degrees)
+        order_bound = joint.of_all(work.limited(OF_PAIRS), triples=False, above=above)
+        if start.lft.order <= order_bound:
+            return Smallest(start.lft, order_bound)
+        starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
+        some = [*with_restrictions(problem, start, starts), *reduced]
+        some.sort(key=lambda small: small.lft.order)
+        if some[0].lft.order <= order_bound:
+            return Smallest(some[0].lft, order_bound, larger=(start.lft,))
+        left = budget._replace(work=work.left)
+        with running.after(work.spent):
+            result = _search(some, degrees, left, stage, joint, truth)
+        least = result.lft.order
+        if not starts or least <= result.order_bound:
+            return result
+        best = with_exchanges(problem, start, starts, least, result.order_bound)
+        if best is None:
+            return result
+        more = _search([best], degrees, left, stage, joint, start.closed, is_closed=True)
+    return more._replace(
+        order_bound=max(result.order_bound, more.order_bound),
+        larger=(*more.larger, best.lft, result.lft, *result.larger),
+        dropped=more.dropped or result.dropped,
+    )
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

@@ -1,7 +1,6 @@
 """Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
 
 from dataclasses import replace
-from typing import Any
 
 import flint
 import numpy as np
@@ -13,14 +12,26 @@ from mbdlft.exact.numbers import BITS, TooFewBitsError, precision
 from mbdlft.lft.lft import Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.exchange import Exchange, _along, _lines, _opened, _zeros, exchanged, path_below
-from mbdlft.order.lower_bound import at_random
+from mbdlft.order.exchange import (
+    Exchange,
+    Impossible,
+    Path,
+    _along,
+    _lines,
+    _opened,
+    _zeros,
+    exchanged,
+    path_below,
+)
+from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
-from mbdlft.order.search import Smallest
-from mbdlft.pipeline import stages
-from mbdlft.pipeline.forms import Candidate, restricted, with_exchanges
+from mbdlft.order.work import Work
+from mbdlft.pipeline import smaller
+from mbdlft.pipeline.forms import Candidate, candidates, restricted
+from mbdlft.pipeline.smaller import Restricted, restrictions, with_exchanges
 from mbdlft.problem.relations import Problem
+from scenarios import two_link_arm
 from tests.close import SCENARIO, target
 from tests.cross.mechanisms import open_tree
 from tests.extracted import FIELD
@@ -52,7 +63,12 @@ def plain_of(seed: int) -> tuple[Problem, Candidate]:
 def made(seed: int) -> tuple[Candidate, Candidate | None]:
     """Without exchanges, and with them."""
     problem, candidate = plain_of(seed)
-    return candidate, with_exchanges(problem, candidate, (), candidate.lft.order, 0)
+    return candidate, with_exchanges(problem, candidate, start(candidate), candidate.lft.order, 0)
+
+
+def start(candidate: Candidate) -> list[Restricted]:
+    """No block of it is restricted."""
+    return restrictions(candidate, dict(candidate.lft.blocks), 0, Work())[:1]
 
 
 def exact(candidate: Candidate) -> ExactLFT:
@@ -93,11 +109,11 @@ def test_relations_are_extracted_once() -> None:
 
 def test_one_exchange_there_leads_to_one_back() -> None:
     """It gains nothing of its own; all ends at the bound."""
-    a = exact(plain_of(79)[1])
+    a = start(plain_of(79)[1])[0].lft
     there = Exchange("m1", "theta2", True, "any", (1, 1, 1, 1))
     back = Exchange("theta2", "m1", True, "infinite", (6, 4))
-    assert path_below(a, a.order, 28) == ((there, back), 28)
-    assert path_below(a, a.order, a.order) == ((), a.order)
+    assert path_below([a], a.order, 28) == (0, (there, back), 28)
+    assert path_below([a], a.order, a.order) == (0, (), a.order)
 
 
 @pytest.mark.parametrize(("seed", "order"), [(4, 27), (7, 41)])
@@ -106,7 +122,7 @@ def test_zeros_of_trees(seed: int, order: int) -> None:
     problem = problem_of_scene(open_tree(seed))
     candidate = restricted(problem, problem.forms[0])
     assert candidate is not None
-    smaller = with_exchanges(problem, candidate, (), candidate.lft.order, order)
+    smaller = with_exchanges(problem, candidate, start(candidate), candidate.lft.order, order)
     assert smaller is not None
     assert smaller.lft.order <= order  # other kernels choose other coordinates
     points = {name: np.linspace(-1.0, 1.0, 5) for name, _ in smaller.lft.blocks}
@@ -115,16 +131,31 @@ def test_zeros_of_trees(seed: int, order: int) -> None:
 
 def test_what_is_not_possible_is_not_tried_again() -> None:
     """A path ends where chains are not there; zeros, which may not be real, can be left out."""
-    a = exact(plain_of(146)[1])
-    (exchange,), order = path_below(a, a.order, 9)
+    candidate = plain_of(146)[1]
+    a, of_residues = exact(candidate), start(candidate)[0].lft
+    _, (exchange,), order = path_below([of_residues], a.order, 9)
     assert (exchange.kind, order) == ("zeros", 9)
-    assert path_below(a, a.order, 9, with_zeros=False) == ((), a.order)
-    assert path_below(a, a.order, 9, {(a.blocks, exchange)}) == ((), a.order)
+    assert path_below([of_residues], a.order, 9, with_zeros=False) == (0, (), a.order)
+    assert path_below([of_residues], a.order, 9, {(a.blocks, exchange)}) == (0, (), a.order)
     longer = exchange._replace(lengths=(3,))
     with precision(BITS):
         assert exchanged(a, (longer, exchange)) == (a, (a.blocks, longer))
         b, failed = exchanged(a, (exchange, longer))
     assert (b.order, failed) == (9, (b.blocks, longer))
+
+
+def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another one is looked for."""
+    problem, candidate = plain_of(79)
+    tried = list[Path]()
+
+    def failing(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible]:
+        tried.append(path)
+        return a, (a.blocks, path[0])
+
+    monkeypatch.setattr(smaller, "exchanged", failing)
+    assert with_exchanges(problem, candidate, start(candidate), candidate.lft.order, 28) is None
+    assert len(set(tried)) == len(tried) > 1
 
 
 def test_values_are_tried_one_after_the_other() -> None:
@@ -161,19 +192,47 @@ def test_models_are_searched_from_exchanges() -> None:
     assert dict(to_lft(random_scene(32), search=1e-6).lft.blocks)["theta3"] == 40
 
 
-def test_steps_are_exchanged(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What the steps of a search lead to is exchanged, too: here the first of them changes nothing."""
+@pytest.mark.parametrize(("seed", "most", "of"), [(93, 1, {True, False}), (203, 2, {True})])
+def test_residues_foretell_restrictions(seed: int, most: int, of: set[bool]) -> None:
+    """Of relations and of the closed LFT; in balls they have the same blocks and the same value."""
+    problem = problem_of_scene(random_scene(seed))
+    (candidate,) = candidates(problem, problem.forms[:1])
+    value = at_random(exact(candidate))[exact(candidate).order :, exact(candidate).order :]
+    known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
+    assert known[0].steps == ()
+    assert max(len(small.steps) for small in known) == most
+    assert {step.of_relations for small in known for step in small.steps} == of
+    for small in known:
+        assert np.array_equal(at_random(small.lft)[small.lft.order :, small.lft.order :], value)
+        in_balls = restricted(problem, candidate.form, small.steps, known=candidate)
+        assert in_balls is not None
+        assert exact(in_balls).blocks == small.lft.blocks
 
-    def search(reduced: list[Candidate], *_: object, **__: object) -> Smallest:
-        return Smallest(reduced[0].lft, 0, steps=((0, ()),))
 
-    calls = []
+@pytest.mark.parametrize(("seed", "order"), [(93, 9), (172, 13)])
+def test_blocks_are_restricted_before_they_are_exchanged(seed: int, order: int) -> None:
+    """A mass or a length on one side, and two of another parameter for one of it."""
+    model = to_lft(random_scene(seed))
+    assert model.order == order
+    assert model.certificate.minimal
 
-    def after_the_first(*of: Any) -> Candidate | None:
-        calls.append(of)
-        return with_exchanges(*of) if len(calls) > 1 else None
 
-    monkeypatch.setattr(stages, "with_exchanges", after_the_first)
-    monkeypatch.setattr(stages, "_search", search)
-    monkeypatch.setattr(stages, "_searched_exactly", lambda _, __, result, *___: result)
-    assert to_lft(random_scene(557)).order == 9
+def test_a_second_block_is_restricted_where_the_first_gains_nothing() -> None:
+    """A length on one side, 36 repetitions for 35, then on the other one: 31, the bound."""
+    problem = problem_of_scene(open_tree(6))
+    (candidate,) = candidates(problem, problem.forms[:1])
+    known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
+    assert min(known, key=lambda small: small.lft.order).steps == (
+        Step("L", is_transposed=False, of_relations=True),
+        Step("L", is_transposed=True, of_relations=True),
+    )
+
+
+def test_a_mass_is_moved_inside_of_lengths() -> None:
+    """Its basis then leaves these outside: 16 repetitions of the arm, the bound, and 17 otherwise."""
+    problem = problem_of_scene(two_link_arm.scene())
+    (candidate,) = candidates(problem, problem.forms[:1])
+    known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
+    inside = [small for small in known if any(step.is_inside for step in small.steps)]
+    assert min(small.lft.order for small in inside) == 16
+    assert min(small.lft.order for small in known if small not in inside) == 17

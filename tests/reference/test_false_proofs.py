@@ -8,6 +8,7 @@ from mbdlft import Constant, Parameter, realize
 from mbdlft.lft.lft import delta
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import search
+from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
@@ -142,7 +143,8 @@ def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
     a, b, c = (delta(name, 1) for name in "abc")
     problem = problem_of_matrix(mbdlft.matrix_problem([["a + b + c"]], THREE))
     (found, *_) = forms.candidates(problem, problem.forms)
-    proof = search._Proof(dict.fromkeys("abc", 1), found.lft, found.exact)
+    once = dict.fromkeys("abc", 1)
+    proof = search._Proof(once, found.lft, JointBound(found.exact, once))
     assert proof.allows(a + b + c)
     assert not proof.allows(a + a + b)
 
@@ -153,5 +155,6 @@ def test_pairs_refuse_what_is_too_small() -> None:
     problem = problem_of_matrix(mbdlft.matrix_problem(matrix_of_pairs(1e-14), parameters))
     (found, *_) = forms.candidates(problem, problem.forms)
     assert found.exact is not None
-    proof = search._Proof(exact_degrees(found.exact), found.lft, found.exact)
+    degrees = exact_degrees(found.exact)
+    proof = search._Proof(degrees, found.lft, JointBound(found.exact, degrees))
     assert not proof.allows(delta("L", 2) + delta("m", 2))

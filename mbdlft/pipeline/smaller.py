@@ -1,0 +1,146 @@
+"""Smaller LFTs of one value, by steps in exact numbers that residues choose.
+
+A block of the relations, or of the closed LFT, is restricted to what it reaches
+(`mbdlft.order.restriction`), which changes how often the other deltas are repeated. From each of these,
+repetitions of one delta are exchanged for fewer of another (`mbdlft.order.exchange`). Residues alone tell
+what steps lead to; what gains is made in balls.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from math import inf
+from typing import NamedTuple
+
+from mbdlft.exact.matrices import of_residues
+from mbdlft.exact.numbers import RESIDUES_ALONE, precision
+from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
+from mbdlft.order.reduction import ExactLFT, in_good_coordinates, reduce_exactly
+from mbdlft.order.restriction import Step, by_step
+from mbdlft.order.work import Work, reduction
+from mbdlft.pipeline.forms import (
+    Candidate,
+    candidate_of,
+    closed_exactly,
+    if_possible,
+    restricted,
+    some_deltas,
+)
+from mbdlft.problem.relations import Form, Problem
+
+_MOST_STEPS = 2  # one after the other
+_MORE = 4  # repetitions than the fewest, from which a second step starts
+_OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
+_OF_RESULT = 15.0  # times the work of a reduction in doubles
+_MOST_MADE = 3  # in balls
+_MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
+
+
+class Restricted(NamedTuple):
+    """The closed LFT with blocks restricted by steps, in residues, and the relations that it is of.
+
+    There are none where the closed LFT is restricted itself.
+    """
+
+    steps: tuple[Step, ...]
+    lft: ExactLFT
+    relations: ExactLFT | None
+
+
+def restrictions(
+    candidate: Candidate, degrees: Mapping[str, int], bound: int, work: Work
+) -> list[Restricted]:
+    """The candidate, then it with blocks above their degrees restricted, until some work is over.
+
+    No more once one meets a bound; nothing if the candidate is sparse.
+    """
+    if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
+        return []
+    with precision(RESIDUES_ALONE):
+        plain = Restricted((), _in_residues(candidate.exact), _in_residues(candidate.exactly[1]))
+        known, some, least = {plain.lft.blocks: plain}, [plain], plain.lft.order
+        names = [name for name, size in plain.lft.blocks if size > degrees[name]]
+        for _ in range(_MOST_STEPS):
+            starts, some = [start for start in some if start.lft.order <= least + _MORE], []
+            for new in (new for start in starts for new in _once(candidate.form, start, names, work)):
+                if known.setdefault(new.lft.blocks, new) is new:
+                    some, least = [*some, new], min(least, new.lft.order)
+                    if least <= bound:
+                        return list(known.values())
+    return list(known.values())
+
+
+def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> Iterator[Restricted]:
+    """One block more restricted: before any others of the closed LFT, and of the relations."""
+    has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
+    if has_unknowns and not start.steps:
+        for name, side in product(names, both):
+            step = Step(name, side, of_relations=False)
+            if closed := _restricted(start.lft, step, work, _OF_BASIS * start.lft.order):
+                yield Restricted((step,), closed, None)
+    for name, side, is_inside in product(names, both, both) if start.relations else ():
+        step = Step(name, side, has_unknowns, is_inside)
+        relations = start.relations and _restricted(start.relations, step, work)
+        closed = _closed(form, relations) if relations and has_unknowns else relations
+        if closed:
+            yield Restricted((*start.steps, step), closed, relations)
+
+
+def _restricted(a: ExactLFT, step: Step, work: Work, most: float = inf) -> ExactLFT | None:
+    if work.is_over or not dict(a.blocks)[step.name]:
+        return None
+    result = by_step(a, step, most)
+    work.add((_OF_RESULT if result else 1.0) * reduction(a.order))
+    return result
+
+
+def _closed(form: Form, relations: ExactLFT) -> ExactLFT | None:
+    """None if the relations are singular at nominal."""
+    try:
+        return reduce_exactly(closed_exactly(form, relations))
+    except ZeroDivisionError:
+        return None
+
+
+def _in_residues(a: ExactLFT) -> ExactLFT:
+    return ExactLFT(of_residues(a.M.residues, a.M.prime), a.blocks)
+
+
+def with_restrictions(
+    problem: Problem, candidate: Candidate, starts: Sequence[Restricted]
+) -> list[Candidate]:
+    """The smallest candidates with blocks restricted: of one that is no larger, a search may go on."""
+    some = [start for start in starts if start.steps and start.lft.order <= candidate.lft.order]
+    some = sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]
+    made = [restricted(problem, candidate.form, start.steps, known=candidate) for start in some]
+    return [small for small in made if small and small.lft.order <= candidate.lft.order]
+
+
+def with_exchanges(
+    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], least: int, bound: int
+) -> Candidate | None:
+    """A candidate with blocks restricted and repetitions exchanged; None if none is below an order."""
+    impossible = set[Impossible | None]()
+
+    def make(steps: Sequence[Step], path: Path) -> Candidate | None:
+        known = candidate_of(problem, candidate.form, steps, known=candidate)
+        if known is None or not isinstance(known.exact, ExactLFT):
+            return None
+        exact, failed = exchanged(known.exact, path)
+        impossible.add(failed)
+        if exact.order >= least:
+            return None
+        lft = in_good_coordinates(exact, some_deltas(problem, exact), 0.0)
+        return replace(known, exact=exact, lft=lft)
+
+    best = None
+    for k in range(_MOST_PATHS, 0, -1):
+        lfts = [start.lft for start in starts]
+        first, path, wanted = path_below(lfts, least, bound, impossible, with_zeros=k > 1)
+        found = if_possible(problem, partial(make, starts[first].steps, path)) if path else None
+        if found:
+            best, least = found, found.lft.order
+        if not path or least == wanted:
+            break
+    return best
