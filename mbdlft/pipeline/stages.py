@@ -16,6 +16,7 @@ from mbdlft.base import running
 from mbdlft.base.errors import AnalysisError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
+from mbdlft.exact.rounding import EPS, channel_scales
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
@@ -43,6 +44,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
+_MOST_BY_ZEROS = 2.0  # times the error before numbers that are rounding are left out
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
 _OF_RESTRICTIONS = 0.5  # units of work
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
@@ -116,7 +118,7 @@ def _searched(
         for smaller in (result.lft, *sorted(result.larger, key=attrgetter("order"))):
             if smaller.order >= lft.order:
                 break
-            smaller = _in_units(problem, smaller)
+            smaller = _without_rounding(_in_units(problem, smaller), check)
             known = regularity(smaller, prove)
             lost = _what_is_lost(smaller, known, lft, check, trim)
             if not lost:
@@ -260,6 +262,24 @@ def _smallest(
         larger=(*more.larger, best.lft, result.lft, *result.larger),
         dropped=more.dropped or result.dropped,
     )
+
+
+def _without_rounding(a: LFT, check: _Check) -> LFT:
+    """An LFT without numbers below the rounding of those in their row and column, if no digit needs them.
+
+    Searches leave such numbers in doubles where channels cancel: entries that are zero are not zero then.
+    """
+    scale, M = channel_scales(a.M11, a.M12, a.M21), np.block([[a.M11, a.M12], [a.M21, 0.0 * a.M22]])
+    n, (outputs, inputs) = a.order, a.shape
+    sizes = np.abs(M) * np.append(scale, np.ones(outputs))[:, None] / np.append(scale, np.ones(inputs))
+    rows, columns = (np.max(sizes, axis=axis, keepdims=True, initial=0.0) for axis in (1, 0))
+    is_rounding = (sizes > 0.0) & (sizes < EPS * np.minimum(rows, columns))
+    if not np.any(is_rounding):
+        return a
+    M[is_rounding] = 0.0
+    without = LFT(M[:n, :n], M[:n, n:], M[n:, :n], a.M22, a.blocks)
+    errors = zip(check.error_of(without), check.error_of(a), strict=True)
+    return without if all(after <= _MOST_BY_ZEROS * before for after, before in errors) else a
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

@@ -3,16 +3,20 @@
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import mbdlft
-from mbdlft import ArchiveError, StructureError
+from mbdlft import ArchiveError, Block, StructureError
+from mbdlft.lft.lft import LFT
+from mbdlft.pipeline import stages
 from tests import kit
 from tests.archive import models
 from tests.archive.plain_digest import edit, made
+from tests.attack.frames import scene_of, structure
 from tests.close import RESPONSE, target
 from tests.laws.test_responses import pushed, sprung
 
@@ -96,3 +100,21 @@ def test_what_is_felt_is_told_from_rounding_beside_stiff_springs() -> None:
             StructureError, match=r"unmoved: .* feels nothing of the rigid motion by push.force"
         ):
             replace(model, certificate=replace(model.certificate, unmoved=((i, 0),)))
+
+
+def test_what_is_zero_is_zero_after_a_search() -> None:
+    """Doubles leave 1e-17 beside 1 where a search ends: three beams, which bend in different planes."""
+    scene = scene_of(structure(880015)).model_copy(update={"spin": None})
+    model = mbdlft.to_lft(scene)
+    assert (model.order, model.certificate.accelerations) == (21, (0,))
+    A = mbdlft.matrices_at(model, {"h": 2.1}).A
+    assert np.count_nonzero(A) == 6, A
+
+
+@pytest.mark.parametrize("needed", [False, True])
+def test_small_numbers_stay_where_a_digit_needs_them(needed: bool) -> None:
+    tiny = np.array([[0.5, 1e-17], [0.5, 0.5]])
+    a = LFT(tiny, np.eye(2), np.eye(2), np.zeros((2, 2)), (Block("k", 2),))
+    check: Any = SimpleNamespace(error_of=lambda b: (1e-15, float(needed and not b.M11[0, 1])))
+    without = stages._without_rounding(a, check)
+    assert np.array_equal(without.M11, a.M11) == needed
