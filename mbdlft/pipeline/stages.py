@@ -3,7 +3,8 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
@@ -13,7 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from mbdlft.base import running
-from mbdlft.base.errors import AnalysisError, WellPosednessError
+from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.exact.rounding import EPS, channel_scales
@@ -21,7 +22,7 @@ from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.joint_bound import JointBound
-from mbdlft.order.reduction import ExactLFT, residues_alone
+from mbdlft.order.reduction import ExactLFT, in_scales, residues_alone
 from mbdlft.order.refit import above_bound
 from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, OF_PAIRS, Budget, Smallest, find_smallest
 from mbdlft.order.work import Work
@@ -46,7 +47,7 @@ _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_BY_ZEROS = 2.0  # times the error before numbers that are rounding are left out
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
-_OF_RESTRICTIONS = 0.5  # units of work
+_OF_RESTRICTIONS = 1.0  # units of work
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
@@ -71,67 +72,78 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     with stage("near relations"):
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
-    lft, of_search = _in_units(problem, reduced[0].lft), None
-    if budget.work > 0.0 and order_bound < lft.order <= _MOST_SEARCHED:
-        lft, of_search, order_bound = _searched(
-            problem, reduced, least, budget, stage, prove, check, trim.lft
+    plain, result = _in_units(problem, reduced[0].lft), None
+    if budget.work > 0.0 and order_bound < plain.order <= _MOST_SEARCHED:
+        with stage("search"):
+            result = _smallest(problem, reduced, least, budget, stage)
+            order_bound = result.order_bound
+        if result.is_cut_off:
+            with stage(CUT_OFF):  # with more time the model may be smaller
+                pass
+
+    def model_of(lft: LFT, of_search: Regularity | None) -> LFTModel:
+        with stage("prove"):
+            loops = tuple(map(reduced_relations, problem.constraints() or ()))
+            boxes = certification.open_boxes(lft, trim.lft, loops, problem, prove, of_search)
+        with stage("check"):
+            checked, raw = check.model(lft, trim.lft), reduced[0].channels
+            evidence = certification.certificate(
+                lft, raw, least, order_bound, problem, checked, SEED, boxes=boxes, near=near
+            )
+            if problem.states:
+                evidence = replace(evidence, **accelerations(problem, written, lft))
+        return LFTModel(
+            name=problem.nouns.name,
+            lft=lft,
+            states=problem.states,
+            inputs=problem.inputs,
+            outputs=problem.outputs,
+            parameters=Parameters(problem.parameters),
+            trim=trim,
+            certificate=evidence,
+            provenance=provenance(problem.text),
+            description=problem.description,
         )
-    with stage("prove"):
-        loops = tuple(map(reduced_relations, problem.constraints() or ()))
-        boxes = certification.open_boxes(lft, trim.lft, loops, problem, prove, of_search)
-    with stage("check"):
-        checked, raw = check.model(lft, trim.lft), reduced[0].channels
-        evidence = certification.certificate(
-            lft, raw, least, order_bound, problem, checked, SEED, boxes=boxes, near=near
-        )
-        if problem.states:
-            evidence = replace(evidence, **accelerations(problem, written, lft))
-    return LFTModel(
-        name=problem.nouns.name,
-        lft=lft,
-        states=problem.states,
-        inputs=problem.inputs,
-        outputs=problem.outputs,
-        parameters=Parameters(problem.parameters),
-        trim=trim,
-        certificate=evidence,
-        provenance=provenance(problem.text),
-        description=problem.description,
-    )
+
+    if result is not None:
+        for smaller, known in _kept(problem, plain, result, prove, check, trim.lft, stage):
+            with suppress(StructureError):  # doubles have lost what is exactly zero: another one has it
+                return model_of(smaller, known)
+    return model_of(plain, None)
 
 
-def _searched(
+def _kept(
     problem: Problem,
-    reduced: list[Candidate],
-    degrees: dict[str, int],
-    budget: Budget,
-    stage: Stage,
+    plain: LFT,
+    result: Smallest,
     prove: float,
     check: "_Check",
     trim: LFT | None,
-) -> tuple[LFT, Regularity | None, int]:
-    """The smallest model that a search finds, what is known of it if it is another one, and a bound."""
-    lft, of_search = _in_units(problem, reduced[0].lft), None
-    with stage("search"):
-        result = _smallest(problem, reduced, degrees, budget, stage)
-        dropped = result.dropped
-        for smaller in (result.lft, *sorted(result.larger, key=attrgetter("order"))):
-            if smaller.order >= lft.order:
-                break
-            smaller = _without_rounding(_in_units(problem, smaller), check)
-            known = regularity(smaller, prove)
-            lost = _what_is_lost(smaller, known, lft, check, trim)
-            if not lost:
-                lft, of_search = smaller, known
-                break
-            dropped = dropped or f"order {smaller.order}: {lost}"
+    stage: Stage,
+) -> Iterator[tuple[LFT, Regularity]]:
+    """The smaller models that a search has found, if they have lost nothing, and what is known of them.
+
+    What is dropped is told with the next one, or at the end.
+    """
+    dropped = result.dropped
+    for smaller in (result.lft, *sorted(result.larger, key=attrgetter("order"))):
+        if smaller.order >= plain.order:
+            break
+        smaller = _without_rounding(_in_units(problem, smaller), check)
+        known = regularity(smaller, prove)
+        lost = _what_is_lost(smaller, known, plain, check, trim)
+        if not lost:
+            _tell_dropped(dropped, stage)
+            yield smaller, known
+            lost = "entries that are zero are not zero in doubles"
+        dropped = dropped or f"order {smaller.order}: {lost}"
+    _tell_dropped(dropped, stage)
+
+
+def _tell_dropped(dropped: str, stage: Stage) -> None:
     if dropped:
         with stage(f"{DROPPED} ({dropped})"):  # what is there before it stands
             pass
-    if result.is_cut_off:
-        with stage(CUT_OFF):  # with more time the model may be smaller
-            pass
-    return lft, of_search, result.order_bound
 
 
 def _with_more_forms(
@@ -243,13 +255,15 @@ def _smallest(
         if start.lft.order <= order_bound:
             return Smallest(start.lft, order_bound)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        some = [*with_restrictions(problem, start, starts), *reduced]
-        some.sort(key=lambda small: small.lft.order)
+        small = with_restrictions(problem, start, starts)
+        some = sorted([*small, *reduced], key=lambda candidate: candidate.lft.order)
+        larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
         if some[0].lft.order <= order_bound:
-            return Smallest(some[0].lft, order_bound, larger=(start.lft,))
+            return Smallest(some[0].lft, order_bound, larger=larger)
         left = budget._replace(work=work.left)
         with running.after(work.spent):
             result = _search(some, degrees, left, stage, joint, truth)
+        result = result._replace(larger=(*result.larger, *larger))
         least = result.lft.order
         if not starts or least <= result.order_bound:
             return result
@@ -259,9 +273,15 @@ def _smallest(
         more = _search([best], degrees, left, stage, joint, start.closed, is_closed=True)
     return more._replace(
         order_bound=max(result.order_bound, more.order_bound),
-        larger=(*more.larger, best.lft, result.lft, *result.larger),
+        larger=(*more.larger, best.lft, _with_zeros(best), result.lft, *result.larger),
         dropped=more.dropped or result.dropped,
     )
+
+
+def _with_zeros(candidate: Candidate) -> LFT:
+    """In coordinates in which entries that are zero are zero, but others may have lost digits."""
+    assert isinstance(candidate.exact, ExactLFT)
+    return in_scales(candidate.exact.rounded())
 
 
 def _without_rounding(a: LFT, check: _Check) -> LFT:

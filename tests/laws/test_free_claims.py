@@ -19,6 +19,7 @@ from tests.archive.plain_digest import edit, made
 from tests.attack.frames import scene_of, structure
 from tests.close import RESPONSE, target
 from tests.laws.test_responses import pushed, sprung
+from tests.strategies import random_scene
 
 FALSE: list[tuple[dict[str, Any], str]] = [
     (
@@ -109,6 +110,12 @@ def test_what_is_zero_is_zero_after_a_search() -> None:
     assert (model.order, model.certificate.accelerations) == (21, (0,))
     A = mbdlft.matrices_at(model, {"h": 2.1}).A
     assert np.count_nonzero(A) == 6, A
+
+
+def test_a_result_whose_doubles_lose_what_is_zero_is_another_one() -> None:
+    """Balanced coordinates leave 1e-22 beside 2e-4: others of the same LFT keep what is zero."""
+    model = mbdlft.to_lft(random_scene(72))
+    assert (model.order, len(model.certificate.accelerations)) == (10, 6)
 
 
 @pytest.mark.parametrize("needed", [False, True])
