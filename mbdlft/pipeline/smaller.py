@@ -72,19 +72,18 @@ def restrictions(
 
 
 def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> Iterator[Restricted]:
-    """One block more restricted: before any others of the closed LFT, and of the relations."""
+    """One block more restricted: of the relations, and, before any others, of the closed LFT."""
     has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
-    if has_unknowns and not start.steps:
-        for name, side in product(names, both):
-            step = Step(name, side, of_relations=False)
-            if closed := _restricted(start.lft, step, work, _OF_BASIS * start.lft.order):
-                yield Restricted((step,), closed, None)
     for name, side, is_inside in product(names, both, both) if start.relations else ():
         step = Step(name, side, has_unknowns, is_inside)
         relations = start.relations and _restricted(start.relations, step, work)
         closed = _closed(form, relations) if relations and has_unknowns else relations
         if closed:
             yield Restricted((*start.steps, step), closed, relations)
+    for name, side in product(names, both) if has_unknowns and not start.steps else ():
+        step = Step(name, side, of_relations=False)
+        if closed := _restricted(start.lft, step, work, _OF_BASIS * start.lft.order):
+            yield Restricted((step,), closed, None)
 
 
 def _restricted(a: ExactLFT, step: Step, work: Work, most: float = inf) -> ExactLFT | None:

@@ -256,7 +256,7 @@ def _smallest(
             return Smallest(start.lft, order_bound)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
         small = with_restrictions(problem, start, starts)
-        some = sorted([*small, *reduced], key=lambda candidate: candidate.lft.order)
+        some = sorted([*reduced, *small], key=lambda candidate: candidate.lft.order)
         larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
         if some[0].lft.order <= order_bound:
             return Smallest(some[0].lft, order_bound, larger=larger)
