@@ -122,9 +122,12 @@ def test_zeros_of_trees(seed: int, order: int) -> None:
     problem = problem_of_scene(open_tree(seed))
     candidate = restricted(problem, problem.forms[0])
     assert candidate is not None
+    _, path, wanted = path_below([start(candidate)[0].lft], candidate.lft.order, order)
+    assert wanted <= order
+    assert any(exchange.kind == "zeros" for exchange in path)
     smaller = with_exchanges(problem, candidate, start(candidate), candidate.lft.order, order)
     assert smaller is not None
-    assert smaller.lft.order <= order  # other kernels choose other coordinates
+    assert smaller.lft.order < candidate.lft.order  # in balls, doubles choose the directions
     points = {name: np.linspace(-1.0, 1.0, 5) for name, _ in smaller.lft.blocks}
     target(evaluate(smaller.lft, points), evaluate(candidate.lft, points), SCENARIO)
 
