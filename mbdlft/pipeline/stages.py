@@ -17,7 +17,6 @@ from mbdlft.base import running
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.samples import SEED
 from mbdlft.base.worker import NoProcessError, same_everywhere
-from mbdlft.exact.rounding import EPS, channel_scales
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
@@ -45,7 +44,6 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
-_MOST_BY_ZEROS = 2.0  # times the error before numbers that are rounding are left out
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
 _OF_RESTRICTIONS = 1.0  # units of work
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
@@ -126,10 +124,10 @@ def _kept(
     What is dropped is told with the next one, or at the end.
     """
     dropped = result.dropped
-    for smaller in (result.lft, *sorted(result.larger, key=attrgetter("order"))):
+    for smaller in dict.fromkeys((result.lft, *sorted(result.larger, key=attrgetter("order")))):
         if smaller.order >= plain.order:
             break
-        smaller = _without_rounding(_in_units(problem, smaller), check)
+        smaller = _in_units(problem, smaller)
         known = regularity(smaller, prove)
         lost = _what_is_lost(smaller, known, plain, check, trim)
         if not lost:
@@ -282,24 +280,6 @@ def _with_zeros(candidate: Candidate) -> LFT:
     """In coordinates in which entries that are zero are zero, but others may have lost digits."""
     assert isinstance(candidate.exact, ExactLFT)
     return in_scales(candidate.exact.rounded())
-
-
-def _without_rounding(a: LFT, check: _Check) -> LFT:
-    """An LFT without numbers below the rounding of those in their row and column, if no digit needs them.
-
-    Searches leave such numbers in doubles where channels cancel: entries that are zero are not zero then.
-    """
-    scale, M = channel_scales(a.M11, a.M12, a.M21), np.block([[a.M11, a.M12], [a.M21, 0.0 * a.M22]])
-    n, (outputs, inputs) = a.order, a.shape
-    sizes = np.abs(M) * np.append(scale, np.ones(outputs))[:, None] / np.append(scale, np.ones(inputs))
-    rows, columns = (np.max(sizes, axis=axis, keepdims=True, initial=0.0) for axis in (1, 0))
-    is_rounding = (sizes > 0.0) & (sizes < EPS * np.minimum(rows, columns))
-    if not np.any(is_rounding):
-        return a
-    M[is_rounding] = 0.0
-    without = LFT(M[:n, :n], M[:n, n:], M[n:, :n], a.M22, a.blocks)
-    errors = zip(check.error_of(without), check.error_of(a), strict=True)
-    return without if all(after <= _MOST_BY_ZEROS * before for after, before in errors) else a
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

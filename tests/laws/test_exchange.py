@@ -237,5 +237,8 @@ def test_a_mass_is_moved_inside_of_lengths() -> None:
     (candidate,) = candidates(problem, problem.forms[:1])
     known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
     inside = [small for small in known if any(step.is_inside for step in small.steps)]
+    value = at_random(exact(candidate))[exact(candidate).order :, exact(candidate).order :]
+    for small in inside:
+        assert np.array_equal(at_random(small.lft)[small.lft.order :, small.lft.order :], value)
     assert min(small.lft.order for small in inside) == 16
     assert min(small.lft.order for small in known if small not in inside) == 17
