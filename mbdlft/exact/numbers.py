@@ -90,6 +90,8 @@ NOTHING = flint.arb(0)
 class TooFewBitsError(AnalysisError):
     """Balls have become too wide for doubles, or a prime does not tell: more bits, and another prime."""
 
+    bits = 0  # that are enough, where it is known
+
 
 def zero_of(ball: Any) -> Any:
     """Zero, for a ball of a number whose residue is; a TooFewBitsError if zero is not in the ball."""
@@ -169,20 +171,22 @@ def in_enough_bits(make: Callable[[], Made], owner: str) -> Made:
         try:
             with precision(bits):
                 return make()
-        except TooFewBitsError:
+        except TooFewBitsError as error:
             if bits >= MOST_BITS:
                 raise AnalysisError(
                     f"{owner}: numbers that are not zero cannot be told from zero in {bits} bits. Terms "
                     "cancel nearly, such as an axis that is nearly parallel to another one: make equal "
                     "what is meant to be equal."
                 ) from None
-            bits *= 2
+            bits = max(2 * bits, error.bits)
 
 
 def ask_for_bits(bits: int) -> None:
     """A TooFewBitsError if balls have fewer bits."""
     if flint.ctx.prec < bits:
-        raise TooFewBitsError(f"balls of {flint.ctx.prec} bits are not begun with.")
+        error = TooFewBitsError(f"balls of {flint.ctx.prec} bits are not begun with.")
+        error.bits = bits
+        raise error
 
 
 @contextmanager

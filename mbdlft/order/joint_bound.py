@@ -37,10 +37,11 @@ class JointBound:
         proved = []
         for side in (False, True):
             key = (first, second, side)
-            look = work.of_try(work.most)  # what is begun is not begun again
-            if look.left > self._units.get(key, 0.0) and not work.is_over:
+            units = work.most
+            look = work.of_try(units)  # what is begun is not begun again
+            if units > self._units.get(key, 0.0) and not work.is_over:
                 more = more_needed(self.a, first, second, self.degrees, look, is_transposed=side)
-                self._units[key] = look.most if look.is_over else inf
+                self._units[key] = units if look.is_over else inf
                 if more[0]:
                     self._pairs[key] = Pair(first, second, *more, side)
             if key in self._pairs:

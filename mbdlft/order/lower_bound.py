@@ -348,6 +348,8 @@ def _span(
     modes = solved(powers, np.eye(len(nodes), dtype=np.int64), prime)
     if isinstance(samples, int):
         count = samples or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
+        if not H.work.has_room(exact_resolvents(count, H.order)):
+            return None
         samples = _sampled(H, (first, *lengths), count)
     points, directions, seen = samples
     monomials = powers_of(points[second], length, prime)
@@ -444,8 +446,7 @@ def _null_space(equations: Residues, H: _Function, most: int | None = None) -> R
 
 def _observable(A: Residues, C: Residues, prime: int) -> Residues:
     """Rows that span C, C A, C A^2, ..."""
-    (space,) = reachable_bases(np.ascontiguousarray(A.T), np.ascontiguousarray(C.T), [len(A)], prime)
-    return space.basis
+    return reachable_bases(np.ascontiguousarray(A.T), np.ascontiguousarray(C.T), [len(A)], prime)[0].basis
 
 
 def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:

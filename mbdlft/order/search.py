@@ -27,7 +27,7 @@ from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.refit import above_bound, refit
-from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
+from mbdlft.order.work import UNIT, Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
@@ -128,11 +128,12 @@ class _Side:
         self.forms, self.level, self.is_new = list(forms), level, True
 
     def begin(self, work: Work, dropped: list[str]) -> None:
-        """Forms without dependent channels."""
+        """Forms without dependent channels, where work is left for their check, too."""
         self.is_new, self.forms = False, _comparable(self.forms)
         with _keeping(dropped):
             for form in tuple(self.forms):
-                smaller = form if work.is_over else independent(form, work)
+                of_look = work.limited(work.left - self.level.of_check(form))
+                smaller = form if work.is_over else independent(form, of_look)
                 is_smaller = smaller.order < self.forms[0].order
                 if is_smaller and self.level.keeps(work, self.level.exact, smaller):
                     self.forms.insert(0, smaller)
@@ -281,8 +282,8 @@ class Truth:
 def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> bool:
     """Whether each entry is the same up to `largest` of its size, and the loop well-conditioned."""
     fields, values, size = truth.values
-    n, count, inputs = candidate.order, len(values), candidate.shape[1]
-    work.add(2 * solutions(count, n, inputs, is_complex=False))
+    n = candidate.order
+    work.add(_of_values(n, candidate.shape[1]))
     nothing = np.zeros(len(values))
     points = np.array([fields.get(name, nothing) for name, _ in candidate.blocks]).T
     points = points.reshape(len(values), len(candidate.blocks))
@@ -295,8 +296,16 @@ def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> 
             return False
     if not _missed(candidate, points, values, size) <= largest:
         return False
-    work.add(singular_values(n, n, count) / 3.0)
+    work.add(_of_condition(n))
     return bool(np.max(np.linalg.cond(loop), initial=0.0) <= _CONDITION)
+
+
+def _of_values(n: int, inputs: int) -> float:
+    return 2 * solutions(2 * _POINTS, n, inputs, is_complex=False)
+
+
+def _of_condition(n: int) -> float:
+    return singular_values(n, n, 2 * _POINTS) / 3.0
 
 
 def _missed(candidate: LFT, points: Array, values: Array, size: Array) -> float:
@@ -348,6 +357,11 @@ class _Level(NamedTuple):
     close: Callable[[LFT], LFT]
     proof: _Proof
     source: LFT
+
+    def of_check(self, form: LFT) -> float:
+        """Units of work of a check of what algebra makes of a form, at most."""
+        each = _of_values(form.order, form.shape[1]) + _of_condition(form.order)
+        return len(self.exact) * each / UNIT
 
     def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
         """Whether a candidate has the value."""

@@ -53,6 +53,13 @@ class Work:
         self.is_cut_off = self.is_cut_off or self._is_late()
         return self.is_cut_off
 
+    def has_room(self, operations: float) -> bool:
+        """Whether a step of so many operations ends here; where it does not, this is over."""
+        left = min(self.left, self._whole_to_ask.left if self._whole_to_ask else math.inf)
+        if operations > UNIT * left:
+            self.most = self.spent
+        return self.left > 0.0
+
     def of_try(self, least: float) -> "Work":
         """For what goes on beyond this part to its own end: so many units, or all of a larger part."""
         attempt = Work(max(least, self.most))

@@ -7,6 +7,7 @@ smaller order, its certificate says which; the problem is not changed.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
@@ -22,7 +23,15 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
 from mbdlft.exact.matrices import Residues, multiplied, pivot_columns, solved
-from mbdlft.exact.numbers import BITS, LARGEST_ANGLE, Constant, ask_for_bits, in_enough_bits
+from mbdlft.exact.numbers import (
+    BITS,
+    LARGEST_ANGLE,
+    Constant,
+    TooFewBitsError,
+    ask_for_bits,
+    in_enough_bits,
+    precision,
+)
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
@@ -196,9 +205,17 @@ def _restricted(a: ExactLFT, steps: Sequence[Step], *, of_relations: bool) -> Ex
 
 
 def candidate_of(
-    problem: Problem, form: Form, steps: Sequence[Step] = (), *, known: Candidate | None = None
+    problem: Problem,
+    form: Form,
+    steps: Sequence[Step] = (),
+    *,
+    known: Candidate | None = None,
+    then: Callable[[ExactLFT], ExactLFT | None] = lambda exact: exact,
 ) -> Candidate | None:
-    """A candidate of a form with blocks restricted by steps, in the bits of now; None if it is sparse."""
+    """A candidate of a form with blocks restricted by steps, in the bits of now; None if it is sparse.
+
+    `then` is what the closed LFT is followed by, or None.
+    """
     if known and known.exactly and known.exactly[0] == flint.ctx.prec:
         relations, channels = known.exactly[1], known.channels
     else:
@@ -209,25 +226,33 @@ def candidate_of(
         relations, channels = _reduced(problem, form, extracted), extracted.channels
     exactly, n = (flint.ctx.prec, relations), form.relations.unknown.numel()
     relations = _restricted(relations, steps, of_relations=n > 0)
-    if not n:
-        lft = in_scales(relations.rounded())
-        best = in_good_coordinates(relations, some_deltas(problem, relations), _MOST_CONDITION)
-        return Candidate(form, channels, exactly, lft, lft, relations, best)
     try:
-        closed = closed_exactly(form, relations)
+        closed = closed_exactly(form, relations) if n else relations
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
-    exact = _restricted(reduce_exactly(closed), steps, of_relations=False)
-    most = 0.0 if steps else _MOST_CONDITION
+    reduced = _restricted(reduce_exactly(closed), steps, of_relations=False) if n else relations
+    exact = then(reduced)
+    if exact is None:
+        return None
+    most = _MOST_CONDITION if exact is reduced and not (n and steps) else 0.0
+    lft = in_scales(relations.rounded())
     return Candidate(
         form,
         channels,
         exactly,
-        in_scales(relations.rounded()),
-        in_scales(closed.rounded()),
+        lft,
+        in_scales(closed.rounded()) if n else lft,
         exact,
-        in_good_coordinates(exact, some_deltas(problem, exact), most),
+        _in_few_bits(exact, some_deltas(problem, exact), most),
     )
+
+
+def _in_few_bits(a: ExactLFT, deltas: Array, most: float) -> LFT:
+    """The LFT in good coordinates, which seldom take the bits that it was made in."""
+    if flint.ctx.prec > BITS:
+        with suppress(TooFewBitsError), precision(BITS):
+            return in_good_coordinates(a, deltas, most)
+    return in_good_coordinates(a, deltas, most)
 
 
 def closed_exactly(form: Form, relations: ExactLFT) -> ExactLFT:

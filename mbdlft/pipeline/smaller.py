@@ -7,7 +7,6 @@ what steps lead to; what gains is made in balls.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import product
 from math import inf
@@ -16,17 +15,10 @@ from typing import NamedTuple
 from mbdlft.exact.matrices import of_residues
 from mbdlft.exact.numbers import RESIDUES_ALONE, precision
 from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
-from mbdlft.order.reduction import ExactLFT, in_good_coordinates, reduce_exactly
+from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import Step, by_step
 from mbdlft.order.work import Work, reduction
-from mbdlft.pipeline.forms import (
-    Candidate,
-    candidate_of,
-    closed_exactly,
-    if_possible,
-    restricted,
-    some_deltas,
-)
+from mbdlft.pipeline.forms import Candidate, candidate_of, closed_exactly, if_possible, restricted
 from mbdlft.problem.relations import Form, Problem
 
 _MOST_STEPS = 2  # one after the other
@@ -107,13 +99,20 @@ def _in_residues(a: ExactLFT) -> ExactLFT:
 
 
 def with_restrictions(
-    problem: Problem, candidate: Candidate, starts: Sequence[Restricted]
+    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], bound: int
 ) -> list[Candidate]:
-    """The smallest candidates with blocks restricted: of one that is no larger, a search may go on."""
-    some = [start for start in starts if start.steps and start.lft.order <= candidate.lft.order]
-    some = sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]
-    made = [restricted(problem, candidate.form, start.steps, known=candidate) for start in some]
-    return [small for small in made if small and small.lft.order <= candidate.lft.order]
+    """The smallest candidates with blocks restricted, up to one that meets a bound.
+
+    Of one that is no larger, a search may go on.
+    """
+    some, made = [s for s in starts if s.steps and s.lft.order <= candidate.lft.order], list[Candidate]()
+    for start in sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]:
+        small = restricted(problem, candidate.form, start.steps, known=candidate)
+        if small and small.lft.order <= candidate.lft.order:
+            made.append(small)
+            if small.lft.order <= bound:
+                break
+    return made
 
 
 def with_exchanges(
@@ -122,16 +121,13 @@ def with_exchanges(
     """A candidate with blocks restricted and repetitions exchanged; None if none is below an order."""
     impossible = set[Impossible | None]()
 
-    def make(steps: Sequence[Step], path: Path) -> Candidate | None:
-        known = candidate_of(problem, candidate.form, steps, known=candidate)
-        if known is None or not isinstance(known.exact, ExactLFT):
-            return None
-        exact, failed = exchanged(known.exact, path)
+    def along(path: Path, exact: ExactLFT) -> ExactLFT | None:
+        exact, failed = exchanged(exact, path)
         impossible.add(failed)
-        if exact.order >= least:
-            return None
-        lft = in_good_coordinates(exact, some_deltas(problem, exact), 0.0)
-        return replace(known, exact=exact, lft=lft)
+        return exact if exact.order < least else None
+
+    def make(steps: Sequence[Step], path: Path) -> Candidate | None:
+        return candidate_of(problem, candidate.form, steps, known=candidate, then=partial(along, path))
 
     best = None
     for k in range(_MOST_PATHS, 0, -1):

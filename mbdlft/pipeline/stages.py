@@ -253,7 +253,7 @@ def _smallest(
         if start.lft.order <= order_bound:
             return Smallest(start.lft, order_bound)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        small = with_restrictions(problem, start, starts)
+        small = with_restrictions(problem, start, starts, order_bound)
         some = sorted([*reduced, *small], key=lambda candidate: candidate.lft.order)
         larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
         if some[0].lft.order <= order_bound:

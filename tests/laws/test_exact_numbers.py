@@ -20,6 +20,7 @@ from mbdlft.exact.numbers import (
     Exact,
     Field,
     TooFewBitsError,
+    ask_for_bits,
     constant_of,
     cosine_of,
     decimal,
@@ -402,3 +403,14 @@ def test_a_prime_that_does_not_tell_is_replaced() -> None:
         return field.rational(prime - 1) + field.one
 
     assert float(in_enough_bits(whole, "")) == float(prime)
+
+
+def test_bits_that_are_asked_for_come_at_once() -> None:
+    tried = list[int]()
+
+    def make() -> None:
+        tried.append(flint.ctx.prec)
+        ask_for_bits(8 * BITS)
+
+    in_enough_bits(make, "")
+    assert tried == [BITS, 8 * BITS]

@@ -8,8 +8,8 @@ import pytest
 
 from mbdlft import to_lft
 from mbdlft.exact import matrices
-from mbdlft.exact.numbers import BITS, TooFewBitsError, precision
-from mbdlft.lft.lft import Block
+from mbdlft.exact.numbers import BITS, TooFewBitsError, ask_for_bits, precision
+from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.exchange import (
@@ -27,9 +27,9 @@ from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
 from mbdlft.order.work import Work
-from mbdlft.pipeline import smaller
+from mbdlft.pipeline import forms, smaller
 from mbdlft.pipeline.forms import Candidate, candidates, restricted
-from mbdlft.pipeline.smaller import Restricted, restrictions, with_exchanges
+from mbdlft.pipeline.smaller import Restricted, restrictions, with_exchanges, with_restrictions
 from mbdlft.problem.relations import Problem
 from scenarios import two_link_arm
 from tests.close import SCENARIO, target
@@ -159,6 +159,34 @@ def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.Monke
     monkeypatch.setattr(smaller, "exchanged", failing)
     assert with_exchanges(problem, candidate, start(candidate), candidate.lft.order, 28) is None
     assert len(set(tried)) == len(tried) > 1
+
+
+def test_nothing_is_made_beyond_a_bound() -> None:
+    """Of blocks restricted the smallest is made in balls, and the others where it is above the bound."""
+    problem, candidate = plain_of(93)
+    known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
+    orders = [
+        [small.lft.order for small in with_restrictions(problem, candidate, known, bound)]
+        for bound in (0, 10)
+    ]
+    assert orders[0][0] == 10
+    assert len(orders[0]) > 1
+    assert orders[1] == [10]
+
+
+def test_coordinates_are_found_in_few_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In those that the LFT was made in where fewer are not enough."""
+    a, used = exact(plain_of(93)[1]), list[int]()
+
+    def coordinates(a: ExactLFT, *_: object) -> LFT:
+        used.append(flint.ctx.prec)
+        ask_for_bits(2 * BITS)
+        return a.rounded()
+
+    monkeypatch.setattr(forms, "in_good_coordinates", coordinates)
+    with precision(4 * BITS):
+        forms._in_few_bits(a, np.zeros((1, len(a.blocks))), 0.0)
+    assert used == [BITS, 4 * BITS]
 
 
 def test_values_are_tried_one_after_the_other() -> None:

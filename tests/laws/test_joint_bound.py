@@ -470,6 +470,18 @@ def test_points_are_counted() -> None:
     assert spent[1] > 5.0 * spent[0]
 
 
+def test_points_that_take_too_long_are_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They take what is left here, or in all; with more work they are taken."""
+    a = small(known(1.0, 0))
+    for most, units in ((0.1, 1.0), (1.0, 0.1)):
+        joint, whole = JointBound(a, exact_degrees(a)), Work(most)
+        with monkeypatch.context() as many:
+            many.setattr(module, "_SURPLUS", 10_000)
+            assert joint.of_all(whole.limited(units)) == 4
+        assert 0.0 < whole.spent < 0.1
+        assert joint.of_all(Work()) == 5
+
+
 def test_too_few_points_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_SURPLUS", -12)
     law_table(16, 17, of_case("O8"))

@@ -267,6 +267,17 @@ def test_a_part_that_fails_leaves_what_was_there(part: str, monkeypatch: pytest.
         find_smallest([plain], bound, Budget(0.5))
 
 
+def test_what_leaves_nothing_for_its_check_is_not_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain, left = reduce_order(case("O2")), list[float]()
+    side = search._Side([plain], search._level_of_closed(plain, None, search._Proof({}, plain, None)))
+    monkeypatch.setattr(search, "independent", lambda a, work: left.append(work.left) or a)
+    check = side.level.of_check(plain)
+    for units in (0.5 * check, 1.5 * check):
+        side.begin(Work(units), [])
+    assert left[0] == 0.0
+    assert 0.0 < left[1] < check
+
+
 def test_what_is_left_out_of_the_search_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search runs in a process of its own, where nothing can be left out from here."""
     scene = mbdlft.load_scene("scenarios/ball_turntable.toml")
