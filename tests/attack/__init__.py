@@ -36,7 +36,7 @@ CLASSES: dict[str, Sequence[int]] = {
     "claims": (),
     "proofs": (66,),
     "norms": (0, 2, 7, 15, 287),
-    "frames": (2,),
+    "frames": (2, 55, 79, 880006),
     "loops": (3,),
     "switches": range(4),
     "mechanisms": (0,),
