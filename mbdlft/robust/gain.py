@@ -87,7 +87,8 @@ def worst_case_gain(
         if not (moving and model.names):  # nothing that moves is seen
             state = search.last_of(asked, search.State(NOTHING), _gains(asked, model))
             return with_ball(_loop(asked, chosen, GAIN), _gain_bounds(asked, model, state, chosen.names))
-        constant = _gain_bounds(asked, model, _reached(model), chosen.names)
+        state = search.at_once(search.State(NOTHING), partial(_reached, model))
+        constant = _gain_bounds(asked, model, state, chosen.names)
         return moving_gain(asked, model, moving, constant)
 
 

@@ -118,7 +118,8 @@ def robust_stability(
         asked = search.Asked(system, gap, work, progress, leave_out, largest, crew)
         if moving:
             model = realization(system, leave_out=leave_out)
-            constant = _margin(asked, model, _reached(asked, model))
+            state = search.at_once(search.State(ascent.NONE), partial(_reached, asked, model))
+            constant = search.settled(partial(_margin, asked, model, state))
             return moving_margin(asked, model, moving, constant)
         bounds = None
         if system.lft.is_plain:
@@ -126,9 +127,9 @@ def robust_stability(
             if not search.is_dear(model, work):
                 stays = np.array([name in kept for name in model.names], dtype=bool)
                 state = search.last_of(asked, search.State(ascent.NONE), _margins(asked, model, stays))
-                bounds = replace(_margin(asked, model, state), fixed=kept)
+                bounds = replace(search.settled(partial(_margin, asked, model, state)), fixed=kept)
         bounds = bounds or by_multipliers(asked, loop_of(system, stay, kept), STABILITY)
-        return with_ball(loop_of(system, stay, kept), bounds)
+        return search.settled(lambda: with_ball(loop_of(system, stay, kept), bounds))
 
 
 def _reached(asked: search.Asked, model: Realization) -> search.State[ascent.Crossing]:

@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement, product
-from unittest.mock import Mock
+from unittest.mock import DEFAULT, Mock
 
 import flint
 import numpy as np
@@ -12,12 +12,13 @@ from scipy.linalg import expm
 
 import mbdlft
 from mbdlft.base.parameter import to_delta, to_physical
+from mbdlft.robust import ascent, gain
 from mbdlft.robust.balls import is_positive
 from mbdlft.robust.bisect.bernstein import at_nodes, binomials
 from mbdlft.robust.bisect.characteristic import Realization
 from mbdlft.robust.bisect.search import INTERRUPTED
 from mbdlft.robust.evidence import MotionProof, PolynomialProof
-from mbdlft.robust.moving import polynomial, varying
+from mbdlft.robust.moving import polynomial, variation, varying
 from mbdlft.robust.moving.motion import growth, unstable_motion
 from mbdlft.robust.moving.varying import delta_rates
 from mbdlft.robust.realization import realization
@@ -68,10 +69,23 @@ def test_a_box_around_nominal_is_proved_without_work_or_after_an_interrupt(
     found = mbdlft.robust_stability(cart, rates=rates, work=0.01)
     assert 0.7 <= found.lower <= 4.5
     assert mbdlft.verify(cart, found) == ""
-    monkeypatch.setattr(varying, "unstable_motion", Mock(side_effect=KeyboardInterrupt))
-    again = mbdlft.robust_stability(cart, rates=rates)
-    assert (again.lower, again.reason) == (found.lower, INTERRUPTED)
-    assert mbdlft.verify(cart, again) == ""
+    for module, name in ((varying, "unstable_motion"), (ascent, "smallest_crossing")):
+        with monkeypatch.context() as at:
+            at.setattr(module, name, Mock(side_effect=KeyboardInterrupt))
+            again = mbdlft.robust_stability(cart, rates=rates)
+        assert (again.lower, again.reason) == (found.lower, INTERRUPTED)
+        assert mbdlft.verify(cart, again) == ""
+    too_late = Mock(wraps=variation.around_nominal, side_effect=[KeyboardInterrupt, DEFAULT])
+    monkeypatch.setattr(variation, "around_nominal", too_late)
+    assert mbdlft.robust_stability(cart, rates=rates, work=0.01).lower == found.lower
+
+
+def test_an_interrupted_gain_is_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    matrix = [["0", "1", "0"], ["-(3+d)", "-1", "1"], ["1", "0", "0"]]
+    system = mbdlft.realize(matrix, [unit("d")], states=2, inputs=["u"], outputs=["y"])
+    monkeypatch.setattr(gain, "_reached", Mock(side_effect=KeyboardInterrupt))
+    found = mbdlft.worst_case_gain(system, rates=1.0)
+    assert (found.lower, found.upper, found.reason) == (0.0, np.inf, INTERRUPTED)
 
 
 @cache

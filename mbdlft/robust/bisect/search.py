@@ -49,6 +49,7 @@ Progress = Callable[[float, float], None]
 Signals = tuple[tuple[str, ...], tuple[str, ...]]  # names of the inputs and outputs of a gain
 NO_SIGNALS: Signals = ((), ())
 Worst = TypeVar("Worst")
+Made = TypeVar("Made")
 
 
 def check_numbers(what: str, **numbers: float) -> None:
@@ -164,6 +165,22 @@ def last_of(
     except KeyboardInterrupt:
         state = state._replace(reason=INTERRUPTED)
     return state
+
+
+def at_once(start: State[Worst], make: Callable[[], State[Worst]]) -> State[Worst]:
+    """The state after a search without steps; the one before it, if it was interrupted."""
+    try:
+        return make()
+    except KeyboardInterrupt:
+        return start._replace(reason=INTERRUPTED)
+
+
+def settled(make: Callable[[], Made]) -> Made:
+    """What a short step at the end makes: Ctrl-C in it comes too late, and it is taken again."""
+    try:
+        return make()
+    except KeyboardInterrupt:
+        return make()
 
 
 def enlarged(

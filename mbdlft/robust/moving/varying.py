@@ -17,7 +17,7 @@ from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, check_known
 from mbdlft.base.parameter import Parameter, internal_slope
 from mbdlft.robust.bisect.characteristic import Realization
-from mbdlft.robust.bisect.search import Asked, Search, State, last_of
+from mbdlft.robust.bisect.search import INTERRUPTED, Asked, Search, State, last_of, settled
 from mbdlft.robust.evidence import Bounds, MotionProof, PolynomialProof, ProofOfMotions
 from mbdlft.robust.moving import polynomial, variation
 from mbdlft.robust.moving.motion import NONE, Motion, unstable_motion
@@ -225,11 +225,23 @@ def moving_margin(
 ) -> Bounds:
     """Bounds of the margin of parameters that move, given those of constant ones."""
     question = _Question(asked, model, rates, constant)
-    state = last_of(asked, State(NONE, upper=constant.upper), _margins(question))
-    if state.proof is None:
-        lower, proof = question.ball(min(state.upper, asked.largest))
-        state = state._replace(lower=lower, proof=proof)
-    return question.bounds(state, is_open=state.lower < state.upper * (1.0 - asked.gap))
+    state = _unless_ended(question, State(NONE, upper=constant.upper), _margins(question))
+
+    def bounds() -> Bounds:
+        last = state
+        if last.proof is None:
+            lower, proof = question.ball(min(last.upper, asked.largest))
+            last = last._replace(lower=lower, proof=proof)
+        return question.bounds(last, is_open=last.lower < last.upper * (1.0 - asked.gap))
+
+    return settled(bounds)
+
+
+def _unless_ended(question: _Question, start: State[Motion], search: Search[Motion]) -> State[Motion]:
+    """The last state of a search; the first one if constant values were not looked at to the end."""
+    if question.constant.reason == INTERRUPTED:
+        return start._replace(reason=INTERRUPTED)
+    return last_of(question.asked, start, search)
 
 
 def _margins(question: _Question) -> Search[Motion]:
@@ -276,7 +288,7 @@ def _with_shape(question: _Question, state: State[Motion], shape: Shape | None) 
 def moving_gain(asked: Asked, model: Realization, rates: Mapping[str, float], constant: Bounds) -> Bounds:
     """Bounds of the energy gain of parameters that move in the box, given those of constant ones."""
     question = _Question(asked, model, rates, constant)
-    state = last_of(asked, State(NONE, constant.lower), _gains(question))
+    state = _unless_ended(question, State(NONE, constant.lower), _gains(question))
     is_open = isinf(state.lower) or not state.upper * (1.0 - asked.gap) <= state.lower
     return question.bounds(state, is_open=is_open)
 
