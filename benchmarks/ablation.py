@@ -33,7 +33,6 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
     "without restrictions and exchanges": {"restrictions": lambda *_: []},
     "without exchanges": {"with_exchanges": lambda *_: None},
-    "without dependent channels": {"independent": lambda form, work: form},
     "without refits": {"refit": lambda forms, *_: min(forms, key=lambda form: form.order)},
 }
 

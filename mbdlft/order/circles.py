@@ -1,19 +1,9 @@
-"""Values of an LFT on the torus, its deltas on circles of the complex plane, and dependent channels.
+"""Values of an LFT on the torus, its deltas on circles of the complex plane.
 
 On the torus monomials are orthogonal, so functions of the deltas are told apart by their values. With
 M = [A B ; C D], Y = [C Delta (I - A Delta)^-1, I] and W = [Delta (I - A Delta)^-1 B ; I] a change dM
 changes the value to first order by Y dM W. Rows and columns are scaled to the size one, and deltas to the
 unit circle.
-
-With Y = C (I - Delta A)^-1, whose columns are functions of the deltas,
-
-    Y = C + Y Delta A,    value = D + Y Delta B.
-
-If c + Y Delta n = 0 for constant vectors c and n, then M + [n ; c] m has the same Y and the same value
-for every row m: both equations hold again. With m = -(row k of M) / n_k, row k becomes zero, and channel
-k is left out. So in a smallest LFT the functions 1 and Y Delta are independent, and those of its
-transpose too. n-D reduction does not see this: delta_1 (delta_2 f) and delta_2 (delta_1 f) are one
-function but two noncommutative monomials.
 """
 
 import math
@@ -21,13 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, qr
+from scipy.linalg import LinAlgError
 
 from mbdlft.base.array import Array
 from mbdlft.exact.rounding import eigenvalues_of
-from mbdlft.lft.lft import LFT, Block, transpose
-from mbdlft.order.reduction import reduce_order
-from mbdlft.order.work import UNIT, Work, product, reduction, singular_values, solutions
+from mbdlft.lft.lft import LFT, Block
+from mbdlft.order.work import Work, product, solutions
 
 Complex = NDArray[np.complex128]
 
@@ -154,96 +143,3 @@ def fit_of(M: Array, kept: tuple[Block, ...], truth: CircleValues, work: Work) -
     return Fit(
         M, size, difference, np.concatenate([Y, ones[0]], axis=2), np.concatenate([W, ones[1]], axis=1)
     )
-
-
-_SEED = 0
-_MORE_SAMPLES = 1.5  # times as many as there are functions
-_RADIUS = (0.5, 1.5)  # of the circles on which the deltas are sampled, least and largest
-_WITHIN = 0.7  # radius over the distance of the nearest pole
-_ZERO = 2.0**-38  # of the largest singular value: below it functions are dependent
-_NOISE = 2.0**-40  # of a dependence: a smaller part is rounding
-_WORST = 1e6  # condition of the part of the dependences that is divided by
-
-
-def independent(a: LFT, work: Work) -> LFT:
-    """The same value in channels with independent functions, to be compared with `a`; `a` if they are."""
-    while True:
-        smaller = _without_dependent(a, work)
-        smaller = transpose(_without_dependent(transpose(smaller), work))
-        if smaller.order == a.order:
-            return a
-        a = smaller
-
-
-def _without_dependent(a: LFT, work: Work) -> LFT:
-    """The same for the functions Y Delta alone."""
-    n, outputs = a.order, a.shape[0]
-    if not n or not outputs or solutions(_samples(n, outputs), n, outputs) > UNIT * work.left:
-        return a
-    try:
-        dependences = _dependences(_functions(a, work), outputs, work)
-    except np.linalg.LinAlgError:  # a pole at one of the samples
-        return a
-    if dependences is None:
-        return a
-    pivots, change = dependences
-    change = np.vstack([change[outputs:], change[:outputs]])  # first the rows of z, then those of y
-    M = np.block([[a.M11, a.M12], [a.M21, a.M22]])
-    M -= change @ M[pivots]
-    kept = np.setdiff1d(np.arange(n), pivots)
-    sizes = [int(np.sum((kept >= span.start) & (kept < span.stop))) for span in a.slices().values()]
-    blocks = [Block(block.name, size) for block, size in zip(a.blocks, sizes, strict=True)]
-    work.add(reduction(n))
-    M11, M12 = M[np.ix_(kept, kept)], M[kept, n:]
-    return reduce_order(LFT(M11, M12, M[n:, kept], M[n:, n:], tuple(blocks)))
-
-
-def _samples(n: int, outputs: int) -> int:
-    """Points at which n channels are sampled."""
-    return int(_MORE_SAMPLES * (n + outputs) / outputs) + outputs
-
-
-def _functions(a: LFT, work: Work) -> Array:
-    """Values (samples, outputs + channels) of 1 and Y Delta on circles, in real and imaginary parts."""
-    n, outputs = a.order, a.shape[0]
-    random = np.random.default_rng(_SEED)
-    points = _samples(n, outputs)
-    least, largest = _RADIUS
-    loops = [a.M11[span, span] for span in a.slices().values()]
-    radii = [max(least, _WITHIN * pole_distance(loop, largest / _WITHIN)) for loop in loops]
-    phases = random.uniform(0.0, 2.0 * np.pi, (points, len(a.blocks)))
-    deltas = np.repeat(radii * np.exp(1j * phases), [block.size for block in a.blocks], axis=1)
-    work.add(solutions(points, n, outputs))
-    Y = channels_at(a.M11.T, a.M21.T, deltas).transpose(0, 2, 1)
-    values = Y * deltas[:, None, :]
-    sizes = np.max(np.abs(values), axis=(0, 2))
-    units = np.where(sizes > 0.0, sizes, 1.0)
-    ones = np.broadcast_to(np.eye(outputs), (points, outputs, outputs))
-    both = np.concatenate([ones, values], axis=2) / units[:, None]
-    rows = both.reshape(points * outputs, outputs + n)
-    return np.vstack([rows.real, rows.imag])
-
-
-def _dependences(functions: Array, outputs: int, work: Work) -> tuple[NDArray[np.intp], Array] | None:
-    """Channels that depend on the others, and (functions, dependences) that vanish, one in these."""
-    rows, columns = functions.shape
-    work.add(product(rows, columns, columns) + singular_values(columns, columns))
-    sizes = np.linalg.norm(functions, axis=0)
-    sizes = np.where(sizes > 0.0, sizes, 1.0)
-    triangle = np.asarray(np.linalg.qr(functions / sizes, mode="r"))
-    _, values, right = np.linalg.svd(triangle)
-    null = right[values <= _ZERO * values[0]].T
-    count = null.shape[1]
-    if not count:
-        return None
-    pivots = np.sort(qr(null[outputs:].T, mode="r", pivoting=True)[1][:count])
-    square = null[outputs + pivots]
-    if np.linalg.cond(square) > _WORST:
-        return None
-    change = null @ np.linalg.inv(square)
-    change[np.abs(change) <= _NOISE] = 0.0
-    # again, where they are not zero
-    for column, pivot in zip(change.T, outputs + pivots, strict=True):
-        others = np.setdiff1d(np.flatnonzero(column), [pivot])
-        column[others] = np.linalg.lstsq(triangle[:, others], -triangle[:, pivot])[0]
-    return pivots, np.asarray(change / sizes[:, None] * sizes[outputs + pivots])

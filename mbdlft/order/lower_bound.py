@@ -71,10 +71,10 @@ _REDUCED = 5e6  # operations of an LFT in a few deltas: some half a millisecond 
 _MOST_COEFFICIENTS = {1: 600, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
 
 
-def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
+@lru_cache(maxsize=1)  # of what is reduced, and of what its search begins with
+def exact_degrees(a: ExactLFT, seed: int = 0) -> Mapping[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
-    M, n = at_random(a, seed), a.order
-    degrees = {}
+    M, n, degrees = at_random(a, seed), a.order, dict[str, int]()
     for block, rows in zip(a.blocks, a.parts, strict=True):
         channels = np.arange(rows.start, rows.stop)
         degrees[block.name] = sum(

@@ -22,6 +22,7 @@ from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
 from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import Block, consecutive
+from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 
@@ -65,8 +66,14 @@ def restricted_exactly(
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
 
 
+# of no block: channels with dependent functions are left out of the closed LFT
+INDEPENDENT = Step("", is_transposed=False, of_relations=False)
+
+
 def by_step(a: ExactLFT, step: Step, most: float = inf) -> ExactLFT | None:
     """An LFT with the block of a step restricted."""
+    if step == INDEPENDENT:
+        return without_dependent(a)
     side, is_inside = step.is_transposed, step.is_inside
     return restricted_exactly(a, step.name, is_transposed=side, is_inside=is_inside, most=most)
 

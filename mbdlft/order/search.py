@@ -1,8 +1,7 @@
 """The search for a smaller LFT of the same value, and for a better lower bound on its order.
 
-n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and two steps use
-it: channels with dependent functions are left out (`mbdlft.order.circles`), and repetitions of one delta
-are left out by Newton's method on the values (`mbdlft.order.refit`).
+n-D reduction takes a product of deltas as a noncommutative monomial. Deltas commute, and a step uses
+it: repetitions of one delta are left out by Newton's method on the values (`mbdlft.order.refit`).
 Pairs and triples of deltas (`mbdlft.order.joint_bound`) show how small the order can be: then the search
 is over. Every result is compared with the values of what it was made of, entry by entry.
 """
@@ -23,11 +22,10 @@ from mbdlft.base.errors import AnalysisError, SceneError, WellPosednessError
 from mbdlft.exact.rounding import equilibrate, or_one
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at, values_and_sizes
-from mbdlft.order.circles import independent
 from mbdlft.order.degree import allows
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.refit import above_bound, refit
-from mbdlft.order.work import UNIT, Work, late_after, reduction, singular_values, solutions
+from mbdlft.order.work import Work, late_after, reduction, singular_values, solutions
 
 SEARCH = 2.0  # units of work; a small part of it is enough where the order meets the bound at once
 _FIRST = 0.06  # units of a step of the first round; each round has twice as many as the one before
@@ -35,11 +33,10 @@ _IN_VAIN = 0.08  # of the work without a gain ends a search: O8 would miss its b
 OF_PAIRS, _OF_TRIPLES = 0.6, 2.0  # units for a first look at all pairs; steps for one at triples, too
 _OF_LOOKS = 0.5  # units of work for looks at results, beside the search
 _OF_STEP = 0.25  # of the work: steps that may take more are not begun, which seldom gain anything
-_BESIDE, _DEAR = 1.1, 1.5  # times the closed order: larger relations wait for a round, for four
+_DEAR = 1.5  # times the closed order: larger relations wait for four rounds
 _FAR = 3  # a form this much larger than the smallest is not started from
 _MOST_KEPT = 20  # forms on the way, for where the smallest has too few digits
 _POOL = 8  # forms that are kept
-_NO_WORK = Work(0.0)
 _ROUNDS = 16  # with other random choices each
 # Of the first round. A refit succeeds from some starts only: gimbal ends at 30 or 31, ur5 at 31 to 33.
 _SEED = 1
@@ -125,26 +122,13 @@ class _Side:
     """Forms of the closed LFT or of the relations, the smallest first, and their checks."""
 
     def __init__(self, forms: Sequence[LFT], level: "_Level") -> None:
-        self.forms, self.level, self.is_new = list(forms), level, True
-
-    def begin(self, work: Work, dropped: list[str]) -> None:
-        """Forms without dependent channels, where work is left for their check, too."""
-        self.is_new, self.forms = False, _comparable(self.forms)
-        with _keeping(dropped):
-            for form in tuple(self.forms):
-                of_look = work.limited(work.left - self.level.of_check(form))
-                smaller = form if work.is_over else independent(form, of_look)
-                is_smaller = smaller.order < self.forms[0].order
-                if is_smaller and self.level.keeps(work, self.level.exact, smaller):
-                    self.forms.insert(0, smaller)
+        self.forms, self.level = _comparable(forms), level
 
     def step(self, proof: "_Proof", work: Work, size: float, seed: int, dropped: list[str]) -> None:
         """A refit of some size."""
-        if self.is_new:
-            self.begin(work, dropped)
         with _keeping(dropped):  # the next round makes other choices
             of_refits, source = work.limited(size), self.level.source
-            keeps = partial(self.level.keeps, of_refits, self.level.fitted)
+            keeps = partial(self.level.keeps, of_refits)
             smallest = refit(self.forms, source, proof.bound, proof.order_bound, keeps, seed, of_refits)
             by_sizes = {form.blocks: form for form in [smallest, *self.forms][::-1]}
             self.forms = sorted(by_sizes.values(), key=attrgetter("order"))[:_POOL]
@@ -160,13 +144,6 @@ def _in_rounds(sides: Sequence[_Side], proof: "_Proof", work: Work, dropped: lis
     tied = [side for side in opened if side.forms[0].order <= closed.forms[0].order]
     in_order = [*tied, closed, *(side for side in opened if side not in tied)]
     proof.improve(closed.forms[0], work.limited(OF_PAIRS), triples=False)
-    near = [side for side in opened if side.forms[0].order <= _BESIDE * closed.forms[0].order]
-    for first in (closed, *near):
-        if closed.forms[0].order > proof.order_bound and not work.is_over:
-            first.begin(work, dropped)
-    for opened_side in near:
-        with _keeping(dropped):
-            _closed_too(opened_side, closed, proof)
     best, last_gain, known = closed.forms[0], work.spent, (0, 0)
     on_the_way = list(closed.forms)
     for attempt in range(_ROUNDS):
@@ -223,11 +200,8 @@ class _Proof:
         self._joint = joint
         self._work_of_looks = Work(_OF_LOOKS)
 
-    def allows(self, candidate: LFT, *, is_fitted: bool = True) -> bool:
-        """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal.
-
-        For one that was not fitted only what is known of pairs is asked.
-        """
+    def allows(self, candidate: LFT) -> bool:
+        """Whether an LFT is not smaller than residues prove: such an LFT is near the value, not equal."""
         if self._joint is None:
             return True
         sizes = dict(candidate.blocks)
@@ -235,11 +209,10 @@ class _Proof:
         if min(more.values(), default=0) < 0 or candidate.order < self.order_bound:
             return False
         fewer = {name for name in more if sizes.get(name, 0) < self._source[name]}
-        work = self._work_of_looks if is_fitted else _NO_WORK
         for first, second in combinations([name for name in more if self.bound[name]], 2):
             if fewer.isdisjoint((first, second)) or (more[first] and more[second]):
                 continue  # no pair excludes that
-            pairs = self._joint.pairs(first, second, work)
+            pairs = self._joint.pairs(first, second, self._work_of_looks)
             if not all(allows(pair, more) for pair in pairs):
                 self.order_bound = max(self.order_bound, self._joint.known)
                 return False
@@ -283,7 +256,7 @@ def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> 
     """Whether each entry is the same up to `largest` of its size, and the loop well-conditioned."""
     fields, values, size = truth.values
     n = candidate.order
-    work.add(_of_values(n, candidate.shape[1]))
+    work.add(2 * solutions(2 * _POINTS, n, candidate.shape[1], is_complex=False))
     nothing = np.zeros(len(values))
     points = np.array([fields.get(name, nothing) for name, _ in candidate.blocks]).T
     points = points.reshape(len(values), len(candidate.blocks))
@@ -296,26 +269,13 @@ def is_same(candidate: LFT, truth: Truth, work: Work, largest: float = SAME) -> 
             return False
     if not _missed(candidate, points, values, size) <= largest:
         return False
-    work.add(_of_condition(n))
+    work.add(singular_values(n, n, 2 * _POINTS) / 3.0)
     return bool(np.max(np.linalg.cond(loop), initial=0.0) <= _CONDITION)
-
-
-def _of_values(n: int, inputs: int) -> float:
-    return 2 * solutions(2 * _POINTS, n, inputs, is_complex=False)
-
-
-def _of_condition(n: int) -> float:
-    return singular_values(n, n, 2 * _POINTS) / 3.0
 
 
 def _missed(candidate: LFT, points: Array, values: Array, size: Array) -> float:
     difference = np.abs(evaluate_at(candidate, points) - values)
     return float(np.max(difference / or_one(size), initial=0.0))
-
-
-def part_of_largest(values: Array) -> float:
-    """A small part of the largest entry."""
-    return _NEGLIGIBLE * float(np.max(np.abs(values), initial=0.0))
 
 
 def part_of_row_and_column(values: Array) -> Array:
@@ -326,8 +286,9 @@ def part_of_row_and_column(values: Array) -> Array:
 
 
 def part_of_either(values: Array) -> Array:
-    """(rows, columns); the larger of the two: for rows that are zero but for rounding, too."""
-    return np.maximum(part_of_largest(values), part_of_row_and_column(values))
+    """(rows, columns); at least a part of the largest entry: for rows that are zero but for rounding."""
+    largest = float(np.max(np.abs(values), initial=0.0))
+    return np.maximum(_NEGLIGIBLE * largest, part_of_row_and_column(values))
 
 
 def _check_points(count: int) -> Array:
@@ -348,32 +309,24 @@ class _Check(NamedTuple):
 class _Level(NamedTuple):
     """The relations, or the closed LFTs: what the candidates of a search are compared with.
 
-    `exact` is for what algebra makes; `fitted` for what Newton's method makes, where entries that are
-    zero are rounding.
+    Where entries are zero, those of Newton's method are rounding.
     """
 
-    exact: tuple[_Check, ...]
-    fitted: tuple[_Check, ...]
+    checks: tuple[_Check, ...]
     close: Callable[[LFT], LFT]
     proof: _Proof
     source: LFT
 
-    def of_check(self, form: LFT) -> float:
-        """Units of work of a check of what algebra makes of a form, at most."""
-        each = _of_values(form.order, form.shape[1]) + _of_condition(form.order)
-        return len(self.exact) * each / UNIT
-
-    def keeps(self, work: Work, checks: Sequence[_Check], candidate: LFT) -> bool:
+    def keeps(self, work: Work, candidate: LFT) -> bool:
         """Whether a candidate has the value."""
-        is_fitted = checks is self.fitted
-        if not self.proof.allows(candidate, is_fitted=is_fitted):
+        if not self.proof.allows(candidate):
             return False
-        for truth, largest, is_closed in checks:
+        for truth, largest, is_closed in self.checks:
             form = candidate
             if is_closed:
                 work.add(reduction(candidate.order))
                 form = self.close(candidate)
-                if not self.proof.allows(form, is_fitted=is_fitted):
+                if not self.proof.allows(form):
                     return False
             if not is_same(form, truth, work, largest):
                 return False
@@ -384,23 +337,20 @@ def _level_of_closed(form: LFT, truth: LFT | None, proof: _Proof) -> _Level:
     """Of the smallest closed LFT, and of the one before reduction."""
     rounded = Truth(lambda: form, part_of_either)
     if truth is None:
-        exact = _Check(Truth(lambda: form, part_of_largest), SAME)
-        return _Level((exact,), (_Check(rounded, FITTED),), lambda form: form, proof, form)
+        return _Level((_Check(rounded, FITTED),), lambda form: form, proof, form)
     unreduced = Truth(lambda: truth, part_of_either)
-    fitted = (_Check(rounded, SAME), _Check(unreduced, FITTED))
-    return _Level((_Check(unreduced, SAME),), fitted, lambda form: form, proof, truth)
+    checks = (_Check(rounded, SAME), _Check(unreduced, FITTED))
+    return _Level(checks, lambda form: form, proof, truth)
 
 
 def _level_of_relations(
     form: LFT, close: Callable[[LFT], LFT], truth: LFT | None, proof: _Proof
 ) -> _Level:
     """Of the smallest LFT of the relations; closing makes rounding larger, so results are closed too."""
-    plain = Truth(lambda: form, part_of_largest)
     rounded = Truth(lambda: form, part_of_either)
     unreduced = Truth(lambda: close(form) if truth is None else truth, part_of_row_and_column)
-    exact = (_Check(plain, SAME, is_closed=False), _Check(unreduced, SAME))
-    fitted = (_Check(rounded, SAME, is_closed=False), _Check(unreduced, FITTED))
-    return _Level(exact, fitted, close, proof, form)
+    checks = (_Check(rounded, SAME, is_closed=False), _Check(unreduced, FITTED))
+    return _Level(checks, close, proof, form)
 
 
 def _comparable(forms: Sequence[LFT]) -> list[LFT]:

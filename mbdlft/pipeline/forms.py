@@ -35,6 +35,7 @@ from mbdlft.exact.numbers import (
 from mbdlft.lft.lft import LFT, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
+from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -70,7 +71,8 @@ class Candidate:
     exactly: tuple[int, ExactLFT] | None  # bits, and `relations` before any steps
     relations: LFT  # as extracted, reduced
     closed: LFT  # solved for the unknown signals, not reduced
-    exact: ExactLFT | SparseResidues  # the same, reduced
+    reduced: ExactLFT | None  # the same, reduced; None if it is sparse
+    exact: ExactLFT | SparseResidues  # the same in channels with independent functions
     lft: LFT  # `exact` in doubles
 
 
@@ -87,7 +89,7 @@ def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
     """Lower bounds of the repetitions by parameter."""
     if isinstance(candidate.exact, SparseResidues):
         return sparse_degrees(candidate.exact, seed)
-    return exact_degrees(candidate.exact, seed)
+    return dict(exact_degrees(candidate.exact, seed))
 
 
 def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str, Any]:
@@ -231,10 +233,11 @@ def candidate_of(
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     reduced = _restricted(reduce_exactly(closed), steps, of_relations=False) if n else relations
-    exact = then(reduced)
-    if exact is None:
+    after = then(reduced)
+    if after is None:
         return None
-    most = _MOST_CONDITION if exact is reduced and not (n and steps) else 0.0
+    exact = without_dependent(after)
+    most = _MOST_CONDITION if after is reduced and not (n and steps) else 0.0
     lft = in_scales(relations.rounded())
     return Candidate(
         form,
@@ -242,6 +245,7 @@ def candidate_of(
         exactly,
         lft,
         in_scales(closed.rounded()) if n else lft,
+        reduced,
         exact,
         _in_few_bits(exact, some_deltas(problem, exact), most),
     )
@@ -297,7 +301,7 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     )
     with naming(problem.nouns.owner, WellPosednessError):
         lft = with_zeros(lft, value_at_random(residues) != 0)
-    return Candidate(form, relations.channels, None, lft, lft, residues, lft)
+    return Candidate(form, relations.channels, None, lft, lft, None, residues, lft)
 
 
 def closing(form: Form) -> Closing:

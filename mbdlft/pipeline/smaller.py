@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 from mbdlft.exact.matrices import of_residues
 from mbdlft.exact.numbers import RESIDUES_ALONE, precision
+from mbdlft.order.dependent import without_dependent
 from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
-from mbdlft.order.restriction import Step, by_step
+from mbdlft.order.restriction import INDEPENDENT, Step, by_step
 from mbdlft.order.work import Work, reduction
 from mbdlft.pipeline.forms import Candidate, candidate_of, closed_exactly, if_possible, restricted
 from mbdlft.problem.relations import Form, Problem
@@ -25,7 +26,7 @@ _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
-_MOST_MADE = 3  # in balls
+_MOST_MADE = 2  # in balls: O8 would miss its bound with one
 _MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
@@ -47,10 +48,10 @@ def restrictions(
 
     No more once one meets a bound; nothing if the candidate is sparse.
     """
-    if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
+    if not (candidate.reduced and candidate.exactly):
         return []
     with precision(RESIDUES_ALONE):
-        plain = Restricted((), _in_residues(candidate.exact), _in_residues(candidate.exactly[1]))
+        plain = Restricted((), _in_residues(candidate.reduced), _in_residues(candidate.exactly[1]))
         known, some, least = {plain.lft.blocks: plain}, [plain], plain.lft.order
         names = [name for name, size in plain.lft.blocks if size > degrees[name]]
         for _ in range(_MOST_STEPS):
@@ -64,8 +65,13 @@ def restrictions(
 
 
 def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> Iterator[Restricted]:
-    """One block more restricted: of the relations, and, before any others, of the closed LFT."""
+    """One block more restricted: of the relations, and, before any others, of the closed LFT.
+
+    Channels with dependent functions are left out first.
+    """
     has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
+    if (small := without_dependent(start.lft)).order < start.lft.order:
+        yield Restricted((*start.steps, INDEPENDENT), small, None if has_unknowns else small)
     for name, side, is_inside in product(names, both, both) if start.relations else ():
         step = Step(name, side, has_unknowns, is_inside)
         relations = start.relations and _restricted(start.relations, step, work)
@@ -105,8 +111,9 @@ def with_restrictions(
 
     Of one that is no larger, a search may go on.
     """
-    some, made = [s for s in starts if s.steps and s.lft.order <= candidate.lft.order], list[Candidate]()
-    for start in sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]:
+    new, made = [start for start in starts if {*start.steps} - {INDEPENDENT}], list[Candidate]()
+    some = sorted(new, key=lambda start: start.lft.order)[:_MOST_MADE]
+    for start in (start for start in some if start.lft.order <= candidate.lft.order):
         small = restricted(problem, candidate.form, start.steps, known=candidate)
         if small and small.lft.order <= candidate.lft.order:
             made.append(small)

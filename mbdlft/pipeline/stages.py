@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
+from math import inf
 from operator import attrgetter
 
 import numpy as np
@@ -252,8 +253,9 @@ def _smallest(
         order_bound = joint.of_all(work.limited(OF_PAIRS), triples=False, above=above)
         if start.lft.order <= order_bound:
             return Smallest(start.lft, order_bound)
-        starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        small = with_restrictions(problem, start, starts, order_bound)
+        plain = min(reduced, key=lambda form: form.reduced.order if form.reduced else inf)
+        starts = restrictions(plain, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
+        small = with_restrictions(problem, plain, starts, order_bound)
         some = sorted([*reduced, *small], key=lambda candidate: candidate.lft.order)
         larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
         if some[0].lft.order <= order_bound:
@@ -265,7 +267,7 @@ def _smallest(
         least = result.lft.order
         if not starts or least <= result.order_bound:
             return result
-        best = with_exchanges(problem, start, starts, least, result.order_bound)
+        best = with_exchanges(problem, plain, starts, least, result.order_bound)
         if best is None:
             return result
         more = _search([best], degrees, left, stage, joint, start.closed, is_closed=True)

@@ -24,11 +24,9 @@ from mbdlft import (
     step_response,
 )
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.lft.lft import LFT, Block
 from mbdlft.matrix import MatrixProblem
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.order import circles, lower_bound
-from mbdlft.order.circles import independent
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.work import Work
@@ -291,12 +289,6 @@ def test_looks_at_pairs_and_triples_are_counted() -> None:
         bound.of_all(work)
         assert work.is_over
         assert lower_bound._reduced.cache_info().misses - before < 0.1 * 1.5e10 / 5e6
-
-
-def test_no_look_at_dependences_that_takes_more_than_is_left() -> None:
-    a = LFT(np.zeros((2, 2)), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), (Block("p", 2),))
-    assert independent(a, Work(1e-9)) is a
-    assert independent(a, Work()).order == 1
 
 
 def test_channels_of_many_points_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:

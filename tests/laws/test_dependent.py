@@ -1,0 +1,109 @@
+"""Laws of channels with independent functions of the deltas, in exact numbers."""
+
+from collections.abc import Iterator
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from mbdlft import load_scene, to_lft
+from mbdlft.exact.numbers import BITS, precision
+from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
+from mbdlft.lft.sampling import evaluate_at
+from mbdlft.order.dependent import without_dependent
+from mbdlft.order.lower_bound import at_random
+from mbdlft.order.reduction import ExactLFT, in_scales, reduce_exactly, transposed
+from tests.close import roundoff
+from tests.extracted import exactly
+
+SCENARIOS = Path(__file__).parents[2] / "scenarios"
+
+
+@pytest.fixture(autouse=True)
+def in_balls() -> Iterator[None]:
+    with precision(BITS):
+        yield
+
+
+def word(names: tuple[str, ...]) -> LFT:
+    product = constant([[1.0]])
+    for name in names:
+        product = product @ delta(name)
+    return product
+
+
+def shuffled(seed: int, *, poles: bool) -> LFT:
+    """Two rows of three entries; each word stands in two entries in two orders of its factors."""
+    random = np.random.default_rng(seed)
+    total = constant(random.integers(-3, 4, (2, 3)))
+    for _ in range(4):
+        names = tuple(random.choice(["a", "b", "c"], size=int(random.integers(2, 4))))
+        orders = list(permutations(names))
+        for _ in range(2):
+            left, right = random.integers(-2, 3, (2, 1)), random.integers(-2, 3, (1, 3))
+            total = total + left @ word(orders[random.integers(len(orders))]) @ right
+    if poles:
+        total = stack_rows(total, total) @ stack_rows(
+            inverse(constant([[2.0]]) + word(("a", "b"))), [[1.0]], word(("b", "a"))
+        )
+    return total
+
+
+def rank_of_functions(a: LFT) -> int:
+    """Dimension of the span of Y Delta at real points, from the definition."""
+    rows = []
+    for point in np.random.default_rng(5).uniform(-1.0, 1.0, (a.order + 9, len(a.blocks))):
+        deltas = np.diag(np.repeat(point, [block.size for block in a.blocks]))
+        Y = a.M21 @ np.linalg.inv(np.eye(a.order) - deltas @ a.M11)
+        rows.append(Y @ deltas)
+    return int(np.linalg.matrix_rank(np.vstack(rows), tol=1e-9))
+
+
+def law(a: LFT) -> ExactLFT:
+    whole = reduce_exactly(exactly(a))
+    small = without_dependent(whole)
+    assert [name for name, _ in small.blocks] == [name for name, _ in whole.blocks]
+    assert np.array_equal(
+        at_random(small)[small.order :, small.order :], at_random(whole)[whole.order :, whole.order :]
+    )
+    points = np.random.default_rng(4).uniform(-0.9, 0.9, (20, len(whole.blocks)))
+    roundoff(evaluate_at(small.rounded(), points), evaluate_at(whole.rounded(), points), 1e4)
+    for side in (small, transposed(small)):
+        rounded = in_scales(side.rounded())
+        assert rank_of_functions(rounded) == rounded.order
+    return small
+
+
+@given(st.integers(0, 10_000), st.booleans())
+def test_value_stays_and_functions_are_independent(seed: int, poles: bool) -> None:
+    a = shuffled(seed, poles=poles)
+    assert law(a).order <= a.order
+
+
+def test_orders_of_factors() -> None:
+    """[a b, b a] has four channels as words, and two as functions, also of its transpose."""
+    for stack in (stack_columns, stack_rows):
+        a = stack(word(("a", "b")), word(("b", "a")))
+        assert (reduce_exactly(exactly(a)).order, law(a).order) == (4, 2)
+
+
+@pytest.mark.parametrize("a", [constant([[1.0, 2.0]]), delta("a"), word(("a", "b"))])
+def test_what_is_independent_comes_back(a: LFT) -> None:
+    whole = reduce_exactly(exactly(a))
+    assert without_dependent(whole) is whole
+
+
+def test_a_row_that_never_varies_is_no_reason_for_more() -> None:
+    """Outputs that are constant show nothing at any number of points."""
+    varies = stack_columns(word(("a", "b")) + word(("a",)), word(("b", "a", "a")))
+    a = stack_rows(*(constant([[1.0, 2.0]]) for _ in range(6)), varies)
+    assert law(a).order == law(varies).order
+
+
+@pytest.mark.parametrize(("name", "order"), [("double_pendulum_hanging", 9), ("spinning_satellite", 28)])
+def test_scenes_without_a_search(name: str, order: int) -> None:
+    """N-D reduction alone leaves 13 and 41 repetitions."""
+    assert to_lft(load_scene(SCENARIOS / f"{name}.toml"), search=0.0).order == order
