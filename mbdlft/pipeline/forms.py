@@ -32,10 +32,10 @@ from mbdlft.exact.numbers import (
     in_enough_bits,
     precision,
 )
-from mbdlft.lft.lft import LFT, condition
+from mbdlft.lft.determinant import values_at
+from mbdlft.lft.lft import LFT, Block, condition
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
-from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
     Closing,
@@ -71,8 +71,7 @@ class Candidate:
     exactly: tuple[int, ExactLFT] | None  # bits, and `relations` before any steps
     relations: LFT  # as extracted, reduced
     closed: LFT  # solved for the unknown signals, not reduced
-    reduced: ExactLFT | None  # the same, reduced; None if it is sparse
-    exact: ExactLFT | SparseResidues  # the same in channels with independent functions
+    exact: ExactLFT | SparseResidues  # the same, reduced
     lft: LFT  # `exact` in doubles
 
 
@@ -233,11 +232,10 @@ def candidate_of(
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     reduced = _restricted(reduce_exactly(closed), steps, of_relations=False) if n else relations
-    after = then(reduced)
-    if after is None:
+    exact = then(reduced)
+    if exact is None:
         return None
-    exact = without_dependent(after)
-    most = _MOST_CONDITION if after is reduced and not (n and steps) else 0.0
+    most = _MOST_CONDITION if exact is reduced and not (n and steps) else 0.0
     lft = in_scales(relations.rounded())
     return Candidate(
         form,
@@ -245,7 +243,6 @@ def candidate_of(
         exactly,
         lft,
         in_scales(closed.rounded()) if n else lft,
-        reduced,
         exact,
         _in_few_bits(exact, some_deltas(problem, exact), most),
     )
@@ -284,10 +281,20 @@ def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
 
 def some_deltas(problem: Problem, a: ExactLFT) -> Array:
     """Deltas (N, number of blocks) of a few of the points of the check."""
-    names = [parameter.name for parameter in problem.parameters]
     points = problem.points[sorted({0, len(problem.points) // 2, len(problem.points) - 1})]
+    return _deltas_of(problem, a.blocks, points)
+
+
+def _deltas_of(problem: Problem, blocks: Sequence[Block], points: Array) -> Array:
+    names = [parameter.name for parameter in problem.parameters]
     deltas = deltas_at(problem.parameters, points)
-    return np.asarray(deltas[:, [names.index(block.name) for block in a.blocks]])
+    return np.asarray(deltas[:, [names.index(block.name) for block in blocks]])
+
+
+def is_regular_at_points(problem: Problem, lft: LFT) -> bool:
+    """Whether the determinant has one sign at nominal and at all points of the check."""
+    deltas = _deltas_of(problem, lft.blocks, problem.points)
+    return bool(np.all(values_at(lft, deltas)[1] > 0.0))
 
 
 def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Candidate:
@@ -301,7 +308,7 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     )
     with naming(problem.nouns.owner, WellPosednessError):
         lft = with_zeros(lft, value_at_random(residues) != 0)
-    return Candidate(form, relations.channels, None, lft, lft, None, residues, lft)
+    return Candidate(form, relations.channels, None, lft, lft, residues, lft)
 
 
 def closing(form: Form) -> Closing:

@@ -19,14 +19,21 @@ from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
 from mbdlft.order.work import Work, reduction
-from mbdlft.pipeline.forms import Candidate, candidate_of, closed_exactly, if_possible, restricted
+from mbdlft.pipeline.forms import (
+    Candidate,
+    candidate_of,
+    closed_exactly,
+    if_possible,
+    is_regular_at_points,
+    restricted,
+)
 from mbdlft.problem.relations import Form, Problem
 
 _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
-_MOST_MADE = 2  # in balls: O8 would miss its bound with one
+_MOST_MADE = 3  # in balls: O8 would miss its bound with one
 _MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
@@ -48,10 +55,10 @@ def restrictions(
 
     No more once one meets a bound; nothing if the candidate is sparse.
     """
-    if not (candidate.reduced and candidate.exactly):
+    if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
         return []
     with precision(RESIDUES_ALONE):
-        plain = Restricted((), _in_residues(candidate.reduced), _in_residues(candidate.exactly[1]))
+        plain = Restricted((), _in_residues(candidate.exact), _in_residues(candidate.exactly[1]))
         known, some, least = {plain.lft.blocks: plain}, [plain], plain.lft.order
         names = [name for name, size in plain.lft.blocks if size > degrees[name]]
         for _ in range(_MOST_STEPS):
@@ -111,15 +118,30 @@ def with_restrictions(
 
     Of one that is no larger, a search may go on.
     """
-    new, made = [start for start in starts if {*start.steps} - {INDEPENDENT}], list[Candidate]()
-    some = sorted(new, key=lambda start: start.lft.order)[:_MOST_MADE]
-    for start in (start for start in some if start.lft.order <= candidate.lft.order):
-        small = restricted(problem, candidate.form, start.steps, known=candidate)
+    some, made = [s for s in starts if s.steps and s.lft.order <= candidate.lft.order], list[Candidate]()
+    for start in sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]:
+        small = _made(problem, candidate, start.steps)
         if small and small.lft.order <= candidate.lft.order:
             made.append(small)
             if small.lft.order <= bound:
                 break
     return made
+
+
+def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candidate | None:
+    """The same in channels with independent functions; None if they are, or if that is singular."""
+    if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
+        return None
+    with precision(RESIDUES_ALONE):
+        small = without_dependent(_in_residues(candidate.exact))
+    return _made(problem, candidate, (INDEPENDENT,)) if small.order < candidate.lft.order else None
+
+
+def _made(problem: Problem, candidate: Candidate, steps: Sequence[Step]) -> Candidate | None:
+    """What leaves out dependent channels may have another determinant: None if it vanishes."""
+    small = restricted(problem, candidate.form, steps, known=candidate)
+    is_wrong = small and INDEPENDENT in steps and not is_regular_at_points(problem, small.lft)
+    return None if is_wrong else small
 
 
 def with_exchanges(

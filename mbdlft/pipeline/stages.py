@@ -9,7 +9,6 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
-from math import inf
 from operator import attrgetter
 
 import numpy as np
@@ -37,7 +36,12 @@ from mbdlft.pipeline.forms import (
     reduced_relations,
     restricted,
 )
-from mbdlft.pipeline.smaller import restrictions, with_exchanges, with_restrictions
+from mbdlft.pipeline.smaller import (
+    restrictions,
+    with_exchanges,
+    with_restrictions,
+    without_dependent_channels,
+)
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -72,11 +76,14 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         written = next(candidate for candidate in reduced if not candidate.form.is_from_values)
         near = near_relations(problem, written, reduced[0].lft.order)
     plain, result = _in_units(problem, reduced[0].lft), None
-    if budget.work > 0.0 and order_bound < plain.order <= _MOST_SEARCHED:
+    if order_bound < plain.order <= _MOST_SEARCHED:
         with stage("search"):
-            result = _smallest(problem, reduced, least, budget, stage)
-            order_bound = result.order_bound
-        if result.is_cut_off:
+            if budget.work > 0.0:
+                result = _smallest(problem, reduced, least, budget, stage)
+                order_bound = result.order_bound
+            elif small := without_dependent_channels(problem, reduced[0]):
+                result = Smallest(small.lft, order_bound, larger=(_with_zeros(small),))
+        if result and result.is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
 
@@ -253,9 +260,8 @@ def _smallest(
         order_bound = joint.of_all(work.limited(OF_PAIRS), triples=False, above=above)
         if start.lft.order <= order_bound:
             return Smallest(start.lft, order_bound)
-        plain = min(reduced, key=lambda form: form.reduced.order if form.reduced else inf)
-        starts = restrictions(plain, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        small = with_restrictions(problem, plain, starts, order_bound)
+        starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
+        small = with_restrictions(problem, start, starts, order_bound)
         some = sorted([*reduced, *small], key=lambda candidate: candidate.lft.order)
         larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
         if some[0].lft.order <= order_bound:
@@ -267,7 +273,7 @@ def _smallest(
         least = result.lft.order
         if not starts or least <= result.order_bound:
             return result
-        best = with_exchanges(problem, plain, starts, least, result.order_bound)
+        best = with_exchanges(problem, start, starts, least, result.order_bound)
         if best is None:
             return result
         more = _search([best], degrees, left, stage, joint, start.closed, is_closed=True)

@@ -9,15 +9,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.cases.chains import chain
 from mbdlft import load_scene, to_lft
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate_at
+from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT, in_scales, reduce_exactly, transposed
+from mbdlft.pipeline.forms import candidates
+from mbdlft.pipeline.smaller import without_dependent_channels
 from tests.close import roundoff
 from tests.extracted import exactly
+from tests.laws.test_weights import forces_turned_on_the_way
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 
@@ -107,3 +112,15 @@ def test_a_row_that_never_varies_is_no_reason_for_more() -> None:
 def test_scenes_without_a_search(name: str, order: int) -> None:
     """N-D reduction alone leaves 13 and 41 repetitions."""
     assert to_lft(load_scene(SCENARIOS / f"{name}.toml"), search=0.0).order == order
+
+
+def test_what_becomes_singular_is_not_used() -> None:
+    """Of a chain of links, repetitions could be left out but for a determinant that vanishes."""
+    scene = chain(3, spatial=False)
+    with forces_turned_on_the_way():
+        problem = problem_of_scene(scene)
+        (candidate,) = candidates(problem, problem.forms[:1])
+        assert isinstance(candidate.exact, ExactLFT)
+        assert without_dependent(candidate.exact).order < candidate.lft.order
+        assert without_dependent_channels(problem, candidate) is None
+        assert to_lft(scene, search=0.0).order == candidate.lft.order
