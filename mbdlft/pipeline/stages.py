@@ -77,7 +77,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
         near = near_relations(problem, written, reduced[0].lft.order)
     plain, result = _in_units(problem, reduced[0].lft), None
     if order_bound < plain.order <= _MOST_SEARCHED:
-        with stage("search"):
+        with stage("search" if budget.work > 0.0 else "reduce"):
             if budget.work > 0.0:
                 result = _smallest(problem, reduced, least, budget, stage)
                 order_bound = result.order_bound
