@@ -19,7 +19,6 @@ import numpy as np
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.pencils import null_space
-from mbdlft.lft.lft import Block
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
 
@@ -48,12 +47,8 @@ def _of_one_side(a: ExactLFT) -> ExactLFT:
     change = _dependences(a, rank)
     pivots = matrices.pivot_columns(change.residues.T, a.M.prime)
     change = change @ change[pivots].solve(a.M[pivots])
-    kept = [k for k in range(n) if k not in set(pivots)]
-    parts = zip(a.blocks, a.parts, strict=True)
-    blocks = [Block(block.name, len({*range(n)[span]} & {*kept})) for block, span in parts]
-    M = matrices.stacked([[a.M[:n] + -change], [a.M[n:]]])
-    rows, columns = ([*kept, *range(n, count)] for count in M.shape)
-    return reduce_exactly(ExactLFT(M[rows][:, columns], tuple(blocks)))
+    # the rows of the pivots become zero: the reduction leaves their channels out
+    return reduce_exactly(ExactLFT(matrices.stacked([[a.M[:n] + -change], [a.M[n:]]]), a.blocks))
 
 
 def _rank(a: ExactLFT) -> int:
@@ -70,11 +65,8 @@ def _rank(a: ExactLFT) -> int:
 def _dependences(a: ExactLFT, rank: int) -> ExactMatrix:
     """Columns (channels, count) that vanish together with so many functions Y Delta."""
     n, M, prime = a.order, a.M, a.M.prime
-    random, values, one = (
-        np.random.default_rng(0),
-        matrices.zeros(0, n, prime),
-        matrices.identity(n, prime),
-    )
+    random, one = np.random.default_rng(0), matrices.identity(n, prime)
+    values = matrices.zeros(0, n, prime)
     while matrices.rank(values.residues, prime) < rank:
         at = random.integers(2, _LARGEST, len(a.blocks)) * random.choice([-1, 1], len(a.blocks))
         delta = matrices.of_integers(np.diag(np.repeat(at, [b.size for b in a.blocks])), prime)

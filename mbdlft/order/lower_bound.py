@@ -71,8 +71,7 @@ _REDUCED = 5e6  # operations of an LFT in a few deltas: some half a millisecond 
 _MOST_COEFFICIENTS = {1: 600, 2: 200}  # of u in so many deltas: more take many seconds, and are left open
 
 
-@lru_cache(maxsize=1)  # of what is reduced, and of what its search begins with
-def exact_degrees(a: ExactLFT, seed: int = 0) -> Mapping[str, int]:
+def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
     M, n, degrees = at_random(a, seed), a.order, dict[str, int]()
     for block, rows in zip(a.blocks, a.parts, strict=True):

@@ -88,7 +88,7 @@ def degrees(candidate: Candidate, seed: int) -> dict[str, int]:
     """Lower bounds of the repetitions by parameter."""
     if isinstance(candidate.exact, SparseResidues):
         return sparse_degrees(candidate.exact, seed)
-    return dict(exact_degrees(candidate.exact, seed))
+    return exact_degrees(candidate.exact, seed)
 
 
 def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str, Any]:
