@@ -338,9 +338,10 @@ def solved(a: Residues, b: Residues, prime: int) -> Residues:
 
 
 def resolvents(a: Residues, diagonals: Residues, right: Residues, prime: int) -> Residues:
-    """(diagonal - a)^-1 right modulo a prime, for N of each (N, n); a ZeroDivisionError if singular.
+    """(diagonal - a)^-1 right modulo a prime, for diagonals (N, n); a ZeroDivisionError if singular.
 
-    One matrix is converted for all, as an entry of FLINT takes longer than its elimination.
+    Right sides are (N, n) or (N, n, columns). One matrix is converted for all, as an entry of FLINT takes
+    longer than its elimination.
     """
     n = len(a)
     if not n:
@@ -350,7 +351,7 @@ def resolvents(a: Residues, diagonals: Residues, right: Residues, prime: int) ->
         matrix = flint.nmod_mat(minus)
         for k, x in enumerate(diagonal.tolist()):
             matrix[k, k] = x
-        solutions.append(_residues(matrix.solve(_residue_matrix(side[:, None], prime))).ravel())
+        solutions.append(_residues(matrix.solve(_residue_matrix(side.reshape(n, -1), prime))))
     return np.array(solutions).reshape(right.shape)
 
 

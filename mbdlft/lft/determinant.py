@@ -9,6 +9,7 @@ of 915 channels.
 
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ def components(readers: Channels, sources: Channels, count: int) -> list[Channel
     return np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
 
 
-def diagonal_blocks(matrix: Array) -> list[Channels]:
+def diagonal_blocks(matrix: NDArray[Any]) -> list[Channels]:
     """Diagonal blocks of a square matrix in an order that makes it block lower triangular."""
     n = len(matrix)
     if n <= _MERGED:

@@ -8,22 +8,29 @@ If Y Delta n = 0 for a constant vector n, then [A B] + n m has the same Y and th
 m: both equations hold again. With m = -(row k of [A B]) / n_k, row k becomes zero, and channel k is left
 out. So in a smallest LFT the functions Y Delta are independent, and those of its transpose too. n-D
 reduction does not see this: delta_1 (delta_2 f) and delta_2 (delta_1 f) are one function but two
-noncommutative monomials. Values at random points decide.
+noncommutative monomials. Values at random points decide, as residues; few channels take part in each n,
+and balls are computed for these and for those that lead to them alone.
 
 The value has no new pole, but det(I - A Delta) is another one, ((I - A Delta)^-1 n)_k / n_k times what it
 was: where that vanishes on the ranges, the LFT is singular there, and of no use.
 """
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 import numpy as np
 
+from mbdlft.base.reach import in_reach
 from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.pencils import null_space
+from mbdlft.exact.reachable import Space
+from mbdlft.lft.determinant import Channels, diagonal_blocks
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
 
-_LARGEST = 100  # whole numbers of the points: outside of the range, where few poles are
-_MORE = 2  # points than there are functions
+_ONE = 1000  # in the whole numbers of points, whose deltas are inside of the ranges, where no poles are
 
 
 def without_dependent(a: ExactLFT) -> ExactLFT:
@@ -41,38 +48,80 @@ def without_dependent(a: ExactLFT) -> ExactLFT:
 
 def _of_one_side(a: ExactLFT) -> ExactLFT:
     """The same for the functions Y Delta alone."""
-    n, rank = a.order, _rank(a)
-    if rank == n:
+    n, M, change = a.order, a.M, _dependences(a)
+    if not change.shape[1]:
         return a
-    change = _dependences(a, rank)
-    pivots = matrices.pivot_columns(change.residues.T, a.M.prime)
-    change = change @ change[pivots].solve(a.M[pivots])
+    if carries_values():
+        change = _in_balls(a, change)
+    pivots = matrices.pivot_columns(change.residues.T, M.prime)
+    change = change @ change[pivots].solve(M[pivots])
     # the rows of the pivots become zero: the reduction leaves their channels out
-    return reduce_exactly(ExactLFT(matrices.stacked([[a.M[:n] + -change], [a.M[n:]]]), a.blocks))
+    return reduce_exactly(ExactLFT(matrices.stacked([[M[:n] + -change], [M[n:]]]), a.blocks))
 
 
-def _rank(a: ExactLFT) -> int:
-    """How many of the functions Y Delta are independent, by residues."""
-    M, prime, n = a.M.residues, a.M.prime, a.order
-    count, random = n + _MORE, np.random.default_rng(0)
-    inverses = random.integers(1, prime, (count, len(a.blocks)))
-    inverses = np.repeat(inverses, [block.size for block in a.blocks], axis=1)
-    left = matrices.multiplied(random.integers(1, prime, (count, len(M) - n)), M[n:, :n], prime)
-    # left Y Delta is left C (1/Delta - A)^-1
-    return matrices.rank(matrices.resolvents(M[:n, :n].T, inverses, left, prime), prime)
+def _dependences(a: ExactLFT) -> ExactMatrix:
+    """Columns (channels, count) n with Y Delta n = 0, few channels in each, in residues.
+
+    Functions that depend at points and at one more, all random, do at any.
+    """
+    n, M, prime = a.order, a.M.residues, a.M.prime
+    space, random = Space(n, prime), np.random.default_rng(0)
+    A, C = M[:n, :n], M[n:, :n][M[n:, :n].any(axis=1)]
+    blocks = diagonal_blocks(A.T)
+    while missing := n - len(space.pivots):
+        inverses = random.integers(1, prime, (1 + missing // len(C), len(a.blocks)))
+        inverses = np.repeat(inverses, [block.size for block in a.blocks], axis=1)
+        if not len(space.extend(_values(A, C, inverses, blocks, prime))):
+            break
+    others = sorted(set(range(n)) - set(space.pivots))
+    null = matrices.identity(n, prime)[:, others]
+    null.residues[space.pivots] = -space.basis[:, others] % prime
+    return null
 
 
-def _dependences(a: ExactLFT, rank: int) -> ExactMatrix:
-    """Columns (channels, count) that vanish together with so many functions Y Delta."""
-    n, M, prime = a.order, a.M, a.M.prime
-    random, one = np.random.default_rng(0), matrices.identity(n, prime)
-    values = matrices.zeros(0, n, prime)
-    while matrices.rank(values.residues, prime) < rank:
-        at = random.integers(2, _LARGEST, len(a.blocks)) * random.choice([-1, 1], len(a.blocks))
-        delta = matrices.of_integers(np.diag(np.repeat(at, [b.size for b in a.blocks])), prime)
-        try:
-            Y = (one + -(delta @ M[:n, :n])).T.solve(M[n:, :n].T).T
-        except ZeroDivisionError:  # a pole
-            continue
-        values = matrices.stacked([[values], [Y @ delta]])
-    return null_space(values)[0]
+def _values(
+    A: Residues, C: Residues, inverses: Residues, blocks: Sequence[Channels], prime: int
+) -> Residues:
+    """Rows of Y Delta = C (1/Delta - A)^-1 at points (N, channels); a block takes those before it."""
+    values = np.zeros((len(inverses), *C.shape), dtype=np.int64)
+    for block in blocks:
+        needed = matrices.multiplied(values.reshape(-1, len(A)), A[:, block], prime)
+        right = np.swapaxes((C[:, block] + needed.reshape(*values.shape[:2], -1)) % prime, 1, 2)
+        solved = matrices.resolvents(A[block][:, block].T, inverses[:, block], right, prime)
+        values[:, :, block] = np.swapaxes(solved, 1, 2)
+    return values.reshape(-1, len(A))
+
+
+def _in_balls(a: ExactLFT, null: ExactMatrix) -> ExactMatrix:
+    """The same columns in balls, each from values of the functions that take part in it."""
+    n, prime, random, sizes = a.order, a.M.prime, np.random.default_rng(0), [b.size for b in a.blocks]
+    kept = np.flatnonzero(in_reach(a.M.residues[:n, :n] != 0, np.asarray(null.residues.any(axis=1))))
+    A, C = a.M[kept][:, kept], a.M[n:][:, kept]
+    A, C = matrices.of_integers(_ONE * np.eye(len(kept)), prime) @ A, C[C.residues.any(axis=1)]
+    blocks = diagonal_blocks(A.residues.T)
+    values, result = matrices.zeros(0, len(kept), prime), matrices.zeros(*null.shape, prime)
+    for k, column in enumerate(null.residues[kept].T):
+        some = np.flatnonzero(column)
+        for _ in some:  # each point adds a row that is independent, at least
+            if matrices.rank(values.residues[:, some], prime) == len(some) - 1:
+                break
+            at = random.integers(_ONE, 2 * _ONE, len(sizes)) * random.choice([-1, 1], len(sizes))
+            with suppress(ZeroDivisionError):  # a pole
+                more = _values_in_balls(A, C, np.repeat(at, sizes)[kept], blocks)
+                values = matrices.stacked([[values], [more]])
+        basis, _ = null_space(values[:, some])
+        (result.residues[kept[some], k],) = basis.residues.T
+        (result.balls[kept[some], k],) = basis.balls.T
+    return result
+
+
+def _values_in_balls(
+    A: ExactMatrix, C: ExactMatrix, inverses: Residues, blocks: Sequence[Channels]
+) -> ExactMatrix:
+    """`_values` at one point."""
+    values = matrices.zeros(*C.shape, C.prime)
+    for block in blocks:
+        loop = matrices.of_integers(np.diag(inverses[block]), C.prime) + -A[block][:, block]
+        solved = loop.T.solve((C[:, block] + values @ A[:, block]).T).T
+        values.residues[:, block], values.balls[:, block] = solved.residues, solved.balls
+    return values

@@ -46,7 +46,7 @@ from mbdlft.order.reduction import (
     reduce_exactly,
     transposed,
 )
-from mbdlft.order.restriction import Step, by_step, with_affine_restricted
+from mbdlft.order.restriction import INDEPENDENT, Step, by_step, with_affine_restricted
 from mbdlft.order.sparse_bound import SparseResidues, sparse_degrees, value_at_random
 from mbdlft.pipeline.extract import Extraction, SparseExtraction, extract, extract_within
 from mbdlft.problem.relations import Form, LinearModel, Problem
@@ -217,6 +217,8 @@ def candidate_of(
 
     `then` is what the closed LFT is followed by, or None.
     """
+    if known and known.exactly:
+        ask_for_bits(known.exactly[0])  # fewer were not enough
     if known and known.exactly and known.exactly[0] == flint.ctx.prec:
         relations, channels = known.exactly[1], known.channels
     else:
@@ -235,7 +237,8 @@ def candidate_of(
     exact = then(reduced)
     if exact is None:
         return None
-    most = _MOST_CONDITION if exact is reduced and not (n and steps) else 0.0
+    is_reduced = exact is reduced and not (n and set(steps) - {INDEPENDENT})
+    most = _MOST_CONDITION if is_reduced else 0.0
     lft = in_scales(relations.rounded())
     return Candidate(
         form,

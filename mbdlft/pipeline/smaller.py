@@ -34,7 +34,6 @@ _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
 _MOST_MADE = 3  # in balls: O8 would miss its bound with one
-_MOST_DEPENDENT = 60  # channels, in which dependences are looked for: of a hundred they take seconds
 _MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
@@ -78,8 +77,7 @@ def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> It
     Channels with dependent functions are left out first.
     """
     has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
-    is_small = start.lft.order <= _MOST_DEPENDENT
-    if is_small and (small := without_dependent(start.lft)).order < start.lft.order:
+    if (small := without_dependent(start.lft)).order < start.lft.order:
         yield Restricted((*start.steps, INDEPENDENT), small, None if has_unknowns else small)
     for name, side, is_inside in product(names, both, both) if start.relations else ():
         step = Step(name, side, has_unknowns, is_inside)
@@ -132,7 +130,7 @@ def with_restrictions(
 
 def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candidate | None:
     """The same in channels with independent functions; None if they are, or if that is singular."""
-    if not isinstance(candidate.exact, ExactLFT) or candidate.lft.order > _MOST_DEPENDENT:
+    if not isinstance(candidate.exact, ExactLFT):
         return None
     with precision(RESIDUES_ALONE):
         small = without_dependent(_in_residues(candidate.exact))

@@ -88,6 +88,15 @@ def test_value_stays_and_functions_are_independent(seed: int, poles: bool) -> No
     assert law(a).order <= a.order
 
 
+@pytest.mark.parametrize("seed", [1, 5, 9, 10])
+@pytest.mark.parametrize("poles", [False, True])
+def test_blocks_take_those_before_them(seed: int, poles: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those of many channels do."""
+    monkeypatch.setattr("mbdlft.lft.determinant._MERGED", 1)
+    a = shuffled(seed, poles=poles)
+    assert law(a).order < reduce_exactly(exactly(a)).order
+
+
 def test_orders_of_factors() -> None:
     """[a b, b a] has four channels as words, and two as functions, also of its transpose."""
     for stack in (stack_columns, stack_rows):

@@ -91,18 +91,20 @@ def test_exchanges_keep_the_value(seed: int) -> None:
 
 
 def test_relations_are_extracted_once() -> None:
-    """From a candidate that is known, and from what was made in other bits, the same is made."""
+    """From a candidate that is known the same is made, in no fewer bits."""
     problem, first = plain_of(243)
     steps = [Step("theta3", is_transposed=True, of_relations=True)]
     form = problem.forms[0]
     assert first.exactly is not None
     bits, relations = first.exactly
-    other = replace(first, exactly=(2 * bits, transposed(relations)))
+    others = (2 * bits, relations), (bits // 2, transposed(relations))
     expected = restricted(problem, form, steps)
     assert expected is not None
-    for known in (first, other):
-        found = restricted(problem, form, steps, known=known)
+    for exactly in (first.exactly, *others):
+        found = restricted(problem, form, steps, known=replace(first, exactly=exactly))
         assert found is not None
+        assert found.exactly is not None
+        assert found.exactly[0] == max(bits, exactly[0])
         assert np.array_equal(exact(found).M.residues, exact(expected).M.residues)
         assert np.array_equal(found.lft.M11, expected.lft.M11)
 
