@@ -16,6 +16,7 @@ import importlib
 import io
 import re
 import struct
+import warnings
 import zipfile
 from collections.abc import Mapping
 from math import prod
@@ -360,7 +361,9 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str, limit
     numbers, coordinates, axes = _grids(cards, grids, table, text(table))
     try:
         if source.suffix.lower() == ".op4":
-            matrices_by_name = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
+            # pyYeti goes on where the last record ends early
+            with warnings.catch_warnings(action="error", category=RuntimeWarning):
+                matrices_by_name = op4.read(str(source), sparse=(True, sp.coo_array.tocsr))
             pair = [_named(matrices_by_name, name) for name in (mass, stiffness)]
             dof = _rows(cards, text(table), numbers)
         else:
@@ -368,7 +371,7 @@ def arrays_of_nastran(matrices: str, bulk: str, mass: str, stiffness: str, limit
             dof, *pair = _dmig(columns or [], mass, stiffness)
     except MbdlftError as error:
         raise StructureError(f"{source}: {error}") from None
-    except (struct.error, ValueError, IndexError) as error:  # of numbers that are not there
+    except (struct.error, ValueError, IndexError, RuntimeWarning) as error:  # numbers that are not there
         raise StructureError(
             f"{source}: cannot be read as NASTRAN matrices: it ends, or is damaged, inside of a matrix "
             f"({error}). Was it cut off, or copied as text? Copy or write it again."

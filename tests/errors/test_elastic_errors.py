@@ -83,7 +83,8 @@ scenes.beam(shear_coefficient=0.8, shear_modulus=1.0, modes=4)
     => modes: the modes of a beam with a shear_coefficient … `elements`
 scenes.beam(modes=41) => modes … 41
 Beam(name="b", length=1, density=1, area=1, elements=4, modes=8, modulus=1, deformations=["axial"])
-    => body 'b': got elements = 4 and modes = 8, in the place of elements … Leave one of both out
+    => body 'b': got elements = 4 and modes = 8, in the place of elements …
+    Leave one of both out; elements are 1 to 200, and modes 1 to 40.
 panel(modes=()) => modes: at least one is needed
 panel(modes=(mode(shapes={}),)) => mode 1 has no shape at the port 'tip' … shapes.tip
 panel(modes=(mode(), mode(shapes={"tip": SIX, "end": SIX})))

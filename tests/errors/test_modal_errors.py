@@ -289,6 +289,8 @@ save_matrices(tmp_path / "x.txt", straight(2))
     => x.txt: expected a name that ends in .npz, .h5 or .hdf5.
 nastran("x.op4") => x.op4: unknown matrix 'KAA'. Existing: kbb, kcc, maa.
 nastran("x.op4", stiffness="kcc") => x.op4: kcc is 5 x 5 … has 6 coordinates
+nastran("cut.op4", stiffness="kbb", end={216|224|650}) => cut.op4: cannot be read … ends, … cut off
+nastran("cut.op4", stiffness="kbb", end=228) => cut.op4: unknown matrix 'kbb'
 nastran("cut.op4", end={30|40}) => cut.op4: cannot be read as NASTRAN matrices … cut off
 nastran("y.op4") => y.op4: cannot be read: No such file
 nastran("x.op4", "none.bdf") => none.bdf: cannot be read: No such file

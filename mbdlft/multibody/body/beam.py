@@ -63,6 +63,7 @@ from mbdlft.multibody.spatial import Coordinate
 
 DEFORMATIONS = ("axial", "torsion", "bending_y", "bending_z")
 SHAPES = ("cubic", "quintic")
+_MOST_ELEMENTS, _MOST_MODES = 200, 40
 _UNITS = {
     "length": "m",
     "density": "kg m^-3",
@@ -107,8 +108,8 @@ class Beam(ElasticBody):
     mass_damping: Quantity = 0.0
     stiffness_damping: Quantity = 0.0
     rotary_inertia: bool = False
-    elements: Annotated[int, Field(ge=1, le=200, strict=True)] = 4
-    modes: Annotated[int, Field(ge=1, le=40, strict=True)] | None = None
+    elements: Annotated[int, Field(ge=1, le=_MOST_ELEMENTS, strict=True)] = 4
+    modes: Annotated[int, Field(ge=1, le=_MOST_MODES, strict=True)] | None = None
     shape_functions: Text = "cubic"
     deformations: Many[Text] = DEFORMATIONS
     stations: dict[Name, Annotated[int, Field(ge=1, strict=True)]] = {}
@@ -133,7 +134,8 @@ class Beam(ElasticBody):
         if self.modes is not None and "elements" in self.model_fields_set and not self.stations:
             raise SceneError(
                 f"got elements = {self.elements} and modes = {self.modes}, in the place of elements; "
-                "these number the nodes of stations, and there are none. Leave one of both out."
+                "these number the nodes of stations, and there are none. Leave one of both out; elements "
+                f"are 1 to {_MOST_ELEMENTS}, and modes 1 to {_MOST_MODES}."
             )
         if self.ports:
             raise SceneError("a beam has 'tip' and `stations` (names of nodes) in place of ports.")
