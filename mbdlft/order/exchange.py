@@ -444,6 +444,9 @@ def _far_outside(chains: Array, K: Array, value: Array) -> Array:
     tries = np.random.default_rng(0).standard_normal((Q.shape[1], _TRIES))
     tries[:, 0] = np.linalg.svd(outside.T @ Q)[2][0]
     tries = np.linalg.lstsq(R, tries, rcond=None)[0] / lengths[:, None]
+    tries = tries[:, tries.any(axis=0)]  # Q has more directions than chains that depend
+    if not tries.size:
+        raise TooFewBitsError("balls are too wide for the directions of chains.")
     vectors = (chains @ tries).transpose(2, 1, 0)
     spans = np.linalg.qr(vectors / or_one(np.linalg.norm(vectors, axis=1, keepdims=True)))[0]
     least = np.linalg.svd(outside.T @ spans, compute_uv=False)[:, -1]

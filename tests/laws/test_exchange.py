@@ -17,6 +17,7 @@ from mbdlft.order.exchange import (
     Impossible,
     Path,
     _along,
+    _far_outside,
     _lines,
     _opened,
     _zeros,
@@ -218,6 +219,14 @@ def test_a_zero_inside_of_the_range_is_no_line() -> None:
     ((residue, values),) = _zeros(ExactLFT(M, (Block("b", 2),)), 1, 2)
     assert residue == quarter
     assert float(values[0]) == 0.25
+
+
+def test_directions_of_chains_that_depend() -> None:
+    """The direction that is farthest outside is one that they do not have; those of zero have none."""
+    chains, K = np.array([[[1.0, 1.0], [0.0, 0.0], [0.0, 0.0]]]), np.array([[1.0], [0.0], [-1.0]])
+    assert _far_outside(chains, K, np.eye(4)).all()
+    with pytest.raises(TooFewBitsError):
+        _far_outside(0.0 * chains, K, np.eye(4))
 
 
 def test_models_are_searched_from_exchanges() -> None:
