@@ -254,7 +254,9 @@ def _smallest(
     truth = start.closed if start.form.relations.unknown.numel() else None
     joint = JointBound(residues_alone(exact), degrees) if isinstance(exact, ExactLFT) else None
     if joint is None or budget.seconds is not None or start.lft.order > _MOST_RESTRICTED:
-        return _search(reduced, degrees, budget, stage, joint, truth)
+        small = [c for c in [without_dependent_channels(problem, start)] if c]
+        result = _search([*small, *reduced], degrees, budget, stage, joint, truth)
+        return result._replace(larger=(*result.larger, *(c.lft for c in small), *map(_with_zeros, small)))
     with running.budget(budget.work):
         work, above = Work(budget.work, tell=running.tell), above_bound(start.lft, degrees)
         order_bound = joint.of_all(work.limited(OF_PAIRS), triples=False, above=above)

@@ -123,6 +123,12 @@ def test_scenes_without_a_search(name: str, order: int) -> None:
     assert to_lft(load_scene(SCENARIOS / f"{name}.toml"), search=0.0).order == order
 
 
+def test_searches_of_many_channels_begin_without_dependent_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They had more repetitions than without a search."""
+    monkeypatch.setattr("mbdlft.pipeline.stages._MOST_RESTRICTED", 0)
+    assert to_lft(load_scene(SCENARIOS / "double_pendulum_hanging.toml"), search=1e-6).order == 9
+
+
 def test_what_becomes_singular_is_not_used() -> None:
     """Of a chain of links, repetitions could be left out but for a determinant that vanishes."""
     scene = chain(3, spatial=False)
