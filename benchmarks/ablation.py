@@ -4,14 +4,10 @@ Run it from the top of the repository:
 
     python -m benchmarks.ablation [--work 2] [--write docs/ablation.md]
 
-Results depend on the work alone, not on the machine or its load. A search runs in a process of its own,
-in which nothing can be left out; here it runs in this process, which begins again with the same
-settings of the libraries of numbers.
+Results depend on the work alone, not on the machine or its load.
 """
 
 import argparse
-import os
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from itertools import product
@@ -23,8 +19,7 @@ import mbdlft
 from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
-from mbdlft.base.worker import NoProcessError, settings
-from mbdlft.order import search
+from mbdlft.order import exchange
 from mbdlft.pipeline import stages
 from mbdlft.system.model import LFTModel
 
@@ -33,7 +28,7 @@ _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
     "without restrictions and exchanges": {"restrictions": lambda *_: []},
     "without exchanges": {"with_exchanges": lambda *_: None},
-    "without refits": {"refit": lambda forms, *_: min(forms, key=lambda form: form.order)},
+    "without directions that cost nothing": {"unobservable": lambda *_: None},
 }
 
 Make = Callable[[float], LFTModel]
@@ -67,15 +62,10 @@ def _of_scene(scene: mbdlft.Scene) -> Make:
     return lambda work: mbdlft.to_lft(scene, search=work)
 
 
-def _nowhere(*_: Any) -> None:
-    raise NoProcessError
-
-
 def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
-        stack.enter_context(patch.object(stages, "same_everywhere", _nowhere))
-        for module, (name, nothing) in product((search, stages), left_out.items()):
+        for module, (name, nothing) in product((exchange, stages), left_out.items()):
             if hasattr(module, name):
                 stack.enter_context(patch.object(module, name, nothing))
         models = {name: make(work) for name, make in cases()}
@@ -108,10 +98,6 @@ def main() -> None:
     parser.add_argument("--work", type=float, default=2.0)
     parser.add_argument("--write", type=Path)
     arguments = parser.parse_args()
-    chosen = settings()
-    if not chosen.items() <= os.environ.items():  # libraries read them when they are imported
-        command = [sys.executable, "-W", "ignore", "-m", "benchmarks.ablation", *sys.argv[1:]]
-        os.execve(sys.executable, command, {**os.environ, **chosen})
     results = {name: measure(arguments.work, left_out) for name, left_out in _LEFT_OUT.items()}
     text = table(results, arguments.work)
     print(text)

@@ -14,9 +14,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from mbdlft.base import worker
-from mbdlft.base.worker import NoProcessError
 from mbdlft.elastic import files
-from mbdlft.pipeline import stages
 from tests.scenarios.commands import Call, Output, run
 
 os.environ["MBDLFT_CACHE"] = ""
@@ -55,16 +53,6 @@ def output(call: Call) -> Output:
         return out
 
     return printed
-
-
-@pytest.fixture
-def search_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A search in this process, where a bug can be planted."""
-
-    def nowhere(*_: Any) -> None:
-        raise NoProcessError
-
-    monkeypatch.setattr(stages, "same_everywhere", nowhere)
 
 
 @pytest.fixture

@@ -1,14 +1,8 @@
-"""Functions in processes of their own, for three reasons.
+"""Functions in processes of their own, for two reasons.
 
 - A library that parses the bytes of somebody else may loop, ask for all memory, or end its process. There
   it may: `arrays_of` calls it in a process with limits of its time and memory, from which only arrays by
   name and the text of an error come back, as bytes. (A pickle could do what it likes here.)
-- Libraries of linear algebra choose kernels by the processor, and their sums then differ in the last bit.
-  For most results this is rounding. A search that follows Newton's method from far away is different: a
-  last bit leads to another path, and another path to another order. `same_everywhere` calls it in a
-  process with the same arithmetic on every processor of one kind (x86-64, ARM): one kernel of OpenBLAS,
-  the compatible branch of MKL, numpy without instructions beyond its baseline, a C library without fused
-  products.
 - A machine has several cores: `Pool` gives them tasks; a process that dies is replaced, and its task
   computed again.
 
@@ -20,7 +14,6 @@ import contextlib
 import json
 import os
 import pickle
-import platform
 import queue
 import struct
 import subprocess
@@ -41,7 +34,6 @@ from mbdlft.base.running import heard, pass_on
 
 LARGEST = 2**26  # bytes of a text; robots and scenes have a thousandth
 _SINGLE = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-_KERNELS = {"x86_64": "Prescott", "amd64": "Prescott", "aarch64": "ARMV8", "arm64": "ARMV8"}
 _OFTEN = 0.2  # s between two messages on progress
 _CLOCK = 10.0  # times the seconds of the processor: the machine may have other work
 _START = 60.0  # s, to start Python and import libraries on a busy machine
@@ -135,13 +127,7 @@ class Worker:
             raise answer
         return answer
 
-    def begin(self, module: str) -> None:
-        """Start the process before its first call, if it does not run, and import a module there."""
-        with self._locks.setdefault(os.getpid(), threading.Lock()), contextlib.suppress(NoProcessError):
-            if self.process is None:
-                self._start(module)
-
-    def _start(self, *modules: str) -> "subprocess.Popen[bytes]":
+    def _start(self) -> "subprocess.Popen[bytes]":
         """Start a process; -P keeps the files of the folder from being imported as modules."""
         self.end()
         if getattr(sys, "frozen", False) or not Path(sys.executable or "").stem.startswith("py"):
@@ -151,7 +137,7 @@ class Worker:
         kind = "plain" if self._plain else "pickled"
         try:
             process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "mbdlft.base.worker", kind, *modules],
+                [sys.executable, "-P", "-m", "mbdlft.base.worker", kind],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL if self._quiet else None,
@@ -236,45 +222,6 @@ def arrays_of(
     finally:
         reader.end()
     return arrays
-
-
-def settings() -> dict[str, str]:
-    """Variables of the environment that choose the arithmetic of the libraries of numbers."""
-    chosen = {
-        **_SINGLE,
-        "MKL_CBWR": "COMPATIBLE",
-        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4",
-        "PYTHONWARNINGS": "ignore",  # nobody would see them, and they could be errors
-    }
-    umath = getattr(getattr(np, "_core", None), "_multiarray_umath", None)
-    if dispatched := getattr(umath, "__cpu_dispatch__", ()):
-        chosen["NPY_DISABLE_CPU_FEATURES"] = " ".join(dispatched)
-    if kernel := _KERNELS.get(platform.machine().lower()):
-        chosen["OPENBLAS_CORETYPE"] = kernel
-    return chosen
-
-
-_SAME = Worker(settings())
-
-
-def same_everywhere(target: str, *arguments: Any) -> Any:
-    """What a function returns in a process with the same arithmetic on every processor of one kind.
-
-    `target` is ``module:function``; `pickle` can carry its arguments, its result, and what it raises.
-    Without such a process there is a NoProcessError.
-    """
-    was_there = _SAME.process is not None
-    try:
-        return _SAME.call(target, *arguments)
-    except EndedError:
-        if not was_there:
-            raise
-    return _SAME.call(target, *arguments)  # it may have ended since the last call
-
-
-def begin_same_everywhere(module: str) -> None:
-    """Start the process of `same_everywhere`, with a module imported: its first call does not wait."""
-    _SAME.begin(module)
 
 
 class Pool:
@@ -464,6 +411,4 @@ def content_of(file: Path, error: type[MbdlftError], largest: int = LARGEST) -> 
 
 
 if __name__ == "__main__":
-    for _module in sys.argv[2:]:
-        import_module(_module)
     serve(plain=sys.argv[1] == "plain")

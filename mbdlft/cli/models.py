@@ -12,7 +12,6 @@ import typer
 from mbdlft import analyze, base, batch, matrix, modelica, multibody, problem
 from mbdlft import archive as archives
 from mbdlft import system as systems
-from mbdlft.base import worker
 from mbdlft.base.errors import AnalysisError, MbdlftError
 from mbdlft.cli import options, rooms
 from mbdlft.cli.output import (
@@ -299,8 +298,6 @@ def linearize(
     options.check_paths(output, *(figure for _, figure in figures))
     if program and output is None:
         raise AnalysisError("--program: it is stored in an archive; give one with -o.")
-    if search > 0.0:
-        worker.begin_same_everywhere("mbdlft.order.search")  # while the file is read
     with progress_of(file.stem) as progress:
         show = progress.stage
         if options.is_modelica(file):

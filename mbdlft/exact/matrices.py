@@ -1,5 +1,6 @@
 """Matrices of exact numbers: residues decide ranks and zeros, balls carry values; FLINT computes both."""
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from heapq import heapify, heappop, heappush
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
+from mbdlft.base.errors import SizeError
 from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, carries_values, zero_of
 from mbdlft.exact.rounding import equilibrate
 
@@ -104,10 +106,16 @@ class ExactMatrix:
 
 
 def double_of(ball: Any) -> float:
-    """The double next to a ball that is not zero; a TooFewBitsError if it is wide."""
+    """The double next to a ball that is not zero; a TooFewBitsError if it is wide.
+
+    A SizeError if there is none with all digits.
+    """
     if ball.rel_accuracy_bits() < _ENOUGH_BITS:
         raise TooFewBitsError(f"a ball of radius {float(ball.rad()):.1e} is too wide.")
-    return float(ball.mid())
+    value = float(ball.mid())
+    if not sys.float_info.min <= abs(value) <= sys.float_info.max:
+        raise SizeError("LFT: an entry is too large, or too small, for doubles.")
+    return value
 
 
 def eliminate(

@@ -43,20 +43,41 @@ def invariant_zeros(M: ExactMatrix, n: int) -> ExactMatrix:
     return M[:n, :n] + -(M[:n, n:] @ M[n:, n:].solve(M[n:, :n]))
 
 
-def _with_full_rows(M: ExactMatrix, n: int) -> tuple[ExactMatrix, int]:
-    """The system of fewer states with the same finite zeros, and with rows of D that are independent."""
+def motions_without_outputs(
+    M: ExactMatrix, n: int, others: int
+) -> tuple[ExactMatrix, ExactMatrix] | None:
+    """The matrix of s on what n states and inputs can be while no output moves, and other outputs then.
+
+    The others are the last rows of M. None if some states and inputs can be so at any s.
+    """
+    M, n = _with_full_rows(M, n, others)
+    outputs = M.shape[0] - others
+    if outputs != M.shape[1]:
+        return None
+    inputs = -M[n:outputs, n:].solve(M[n:outputs, :n])
+    moved = M[:, :n] + M[:, n:] @ inputs
+    return moved[:n], moved[outputs:]
+
+
+def _with_full_rows(M: ExactMatrix, n: int, others: int = 0) -> tuple[ExactMatrix, int]:
+    """The system of fewer states with the same finite zeros, and with rows of D that are independent.
+
+    It has so many other outputs at the end, which take no part.
+    """
+    end = M.shape[0] - others
+    M, beside = M[:end], M[end:]
     while True:
         C, D = M[n:, :n], M[n:, n:]
-        first, others = independent(D.T)
+        first, dependent = independent(D.T)
         columns, _ = independent(D[first])
-        factors = D[first][:, columns].T.solve(D[others][:, columns].T).T
-        seen = C[others] + -(factors @ C[first])
+        factors = D[first][:, columns].T.solve(D[dependent][:, columns].T).T
+        seen = C[dependent] + -(factors @ C[first])
         M = M[[*range(n), *(n + k for k in first)]]
         if not seen.residues.any():
-            return M, n
+            return matrices.stacked([[M], [beside]]), n
         S, free = null_space(seen)
         fixed = sorted(set(range(n)) - set(free))
-        moved = matrices.stacked([[M[:, :n] @ S, M[:, n:]]])
+        moved, beside = (matrices.stacked([[a[:, :n] @ S, a[:, n:]]]) for a in (M, beside))
         beyond = moved[fixed] + -(S[fixed] @ moved[free])  # the states that are zero, moved
         M, n = matrices.stacked([[moved[free]], [moved[n:]], [beyond]]), len(free)
 
@@ -77,6 +98,9 @@ def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     """Columns that are independent, as far from dependent as doubles tell, and the others."""
     if 0 in a.shape:
         return [], [*range(a.shape[1])]
+    if not carries_values():
+        chosen = matrices.pivot_columns(a.residues, a.prime)
+        return chosen, sorted(set(range(a.shape[1])) - set(chosen))
     rough = matrices.rough_values(a)
     rows, columns = equilibrate(rough[None])
     order = qr(rows[:, None] * rough * columns, mode="r", pivoting=True)[1]
@@ -84,21 +108,22 @@ def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
 
 
-def real_eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any]]:
-    """Eigenvalues as residues, and the real ones as balls: which are the same is not known.
+def eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any], list[Any]]:
+    """Eigenvalues as residues, and as balls: real ones, and those above the real axis.
 
-    They are the roots of the minimal polynomial. Those that are not residues are left out.
+    They are the roots of the minimal polynomial; which are the same is not known. Those that are not
+    residues are left out.
     """
     prime, n = a.prime, len(a.residues)
     if not n:
-        return [], []
+        return [], [], []
     start = np.random.default_rng(0).integers(1, 1000, (n, 1)).astype(float)
     coefficients = _with_single_roots(_minimal_polynomial(a, matrices.of_integers(start, prime)))
     zeros = int(np.flatnonzero(coefficients.residues[:, 0])[0])
     residues, balls = coefficients.residues[zeros:, 0].tolist(), coefficients.balls[zeros:, 0].tolist()
     roots = [0] * (zeros > 0) + [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
     if not carries_values():
-        return roots, []
+        return roots, [], []
     bits = min([flint.ctx.prec, *(x.rel_accuracy_bits() for x in balls)])
     try:
         tol = flint.arb(2) ** -int(_PART * bits)  # as a double it would be 0.0
@@ -106,7 +131,7 @@ def real_eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any]]:
     except ValueError:  # roots that are not told apart
         values = []
     real = [x.real for x in values if x.imag.contains(0)]
-    return roots, [NOTHING] * (zeros > 0) + real
+    return roots, [NOTHING] * (zeros > 0) + real, [x for x in values if x.imag > 0]
 
 
 def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:

@@ -407,13 +407,6 @@ def _of_sum(
     return None
 
 
-def allows(pair: Pair, more: Mapping[str, int]) -> bool:
-    """Whether a pair leaves these repetitions above the degrees possible."""
-    first, second = more[pair.first], more[pair.second]
-    one_has_none = (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
-    return one_has_none and all(y * first + x * second >= h for y, x, h in pair.shared)
-
-
 def excluding(more: Mapping[str, int], pairs: Sequence[Pair]) -> Iterator[Triple]:
     """Triples that would exclude these repetitions above the degrees, of deltas that are in pairs."""
     beside: dict[tuple[str, bool], list[str]] = {}

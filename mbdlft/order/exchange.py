@@ -20,14 +20,16 @@ In the words of docs/pairs.md: these v are quotients O(-k) of the bundle on the 
 exist at any beta are used, and those that are longer at single values of beta, which are zeros of what
 leads to C v, ... All beta are outside of the range, which is from -1 to 1, or infinite.
 
-Where b is repeated more than it need be, an exchange the other way round comes first: it costs more, and
-the one back gains more. Residues alone tell what exchanges lead to; what gains is made in balls.
+Directions that no output sees at a value of b cost nothing (`mbdlft.order.unobservable`). Where b is
+repeated too often, an exchange the other way round comes first: it costs more, and the one back gains
+more. Residues alone tell what exchanges lead to; what gains is made in balls.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from heapq import heapify, heappop, heappush
-from itertools import islice, product
+from itertools import count, islice, product
+from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 import flint
@@ -45,7 +47,7 @@ from mbdlft.exact.numbers import (
     carries_values,
     precision,
 )
-from mbdlft.exact.pencils import invariant_zeros, null_space, pencil, real_eigenvalues, residues_of_pencil
+from mbdlft.exact.pencils import eigenvalues, invariant_zeros, null_space, pencil, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import Block
@@ -54,21 +56,24 @@ from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transpo
 from mbdlft.order.restriction import (
     after,
     in_order,
+    in_rows,
     independent_columns,
     independent_rows,
     krylov,
     selected,
     value_at_random,
 )
+from mbdlft.order.unobservable import Unobservable, motions_anywhere, motions_at_infinity, unobservable
+from mbdlft.order.work import Work
 
 _LINES = (10, -10, 20, -20, 30, -30, 40, -40)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 _MORE = 4  # repetitions than there are, on the way to fewer
-_IDLE, _MOST_IDLE = 150, 600  # of work without a gain, for each repetition above the bound
+_IDLE = 450  # attempts without a gain, for each unit: O8 would miss its bound with 300
+_OF_CHANNEL = 5e5  # operations of an attempt for each channel
 _OF_RESULT = 20  # work of an exchange that leads somewhere
 ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
-
 
 # chains at any beta, those that are longer at infinity, and those at zeros, which may not be real
 Kind = Literal["any", "infinite", "zeros"]
@@ -93,43 +98,49 @@ def path_below(
     starts: Sequence[ExactLFT],
     least: int,
     bound: int,
+    work: Work,
     but_not: Collection[Impossible | None] = (),
     *,
     with_zeros: bool = True,
 ) -> tuple[int, Path, int]:
     """Exchanges one after the other to the smallest order below one that residues find.
 
-    From which of the starts, the exchanges, and that order. They go on from the smallest LFTs first, and
-    end at a bound, or where the last gain is long ago.
+    From which of the starts, the exchanges, and that order. They go on from small LFTs after few of them,
+    the same sizes again after other deltas, and end at a bound, with the work, or late after a gain.
     """
     first, path, idle = 0, Path(), 0
     with precision(RESIDUES_ALONE):
         queue = [(a.order, k, Path(), a, k) for k, a in enumerate(starts)]
-        seen = {a.blocks for a in starts}
+        seen = set[tuple[Any, ...]]()
         heapify(queue)
         while queue:
-            order, _, before, start, k = heappop(queue)
-            if order > least + _MORE and (before or k):
+            *_, before, start, k = heappop(queue)
+            if start.order > least + _MORE and (before or k):
                 continue
             for exchange, result in exchanges(start, _KINDS[: 2 + with_zeros]):
-                if idle >= min(_IDLE * (least - bound), _MOST_IDLE):
+                if least <= bound or idle >= _IDLE * max(2.0, work.most) or work.is_over:
                     return first, path, least
-                idle += _OF_RESULT if result else 1
-                if result is None or result.blocks in seen or (start.blocks, exchange) in but_not:
+                units = _OF_RESULT if result else 1
+                idle += units
+                work.add(_OF_CHANNEL * units * start.order)
+                if result is None or (start.blocks, exchange) in but_not:
                     continue
-                seen.add(result.blocks)
+                if (key := (result.blocks, *exchange[:3])) in seen:
+                    continue
+                seen.add(key)
                 after = (*before, exchange)
-                heappush(queue, (result.order, len(seen), after, result, k))
+                heappush(queue, (result.order + len(after), len(seen), after, result, k))
                 if result.order < least:
                     first, path, least, idle = k, after, result.order, 0
     return first, path, least
 
 
 def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
-    """The LFT after exchanges, in balls, up to one that is not possible.
+    """The smallest LFT along exchanges, in balls, up to one that is not possible, and that one.
 
     The value of a zero is not real, or in the range, or too many bits are needed.
     """
+    smallest = a
     for exchange in path:
         try:
             result = _by_one(a, exchange)
@@ -137,18 +148,19 @@ def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
             ask_for_bits(ENOUGH_BITS)
             result = None
         if result is None:
-            return a, (a.blocks, exchange)
+            return smallest, (a.blocks, exchange)
         a = result
-    return a, None
+        smallest = min(smallest, a, key=attrgetter("order"))
+    return smallest, None
 
 
 def _by_one(a: ExactLFT, wanted: Exchange) -> ExactLFT | None:
     opened = _opened(a, wanted.first, wanted.second, is_transposed=wanted.is_transposed)
     if opened is None:
         return None
-    longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
-    lines = _lines(opened, longest, wanted.kind)
-    return _along(a, opened, lines) if tuple(line.length for line in lines) == wanted.lengths else None
+    longest = min(max(wanted.lengths, default=0) + (wanted.kind != "any"), opened.K.order)
+    left_out = _left_out(opened, longest, wanted.kind)
+    return _along(a, opened, left_out) if left_out.lengths == wanted.lengths else None
 
 
 def exchanges(a: ExactLFT, kinds: Sequence[Kind]) -> Iterator[tuple[Exchange, ExactLFT | None]]:
@@ -158,11 +170,10 @@ def exchanges(a: ExactLFT, kinds: Sequence[Kind]) -> Iterator[tuple[Exchange, Ex
     for first, second, side in product(above, sizes, (False, True)):
         opened = _opened(a, first, second, is_transposed=side) if first != second else None
         for kind in kinds:
-            lines = _lines(opened, opened.K.order, kind) if opened else []
-            lengths = tuple(line.length for line in lines)
-            is_enough = opened is not None and sum(lengths) == opened.K.order
-            result = _along(a, opened, lines) if opened and is_enough else None
-            yield Exchange(first, second, side, kind, lengths), result
+            left_out = _left_out(opened, opened.K.order, kind) if opened else _NOTHING
+            is_all = opened and left_out.size == opened.K.order
+            result = _along(a, opened, left_out) if opened and is_all else None
+            yield Exchange(first, second, side, kind, left_out.lengths), result
 
 
 class _Opened(NamedTuple):
@@ -197,7 +208,7 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     K = krylov(lft, size, columns)
     assert K is not None
     rows, outputs = independent_rows(K), [*range(size, lft.M.shape[0] - lft.order)]
-    K = _in_rows(K, rows)
+    K = in_rows(K, rows)
     n, y = K.order, len(outputs)
     inner = after(selected(lft, [*rows, *outputs], range(lft.M.shape[1] - lft.order)), K)
     ahead = [[K.M[:n], matrices.zeros(n, y, prime)], [matrices.identity(n + count + y, prime)]]
@@ -206,17 +217,6 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     M = matrices.stacked([[M[:, :k], matrices.zeros(M.shape[0], n, prime), M[:, k:]]])
     K = ExactLFT(matrices.stacked([[K.M[:n]], [matrices.identity(n + count, prime)]]), K.blocks)
     return _Opened(first, second, is_transposed, reduce_exactly(ExactLFT(M, moved.blocks)), K)
-
-
-def _in_rows(K: ExactLFT, rows: Sequence[int]) -> ExactLFT:
-    """K (K_rows)^-1, which has the fewest poles."""
-    k, count, prime = K.order, len(rows), K.M.prime
-    size = K.M.shape[0] - k
-    given = [matrices.zeros(k, count, prime), -matrices.identity(count, prime)]
-    given.append(matrices.zeros(size, count, prime))
-    whole = [[K.M[:k], given[0]], [K.M[[k + i for i in rows]], given[1]], [K.M[k:], given[2]]]
-    in_x = eliminated(ExactLFT(matrices.stacked(whole), K.blocks), count, [*range(count, count + size)])
-    return reduce_exactly(in_x)
 
 
 def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
@@ -229,16 +229,19 @@ def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
     return ExactLFT(a.M[rows][:, columns], (block,))
 
 
-def _along(a: ExactLFT, opened: _Opened, lines: Sequence["_Line"]) -> ExactLFT | None:
-    """The LFT after an exchange along lines; None if none of their values is right."""
+def _along(a: ExactLFT, opened: _Opened, left_out: "_LeftOut") -> ExactLFT | None:
+    """The LFT after an exchange; None if none of the values of zeros is right."""
+    free, lines = left_out
     others = [block for block in a.blocks if block.name not in (opened.first, opened.second)]
     block = Block(opened.first, opened.K.M.shape[1] - opened.K.order)
     places = {line.residue: line.values for line in lines}
-    for values in islice(product(*places.values()), _MOST_PAIRS):
+    of_free = free.values() if free else [()]
+    for values, some in islice(product(of_free, product(*places.values())), _MOST_PAIRS):
         try:
-            inner = _along_values(opened, lines, dict(zip(places, values, strict=True)))
+            first = [free.columns(values, _outside(opened))] if free else []
+            inner = _along_values(opened, first, lines, dict(zip(places, some, strict=True)))
         except TooFewBitsError:  # or a zero is not the one of the residue
-            if all(len(some) == 1 for some in places.values()):
+            if not free and all(len(some) == 1 for some in places.values()):
                 raise
             continue
         if inner is not None:
@@ -249,19 +252,18 @@ def _along(a: ExactLFT, opened: _Opened, lines: Sequence["_Line"]) -> ExactLFT |
 
 
 def _along_values(
-    opened: _Opened, lines: Sequence["_Line"], values: Mapping[int, Any]
+    opened: _Opened, chains: list[ExactMatrix], lines: Sequence["_Line"], values: Mapping[int, Any]
 ) -> ExactLFT | None:
     """(w', u) -> (z', y) with P that is zero on chains at 1/beta; None if that has no value."""
     nominal, V = (matrices.rough_values(x.M[x.order :, x.order :]) for x in (opened.lft, opened.K))
+    V = np.hstack([V, *map(matrices.rough_values, chains)])
     try:
-        chains = list[ExactMatrix]()
         for line in lines:
             chains.append(_chain(line, values[line.residue], V, nominal))
             V = np.hstack([V, matrices.rough_values(chains[-1])])
-        inner = _in_coordinates(opened.lft, opened.K, null_space(matrices.stacked([chains]).T)[0].T)
+        return _in_coordinates(opened.lft, opened.K, null_space(matrices.stacked([chains]).T)[0].T)
     except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
         return None
-    return inner
 
 
 class _Line(NamedTuple):
@@ -276,11 +278,41 @@ class _Line(NamedTuple):
     values: Sequence[Any]
 
 
+class _LeftOut(NamedTuple):
+    """What P is zero on."""
+
+    free: Unobservable | None
+    lines: Sequence[_Line]
+
+    @property
+    def lengths(self) -> tuple[int, ...]:
+        """How many columns cost nothing, as a number below zero, if any, and those of the lines."""
+        return (*([-self.free.size] if self.free else []), *(line.length for line in self.lines))
+
+    @property
+    def size(self) -> int:
+        return sum(map(abs, self.lengths))
+
+
+_NOTHING = _LeftOut(None, ())
 _Place = tuple[int, Sequence[Any]]  # a residue of 1/beta, and values that may be its own
 
 
-def _lines(opened: _Opened, longest: int, kind: Kind) -> list[_Line]:
-    """Lines of long chains that make directions superfluous, by residues; none if none is of the kind."""
+def _free(opened: _Opened, kind: Kind) -> Unobservable | None:
+    """Directions that cost nothing, at infinity or anywhere."""
+    if kind == "any":
+        return None
+    of_kind = motions_anywhere if kind == "zeros" else motions_at_infinity
+    first = _longest_anywhere(opened, opened.K.order) + 1
+    chains = ((_chains(opened, length), length) for length in count(first))
+    return unobservable(of_kind(chains, opened.size), _outside(opened), opened.K.order)
+
+
+def _left_out(opened: _Opened, longest: int, kind: Kind) -> _LeftOut:
+    """Directions that cost nothing, then lines of long chains; nothing if there are none of the kind."""
+    if (free := _free(opened, kind)) and free.size == opened.K.order:
+        return _LeftOut(free, ())
+    before = free.residues(_outside(opened)) if free else _outside(opened)[:0].T
     length, places = _longest_anywhere(opened, longest), list[_Place]()
     if kind != "any":
         if length < longest:
@@ -288,12 +320,13 @@ def _lines(opened: _Opened, longest: int, kind: Kind) -> list[_Line]:
             if kind == "zeros":
                 zeros = _zeros(_chains(opened, length + 1), length + 1, opened.size)
                 places = [*places, *zeros] if zeros else []
-        if not places:
-            return []
+        if not places and not free:
+            return _NOTHING
         while length < longest and any(_is_there(opened, length + 1, residue) for residue, _ in places):
             length += 1
     places = [place for place in places for _ in range(opened.K.order)]
-    return _chosen(opened, _and_lines(places, _chains(opened, length)), length)
+    everywhere = _and_lines(places, _chains(opened, length))
+    return _LeftOut(free, _chosen(opened, everywhere, length, before))
 
 
 def _and_lines(places: Sequence[_Place], chains: ExactLFT) -> Iterator[_Place]:
@@ -307,7 +340,7 @@ def _and_lines(places: Sequence[_Place], chains: ExactLFT) -> Iterator[_Place]:
 
 @lru_cache(maxsize=1)  # chains of all kinds are asked for one after the other
 def _longest_anywhere(opened: _Opened, longest: int) -> int:
-    """The length of the longest chains that there are at any beta, up to one."""
+    """The most columns of chains that there are at any beta, up to so many."""
     anywhere, length = int(np.random.default_rng(2).integers(1, opened.K.M.prime)), 1
     while length < longest and _is_there(opened, length + 1, anywhere):
         length += 1
@@ -333,9 +366,9 @@ def _outside(opened: _Opened) -> Residues:
     return matrices.null_space(value_at_random(opened.K, 1).T, prime).T
 
 
-def _chosen(opened: _Opened, places: Iterable[_Place], longest: int) -> list[_Line]:
-    """Lines of the longest chains whose directions are independent beside R."""
-    lines, before = list[_Line](), np.zeros((opened.size, 0), dtype=np.int64)
+def _chosen(opened: _Opened, places: Iterable[_Place], longest: int, before: Residues) -> list[_Line]:
+    """Lines of the longest chains whose directions are independent beside R and others."""
+    lines = list[_Line]()
     for residue, values in places:
         for length in range(min(longest, opened.K.order - before.shape[1]), 0, -1):
             line = _Line(_chains(opened, length), length, residue, values)
@@ -361,7 +394,7 @@ def _zeros(chains: ExactLFT, length: int, size: int) -> list[tuple[int, list[Any
     """
     system = _of_kernel(chains, length, size)
     try:
-        residues, values = real_eigenvalues(invariant_zeros(system, chains.order))
+        residues, values, _ = eigenvalues(invariant_zeros(system, chains.order))
     except TooFewBitsError:
         return []
     if not carries_values():

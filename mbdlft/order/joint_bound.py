@@ -4,10 +4,11 @@ Each pair says what its two deltas need above their degrees. The least sum of al
 program; only pairs and triples that its solution contradicts are looked at, as work allows.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from math import inf
 
+from mbdlft.lft.lft import Block
 from mbdlft.order.degree import Pair, Triple, excluding, least_more
 from mbdlft.order.lower_bound import cannot_be_single, is_affine, is_constant, more_needed
 from mbdlft.order.reduction import ExactLFT
@@ -48,13 +49,13 @@ class JointBound:
                 proved.append(self._pairs[key])
         return proved
 
-    def of_all(self, work: Work, *, triples: bool = True, above: Collection[str] | None = None) -> int:
+    def of_all(self, work: Work, *, triples: bool = True, best: Sequence[Block] | None = None) -> int:
         """Proved minimum of the order of any LFT of the matrix, by pairs and triples as work allows.
 
-        With the names of the deltas that an LFT repeats `above` their degrees, pairs have one of them.
+        Nothing is proved of two deltas that both have their degrees in the `best` LFT.
         """
         used = [name for name, n in self.degrees.items() if n]
-        above = used if above is None else above
+        above = used if best is None else [name for name, size in best if size > self.degrees[name]]
         of_pairs = [pair for pair in combinations(used, 2) if not set(pair).isdisjoint(above)]
         of_pairs.sort(key=lambda pair: -sum(name in above for name in pair))
         affine = [name for name, n in self.degrees.items() if n == 1 and is_affine(self.a, name)]

@@ -44,7 +44,7 @@ from mbdlft.exact.matrices import (
 from mbdlft.exact.numbers import TooFewBitsError, half_precision
 from mbdlft.exact.reachable import reduced
 from mbdlft.exact.rounding import EPS, balanced_channels, channel_scales, or_one, product
-from mbdlft.lft.lft import LFT, Block, check_plain, consecutive, eliminate
+from mbdlft.lft.lft import LFT, Block, check_plain, consecutive
 from mbdlft.lft.sampling import evaluate_at, rounding_sizes
 
 _SWEEPS, _ROUNDS = 3, 8  # the first of the signals may lose digits that the next ones win back
@@ -478,22 +478,3 @@ def _directions(columns: Array, most: int) -> tuple[Array, Sequence[float]]:
         return columns[:, :0], []
     added, _, _ = dorgqr(factor[:, :count], reflectors[:count])
     return added, clear[:count]
-
-
-@dataclass(frozen=True, slots=True)
-class Closing:
-    """How relations are solved in doubles for unknown signals, of which derivatives come first."""
-
-    unknown: int
-    derivatives: int
-    outputs: int
-
-    def solved(self, opened: LFT) -> LFT:
-        """Not reduced."""
-        solved = eliminate(opened, self.unknown)
-        rows = [*range(self.derivatives), *range(self.unknown, self.unknown + self.outputs)]
-        return LFT(solved.M11, solved.M12, solved.M21[rows], solved.M22[rows], solved.blocks)
-
-    def __call__(self, opened: LFT) -> LFT:
-        """Reduced."""
-        return reduce_order(self.solved(opened))

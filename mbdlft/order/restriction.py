@@ -186,6 +186,17 @@ def simplest_first(
     return np.argsort(np.sum(after & before[:, None], axis=0), kind="stable")
 
 
+def in_rows(K: ExactLFT, rows: Sequence[int]) -> ExactLFT:
+    """K (K_rows)^-1, which has the fewest poles."""
+    k, count, prime = K.order, len(rows), K.M.prime
+    size = K.M.shape[0] - k
+    given = [matrices.zeros(k, count, prime), -matrices.identity(count, prime)]
+    given.append(matrices.zeros(size, count, prime))
+    whole = [[K.M[:k], given[0]], [K.M[[k + i for i in rows]], given[1]], [K.M[k:], given[2]]]
+    in_x = eliminated(ExactLFT(matrices.stacked(whole), K.blocks), count, [*range(count, count + size)])
+    return reduce_exactly(in_x)
+
+
 def independent_rows(K: ExactLFT) -> list[int]:
     """Rows that are independent at nominal, as far from dependent as doubles tell."""
     return independent(K.M[K.order :, K.order :].T)[0]

@@ -87,12 +87,6 @@ def late_after(seconds: float | None) -> Callable[[], bool]:
     return lambda: time.monotonic() > until
 
 
-def solutions(count: int, n: int, columns: int, *, is_complex: bool = True) -> float:
-    """Operations of `count` systems of n equations with some right sides (columns)."""
-    each = n * (2.0 / 3.0 * n * n + 2.0 * n * columns + _EACH)
-    return count * each * (2.0 if is_complex else 1.0)
-
-
 def exact_solutions(count: int, n: int) -> float:
     """Operations of `count` systems of n equations modulo a prime; most of the time goes to entries."""
     return count * (1e6 + 4e3 * n * n + 75.0 * n**3)

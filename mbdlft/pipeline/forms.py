@@ -38,7 +38,6 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import solved_for, value_and_sign, with_zeros
 from mbdlft.order.lower_bound import at_random, exact_degrees
 from mbdlft.order.reduction import (
-    Closing,
     ExactLFT,
     eliminated,
     in_good_coordinates,
@@ -69,9 +68,7 @@ class Candidate:
     form: Form
     channels: Mapping[str, int]  # of the signal graph before any reduction, by parameter
     exactly: tuple[int, ExactLFT] | None  # bits, and `relations` before any steps
-    relations: LFT  # as extracted, reduced
-    closed: LFT  # solved for the unknown signals, not reduced
-    exact: ExactLFT | SparseResidues  # the same, reduced
+    exact: ExactLFT | SparseResidues  # solved for the unknown signals, reduced
     lft: LFT  # `exact` in doubles
 
 
@@ -239,16 +236,8 @@ def candidate_of(
         return None
     is_reduced = exact is reduced and not (n and set(steps) - {INDEPENDENT})
     most = _MOST_CONDITION if is_reduced else 0.0
-    lft = in_scales(relations.rounded())
-    return Candidate(
-        form,
-        channels,
-        exactly,
-        lft,
-        in_scales(closed.rounded()) if n else lft,
-        exact,
-        _in_few_bits(exact, some_deltas(problem, exact), most),
-    )
+    lft = _in_few_bits(exact, some_deltas(problem, exact), most)
+    return Candidate(form, channels, exactly, exact, lft)
 
 
 def _in_few_bits(a: ExactLFT, deltas: Array, most: float) -> LFT:
@@ -311,14 +300,7 @@ def _sparsely(problem: Problem, form: Form, relations: SparseExtraction) -> Cand
     )
     with naming(problem.nouns.owner, WellPosednessError):
         lft = with_zeros(lft, value_at_random(residues) != 0)
-    return Candidate(form, relations.channels, None, lft, lft, residues, lft)
-
-
-def closing(form: Form) -> Closing:
-    """How relations are closed."""
-    relations = form.relations
-    outputs = relations.known if form.is_transposed else relations.output
-    return Closing(relations.unknown.numel(), relations.derivatives, outputs.numel())
+    return Candidate(form, relations.channels, None, residues, lft)
 
 
 def _singular(problem: Problem, relations: LFT, n: int) -> WellPosednessError:

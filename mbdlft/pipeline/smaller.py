@@ -34,7 +34,7 @@ _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
 _MOST_MADE = 3  # in balls: O8 would miss its bound with one
-_MOST_PATHS = 3  # of exchanges, the last one without zeros: residues do not see where they are real
+_MOST_PATHS = 4  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
 class Restricted(NamedTuple):
@@ -145,7 +145,12 @@ def _made(problem: Problem, candidate: Candidate, steps: Sequence[Step]) -> Cand
 
 
 def with_exchanges(
-    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], least: int, bound: int
+    problem: Problem,
+    candidate: Candidate,
+    starts: Sequence[Restricted],
+    least: int,
+    bound: int,
+    work: Work,
 ) -> Candidate | None:
     """A candidate with blocks restricted and repetitions exchanged; None if none is below an order."""
     impossible = set[Impossible | None]()
@@ -161,7 +166,7 @@ def with_exchanges(
     best = None
     for k in range(_MOST_PATHS, 0, -1):
         lfts = [start.lft for start in starts]
-        first, path, wanted = path_below(lfts, least, bound, impossible, with_zeros=k > 1)
+        first, path, wanted = path_below(lfts, least, bound, work, impossible, with_zeros=k > 1)
         found = if_possible(problem, partial(make, starts[first].steps, path)) if path else None
         if found:
             best, least = found, found.lft.order

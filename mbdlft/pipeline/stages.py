@@ -3,34 +3,30 @@
 forms -> extract -> reduce -> close -> reduce -> bound -> search -> check -> certificate
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
-from operator import attrgetter
 
 import numpy as np
 
 from mbdlft.base import running
 from mbdlft.base.errors import AnalysisError, StructureError, WellPosednessError
 from mbdlft.base.samples import SEED
-from mbdlft.base.worker import NoProcessError, same_everywhere
 from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT, in_scales, residues_alone
-from mbdlft.order.refit import above_bound
-from mbdlft.order.search import CUT_OFF, DROPPED, IN_PROCESS, OF_PAIRS, Budget, Smallest, find_smallest
-from mbdlft.order.work import Work
+from mbdlft.order.search import CUT_OFF, DROPPED, Budget, Smallest
+from mbdlft.order.work import Work, late_after
 from mbdlft.pipeline import certification
 from mbdlft.pipeline.forms import (
     Candidate,
     accelerations,
     candidates,
-    closing,
     degrees,
     near_relations,
     reduced_relations,
@@ -50,7 +46,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
-_OF_RESTRICTIONS = 1.0  # units of work
+_OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.6, 0.3  # units of work, at most; part of what is left
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
@@ -79,10 +75,10 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     if order_bound < plain.order <= _MOST_SEARCHED:
         with stage("search" if budget.work > 0.0 else "reduce"):
             if budget.work > 0.0:
-                result = _smallest(problem, reduced, least, budget, stage)
+                result = _smallest(problem, reduced[0], least, budget)
                 order_bound = result.order_bound
             elif small := without_dependent_channels(problem, reduced[0]):
-                result = Smallest(small.lft, order_bound, larger=(_with_zeros(small),))
+                result = Smallest(_of_both(small), order_bound)
         if result and result.is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
                 pass
@@ -131,8 +127,8 @@ def _kept(
 
     What is dropped is told with the next one, or at the end.
     """
-    dropped = result.dropped
-    for smaller in dict.fromkeys((result.lft, *sorted(result.larger, key=attrgetter("order")))):
+    dropped = ""
+    for smaller in result.lfts:
         if smaller.order >= plain.order:
             break
         smaller = _in_units(problem, smaller)
@@ -208,88 +204,51 @@ class _Check:
         return (error, ratio) if np.isfinite(error + ratio) else (float("inf"), float("inf"))
 
 
-def _search(
-    reduced: Sequence[Candidate],
-    bound: Mapping[str, int],
-    budget: Budget,
-    stage: Stage,
-    joint: JointBound | None,
-    truth: LFT | None,
-    *,
-    is_closed: bool = False,
-) -> Smallest:
-    """The search, from LFTs that are the same on every machine, in a process whose arithmetic is.
+def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], budget: Budget) -> Smallest:
+    """Blocks restricted, then repetitions exchanged; pairs and triples tell the end.
 
-    Results are compared with `truth`, the LFT before its reduction. If it `is_closed`, the relations are
-    left out.
+    The exchanges have as much work again as the rest.
     """
-    best = reduced[0]
-    closed, forms = [candidate.lft for candidate in reduced], list[LFT]()
-    close = None
-    if best.form.relations.unknown.numel() and not is_closed:
-        # a form that is written with other unknowns is closed in another way
-        closed = [candidate.lft for candidate in reduced if candidate.form is best.form]
-        relations = [candidate.relations for candidate in reduced]
-        forms = [form for form in relations if form.shape == best.relations.shape]
-        close = closing(best.form)
-    target = "mbdlft.order.search:find_smallest"
-    arguments = (closed, dict(bound), budget, forms, close, truth, joint)
-    try:
-        smallest: Smallest = same_everywhere(target, *arguments)
-    except NoProcessError:
-        with stage(IN_PROCESS):
-            smallest = find_smallest(*arguments)
-    return smallest
+    exact = start.exact
+    if not isinstance(exact, ExactLFT):
+        return Smallest((), sum(degrees.values()))
+    is_late = late_after(budget.seconds)
+    work, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(2))
+    joint, found = JointBound(residues_alone(exact), degrees), [start]
 
+    def bound(*, triples: bool) -> int:
+        most = max(_OF_PROOF, _OF_LEFT * work.left)
+        return joint.of_all(work.limited(most), triples=triples, best=found[0].lft.blocks)
 
-def _smallest(
-    problem: Problem,
-    reduced: Sequence[Candidate],
-    degrees: Mapping[str, int],
-    budget: Budget,
-    stage: Stage,
-) -> Smallest:
-    """The result of a search from blocks restricted, then from repetitions exchanged."""
-    start, exact = reduced[0], reduced[0].exact
-    truth = start.closed if start.form.relations.unknown.numel() else None
-    joint = JointBound(residues_alone(exact), degrees) if isinstance(exact, ExactLFT) else None
-    if joint is None or budget.seconds is not None or start.lft.order > _MOST_RESTRICTED:
-        small = [c for c in [without_dependent_channels(problem, start)] if c]
-        result = _search([*small, *reduced], degrees, budget, stage, joint, truth)
-        return result._replace(larger=(*result.larger, *(c.lft for c in small), *map(_with_zeros, small)))
     with running.budget(budget.work):
-        work, above = Work(budget.work, tell=running.tell), above_bound(start.lft, degrees)
-        order_bound = joint.of_all(work.limited(OF_PAIRS), triples=False, above=above)
-        if start.lft.order <= order_bound:
-            return Smallest(start.lft, order_bound)
+        order_bound = bound(triples=False)
+        if order_bound >= start.lft.order:
+            return Smallest((), order_bound, work.is_cut_off)
+        if start.lft.order > _MOST_RESTRICTED or work.is_over:  # as without a search
+            small = without_dependent_channels(problem, start)
+            return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        small = with_restrictions(problem, start, starts, order_bound)
-        some = sorted([*reduced, *small], key=lambda candidate: candidate.lft.order)
-        larger = (*map(_with_zeros, small), *(candidate.lft for candidate in some))
-        if some[0].lft.order <= order_bound:
-            return Smallest(some[0].lft, order_bound, larger=larger)
-        left = budget._replace(work=work.left)
-        with running.after(work.spent):
-            result = _search(some, degrees, left, stage, joint, truth)
-        result = result._replace(larger=(*result.larger, *larger))
-        least = result.lft.order
-        if not starts or least <= result.order_bound:
-            return result
-        best = with_exchanges(problem, start, starts, least, result.order_bound)
-        if best is None:
-            return result
-        more = _search([best], degrees, left, stage, joint, start.closed, is_closed=True)
-    return more._replace(
-        order_bound=max(result.order_bound, more.order_bound),
-        larger=(*more.larger, best.lft, _with_zeros(best), result.lft, *result.larger),
-        dropped=more.dropped or result.dropped,
-    )
+        found += with_restrictions(problem, start, starts, order_bound)
+        found.sort(key=lambda candidate: candidate.lft.order)
+        if found[0].lft.order > order_bound:
+            order_bound = bound(triples=True)
+    with running.budget(budget.work):
+        least = found[0].lft.order
+        best = with_exchanges(problem, start, starts, least, order_bound, of_exchanges)
+    if best:
+        found.insert(0, best)
+    with running.budget(budget.work):
+        if found[0].lft.order > order_bound:
+            order_bound = bound(triples=True)
+    smaller = [candidate for candidate in found if candidate.lft.order < start.lft.order]
+    lfts = tuple(lft for candidate in smaller for lft in _of_both(candidate))
+    return Smallest(lfts, order_bound, work.is_cut_off or of_exchanges.is_cut_off)
 
 
-def _with_zeros(candidate: Candidate) -> LFT:
-    """In coordinates in which entries that are zero are zero, but others may have lost digits."""
+def _of_both(candidate: Candidate) -> tuple[LFT, LFT]:
+    """In good coordinates, and in some that keep zeros, in which other entries may have lost digits."""
     assert isinstance(candidate.exact, ExactLFT)
-    return in_scales(candidate.exact.rounded())
+    return candidate.lft, in_scales(candidate.exact.rounded())
 
 
 def _loses_digits(smaller: LFT, lft: LFT, check: _Check) -> bool:

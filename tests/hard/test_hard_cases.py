@@ -26,7 +26,7 @@ from mbdlft import (
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.matrix import MatrixProblem
 from mbdlft.matrix.relations import problem_of_matrix
-from mbdlft.order import circles, lower_bound
+from mbdlft.order import lower_bound
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.work import Work
@@ -289,16 +289,6 @@ def test_looks_at_pairs_and_triples_are_counted() -> None:
         bound.of_all(work)
         assert work.is_over
         assert lower_bound._reduced.cache_info().misses - before < 0.1 * 1.5e10 / 5e6
-
-
-def test_channels_of_many_points_are_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(circles, "_NUMBERS", 100)
-    random = np.random.default_rng(0)
-    M11, M12 = 0.1 * random.standard_normal((6, 6)), random.standard_normal((6, 2))
-    deltas = np.exp(1j * random.uniform(0.0, 6.0, (7, 6)))
-    for k, found in enumerate(circles.channels_at(M11, M12, deltas)):
-        target(found, np.linalg.solve(np.eye(6) - M11 * deltas[k], M12), CLOSED_FORM)
-    assert circles.channels_at(M11, M12, deltas[:0]).shape == (0, 6, 2)
 
 
 # The scaling benchmark at its smallest: verified rows, and exponents of what is known.

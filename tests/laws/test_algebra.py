@@ -10,7 +10,6 @@ from mbdlft.lft import determinant
 from mbdlft.lft import lft as algebra
 from mbdlft.lft.lft import LFT, Block, constant, delta, fix
 from mbdlft.lft.sampling import evaluate, evaluate_at
-from mbdlft.order.circles import pole_distance
 from tests.close import exact, roundoff
 from tests.laws.lfts import lfts, points
 
@@ -332,4 +331,3 @@ def test_eigenvalues_that_are_not_found_show_nothing(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(np.linalg, "eigvals", failing)
     a = LFT(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), np.zeros((1, 1)), (Block("a", 1),))
     assert not determinant.vanishes(a, np.array([[2.0]])).any()
-    exact(pole_distance(np.array([[0.0, 4.0], [0.0, 0.0]]), 10.0), 0.25)

@@ -99,32 +99,32 @@ def test_a_state_that_is_seen_through_an_unknown_load_only() -> None:
 
 
 def rolling_ball() -> mbdlft.Scene:
-    """A search refits it: 8 repetitions become 7."""
+    """8 repetitions become 7 by a search."""
     return mbdlft.load_scene("scenarios/ball_turntable.toml")
 
 
 def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted search: one repetition less, and a billionth off."""
-    right = stages._search
+    right = stages._smallest
 
     def lossy(*arguments: Any) -> Any:
         found = right(*arguments)
-        a = found.lft
-        return found._replace(lft=LFT(a.M11, a.M12, (1.0 + 1e-9) * a.M21, a.M22, a.blocks))
+        a = found.lfts[0]
+        return found._replace(lfts=(LFT(a.M11, a.M12, (1.0 + 1e-9) * a.M21, a.M22, a.blocks),))
 
-    monkeypatch.setattr(stages, "_search", lossy)
+    monkeypatch.setattr(stages, "_smallest", lossy)
     model = mbdlft.to_lft(rolling_ball())
     assert (model.order, model.certificate.order_bound) == (8, 7)
     assert model.certificate.max_relative_error <= SCENARIO
 
     def lossy_at_last(*arguments: Any) -> Any:
-        a = (found := right(*arguments)).lft
+        a = (found := right(*arguments)).lfts[0]
         longer = LFT(a.M11, a.M12, 2.0 * a.M21, a.M22, a.blocks)
-        return found._replace(lft=longer, larger=(a, *found.larger))
+        return found._replace(lfts=(longer, *found.lfts))
 
-    monkeypatch.setattr(stages, "_search", lossy_at_last)  # the one on the way to it is right
+    monkeypatch.setattr(stages, "_smallest", lossy_at_last)  # the one on the way to it is right
     assert mbdlft.to_lft(rolling_ball()).order == 7
-    monkeypatch.setattr(stages, "_search", lossy)
+    monkeypatch.setattr(stages, "_smallest", lossy)
     monkeypatch.setattr(stages, "_loses_digits", lambda *_: False)
     assert mbdlft.to_lft(rolling_ball()).order == 8  # the check of the certificate refuses it, too
 
@@ -132,13 +132,13 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
 @pytest.mark.parametrize("factor", [1e3, 2.0])
 def test_a_singular_result_of_a_search_is_dropped(factor: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The model before it stands, and a stage says why."""
-    right = stages._search
+    right = stages._smallest
 
     def singular(*arguments: Any) -> Any:
-        a = (smaller := right(*arguments)).lft
-        return smaller._replace(lft=LFT(factor * a.M11, a.M12, a.M21, a.M22, a.blocks))
+        a = (smaller := right(*arguments)).lfts[0]
+        return smaller._replace(lfts=(LFT(factor * a.M11, a.M12, a.M21, a.M22, a.blocks),))
 
-    monkeypatch.setattr(stages, "_search", singular)
+    monkeypatch.setattr(stages, "_smallest", singular)
     said = list[str]()
     model = build(rolling_ball(), search=1.0, progress=said.append).model
     assert model.order == 8

@@ -3,7 +3,7 @@
 LFTs are written in doubles with numbers of few binary digits, so that their algebra is exact.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, reduce
 from itertools import combinations, product
 
@@ -20,7 +20,7 @@ from mbdlft.lft.lft import LFT, Block, constant, delta, stack_columns, stack_dia
 from mbdlft.matrix.relations import problem_of_matrix
 from mbdlft.multibody.assembly import assemble
 from mbdlft.order import lower_bound as module
-from mbdlft.order.degree import Pair, Triple, allows, least_more
+from mbdlft.order.degree import Pair, Triple, least_more
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.lower_bound import exact_degrees, is_constant, more_needed
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
@@ -291,6 +291,13 @@ pairs = st.lists(
     ),
     max_size=4,
 )
+
+
+def allows(pair: Pair, more: Mapping[str, int]) -> bool:
+    """Whether a pair leaves these repetitions above the degrees possible."""
+    first, second = more[pair.first], more[pair.second]
+    one_has_none = (first > 0 or second >= pair.second_more) and (second > 0 or first >= pair.first_more)
+    return one_has_none and all(y * first + x * second >= h for y, x, h in pair.shared)
 
 
 def law_least(

@@ -443,8 +443,8 @@ def test_channels_have_one_size(size: float) -> None:
     x = Parameter("x", size, 0.5 * size, 2.0 * size)
     problem = problem_of_matrix(mbdlft.matrix_problem([["1/x^2"], ["x^2"]], [x]))
     for found in forms.candidates(problem, problem.forms):
-        for a in (found.lft, found.closed, found.relations):
-            exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
+        a = found.lft
+        exact(channel_scales(a.M11, a.M12, a.M21), np.ones(a.order))
 
 
 @pytest.mark.parametrize(("rows", "parameters"), FAR)

@@ -1,14 +1,13 @@
-"""Laws of the process whose arithmetic is the same on every processor of one kind."""
+"""Laws of processes that call functions, and of progress that is told."""
 
 import json
 import os
-import platform
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -21,15 +20,13 @@ from mbdlft import Parameter, TrimError
 from mbdlft.base import running, worker
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.base.samples import check_points
-from mbdlft.base.worker import NoProcessError, Worker, same_everywhere, settings
+from mbdlft.base.worker import NoProcessError, Worker
 from mbdlft.batch import native as module
 from mbdlft.batch import program_cache
 from mbdlft.batch.rows import source_of
 from mbdlft.cli.output import Progress, progress_of
 from mbdlft.lft.lft import constant
 from mbdlft.lft.program.native import Cache
-from mbdlft.order.search import IN_PROCESS
-from mbdlft.pipeline.models import build
 from mbdlft.problem import trim
 from mbdlft.system.regular import regularity
 from tests.attack.cores import kinds
@@ -38,58 +35,39 @@ from tests.errors.scenes import cart
 from tests.laws.random_loops import blocks_system
 
 ROOT = Path(__file__).parents[2]
+there = Worker({})
 
 
 def test_results_come_across() -> None:
     a = np.arange(6.0).reshape(2, 3)
-    assert np.array_equal(same_everywhere("numpy:transpose", a), a.T)
-    assert same_everywhere("os:getpid") != os.getpid()
-    assert same_everywhere("os:getpid") == same_everywhere("os:getpid")
-
-
-def test_a_process_begins_before_its_first_call() -> None:
-    worker = Worker({})
-    worker.begin("wave")
-    first = worker.process
-    worker.begin("this")  # it runs
-    assert worker.process is first is not None
-    for name, there in (("wave", True), ("this", False)):
-        assert worker.call("builtins:eval", f"{name!r} in __import__('sys').modules") is there
-    worker.begin("no_such_module_at_all")
-    worker.end()
-    worker.begin("no_such_module_at_all")
-    assert first.wait() is not None
-    worker.end()
+    assert np.array_equal(there.call("numpy:transpose", a), a.T)
+    assert there.call("os:getpid") != os.getpid()
+    assert there.call("os:getpid") == there.call("os:getpid")
 
 
 def test_errors_come_across() -> None:
     with pytest.raises(ZeroDivisionError):
-        same_everywhere("operator:truediv", 1, 0)
+        there.call("operator:truediv", 1, 0)
     a = constant([[0.0]])
     with pytest.raises(WellPosednessError):
-        same_everywhere("mbdlft.lft.lft:inverse", a)
+        there.call("mbdlft.lft.lft:inverse", a)
 
 
 def test_a_process_that_ends_is_replaced() -> None:
-    first = same_everywhere("os:getpid")
+    first = there.call("os:getpid")
     with pytest.raises(NoProcessError, match="ended"):
-        same_everywhere("os:_exit", 3)
-    second = same_everywhere("os:getpid")
+        there.call("os:_exit", 3)
+    second = there.call("os:getpid")
     assert second not in (first, os.getpid())
-    os.kill(second, signal.SIGKILL)
-    assert same_everywhere("os:getpid") != second
-
-
-def test_what_ends_with_the_process_is_tried_once_more() -> None:
-    """It kills the first process, which the second one does not find any more."""
-    first = same_everywhere("os:getpid")
-    with suppress(ProcessLookupError):
-        same_everywhere("os:kill", first, signal.SIGKILL)
-    assert same_everywhere("os:getpid") != first
+    process = there.process
+    assert process is not None
+    process.kill()
+    process.wait()
+    assert there.call("os:getpid") != second
 
 
 def test_ctrl_c_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    first = same_everywhere("os:getpid")
+    first = there.call("os:getpid")
 
     def interrupted(stream: Any) -> None:
         raise KeyboardInterrupt
@@ -97,8 +75,8 @@ def test_ctrl_c_ends_the_process(monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as change:
         change.setattr(worker, "_receive", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            same_everywhere("time:sleep", 60)
-    assert same_everywhere("os:getpid") != first
+            there.call("time:sleep", 60)
+    assert there.call("os:getpid") != first
 
 
 @pytest.mark.skipif(not hasattr(signal, "pthread_kill"), reason="no signals to threads here")
@@ -111,9 +89,9 @@ from mbdlft.base import worker
 from mbdlft.robust.bisect.search import crew_of
 
 start, interrupted = worker.Worker._start, False
-def late(self, *modules):
+def late(self):
     time.sleep(0.5)
-    return start(self, *modules)
+    return start(self)
 worker.Worker._start = late
 signal.signal(signal.SIGINT, signal.default_int_handler)
 main = threading.main_thread().ident
@@ -133,15 +111,16 @@ def test_a_fork_has_its_own() -> None:
     """It neither speaks to the process of its parent, nor ends it."""
     program = """
 import atexit, os
-from mbdlft.base.worker import same_everywhere
-first = same_everywhere("os:getpid")
+from mbdlft.base.worker import Worker
+call = Worker({}).call
+first = call("os:getpid")
 child = os.fork()
 if child == 0:
-    assert same_everywhere("os:getpid") != first
+    assert call("os:getpid") != first
     atexit._run_exitfuncs()
     os._exit(0)
 assert os.waitpid(child, 0)[1] == 0
-assert same_everywhere("os:getpid") == first
+assert call("os:getpid") == first
 """
     if not hasattr(os, "fork"):
         pytest.skip("there are no forks here")
@@ -153,7 +132,7 @@ def test_files_of_the_folder_are_not_imported(tmp_path: Path, monkeypatch: pytes
     monkeypatch.delenv("PYTHONPATH", raising=False)
     (tmp_path / "numpy.py").write_text("raise SystemExit(7)\n", encoding="utf-8")
     with elsewhere(tmp_path):
-        assert same_everywhere("operator:add", 1, 2) == 3
+        assert there.call("operator:add", 1, 2) == 3
 
 
 @contextmanager
@@ -163,66 +142,10 @@ def elsewhere(folder: Path) -> Iterator[None]:
     os.chdir(folder)
     try:
         with pytest.raises(NoProcessError):
-            same_everywhere("os:_exit", 0)
+            there.call("os:_exit", 0)
         yield
     finally:
         os.chdir(before)
-
-
-PROGRAM = """
-import hashlib, json, numpy as np, mbdlft
-from mbdlft.base.worker import same_everywhere
-random = np.random.default_rng(0)
-a = random.standard_normal((60, 60))
-def digest(*found):
-    return hashlib.sha256(b"".join(one.tobytes() for one in found)).hexdigest()
-here, there = digest(np.linalg.inv(a)), digest(same_everywhere("numpy.linalg:inv", a))
-lft = mbdlft.to_lft(mbdlft.load_scene({scene!r}), search=0.1).lft
-print(json.dumps([here, there, digest(lft.M11, lft.M12, lft.M21)]))
-"""
-
-
-@pytest.mark.long
-def test_bits_do_not_depend_on_the_kernels() -> None:
-    """A search from the scene whose order depended on the processor, and an inverse."""
-    if len(kinds()) < 2:
-        pytest.skip("this processor has the kernels of one kind only")
-    scene = str(ROOT / "scenarios" / "spinning_satellite.toml")
-    running = [
-        subprocess.Popen(
-            [sys.executable, "-c", PROGRAM.format(scene=scene)],
-            env={**os.environ, "OPENBLAS_CORETYPE": kind, "PYTHONPATH": str(ROOT)},
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for kind in kinds()
-    ]
-    here, there, searched = zip(*(json.loads(one.communicate()[0]) for one in running), strict=True)
-    assert len(set(here)) > 1  # or this test shows nothing
-    assert len(set(there)) == 1
-    assert len(set(searched)) == 1
-
-
-def test_settings_name_what_this_machine_has() -> None:
-    assert settings()["OPENBLAS_NUM_THREADS"] == "1"
-    own, umath = settings().get("NPY_DISABLE_CPU_FEATURES", ""), np._core._multiarray_umath
-    assert own.split() == list(umath.__cpu_dispatch__)
-    if platform.machine() == "x86_64":
-        assert same_everywhere("os:getenv", "OPENBLAS_CORETYPE") == "Prescott"
-
-
-def test_without_a_process_the_search_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in an application that brings its own Python along."""
-    scene, stages = mbdlft.load_scene(ROOT / "scenarios" / "ball_turntable.toml"), list[str]()
-    expected = mbdlft.to_lft(scene, search=1.0)
-    with pytest.raises(NoProcessError):
-        same_everywhere("os:_exit", 0)
-    monkeypatch.setattr(sys, "executable", "/usr/bin/another_program")
-    with pytest.raises(NoProcessError, match="not an interpreter"):
-        same_everywhere("os:getpid")
-    found = build(scene, search=1.0, progress=stages.append).model
-    assert found.order == expected.order == 7
-    assert IN_PROCESS in stages
 
 
 # How far work is: of an upper limit, never backwards, and without a part in the result.
@@ -261,14 +184,14 @@ def test_searches_tell_what_they_have_done(name: str) -> None:
     assert str(again) == str(found)
 
 
-def test_a_search_in_another_process_is_heard() -> None:
+def test_a_search_is_heard() -> None:
     scene = mbdlft.load_scene(SCENARIOS / "ur5.toml")
     told: list[tuple[float, float]] = []
     with running.heard(lambda done, most: told.append((done, most))):
         mbdlft.to_lft(scene, search=0.3, prove=0.2)
     by_budget = {most: [done for done, own in told if own == most] for _, most in told}
     assert {0.3, 0.2} <= set(by_budget)
-    # exchanges lead to an LFT from which a second search begins
+    # exchanges have an account of their own
     assert all(after in (0.0, max(before, after)) for before, after in pairwise(by_budget[0.3]))
     assert max(by_budget[0.3]) > 0.0
 
@@ -483,3 +406,31 @@ def test_without_a_folder(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MBDLFT_CACHE", "")
     for _ in range(2):
         assert not isinstance(mbdlft.compile(cart()).source, program_cache.SceneSource)
+
+
+@pytest.mark.long
+def test_orders_do_not_depend_on_the_kernels() -> None:
+    """Of a scene whose order did, and an inverse whose last bits do."""
+    if len(kinds()) < 2:
+        pytest.skip("this processor has the kernels of one kind only")
+    scene = str(SCENARIOS / "spinning_satellite.toml")
+    running = [
+        subprocess.Popen(
+            [sys.executable, "-c", PROGRAM.format(scene=scene)],
+            env={**os.environ, "OPENBLAS_CORETYPE": kind, "PYTHONPATH": str(ROOT)},
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for kind in kinds()
+    ]
+    inverses, orders = zip(*(json.loads(one.communicate()[0]) for one in running), strict=True)
+    assert len(set(inverses)) > 1  # or this test shows nothing
+    assert set(map(tuple, orders)) == {(25, 25)}
+
+
+PROGRAM = """
+import json, numpy as np, mbdlft
+a = np.random.default_rng(0).standard_normal((60, 60))
+certificate = mbdlft.to_lft(mbdlft.load_scene({scene!r})).certificate
+print(json.dumps([np.linalg.inv(a).tobytes().hex(), [sum(certificate.order), certificate.order_bound]]))
+"""

@@ -5,12 +5,6 @@ import pytest
 
 import mbdlft
 from mbdlft import Constant, Parameter, realize
-from mbdlft.lft.lft import delta
-from mbdlft.matrix.relations import problem_of_matrix
-from mbdlft.order import search
-from mbdlft.order.joint_bound import JointBound
-from mbdlft.order.lower_bound import exact_degrees
-from mbdlft.pipeline import forms
 from tests.close import CLOSED_FORM, target
 
 # row 0 is the constant -150000: its numerator is -150000 times its denominator
@@ -138,25 +132,3 @@ def test_what_is_small_is_not_left_out_by_a_search() -> None:
         parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
         model = realize(matrix_of_pairs(size), parameters, search=4.0)
         assert model.order == model.certificate.order_bound == 5
-
-
-def test_a_parameter_that_is_gone_is_below_its_bound() -> None:
-    """However many repetitions of the others there are in its place."""
-    a, b, c = (delta(name, 1) for name in "abc")
-    problem = problem_of_matrix(mbdlft.matrix_problem([["a + b + c"]], THREE))
-    (found, *_) = forms.candidates(problem, problem.forms)
-    once = dict.fromkeys("abc", 1)
-    proof = search._Proof(once, found.lft, JointBound(found.exact, once))
-    assert proof.allows(a + b + c)
-    assert not proof.allows(a + a + b)
-
-
-def test_pairs_refuse_what_is_too_small() -> None:
-    """One term of 1e-14 makes 5 repetitions of 4, and values hardly show it."""
-    parameters = [Parameter(name, 1.0, low=0.5, high=1.6) for name in "Lm"]
-    problem = problem_of_matrix(mbdlft.matrix_problem(matrix_of_pairs(1e-14), parameters))
-    (found, *_) = forms.candidates(problem, problem.forms)
-    assert found.exact is not None
-    degrees = exact_degrees(found.exact)
-    proof = search._Proof(degrees, found.lft, JointBound(found.exact, degrees))
-    assert not proof.allows(delta("L", 2) + delta("m", 2))

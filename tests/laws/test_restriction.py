@@ -1,0 +1,77 @@
+"""Laws of blocks that are restricted in exact numbers."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbdlft import load_scene, to_lft
+from mbdlft.lft.lft import LFT
+from mbdlft.lft.sampling import evaluate
+from mbdlft.multibody.to_problem import problem_of_scene
+from mbdlft.order import reduction
+from mbdlft.order.lower_bound import at_random
+from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
+from mbdlft.order.restriction import Step, restricted_exactly
+from mbdlft.pipeline.forms import restricted
+from tests.close import SCENARIO, roundoff
+from tests.cross.mechanisms import open_tree
+from tests.extracted import exactly
+from tests.extracted import with_bits as with_bits
+from tests.laws.test_search import case
+
+
+def test_steps_in_exact_numbers_keep_digits() -> None:
+    """What is left of a block has few zeros to keep: it comes in the coordinates of its signals."""
+    problem = problem_of_scene(open_tree(26))
+    step = Step("th", is_transposed=False, of_relations=True)
+    found = restricted(problem, problem.forms[0], [step])
+    assert found is not None
+    assert isinstance(found.exact, ExactLFT)
+    deltas = np.array([[0.0, 0.0], [1.0, 1.0], [-0.9, 0.8]])
+    assert reduction._lost(found.lft, deltas) < 0.2 * reduction._lost(found.exact.rounded(), deltas)
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def residues_of(a: ExactLFT) -> np.ndarray:
+    """The value at random residues, which follow the order of the blocks."""
+    n = a.order
+    return at_random(a)[n:, n:]
+
+
+def law_restricted(a: LFT) -> None:
+    whole, restricted = reduce_exactly(exactly(a)), 0
+    points = {name: np.linspace(-0.3, 0.4, 7) for name, _ in a.blocks}
+    expected = evaluate(a, points)
+    for name, size in whole.blocks:
+        for side in (False, True):
+            small = restricted_exactly(whole, name, is_transposed=side)
+            if small is None:
+                continue
+            restricted += 1
+            assert [b.name for b in small.blocks] == [b.name for b in whole.blocks]
+            assert np.array_equal(residues_of(small), residues_of(whole))
+            assert dict(small.blocks)[name] <= size
+            roundoff(evaluate(small.rounded(), points), expected, 1e6, float(np.max(np.abs(expected))))
+    assert restricted
+
+
+@pytest.mark.parametrize("name", ["O1", "O3", "O13"])
+def test_blocks_of_matrices(name: str) -> None:
+    law_restricted(reduce_order(case(name)))
+
+
+def test_a_result_that_has_lost_digits_is_made_again() -> None:
+    """Voltages of patches stand in bending and in tension: 53 repetitions, 47 with a block restricted."""
+    model = to_lft(load_scene(ROOT / "scenarios" / "piezo_beam.toml"))
+    assert model.order == 47
+    assert model.certificate.max_relative_error < SCENARIO
+
+
+def test_a_block_at_its_degree_leads_to_the_bound() -> None:
+    """An angle restricted on both sides, and repetitions exchanged: 29, where each alone ends at 30."""
+    model = to_lft(open_tree(1004))
+    assert dict(model.lft.blocks) == {"k": 5, "th": 24}
+    assert model.certificate.minimal

@@ -1,0 +1,145 @@
+"""Laws of directions that an exchange leaves out at no cost, in exact numbers."""
+
+import numpy as np
+import pytest
+
+import mbdlft
+from benchmarks.cases.orders import CASES
+from mbdlft import to_lft
+from mbdlft.exact import matrices
+from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact.numbers import RESIDUES_ALONE, TooFewBitsError, precision
+from mbdlft.exact.pencils import motions_without_outputs
+from mbdlft.exact.rounding import or_one
+from mbdlft.order.unobservable import Motions, Unobservable, _kernels, unobservable
+from tests.close import SCENARIO, target
+from tests.cross.mechanisms import open_tree
+from tests.extracted import FIELD
+from tests.extracted import with_bits as with_bits
+from tests.strategies import random_scene
+
+PRIME = FIELD.prime
+
+
+def integers(a: np.ndarray) -> ExactMatrix:
+    return matrices.of_integers(np.asarray(a, dtype=float), PRIME)
+
+
+def moved(s: np.ndarray, A: np.ndarray, seed: int) -> Motions:
+    """Matrices that commute, in other coordinates, and six rows of z."""
+    random = np.random.default_rng(seed)
+    n = len(s)
+    T = np.tril(random.integers(-2, 3, (n, n)), -1) + np.eye(n)
+    T = T @ (np.triu(random.integers(-2, 3, (n, n)), 1) + np.eye(n))
+    inside = np.round(np.linalg.inv(T))
+    assert np.array_equal(T @ inside, np.eye(n))
+    return Motions(*map(integers, (T @ s @ inside, T @ A @ inside, random.integers(-9, 10, (6, n)))))
+
+
+def rows(count: int) -> Residues:
+    """Of six, those that are zero on R."""
+    return np.eye(6, dtype=np.int64)[:count]
+
+
+def law_kept(found: Unobservable, outside: Residues) -> None:
+    """Independent beside R, and kept by both matrices, in residues and in balls."""
+    columns = next(found.columns(values, outside) for values in found.values())
+    assert columns.shape == (6, found.size)
+    assert matrices.rank(matrices.multiplied(outside, columns.residues, PRIME), PRIME) == found.size
+    motions = found.motions
+    inside = motions.z.T @ motions.z  # regular: motions are told by z
+    span = inside.solve(motions.z.T @ columns)
+    for a in (motions.s, motions.A):
+        both = matrices.stacked([[span, a @ span]])
+        assert matrices.rank(both.residues, PRIME) == found.size
+        values = matrices.rough_values(both)
+        assert (
+            np.linalg.matrix_rank(values / or_one(np.linalg.norm(values, axis=0)), tol=1e-9) == found.size
+        )
+
+
+POINTS = {
+    "four points": (np.diag([1, 1, 2, 3]), np.diag([5, 6, 5, 7])),
+    "one of order four": (np.eye(4, k=1), np.eye(4, k=2) + 2 * np.eye(4)),
+    "two of order two": (np.kron(np.diag([1, 4]), np.eye(2)), np.kron(np.eye(2), np.eye(2, k=1))),
+    "a complex pair of order two": (
+        np.kron(np.eye(2), [[0, -1], [1, 0]]) + np.kron(np.eye(2, k=1), np.eye(2)),
+        3 * np.eye(4),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+@pytest.mark.parametrize("most", [2, 4, 5])
+def test_parts_are_kept(name: str, most: int) -> None:
+    """As many columns as there is room for; all of them without any eigenvalue."""
+    motions = moved(*POINTS[name], most)
+    found = unobservable(motions, rows(most), most)
+    assert found is not None
+    assert found.size == min(most, 4)
+    assert bool(found.points) == (most < 4)
+    law_kept(found, rows(most))
+    with precision(RESIDUES_ALONE):
+        alone = unobservable(motions.residues(), rows(most), most)
+    assert alone is not None
+    assert alone.size == found.size
+
+
+def test_no_part_is_half_of_a_pair() -> None:
+    motions = moved(*POINTS["a complex pair of order two"], 0)
+    assert unobservable(motions, rows(1), 1) is None
+
+
+def test_a_value_of_another_point_is_refused() -> None:
+    """Where it makes a zero of what is none; no part of a point is beside R where z is not."""
+    motions = moved(*POINTS["four points"], 1)
+    with pytest.raises(TooFewBitsError):
+        _kernels(motions, (3 * 1 + 7 * 5,), matrices.balls_of(np.array([38.5]))[0])
+    nothing = motions._replace(z=integers(np.zeros((6, 4))))
+    assert unobservable(nothing, rows(2), 2) is None
+
+
+def test_motions_without_outputs() -> None:
+    """x' = s x with x in a space that A keeps with inputs, and what other outputs are on it."""
+    random = np.random.default_rng(0)
+    Z, V = np.array([[2, 1], [0, 3]]), random.integers(-3, 4, (2, 2))
+    A = np.block([[Z, random.integers(-3, 4, (2, 2))], [np.zeros((2, 2)), np.diag([5, 7])]])
+    B, D = random.integers(-3, 4, (4, 1)), np.array([[1], [2]])
+    M = np.block([[A, B], [np.eye(4)[2:], D], [np.hstack([V, V]), B[:2]]])
+    found = motions_without_outputs(integers(M), 4, 2)
+    assert found is not None
+    assert np.array_equal(matrices.rough_values(found[0]), Z)
+    assert np.array_equal(matrices.rough_values(found[1]), V)
+    M[4:6] = 0  # any input does
+    assert motions_without_outputs(integers(M), 4, 2) is None
+
+
+# scenes whose bound is reached so: at one point, at infinity, at poles of higher order, at complex ones
+@pytest.mark.parametrize(("seed", "order"), [(1, 7), (218, 8), (389, 4)])
+def test_scenes_meet_their_bounds(seed: int, order: int) -> None:
+    scene = random_scene(seed)
+    model, plain = to_lft(scene), to_lft(scene, search=0.0)
+    assert model.order == order
+    assert model.certificate.minimal
+    at = mbdlft.random(model.parameters, 50, seed=2)
+    for small, large in zip(mbdlft.matrices_at(model, at), mbdlft.matrices_at(plain, at), strict=True):
+        target(small, large, SCENARIO)
+
+
+def test_a_tree_meets_its_bound() -> None:
+    """29 repetitions without a search; degrees add up to 25."""
+    model = to_lft(open_tree(2))
+    assert dict(model.lft.blocks) == {"k": 4, "th": 22}
+    assert model.certificate.minimal
+
+
+def test_a_polynomial_matrix_meets_its_bound() -> None:
+    """All of its points are one, of high order."""
+    case = next(case for case in CASES if case.name == "O8")
+    model = mbdlft.realize(case.problem())
+    assert model.order == model.certificate.order_bound == 17
+
+
+def test_complex_points() -> None:
+    """Eight columns of two conjugate points of higher order; 40 without them."""
+    assert to_lft(random_scene(51)).order == 39
