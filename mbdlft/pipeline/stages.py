@@ -230,8 +230,6 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
         found += with_restrictions(problem, start, starts, order_bound)
         found.sort(key=lambda candidate: candidate.lft.order)
-        if found[0].lft.order > order_bound:
-            order_bound = bound(triples=True)
     with running.budget(budget.work):
         least = found[0].lft.order
         best = with_exchanges(problem, start, starts, least, order_bound, of_exchanges)

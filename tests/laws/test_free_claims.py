@@ -114,15 +114,16 @@ def test_what_is_zero_is_zero_after_a_search() -> None:
 
 def test_a_result_whose_doubles_lose_what_is_zero_is_another_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """A planted contradiction: the same LFT in coordinates that keep what is zero comes next."""
-    made, said = list[int](), list[str]()
+    made, said = list[mbdlft.LFT](), list[str]()
 
     def contradicted_once(**fields: Any) -> mbdlft.LFTModel:
-        made.append(fields["lft"].order)
+        made.append(fields["lft"])
         if len(made) == 1:
             raise StructureError("certificate: something is left of what is zero.")
         return mbdlft.LFTModel(**fields)
 
     monkeypatch.setattr(stages, "LFTModel", contradicted_once)
     assert build(random_scene(72), search=1.0, progress=said.append).model.order == 10
-    assert made == [10, 10]
+    assert [lft.order for lft in made] == [10, 10]
+    assert np.count_nonzero(made[1].M11) < np.count_nonzero(made[0].M11)
     assert [stage for stage in said if stage.startswith(f"{DROPPED} (order 10: ")]

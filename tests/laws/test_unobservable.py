@@ -85,6 +85,23 @@ def test_parts_are_kept(name: str, most: int) -> None:
     assert alone.size == found.size
 
 
+def test_all_motions_are_no_part_where_they_depend_beside_r() -> None:
+    found = unobservable(moved(*POINTS["four points"], 3), rows(2), 4)
+    assert found is not None
+    assert (found.size, bool(found.points)) == (2, True)
+    law_kept(found, rows(2))
+
+
+def test_real_and_complex_points() -> None:
+    """A value is not that of two points, as there are fewer real ones than residues."""
+    s = np.zeros((5, 5))
+    s[0, 0], s[1:3, 1:3], s[3:, 3:] = 2, [[0, -1], [1, 0]], [[0, -2], [2, 0]]
+    found = unobservable(moved(s, np.eye(5), 0), rows(3), 3)
+    assert found is not None
+    assert [len(residues) for residues, _ in found.points] == [1, 2]
+    law_kept(found, rows(3))
+
+
 def test_no_part_is_half_of_a_pair() -> None:
     motions = moved(*POINTS["a complex pair of order two"], 0)
     assert unobservable(motions, rows(1), 1) is None
