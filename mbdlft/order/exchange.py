@@ -28,7 +28,7 @@ more. Residues alone tell what exchanges lead to; what gains is made in balls.
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from heapq import heapify, heappop, heappush
-from itertools import count, islice, product
+from itertools import islice, product
 from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
@@ -304,7 +304,7 @@ def _free(opened: _Opened, kind: Kind) -> Unobservable | None:
         return None
     of_kind = motions_anywhere if kind == "zeros" else motions_at_infinity
     first = _longest_anywhere(opened, opened.K.order) + 1
-    chains = ((_chains(opened, length), length) for length in count(first))
+    chains = ((_chains(opened, length), length) for length in range(first, opened.size + 3))
     return unobservable(of_kind(chains, opened.size), _outside(opened), opened.K.order)
 
 
