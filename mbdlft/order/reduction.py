@@ -12,11 +12,11 @@ carry: P and Q become those of the signals at some deltas, the columns of (I - M
 rows of M21 (I - Delta M11)^-1, as empirical Gramians are (Lall, Marsden, Glavaski 2002). T is a matrix of
 doubles; what it makes of the LFT is computed in balls and rounded once.
 
-A system that is wired of models in doubles has no exact numbers, and a search compares many candidates:
-both reduce in doubles. There every vector carries an estimate of its own rounding error, which grows as
-the subspaces are built; a direction counts when it stands out of that error. There is no tolerance for
-the user to choose. The estimate grows with every step although the vectors are made orthonormal again,
-so it is capped: a direction too many is harmless, one too few would be an error.
+A system that is wired of models in doubles has no exact numbers: it is reduced in doubles. There every
+vector carries an estimate of its own rounding error, which grows as the subspaces are built; a direction
+counts when it stands out of that error. There is no tolerance for the user to choose. The estimate grows
+with every step although the vectors are made orthonormal again, so it is capped: a direction too many is
+harmless, one too few would be an error.
 """
 
 from collections.abc import Sequence
