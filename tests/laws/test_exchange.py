@@ -9,7 +9,7 @@ import pytest
 
 from mbdlft import to_lft
 from mbdlft.exact import matrices
-from mbdlft.exact.numbers import BITS, TooFewBitsError, ask_for_bits, precision
+from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, TooFewBitsError, ask_for_bits, precision
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
@@ -121,6 +121,8 @@ def test_one_exchange_there_leads_to_one_back() -> None:
     back = Exchange("theta2", "m1", True, "infinite", (6, 4))
     assert path_below([a], a.order, 28, Work(2.0)) == (0, (there, back), 28)
     assert path_below([a], a.order, a.order, Work(2.0)) == (0, (), a.order)
+    with precision(RESIDUES_ALONE):  # the smallest on the way, and not the last
+        assert exchanged(a, (there,)) == (a, None)
 
 
 @pytest.mark.parametrize(("seed", "order"), [(4, 27), (1, 42)])
