@@ -158,7 +158,7 @@ def _by_one(a: ExactLFT, wanted: Exchange) -> ExactLFT | None:
     opened = _opened(a, wanted.first, wanted.second, is_transposed=wanted.is_transposed)
     if opened is None:
         return None
-    longest = min(max(wanted.lengths, default=0) + (wanted.kind != "any"), opened.K.order)
+    longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
     left_out = _left_out(opened, longest, wanted.kind)
     return _along(a, opened, left_out) if left_out.lengths == wanted.lengths else None
 
@@ -312,7 +312,7 @@ def _left_out(opened: _Opened, longest: int, kind: Kind) -> _LeftOut:
     """Directions that cost nothing, then lines of long chains; nothing if there are none of the kind."""
     if (free := _free(opened, kind)) and free.size == opened.K.order:
         return _LeftOut(free, ())
-    before = free.residues(_outside(opened)) if free else _outside(opened)[:0].T
+    before = free.residues if free else _outside(opened)[:0].T
     length, places = _longest_anywhere(opened, longest), list[_Place]()
     if kind != "any":
         if length < longest:

@@ -98,12 +98,6 @@ def eliminated(a: ExactLFT, count: int, rows: list[int]) -> ExactLFT:
     return ExactLFT(both[[*range(n), *(n + k for k in rows)]], a.blocks)
 
 
-def residues_alone(a: ExactLFT) -> ExactLFT:
-    """What decides ranks and zeros, without the balls that carry values: it can go to another process."""
-    M = a.M
-    return ExactLFT(ExactMatrix(M.residues, np.empty((0, 0), object), M.prime), a.blocks)
-
-
 def _in_touch(a: ExactLFT) -> ExactLFT:
     """The channels that an input reaches and that reach an output along entries that are not zero.
 

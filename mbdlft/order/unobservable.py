@@ -54,7 +54,12 @@ class Unobservable(NamedTuple):
 
     motions: Motions
     points: Sequence[_Points]
-    size: int
+    residues: Residues
+
+    @property
+    def size(self) -> int:
+        """How many columns."""
+        return self.residues.shape[1]
 
     def values(self) -> Iterator[tuple[Any, ...]]:
         """Those of all points, each another one."""
@@ -67,14 +72,10 @@ class Unobservable(NamedTuple):
         """Those for values of the points (size, count); a TooFewBitsError for one of another residue."""
         if not self.points:
             return self.motions.z
+        if not carries_values():
+            return matrices.of_residues(self.residues, self.motions.z.prime)
         points = [(residues, value) for (residues, _), value in zip(self.points, values, strict=True)]
         return _kept_at(self.motions, points, outside, self.size)[0]
-
-    def residues(self, outside: Residues) -> Residues:
-        """The residues of the columns."""
-        with precision(RESIDUES_ALONE):
-            alone = self._replace(motions=self.motions.residues())
-            return alone.columns([NOTHING] * len(self.points), outside).residues
 
 
 def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobservable | None:
@@ -84,13 +85,13 @@ def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobs
     count, prime = motions.z.shape[1], motions.z.prime
     beside = matrices.multiplied(outside, motions.z.residues, prime)
     if count <= most and matrices.rank(beside, prime) == count:
-        return Unobservable(motions, (), count)
+        return Unobservable(motions, (), motions.z.residues)
     points = _points(motions)
     with precision(RESIDUES_ALONE):
         alone = [(residues, NOTHING) for residues, _ in points]
-        counts = _kept_at(motions.residues(), alone, outside, most)[1]
+        columns, counts = _kept_at(motions.residues(), alone, outside, most)
     used = [point for point, count in zip(points, counts, strict=True) if count]
-    return Unobservable(motions, used, sum(counts)) if used else None
+    return Unobservable(motions, used, columns.residues) if used else None
 
 
 def _points(motions: Motions) -> list[_Points]:

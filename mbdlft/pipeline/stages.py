@@ -19,7 +19,7 @@ from mbdlft.lft.lft import LFT, with_blocks
 from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.joint_bound import JointBound
-from mbdlft.order.reduction import ExactLFT, in_scales, residues_alone
+from mbdlft.order.reduction import ExactLFT, in_scales
 from mbdlft.order.search import CUT_OFF, DROPPED, Budget, Smallest
 from mbdlft.order.work import Work, late_after
 from mbdlft.pipeline import certification
@@ -214,7 +214,7 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
         return Smallest((), sum(degrees.values()))
     is_late = late_after(budget.seconds)
     work, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(2))
-    joint, found = JointBound(residues_alone(exact), degrees), [start]
+    joint, found = JointBound(exact, degrees), [start]
 
     def bound(*, triples: bool) -> int:
         most = max(_OF_PROOF, _OF_LEFT * work.left)
