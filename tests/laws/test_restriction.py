@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbdlft import load_scene, to_lft
-from mbdlft.lft.lft import LFT
+from mbdlft.lft.lft import LFT, constant, delta, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import reduction
@@ -18,7 +18,6 @@ from tests.close import SCENARIO, roundoff
 from tests.cross.mechanisms import open_tree
 from tests.extracted import exactly
 from tests.extracted import with_bits as with_bits
-from tests.laws.test_search import case
 
 
 def test_steps_in_exact_numbers_keep_digits() -> None:
@@ -56,6 +55,36 @@ def law_restricted(a: LFT) -> None:
             assert dict(small.blocks)[name] <= size
             roundoff(evaluate(small.rounded(), points), expected, 1e6, float(np.max(np.abs(expected))))
     assert restricted
+
+
+def parameter(name: str, nominal: float) -> LFT:
+    return constant([[nominal]]) + delta(name)
+
+
+def power(a: LFT, exponent: int) -> LFT:
+    return a if exponent == 1 else power(a, exponent - 1) @ a
+
+
+def numbers(value: float) -> LFT:
+    return constant([[value]])
+
+
+def case(name: str) -> LFT:
+    d1, d2, d3, d4, d5 = (parameter(f"d{k}", 0.3 + 0.1 * k) for k in range(1, 6))
+    a, b, c = parameter("a", 0.4), parameter("b", 0.5), parameter("c", 0.6)
+    if name == "O1":
+        first = stack_columns(numbers(4.0) @ power(d1, 2) @ d3, numbers(3.0) @ d1, numbers(0.0))
+        second = stack_columns(d3 @ d5, numbers(5.0) @ power(d2, 2) @ d4, d2 @ power(d4, 2))
+        return stack_rows(first, second)
+    if name == "O3":
+        return stack_rows(d1 @ d2 @ d3, d2 @ d3 @ d1, d3 @ d1 @ d2)
+    assert name == "O13"
+    rows = (
+        (5.0 * np.eye(1) @ a - 1.0, -10.0 * np.eye(1) @ (1.0 + b), 1.0 + b),
+        (10.0 * np.eye(1) @ (1.0 + power(c, 2)), -1.0 - a @ b @ c, c),
+        (numbers(1.0), numbers(1.0), numbers(0.0)),
+    )
+    return stack_rows(*(stack_columns(*row) for row in rows))
 
 
 @pytest.mark.parametrize("name", ["O1", "O3", "O13"])

@@ -12,7 +12,6 @@ from benchmarks import ablation
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.base.running import heard
-from mbdlft.lft.lft import LFT, constant, delta, stack_columns, stack_rows
 from mbdlft.order.search import CUT_OFF
 from mbdlft.pipeline import stages
 from mbdlft.pipeline.models import build
@@ -23,38 +22,6 @@ from tests.seeds import some
 
 SCENARIOS = Path(__file__).parents[2] / "scenarios"
 WORK = 20.0  # far more than needed: all cases end at their bound
-
-
-def parameter(name: str, nominal: float) -> LFT:
-    return constant([[nominal]]) + delta(name)
-
-
-def power(a: LFT, exponent: int) -> LFT:
-    return a if exponent == 1 else power(a, exponent - 1) @ a
-
-
-def numbers(value: float) -> LFT:
-    return constant([[value]])
-
-
-def case(name: str) -> LFT:
-    d1, d2, d3, d4, d5 = (parameter(f"d{k}", 0.3 + 0.1 * k) for k in range(1, 6))
-    a, b, c = parameter("a", 0.4), parameter("b", 0.5), parameter("c", 0.6)
-    if name == "O1":
-        first = stack_columns(numbers(4.0) @ power(d1, 2) @ d3, numbers(3.0) @ d1, numbers(0.0))
-        second = stack_columns(d3 @ d5, numbers(5.0) @ power(d2, 2) @ d4, d2 @ power(d4, 2))
-        return stack_rows(first, second)
-    if name == "O2":
-        return power(1.0 + power(a, 2) + b @ a, 5) - power(1.0 + a + b, 3)
-    if name == "O3":
-        return stack_rows(d1 @ d2 @ d3, d2 @ d3 @ d1, d3 @ d1 @ d2)
-    assert name == "O13"
-    rows = (
-        (5.0 * np.eye(1) @ a - 1.0, -10.0 * np.eye(1) @ (1.0 + b), 1.0 + b),
-        (10.0 * np.eye(1) @ (1.0 + power(c, 2)), -1.0 - a @ b @ c, c),
-        (numbers(1.0), numbers(1.0), numbers(0.0)),
-    )
-    return stack_rows(*(stack_columns(*row) for row in rows))
 
 
 @pytest.mark.parametrize(
