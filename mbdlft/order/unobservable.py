@@ -59,7 +59,7 @@ class Unobservable(NamedTuple):
     @property
     def size(self) -> int:
         """How many columns."""
-        return self.residues.shape[1]
+        return len(self.residues.T)
 
     def values(self) -> Iterator[tuple[Any, ...]]:
         """Those of all points, each another one."""
