@@ -390,12 +390,12 @@ def _exchanged(
     if np.array_equal(rows, others):
         return basis, rows
     try:
-        return _over_rows(basis, others), others
+        return over_rows(basis, others), others
     except ZeroDivisionError:  # doubles chose them
         return basis, rows
 
 
-def _over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
+def over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
     """The basis of the same space that is the identity in some rows.
 
     X with X [1 0 ; B C] = Y is found in balls for C and for other rows only: of a basis that was the

@@ -26,11 +26,13 @@ from mbdlft.exact.matrices import ExactMatrix, Residues
 from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.pencils import null_space
 from mbdlft.exact.reachable import Space
+from mbdlft.exact.rounding import channel_scales
 from mbdlft.lft.determinant import Channels, diagonal_blocks
 from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
 
 _ONE = 1000  # in the whole numbers of points, whose deltas are inside of the ranges, where no poles are
+_SMALL = 1e-5  # of a vector, and no number to divide the others by if there are larger ones
 
 
 def without_dependent(a: ExactLFT) -> ExactLFT:
@@ -51,9 +53,14 @@ def _of_one_side(a: ExactLFT) -> ExactLFT:
     n, M, change = a.order, a.M, _dependences(a)
     if not change.shape[1]:
         return a
+    order = np.arange(n)
     if carries_values():
-        change = _in_balls(a, change)
-    pivots = matrices.pivot_columns(change.residues.T, M.prime)
+        change, rough = _in_balls(a, change), matrices.rough_values(M)
+        scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
+        sizes = np.abs(scale[:, None] * matrices.rough_values(change))
+        is_small = np.all(sizes < _SMALL * sizes.max(axis=0), axis=1)
+        order = np.concatenate([np.arange(n)[k][np.argsort(is_small[k], kind="stable")] for k in a.parts])
+    pivots = order[matrices.pivot_columns(change.residues[order].T, M.prime)]
     change = change @ change[pivots].solve(M[pivots])
     # the rows of the pivots become zero: the reduction leaves their channels out
     return reduce_exactly(ExactLFT(matrices.stacked([[M[:n] + -change], [M[n:]]]), a.blocks))

@@ -426,13 +426,13 @@ def _of_kernel(chains: ExactLFT, length: int, size: int) -> ExactMatrix:
 
 def _longer(chains: ExactLFT, opened: ExactLFT, size: int) -> ExactLFT:
     """Chains (..., A v, v; C v, ...) with one column more."""
-    prime, n = opened.M.prime, opened.order
-    count = chains.M.shape[0] - chains.order
-    step = selected(opened, range(opened.M.shape[0] - n), range(size)).M
-    step = matrices.stacked([[step, matrices.zeros(step.shape[0], count - size, prime)]])
-    same = matrices.stacked([[matrices.zeros(count, n, prime), matrices.identity(count, prime)]])
-    M = matrices.stacked([[step[: n + size]], [same], [step[n + size :]]])
-    return reduce_exactly(after(ExactLFT(M, opened.blocks), chains))
+    f, g, outputs = opened.order, chains.order, range(opened.M.shape[0] - opened.order)
+    inputs = range(chains.M.shape[1] - g)
+    M = after(selected(opened, outputs, range(size)), selected(chains, range(size), inputs)).M
+    same = matrices.stacked([[matrices.zeros(chains.M.shape[0] - g, f, M.prime), chains.M[g:]]])
+    end = f + g + size
+    block = Block(opened.blocks[0].name, f + g)
+    return reduce_exactly(ExactLFT(matrices.stacked([[M[:end]], [same], [M[end:]]]), (block,)))
 
 
 def _with_chain(before: Residues, line: _Line, outside: Residues) -> Residues | None:

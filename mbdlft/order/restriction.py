@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
-from mbdlft.exact.reachable import Space
+from mbdlft.exact.reachable import Space, over_rows
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
@@ -60,7 +60,7 @@ def restricted_exactly(
     rows = independent_rows(K) if K else []
     if K is None or len(rows) < len(columns):
         return None
-    M = _settled(_in_basis(opened, size, K, rows))
+    M = _settled(_in_basis(opened, size, _at_nominal(K, rows), rows))
     closed = ExactLFT(M.M, (*M.blocks, Block(name, len(columns)), *outside))
     ordered = in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
@@ -81,10 +81,10 @@ def by_step(a: ExactLFT, step: Step, most: float = inf) -> ExactLFT | None:
 def _stays_outside(a: ExactLFT, name: str, block: Block) -> bool:
     """Whether another delta is polynomial, but not affine, as no path leads from a channel back to it."""
     span = a.parts[[other.name for other in a.blocks].index(block.name)]
-    paths = reach = (a.M.residues[span, span] != 0).astype(int)
-    for _ in range(block.size):
-        paths = np.minimum(paths @ reach, 1)
-    return block.name != name and block.size > 0 and bool(reach.any()) and not paths.any()
+    paths = reach = np.sign(a.M.residues[span, span].astype(float))
+    for _ in range(block.size.bit_length()):
+        paths = np.sign(paths @ paths)
+    return block.name != name and bool(reach.any()) and not paths.any()
 
 
 def with_affine_restricted(a: ExactLFT) -> ExactLFT:
@@ -236,6 +236,16 @@ def krylov(
         if K.order > most:
             return None
     return K
+
+
+def _at_nominal(K: ExactLFT, rows: Sequence[int]) -> ExactLFT:
+    """The basis of the same space that is the identity in some rows at nominal.
+
+    Channels stay channels so, and zeros zeros; in columns of powers a reduction loses hundreds of bits.
+    """
+    k, M = K.order, K.M
+    columns = over_rows(M[:, k:], np.array(rows) + k)
+    return ExactLFT(matrices.stacked([[M[:, :k], columns]]), K.blocks)
 
 
 def _in_basis(a: ExactLFT, size: int, K: ExactLFT, rows: Sequence[int]) -> ExactLFT:

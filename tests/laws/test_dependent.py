@@ -104,6 +104,21 @@ def test_orders_of_factors() -> None:
         assert (reduce_exactly(exactly(a)).order, law(a).order) == (4, 2)
 
 
+def test_small_numbers_divide_nothing() -> None:
+    """Of [a b, b a], channels of a with the functions a and a + 2^30 b a: a would lose 30 bits."""
+    words = stack_columns(word(("a", "b")), word(("b", "a")))
+    T = np.eye(4)
+    T[:2, :2] = [[1.0, 1.0], [0.0, 2.0**30]]
+    inverse_of_T = np.linalg.inv(T)
+    a = LFT(
+        inverse_of_T @ words.M11 @ T, inverse_of_T @ words.M12, words.M21 @ T, words.M22, words.blocks
+    )
+    small = without_dependent(ExactLFT(exactly(a).M, a.blocks))
+    assert small.order == 2
+    points = np.random.default_rng(4).uniform(-0.9, 0.9, (20, 2))
+    roundoff(evaluate_at(small.rounded(), points), evaluate_at(words, points), 1e3)
+
+
 @pytest.mark.parametrize("a", [constant([[1.0, 2.0]]), delta("a"), word(("a", "b"))])
 def test_what_is_independent_comes_back(a: LFT) -> None:
     whole = reduce_exactly(exactly(a))

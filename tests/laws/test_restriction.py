@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 
 from mbdlft import load_scene, to_lft
-from mbdlft.lft.lft import LFT, constant, delta, stack_columns, stack_rows
+from mbdlft.exact.numbers import BITS
+from mbdlft.lft.lft import LFT, constant, delta, inverse, stack_columns, stack_rows
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import reduction
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
-from mbdlft.order.restriction import Step, restricted_exactly
-from mbdlft.pipeline.forms import restricted
+from mbdlft.order.restriction import Step, _stays_outside, restricted_exactly
+from mbdlft.pipeline.forms import candidates, restricted
+from tests.attack.frames import scene_of, structure
 from tests.close import SCENARIO, roundoff
 from tests.cross.mechanisms import open_tree
 from tests.extracted import exactly
@@ -22,12 +24,12 @@ from tests.extracted import with_bits as with_bits
 
 def test_steps_in_exact_numbers_keep_digits() -> None:
     """What is left of a block has few zeros to keep: it comes in the coordinates of its signals."""
-    problem = problem_of_scene(open_tree(26))
-    step = Step("th", is_transposed=False, of_relations=True)
+    problem = problem_of_scene(open_tree(29))
+    step = Step("th", is_transposed=True, of_relations=True)
     found = restricted(problem, problem.forms[0], [step])
     assert found is not None
     assert isinstance(found.exact, ExactLFT)
-    deltas = np.array([[0.0, 0.0], [1.0, 1.0], [-0.9, 0.8]])
+    deltas = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0], [-0.9, 0.8, 0.5]])
     assert reduction._lost(found.lft, deltas) < 0.2 * reduction._lost(found.exact.rounded(), deltas)
 
 
@@ -90,6 +92,25 @@ def case(name: str) -> LFT:
 @pytest.mark.parametrize("name", ["O1", "O3", "O13"])
 def test_blocks_of_matrices(name: str) -> None:
     law_restricted(reduce_order(case(name)))
+
+
+def test_a_basis_keeps_bits() -> None:
+    """In columns of powers, that of a frame would need twice as many."""
+    problem = problem_of_scene(scene_of(structure(880042)))
+    step = Step("h", is_transposed=True, of_relations=True)
+    found = restricted(problem, candidates(problem, problem.forms)[0].form, [step])
+    assert found is not None
+    assert found.exactly is not None
+    assert found.exactly[0] == BITS
+
+
+def test_polynomial_deltas_are_told() -> None:
+    """No path leads from a channel back to it, and some lead from one to another one."""
+    b = delta("b")
+    for a, expected in ((power(b, 5), True), (b, False), (inverse(numbers(2.0) + power(b, 2)), False)):
+        whole = reduce_exactly(exactly(delta("a") @ a))
+        assert _stays_outside(whole, "a", whole.blocks[1]) is expected
+        assert not _stays_outside(whole, "b", whole.blocks[1])
 
 
 def test_a_result_that_has_lost_digits_is_made_again() -> None:
