@@ -9,7 +9,8 @@ m: both equations hold again. With m = -(row k of [A B]) / n_k, row k becomes ze
 out. So in a smallest LFT the functions Y Delta are independent, and those of its transpose too. n-D
 reduction does not see this: delta_1 (delta_2 f) and delta_2 (delta_1 f) are one function but two
 noncommutative monomials. Values at random points decide, as residues; few channels take part in each n,
-and balls are computed for these and for those that lead to them alone.
+and balls are computed for these and for those that lead to them alone. Of a block, channels with small
+n_k are not left out, as the other numbers are divided by n_k.
 
 The value has no new pole, but det(I - A Delta) is another one, ((I - A Delta)^-1 n)_k / n_k times what it
 was: where that vanishes on the ranges, the LFT is singular there, and of no use.

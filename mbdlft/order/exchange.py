@@ -71,7 +71,7 @@ _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 _MORE = 4  # repetitions than there are, on the way to fewer
 _IDLE = 450  # attempts without a gain, for each unit: O8 would miss its bound with 300
-_OF_CHANNEL = 5e5  # operations of an attempt for each channel
+_OF_CHANNEL, _OF_PAIR = 5e5, 8e3  # operations of an attempt for each channel, for each two of many
 _OF_RESULT = 20  # work of an exchange that leads somewhere
 ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
 
@@ -122,7 +122,7 @@ def path_below(
                     return first, path, least
                 units = _OF_RESULT if result else 1
                 idle += units
-                work.add(_OF_CHANNEL * units * start.order)
+                work.add(units * start.order * max(_OF_CHANNEL, _OF_PAIR * start.order))
                 if result is None or (start.blocks, exchange) in but_not:
                     continue
                 if (key := (result.blocks, *exchange[:3])) in seen:

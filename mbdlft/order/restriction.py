@@ -162,14 +162,13 @@ def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -
     inputs = simplest_first(
         residues[:n, :n] != 0, residues[:n, n + size :] != 0, residues[n : n + size, :n] != 0
     )
-    current = [(int(c), 0, value[:size, size + c]) for c in inputs]
-    while current and len(space.pivots) < size:
-        following = []
-        for c, power, column in current:
-            if len(space.extend(column[None])):
-                chosen.append((c, power))
-                following.append((c, power + 1, matrices.multiplied(A, column[:, None], prime)[:, 0]))
-        current = following
+    power, columns = 0, value[:size, size + inputs]
+    while len(inputs) and len(space.pivots) < size:
+        space.extend(columns.T)
+        taken = space.taken[-1]
+        inputs, columns = inputs[taken], columns[:, taken]
+        chosen += [(c, power) for c in inputs.tolist()]
+        power, columns = power + 1, matrices.multiplied(A, columns, prime)
     return chosen
 
 

@@ -18,7 +18,7 @@ from mbdlft.order.dependent import without_dependent
 from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
-from mbdlft.order.work import Work, reduction
+from mbdlft.order.work import Work, made_in_balls, reduction
 from mbdlft.pipeline.forms import (
     Candidate,
     candidate_of,
@@ -33,7 +33,7 @@ _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
-_MOST_MADE = 3  # in balls: O8 would miss its bound with one
+_MOST_MADE, _OF_MADE = 3, 2.0  # in balls, and units of work: O8 would miss its bound with one
 _MOST_PATHS = 4  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
@@ -116,10 +116,14 @@ def with_restrictions(
 ) -> list[Candidate]:
     """The smallest candidates with blocks restricted, up to one that meets a bound.
 
-    Of one that is no larger, a search may go on.
+    Of one that is no larger, a search may go on. Of more than a hundred channels one is made, in seconds.
     """
+    work = Work(_OF_MADE)
     some, made = [s for s in starts if s.steps and s.lft.order <= candidate.lft.order], list[Candidate]()
     for start in sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]:
+        if made and work.is_over:
+            break
+        work.add(made_in_balls(start.lft.order))
         small = _made(problem, candidate, start.steps)
         if small and small.lft.order <= candidate.lft.order:
             made.append(small)

@@ -15,6 +15,7 @@ entries has at most degree 2 in p: powers of lengths are left where levers and m
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -43,6 +44,7 @@ class _Entries(NamedTuple):
     is_low: list[bool]  # whether p times the entry has degree 0 to 2
 
 
+@lru_cache(maxsize=1)  # the same in more bits
 def in_own_units(model: LinearModel) -> LinearModel:
     """Relations with the same unknown derivatives and outputs, whose lifted loads are scaled.
 

@@ -51,6 +51,7 @@ def test_loads_in_their_own_units_are_the_same_model() -> None:
     """The loads are made with fewer powers of the parameter."""
     model = _weighed(Parameter("p", 2.0, low=1.0, high=3.0))
     scaled = in_own_units(model)
+    assert in_own_units(model) is scaled
     assert scaled.lifted
     assert model.lifted
     counts = [

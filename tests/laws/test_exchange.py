@@ -1,5 +1,6 @@
 """Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -172,8 +173,11 @@ def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.Monke
     assert len(set(tried)) == len(tried) > 1
 
 
-def test_nothing_is_made_beyond_a_bound() -> None:
-    """Of blocks restricted the smallest is made in balls, and the others where it is above the bound."""
+def test_nothing_is_made_beyond_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of blocks restricted the smallest is made in balls, and the others where it is above the bound.
+
+    Where that is too much work, they are not.
+    """
     problem, candidate = plain_of(93)
     known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
     orders = [
@@ -183,6 +187,26 @@ def test_nothing_is_made_beyond_a_bound() -> None:
     assert orders[0][0] == 10
     assert len(orders[0]) > 1
     assert orders[1] == [10]
+    monkeypatch.setattr(smaller, "_OF_MADE", 0.0)
+    assert [small.lft.order for small in with_restrictions(problem, candidate, known, 0)] == [10]
+
+
+def test_attempts_of_many_channels_count_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twice as many are four times as much work."""
+
+    def attempts(n: int) -> int:
+        tried = [0]
+
+        def exchanges(*_: object) -> Iterator[tuple[Exchange, None]]:
+            while True:
+                tried[0] += 1
+                yield Exchange("a", "b", is_transposed=False, kind="any", lengths=()), None
+
+        monkeypatch.setattr("mbdlft.order.exchange.exchanges", exchanges)
+        path_below([ExactLFT(matrices.zeros(n, n, FIELD.prime), (Block("a", n),))], n, 0, Work(1.0))
+        return tried[0]
+
+    assert attempts(400) < attempts(200) / 3.5
 
 
 def test_coordinates_are_found_in_few_bits(monkeypatch: pytest.MonkeyPatch) -> None:
