@@ -60,7 +60,9 @@ def restricted_exactly(
     rows = independent_rows(K) if K else []
     if K is None or len(rows) < len(columns):
         return None
-    M = _settled(_in_basis(opened, size, _at_nominal(K, rows), rows))
+    if any(power for _, power in columns):
+        K = _at_nominal(K, rows)
+    M = _settled(_in_basis(opened, size, K, rows))
     closed = ExactLFT(M.M, (*M.blocks, Block(name, len(columns)), *outside))
     ordered = in_order(closed, [block.name for block in a.blocks])
     return reduce_exactly(transposed(ordered) if is_transposed else ordered)
