@@ -33,7 +33,7 @@ _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
-_MOST_MADE, _OF_MADE = 3, 2.0  # in balls, and units of work: O8 would miss its bound with one
+_MOST_MADE, _OF_MADE = 3, 1.0  # in balls, and units of work: O8 would miss its bound with one
 _MOST_PATHS = 4  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
