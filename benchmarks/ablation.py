@@ -20,14 +20,14 @@ from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.order import exchange
-from mbdlft.pipeline import stages
+from mbdlft.pipeline import smaller, stages
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)
 _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
     "without restrictions and exchanges": {"restrictions": lambda *_: []},
-    "without exchanges": {"with_exchanges": lambda *_: None},
+    "without exchanges": {"path_below": lambda *_, **__: (0, (), 0)},
     "without directions that cost nothing": {"unobservable": lambda *_: None},
 }
 
@@ -65,7 +65,7 @@ def _of_scene(scene: mbdlft.Scene) -> Make:
 def measure(work: float, left_out: dict[str, Any]) -> dict[str, Result]:
     """Each case with some parts of the search replaced by nothing."""
     with ExitStack() as stack:
-        for module, (name, nothing) in product((exchange, stages), left_out.items()):
+        for module, (name, nothing) in product((exchange, smaller, stages), left_out.items()):
             if hasattr(module, name):
                 stack.enter_context(patch.object(module, name, nothing))
         models = {name: make(work) for name, make in cases()}

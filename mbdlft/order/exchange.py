@@ -22,14 +22,12 @@ leads to C v, ... All beta are outside of the range, which is from -1 to 1, or i
 
 Directions that no output sees at a value of b cost nothing (`mbdlft.order.unobservable`). Where b is
 repeated too often, an exchange the other way round comes first: it costs more, and the one back gains
-more. Residues alone tell what exchanges lead to; what gains is made in balls.
+more (`mbdlft.order.paths`).
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
-from heapq import heapify, heappop, heappush
 from itertools import islice, product
-from operator import attrgetter
 from typing import Any, Literal, NamedTuple
 
 import flint
@@ -38,15 +36,7 @@ import numpy as np
 from mbdlft.base.array import Array
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import (
-    BITS,
-    NOTHING,
-    RESIDUES_ALONE,
-    TooFewBitsError,
-    ask_for_bits,
-    carries_values,
-    precision,
-)
+from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
 from mbdlft.exact.pencils import eigenvalues, invariant_zeros, null_space, pencil, residues_of_pencil
 from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
@@ -64,16 +54,10 @@ from mbdlft.order.restriction import (
     value_at_random,
 )
 from mbdlft.order.unobservable import Unobservable, motions_anywhere, motions_at_infinity, unobservable
-from mbdlft.order.work import Work
 
 _LINES = (10, -10, 20, -20, 30, -30, 40, -40)  # values beta, in units of the range
 _TRIES = 100  # directions of chance
 _MOST_PAIRS = 8  # of residues and values of zeros, that are tried
-_MORE = 4  # repetitions than there are, on the way to fewer
-_IDLE = 450  # attempts without a gain, for each unit: O8 would miss its bound with 300
-_OF_CHANNEL, _OF_PAIR = 5e5, 8e3  # operations of an attempt for each channel, for each two of many
-_OF_RESULT = 20  # work of an exchange that leads somewhere
-ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
 
 # chains at any beta, those that are longer at infinity, and those at zeros, which may not be real
 Kind = Literal["any", "infinite", "zeros"]
@@ -90,86 +74,27 @@ class Exchange(NamedTuple):
     lengths: tuple[int, ...]
 
 
-Path = tuple[Exchange, ...]
-Impossible = tuple[tuple[Block, ...], Exchange]
+def by_exchange(a: ExactLFT, wanted: Exchange) -> tuple[ExactLFT | None, tuple[int, ...]]:
+    """An LFT after an exchange, in balls, if there is one, and the lengths of its chains.
 
-
-def path_below(
-    starts: Sequence[ExactLFT],
-    least: int,
-    bound: int,
-    work: Work,
-    but_not: Collection[Impossible | None] = (),
-    *,
-    with_zeros: bool = True,
-) -> tuple[int, Path, int]:
-    """Exchanges one after the other to the smallest order below one that residues find.
-
-    From which of the starts, the exchanges, and that order. They go on from small LFTs after few of them,
-    the same sizes again after other deltas, and end at a bound, with the work, or late after a gain.
+    The value of a zero may not be real, or in the range: then they are others.
     """
-    first, path, idle = 0, Path(), 0
-    with precision(RESIDUES_ALONE):
-        queue = [(a.order, k, Path(), a, k) for k, a in enumerate(starts)]
-        seen = set[tuple[Any, ...]]()
-        heapify(queue)
-        while queue:
-            *_, before, start, k = heappop(queue)
-            if start.order > least + _MORE and (before or k):
-                continue
-            for exchange, result in exchanges(start, _KINDS[: 2 + with_zeros]):
-                if least <= bound or idle >= _IDLE * max(2.0, work.most) or work.is_over:
-                    return first, path, least
-                units = _OF_RESULT if result else 1
-                idle += units
-                work.add(units * start.order * max(_OF_CHANNEL, _OF_PAIR * start.order))
-                if result is None or (start.blocks, exchange) in but_not:
-                    continue
-                if (key := (result.blocks, *exchange[:3])) in seen:
-                    continue
-                seen.add(key)
-                after = (*before, exchange)
-                heappush(queue, (result.order + len(after), len(seen), after, result, k))
-                if result.order < least:
-                    first, path, least, idle = k, after, result.order, 0
-    return first, path, least
-
-
-def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
-    """The smallest LFT along exchanges, in balls, up to one that is not possible, and that one.
-
-    The value of a zero is not real, or in the range, or too many bits are needed.
-    """
-    smallest = a
-    for exchange in path:
-        try:
-            result = _by_one(a, exchange)
-        except TooFewBitsError:
-            ask_for_bits(ENOUGH_BITS)
-            result = None
-        if result is None:
-            return smallest, (a.blocks, exchange)
-        a = result
-        smallest = min(smallest, a, key=attrgetter("order"))
-    return smallest, None
-
-
-def _by_one(a: ExactLFT, wanted: Exchange) -> ExactLFT | None:
     opened = _opened(a, wanted.first, wanted.second, is_transposed=wanted.is_transposed)
     if opened is None:
-        return None
+        return None, ()
     longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
     left_out = _left_out(opened, longest, wanted.kind)
-    return _along(a, opened, left_out) if left_out.lengths == wanted.lengths else None
+    is_all = left_out.size == opened.K.order
+    return _along(a, opened, left_out) if is_all else None, left_out.lengths
 
 
-def exchanges(a: ExactLFT, kinds: Sequence[Kind]) -> Iterator[tuple[Exchange, ExactLFT | None]]:
+def exchanges(a: ExactLFT) -> Iterator[tuple[Exchange, ExactLFT | None]]:
     """Exchanges of two deltas, and what they lead to; None where there are none."""
     degrees, sizes = exact_degrees(a), {block.name: block.size for block in a.blocks if block.size}
     above = [name for name, size in sizes.items() if size > degrees[name]]
     for first, second, side in product(above, sizes, (False, True)):
         opened = _opened(a, first, second, is_transposed=side) if first != second else None
-        for kind in kinds:
+        for kind in _KINDS:
             left_out = _left_out(opened, opened.K.order, kind) if opened else _NOTHING
             is_all = opened and left_out.size == opened.K.order
             result = _along(a, opened, left_out) if opened and is_all else None

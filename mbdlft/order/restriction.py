@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
-from mbdlft.exact.reachable import Space, over_rows
+from mbdlft.exact.reachable import Space, over_rows, reachable_bases
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
@@ -51,11 +51,14 @@ def restricted_exactly(
     """
     size = dict(a.blocks)[name]
     outside = [block for block in a.blocks if is_inside and _stays_outside(a, name, block)]
+    if is_inside and not outside:
+        return None
     opened = _opened(transposed(a) if is_transposed else a, name, outside)
     value = value_at_random(opened, 0)
-    columns = independent_columns(opened, size, value)
-    if len(columns) in (0, size) or (is_inside and (value[:size, :size].any() or not outside)):
+    A, B = value[:size, :size], value[:size, size:]
+    if (is_inside and A.any()) or len(reachable_bases(A, B, [size], a.M.prime)[0].pivots) in (0, size):
         return None
+    columns = independent_columns(opened, size, value)
     K = krylov(opened, size, columns, most)
     rows = independent_rows(K) if K else []
     if K is None or len(rows) < len(columns):
@@ -276,7 +279,7 @@ def _settled(a: ExactLFT) -> ExactLFT:
     D = a.M[n:, n:]
     varies = np.any([value_at_random(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
     rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
-    core = reduce_exactly(selected(a, rows.tolist(), columns.tolist()))
+    core = selected(a, rows.tolist(), columns.tolist())
     m, (high, wide) = core.order, D.shape
     left, right = matrices.identity(high, prime)[:, rows], matrices.identity(wide, prime)[columns]
     return ExactLFT(

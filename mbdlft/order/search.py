@@ -5,6 +5,7 @@ numbers use it (`mbdlft.pipeline.smaller`). Pairs and triples of deltas (`mbdlft
 how small the order can be: then the search is over.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from mbdlft.base.errors import SceneError
@@ -26,7 +27,7 @@ class Smallest(NamedTuple):
     """The smallest LFTs of a value that are found, the smallest first, the least order of any, and
     whether seconds ended the search early."""
 
-    lfts: tuple[LFT, ...]
+    lfts: Iterable[LFT]
     order_bound: int
     is_cut_off: bool = False
 

@@ -116,8 +116,3 @@ def product(rows: int, inner: int, columns: int) -> float:
 def reduction(order: int) -> float:
     """Operations of a reduction of an LFT, or of another step of its algebra."""
     return 1.5e7 + 60.0 * float(order) ** 3
-
-
-def made_in_balls(order: int) -> float:
-    """Operations of an LFT that is made again in balls, by steps and in good coordinates."""
-    return 1.5e4 * float(order) ** 3

@@ -6,7 +6,7 @@ repetitions of one delta are exchanged for fewer of another (`mbdlft.order.excha
 what steps lead to; what gains is made in balls.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from math import inf
@@ -15,17 +15,16 @@ from typing import NamedTuple
 from mbdlft.exact.matrices import of_residues
 from mbdlft.exact.numbers import RESIDUES_ALONE, precision
 from mbdlft.order.dependent import without_dependent
-from mbdlft.order.exchange import Impossible, Path, exchanged, path_below
+from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
-from mbdlft.order.work import Work, made_in_balls, reduction
+from mbdlft.order.work import Work, reduction
 from mbdlft.pipeline.forms import (
     Candidate,
     candidate_of,
     closed_exactly,
     if_possible,
     is_regular_at_points,
-    restricted,
 )
 from mbdlft.problem.relations import Form, Problem
 
@@ -33,7 +32,7 @@ _MOST_STEPS = 2  # one after the other
 _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
-_MOST_MADE, _OF_MADE = 3, 1.0  # in balls, and units of work: O8 would miss its bound with one
+_MOST_MADE = 3  # starts, in balls, where those before them are of no use
 _MOST_PATHS = 4  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
@@ -111,27 +110,6 @@ def _in_residues(a: ExactLFT) -> ExactLFT:
     return ExactLFT(of_residues(a.M.residues, a.M.prime), a.blocks)
 
 
-def with_restrictions(
-    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], bound: int
-) -> list[Candidate]:
-    """The smallest candidates with blocks restricted, up to one that meets a bound.
-
-    Of one that is no larger, a search may go on. Of more than a hundred channels one is made, in seconds.
-    """
-    work = Work(_OF_MADE)
-    some, made = [s for s in starts if s.steps and s.lft.order <= candidate.lft.order], list[Candidate]()
-    for start in sorted(some, key=lambda start: start.lft.order)[:_MOST_MADE]:
-        if made and work.is_over:
-            break
-        work.add(made_in_balls(start.lft.order))
-        small = _made(problem, candidate, start.steps)
-        if small and small.lft.order <= candidate.lft.order:
-            made.append(small)
-            if small.lft.order <= bound:
-                break
-    return made
-
-
 def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candidate | None:
     """The same in channels with independent functions; None if they are, or if that is singular."""
     if not isinstance(candidate.exact, ExactLFT):
@@ -141,39 +119,48 @@ def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candid
     return _made(problem, candidate, (INDEPENDENT,)) if small.order < candidate.lft.order else None
 
 
-def _made(problem: Problem, candidate: Candidate, steps: Sequence[Step]) -> Candidate | None:
-    """What leaves out dependent channels may have another determinant: None if it vanishes."""
-    small = restricted(problem, candidate.form, steps, known=candidate)
+def _made(
+    problem: Problem,
+    candidate: Candidate,
+    steps: Sequence[Step],
+    then: Callable[[ExactLFT], ExactLFT | None] = lambda exact: exact,
+) -> Candidate | None:
+    """In balls. What leaves out dependent channels may have another determinant: None if it vanishes."""
+    make = partial(candidate_of, problem, candidate.form, steps, known=candidate, then=then)
+    small = if_possible(problem, make)
     is_wrong = small and INDEPENDENT in steps and not is_regular_at_points(problem, small.lft)
     return None if is_wrong else small
 
 
-def with_exchanges(
-    problem: Problem,
-    candidate: Candidate,
-    starts: Sequence[Restricted],
-    least: int,
-    bound: int,
-    work: Work,
-) -> Candidate | None:
-    """A candidate with blocks restricted and repetitions exchanged; None if none is below an order."""
-    impossible = set[Impossible | None]()
+def smaller_candidates(
+    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], bound: int, work: Work
+) -> Iterator[Candidate]:
+    """Smaller candidates with blocks restricted and repetitions exchanged, the smallest first.
 
-    def along(path: Path, exact: ExactLFT) -> ExactLFT | None:
+    Each is made when it is asked for: another one matters where those before it are of no use.
+    """
+    starts = sorted(starts, key=lambda start: start.lft.order)
+    nodes, impossible = [Node(start.lft) for start in starts], set[Impossible | None]()
+
+    def along(path: Path, least: int, exact: ExactLFT) -> ExactLFT | None:
         exact, failed = exchanged(exact, path)
         impossible.add(failed)
         return exact if exact.order < least else None
 
-    def make(steps: Sequence[Step], path: Path) -> Candidate | None:
-        return candidate_of(problem, candidate.form, steps, known=candidate, then=partial(along, path))
-
-    best = None
-    for k in range(_MOST_PATHS, 0, -1):
-        lfts = [start.lft for start in starts]
-        first, path, wanted = path_below(lfts, least, bound, work, impossible, with_zeros=k > 1)
-        found = if_possible(problem, partial(make, starts[first].steps, path)) if path else None
-        if found:
-            best, least = found, found.lft.order
-        if not path or least == wanted:
+    for k, start in enumerate(starts[:_MOST_MADE]):
+        best, least = None, start.lft.order
+        for j in range(_MOST_PATHS, 0, -1):
+            first, path, wanted = path_below(nodes[k:], least, bound, work, impossible, with_zeros=j > 1)
+            if not path:
+                break
+            steps, then = starts[k + first].steps, partial(along, path, least)
+            best = _made(problem, candidate, steps, then) or best
+            least = best.lft.order if best else least
+            if least == wanted:
+                break
+        if best:
+            yield best
+        if not start.steps:
             break
-    return best
+        if small := _made(problem, candidate, start.steps):
+            yield small

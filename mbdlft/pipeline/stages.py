@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
 from importlib.metadata import version
+from itertools import chain
 
 import numpy as np
 
@@ -32,12 +33,7 @@ from mbdlft.pipeline.forms import (
     reduced_relations,
     restricted,
 )
-from mbdlft.pipeline.smaller import (
-    restrictions,
-    with_exchanges,
-    with_restrictions,
-    without_dependent_channels,
-)
+from mbdlft.pipeline.smaller import restrictions, smaller_candidates, without_dependent_channels
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -214,11 +210,11 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
         return Smallest((), sum(degrees.values()))
     is_late = late_after(budget.seconds)
     work, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(2))
-    joint, found = JointBound(exact, degrees), [start]
+    joint, best = JointBound(exact, degrees), start
 
     def bound(*, triples: bool) -> int:
         most = max(_OF_PROOF, _OF_LEFT * work.left)
-        return joint.of_all(work.limited(most), triples=triples, best=found[0].lft.blocks)
+        return joint.of_all(work.limited(most), triples=triples, best=best.lft.blocks)
 
     with running.budget(budget.work):
         order_bound = bound(triples=False)
@@ -228,18 +224,14 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
             small = without_dependent_channels(problem, start)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-        found += with_restrictions(problem, start, starts, order_bound)
-        found.sort(key=lambda candidate: candidate.lft.order)
+    others = smaller_candidates(problem, start, starts, order_bound, of_exchanges)
     with running.budget(budget.work):
-        least = found[0].lft.order
-        best = with_exchanges(problem, start, starts, least, order_bound, of_exchanges)
-    if best:
-        found.insert(0, best)
+        best = next(others, start)
     with running.budget(budget.work):
-        if found[0].lft.order > order_bound:
+        if best.lft.order > order_bound:
             order_bound = bound(triples=True)
-    smaller = [candidate for candidate in found if candidate.lft.order < start.lft.order]
-    lfts = tuple(lft for candidate in smaller for lft in _of_both(candidate))
+    found = [] if best is start else chain([best], others)
+    lfts = (lft for candidate in found for lft in _of_both(candidate))
     return Smallest(lfts, order_bound, work.is_cut_off or of_exchanges.is_cut_off)
 
 

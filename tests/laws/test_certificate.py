@@ -109,7 +109,7 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
 
     def lossy(*arguments: Any) -> Any:
         found = right(*arguments)
-        a = found.lfts[0]
+        a = next(iter(found.lfts))
         return found._replace(lfts=(LFT(a.M11, a.M12, (1.0 + 1e-9) * a.M21, a.M22, a.blocks),))
 
     monkeypatch.setattr(stages, "_smallest", lossy)
@@ -118,9 +118,10 @@ def test_what_a_search_makes_with_lost_digits_is_not_used(monkeypatch: pytest.Mo
     assert model.certificate.max_relative_error <= SCENARIO
 
     def lossy_at_last(*arguments: Any) -> Any:
-        a = (found := right(*arguments)).lfts[0]
+        found = right(*arguments)
+        a, *others = found.lfts
         longer = LFT(a.M11, a.M12, 2.0 * a.M21, a.M22, a.blocks)
-        return found._replace(lfts=(longer, *found.lfts))
+        return found._replace(lfts=(longer, a, *others))
 
     monkeypatch.setattr(stages, "_smallest", lossy_at_last)  # the one on the way to it is right
     assert mbdlft.to_lft(rolling_ball()).order == 7
@@ -135,7 +136,8 @@ def test_a_singular_result_of_a_search_is_dropped(factor: float, monkeypatch: py
     right = stages._smallest
 
     def singular(*arguments: Any) -> Any:
-        a = (smaller := right(*arguments)).lfts[0]
+        smaller = right(*arguments)
+        a = next(iter(smaller.lfts))
         return smaller._replace(lfts=(LFT(factor * a.M11, a.M12, a.M21, a.M22, a.blocks),))
 
     monkeypatch.setattr(stages, "_smallest", singular)

@@ -1,6 +1,6 @@
 """Laws of repetitions of one delta that are exchanged for fewer of another, in exact numbers."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,27 +14,16 @@ from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, TooFewBitsError, ask_for_
 from mbdlft.lft.lft import LFT, Block
 from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
-from mbdlft.order.exchange import (
-    Exchange,
-    Impossible,
-    Path,
-    _along,
-    _far_outside,
-    _left_out,
-    _LeftOut,
-    _opened,
-    _zeros,
-    exchanged,
-    path_below,
-)
+from mbdlft.order.exchange import Exchange, _along, _far_outside, _left_out, _LeftOut, _opened, _zeros
 from mbdlft.order.lower_bound import at_random, exact_degrees
+from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, transposed
 from mbdlft.order.restriction import Step
 from mbdlft.order.work import Work
-from mbdlft.pipeline import forms, smaller
-from mbdlft.pipeline.forms import Candidate, candidates, restricted
-from mbdlft.pipeline.smaller import Restricted, restrictions, with_exchanges, with_restrictions
-from mbdlft.problem.relations import Problem
+from mbdlft.pipeline import forms, smaller, stages
+from mbdlft.pipeline.forms import Candidate, candidate_of, candidates, restricted
+from mbdlft.pipeline.smaller import Restricted, restrictions, smaller_candidates
+from mbdlft.problem.relations import Form, Problem
 from scenarios import two_link_arm
 from tests.close import SCENARIO, target
 from tests.cross.mechanisms import open_tree
@@ -67,9 +56,7 @@ def plain_of(seed: int) -> tuple[Problem, Candidate]:
 def made(seed: int) -> tuple[Candidate, Candidate | None]:
     """Without exchanges, and with them."""
     problem, candidate = plain_of(seed)
-    return candidate, with_exchanges(
-        problem, candidate, start(candidate), candidate.lft.order, 0, Work(2.0)
-    )
+    return candidate, next(smaller_candidates(problem, candidate, start(candidate), 0, Work(2.0)), None)
 
 
 def start(candidate: Candidate) -> list[Restricted]:
@@ -120,8 +107,8 @@ def test_one_exchange_there_leads_to_one_back() -> None:
     a = start(plain_of(79)[1])[0].lft
     there = Exchange("m1", "theta2", True, "any", (1, 1, 1, 1))
     back = Exchange("theta2", "m1", True, "infinite", (6, 4))
-    assert path_below([a], a.order, 28, Work(2.0)) == (0, (there, back), 28)
-    assert path_below([a], a.order, a.order, Work(2.0)) == (0, (), a.order)
+    assert path_below([Node(a)], a.order, 28, Work(2.0)) == (0, (there, back), 28)
+    assert path_below([Node(a)], a.order, a.order, Work(2.0)) == (0, (), a.order)
     with precision(RESIDUES_ALONE):  # the smallest on the way, and not the last
         assert exchanged(a, (there,)) == (a, None)
 
@@ -132,29 +119,36 @@ def test_zeros_of_trees(seed: int, order: int) -> None:
     problem = problem_of_scene(open_tree(seed))
     candidate = restricted(problem, problem.forms[0])
     assert candidate is not None
-    _, path, wanted = path_below([start(candidate)[0].lft], candidate.lft.order, order, Work(2.0))
+    _, path, wanted = path_below([Node(start(candidate)[0].lft)], candidate.lft.order, order, Work(2.0))
     assert wanted <= order
     assert any(exchange.kind == "zeros" for exchange in path)
-    smaller = with_exchanges(problem, candidate, start(candidate), candidate.lft.order, order, Work(2.0))
-    assert smaller is not None
+    smaller = next(smaller_candidates(problem, candidate, start(candidate), order, Work(2.0)))
     assert smaller.lft.order < candidate.lft.order  # in balls, doubles choose the directions
     points = {name: np.linspace(-1.0, 1.0, 5) for name, _ in smaller.lft.blocks}
     target(evaluate(smaller.lft, points), evaluate(candidate.lft, points), SCENARIO)
 
 
 def test_what_is_not_possible_is_not_tried_again() -> None:
-    """A path ends where chains are not there; zeros, which may not be real, can be left out."""
+    """A path ends where no chains are; other chains than residues foretell are used, and told.
+
+    Zeros, which may not be real, can be left out. What is known of a start costs no work again.
+    """
     candidate = plain_of(146)[1]
-    a, of_residues = exact(candidate), start(candidate)[0].lft
-    _, (exchange,), order = path_below([of_residues], a.order, 9, Work(2.0))
-    assert (exchange.kind, order) == ("zeros", 9)
-    assert path_below([of_residues], a.order, 9, Work(2.0), with_zeros=False) == (0, (), a.order)
-    assert path_below([of_residues], a.order, 9, Work(2.0), {(a.blocks, exchange)}) == (0, (), a.order)
-    longer = exchange._replace(lengths=(3,))
+    a, node, work = exact(candidate), Node(start(candidate)[0].lft), Work(2.0)
+    first, path, order = path_below([node], a.order, 9, work)
+    (exchange,), spent, nothing = path, work.spent, (0, (), a.order)
+    assert (first, exchange.kind, order) == (0, "zeros", 9)
+    assert path_below([node], a.order, 9, work) == (first, path, order)
+    assert work.spent == spent > 0.0
+    assert path_below([node], a.order, 9, work, with_zeros=False) == nothing
+    assert path_below([node], a.order, 9, work, {(a.blocks, exchange)}) == nothing
+    longer, other_side = exchange._replace(lengths=(3,)), exchange._replace(is_transposed=False)
     with precision(BITS):
-        assert exchanged(a, (longer, exchange)) == (a, (a.blocks, longer))
+        b, failed = exchanged(a, (longer, exchange))
+        assert (b.order, failed) == (9, (a.blocks, longer))
         b, failed = exchanged(a, (exchange, longer))
-    assert (b.order, failed) == (9, (b.blocks, longer))
+        assert (b.order, failed) == (9, (b.blocks, longer))
+        assert exchanged(a, (other_side, exchange)) == (a, (a.blocks, other_side))
 
 
 def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,28 +161,26 @@ def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.Monke
         return a, (a.blocks, path[0])
 
     monkeypatch.setattr(smaller, "exchanged", failing)
-    assert (
-        with_exchanges(problem, candidate, start(candidate), candidate.lft.order, 28, Work(2.0)) is None
-    )
+    assert not [*smaller_candidates(problem, candidate, start(candidate), 28, Work(2.0))]
     assert len(set(tried)) == len(tried) > 1
 
 
-def test_nothing_is_made_beyond_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of blocks restricted the smallest is made in balls, and the others where it is above the bound.
-
-    Where that is too much work, they are not.
-    """
+def test_candidates_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mass on one side and exchanges, then without these, then exchanges alone; none below a bound."""
     problem, candidate = plain_of(93)
     known = restrictions(candidate, exact_degrees(exact(candidate)), 0, Work())
-    orders = [
-        [small.lft.order for small in with_restrictions(problem, candidate, known, bound)]
-        for bound in (0, 10)
-    ]
-    assert orders[0][0] == 10
-    assert len(orders[0]) > 1
-    assert orders[1] == [10]
-    monkeypatch.setattr(smaller, "_OF_MADE", 0.0)
-    assert [small.lft.order for small in with_restrictions(problem, candidate, known, 0)] == [10]
+    made = list[int]()
+
+    def counted(problem: Problem, form: Form, steps: Sequence[Step], **others: Any) -> Candidate | None:
+        made.append(len(steps))
+        return candidate_of(problem, form, steps, **others)
+
+    for module in (forms, smaller):
+        monkeypatch.setattr(module, "candidate_of", counted)
+    found = smaller_candidates(problem, candidate, known, 0, Work(2.0))
+    assert [(next(found).lft.order, len(made)) for _ in range(3)] == [(9, 1), (10, 2), (9, 3)]
+    assert made == [1, 1, 0]
+    assert next(smaller_candidates(problem, candidate, known, 10, Work(2.0))).lft.order == 10
 
 
 def test_attempts_of_many_channels_count_more(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,8 +194,9 @@ def test_attempts_of_many_channels_count_more(monkeypatch: pytest.MonkeyPatch) -
                 tried[0] += 1
                 yield Exchange("a", "b", is_transposed=False, kind="any", lengths=()), None
 
-        monkeypatch.setattr("mbdlft.order.exchange.exchanges", exchanges)
-        path_below([ExactLFT(matrices.zeros(n, n, FIELD.prime), (Block("a", n),))], n, 0, Work(1.0))
+        monkeypatch.setattr("mbdlft.order.paths.exchanges", exchanges)
+        a = ExactLFT(matrices.zeros(n, n, FIELD.prime), (Block("a", n),))
+        path_below([Node(a)], n, 0, Work(1.0))
         return tried[0]
 
     assert attempts(400) < attempts(200) / 3.5
@@ -288,12 +281,22 @@ def test_residues_foretell_restrictions(seed: int, most: int, of: set[bool]) -> 
         assert exact(in_balls).blocks == small.lft.blocks
 
 
-@pytest.mark.parametrize(("seed", "order"), [(93, 9), (172, 13)])
+@pytest.mark.parametrize(("seed", "order"), [(93, 9), (172, 13), (1, 7)])
 def test_blocks_are_restricted_before_they_are_exchanged(seed: int, order: int) -> None:
-    """A mass or a length on one side, and two of another parameter for one of it."""
+    """A mass or a length on one side, and two of another parameter for one of it.
+
+    The last one goes on from the second LFT of its order.
+    """
     model = to_lft(random_scene(seed))
     assert model.order == order
     assert model.certificate.minimal
+
+
+def test_what_is_of_no_use_is_followed_by_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without exchanges, if the smallest one has lost digits."""
+    lost = stages._what_is_lost
+    monkeypatch.setattr(stages, "_what_is_lost", lambda a, *others: a.order < 10 or lost(a, *others))
+    assert to_lft(random_scene(93)).order == 10
 
 
 def test_a_second_block_is_restricted_where_the_first_gains_nothing() -> None:

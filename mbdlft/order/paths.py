@@ -1,0 +1,101 @@
+"""Exchanges one after the other: residues foretell what they lead to, and what gains is made in balls."""
+
+from collections.abc import Collection, Iterator, Sequence
+from heapq import heapify, heappop, heappush
+from operator import attrgetter
+from typing import Any
+
+from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, TooFewBitsError, ask_for_bits, precision
+from mbdlft.lft.lft import Block
+from mbdlft.order.exchange import Exchange, by_exchange, exchanges
+from mbdlft.order.reduction import ExactLFT
+from mbdlft.order.work import Work
+
+_MORE = 4  # repetitions than there are, on the way to fewer
+_IDLE, _LARGE = 1e4, 47  # channels of attempts without a gain, for each unit; so many of one, at most
+_OF_CHANNEL, _OF_PAIR = 5e5, 8e3  # operations of an attempt for each channel, for each two of many
+_OF_RESULT = 20  # work of an exchange that leads somewhere
+ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
+
+Path = tuple[Exchange, ...]
+Impossible = tuple[tuple[Block, ...], Exchange]
+
+
+class Node:
+    """An LFT of residues, and what exchanges lead to from there, as far as that is known."""
+
+    def __init__(self, lft: ExactLFT) -> None:
+        self.lft = lft
+        self._known = list[tuple[Exchange, Node | None]]()
+        self._others = exchanges(lft)
+
+    def after(self, work: Work) -> Iterator[tuple[Exchange, "Node | None"]]:
+        """Each exchange; what is not known yet costs work."""
+        yield from tuple(self._known)
+        n = self.lft.order
+        if work.is_over:
+            return
+        for exchange, lft in self._others:
+            work.add((_OF_RESULT if lft else 1) * n * max(_OF_CHANNEL, _OF_PAIR * n))
+            self._known.append((exchange, Node(lft) if lft else None))
+            yield self._known[-1]
+            if work.is_over:
+                return
+
+
+def path_below(
+    starts: Sequence[Node],
+    least: int,
+    bound: int,
+    work: Work,
+    but_not: Collection[Impossible | None] = (),
+    *,
+    with_zeros: bool = True,
+) -> tuple[int, Path, int]:
+    """Exchanges one after the other to the smallest order below one that residues find.
+
+    From which of the starts, the exchanges, and that order. They go on from small LFTs after few of them,
+    the same sizes again after other deltas, and end at a bound, with the work, or late after a gain.
+    """
+    first, path, idle = 0, Path(), 0
+    with precision(RESIDUES_ALONE):
+        queue = [(node.lft.order, k, Path(), node, k) for k, node in enumerate(starts)]
+        seen = set[tuple[Any, ...]]()
+        heapify(queue)
+        while queue:
+            *_, before, start, k = heappop(queue)
+            if start.lft.order > least + _MORE and (before or k):
+                continue
+            for exchange, node in start.after(work):
+                idle += (_OF_RESULT if node else 1) * min(start.lft.order, _LARGE)
+                if least <= bound or idle > _IDLE * max(2.0, work.most):
+                    return first, path, least
+                is_left_out = exchange.kind == "zeros" and not with_zeros
+                if node is None or is_left_out or (start.lft.blocks, exchange) in but_not:
+                    continue
+                if (key := (node.lft.blocks, *exchange[:3])) in seen:
+                    continue
+                seen.add(key)
+                after = (*before, exchange)
+                heappush(queue, (node.lft.order + len(after), len(seen), after, node, k))
+                if node.lft.order < least:
+                    first, path, least, idle = k, after, node.lft.order, 0
+    return first, path, least
+
+
+def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
+    """The smallest LFT along exchanges, in balls, and the first one that is not as residues foretell."""
+    smallest, failed = a, None
+    for exchange in path:
+        try:
+            result, lengths = by_exchange(a, exchange)
+        except TooFewBitsError:
+            ask_for_bits(ENOUGH_BITS)
+            result, lengths = None, ()
+        if lengths != exchange.lengths:
+            failed = failed or (a.blocks, exchange)
+        if result is None:
+            return smallest, failed or (a.blocks, exchange)
+        a = result
+        smallest = min(smallest, a, key=attrgetter("order"))
+    return smallest, failed
