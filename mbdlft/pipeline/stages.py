@@ -212,8 +212,8 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
     work, of_exchanges = (Work(budget.work, is_late, running.tell) for _ in range(2))
     joint, best = JointBound(exact, degrees), start
 
-    def bound(*, triples: bool, gap: int = 1) -> int:
-        most = max(_OF_PROOF, _OF_LEFT * work.left) / gap
+    def bound(*, triples: bool) -> int:
+        most = max(_OF_PROOF, _OF_LEFT * work.left)
         return joint.of_all(work.limited(most), triples=triples, best=best.lft.blocks)
 
     with running.budget(budget.work):
@@ -228,9 +228,8 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
     with running.budget(budget.work):
         best = next(others, start)
     with running.budget(budget.work):
-        # triples add one or two: more work for them where that may be enough
-        if (gap := best.lft.order - order_bound) > 0:
-            order_bound = bound(triples=True, gap=gap)
+        if best.lft.order > order_bound:
+            order_bound = bound(triples=True)
     found = [] if best is start else chain([best], others)
     lfts = (lft for candidate in found for lft in _of_both(candidate))
     return Smallest(lfts, order_bound, work.is_cut_off or of_exchanges.is_cut_off)
