@@ -161,7 +161,8 @@ def _along(a: ExactLFT, opened: _Opened, left_out: "_LeftOut") -> ExactLFT | Non
     block = Block(opened.first, opened.K.M.shape[1] - opened.K.order)
     places = {line.residue: line.values for line in lines}
     of_free = free.values() if free else [()]
-    for values, some in islice(product(of_free, product(*places.values())), _MOST_PAIRS):
+    pairs = ((values, some) for values in of_free for some in product(*places.values()))
+    for values, some in islice(pairs, _MOST_PAIRS):
         try:
             first = [free.columns(values, _outside(opened))] if free else []
             inner = _along_values(opened, first, lines, dict(zip(places, some, strict=True)))

@@ -11,7 +11,6 @@ P may be zero on any part of it that both keep. In the words of docs/pairs.md, t
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,10 +62,7 @@ class Unobservable(NamedTuple):
 
     def values(self) -> Iterator[tuple[Any, ...]]:
         """Those of all points, each another one."""
-        for values in product(*(some for _, some in self.points)):
-            told = [id(value) for value in values if value is not NOTHING]
-            if len(set(told)) == len(told):
-                yield values
+        return _different([some for _, some in self.points], ())
 
     def columns(self, values: Sequence[Any], outside: Residues) -> ExactMatrix:
         """Those for values of the points (size, count); a TooFewBitsError for one of another residue."""
@@ -76,6 +72,18 @@ class Unobservable(NamedTuple):
             return matrices.of_residues(self.residues, self.motions.z.prime)
         points = [(residues, value) for (residues, _), value in zip(self.points, values, strict=True)]
         return _kept_at(self.motions, points, outside, self.size)[0]
+
+
+def _different(
+    choices: Sequence[Sequence[Any]], before: tuple[Any, ...] = ()
+) -> Iterator[tuple[Any, ...]]:
+    """One of each of the choices, each another one, or nothing."""
+    if len(before) == len(choices):
+        yield before
+        return
+    for value in choices[len(before)]:
+        if value is NOTHING or not any(value is other for other in before):
+            yield from _different(choices, (*before, value))
 
 
 def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobservable | None:
