@@ -358,9 +358,11 @@ def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
     return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
 
 
-def _guess(space: Space, krylov: ExactMatrix) -> Array:
-    """The basis of a space, the identity in its pivots, in doubles."""
+def _guess(space: Space, krylov: ExactMatrix) -> Array | None:
+    """The basis of a space, the identity in its pivots, in doubles; None if these do not carry it."""
     rough = rough_values(krylov)
+    if not np.isfinite(rough).all():
+        return None
     with np.errstate(all="ignore"):
         return np.asarray(rough @ np.linalg.pinv(rough[space.pivots]))
 

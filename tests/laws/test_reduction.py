@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from fractions import Fraction
 
+import flint
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,7 +16,7 @@ from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import LFT, Block, consecutive, delta
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.reduction import _SHOWN, ExactLFT, in_good_coordinates, reduce_exactly, reduce_order
-from tests.close import ONE_ROUNDING, exact, roundoff
+from tests.close import ONE_ROUNDING, exact, roundoff, target
 from tests.extracted import FIELD, exact_matrix, exactly, lower_bound
 from tests.extracted import with_bits as with_bits
 from tests.laws.lfts import lfts, padded, points, sparse_lfts
@@ -400,3 +401,14 @@ def test_spaces_grow_as_ranks_do(seed: int, size: int) -> None:
         assert len(space.taken[-1]) == len(taken)
         assert np.array_equal(space.basis[:, space.pivots], np.eye(len(space.pivots)))
         assert rank(np.vstack([space.basis, rows]), PRIME) == len(space.pivots)
+
+
+def test_balls_that_doubles_do_not_carry_are_no_guess() -> None:
+    """They are too wide, and more bits are asked for later; a singular value decomposition failed."""
+    space, krylov = Space(2, FIELD.prime), exact_matrix(np.array([[1.0], [2.0]]))
+    space.extend(krylov.residues.T)
+    guess = module._guess(space, krylov)
+    assert guess is not None
+    target(guess, [[1.0], [2.0]], ONE_ROUNDING)
+    krylov.balls[1, 0] = flint.arb("nan")
+    assert module._guess(space, krylov) is None

@@ -1,5 +1,9 @@
 """Laws of directions that an exchange leaves out at no cost, in exact numbers."""
 
+from collections.abc import Iterator
+from typing import Any
+
+import flint
 import numpy as np
 import pytest
 
@@ -8,10 +12,10 @@ from benchmarks.cases.orders import CASES
 from mbdlft import to_lft
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import RESIDUES_ALONE, TooFewBitsError, precision
+from mbdlft.exact.numbers import NOTHING, RESIDUES_ALONE, TooFewBitsError, precision
 from mbdlft.exact.pencils import motions_without_outputs
 from mbdlft.exact.rounding import or_one
-from mbdlft.order.unobservable import Motions, Unobservable, _kernels, unobservable
+from mbdlft.order.unobservable import Motions, Unobservable, _different, _kernels, unobservable
 from tests.close import SCENARIO, target
 from tests.cross.mechanisms import open_tree
 from tests.extracted import FIELD
@@ -114,6 +118,27 @@ def test_a_value_of_another_point_is_refused() -> None:
         _kernels(motions, (3 * 1 + 7 * 5,), matrices.balls_of(np.array([38.5]))[0])
     nothing = motions._replace(z=integers(np.zeros((6, 4))))
     assert unobservable(nothing, rows(2), 2) is None
+
+
+def test_points_have_different_values(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of thirty points that may be any of thirty values, the first of all orders is there at once.
+
+    No more of them is asked for than is tried.
+    """
+    some = [flint.arb(k) for k in range(30)]
+    first = next(_different([some] * 30, ()))
+    assert {id(value) for value in first} == {id(value) for value in some}
+    assert [*_different([[NOTHING], some[:2], some[:1], [NOTHING]], ())] == [
+        (NOTHING, *some[1::-1], NOTHING)
+    ]
+    values = Unobservable.values
+
+    def only_one(self: Unobservable) -> Iterator[tuple[Any, ...]]:
+        yield next(values(self))
+        raise AssertionError
+
+    monkeypatch.setattr(Unobservable, "values", only_one)
+    assert to_lft(random_scene(1)).order == 7
 
 
 def test_motions_without_outputs() -> None:
