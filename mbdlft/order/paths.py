@@ -12,7 +12,7 @@ from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work
 
 _MORE = 4  # repetitions than there are, on the way to fewer
-_IDLE, _LARGE = 1e4, 47  # channels of attempts without a gain, for each unit; so many of one, at most
+_IDLE, _LARGE = 9e3, 47  # channels of attempts without a gain, for each unit; so many of one, at most
 _OF_CHANNEL, _OF_PAIR = 5e5, 8e3  # operations of an attempt for each channel, for each two of many
 _OF_RESULT = 20  # work of an exchange that leads somewhere
 ENOUGH_BITS = 4 * BITS  # an exchange that needs more is not made
