@@ -84,8 +84,7 @@ def by_exchange(a: ExactLFT, wanted: Exchange) -> tuple[ExactLFT | None, tuple[i
         return None, ()
     longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
     left_out = _left_out(opened, longest, wanted.kind)
-    is_all = left_out.size == opened.K.order
-    return _along(a, opened, left_out) if is_all else None, left_out.lengths
+    return _along(a, opened, left_out), left_out.lengths
 
 
 def exchanges(a: ExactLFT) -> Iterator[tuple[Exchange, ExactLFT | None]]:
@@ -96,8 +95,7 @@ def exchanges(a: ExactLFT) -> Iterator[tuple[Exchange, ExactLFT | None]]:
         opened = _opened(a, first, second, is_transposed=side) if first != second else None
         for kind in _KINDS:
             left_out = _left_out(opened, opened.K.order, kind) if opened else _NOTHING
-            is_all = opened and left_out.size == opened.K.order
-            result = _along(a, opened, left_out) if opened and is_all else None
+            result = _along(a, opened, left_out) if opened else None
             yield Exchange(first, second, side, kind, left_out.lengths), result
 
 
@@ -155,7 +153,9 @@ def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
 
 
 def _along(a: ExactLFT, opened: _Opened, left_out: "_LeftOut") -> ExactLFT | None:
-    """The LFT after an exchange; None if none of the values of zeros is right."""
+    """The LFT after an exchange; None if poles are left, or none of the values of zeros is right."""
+    if left_out.size < opened.K.order:
+        return None
     free, lines = left_out
     others = [block for block in a.blocks if block.name not in (opened.first, opened.second)]
     block = Block(opened.first, opened.K.M.shape[1] - opened.K.order)

@@ -33,14 +33,11 @@ class Node:
         """Each exchange; what is not known yet costs work."""
         yield from tuple(self._known)
         n = self.lft.order
-        if work.is_over:
-            return
-        for exchange, lft in self._others:
+        while not work.is_over and (attempt := next(self._others, None)):
+            exchange, lft = attempt
             work.add((_OF_RESULT if lft else 1) * n * max(_OF_CHANNEL, _OF_PAIR * n))
             self._known.append((exchange, Node(lft) if lft else None))
             yield self._known[-1]
-            if work.is_over:
-                return
 
 
 def path_below(
@@ -92,10 +89,10 @@ def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:
         except TooFewBitsError:
             ask_for_bits(ENOUGH_BITS)
             result, lengths = None, ()
-        if lengths != exchange.lengths:
+        if result is None or lengths != exchange.lengths:
             failed = failed or (a.blocks, exchange)
         if result is None:
-            return smallest, failed or (a.blocks, exchange)
+            break
         a = result
         smallest = min(smallest, a, key=attrgetter("order"))
     return smallest, failed

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
-from mbdlft.exact.reachable import Space, over_rows, reachable_bases
+from mbdlft.exact.reachable import Space, over_rows
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
@@ -55,10 +55,11 @@ def restricted_exactly(
         return None
     opened = _opened(transposed(a) if is_transposed else a, name, outside)
     value = value_at_random(opened, 0)
-    A, B = value[:size, :size], value[:size, size:]
-    if (is_inside and A.any()) or len(reachable_bases(A, B, [size], a.M.prime)[0].pivots) in (0, size):
+    if is_inside and value[:size, :size].any():
         return None
     columns = independent_columns(opened, size, value)
+    if len(columns) in (0, size):
+        return None
     K = krylov(opened, size, columns, most)
     rows = independent_rows(K) if K else []
     if K is None or len(rows) < len(columns):

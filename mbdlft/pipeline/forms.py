@@ -177,17 +177,19 @@ def reduced_relations(relations: LinearModel) -> LFT:
 
 
 def restricted(
-    problem: Problem, form: Form, steps: Sequence[Step] = (), *, known: Candidate | None = None
+    problem: Problem,
+    form: Form,
+    steps: Sequence[Step] = (),
+    *,
+    known: Candidate | None = None,
+    then: Callable[[ExactLFT], ExactLFT | None] | None = None,
 ) -> Candidate | None:
-    """A candidate with blocks restricted by steps; None if that is not possible.
+    """A candidate with blocks restricted by steps, and what follows; None if that is not possible.
 
-    The relations of a `known` candidate of the form are not extracted again.
+    It needs too many bits, or is singular. The relations of a `known` candidate of the form are not
+    extracted again.
     """
-    return if_possible(problem, partial(candidate_of, problem, form, steps, known=known))
-
-
-def if_possible(problem: Problem, make: Callable[[], Candidate | None]) -> Candidate | None:
-    """A candidate in as many bits as it needs; None if it needs too many, or is singular."""
+    make = partial(candidate_of, problem, form, steps, known=known, then=then)
     try:
         with without_collection():
             return in_enough_bits(make, problem.nouns.owner)
@@ -208,11 +210,11 @@ def candidate_of(
     steps: Sequence[Step] = (),
     *,
     known: Candidate | None = None,
-    then: Callable[[ExactLFT], ExactLFT | None] = lambda exact: exact,
+    then: Callable[[ExactLFT], ExactLFT | None] | None = None,
 ) -> Candidate | None:
     """A candidate of a form with blocks restricted by steps, in the bits of now; None if it is sparse.
 
-    `then` is what the closed LFT is followed by, or None.
+    `then` is what the closed LFT is followed by, if anything; its None is one of the candidate.
     """
     if known and known.exactly:
         ask_for_bits(known.exactly[0])  # fewer were not enough
@@ -231,7 +233,7 @@ def candidate_of(
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     reduced = _restricted(reduce_exactly(closed), steps, of_relations=False) if n else relations
-    exact = then(reduced)
+    exact = then(reduced) if then else reduced
     if exact is None:
         return None
     is_reduced = exact is reduced and not (n and set(steps) - {INDEPENDENT})

@@ -19,13 +19,7 @@ from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
 from mbdlft.order.work import Work, reduction
-from mbdlft.pipeline.forms import (
-    Candidate,
-    candidate_of,
-    closed_exactly,
-    if_possible,
-    is_regular_at_points,
-)
+from mbdlft.pipeline.forms import Candidate, closed_exactly, is_regular_at_points, restricted
 from mbdlft.problem.relations import Form, Problem
 
 _MOST_STEPS = 2  # one after the other
@@ -123,11 +117,10 @@ def _made(
     problem: Problem,
     candidate: Candidate,
     steps: Sequence[Step],
-    then: Callable[[ExactLFT], ExactLFT | None] = lambda exact: exact,
+    then: Callable[[ExactLFT], ExactLFT | None] | None = None,
 ) -> Candidate | None:
     """In balls. What leaves out dependent channels may have another determinant: None if it vanishes."""
-    make = partial(candidate_of, problem, candidate.form, steps, known=candidate, then=then)
-    small = if_possible(problem, make)
+    small = restricted(problem, candidate.form, steps, known=candidate, then=then)
     is_wrong = small and INDEPENDENT in steps and not is_regular_at_points(problem, small.lft)
     return None if is_wrong else small
 

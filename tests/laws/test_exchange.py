@@ -175,8 +175,7 @@ def test_candidates_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyP
         made.append(len(steps))
         return candidate_of(problem, form, steps, **others)
 
-    for module in (forms, smaller):
-        monkeypatch.setattr(module, "candidate_of", counted)
+    monkeypatch.setattr(forms, "candidate_of", counted)
     found = smaller_candidates(problem, candidate, known, 0, Work(2.0))
     assert [(next(found).lft.order, len(made)) for _ in range(3)] == [(9, 1), (10, 2), (9, 3)]
     assert made == [1, 1, 0]
