@@ -20,14 +20,15 @@ from benchmarks.arm import write_between
 from benchmarks.cases.chains import chain
 from benchmarks.cases.orders import CASES
 from mbdlft.order import exchange
+from mbdlft.order.paths import Found
 from mbdlft.pipeline import smaller, stages
 from mbdlft.system.model import LFTModel
 
 _LINKS = (2, 3, 4)
 _LEFT_OUT: dict[str, dict[str, Any]] = {
     "everything": {},
-    "without restrictions and exchanges": {"restrictions": lambda *_: []},
-    "without exchanges": {"path_below": lambda *_, **__: (0, (), 0)},
+    "without restrictions and exchanges": {"smaller_candidates": lambda *_: iter(())},
+    "without exchanges": {"path_below": lambda *_, **__: Found(0, (), 0, ())},
     "without directions that cost nothing": {"unobservable": lambda *_: None},
 }
 

@@ -19,6 +19,7 @@ of this problem apart. The next precision has another P.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -196,6 +197,24 @@ def precision(bits: int) -> Iterator[None]:
         yield
 
 
+def index_of(bits: int) -> int:
+    """Of the prime in so many bits: more of them are another prime, too, as one may not tell."""
+    return (bits // BITS // 2).bit_length()
+
+
+_index: ContextVar[int | None] = ContextVar("the index of the prime", default=None)
+
+
+@contextmanager
+def prime_of(index: int | None) -> Iterator[None]:
+    """The prime of an index in what is done inside, in any bits; None: that of the bits."""
+    token = _index.set(index)
+    try:
+        yield
+    finally:
+        _index.reset(token)
+
+
 def carries_values() -> bool:
     """Whether balls are computed: not in `precision(RESIDUES_ALONE)`, where ranks cost less."""
     return bool(flint.ctx.prec > RESIDUES_ALONE)
@@ -223,7 +242,8 @@ class Field:
             if kind == "root" and r.numerator * r.denominator % factor == 0
         }
         self.base = sorted(needed | set(base[: max(0, _MOST_ROOTS - len(needed))]))
-        self.prime = _prime(tuple(self.base), (flint.ctx.prec // BITS // 2).bit_length())
+        index = _index.get()
+        self.prime = _prime(tuple(self.base), index_of(flint.ctx.prec) if index is None else index)
         # one over the largest angle (rad) of which all are multiples
         self._parts_of_radian = lcm(*(c.argument.denominator for c in constants if c.in_radians))
 

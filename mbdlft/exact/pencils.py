@@ -13,7 +13,7 @@ from scipy.linalg import qr
 
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import NOTHING, carries_values
+from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
 from mbdlft.exact.rounding import equilibrate
 
 _PART = 0.75  # of the bits of coefficients, for a root
@@ -109,34 +109,45 @@ def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
 
 
 def eigenvalues(a: ExactMatrix) -> tuple[list[int], list[Any], list[Any]]:
-    """Eigenvalues as residues, and as balls: real ones, and those above the real axis.
+    """Eigenvalues as residues, and as balls: the `roots` of the minimal polynomial."""
+    return roots(with_single_roots(minimal_polynomial(a)))
 
-    They are the roots of the minimal polynomial; which are the same is not known. Those that are not
-    residues are left out.
+
+def roots(p: ExactMatrix) -> tuple[list[int], list[Any], list[Any]]:
+    """Roots of a polynomial, all single, as residues, and as balls: real ones, and those above the axis.
+
+    Which are the same is not known. Those that are not residues are left out. A TooFewBitsError where
+    balls do not tell roots apart.
     """
-    prime, n = a.prime, len(a.residues)
-    if not n:
-        return [], [], []
-    start = np.random.default_rng(0).integers(1, 1000, (n, 1)).astype(float)
-    coefficients = _with_single_roots(_minimal_polynomial(a, matrices.of_integers(start, prime)))
-    zeros = int(np.flatnonzero(coefficients.residues[:, 0])[0])
-    residues, balls = coefficients.residues[zeros:, 0].tolist(), coefficients.balls[zeros:, 0].tolist()
-    roots = [0] * (zeros > 0) + [int(root) for root, _ in flint.nmod_poly(residues, prime).roots()]
+    zeros = int(np.flatnonzero(p.residues[:, 0])[0])
+    residues, balls = p.residues[zeros:, 0].tolist(), p.balls[zeros:, 0].tolist()
+    of_residues = [int(root) for root, _ in flint.nmod_poly(residues, p.prime).roots()]
+    of_residues += [0] * zeros
     if not carries_values():
-        return roots, [], []
+        return of_residues, [], []
     bits = min([flint.ctx.prec, *(x.rel_accuracy_bits() for x in balls)])
     try:
         tol = flint.arb(2) ** -int(_PART * bits)  # as a double it would be 0.0
         values = flint.acb_poly(balls).roots(tol=tol) if len(balls) > 1 else []
-    except ValueError:  # roots that are not told apart
-        values = []
+    except ValueError:
+        raise TooFewBitsError("the roots of a polynomial are not told apart.") from None
     real = [x.real for x in values if x.imag.contains(0)]
-    return roots, [NOTHING] * (zeros > 0) + real, [x for x in values if x.imag > 0]
+    return of_residues, [NOTHING] * zeros + real, [x for x in values if x.imag > 0]
 
 
-def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
+def single_factors(a: Residues, prime: int) -> list[tuple[int, ...]]:
+    """Those of the characteristic polynomial, the lowest degrees first, without their highest ones."""
+    every = flint.nmod_mat(len(a), len(a), a.ravel().tolist(), prime).charpoly().factor()[1]
+    single = (tuple(map(int, factor.coeffs()))[:-1] for factor, times in every if times == 1)
+    return sorted(single, key=lambda factor: (len(factor), factor))
+
+
+def minimal_polynomial(a: ExactMatrix) -> ExactMatrix:
     """Its coefficients (degree + 1, 1), the highest last, by the powers of a matrix on a column."""
-    powers = [start]
+    if not len(a.residues):
+        return matrices.identity(1, a.prime)
+    start = np.random.default_rng(0).integers(1, 1000, (len(a.residues), 1)).astype(float)
+    powers = [matrices.of_integers(start, a.prime)]
     while True:
         span = matrices.stacked([powers])
         if len(independent(span)[0]) < len(powers):
@@ -147,7 +158,7 @@ def _minimal_polynomial(a: ExactMatrix, start: ExactMatrix) -> ExactMatrix:
     return matrices.stacked([[-before[rows].solve(last[rows])], [matrices.identity(1, a.prime)]])
 
 
-def _with_single_roots(p: ExactMatrix) -> ExactMatrix:
+def with_single_roots(p: ExactMatrix) -> ExactMatrix:
     """A polynomial with the same roots, each once: p / gcd(p, p'), which is u of p' u = p v."""
     d, prime = len(p.residues) - 1, p.prime
     slope = matrices.of_integers(np.diag(np.arange(1.0, d + 1.0)), prime) @ p[1:]

@@ -28,6 +28,7 @@ more (`mbdlft.order.paths`).
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import islice, product
+from math import inf
 from typing import Any, Literal, NamedTuple
 
 import flint
@@ -53,11 +54,17 @@ from mbdlft.order.restriction import (
     selected,
     value_at_random,
 )
-from mbdlft.order.unobservable import Unobservable, motions_anywhere, motions_at_infinity, unobservable
+from mbdlft.order.unobservable import (
+    MOST_VALUES,
+    Unobservable,
+    motions_anywhere,
+    motions_at_infinity,
+    unobservable,
+)
 
 _LINES = (10, -10, 20, -20, 30, -30, 40, -40)  # values beta, in units of the range
+_SHIFT, _PARTS = 3, 7  # of the range: a place without special values
 _TRIES = 100  # directions of chance
-_MOST_PAIRS = 8  # of residues and values of zeros, that are tried
 
 # chains at any beta, those that are longer at infinity, and those at zeros, which may not be real
 Kind = Literal["any", "infinite", "zeros"]
@@ -65,13 +72,17 @@ _KINDS: tuple[Kind, ...] = ("infinite", "any", "zeros")
 
 
 class Exchange(NamedTuple):
-    """Repetitions of the first delta for fewer of the second, one for each chain of some lengths."""
+    """Repetitions of the first delta for fewer of the second, one for each chain of some lengths.
+
+    Modulo other primes there may be more that cost nothing, for an order of `at_best`.
+    """
 
     first: str
     second: str
     is_transposed: bool
     kind: Kind
     lengths: tuple[int, ...]
+    at_best: float = inf
 
 
 def by_exchange(a: ExactLFT, wanted: Exchange) -> tuple[ExactLFT | None, tuple[int, ...]]:
@@ -82,8 +93,8 @@ def by_exchange(a: ExactLFT, wanted: Exchange) -> tuple[ExactLFT | None, tuple[i
     opened = _opened(a, wanted.first, wanted.second, is_transposed=wanted.is_transposed)
     if opened is None:
         return None, ()
-    longest = min(max(wanted.lengths) + (wanted.kind != "any"), opened.K.order)
-    left_out = _left_out(opened, longest, wanted.kind)
+    longest = max(wanted.lengths, default=opened.K.order) + (wanted.kind != "any")
+    left_out = _left_out(opened, min(longest, opened.K.order), wanted.kind)
     return _along(a, opened, left_out), left_out.lengths
 
 
@@ -96,13 +107,17 @@ def exchanges(a: ExactLFT) -> Iterator[tuple[Exchange, ExactLFT | None]]:
         for kind in _KINDS:
             left_out = _left_out(opened, opened.K.order, kind) if opened else _NOTHING
             result = _along(a, opened, left_out) if opened else None
-            yield Exchange(first, second, side, kind, left_out.lengths), result
+            at_best = inf
+            if opened and left_out.by_prime:
+                at_best = a.order - sizes[first] + opened.dimensions
+            yield Exchange(first, second, side, kind, left_out.lengths, at_best), result
 
 
 class _Opened(NamedTuple):
     """An LFT in the second delta, transposed or not, (w, u) -> (z, y) with the channels of the first one.
 
-    z has as many channels beside R, which is K(b) x, as K has poles.
+    z has as many channels beside R, which is K(b) x, as K has poles. Where R has fewer dimensions at
+    nominal than elsewhere, the second delta is counted from another place.
     """
 
     first: str
@@ -110,10 +125,16 @@ class _Opened(NamedTuple):
     is_transposed: bool
     lft: ExactLFT
     K: ExactLFT
+    is_shifted: bool
 
     @property
     def size(self) -> int:
         return self.K.M.shape[0] - self.K.order
+
+    @property
+    def dimensions(self) -> int:
+        """Those of R."""
+        return self.K.M.shape[1] - self.K.order
 
 
 def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Opened | None:
@@ -126,8 +147,14 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     if count in (0, size):
         return None
     columns = independent_columns(lft, size, lft.M.residues[lft.order :, lft.order :])
-    if len(columns) < count:
-        return None
+    if is_shifted := len(columns) < count:
+        try:
+            lft = _shifted(lft, _SHIFT)
+        except ZeroDivisionError:
+            return None
+        columns = independent_columns(lft, size, lft.M.residues[lft.order :, lft.order :])
+        if len(columns) < count:
+            return None
     K = krylov(lft, size, columns)
     assert K is not None
     rows, outputs = independent_rows(K), [*range(size, lft.M.shape[0] - lft.order)]
@@ -139,7 +166,17 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     k, M = moved.order, moved.M
     M = matrices.stacked([[M[:, :k], matrices.zeros(M.shape[0], n, prime), M[:, k:]]])
     K = ExactLFT(matrices.stacked([[K.M[:n]], [matrices.identity(n + count, prime)]]), K.blocks)
-    return _Opened(first, second, is_transposed, reduce_exactly(ExactLFT(M, moved.blocks)), K)
+    opened = reduce_exactly(ExactLFT(M, moved.blocks))
+    return _Opened(first, second, is_transposed, opened, K, is_shifted)
+
+
+def _shifted(a: ExactLFT, by: int) -> ExactLFT:
+    """The LFT in one delta counted from by/_PARTS; a ZeroDivisionError if it is singular there."""
+    n, M, prime = a.order, a.M, a.M.prime
+    parts, times = (matrices.of_integers(k * np.eye(n), prime) for k in (_PARTS, by))
+    z = (parts + -(times @ M[:n, :n])).solve(M[:n])
+    more = M[n:, :n] @ (times @ z)
+    return ExactLFT(matrices.stacked([[parts @ z], [M[n:] + more]]), a.blocks)
 
 
 def _in_one(a: ExactLFT, first: str, second: str) -> ExactLFT:
@@ -156,24 +193,26 @@ def _along(a: ExactLFT, opened: _Opened, left_out: "_LeftOut") -> ExactLFT | Non
     """The LFT after an exchange; None if poles are left, or none of the values of zeros is right."""
     if left_out.size < opened.K.order:
         return None
-    free, lines = left_out
+    free, lines = left_out.free, left_out.lines
     others = [block for block in a.blocks if block.name not in (opened.first, opened.second)]
-    block = Block(opened.first, opened.K.M.shape[1] - opened.K.order)
+    block = Block(opened.first, opened.dimensions)
     places = {line.residue: line.values for line in lines}
     of_free = free.values() if free else [()]
     pairs = ((values, some) for values in of_free for some in product(*places.values()))
-    for values, some in islice(pairs, _MOST_PAIRS):
+    error: TooFewBitsError | None = None
+    for values, some in islice(pairs, MOST_VALUES):
         try:
             first = [free.columns(values, _outside(opened))] if free else []
             inner = _along_values(opened, first, lines, dict(zip(places, some, strict=True)))
-        except TooFewBitsError:  # or a zero is not the one of the residue
-            if not free and all(len(some) == 1 for some in places.values()):
-                raise
+        except TooFewBitsError as too_few:  # or a zero is not the one of the residue
+            error = too_few
             continue
         if inner is not None:
             closed = ExactLFT(inner.M, (*inner.blocks, block, *others))
             result = reduce_exactly(in_order(closed, [block.name for block in a.blocks]))
             return transposed(result) if opened.is_transposed else result
+    if error:
+        raise error
     return None
 
 
@@ -187,7 +226,8 @@ def _along_values(
         for line in lines:
             chains.append(_chain(line, values[line.residue], V, nominal))
             V = np.hstack([V, matrices.rough_values(chains[-1])])
-        return _in_coordinates(opened.lft, opened.K, null_space(matrices.stacked([chains]).T)[0].T)
+        inner = _in_coordinates(opened.lft, opened.K, null_space(matrices.stacked([chains]).T)[0].T)
+        return _shifted(inner, -_SHIFT) if opened.is_shifted else inner
     except (ZeroDivisionError, np.linalg.LinAlgError):  # P K is singular at nominal, or A overflows
         return None
 
@@ -205,10 +245,11 @@ class _Line(NamedTuple):
 
 
 class _LeftOut(NamedTuple):
-    """What P is zero on."""
+    """What P is zero on, if anything; modulo another prime there may be more."""
 
     free: Unobservable | None
     lines: Sequence[_Line]
+    by_prime: bool = False
 
     @property
     def lengths(self) -> tuple[int, ...]:
@@ -236,7 +277,10 @@ def _free(opened: _Opened, kind: Kind) -> Unobservable | None:
 
 def _left_out(opened: _Opened, longest: int, kind: Kind) -> _LeftOut:
     """Directions that cost nothing, then lines of long chains; nothing if there are none of the kind."""
-    if (free := _free(opened, kind)) and free.size == opened.K.order:
+    free = _free(opened, kind)
+    by_prime = bool(free and free.by_prime)
+    free = free if free and free.size else None
+    if free and free.size == opened.K.order:
         return _LeftOut(free, ())
     before = free.residues if free else _outside(opened)[:0].T
     length, places = _longest_anywhere(opened, longest), list[_Place]()
@@ -247,12 +291,12 @@ def _left_out(opened: _Opened, longest: int, kind: Kind) -> _LeftOut:
                 zeros = _zeros(_chains(opened, length + 1), length + 1, opened.size)
                 places = [*places, *zeros] if zeros else []
         if not places and not free:
-            return _NOTHING
+            return _NOTHING._replace(by_prime=by_prime)
         while length < longest and any(_is_there(opened, length + 1, residue) for residue, _ in places):
             length += 1
     places = [place for place in places for _ in range(opened.K.order)]
     everywhere = _and_lines(places, _chains(opened, length))
-    return _LeftOut(free, _chosen(opened, everywhere, length, before))
+    return _LeftOut(free, _chosen(opened, everywhere, length, before), by_prime)
 
 
 def _and_lines(places: Sequence[_Place], chains: ExactLFT) -> Iterator[_Place]:

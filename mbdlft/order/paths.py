@@ -3,7 +3,7 @@
 from collections.abc import Collection, Iterator, Sequence
 from heapq import heapify, heappop, heappush
 from operator import attrgetter
-from typing import Any
+from typing import Any, NamedTuple
 
 from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, TooFewBitsError, ask_for_bits, precision
 from mbdlft.lft.lft import Block
@@ -22,10 +22,13 @@ Impossible = tuple[tuple[Block, ...], Exchange]
 
 
 class Node:
-    """An LFT of residues, and what exchanges lead to from there, as far as that is known."""
+    """An LFT of residues, and what exchanges lead to from there, as far as that is known.
 
-    def __init__(self, lft: ExactLFT) -> None:
-        self.lft = lft
+    That of another form is looked at however large it is.
+    """
+
+    def __init__(self, lft: ExactLFT, *, is_form: bool = False) -> None:
+        self.lft, self.is_form = lft, is_form
         self._known = list[tuple[Exchange, Node | None]]()
         self._others = exchanges(lft)
 
@@ -40,6 +43,15 @@ class Node:
             yield self._known[-1]
 
 
+class Found(NamedTuple):
+    """Exchanges from one of some starts, their order, and others that other primes may lead below it."""
+
+    first: int
+    path: Path
+    order: int
+    hopeful: Sequence[tuple[int, Path]]
+
+
 def path_below(
     starts: Sequence[Node],
     least: int,
@@ -48,25 +60,28 @@ def path_below(
     but_not: Collection[Impossible | None] = (),
     *,
     with_zeros: bool = True,
-) -> tuple[int, Path, int]:
+) -> Found:
     """Exchanges one after the other to the smallest order below one that residues find.
 
-    From which of the starts, the exchanges, and that order. They go on from small LFTs after few of them,
-    the same sizes again after other deltas, and end at a bound, with the work, or late after a gain.
+    They go on from small LFTs after few of them, the same sizes again after other deltas, and end at a
+    bound, with the work, or late after a gain.
     """
-    first, path, idle = 0, Path(), 0
+    first, path, idle, hopes = 0, Path(), 0, list[tuple[float, int, Path]]()
     with precision(RESIDUES_ALONE):
         queue = [(node.lft.order, k, Path(), node, k) for k, node in enumerate(starts)]
         seen = set[tuple[Any, ...]]()
         heapify(queue)
         while queue:
             *_, before, start, k = heappop(queue)
-            if start.lft.order > least + _MORE and (before or k):
+            is_first = not before and (start.is_form or not k)
+            if start.lft.order > least + _MORE and not is_first:
                 continue
             for exchange, node in start.after(work):
                 idle += (_OF_RESULT if node else 1) * min(start.lft.order, _LARGE)
                 if least <= bound or idle > _IDLE * max(2.0, work.most):
-                    return first, path, least
+                    queue.clear()
+                    break
+                hopes.append((exchange.at_best, k, (*before, exchange)))
                 is_left_out = exchange.kind == "zeros" and not with_zeros
                 if node is None or is_left_out or (start.lft.blocks, exchange) in but_not:
                     continue
@@ -77,7 +92,10 @@ def path_below(
                 heappush(queue, (node.lft.order + len(after), len(seen), after, node, k))
                 if node.lft.order < least:
                     first, path, least, idle = k, after, node.lft.order, 0
-    return first, path, least
+    hopeful = sorted(
+        filter(lambda hope: hope[0] < least, hopes), key=lambda hope: (hope[0], len(hope[-1]))
+    )
+    return Found(first, path, least, [(k, some) for _, k, some in hopeful])
 
 
 def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:

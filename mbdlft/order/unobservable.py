@@ -11,18 +11,38 @@ P may be zero on any part of it that both keep. In the words of docs/pairs.md, t
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations, compress, islice, product
+from math import prod
 from typing import Any, NamedTuple
 
+import flint
 import numpy as np
 
 from mbdlft.exact import matrices
 from mbdlft.exact.matrices import ExactMatrix, Residues
-from mbdlft.exact.numbers import NOTHING, RESIDUES_ALONE, TooFewBitsError, carries_values, precision
-from mbdlft.exact.pencils import eigenvalues, independent, motions_without_outputs, null_space, pencil
+from mbdlft.exact.numbers import (
+    NOTHING,
+    RESIDUES_ALONE,
+    TooFewBitsError,
+    carries_values,
+    precision,
+    zero_of,
+)
+from mbdlft.exact.pencils import (
+    independent,
+    minimal_polynomial,
+    motions_without_outputs,
+    null_space,
+    pencil,
+    roots,
+    single_factors,
+    with_single_roots,
+)
 from mbdlft.order.reduction import ExactLFT
 
 _OF_S, _OF_A = 3.0, 7.0  # the sum of these times both matrices tells points apart
 _WEIGHTS = 2**20
+MOST_VALUES = 8  # of points, that are tried
 
 
 class Motions(NamedTuple):
@@ -44,27 +64,37 @@ class Motions(NamedTuple):
         return Motions(*(matrices.of_residues(a.residues, a.prime) for a in self))
 
 
-# residues of a point, or of two that are complex, and values that may be theirs
-_Points = tuple[tuple[int, ...], Sequence[Any]]
+class Point(NamedTuple):
+    """One or more that are taken together, as the roots of a polynomial.
+
+    Its coefficients, but for the highest, which is one: residues, and balls that may be theirs.
+    """
+
+    residues: tuple[int, ...]
+    values: Sequence[Sequence[Any]]
 
 
 class Unobservable(NamedTuple):
-    """So many columns that cost nothing, of points; without points they are all motions."""
+    """So many columns that cost nothing, of points; without points they are all motions.
+
+    Modulo other primes there may be more.
+    """
 
     motions: Motions
-    points: Sequence[_Points]
+    points: Sequence[Point]
     residues: Residues
+    by_prime: bool = False
 
     @property
     def size(self) -> int:
         """How many columns."""
         return len(self.residues.T)
 
-    def values(self) -> Iterator[tuple[Any, ...]]:
+    def values(self) -> Iterator[tuple[Sequence[Any], ...]]:
         """Those of all points, each another one."""
-        return _different([some for _, some in self.points], ())
+        return _different([some for _, some in self.points])
 
-    def columns(self, values: Sequence[Any], outside: Residues) -> ExactMatrix:
+    def columns(self, values: Sequence[Sequence[Any]], outside: Residues) -> ExactMatrix:
         """Those for values of the points (size, count); a TooFewBitsError for one of another residue."""
         if not self.points:
             return self.motions.z
@@ -87,45 +117,122 @@ def _different(
 
 
 def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobservable | None:
-    """As many of the columns as are independent beside R, at most; None if there are none."""
+    """As many of the columns as are independent beside R, at most; None without motions."""
     if motions is None:
         return None
     count, prime = motions.z.shape[1], motions.z.prime
     beside = matrices.multiplied(outside, motions.z.residues, prime)
     if count <= most and matrices.rank(beside, prime) == count:
         return Unobservable(motions, (), motions.z.residues)
-    points = _points(motions)
-    with precision(RESIDUES_ALONE):
-        alone = [(residues, NOTHING) for residues, _ in points]
-        columns, counts = _kept_at(motions.residues(), alone, outside, most)
+    known = _roots(motions)
+    points = list(filter(None, [_together(known, prime, most)]))
+    columns, counts = _kept_alone(motions, points, outside, most)
+    if columns.shape[1] < most:
+        points += _apart(motions, known, without_single=columns.shape[1] > 0)
+        columns, counts = _kept_alone(motions, points, outside, most)
     used = [point for point, count in zip(points, counts, strict=True) if count]
-    return Unobservable(motions, used, columns.residues) if used else None
+    by_prime = columns.shape[1] < min(most, sum(map(len, known.factors)))
+    return Unobservable(motions, used, columns.residues, by_prime)
 
 
-def _points(motions: Motions) -> list[_Points]:
+def _kept_alone(
+    motions: Motions, points: Sequence[Point], outside: Residues, most: int
+) -> tuple[ExactMatrix, list[int]]:
+    with precision(RESIDUES_ALONE):
+        alone = [(residues, [NOTHING] * len(residues)) for residues, _ in points]
+        return _kept_at(motions.residues(), alone, outside, most)
+
+
+class _Roots(NamedTuple):
+    """Roots of the polynomial of all points: residues, real ones, and those above the real axis.
+
+    Single factors of residues, and which of the real and the complex roots are single.
+    """
+
+    residues: list[int]
+    real: list[Any]
+    above: list[Any]
+    factors: Sequence[tuple[int, ...]]
+    is_single: tuple[Sequence[bool], Sequence[bool]]
+
+
+def _roots(motions: Motions) -> _Roots:
+    polynomial = minimal_polynomial(motions.both)
+    residues, real, above = roots(with_single_roots(polynomial))
+    slope = flint.acb_poly(polynomial.balls[:, 0].tolist()).derivative()
+    is_single = [[not slope(flint.acb(x)).contains(0) for x in some] for some in (real, above)]
+    factors = single_factors(motions.both.residues, motions.z.prime)
+    return _Roots(sorted(residues), real, above, factors, (is_single[0], is_single[1]))
+
+
+def _together(known: _Roots, prime: int, most: int) -> Point | None:
+    """As many of the single points as there is room for; None if there are none.
+
+    Their values are any real and complex points of as many.
+    """
+    sums: dict[int, tuple[tuple[int, ...], ...]] = {0: ()}
+    for factor in known.factors:
+        for total, some in tuple(sums.items()):
+            if total + len(factor) <= most:
+                sums.setdefault(total + len(factor), (*some, factor))
+    for total in sorted(filter(None, sums), reverse=True):
+        some_factors = (flint.nmod_poly([*factor, 1], prime) for factor in sums[total])
+        residues = tuple(map(int, prod(some_factors, start=flint.nmod_poly([1], prime)).coeffs()))[:-1]
+        if not carries_values():
+            return Point(residues, [[NOTHING] * total])
+        if values := [*islice(_polynomials(known, total, has_zero=not residues[0]), MOST_VALUES)]:
+            return Point(residues, values)
+    return None
+
+
+def _polynomials(known: _Roots, degree: int, *, has_zero: bool) -> Iterator[list[Any]]:
+    """Coefficients, but for the highest, of polynomials of a degree with some single roots."""
+    real, above = map(compress, (known.real, known.above), known.is_single)
+    of_one = [[-x, 1] for x in real if x is not NOTHING]
+    of_two = [[x.real**2 + x.imag**2, -2 * x.real, 1] for x in above]
+    start, left = flint.arb_poly([0, 1] if has_zero else [1]), degree - has_zero
+    for pairs in range(min(len(of_two), left // 2), -1, -1):
+        for two, one in product(combinations(of_two, pairs), combinations(of_one, left - 2 * pairs)):
+            coefficients = prod(map(flint.arb_poly, (*two, *one)), start=start).coeffs()[:-1]
+            yield [NOTHING, *coefficients[1:]] if has_zero else coefficients
+
+
+def _apart(motions: Motions, known: _Roots, *, without_single: bool) -> list[Point]:
     """Points with values that may be theirs: any real one, and two residues of two complex ones."""
-    residues, real, above = eigenvalues(motions.both)
-    residues.sort()
+    (residues, real, above), prime = known[:3], motions.z.prime
+    if without_single:
+        residues = [residue for residue in residues if (-residue % prime,) not in known.factors]
+        real, above = (
+            [x for x, is_single in zip(some, which, strict=True) if not is_single]
+            for some, which in zip((real, above), known.is_single, strict=True)
+        )
+    of_one = [[x] if x is NOTHING else [-x] for x in real]
+    of_two = [[x.real**2 + x.imag**2, -2 * x.real] for x in above]
     if not carries_values():
-        return [((residue,), [NOTHING]) for residue in residues]
-    points = list[_Points]()
+        return [Point((-residue % prime,), [[NOTHING]]) for residue in residues]
+    points, left = list[Point](), list[int]()
     for residue in residues:
-        some = _values_of(motions, (residue,), real)
+        some = _values_of(motions, (-residue % prime,), of_one)
         if some and len(points) < len(real):
-            points.append(((residue,), some))
-    others = [residue for residue in residues if not any(residue in known for known, _ in points)]
-    pairs = list(zip(others[::2], others[1::2], strict=False))
-    return [*points, *((pair, _values_of(motions, pair, above)) for pair in pairs)]
+            points.append(Point((-residue % prime,), some))
+        else:
+            left.append(residue)
+    for x, y in zip(left[::2], left[1::2], strict=False):
+        pair = (x * y % prime, -(x + y) % prime)
+        points.append(Point(pair, _values_of(motions, pair, of_two)))
+    return points
 
 
-def _values_of(motions: Motions, residues: tuple[int, ...], values: Sequence[Any]) -> list[Any]:
+def _values_of(
+    motions: Motions, residues: tuple[int, ...], values: Sequence[Sequence[Any]]
+) -> list[Sequence[Any]]:
     """Those that may belong to residues."""
     if residues == (0,):
-        return [NOTHING]
-    some = list[Any]()
+        return [[NOTHING]]
+    some = list[Sequence[Any]]()
     for value in values:
         try:
-            if value is not NOTHING and _kernels(motions, residues, value):
+            if value != [NOTHING] and _kernels(motions, residues, value):
                 some.append(value)
         except TooFewBitsError:
             continue
@@ -184,22 +291,35 @@ def _with_action(s: ExactMatrix, outputs: ExactMatrix) -> Motions | None:
 
 
 def _kept_at(
-    motions: Motions, points: Sequence[tuple[tuple[int, ...], Any]], outside: Residues, most: int
+    motions: Motions,
+    points: Sequence[tuple[tuple[int, ...], Sequence[Any]]],
+    outside: Residues,
+    most: int,
 ) -> tuple[ExactMatrix, list[int]]:
     """Columns z of motions that both matrices keep, and how many of them belong to each of the points.
 
-    Each part is what both make of one motion of chance, of as high an order as can be.
+    These are all of a point, or else parts: what both make of one motion of chance, of as high an order
+    as can be.
     """
     n, prime = motions.z.shape[1], motions.z.prime
     span, counts = matrices.zeros(n, 0, prime), list[int]()
+
+    def fits(more: ExactMatrix) -> bool:
+        count = more.shape[1]
+        if not span.shape[1] < count <= most:
+            return False
+        beside = matrices.multiplied(outside, (motions.z @ more).residues, prime)
+        return matrices.rank(beside, prime) == count
+
     for residues, value in points:
         before, kernels = span.shape[1], _kernels(motions, residues, value)
+        if kernels and fits(whole := matrices.stacked([[span, kernels[-1]]])):
+            span, kernels = whole, []
         while kernels and span.shape[1] < most:
             kernel = kernels[-1]
             weights = np.random.default_rng(span.shape[1]).integers(1, _WEIGHTS, (kernel.shape[1], 1))
             more = _kept(motions, span, kernel @ matrices.of_integers(weights.astype(float), prime))
-            beside = matrices.multiplied(outside, (motions.z @ more).residues, prime)
-            if span.shape[1] < more.shape[1] <= most and matrices.rank(beside, prime) == more.shape[1]:
+            if fits(more):
                 span = more
             else:
                 kernels.pop()
@@ -218,19 +338,17 @@ def _kept(motions: Motions, span: ExactMatrix, motion: ExactMatrix) -> ExactMatr
     return span
 
 
-def _kernels(motions: Motions, residues: tuple[int, ...], value: Any) -> list[ExactMatrix]:
-    """Motions of higher and higher orders at a point, or at two that are complex.
+def _kernels(motions: Motions, residues: tuple[int, ...], values: Sequence[Any]) -> list[ExactMatrix]:
+    """Motions of higher and higher orders at the roots of a polynomial.
 
-    A TooFewBitsError if what is zero as a residue is not so for the value.
+    A TooFewBitsError if what is zero as a residue is not so for the values.
     """
     both, n, prime, kernels = motions.both, motions.z.shape[1], motions.z.prime, list[ExactMatrix]()
-    if len(residues) == 1:
-        at = pencil(both, n, residues[0], value)
-    else:
-        first, second = residues
-        total, times = 2 * value.real, value.real**2 + value.imag**2
-        at = both @ pencil(both, n, (first + second) % prime, total)
-        at = pencil(at, n, first * second % prime, times)
+    at = matrices.identity(n, prime)
+    for residue, value in zip(reversed(residues), reversed(values), strict=True):
+        if not residue:
+            zero_of(value)
+        at = pencil(-(at @ both), n, residue, value)
     power, vectors, count = at, null_space(at)[0], 0
     while vectors.shape[1] > count:
         power @ vectors  # which is zero if it is so in balls, too

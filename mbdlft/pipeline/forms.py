@@ -26,11 +26,14 @@ from mbdlft.exact.matrices import Residues, multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import (
     BITS,
     LARGEST_ANGLE,
+    RESIDUES_ALONE,
     Constant,
     TooFewBitsError,
     ask_for_bits,
+    carries_values,
     in_enough_bits,
     precision,
+    prime_of,
 )
 from mbdlft.lft.determinant import values_at
 from mbdlft.lft.lft import LFT, Block, condition
@@ -183,15 +186,16 @@ def restricted(
     *,
     known: Candidate | None = None,
     then: Callable[[ExactLFT], ExactLFT | None] | None = None,
+    prime: int | None = None,
 ) -> Candidate | None:
     """A candidate with blocks restricted by steps, and what follows; None if that is not possible.
 
     It needs too many bits, or is singular. The relations of a `known` candidate of the form are not
-    extracted again.
+    extracted again. The prime may be that of an index, in any bits: what follows depends on it.
     """
     make = partial(candidate_of, problem, form, steps, known=known, then=then)
     try:
-        with without_collection():
+        with without_collection(), prime_of(prime):
             return in_enough_bits(make, problem.nouns.owner)
     except (AnalysisError, WellPosednessError):
         return None
@@ -216,6 +220,34 @@ def candidate_of(
 
     `then` is what the closed LFT is followed by, if anything; its None is one of the candidate.
     """
+    made = _exactly(problem, form, steps, known)
+    if isinstance(made, SparseExtraction):
+        return None if form.is_transposed else _sparsely(problem, form, made)
+    channels, exactly, reduced = made
+    exact = then(reduced) if then else reduced
+    if exact is None:
+        return None
+    has_unknowns = form.relations.unknown.numel() > 0
+    is_reduced = exact is reduced and not (has_unknowns and set(steps) - {INDEPENDENT})
+    most = _MOST_CONDITION if is_reduced else 0.0
+    lft = _in_few_bits(exact, some_deltas(problem, exact), most)
+    return Candidate(form, channels, exactly, exact, lft)
+
+
+def residues_of(problem: Problem, form: Form, steps: Sequence[Step], prime: int) -> ExactLFT | None:
+    """A form with blocks restricted by steps as residues, modulo the prime of an index; None as above."""
+    try:
+        with prime_of(prime), precision(RESIDUES_ALONE), without_collection():
+            made = _exactly(problem, form, steps, None)
+    except (AnalysisError, WellPosednessError):
+        return None
+    return None if isinstance(made, SparseExtraction) else made[-1]
+
+
+def _exactly(
+    problem: Problem, form: Form, steps: Sequence[Step], known: Candidate | None
+) -> tuple[Mapping[str, int], tuple[int, ExactLFT], ExactLFT] | SparseExtraction:
+    """Channels before any reduction, bits and relations, and the closed LFT, with steps."""
     if known and known.exactly:
         ask_for_bits(known.exactly[0])  # fewer were not enough
     if known and known.exactly and known.exactly[0] == flint.ctx.prec:
@@ -224,7 +256,7 @@ def candidate_of(
         with naming(problem.nouns.owner, StructureError, WellPosednessError):
             extracted = extract_within(form.relations, form.maps, _MOST_EXACT)
         if isinstance(extracted, SparseExtraction):
-            return None if form.is_transposed else _sparsely(problem, form, extracted)
+            return extracted
         relations, channels = _reduced(problem, form, extracted), extracted.channels
     exactly, n = (flint.ctx.prec, relations), form.relations.unknown.numel()
     relations = _restricted(relations, steps, of_relations=n > 0)
@@ -233,13 +265,7 @@ def candidate_of(
     except ZeroDivisionError:
         raise _singular(problem, relations.rounded(), n) from None
     reduced = _restricted(reduce_exactly(closed), steps, of_relations=False) if n else relations
-    exact = then(reduced) if then else reduced
-    if exact is None:
-        return None
-    is_reduced = exact is reduced and not (n and set(steps) - {INDEPENDENT})
-    most = _MOST_CONDITION if is_reduced else 0.0
-    lft = _in_few_bits(exact, some_deltas(problem, exact), most)
-    return Candidate(form, channels, exactly, exact, lft)
+    return channels, exactly, reduced
 
 
 def _in_few_bits(a: ExactLFT, deltas: Array, most: float) -> LFT:
@@ -267,7 +293,7 @@ def _reduced(problem: Problem, form: Form, extracted: Extraction) -> ExactLFT:
             "time of a model grows with their cube. Give numbers to some, or parameters to sums and "
             "products of them. A sweep takes any number."
         )
-    if form.relations.unknown.numel() and opened.order > _MANY:
+    if form.relations.unknown.numel() and opened.order > _MANY and carries_values():
         ask_for_bits(2 * BITS)
     relations = reduce_exactly(opened)
     return relations if form.relations.lifted is None else with_affine_restricted(relations)

@@ -13,13 +13,13 @@ from math import inf
 from typing import NamedTuple
 
 from mbdlft.exact.matrices import of_residues
-from mbdlft.exact.numbers import RESIDUES_ALONE, precision
+from mbdlft.exact.numbers import RESIDUES_ALONE, index_of, precision
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.paths import Impossible, Node, Path, exchanged, path_below
 from mbdlft.order.reduction import ExactLFT, reduce_exactly
 from mbdlft.order.restriction import INDEPENDENT, Step, by_step
 from mbdlft.order.work import Work, reduction
-from mbdlft.pipeline.forms import Candidate, closed_exactly, is_regular_at_points, restricted
+from mbdlft.pipeline.forms import Candidate, closed_exactly, is_regular_at_points, residues_of, restricted
 from mbdlft.problem.relations import Form, Problem
 
 _MOST_STEPS = 2  # one after the other
@@ -27,18 +27,41 @@ _MORE = 4  # repetitions than the fewest, from which a second step starts
 _OF_BASIS = 0.3  # of the order: what a closed LFT is restricted in, as others lead to larger ones
 _OF_RESULT = 15.0  # times the work of a reduction in doubles
 _MOST_MADE = 3  # starts, in balls, where those before them are of no use
+_MOST_PRIMES, _OF_PRIMES = 32, 0.5  # whose factors are asked for, and units of work for them
+_OF_CHANNEL = 1.5e7  # operations of an extraction for each channel before any reduction
 _MOST_PATHS = 4  # of exchanges, the last one without zeros: residues do not see where they are real
 
 
 class Restricted(NamedTuple):
-    """The closed LFT with blocks restricted by steps, in residues, and the relations that it is of.
+    """The closed LFT of a candidate with blocks restricted by steps, and the relations that it is of.
 
-    There are none where the closed LFT is restricted itself.
+    Both are residues modulo the prime of an index. There are no relations where the closed LFT is
+    restricted itself, or where no more steps follow.
     """
 
+    candidate: Candidate
     steps: tuple[Step, ...]
     lft: ExactLFT
     relations: ExactLFT | None
+    prime: int
+
+    @staticmethod
+    def plain(candidate: Candidate) -> "Restricted | None":
+        """Without any steps; None if the candidate is sparse."""
+        if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
+            return None
+        bits, relations = candidate.exactly
+        lft = _in_residues(candidate.exact)
+        return Restricted(candidate, (), lft, _in_residues(relations), index_of(bits))
+
+    def after(self, step: Step, lft: ExactLFT, relations: ExactLFT | None) -> "Restricted":
+        """With a step more."""
+        return self._replace(steps=(*self.steps, step), lft=lft, relations=relations)
+
+    def modulo(self, problem: Problem, prime: int) -> "Restricted | None":
+        """The same modulo the prime of another index; None if that is not possible."""
+        lft = residues_of(problem, self.candidate.form, self.steps, prime)
+        return self._replace(lft=lft, relations=None, prime=prime) if lft else None
 
 
 def restrictions(
@@ -48,10 +71,10 @@ def restrictions(
 
     No more once one meets a bound; nothing if the candidate is sparse.
     """
-    if not (isinstance(candidate.exact, ExactLFT) and candidate.exactly):
+    plain = Restricted.plain(candidate)
+    if plain is None:
         return []
     with precision(RESIDUES_ALONE):
-        plain = Restricted((), _in_residues(candidate.exact), _in_residues(candidate.exactly[1]))
         known, some, least = {plain.lft.blocks: plain}, [plain], plain.lft.order
         names = [name for name, size in plain.lft.blocks if size > degrees[name]]
         for _ in range(_MOST_STEPS):
@@ -71,17 +94,17 @@ def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> It
     """
     has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
     if (small := without_dependent(start.lft)).order < start.lft.order:
-        yield Restricted((*start.steps, INDEPENDENT), small, None if has_unknowns else small)
+        yield start.after(INDEPENDENT, small, None if has_unknowns else small)
     for name, side, is_inside in product(names, both, both) if start.relations else ():
         step = Step(name, side, has_unknowns, is_inside)
         relations = start.relations and _restricted(start.relations, step, work)
         closed = _closed(form, relations) if relations and has_unknowns else relations
         if closed:
-            yield Restricted((*start.steps, step), closed, relations)
+            yield start.after(step, closed, relations)
     for name, side in product(names, both) if has_unknowns and not start.steps else ():
         step = Step(name, side, of_relations=False)
         if closed := _restricted(start.lft, step, work, _OF_BASIS * start.lft.order):
-            yield Restricted((step,), closed, None)
+            yield start.after(step, closed, None)
 
 
 def _restricted(a: ExactLFT, step: Step, work: Work, most: float = inf) -> ExactLFT | None:
@@ -106,54 +129,72 @@ def _in_residues(a: ExactLFT) -> ExactLFT:
 
 def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candidate | None:
     """The same in channels with independent functions; None if they are, or if that is singular."""
-    if not isinstance(candidate.exact, ExactLFT):
+    if (plain := Restricted.plain(candidate)) is None:
         return None
     with precision(RESIDUES_ALONE):
-        small = without_dependent(_in_residues(candidate.exact))
-    return _made(problem, candidate, (INDEPENDENT,)) if small.order < candidate.lft.order else None
+        small = without_dependent(plain.lft)
+    is_smaller = small.order < candidate.lft.order
+    return _made(problem, plain.after(INDEPENDENT, small, None)) if is_smaller else None
 
 
 def _made(
-    problem: Problem,
-    candidate: Candidate,
-    steps: Sequence[Step],
-    then: Callable[[ExactLFT], ExactLFT | None] | None = None,
+    problem: Problem, start: Restricted, then: Callable[[ExactLFT], ExactLFT | None] | None = None
 ) -> Candidate | None:
     """In balls. What leaves out dependent channels may have another determinant: None if it vanishes."""
-    small = restricted(problem, candidate.form, steps, known=candidate, then=then)
+    candidate, steps = start.candidate, start.steps
+    known = candidate if candidate.exactly and start.prime == index_of(candidate.exactly[0]) else None
+    small = restricted(problem, candidate.form, steps, known=known, then=then, prime=start.prime)
     is_wrong = small and INDEPENDENT in steps and not is_regular_at_points(problem, small.lft)
     return None if is_wrong else small
 
 
 def smaller_candidates(
-    problem: Problem, candidate: Candidate, starts: Sequence[Restricted], bound: int, work: Work
+    problem: Problem, starts: Sequence[Restricted], bound: int, work: Work
 ) -> Iterator[Candidate]:
     """Smaller candidates with blocks restricted and repetitions exchanged, the smallest first.
 
-    Each is made when it is asked for: another one matters where those before it are of no use.
+    The first of the starts is that of the smallest form, without steps, as those of other forms are. Each
+    is made when it is asked for: another one matters where those before it are of no use.
     """
-    starts = sorted(starts, key=lambda start: start.lft.order)
-    nodes, impossible = [Node(start.lft) for start in starts], set[Impossible | None]()
-
-    def along(path: Path, least: int, exact: ExactLFT) -> ExactLFT | None:
-        exact, failed = exchanged(exact, path)
-        impossible.add(failed)
-        return exact if exact.order < least else None
-
+    plain, starts = starts[0], sorted(starts, key=lambda start: start.lft.order)
+    nodes = [Node(start.lft, is_form=not start.steps and start is not plain) for start in starts]
     for k, start in enumerate(starts[:_MOST_MADE]):
-        best, least = None, start.lft.order
-        for j in range(_MOST_PATHS, 0, -1):
-            first, path, wanted = path_below(nodes[k:], least, bound, work, impossible, with_zeros=j > 1)
-            if not path:
-                break
-            steps, then = starts[k + first].steps, partial(along, path, least)
-            best = _made(problem, candidate, steps, then) or best
-            least = best.lft.order if best else least
-            if least == wanted:
-                break
+        best = _along_paths(problem, starts[k:], nodes[k:], bound, work)
         if best:
             yield best
         if not start.steps:
             break
-        if small := _made(problem, candidate, start.steps):
+        if small := _made(problem, start):
             yield small
+
+
+def _along_paths(
+    problem: Problem, starts: Sequence[Restricted], nodes: Sequence[Node], bound: int, work: Work
+) -> Candidate | None:
+    """The smallest candidate that exchanges lead to, if it is smaller than the first of the starts."""
+    best, least, impossible = None, starts[0].lft.order, set[Impossible | None]()
+
+    def along(path: Path, exact: ExactLFT) -> ExactLFT | None:
+        exact, failed = exchanged(exact, path)
+        impossible.add(failed)
+        return exact if exact.order < least else None
+
+    for j in range(_MOST_PATHS, 0, -1):
+        found = path_below(nodes, least, bound, work, impossible, with_zeros=j > 1)
+        if not found.path:
+            break
+        best = _made(problem, starts[found.first], partial(along, found.path)) or best
+        least = best.lft.order if best else least
+        if least == found.order:
+            break
+    of_primes = work.limited(_OF_PRIMES)
+    for prime, (k, path) in product(range(1, _MOST_PRIMES), found.hopeful[:1]):
+        if least <= bound or of_primes.is_over:
+            break
+        of_primes.add(_OF_CHANNEL * sum(starts[k].candidate.channels.values()))
+        other = starts[k].modulo(problem, starts[k].prime + prime)
+        with precision(RESIDUES_ALONE):
+            is_filled = other and exchanged(other.lft, path)[0].order <= path[-1].at_best
+        if other and is_filled:  # or else it takes complex points
+            return _made(problem, other, partial(along, path)) or best
+    return best

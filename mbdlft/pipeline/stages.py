@@ -33,7 +33,12 @@ from mbdlft.pipeline.forms import (
     reduced_relations,
     restricted,
 )
-from mbdlft.pipeline.smaller import restrictions, smaller_candidates, without_dependent_channels
+from mbdlft.pipeline.smaller import (
+    Restricted,
+    restrictions,
+    smaller_candidates,
+    without_dependent_channels,
+)
 from mbdlft.problem.relations import Problem, Reference, Stage, TrimRelations
 from mbdlft.system.evidence import deltas_at
 from mbdlft.system.model import LFTModel, Parameters, Provenance, Trim
@@ -71,7 +76,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
     if order_bound < plain.order <= _MOST_SEARCHED:
         with stage("search" if budget.work > 0.0 else "reduce"):
             if budget.work > 0.0:
-                result = _smallest(problem, reduced[0], least, budget)
+                result = _smallest(problem, reduced, least, budget)
                 order_bound = result.order_bound
             elif small := without_dependent_channels(problem, reduced[0]):
                 result = Smallest(_of_both(small), order_bound)
@@ -200,11 +205,15 @@ class _Check:
         return (error, ratio) if np.isfinite(error + ratio) else (float("inf"), float("inf"))
 
 
-def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], budget: Budget) -> Smallest:
+def _smallest(
+    problem: Problem, reduced: list[Candidate], degrees: Mapping[str, int], budget: Budget
+) -> Smallest:
     """Blocks restricted, then repetitions exchanged; pairs and triples tell the end.
 
-    The exchanges have as much work again as the rest.
+    The exchanges have as much work again as the rest. What is made from values has chosen its points:
+    other forms lead to others.
     """
+    start, others = reduced[0], reduced[1:] if reduced[0].form.is_from_values else []
     exact = start.exact
     if not isinstance(exact, ExactLFT):
         return Smallest((), sum(degrees.values()))
@@ -224,14 +233,15 @@ def _smallest(problem: Problem, start: Candidate, degrees: Mapping[str, int], bu
             small = without_dependent_channels(problem, start)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
-    others = smaller_candidates(problem, start, starts, order_bound, of_exchanges)
+        starts += filter(None, map(Restricted.plain, others))
+    found = smaller_candidates(problem, starts, order_bound, of_exchanges)
     with running.budget(budget.work):
-        best = next(others, start)
+        best = next(found, start)
     with running.budget(budget.work):
         if best.lft.order > order_bound:
             order_bound = bound(triples=True)
-    found = [] if best is start else chain([best], others)
-    lfts = (lft for candidate in found for lft in _of_both(candidate))
+    smaller = [] if best is start else chain([best], found)
+    lfts = (lft for candidate in smaller for lft in _of_both(candidate))
     return Smallest(lfts, order_bound, work.is_cut_off or of_exchanges.is_cut_off)
 
 

@@ -26,6 +26,7 @@ from mbdlft.exact.numbers import (
     decimal,
     in_enough_bits,
     precision,
+    prime_of,
     sine_of,
 )
 from mbdlft.pipeline.extract.graph import SignalGraph
@@ -414,3 +415,14 @@ def test_bits_that_are_asked_for_come_at_once() -> None:
 
     in_enough_bits(make, "")
     assert tried == [BITS, 8 * BITS]
+
+
+def test_a_prime_by_its_index() -> None:
+    """That of the bits otherwise: twice as many have the next one."""
+    first = Field().prime
+    with precision(2 * BITS):
+        second = Field().prime
+        with prime_of(0):
+            assert Field().prime == first != second
+    with prime_of(1):
+        assert Field().prime == second
