@@ -172,21 +172,25 @@ def _along_paths(
     problem: Problem, starts: Sequence[Restricted], nodes: Sequence[Node], bound: int, work: Work
 ) -> Candidate | None:
     """The smallest candidate that exchanges lead to, if it is smaller than the first of the starts."""
-    best, least, impossible = None, starts[0].lft.order, set[Impossible | None]()
+    best, least, impossible = None, starts[0].lft.order, set[Impossible]()
 
     def along(path: Path, exact: ExactLFT) -> ExactLFT | None:
         exact, failed = exchanged(exact, path)
-        impossible.add(failed)
+        if failed:
+            impossible.add(failed)
         return exact if exact.order < least else None
 
     for j in range(_MOST_PATHS, 0, -1):
         found = path_below(nodes, least, bound, work, impossible, with_zeros=j > 1)
         if not found.path:
             break
-        best = _made(problem, starts[found.first], partial(along, found.path)) or best
-        least = best.lft.order if best else least
+        start, known = starts[found.first], len(impossible)
+        small = _made(problem, start, partial(along, found.path))
+        best, least = (small, small.lft.order) if small else (best, least)
         if least == found.order:
             break
+        if small is None and len(impossible) == known:  # it is singular somewhere, or needs more bits
+            impossible.add((start.lft.blocks, found.path[0]))
     of_primes = work.limited(_OF_PRIMES)
     for prime, (k, path) in product(range(1, _MOST_PRIMES), found.hopeful[:1]):
         if least <= bound or of_primes.is_over:

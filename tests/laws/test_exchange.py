@@ -167,6 +167,19 @@ def test_a_path_that_is_not_possible_is_not_made_again(monkeypatch: pytest.Monke
     assert len(set(tried)) == len(tried) > 1
 
 
+def test_what_is_of_no_use_is_not_made_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Singular somewhere, say: other exchanges follow."""
+    problem, candidate = plain_of(79)
+    first = list[Exchange]()
+
+    def useless(_: Problem, __: Restricted, then: Any) -> None:
+        first.append(then.args[0][0])
+
+    monkeypatch.setattr(smaller, "_made", useless)
+    assert not [*smaller_candidates(problem, start(candidate), 28, Work(2.0))]
+    assert len(set(first)) == len(first) > 1
+
+
 def test_candidates_are_made_when_they_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     """A mass on one side and exchanges, then without these, then exchanges alone; none below a bound."""
     problem, candidate = plain_of(93)

@@ -13,6 +13,7 @@ channels were the most for exact numbers.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import casadi as ca
 
@@ -41,32 +42,26 @@ def extract_within(
     if model.lifted is None:
         reduced = extract_graph(model, maps)
         return reduced.closed() if reduced.order <= most else reduced.sparse()
-    forms = [model]
-    if _is_repeated(model.lifted.trim, maps, most):
-        own = in_own_units(model)
-        forms += [own] if own is not model else []
-    # levers of mechanisms have fewer channels as they are: loop 19 of the attack 19, and 45 in own units
-    made = [_with_lifted(m, m.lifted, maps, most) for m in forms if m.lifted]
-    fewest = min((m for m in made if m), key=lambda m: m.lft.order, default=None)
+    made = [_with_lifted(model, model.lifted, maps, most)]
+    # units of their own take no channel of copies whose loads have each parameter once, as those of
+    # mechanisms: a delta robot has 9, and would have 15; loop 19 of the attack has 19, and would have 45
+    if made[0].is_repeated and (own := in_own_units(model)) is not model and own.lifted:
+        made.append(_with_lifted(own, own.lifted, maps, most))
+    some = [form.extraction for form in made if form.extraction]
+    fewest = min(some, key=lambda extraction: extraction.lft.order, default=None)
     return fewest or extract_graph(_inlined(model, model.lifted), maps).sparse()
 
 
-def _is_repeated(trim: LinearModel, maps: Sequence[BilinearMap] | None, most: float) -> bool:
-    """Whether loads have a parameter more than once, as those of frames have.
+class _Lifted(NamedTuple):
+    """The LFT with lifted loads, if it has few enough channels, and whether loads repeat a parameter."""
 
-    Where none is, units of their own take no channel of the copies: a delta robot would have 15 for 9.
-    """
-    reduced = extract_graph(trim, maps)
-    if reduced.order > most:
-        return False
-    loads = _loads(reduced.closed().lft, trim.residual.numel())
-    return any(block.size > 1 for block in loads.blocks)
+    extraction: Extraction | None
+    is_repeated: bool = True  # not known
 
 
 def _with_lifted(
     model: LinearModel, lifted: Lifted, maps: Sequence[BilinearMap] | None, most: float
-) -> Extraction | None:
-    """The LFT with lifted loads; None if it has more than `most` channels."""
+) -> _Lifted:
     m, trim = model, lifted.trim
     reduced = extract_graph(  # together, as the numbers of both decide on the prime of their residues
         replace(
@@ -80,7 +75,7 @@ def _with_lifted(
         maps,
     )
     if reduced.order > most:
-        return None
+        return _Lifted(None)
     every = reduced.closed()
     M, blocks = every.lft.M, every.lft.blocks
     z, r, held, y, loads = _places(every.lft.order, m.residual, trim.residual, m.output, trim.output)
@@ -90,15 +85,16 @@ def _with_lifted(
     relations = ExactLFT(M[[*z, *r, *y]][:, [*w, *u, *x, *lifts]], blocks)
     inside = ExactLFT(M[[*z, *held, *loads]][:, [*w, *efforts, *constant]], blocks)
     held_by = _loads(inside, len(held))
+    is_repeated = any(block.size > 1 for block in held_by.blocks)
     # what outputs do not see goes first: it is more than what inputs do not reach. Parameters that loads
     # share with masses are affine without the loads
     relations = with_affine_restricted(transposed(reduce_exactly(transposed(relations))))
     opened = ExactLFT(M[[*z, *r]][:, [*w, *u, *x, *lifts]], blocks)
     moved, pairs = _moved(model, lifted, opened, held_by)
     if relations.order + channels_of(held_by, moved, pairs) > most:
-        return None
+        return _Lifted(None, is_repeated)
     by_sources = reduce_exactly(copied(held_by, moved, pairs))
-    return Extraction(fed(relations, by_sources, moved.sources), every.channels)
+    return _Lifted(Extraction(fed(relations, by_sources, moved.sources), every.channels), is_repeated)
 
 
 def _moved(
