@@ -121,8 +121,8 @@ def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobs
     if motions is None:
         return None
     count, prime = motions.z.shape[1], motions.z.prime
-    beside = matrices.multiplied(outside, motions.z.residues, prime)
-    if count <= most and matrices.rank(beside, prime) == count:
+    room = matrices.rank(matrices.multiplied(outside, motions.z.residues, prime), prime)
+    if count <= most and room == count:
         return Unobservable(motions, (), motions.z.residues)
     known = _roots(motions)
     points = list(filter(None, [_together(known, prime, most)]))
@@ -131,7 +131,7 @@ def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobs
         points += _apart(motions, known, without_single=columns.shape[1] > 0)
         columns, counts = _kept_alone(motions, points, outside, most)
     used = [point for point, count in zip(points, counts, strict=True) if count]
-    by_prime = columns.shape[1] < min(most, sum(map(len, known.factors)))
+    by_prime = columns.shape[1] < min(most, room, sum(map(len, known.factors)))
     return Unobservable(motions, used, columns.residues, by_prime)
 
 

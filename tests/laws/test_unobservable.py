@@ -151,6 +151,9 @@ def test_other_primes_have_other_factors() -> None:
             found = unobservable(alone, rows(most), most)
             assert found is not None
             assert (found.size, found.by_prime) == (size, by_prime)
+        inside = unobservable(alone._replace(z=integers(np.zeros((6, 2)))), rows(1), 1)
+        assert inside is not None
+        assert not inside.by_prime
 
 
 def test_polynomials_of_single_roots() -> None:
