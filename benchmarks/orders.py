@@ -74,7 +74,7 @@ def measure(case: Case, search: float = _SEARCH, rewritings: int = 0) -> Row:
         f"{problem.shape[0]} x {problem.shape[1]}",
         len(case.parameters),
         case.published,
-        mbdlft.realize(problem).order,
+        mbdlft.realize(problem, search=0.0).order,
         model.order,
         model.certificate.order_bound,
         error,

@@ -81,7 +81,8 @@ def path_below(
                 if least <= bound or idle > _IDLE * max(2.0, work.most):
                     queue.clear()
                     break
-                hopes.append((exchange.at_best, k, (*before, exchange)))
+                if exchange.at_best < least:
+                    hopes.append((exchange.at_best, k, (*before, exchange)))
                 is_left_out = exchange.kind == "zeros" and not with_zeros
                 if node is None or is_left_out or (start.lft.blocks, exchange) in but_not:
                     continue
@@ -92,10 +93,8 @@ def path_below(
                 heappush(queue, (node.lft.order + len(after), len(seen), after, node, k))
                 if node.lft.order < least:
                     first, path, least, idle = k, after, node.lft.order, 0
-    hopeful = sorted(
-        filter(lambda hope: hope[0] < least, hopes), key=lambda hope: (hope[0], len(hope[-1]))
-    )
-    return Found(first, path, least, [(k, some) for _, k, some in hopeful])
+    hopes.sort(key=lambda hope: (hope[0], len(hope[-1])))
+    return Found(first, path, least, [(k, some) for at_best, k, some in hopes if at_best < least])
 
 
 def exchanged(a: ExactLFT, path: Path) -> tuple[ExactLFT, Impossible | None]:

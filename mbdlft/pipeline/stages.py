@@ -231,6 +231,8 @@ def _smallest(
             return Smallest((), order_bound, work.is_cut_off)
         if start.lft.order > _MOST_RESTRICTED or work.is_over:  # as without a search
             small = without_dependent_channels(problem, start)
+            if _OF_LEFT * work.left > _OF_PROOF:  # more work than by default
+                order_bound = bound(triples=True)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
         starts += filter(None, map(Restricted.plain, others))

@@ -144,6 +144,13 @@ def test_searches_of_many_channels_begin_without_dependent_ones(monkeypatch: pyt
     assert to_lft(load_scene(SCENARIOS / "double_pendulum_hanging.toml"), search=1e-6).order == 9
 
 
+def test_more_work_proves_more_of_many_channels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pairs that need two more repetitions together; 62 by default."""
+    monkeypatch.setattr("mbdlft.pipeline.stages._MOST_RESTRICTED", 0)
+    bicycle = load_scene(SCENARIOS / "whipple_bicycle.toml")
+    assert to_lft(bicycle, search=4.0).certificate.order_bound == 63
+
+
 def test_what_becomes_singular_is_not_used() -> None:
     """Of a chain of links, repetitions could be left out but for a determinant that vanishes."""
     scene = chain(3, spatial=False)
