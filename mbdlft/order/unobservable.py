@@ -8,6 +8,11 @@ All such v, and what takes their place at poles of higher order, are the motions
 any chain sees. Multiplication by s = 1/b and by A act on the space of them as two matrices that commute.
 P may be zero on any part of it that both keep. In the words of docs/pairs.md, the eigenvalues are points
 (a, b) at which F is not its double dual, and a part that is long enough leads to the degrees.
+
+Any points that are single will do, complex ones in pairs: as many as there is room for are the kernel of
+one polynomial of s and A together. Modulo the prime it is a product of factors, in balls one of real
+roots and pairs of that degree: which are the same does not matter. Where no factors fill the room,
+those modulo another prime may (`mbdlft.pipeline.smaller`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -42,7 +47,7 @@ from mbdlft.order.reduction import ExactLFT
 
 _OF_S, _OF_A = 3.0, 7.0  # the sum of these times both matrices tells points apart
 _WEIGHTS = 2**20
-MOST_VALUES = 8  # of points, that are tried
+MOST_VALUES = 8  # of points and lines, that are tried
 
 
 class Motions(NamedTuple):
