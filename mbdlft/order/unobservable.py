@@ -16,7 +16,7 @@ those modulo another prime may (`mbdlft.pipeline.smaller`).
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import combinations, compress, islice, product
+from itertools import combinations, compress, islice
 from math import prod
 from typing import Any, NamedTuple
 
@@ -48,6 +48,7 @@ from mbdlft.order.reduction import ExactLFT
 _OF_S, _OF_A = 3.0, 7.0  # the sum of these times both matrices tells points apart
 _WEIGHTS = 2**20
 MOST_VALUES = 8  # of points and lines, that are tried
+_MOST_TOGETHER = 80  # motions: a kernel of more in balls takes seconds, and may be tried in vain
 
 
 class Motions(NamedTuple):
@@ -130,6 +131,8 @@ def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobs
     if count <= most and room == count:
         return Unobservable(motions, (), motions.z.residues)
     known = _roots(motions)
+    if count > _MOST_TOGETHER:
+        known = known._replace(factors=())
     points = list(filter(None, [_together(known, prime, most)]))
     columns, counts = _kept_alone(motions, points, outside, most)
     if columns.shape[1] < most:
@@ -196,10 +199,12 @@ def _polynomials(known: _Roots, degree: int, *, has_zero: bool) -> Iterator[list
     of_one = [[-x, 1] for x in real if x is not NOTHING]
     of_two = [[x.real**2 + x.imag**2, -2 * x.real, 1] for x in above]
     start, left = flint.arb_poly([0, 1] if has_zero else [1]), degree - has_zero
-    for pairs in range(min(len(of_two), left // 2), -1, -1):
-        for two, one in product(combinations(of_two, pairs), combinations(of_one, left - 2 * pairs)):
-            coefficients = prod(map(flint.arb_poly, (*two, *one)), start=start).coeffs()[:-1]
-            yield [NOTHING, *coefficients[1:]] if has_zero else coefficients
+    fewest = max(0, (left - len(of_one) + 1) // 2)
+    for pairs in range(min(len(of_two), left // 2), fewest - 1, -1):
+        for two in combinations(of_two, pairs):  # `product` would make all of them first
+            for one in combinations(of_one, left - 2 * pairs):
+                coefficients = prod(map(flint.arb_poly, (*two, *one)), start=start).coeffs()[:-1]
+                yield [NOTHING, *coefficients[1:]] if has_zero else coefficients
 
 
 def _apart(motions: Motions, known: _Roots, *, without_single: bool) -> list[Point]:

@@ -141,6 +141,15 @@ def test_single_points_are_taken_together() -> None:
         law_kept(found, rows(most))
 
 
+def test_many_points_are_taken_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of more than can be taken together in balls in some seconds."""
+    monkeypatch.setattr("mbdlft.order.unobservable._MOST_TOGETHER", 3)
+    found = unobservable(moved(*POINTS["four points"], 2), rows(2), 2)
+    assert found is not None
+    assert [len(residues) for residues, _ in found.points] == [1, 1]
+    assert not found.by_prime
+
+
 def test_other_primes_have_other_factors() -> None:
     """Two points whose polynomial has no factor of residues are no single one; modulo others they may."""
     square = next(k for k in range(2, 100) if pow(k, (PRIME - 1) // 2, PRIME) != 1)
@@ -167,6 +176,10 @@ def test_polynomials_of_single_roots() -> None:
         assert [[round(float(x)) for x in coefficients] for coefficients in some] == expected
         assert all((coefficients[0] is NOTHING) == has_zero for coefficients in some)
     assert not [*_polynomials(roots, 5, has_zero=False)]
+    many = [flint.acb(k, 1) for k in range(40)]
+    roots = _Roots([], [], many, [], ([], [True] * 40))
+    assert len(next(_polynomials(roots, 40, has_zero=False))) == 40  # of 10^11 choices
+    assert not [*_polynomials(roots, 41, has_zero=False)]  # of as many pairs, and nothing for the last
 
 
 def test_a_value_of_another_point_is_refused() -> None:
