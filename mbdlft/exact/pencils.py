@@ -135,11 +135,11 @@ def roots(p: ExactMatrix) -> tuple[list[int], list[Any], list[Any]]:
     return of_residues, [NOTHING] * zeros + real, [x for x in values if x.imag > 0]
 
 
-def single_factors(a: Residues, prime: int) -> list[tuple[int, ...]]:
-    """Those of the characteristic polynomial, the lowest degrees first, without their highest ones."""
+def factors(a: Residues, prime: int) -> list[tuple[tuple[int, ...], int]]:
+    """Those of the characteristic polynomial, and how often: low degrees first, without highest ones."""
     every = flint.nmod_mat(len(a), len(a), a.ravel().tolist(), prime).charpoly().factor()[1]
-    single = (tuple(map(int, factor.coeffs()))[:-1] for factor, times in every if times == 1)
-    return sorted(single, key=lambda factor: (len(factor), factor))
+    some = ((tuple(map(int, factor.coeffs()))[:-1], times) for factor, times in every)
+    return sorted(some, key=lambda pair: (len(pair[0]), pair[0]))
 
 
 def minimal_polynomial(a: ExactMatrix) -> ExactMatrix:

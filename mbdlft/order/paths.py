@@ -57,7 +57,7 @@ def path_below(
     least: int,
     bound: int,
     work: Work,
-    but_not: Collection[Impossible | None] = (),
+    but_not: Collection[Impossible] = (),
     *,
     with_zeros: bool = True,
 ) -> Found:

@@ -34,13 +34,13 @@ from mbdlft.exact.numbers import (
     zero_of,
 )
 from mbdlft.exact.pencils import (
+    factors,
     independent,
     minimal_polynomial,
     motions_without_outputs,
     null_space,
     pencil,
     roots,
-    single_factors,
     with_single_roots,
 )
 from mbdlft.order.reduction import ExactLFT
@@ -113,12 +113,12 @@ class Unobservable(NamedTuple):
 def _different(
     choices: Sequence[Sequence[Any]], before: tuple[Any, ...] = ()
 ) -> Iterator[tuple[Any, ...]]:
-    """One of each of the choices, each another one, or nothing."""
+    """One of each of the choices, each another one."""
     if len(before) == len(choices):
         yield before
         return
     for value in choices[len(before)]:
-        if value is NOTHING or not any(value is other for other in before):
+        if not any(value is other for other in before):
             yield from _different(choices, (*before, value))
 
 
@@ -165,12 +165,27 @@ class _Roots(NamedTuple):
 
 
 def _roots(motions: Motions) -> _Roots:
-    polynomial = minimal_polynomial(motions.both)
-    residues, real, above = roots(with_single_roots(polynomial))
+    both, prime = motions.both, motions.z.prime
+    every = factors(both.residues, prime)
+    residues = sorted(-factor[0] % prime for factor, _ in every if len(factor) == 1)
+    single = [factor for factor, times in every if times == 1]
+    if not carries_values():
+        return _Roots(residues, [], [], single, ([], []))
+    polynomial = minimal_polynomial(both)
+    _, real, above = roots(with_single_roots(polynomial))
     slope = flint.acb_poly(polynomial.balls[:, 0].tolist()).derivative()
     is_single = [[not slope(flint.acb(x)).contains(0) for x in some] for some in (real, above)]
-    factors = single_factors(motions.both.residues, motions.z.prime)
-    return _Roots(sorted(residues), real, above, factors, (is_single[0], is_single[1]))
+    return _Roots(residues, real, above, single, (is_single[0], is_single[1]))
+
+
+def _of_one(x: Any) -> list[Any]:
+    """The polynomial of a real root, but for its highest coefficient."""
+    return [x] if x is NOTHING else [-x]
+
+
+def _of_two(x: Any) -> list[Any]:
+    """The same of a complex root and its conjugate."""
+    return [x.real**2 + x.imag**2, -2 * x.real]
 
 
 def _together(known: _Roots, prime: int, most: int) -> Point | None:
@@ -196,14 +211,14 @@ def _together(known: _Roots, prime: int, most: int) -> Point | None:
 def _polynomials(known: _Roots, degree: int, *, has_zero: bool) -> Iterator[list[Any]]:
     """Coefficients, but for the highest, of polynomials of a degree with some single roots."""
     real, above = map(compress, (known.real, known.above), known.is_single)
-    of_one = [[-x, 1] for x in real if x is not NOTHING]
-    of_two = [[x.real**2 + x.imag**2, -2 * x.real, 1] for x in above]
+    of_one = [flint.arb_poly([*_of_one(x), 1]) for x in real if x is not NOTHING]
+    of_two = [flint.arb_poly([*_of_two(x), 1]) for x in above]
     start, left = flint.arb_poly([0, 1] if has_zero else [1]), degree - has_zero
     fewest = max(0, (left - len(of_one) + 1) // 2)
     for pairs in range(min(len(of_two), left // 2), fewest - 1, -1):
         for two in combinations(of_two, pairs):  # `product` would make all of them first
             for one in combinations(of_one, left - 2 * pairs):
-                coefficients = prod(map(flint.arb_poly, (*two, *one)), start=start).coeffs()[:-1]
+                coefficients = prod((*two, *one), start=start).coeffs()[:-1]
                 yield [NOTHING, *coefficients[1:]] if has_zero else coefficients
 
 
@@ -216,8 +231,7 @@ def _apart(motions: Motions, known: _Roots, *, without_single: bool) -> list[Poi
             [x for x, is_single in zip(some, which, strict=True) if not is_single]
             for some, which in zip((real, above), known.is_single, strict=True)
         )
-    of_one = [[x] if x is NOTHING else [-x] for x in real]
-    of_two = [[x.real**2 + x.imag**2, -2 * x.real] for x in above]
+    of_one, of_two = [*map(_of_one, real)], [*map(_of_two, above)]
     if not carries_values():
         return [Point((-residue % prime,), [[NOTHING]]) for residue in residues]
     points, left = list[Point](), list[int]()

@@ -235,7 +235,10 @@ def candidate_of(
 
 
 def residues_of(problem: Problem, form: Form, steps: Sequence[Step], prime: int) -> ExactLFT | None:
-    """A form with blocks restricted by steps as residues, modulo the prime of an index; None as above."""
+    """The closed LFT of a form with blocks restricted by steps, modulo the prime of an index.
+
+    None where that is not possible.
+    """
     try:
         with prime_of(prime), precision(RESIDUES_ALONE), without_collection():
             made = _exactly(problem, form, steps, None)
