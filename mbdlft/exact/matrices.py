@@ -20,8 +20,9 @@ Balls = NDArray[np.object_]
 
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
 _LIMB, MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
-_HALF = 30  # bits: a product of a residue with so many has a quotient by the prime that doubles know
-_FEW = 1000  # products, for which FLINT is faster
+_HALF = 31  # bits: a product of a residue with so many has a quotient by the prime that doubles know
+_MOST_OF_HALVES = 500  # products, of whose sum they know it, too
+_MANY = 300_000  # products, of which BLAS makes those of doubles in less time
 _LARGE = 64  # rows, of which those with few entries are eliminated one by one
 _FILL, _SMALL = 16, 0.125  # most entries that a pivot may add; of the largest of its row
 
@@ -265,34 +266,36 @@ def stacked(blocks: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
 
 
 def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
-    """a b modulo a prime."""
-    if 0 in (*a.shape, b.shape[1]):
-        return np.zeros((len(a), b.shape[1]), dtype=np.int64)
-    if a.size * b.shape[1] < _FEW:
-        return _residues(_residue_matrix(a, prime) * _residue_matrix(b, prime))
-    return times(a, limbs(b), prime)
+    """a b modulo a prime below 2^61, also of stacks."""
+    inner = a.shape[-1]
+    if inner > MOST_SUMMED:
+        half = inner // 2
+        first = multiplied(a[..., :half], b[..., :half, :], prime)
+        return np.asarray((first + multiplied(a[..., half:], b[..., half:, :], prime)) % prime)
+    if a.size * b.shape[-1] > _MANY or inner > _MOST_OF_HALVES:
+        # x y' + y x' = x x' + y y' - (x - y) (x' - y'), whose factors are no larger: 6 products for 9
+        x, y, z, xy, xz, yz = np.matmul(*map(_with_differences, (a, b))).astype(np.int64)
+        return _joined((x, x + y - xy, x + y + z - xz, y + z - yz, z), prime)
+    # Integers overflow: of x b - q p, which is small, the last 64 bits are all. BLAS has no integers.
+    halves = np.array([a >> _HALF, a & (2**_HALF - 1)])
+    quotients = (halves.astype(float) @ (b * (1.0 / prime))).astype(np.int64)
+    high, low = halves @ b - quotients * prime
+    return np.asarray((_shifted(high, 2**_HALF, prime) + low) % prime)
+
+
+def _shifted(x: Residues, y: Residues | int, prime: int) -> Residues:
+    """x y less a multiple of a prime, below it in size, for y up to 2^31."""
+    return np.asarray(x * y - (x * (1.0 / prime) * y).astype(np.int64) * prime)
 
 
 def limbs(a: Residues) -> Array:
-    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, ...); for several products with them."""
+    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, ...)."""
     mask = 2**_LIMB - 1
     return np.array([a & mask, (a >> _LIMB) & mask, a >> 2 * _LIMB], dtype=float)
 
 
-def times(a: Residues, b: Array, prime: int) -> Residues:
-    """a b modulo a prime, also of stacks, for the `limbs` of b, whose sums are exact doubles."""
-    if a.shape[-1] > MOST_SUMMED:
-        half = a.shape[-1] // 2
-        first = times(a[..., :half], b[..., :half, :], prime)
-        second = times(a[..., half:], b[..., half:, :], prime)
-        return np.asarray((first + second) % prime)
-    # x y' + y x' = x x' + y y' - (x - y) (x' - y'), whose factors are no larger: six products for nine
-    x, y, z, xy, xz, yz = np.matmul(*map(_with_differences, (limbs(a), b))).astype(np.int64)
-    return _joined((x, x + y - xy, x + y + z - xz, y + z - yz, z), prime)
-
-
-def _with_differences(a: Array) -> Array:
-    x, y, z = a
+def _with_differences(a: Residues) -> Array:
+    x, y, z = limbs(a)
     return np.array([x, y, z, x - y, x - z, y - z])
 
 
@@ -315,19 +318,14 @@ def _joined(totals: Sequence[Residues], prime: int) -> Residues:
 
 
 def entrywise(a: Residues, b: Residues, prime: int) -> Residues:
-    """Products of entries modulo a prime below 2^61, with the rules of numpy for shapes.
+    """Products of entries modulo a prime below 2^61, with the rules of numpy for shapes."""
+    high = _shifted(_shifted(a, b >> _HALF, prime), 2**_HALF, prime)
+    return np.asarray((high + _shifted(a, b & (2**_HALF - 1), prime)) % prime)
 
-    Integers overflow: of x y - q p, which is small, the last 64 bits are all.
-    """
 
-    def times_short(x: Residues, y: Residues | int) -> Residues:
-        quotient = (x * (1.0 / prime) * y).astype(np.int64)
-        return np.asarray((x * y - quotient * prime) % prime)
-
-    mask = 2**_HALF - 1
-    return np.asarray(
-        (times_short(times_short(a, b >> _HALF), 2**_HALF) + times_short(a, b & mask)) % prime
-    )
+def inverses(a: Residues, prime: int) -> Residues:
+    """Of entries (n,), none of them zero, modulo a prime."""
+    return np.array([int(1 / flint.nmod(x, prime)) for x in a.tolist()], dtype=np.int64)
 
 
 def powers_of(points: Residues, count: int, prime: int) -> Residues:

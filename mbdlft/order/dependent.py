@@ -29,19 +29,18 @@ from mbdlft.exact.pencils import null_space
 from mbdlft.exact.reachable import Space
 from mbdlft.exact.rounding import channel_scales
 from mbdlft.lft.determinant import Channels, diagonal_blocks
-from mbdlft.order.lower_bound import exact_degrees
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
 
 _ONE = 1000  # in the whole numbers of points, whose deltas are inside of the ranges, where no poles are
 _SMALL = 1e-5  # of a vector, and no number to divide the others by if there are larger ones
 
 
-def without_dependent(a: ExactLFT) -> ExactLFT:
+def without_dependent(a: ExactLFT, least: int = 0) -> ExactLFT:
     """The same value in channels with independent functions, reduced; the LFT if they are.
 
-    They are in an LFT that meets its degrees.
+    They are in an LFT that meets the `least` order, a bound.
     """
-    while sum(exact_degrees(a).values()) < a.order:
+    while least < a.order:
         smaller = _of_one_side(transposed(_of_one_side(transposed(a))))
         if smaller.order == a.order:
             break

@@ -141,7 +141,7 @@ def _opened(a: ExactLFT, first: str, second: str, *, is_transposed: bool) -> _Op
     """None if R is all of z."""
     size, prime = dict(a.blocks)[first], a.M.prime
     lft = _in_one(transposed(a) if is_transposed else a, first, second)
-    value = value_at_random(lft, 0)
+    value = value_at_random(lft, 0, size)
     space = reachable_bases(value[:size, :size], value[:size, size:], [size], prime)[0]
     count = len(space.pivots)
     if count in (0, size):

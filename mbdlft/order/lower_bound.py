@@ -47,7 +47,7 @@ import numpy as np
 from mbdlft.exact.matrices import (
     Residues,
     entrywise,
-    limbs,
+    inverses,
     multiplied,
     null_space,
     pivot_columns,
@@ -56,9 +56,8 @@ from mbdlft.exact.matrices import (
     resolvents,
     row_echelon,
     solved,
-    times,
 )
-from mbdlft.exact.reachable import reachable_bases, reduced_residues
+from mbdlft.exact.reachable import reachable_bases, reduced_residues, reduced_sizes
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_resolvents, exact_solutions
 
@@ -75,10 +74,8 @@ def exact_degrees(a: ExactLFT, seed: int = 0) -> dict[str, int]:
     """Proved minimum of the repetitions of each delta, in any exact LFT of the same matrix."""
     M, n, degrees = at_random(a, seed), a.order, dict[str, int]()
     for block, rows in zip(a.blocks, a.parts, strict=True):
-        channels = np.arange(rows.start, rows.stop)
-        degrees[block.name] = sum(
-            reduced_residues(_restricted(M, channels, n), [block.size], a.M.prime)[1]
-        )
+        alone = _restricted(M, np.arange(rows.start, rows.stop), n)
+        (degrees[block.name],) = reduced_sizes(alone, [block.size], a.M.prime)
     return degrees
 
 
@@ -138,9 +135,9 @@ class _Function(NamedTuple):
         n, prime, count = self.order, self.prime, len(directions)
         self.work.add(exact_resolvents(count, n))
         sizes = [span.stop - span.start for span in self.slices.values()]
-        inverses = np.array([_inverses(points[name], prime) for name in self.slices]).T
+        diagonals = np.array([inverses(points[name], prime) for name in self.slices]).T
         right = multiplied(directions, self.M[n:, :n], prime)
-        states = resolvents(self.M[:n, :n].T, np.repeat(inverses, sizes, axis=1), right, prime)
+        states = resolvents(self.M[:n, :n].T, np.repeat(diagonals, sizes, axis=1), right, prime)
         return multiplied(states, self.M[:n, n:], prime)
 
     def alone(self, name: str, at: Mapping[str, Residues]) -> Residues:
@@ -157,9 +154,8 @@ class _Function(NamedTuple):
         inner = entrywise(self.M[:, channels], deltas[:, None], prime)
         loops = (np.eye(len(channels), dtype=np.int64) - inner[:, channels]) % prime
         right = self.M[np.ix_(channels, columns)]
-        through = times(
-            inner[:, rows], limbs(np.array([solved(loop, right, prime) for loop in loops])), prime
-        )
+        inside = np.array([solved(loop, right, prime) for loop in loops])
+        through = multiplied(inner[:, rows], inside, prime)
         return np.asarray((self.M[np.ix_(rows, columns)] + through) % prime)
 
 
@@ -355,7 +351,7 @@ def _span(
     for third in thirds:
         monomials = _outer(monomials, powers_of(points[third], wide, prime), prime)
     sides = [_outer(x, monomials, prime) for x in (seen, -directions % prime)]
-    at_samples = limbs(np.hstack(sides).T)  # left' H u - left' y
+    at_samples = np.hstack(sides).T  # left' H u - left' y
     E: Residues = np.zeros((0, count := len(directions)), dtype=np.int64)
     pivots, added = list[int](), list[tuple[Residues, Sequence[int]]]()
     for alpha in random.integers(1, prime, 2 * degrees[first] + 2).tolist():
@@ -365,8 +361,8 @@ def _span(
         # random combinations of as many u as E can still grow by span the same
         most = None if thirds else count // (1 + moves) - len(E) + _EXTRA
         u, y = _polynomials(H, second, at, length, powers[:, :wide], modes, degrees[second], most)
-        over = _inverses((points[first] - alpha) % prime, prime)
-        outside = entrywise(over, times(np.vstack([u, y]).T, at_samples, prime), prime)
+        over = inverses((points[first] - alpha) % prime, prime)
+        outside = entrywise(over, multiplied(np.vstack([u, y]).T, at_samples, prime), prime)
         outside = (outside - multiplied(outside[:, pivots], E, prime)) % prime
         H.work.add(exact_elimination(len(outside), count))
         fresh, more = row_echelon(outside, prime)
@@ -409,7 +405,7 @@ def _polynomials(
     A, C = alone[:, :n, :n], alone[:, n:, :n]
     columns: list[Residues] = [alone[:, :n, n:]]  # A^k B
     for _ in range(length - 1):
-        columns.append(times(A, limbs(columns[-1]), prime))
+        columns.append(multiplied(A, columns[-1], prime))
     krylov = np.moveaxis(np.array(columns), 0, 3)  # (nodes, n, q, length)
     conditions = list(krylov[..., ::-1].reshape(count, n, -1))
     if n > degree:  # what is not observable may be anything
@@ -419,7 +415,7 @@ def _polynomials(
         ]
     equations = [_outer(rows, power[None], prime) for rows, power in zip(conditions, powers, strict=True)]
     u = _null_space(np.vstack(equations), H, most)
-    later = times(C, limbs(krylov[..., :-1].reshape(count, n, -1)), prime).reshape(count, p, q, -1)
+    later = multiplied(C, krylov[..., :-1].reshape(count, n, -1), prime).reshape(count, p, q, -1)
     impulse = np.concatenate([alone[:, n:, n:, None], later], axis=3)
     impulse = entrywise(impulse.reshape(count, -1, 1), powers[:, None], prime)
     impulse = multiplied(modes, impulse.reshape(count, -1), prime).reshape(count, p, q, length, wide)
@@ -471,10 +467,6 @@ def _left(E: _Span, prime: int, *moves: Mapping[str, int]) -> Residues:
     return np.hstack(left)
 
 
-def _inverses(a: Residues, prime: int) -> Residues:
-    return np.array([pow(x, -1, prime) for x in a.tolist()], dtype=np.int64)
-
-
 def _outer(a: Residues, b: Residues, prime: int) -> Residues:
     """Products (N, m n) of the entries of rows (N, m) and (N, n)."""
     products = entrywise(a[:, :, None], b[:, None, :], prime)
@@ -495,5 +487,5 @@ def _can_be_between(H: _Function, before: str, middle: str, after: str) -> bool:
     at = np.random.default_rng(1).integers(1, H.prime, (2, 2), dtype=np.int64)
     alone = H.alone(middle, {before: np.tile(at[0], 2), after: np.repeat(at[1], 2)})
     n = alone.shape[1] - p
-    slopes = times(alone[:, n:, :n], limbs(alone[:, :n, n:]), H.prime).reshape(2, 2, p, q)
+    slopes = multiplied(alone[:, n:, :n], alone[:, :n, n:], H.prime).reshape(2, 2, p, q)
     return rank(slopes.swapaxes(1, 2).reshape(2 * p, 2 * q), H.prime) <= 1

@@ -26,8 +26,6 @@ from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
 from mbdlft.order.reduction import ExactLFT, eliminated, reduce_exactly, transposed
 
-_POINTS = 2  # at which a constant has its value at zero
-
 
 class Step(NamedTuple):
     """A block of the relations, or of the closed LFT, or of its transpose, to be restricted.
@@ -54,7 +52,7 @@ def restricted_exactly(
     if is_inside and not outside:
         return None
     opened = _opened(transposed(a) if is_transposed else a, name, outside)
-    value = value_at_random(opened, 0)
+    value = value_at_random(opened, 0, size)
     if is_inside and value[:size, :size].any():
         return None
     columns = independent_columns(opened, size, value)
@@ -170,7 +168,7 @@ def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -
     )
     power, columns = 0, value[:size, size + inputs]
     while len(inputs) and len(space.pivots) < size:
-        space.extend(columns.T)
+        space.take(columns.T)
         taken = space.taken[-1]
         inputs, columns = inputs[taken], columns[:, taken]
         chosen += [(c, power) for c in inputs.tolist()]
@@ -207,21 +205,22 @@ def independent_rows(K: ExactLFT) -> list[int]:
     return independent(K.M[K.order :, K.order :].T)[0]
 
 
-def value_at_random(a: ExactLFT, seed: int) -> matrices.Residues:
-    """The value at a random point, in residues."""
-    return value_at(a, np.random.default_rng(seed).integers(1, a.M.prime, len(a.blocks)))
+def value_at_random(a: ExactLFT, seed: int, count: int | None = None) -> matrices.Residues:
+    """The value at a random point, in residues; of the first outputs, so many or all."""
+    M = a.M.residues if count is None else a.M.residues[: a.order + count]
+    return _at_random(M, a.blocks, a.M.prime, seed)
 
 
-def value_at(a: ExactLFT, at: matrices.Residues) -> matrices.Residues:
-    """The value at residues of the deltas, in residues."""
-    n, prime, M = a.order, a.M.prime, a.M.residues
-    deltas = np.repeat(at, [block.size for block in a.blocks])
+def _at_random(M: matrices.Residues, blocks: Sequence[Block], prime: int, seed: int) -> matrices.Residues:
+    n, at = sum(b.size for b in blocks), np.random.default_rng(seed).integers(1, prime, len(blocks))
+    deltas = np.repeat(at, [block.size for block in blocks])
     loop = (np.eye(n, dtype=np.int64) - matrices.entrywise(M[:n, :n], deltas[None], prime)) % prime
-    z = matrices.solved(loop, M[:n, n:], prime)
-    return np.asarray(
-        (M[n:, n:] + matrices.multiplied(matrices.entrywise(M[n:, :n], deltas[None], prime), z, prime))
-        % prime
-    )
+    left, right = matrices.entrywise(M[n:, :n], deltas[None], prime), M[:n, n:]
+    if len(left) < right.shape[1]:  # the fewer equations
+        left = matrices.solved(loop.T, left.T, prime).T
+    else:
+        right = matrices.solved(loop, right, prime)
+    return np.asarray((M[n:, n:] + matrices.multiplied(left, right, prime)) % prime)
 
 
 def krylov(
@@ -278,8 +277,7 @@ def _settled(a: ExactLFT) -> ExactLFT:
     """The same with rows and columns that do not vary as constants, for which nothing is repeated."""
     n, prime = a.order, a.M.prime
     D = a.M[n:, n:]
-    varies = np.any([value_at_random(a, 1 + k) != D.residues for k in range(_POINTS)], axis=0)
-    rows, columns = (np.flatnonzero(varies.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (_varying(M, a.blocks, prime) for M in (a.M.residues, a.M.residues.T))
     core = selected(a, rows.tolist(), columns.tolist())
     m, (high, wide) = core.order, D.shape
     left, right = matrices.identity(high, prime)[:, rows], matrices.identity(wide, prime)[columns]
@@ -287,3 +285,13 @@ def _settled(a: ExactLFT) -> ExactLFT:
         matrices.stacked([[core.M[:m, :m], core.M[:m, m:] @ right], [left @ core.M[m:, :m], D]]),
         core.blocks,
     )
+
+
+def _varying(M: matrices.Residues, blocks: Sequence[Block], prime: int) -> NDArray[np.intp]:
+    """The outputs that vary with the deltas: at a random point, with random inputs, they are not zero."""
+    n = sum(block.size for block in blocks)
+    inputs = np.random.default_rng(0).integers(1, prime, (M.shape[1] - n, 1))
+    column = np.zeros((len(M), 1), dtype=np.int64)
+    column[:n] = matrices.multiplied(M[:n, n:], inputs, prime)
+    moved = _at_random(np.hstack([M[:, :n], column]), blocks, prime, 1)
+    return np.flatnonzero(moved.any(axis=1))

@@ -24,7 +24,7 @@ from scipy.sparse import csr_array
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
 from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limbs
-from mbdlft.exact.reachable import reduced_residues
+from mbdlft.exact.reachable import reduced_sizes
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
 
 _MOST_COLUMNS = 128  # that are solved for together, if they are of several deltas
@@ -83,7 +83,7 @@ def sparse_degrees(a: SparseResidues, seed: int = 0) -> dict[str, int]:
             z = -_times(F[own, :n], solved, prime)
             z[:, size:] += F[own, n:].toarray()
             M = np.vstack([z, -_times(E[n:, :n], solved, prime)]) % prime
-            degrees[name] = sum(reduced_residues(M, [size], prime)[1])
+            (degrees[name],) = reduced_sizes(M, [size], prime)
             start += size
     return degrees
 

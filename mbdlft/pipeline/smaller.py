@@ -79,7 +79,8 @@ def restrictions(
         names = [name for name, size in plain.lft.blocks if size > degrees[name]]
         for _ in range(_MOST_STEPS):
             starts, some = [start for start in some if start.lft.order <= least + _MORE], []
-            for new in (new for start in starts for new in _once(candidate.form, start, names, work)):
+            fresh = (new for start in starts for new in _once(candidate.form, start, names, bound, work))
+            for new in fresh:
                 if known.setdefault(new.lft.blocks, new) is new:
                     some, least = [*some, new], min(least, new.lft.order)
                     if least <= bound:
@@ -87,13 +88,15 @@ def restrictions(
     return list(known.values())
 
 
-def _once(form: Form, start: Restricted, names: Sequence[str], work: Work) -> Iterator[Restricted]:
+def _once(
+    form: Form, start: Restricted, names: Sequence[str], bound: int, work: Work
+) -> Iterator[Restricted]:
     """One block more restricted: of the relations, and, before any others, of the closed LFT.
 
     Channels with dependent functions are left out first.
     """
     has_unknowns, both = form.relations.unknown.numel() > 0, (False, True)
-    if (small := without_dependent(start.lft)).order < start.lft.order:
+    if (small := without_dependent(start.lft, bound)).order < start.lft.order:
         yield start.after(INDEPENDENT, small, None if has_unknowns else small)
     for name, side, is_inside in product(names, both, both) if start.relations else ():
         step = Step(name, side, has_unknowns, is_inside)
@@ -127,12 +130,12 @@ def _in_residues(a: ExactLFT) -> ExactLFT:
     return ExactLFT(of_residues(a.M.residues, a.M.prime), a.blocks)
 
 
-def without_dependent_channels(problem: Problem, candidate: Candidate) -> Candidate | None:
+def without_dependent_channels(problem: Problem, candidate: Candidate, least: int) -> Candidate | None:
     """The same in channels with independent functions; None if they are, or if that is singular."""
     if (plain := Restricted.plain(candidate)) is None:
         return None
     with precision(RESIDUES_ALONE):
-        small = without_dependent(plain.lft)
+        small = without_dependent(plain.lft, least)
     is_smaller = small.order < candidate.lft.order
     return _made(problem, plain.after(INDEPENDENT, small, None)) if is_smaller else None
 

@@ -78,7 +78,7 @@ def realization(problem: Problem, budget: Budget, stage: Stage, prove: float = P
             if budget.work > 0.0:
                 result = _smallest(problem, reduced, least, budget)
                 order_bound = result.order_bound
-            elif small := without_dependent_channels(problem, reduced[0]):
+            elif small := without_dependent_channels(problem, reduced[0], order_bound):
                 result = Smallest(_of_both(small), order_bound)
         if result and result.is_cut_off:
             with stage(CUT_OFF):  # with more time the model may be smaller
@@ -230,7 +230,7 @@ def _smallest(
         if order_bound >= start.lft.order:
             return Smallest((), order_bound, work.is_cut_off)
         if start.lft.order > _MOST_RESTRICTED or work.is_over:  # as without a search
-            small = without_dependent_channels(problem, start)
+            small = without_dependent_channels(problem, start, order_bound)
             if _OF_LEFT * work.left > _OF_PROOF:  # more work than by default
                 order_bound = bound(triples=True)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)

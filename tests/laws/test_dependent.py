@@ -159,5 +159,5 @@ def test_what_becomes_singular_is_not_used() -> None:
         (candidate,) = candidates(problem, problem.forms[:1])
         assert isinstance(candidate.exact, ExactLFT)
         assert without_dependent(candidate.exact).order < candidate.lft.order
-        assert without_dependent_channels(problem, candidate) is None
+        assert without_dependent_channels(problem, candidate, 0) is None
         assert to_lft(scene, search=0.0).order == candidate.lft.order

@@ -226,20 +226,31 @@ def test_balls_of_zeros_are_zero() -> None:
     assert (third + third + -third + -third).balls[0, 0] == 0
 
 
-@pytest.mark.parametrize("shape", [(1, 1, 1), (2, 3, 4), (30, 20, 25), (3, 5001, 2)])
+@pytest.mark.parametrize(
+    "shape",
+    [(1, 1, 1), (2, 0, 3), (2, 3, 4), (30, 20, 25), (3, 500, 4), (3, 501, 4), (90, 60, 70), (3, 5001, 2)],
+)
 def test_products_of_residues(shape: tuple[int, int, int]) -> None:
-    """Against integers of any size; with the largest residues, and with limbs that are all ones."""
+    """Against integers of any size; the largest residues, parts that are all ones, stacks."""
     n, k, m = shape
     random, prime = np.random.default_rng(k), Field(()).prime
     ones = (random.integers(0, prime >> 42, (n, k)) << 42) + 2**42 - 1
+    middle = np.full((n, k), 2**31 - 1)
     for a, b in (
         (random.integers(0, prime, (n, k)), random.integers(0, prime, (k, m))),
         (np.full((n, k), prime - 1), np.full((k, m), prime - 1)),
         (ones, np.resize(ones, (k, m))),
+        (middle, np.full((k, m), prime - 1)),
     ):
         expected = (a.astype(object) @ b.astype(object)) % prime
         exact(matrices.multiplied(a, b, prime), expected.astype(np.int64))
-        exact(matrices.times(a, matrices.limbs(b), prime), expected.astype(np.int64))
+        twice = matrices.multiplied(np.array([a, 0 * a]), np.array([b, b]), prime)
+        exact(twice, np.array([expected, 0 * expected]).astype(np.int64))
+
+
+def test_inverses_of_residues() -> None:
+    a = np.random.default_rng(0).integers(1, PRIME, 50)
+    exact(matrices.entrywise(matrices.inverses(a, PRIME), a, PRIME), np.ones(50, dtype=np.int64))
 
 
 @pytest.mark.parametrize("most", [1, PRIME - 1])

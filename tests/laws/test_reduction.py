@@ -286,7 +286,7 @@ def test_bases_are_found_row_by_row(seed: int) -> None:
     large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
     M, sizes = large.M, [block.size for block in large.blocks]
     n, blocks = sum(sizes), module._parts(sizes)
-    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME)
+    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
     found, krylov = module._bases(M, blocks, spaces), module._krylov(M, blocks, spaces)
     for space, basis, vectors in zip(spaces, found, krylov, strict=True):
         expected = module.over_rows(vectors, np.array(space.pivots))
@@ -301,7 +301,7 @@ def test_a_basis_in_doubles_spans_the_same(seed: int) -> None:
     large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
     M, sizes = large.M, [block.size for block in large.blocks]
     n, blocks = sum(sizes), module._parts(sizes)
-    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME)
+    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
     for space, Q, basis in zip(
         spaces,
         module._orthonormal(rough_values(M)[:n], blocks, spaces),
@@ -365,7 +365,7 @@ def test_rows_are_solved_for_together_where_that_is_less() -> None:
 def test_a_row_that_needs_a_power_of_the_matrix() -> None:
     """(1, 0, 1) and (0, 1, 2) are reached, and no column of the basis has a one only."""
     M = exact_matrix([[-1, -1, 1, 1], [0, -1, 1, 0], [1, 1, 1, 1]])
-    spaces = module.reachable_bases(M.residues[:, :3], M.residues[:, 3:], [3], PRIME)
+    spaces = module.reachable_bases(M.residues[:, :3], M.residues[:, 3:], [3], PRIME, is_traced=True)
     (found,) = module._bases(M, [slice(0, 3)], spaces)
     assert np.array_equal(rough_values(found), [[1.0, 0.0], [0.0, 1.0], [1.0, 2.0]])
 
@@ -390,15 +390,19 @@ def test_rows_that_doubles_take_for_independent() -> None:
 def test_spaces_grow_as_ranks_do(seed: int, size: int) -> None:
     """A basis in echelon form, and the candidates that were independent of all before."""
     random = np.random.default_rng(seed)
-    space, rows = Space(size, PRIME), np.zeros((0, size), dtype=np.int64)
+    space, same, rows = Space(size, PRIME), Space(size, PRIME), np.zeros((0, size), dtype=np.int64)
     for _ in range(3):
         fresh = np.asarray(random.integers(-1, 2, (3, size)) % PRIME, dtype=np.int64)
         before = rank(rows, PRIME)
-        taken = space.extend(fresh)
+        taken, new = space.take(fresh), same.extend(fresh)
         rows = np.vstack([rows, fresh])
+        assert np.array_equal(same.basis, space.basis)
+        assert same.pivots == space.pivots
+        assert np.array_equal(fresh[space.taken[-1]], taken)
+        assert len(new) == len(taken)
+        assert rank(np.vstack([rows[:-3], new]), PRIME) == rank(rows, PRIME)
         assert len(space.pivots) == rank(rows, PRIME)
         assert len(taken) == rank(rows, PRIME) - before
-        assert len(space.taken[-1]) == len(taken)
         assert np.array_equal(space.basis[:, space.pivots], np.eye(len(space.pivots)))
         assert rank(np.vstack([space.basis, rows]), PRIME) == len(space.pivots)
 
