@@ -130,6 +130,11 @@ class _Function(NamedTuple):
         """Outputs and inputs."""
         return self.M.shape[0] - self.order, self.M.shape[1] - self.order
 
+    def surplus(self, degrees: Mapping[str, int]) -> int:
+        """What is rarely less than h: of two deltas, repetitions above a degree times the other degree."""
+        above = {name: span.stop - span.start - degrees[name] for name, span in self.slices.items()}
+        return sum(degrees[a] * above[b] for a in above for b in above if a != b)
+
     def seen(self, points: Mapping[str, Residues], directions: Residues) -> Residues:
         """left' H (N, inputs) at N points for left sides (N, outputs); H without its constant part."""
         n, prime, count = self.order, self.prime, len(directions)
@@ -342,7 +347,8 @@ def _span(
     powers = powers_of(nodes, len(nodes), prime)
     modes = solved(powers, np.eye(len(nodes), dtype=np.int64), prime)
     if isinstance(samples, int):
-        count = samples or (1 + moves) * (degrees[first] * coefficients + _SURPLUS) + _EXTRA
+        surplus = min(_SURPLUS, H.surplus(degrees)) if not thirds else _SURPLUS
+        count = samples or (1 + moves) * (degrees[first] * coefficients + surplus) + _EXTRA
         if not H.work.has_room(exact_resolvents(count, H.order)):
             return None
         samples = _sampled(H, (first, *lengths), count)

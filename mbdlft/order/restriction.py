@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mbdlft.base.reach import in_reach
 from mbdlft.exact import matrices
 from mbdlft.exact.pencils import independent
 from mbdlft.exact.reachable import Space, over_rows
@@ -213,9 +214,11 @@ def value_at_random(a: ExactLFT, seed: int, count: int | None = None) -> matrice
 
 def _at_random(M: matrices.Residues, blocks: Sequence[Block], prime: int, seed: int) -> matrices.Residues:
     n, at = sum(b.size for b in blocks), np.random.default_rng(seed).integers(1, prime, len(blocks))
-    deltas = np.repeat(at, [block.size for block in blocks])
-    loop = (np.eye(n, dtype=np.int64) - matrices.entrywise(M[:n, :n], deltas[None], prime)) % prime
-    left, right = matrices.entrywise(M[n:, :n], deltas[None], prime), M[:n, n:]
+    seen = np.flatnonzero(in_reach((M[:n, :n] != 0).T, M[n:, :n].any(axis=0)))
+    deltas = np.repeat(at, [block.size for block in blocks])[seen]
+    inner = matrices.entrywise(M[np.ix_(seen, seen)], deltas, prime)
+    loop = (np.eye(len(seen), dtype=np.int64) - inner) % prime
+    left, right = matrices.entrywise(M[n:, seen], deltas, prime), M[seen, n:]
     if len(left) < right.shape[1]:  # the fewer equations
         left = matrices.solved(loop.T, left.T, prime).T
     else:
