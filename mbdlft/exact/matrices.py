@@ -276,8 +276,9 @@ def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
         # x y' + y x' = x x' + y y' - (x - y) (x' - y'), whose factors are no larger: 6 products for 9
         x, y, z, xy, xz, yz = np.matmul(*map(_with_differences, (a, b))).astype(np.int64)
         return _joined((x, x + y - xy, x + y + z - xz, y + z - yz, z), prime)
-    # Integers overflow: of x b - q p, which is small, the last 64 bits are all. BLAS has no integers.
-    halves = np.array([a >> _HALF, a & (2**_HALF - 1)])
+    # integers overflow: of x b - q p, which is small, the last 64 bits are all. BLAS has no integers
+    halves = np.empty((2, *a.shape), dtype=np.int64)
+    halves[0], halves[1] = a >> _HALF, a & (2**_HALF - 1)
     quotients = (halves.astype(float) @ (b * (1.0 / prime))).astype(np.int64)
     high, low = halves @ b - quotients * prime
     return np.asarray((_shifted(high, 2**_HALF, prime) + low) % prime)

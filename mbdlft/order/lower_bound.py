@@ -131,7 +131,7 @@ class _Function(NamedTuple):
         return self.M.shape[0] - self.order, self.M.shape[1] - self.order
 
     def surplus(self, degrees: Mapping[str, int]) -> int:
-        """What is rarely less than h: of two deltas, repetitions above a degree times the other degree."""
+        """Seldom less than h: of two deltas, repetitions above a degree times the other degree."""
         above = {name: span.stop - span.start - degrees[name] for name, span in self.slices.items()}
         return sum(degrees[a] * above[b] for a in above for b in above if a != b)
 

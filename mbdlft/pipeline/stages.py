@@ -21,7 +21,7 @@ from mbdlft.lft.sampling import evaluate_at
 from mbdlft.lft.sparse import SparseLFT, in_units
 from mbdlft.order.joint_bound import JointBound
 from mbdlft.order.reduction import ExactLFT, in_scales
-from mbdlft.order.search import CUT_OFF, DROPPED, Budget, Smallest
+from mbdlft.order.search import CUT_OFF, DROPPED, SEARCH, Budget, Smallest
 from mbdlft.order.work import Work, late_after
 from mbdlft.pipeline import certification
 from mbdlft.pipeline.forms import (
@@ -47,7 +47,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
-_OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.6, 0.3  # units of work, at most; part of what is left
+_OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.4, 0.3  # units of work, at most; part of what is left
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
@@ -231,7 +231,7 @@ def _smallest(
             return Smallest((), order_bound, work.is_cut_off)
         if start.lft.order > _MOST_RESTRICTED or work.is_over:  # as without a search
             small = without_dependent_channels(problem, start, order_bound)
-            if _OF_LEFT * work.left > _OF_PROOF:  # more work than by default
+            if work.left > SEARCH:  # more work than by default
                 order_bound = bound(triples=True)
             return Smallest(_of_both(small) if small else (), order_bound, work.is_cut_off)
         starts = restrictions(start, degrees, order_bound, work.limited(_OF_RESTRICTIONS))
