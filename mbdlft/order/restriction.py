@@ -214,7 +214,8 @@ def value_at_random(a: ExactLFT, seed: int, count: int | None = None) -> matrice
 
 def _at_random(M: matrices.Residues, blocks: Sequence[Block], prime: int, seed: int) -> matrices.Residues:
     n, at = sum(b.size for b in blocks), np.random.default_rng(seed).integers(1, prime, len(blocks))
-    seen = np.flatnonzero(in_reach((M[:n, :n] != 0).T, M[n:, :n].any(axis=0)))
+    is_read = np.asarray(M[n:, :n].any(axis=0))
+    seen = np.flatnonzero(in_reach((M[:n, :n] != 0).T, is_read))
     deltas = np.repeat(at, [block.size for block in blocks])[seen]
     inner = matrices.entrywise(M[np.ix_(seen, seen)], deltas, prime)
     loop = (np.eye(len(seen), dtype=np.int64) - inner) % prime

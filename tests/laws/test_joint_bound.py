@@ -484,6 +484,7 @@ def test_points_that_take_too_long_are_not_begun(monkeypatch: pytest.MonkeyPatch
         joint, whole = JointBound(a, exact_degrees(a)), Work(most)
         with monkeypatch.context() as many:
             many.setattr(module, "_SURPLUS", 10_000)
+            many.setattr(module._Function, "surplus", lambda *_: 10_000)
             assert joint.of_all(whole.limited(units)) == 4
         assert 0.0 < whole.spent < 0.1
         assert joint.of_all(Work()) == 5
