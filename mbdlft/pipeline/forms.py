@@ -173,7 +173,7 @@ def reduced_relations(relations: LinearModel) -> LFT:
     """Relations solved for all of their unknown signals, reduced and rounded."""
 
     def solved() -> LFT:
-        n, opened = relations.unknown.numel(), reduce_exactly(extract(relations).lft)
+        n, opened = relations.unknown.numel(), extract(relations).lft
         return in_scales(reduce_exactly(eliminated(opened, n, [*range(n)])).rounded())
 
     return in_enough_bits(solved, "trim")

@@ -12,8 +12,8 @@ from mbdlft.lft.sampling import evaluate
 from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import reduction
 from mbdlft.order.lower_bound import at_random
-from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order
-from mbdlft.order.restriction import Step, _stays_outside, restricted_exactly
+from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order, transposed
+from mbdlft.order.restriction import Step, _stays_outside, restricted_exactly, value_at_random
 from mbdlft.pipeline.forms import candidates, restricted
 from tests.attack.frames import scene_of, structure
 from tests.close import SCENARIO, roundoff
@@ -57,6 +57,15 @@ def law_restricted(a: LFT) -> None:
             assert dict(small.blocks)[name] <= size
             roundoff(evaluate(small.rounded(), points), expected, 1e6, float(np.max(np.abs(expected))))
     assert restricted
+
+
+@pytest.mark.parametrize("name", ["O1", "O3", "O13"])
+def test_values_at_random_of_some_outputs(name: str) -> None:
+    """By the channels that they see, and by rows or columns; another way has all of them."""
+    whole = exactly(case(name))
+    for a in (whole, transposed(whole)):
+        for count in (None, 1, 2):
+            assert np.array_equal(value_at_random(a, 0, count), residues_of(a)[:count])
 
 
 def parameter(name: str, nominal: float) -> LFT:
