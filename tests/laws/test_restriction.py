@@ -62,7 +62,8 @@ def law_restricted(a: LFT) -> None:
 @pytest.mark.parametrize("name", ["O1", "O3", "O13"])
 def test_values_at_random_of_some_outputs(name: str) -> None:
     """By the channels that they see, and by rows or columns; another way has all of them."""
-    whole = exactly(case(name))
+    product = power(delta("d1"), 3) @ delta("d2")  # its output reads one of its channels
+    whole = exactly(stack_rows(case(name), stack_columns(product, product, delta("d1"))))
     for a in (whole, transposed(whole)):
         for count in (None, 1, 2):
             assert np.array_equal(value_at_random(a, 0, count), residues_of(a)[:count])
