@@ -292,10 +292,16 @@ def _settled(a: ExactLFT) -> ExactLFT:
 
 
 def _varying(M: matrices.Residues, blocks: Sequence[Block], prime: int) -> NDArray[np.intp]:
-    """The outputs that vary with the deltas: at a random point, with random inputs, they are not zero."""
-    n = sum(block.size for block in blocks)
-    inputs = np.random.default_rng(0).integers(1, prime, (M.shape[1] - n, 1))
-    column = np.zeros((len(M), 1), dtype=np.int64)
+    """The outputs that vary with the deltas: with random inputs their terms of first order are not zero.
+
+    Where these are zero, values at a random point tell.
+    """
+    n, random = sum(block.size for block in blocks), np.random.default_rng(0)
+    column, slopes = np.zeros((len(M), 1), dtype=np.int64), random.integers(1, prime, len(blocks))
+    inputs = random.integers(1, prime, (M.shape[1] - n, 1))
     column[:n] = matrices.multiplied(M[:n, n:], inputs, prime)
-    moved = _at_random(np.hstack([M[:, :n], column]), blocks, prime, 1)
+    moved = np.repeat(slopes, [block.size for block in blocks])[:, None]
+    moved = matrices.multiplied(M[n:, :n], matrices.entrywise(moved, column[:n], prime), prime)
+    if np.any(M[n:, :n].any(axis=1) & ~moved.any(axis=1)):
+        moved = _at_random(np.hstack([M[:, :n], column]), blocks, prime, 1)
     return np.flatnonzero(moved.any(axis=1))

@@ -47,7 +47,7 @@ from mbdlft.system.regular import PROVE, Regularity, regularity
 _ENOUGH = (1e-11, 30.0)  # error of a result of a search, as of `error_of`, that is used in any case
 _MOST_BY_SEARCH = 10.0  # times the error before a search
 _MOST_RESTRICTED = 150  # channels, of which a step in exact numbers takes seconds
-_OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.4, 0.3  # units of work, at most; part of what is left
+_OF_RESTRICTIONS, _OF_PROOF, _OF_LEFT = 1.0, 0.3, 0.3  # units of work, at most; part of what is left
 _FEW_POINTS = 8  # of those of the check, at which errors are compared
 _MOST_SEARCHED = 1000  # channels: one look at more takes minutes
 
