@@ -132,19 +132,13 @@ class Space:
         self.size, self.prime = size, prime
         self.basis: Residues = np.zeros((0, size), dtype=np.int64)
         self.pivots: list[int] = []
+        self.free = np.arange(size)  # the channels that are no pivots
         self.taken: list[list[int]] = []
 
     @property
     def is_full(self) -> bool:
         """Whether it is the whole space."""
         return len(self.pivots) == self.size
-
-    @property
-    def free(self) -> NDArray[np.intp]:
-        """The channels that are no pivots."""
-        is_free = np.ones(self.size, dtype=bool)
-        is_free[self.pivots] = False
-        return np.flatnonzero(is_free)
 
     def extend(self, candidates: Residues) -> Residues:
         """Add candidates (count, n); the echelon form of what is new."""
@@ -182,6 +176,7 @@ class Space:
             self.basis[:, free] = (known - inside) % self.prime
         self.basis = np.vstack([self.basis, fresh])
         self.pivots += free[pivots].tolist()
+        self.free = np.delete(free, pivots)
         return fresh
 
 
@@ -273,7 +268,7 @@ def _in_rows(space: Space, rows: NDArray[np.int64]) -> Space:
     basis, pivots = row_echelon(space.basis[:, order], space.prime)
     other = Space(space.size, space.prime)
     other.basis, other.pivots = basis[:, np.argsort(order)], order[pivots].tolist()
-    other.taken = space.taken
+    other.free, other.taken = np.setdiff1d(order, other.pivots), space.taken
     return other
 
 
