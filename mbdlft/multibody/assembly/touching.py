@@ -50,6 +50,8 @@ def contact_reactions(scene: Scene, view: View, held: ca.SX, rolling: ca.SX) -> 
 
 def check_contacts(scene: Scene, view: View, evaluate: Callable[[ca.SX], Sequence[Array]]) -> None:
     """Bodies touch their planes, stand upright and do not slip, at nominal and elsewhere in the range."""
+    if not scene.touches:
+        return
     velocity = view.velocity
     if scene.rolling and scene.spin and ca.sparsify(velocity).nnz():
         raise SceneError(

@@ -31,6 +31,7 @@ from mbdlft.multibody.scene.scene import Scene
 from mbdlft.multibody.spatial import Coordinate
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.sx.constants import FUNCTIONS, cosine_sine, in_doubles, literal, pi_times, unit_vector
+from mbdlft.problem.sx.tapes import evaluate_many
 
 _POINTS = 16  # random points at which loops are checked, beside nominal
 _GROUND_PORTS = ' Declare it: [bodies.ground], kind = "ground", ports.{} = [x, y, z].'
@@ -364,7 +365,6 @@ class Symbols:
             points += list(np.stack([inside[p.name] for p in self.parameters], axis=1))
         if ends:
             points += [np.array([getattr(p, end) for p in self.parameters]) for end in ("low", "high")]
-        factors = np.array([parameter.factor for parameter in self.parameters])
-        return [
-            function(point, np.cos(factors * point), np.sin(factors * point)).full() for point in points
-        ]
+        values = np.array(points)
+        angles = np.array([parameter.factor for parameter in self.parameters]) * values
+        return list(evaluate_many(function, values, np.cos(angles), np.sin(angles))[0])

@@ -165,15 +165,19 @@ def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[
 
 
 def _called(function: ca.Function, *points: Array) -> list[Array]:
-    """Values by calls, each of the dense results (N, rows, columns)."""
-    # CasADi's matrices are by columns
+    """Values by one call for all points, each of the dense results (N, rows, columns)."""
+    arguments = [np.ascontiguousarray(columns, dtype=float) for columns in points]
+    # CasADi's matrices are by columns, and those of the points beside each other
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
-    outputs = [np.empty((len(points[0]), *shape)) for shape in shapes]
-    call = BufferedCall(function)
-    for k in range(len(points[0])):
-        for output, shape, result in zip(outputs, shapes, call(*(p[k] for p in points)), strict=True):
-            output[k] = result.reshape(shape)
-    return [output.transpose(0, 2, 1) for output in outputs]
+    results = [np.empty((len(points[0]), *shape)) for shape in shapes]
+    buffer: Any = function.map(len(points[0])).buffer()
+    memory, call = buffer  # the call does not keep the memory
+    for k, argument in enumerate(arguments):
+        memory.set_arg(k, argument.data)
+    for k, result in enumerate(results):
+        memory.set_res(k, result.data)
+    call()
+    return [result.transpose(0, 2, 1) for result in results]
 
 
 class BufferedCall:
