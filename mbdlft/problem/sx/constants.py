@@ -158,6 +158,8 @@ def double(value: Constant) -> float:
 def without_zeros(column: ca.SX) -> ca.SX:
     """A column of constants (n,), with structural zeros for entries that are zero exactly."""
     symbols, numbers = constants_in(column)
+    if not numbers:  # entries are numbers
+        return ca.sparsify(column)
     function = ca.Function("column", [symbols], [ca.densify(column)])
     point = np.array([[double(number) for number in numbers]])
     values, sizes = numbers_of(column)[:, 0], term_sizes(function, point)[0]
