@@ -13,7 +13,7 @@ from mbdlft.multibody.to_problem import problem_of_scene
 from mbdlft.order import reduction
 from mbdlft.order.lower_bound import at_random
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, reduce_order, transposed
-from mbdlft.order.restriction import Step, _stays_outside, restricted_exactly, value_at_random
+from mbdlft.order.restriction import Step, _stays_outside, _varying, restricted_exactly, value_at_random
 from mbdlft.pipeline.forms import candidates, restricted
 from tests.attack.frames import scene_of, structure
 from tests.close import SCENARIO, roundoff
@@ -67,6 +67,13 @@ def test_values_at_random_of_some_outputs() -> None:
     for a in (whole, transposed(whole)):
         for count in (None, 1, 2):
             assert np.array_equal(value_at_random(a, 0, count), residues_of(a)[:count])
+
+
+def test_outputs_that_vary() -> None:
+    """One has no term of first order; a b - b a is zero, which channels do not show."""
+    a, b = delta("a"), delta("b")
+    whole = exactly(stack_rows(a @ b, a, a @ b - b @ a, numbers(2.0)))
+    assert _varying(whole.M.residues, whole.blocks, whole.M.prime).tolist() == [0, 1]
 
 
 def parameter(name: str, nominal: float) -> LFT:
