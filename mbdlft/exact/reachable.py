@@ -10,6 +10,7 @@ M11 do. Orthonormal vectors in doubles choose the channels in which a large basi
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
@@ -33,10 +34,7 @@ from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.rounding import channel_scales, or_one
 
 _MOST_FACTOR, _MOST_EXCHANGES = 2.0, 4  # of a basis, and for each of its vectors
-_NO_FACTOR = 1.999  # a basis whose factors are clearly not above that: there is nothing to choose
-# channels: of fewer, doubles of powers of M11 choose rows at the end. Of equal factors they take others
-# than exact numbers do: a search finds order 30 of the gimbal then, and 31 otherwise
-_MOST_GUESSED = 200
+_MOST_BY_BALLS = 200  # channels: of more, doubles choose the rows in which a basis costs few bits
 
 
 def reduced(
@@ -93,27 +91,18 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
     """Each delta restricted to the subspace that it reaches from the first inputs."""
     n, blocks = sum(sizes), _parts(sizes)
     M = whole[:, : n + inputs]
-    spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime, is_traced=True)
+    by_doubles = n > _MOST_BY_BALLS
+    spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime, is_traced=by_doubles)
     if all(space.is_full for space in spaces):
         return whole, sizes
     rough = rough_values(M)
     scale = channel_scales(rough[:n, :n], rough[:n, n:], rough[n:, :n])
-    if n > _MOST_GUESSED:
+    if by_doubles:
         scaled = scale[:, None] * rough[:n]
         roughly = _orthonormal(np.hstack([scaled[:, :n] / scale, scaled[:, n:]]), blocks, spaces)
         spaces = [_in_rows(space, _pivot_rows(Q)) for space, Q in zip(spaces, roughly, strict=True)]
-    bases = _bases(M, blocks, spaces)
-    guesses: list[Array | None] = [None] * len(bases)
-    factors = (
-        np.max(np.abs(_rough(basis, scale[block], np.array(space.pivots, dtype=int))), initial=0.0)
-        for space, basis, block in zip(spaces, bases, blocks, strict=True)
-    )
-    if n <= _MOST_GUESSED and max(factors) > _NO_FACTOR:
-        guesses = [_guess(*pair) for pair in zip(spaces, _krylov(M, blocks, spaces), strict=True)]
-    graphs = [
-        _graph(space, basis, scale[block], guess)
-        for space, basis, guess, block in zip(spaces, bases, guesses, blocks, strict=True)
-    ]
+    bases = zip(blocks, spaces, _bases(M, blocks, spaces), strict=True)
+    graphs = [_graph(space, basis, scale[block]) for block, space, basis in bases]
     kept = [block.start + row for block, g in zip(blocks, graphs, strict=True) for row in g.chosen]
     rows = whole[[*kept, *range(n, M.shape[0])]]
     columns = [_in_basis(rows[:, block], g) for block, g in zip(blocks, graphs, strict=True)]
@@ -398,43 +387,18 @@ def _in_basis(columns: ExactMatrix, graph: _Graph) -> ExactMatrix:
     return chosen + columns[:, others] @ graph.basis[others] if len(others) else chosen
 
 
-def _guess(space: Space, krylov: ExactMatrix) -> Array | None:
-    """The basis of a space, the identity in its pivots, in doubles; None if these do not carry it."""
-    rough = rough_values(krylov)
-    if not np.isfinite(rough).all():
-        return None
-    with np.errstate(all="ignore"):
-        return np.asarray(rough @ np.linalg.pinv(rough[space.pivots]))
-
-
-def _graph(space: Space, basis: ExactMatrix, scale: Array, guess: Array | None = None) -> _Graph:
+def _graph(space: Space, basis: ExactMatrix, scale: Array) -> _Graph:
     """A basis of a subspace in coordinates that are channels of a size (n,), with moderate factors."""
     n, d = basis.shape
     if d in (0, n):
         return _Graph(np.arange(d), identity(n, space.prime)[:, :d])
     rows = np.array(space.pivots)
-    if guess is not None:
-        basis, rows = _exchanged(basis, rows, _best_rows(scale[:, None] * guess / scale[rows], rows))
-    basis, rows = _exchanged(basis, rows, _best_rows(_rough(basis, scale, rows), rows))
+    chosen = _best_rows(scale[:, None] * rough_values(basis) / scale[rows], rows)
+    if not np.array_equal(rows, chosen):
+        with suppress(ZeroDivisionError):  # doubles chose them: they depend on each other
+            basis, rows = over_rows(basis, chosen), chosen
     order = np.argsort(rows)
     return _Graph(rows[order], basis[:, order])
-
-
-def _rough(basis: ExactMatrix, scale: Array, rows: NDArray[np.int64]) -> Array:
-    """A basis that is the identity in some rows, in doubles, for channels of a size (n,)."""
-    return np.asarray(scale[:, None] * rough_values(basis) / scale[rows])
-
-
-def _exchanged(
-    basis: ExactMatrix, rows: NDArray[np.int64], others: NDArray[np.int64]
-) -> tuple[ExactMatrix, NDArray[np.int64]]:
-    """A basis that is the identity in other rows, and these; as it is if these depend on each other."""
-    if np.array_equal(rows, others):
-        return basis, rows
-    try:
-        return over_rows(basis, others), others
-    except ZeroDivisionError:  # doubles chose them
-        return basis, rows
 
 
 def over_rows(basis: ExactMatrix, rows: NDArray[np.int64]) -> ExactMatrix:
