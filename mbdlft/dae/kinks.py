@@ -32,7 +32,7 @@ from mbdlft.dae.structure import Quantity, Structure, at_odd_parameters, in_symb
 from mbdlft.dae.text import ARITHMETIC_OF_SX, FUNCTIONS, column_of, free_symbols, unsupported
 from mbdlft.exact.interval import FUNCTIONS as OF_INTERVALS
 from mbdlft.exact.interval import Interval, decimal, find_zero
-from mbdlft.exact.matrices import multiplied, solved
+from mbdlft.exact.modular import multiplied, solved
 from mbdlft.exact.numbers import Constant
 from mbdlft.exact.numbers import decimal as decimal_of
 from mbdlft.exact.ratio import NotFractionError, Ratio

@@ -15,7 +15,8 @@ from scipy.sparse import issparse
 from mbdlft.base.array import Array
 from mbdlft.base.errors import NotRationalError
 from mbdlft.dae.text import column_of, free_symbols
-from mbdlft.exact.matrices import Residues, is_regular, null_space
+from mbdlft.exact.matrices import is_regular
+from mbdlft.exact.modular import Residues, null_space
 from mbdlft.problem.sparse import Entries, Matrices, smallest
 from mbdlft.problem.sx.constants import in_doubles, modulo_prime
 from mbdlft.problem.sx.tapes import BufferedCall, term_sizes

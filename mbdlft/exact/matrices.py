@@ -12,17 +12,13 @@ from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import SizeError
+from mbdlft.exact.modular import Residues, multiplied, others, rank, solved
 from mbdlft.exact.numbers import NOTHING, Exact, TooFewBitsError, carries_values, zero_of
 from mbdlft.exact.rounding import equilibrate
 
-Residues = NDArray[np.int64]
 Balls = NDArray[np.object_]
 
 _ENOUGH_BITS = 58  # of an entry, for a double that is its nearest or next to it
-_LIMB, MOST_SUMMED = 21, 2047  # bits, and how many products of them have a sum that a double holds
-_HALF = 31  # bits: a product of a residue with so many has a quotient by the prime that doubles know
-_MOST_OF_HALVES = 500  # products, of whose sum they know it, too
-_MANY = 300_000  # products, of which BLAS makes those of doubles in less time
 _LARGE = 64  # rows, of which those with few entries are eliminated one by one
 _FILL, _SMALL = 16, 0.125  # most entries that a pivot may add; of the largest of its row
 
@@ -88,8 +84,7 @@ class ExactMatrix:
             return zeros(n, m, self.prime)
         if n > _LARGE and not densely and carries_values():
             return _solved_sparsely(self, right)
-        matrix = _residue_matrix(self.residues, self.prime)
-        residues = _residues(matrix.solve(_residue_matrix(right.residues, self.prime)))
+        residues = solved(self.residues, right.residues, self.prime)
         if not carries_values():
             return of_residues(residues, self.prime)
         try:
@@ -177,7 +172,7 @@ def _solved_sparsely(a: ExactMatrix, right: ExactMatrix) -> ExactMatrix:
     n, m = right.shape
     rows = to_rows(stacked([[a, right]]))
     pivots = eliminate(rows, n, lambda x: abs(float(x.ball)))
-    left, columns = (_others([pair[k] for pair in pivots], n) for k in (0, 1))
+    left, columns = (others([pair[k] for pair in pivots], n) for k in (0, 1))
     place = {j: k for k, j in enumerate([*columns, *range(n, n + m)])}
     remaining = [{place[j]: x for j, x in rows[i].items()} for i in left]
     dense = from_rows(remaining, len(columns) + m, a.prime)
@@ -201,7 +196,7 @@ def is_regular(a: Residues, prime: int) -> bool:
     for i, j in zip(*np.nonzero(a), strict=True):
         rows[i][int(j)] = flint.nmod(int(a[i, j]), prime)
     pivots = eliminate(rows, len(a))
-    left, columns = (_others([pair[k] for pair in pivots], len(a)) for k in (0, 1))
+    left, columns = (others([pair[k] for pair in pivots], len(a)) for k in (0, 1))
     core = np.array([[int(rows[i].get(j, 0)) for j in columns] for i in left], dtype=np.int64)
     return rank(core.reshape(len(left), len(left)), prime) == len(left)
 
@@ -263,165 +258,6 @@ def stacked(blocks: Sequence[Sequence[ExactMatrix]]) -> ExactMatrix:
     residues = np.vstack([np.hstack([block.residues for block in row]) for row in blocks])
     balls = np.vstack([np.hstack([block.balls for block in row]) for row in blocks])
     return ExactMatrix(residues, balls, blocks[0][0].prime)
-
-
-def multiplied(a: Residues, b: Residues, prime: int) -> Residues:
-    """a b modulo a prime below 2^61, also of stacks."""
-    inner = a.shape[-1]
-    if inner > MOST_SUMMED:
-        half = inner // 2
-        first = multiplied(a[..., :half], b[..., :half, :], prime)
-        return np.asarray((first + multiplied(a[..., half:], b[..., half:, :], prime)) % prime)
-    if a.size * b.shape[-1] > _MANY or inner > _MOST_OF_HALVES:
-        # x y' + y x' = x x' + y y' - (x - y) (x' - y'), whose factors are no larger: 6 products for 9
-        x, y, z, xy, xz, yz = np.matmul(*map(_with_differences, (a, b))).astype(np.int64)
-        return _joined((x, x + y - xy, x + y + z - xz, y + z - yz, z), prime)
-    # integers overflow: of x b - q p, which is small, the last 64 bits are all. BLAS has no integers
-    halves = np.empty((2, *a.shape), dtype=np.int64)
-    halves[0], halves[1] = a >> _HALF, a & (2**_HALF - 1)
-    quotients = (halves.astype(float) @ (b * (1.0 / prime))).astype(np.int64)
-    high, low = halves @ b - quotients * prime
-    return np.asarray((_shifted(high, 2**_HALF, prime) + low) % prime)
-
-
-def _shifted(x: Residues, y: Residues | int, prime: int) -> Residues:
-    """x y less a multiple of a prime, below it in size, for y up to 2^31."""
-    return np.asarray(x * y - (x * (1.0 / prime) * y).astype(np.int64) * prime)
-
-
-def limbs(a: Residues) -> Array:
-    """Residues as three doubles each, 2^42 x + 2^21 y + z: (3, ...)."""
-    mask = 2**_LIMB - 1
-    return np.array([a & mask, (a >> _LIMB) & mask, a >> 2 * _LIMB], dtype=float)
-
-
-def _with_differences(a: Residues) -> Array:
-    x, y, z = limbs(a)
-    return np.array([x, y, z, x - y, x - z, y - z])
-
-
-def joined(C: Residues, prime: int) -> Residues:
-    """The residue of products C (3, 3, ...) of limbs with limbs."""
-    middle = C[0, 2] + C[1, 1] + C[2, 0]
-    return _joined((C[0, 0], C[0, 1] + C[1, 0], middle, C[1, 2] + C[2, 1], C[2, 2]), prime)
-
-
-def _joined(totals: Sequence[Residues], prime: int) -> Residues:
-    """The residue of a sum of totals times 1, 2^21, 2^42, ..., each below 2^55 in size.
-
-    Sums stay below 2^62 in size, as 2^21 times one of them is reduced by its quotient.
-    """
-    *lower, sums = totals
-    for total in reversed(lower):
-        quotient = (sums * (2.0**_LIMB / prime)).astype(np.int64)
-        sums = (sums << _LIMB) - quotient * prime + total
-    return np.asarray(sums % prime)
-
-
-def entrywise(a: Residues, b: Residues, prime: int) -> Residues:
-    """Products of entries modulo a prime below 2^61, with the rules of numpy for shapes."""
-    high = _shifted(_shifted(a, b >> _HALF, prime), 2**_HALF, prime)
-    return np.asarray((high + _shifted(a, b & (2**_HALF - 1), prime)) % prime)
-
-
-def inverses(a: Residues, prime: int) -> Residues:
-    """Of entries (n,), none of them zero, modulo a prime."""
-    return np.array([int(1 / flint.nmod(x, prime)) for x in a.tolist()], dtype=np.int64)
-
-
-def powers_of(points: Residues, count: int, prime: int) -> Residues:
-    """(points, count)."""
-    powers = np.ones((len(points), count), dtype=np.int64)
-    for e in range(1, count):
-        powers[:, e] = entrywise(powers[:, e - 1], points, prime)
-    return powers
-
-
-def solved(a: Residues, b: Residues, prime: int) -> Residues:
-    """a^-1 b modulo a prime; a ZeroDivisionError if a is singular."""
-    if 0 in b.shape:
-        return np.zeros(b.shape, dtype=np.int64)
-    return _residues(_residue_matrix(a, prime).solve(_residue_matrix(b, prime)))
-
-
-def resolvents(a: Residues, diagonals: Residues, right: Residues, prime: int) -> Residues:
-    """(diagonal - a)^-1 right modulo a prime, for diagonals (N, n); a ZeroDivisionError if singular.
-
-    Right sides are (N, n) or (N, n, columns). One matrix is converted for all, as an entry of FLINT takes
-    longer than its elimination.
-    """
-    n = len(a)
-    if not n:
-        return np.zeros(right.shape, dtype=np.int64)
-    minus, solutions = _residue_matrix(-a % prime, prime), []
-    for diagonal, side in zip((diagonals - np.diag(a)) % prime, right, strict=True):
-        matrix = flint.nmod_mat(minus)
-        for k, x in enumerate(diagonal.tolist()):
-            matrix[k, k] = x
-        solutions.append(_residues(matrix.solve(_residue_matrix(side.reshape(n, -1), prime))))
-    return np.array(solutions).reshape(right.shape)
-
-
-def rank(a: Residues, prime: int) -> int:
-    """The rank modulo a prime."""
-    return int(_residue_matrix(a, prime).rank()) if a.size else 0
-
-
-def null_space(a: Residues, prime: int) -> Residues:
-    """Independent columns (columns of a, nullity) that span the null space modulo a prime."""
-    rows, pivots = row_echelon(a, prime)
-    free = _others(pivots, a.shape[1])
-    basis = np.zeros((a.shape[1], len(free)), dtype=np.int64)
-    basis[free, np.arange(len(free))] = 1
-    basis[pivots] = -rows[:, free] % prime
-    return basis
-
-
-def row_echelon(a: Residues, prime: int) -> tuple[Residues, list[int]]:
-    """The reduced echelon form of the rows, without rows of zeros, and the columns of its pivots."""
-    matrix, pivots = _eliminated(a, prime)
-    rows, all_rows = np.zeros((len(pivots), a.shape[1]), dtype=np.int64), range(len(pivots))
-    rows[all_rows, pivots] = 1
-    # an entry of FLINT takes longer than its elimination: only those are read that may be anything
-    free = _others(pivots, a.shape[1])
-    entries = [[int(matrix[i, j]) if j > pivots[i] else 0 for j in free] for i in all_rows]
-    rows[:, free] = np.array(entries, dtype=np.int64).reshape(len(pivots), len(free))
-    return rows, pivots
-
-
-def _others(some: Sequence[int], count: int) -> list[int]:
-    """Those of so many numbers that are not among some."""
-    return [k for k, is_other in enumerate(np.bincount(some, minlength=count) == 0) if is_other]
-
-
-def pivot_columns(a: Residues, prime: int) -> list[int]:
-    """The columns that do not depend on those before them."""
-    return _eliminated(a, prime)[1]
-
-
-def _eliminated(a: Residues, prime: int) -> tuple[Any, list[int]]:
-    """The reduced echelon form of FLINT, and the columns of its pivots."""
-    if not a.size:
-        return None, []
-    matrix, count = _residue_matrix(a, prime).rref()
-    pivots, column = [], 0
-    for row in range(count):
-        while not matrix[row, column]:
-            column += 1
-        pivots.append(column)
-        column += 1
-    return matrix, pivots
-
-
-def _residue_matrix(a: Residues, prime: int) -> Any:
-    n, m = a.shape
-    # through a matrix of integers: FLINT converts these half as slowly
-    return flint.nmod_mat(flint.fmpz_mat(n, m, a.ravel().tolist()), prime)
-
-
-def _residues(matrix: Any) -> Residues:
-    entries = np.array(list(map(int, matrix.entries())), dtype=np.int64)
-    return entries.reshape(matrix.nrows(), matrix.ncols())
 
 
 def balls_of(a: Array) -> Balls:

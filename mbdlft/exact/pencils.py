@@ -11,8 +11,9 @@ import flint
 import numpy as np
 from scipy.linalg import qr
 
-from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.modular import Residues
 from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
 from mbdlft.exact.rounding import equilibrate
 
@@ -99,12 +100,12 @@ def independent(a: ExactMatrix) -> tuple[list[int], list[int]]:
     if 0 in a.shape:
         return [], [*range(a.shape[1])]
     if not carries_values():
-        chosen = matrices.pivot_columns(a.residues, a.prime)
+        chosen = modular.pivot_columns(a.residues, a.prime)
         return chosen, sorted(set(range(a.shape[1])) - set(chosen))
     rough = matrices.rough_values(a)
     rows, columns = equilibrate(rough[None])
     order = qr(rows[:, None] * rough * columns, mode="r", pivoting=True)[1]
-    chosen = order[matrices.pivot_columns(a.residues[:, order], a.prime)].tolist()
+    chosen = order[modular.pivot_columns(a.residues[:, order], a.prime)].tolist()
     return sorted(chosen), sorted(set(order.tolist()) - set(chosen))
 
 

@@ -11,24 +11,21 @@ M11 do. Orthonormal vectors in doubles choose the channels in which a large basi
 
 from collections.abc import Sequence
 from contextlib import suppress
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.exact.matrices import (
-    ExactMatrix,
-    Residues,
-    identity,
-    multiplied,
-    of_residues,
+from mbdlft.exact.matrices import ExactMatrix, identity, of_residues, rough_values, stacked, zeros
+from mbdlft.exact.modular import (
+    Space,
+    parts_of,
     pivot_columns,
-    rough_values,
+    reachable_bases,
+    reduced_residues,
     row_echelon,
-    stacked,
-    zeros,
 )
 from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.rounding import channel_scales, or_one
@@ -52,44 +49,9 @@ def reduced(
     return M.T, sizes
 
 
-def reduced_residues(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-    """As `reduced`, of residues alone."""
-    for _ in range(2):
-        M, sizes = _restricted(M, sizes, prime)
-    return M, sizes
-
-
-def reduced_sizes(M: Residues, sizes: list[int], prime: int) -> list[int]:
-    """The repetitions of `reduced_residues`."""
-    M, sizes = _restricted(M, sizes, prime)
-    n = sum(sizes)
-    return [len(space.pivots) for space in reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)]
-
-
-def _restricted(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-    """The transpose of M with each delta restricted to the subspace that it reaches."""
-    n, blocks = sum(sizes), _parts(sizes)
-    spaces = reachable_bases(M[:n, :n], M[:n, n:], sizes, prime)
-    kept = [block.start + k for block, space in zip(blocks, spaces, strict=True) for k in space.pivots]
-    M = M[[*kept, *range(n, len(M))]]
-    inner = [_times_basis(M[:, block], space) for block, space in zip(blocks, spaces, strict=True)]
-    return np.hstack([*inner, M[:, n:]]).T, [len(space.pivots) for space in spaces]
-
-
-def _times_basis(columns: Residues, space: "Space") -> Residues:
-    """Columns (m, n_k) times the basis of a space, most of whose entries are zero."""
-    chosen, free = columns[:, space.pivots], space.free
-    rest = space.basis[:, free]
-    used = rest.any(axis=0)
-    if not used.any():
-        return chosen
-    inside = multiplied(columns[:, free[used]], rest[:, used].T, space.prime)
-    return np.asarray((chosen + inside) % space.prime)
-
-
 def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[ExactMatrix, list[int]]:
     """Each delta restricted to the subspace that it reaches from the first inputs."""
-    n, blocks = sum(sizes), _parts(sizes)
+    n, blocks = sum(sizes), parts_of(sizes)
     M = whole[:, : n + inputs]
     by_doubles = n > _MOST_BY_BALLS
     spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, M.prime, is_traced=by_doubles)
@@ -107,93 +69,6 @@ def _compressed(whole: ExactMatrix, sizes: list[int], inputs: int) -> tuple[Exac
     rows = whole[[*kept, *range(n, M.shape[0])]]
     columns = [_in_basis(rows[:, block], g) for block, g in zip(blocks, graphs, strict=True)]
     return stacked([[*columns, rows[:, n:]]]), [len(g.chosen) for g in graphs]
-
-
-def _parts(sizes: Sequence[int]) -> list[slice]:
-    """The channels of each delta."""
-    return [slice(first, end) for first, end in pairwise([0, *accumulate(sizes)])]
-
-
-class Space:
-    """A growing subspace: its echelon form, the identity in `pivots`; what was `taken` at each step."""
-
-    def __init__(self, size: int, prime: int) -> None:
-        self.size, self.prime = size, prime
-        self.basis: Residues = np.zeros((0, size), dtype=np.int64)
-        self.pivots: list[int] = []
-        self.free = np.arange(size)  # the channels that are no pivots
-        self.taken: list[list[int]] = []
-
-    @property
-    def is_full(self) -> bool:
-        """Whether it is the whole space."""
-        return len(self.pivots) == self.size
-
-    def extend(self, candidates: Residues) -> Residues:
-        """Add candidates (count, n); the echelon form of what is new."""
-        return self._add(self._outside(candidates)[1])
-
-    def take(self, candidates: Residues) -> Residues:
-        """Add candidates (count, n); the first of them that are independent."""
-        used, outside = self._outside(candidates)
-        is_all = len(self._add(outside)) == len(used)
-        taken = used if is_all else used[pivot_columns(outside.T, self.prime)]
-        self.taken.append(taken.tolist())
-        return candidates[taken]
-
-    def _outside(self, candidates: Residues) -> tuple[NDArray[np.intp], Residues]:
-        """Which candidates may be new, and these less what is in the space, in its free channels."""
-        used = np.flatnonzero(False if self.is_full else candidates.any(axis=1))
-        if not (self.pivots and len(used)):
-            return used, candidates[used]
-        free, candidates = self.free, candidates[used]
-        inside = multiplied(candidates[:, self.pivots], self.basis[:, free], self.prime)
-        outside = (candidates[:, free] - inside) % self.prime
-        some = outside.any(axis=1)
-        return used[some], outside[some]
-
-    def _add(self, outside: Residues) -> Residues:
-        if not len(outside):
-            return np.zeros((0, self.size), dtype=np.int64)
-        free = self.free
-        rows, pivots = row_echelon(outside, self.prime)
-        fresh = np.zeros((len(rows), self.size), dtype=np.int64)
-        fresh[:, free] = rows
-        if self.pivots:
-            known = self.basis[:, free]
-            inside = multiplied(known[:, pivots], rows, self.prime)
-            self.basis[:, free] = (known - inside) % self.prime
-        self.basis = np.vstack([self.basis, fresh])
-        self.pivots += free[pivots].tolist()
-        self.free = np.delete(free, pivots)
-        return fresh
-
-
-def reachable_bases(
-    M11: Residues, M12: Residues, sizes: list[int], prime: int, *, is_traced: bool = False
-) -> list[Space]:
-    """The smallest subspaces S_k with range(M12_k) in S_k and M11_kj S_j in S_k.
-
-    Those that are traced know which columns, and which of M11 times these, span them.
-    """
-    blocks = _parts(sizes)
-    spaces = [Space(size, prime) for size in sizes]
-    add = Space.take if is_traced else Space.extend
-    fresh = [add(space, M12[block].T) for space, block in zip(spaces, blocks, strict=True)]
-    columns: dict[int, tuple[NDArray[np.intp], Residues]] = {}  # of M11', by block: used in many steps
-    while sources := [k for k, rows in enumerate(fresh) if len(rows)]:
-        if all(space.is_full for space in spaces):
-            break
-        ends = np.cumsum([0, *(len(fresh[k]) for k in sources)]).tolist()
-        candidates = np.zeros((ends[-1], len(M11)), dtype=np.int64)
-        for k, (first, end) in zip(sources, pairwise(ends), strict=True):
-            if k not in columns:
-                used = np.flatnonzero(M11[:, blocks[k]].any(axis=1))
-                columns[k] = used, M11[used, blocks[k]].T
-            used, read = columns[k]
-            candidates[first:end, used] = multiplied(fresh[k], read, prime)
-        fresh = [add(space, candidates[:, block]) for space, block in zip(spaces, blocks, strict=True)]
-    return spaces
 
 
 def _krylov(M: ExactMatrix, blocks: list[slice], spaces: list[Space]) -> list[ExactMatrix]:
@@ -366,7 +241,7 @@ def _solve_together(M: ExactMatrix, blocks: list[slice], bases: list[_Basis]) ->
     left, sizes = stacked([[*parts, vectors]]), [len(rows) for rows in kept]
     n = sum(sizes)
     spaces = reachable_bases(left.residues[:, :n], left.residues[:, n:], sizes, M.prime, is_traced=True)
-    for basis, rows, vectors in zip(bases, kept, _krylov(left, _parts(sizes), spaces), strict=True):
+    for basis, rows, vectors in zip(bases, kept, _krylov(left, parts_of(sizes), spaces), strict=True):
         basis.vectors = zeros(len(basis.balls.residues), vectors.shape[1], M.prime)
         basis.vectors.residues[rows], basis.vectors.balls[rows] = vectors.residues, vectors.balls
         basis.merge()

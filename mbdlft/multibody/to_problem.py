@@ -12,7 +12,7 @@ from mbdlft.base.arguments import arguments_checked
 from mbdlft.base.errors import SceneError, unknown_name
 from mbdlft.base.samples import SEED, check_points
 from mbdlft.base.unit import Signal
-from mbdlft.exact.matrices import solved
+from mbdlft.exact.modular import solved
 from mbdlft.multibody.assembly import Assembly, assemble, assembly
 from mbdlft.multibody.assembly.coupled import multipliers_of, rigid
 from mbdlft.multibody.body import Beam

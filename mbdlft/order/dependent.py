@@ -22,11 +22,11 @@ from contextlib import suppress
 import numpy as np
 
 from mbdlft.base.reach import in_reach
-from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.modular import Residues, Space
 from mbdlft.exact.numbers import carries_values
 from mbdlft.exact.pencils import null_space
-from mbdlft.exact.reachable import Space
 from mbdlft.exact.rounding import channel_scales
 from mbdlft.lft.determinant import Channels, diagonal_blocks
 from mbdlft.order.reduction import ExactLFT, reduce_exactly, transposed
@@ -60,7 +60,7 @@ def _of_one_side(a: ExactLFT) -> ExactLFT:
         sizes = np.abs(scale[:, None] * matrices.rough_values(change))
         is_small = np.all(sizes < _SMALL * sizes.max(axis=0), axis=1)
         order = np.concatenate([np.arange(n)[k][np.argsort(is_small[k], kind="stable")] for k in a.parts])
-    pivots = order[matrices.pivot_columns(change.residues[order].T, M.prime)]
+    pivots = order[modular.pivot_columns(change.residues[order].T, M.prime)]
     change = change @ change[pivots].solve(M[pivots])
     # the rows of the pivots become zero: the reduction leaves their channels out
     return reduce_exactly(ExactLFT(matrices.stacked([[M[:n] + -change], [M[n:]]]), a.blocks))
@@ -92,9 +92,9 @@ def _values(
     """Rows of Y Delta = C (1/Delta - A)^-1 at points (N, channels); a block takes those before it."""
     values = np.zeros((len(inverses), *C.shape), dtype=np.int64)
     for block in blocks:
-        needed = matrices.multiplied(values.reshape(-1, len(A)), A[:, block], prime)
+        needed = modular.multiplied(values.reshape(-1, len(A)), A[:, block], prime)
         right = np.swapaxes((C[:, block] + needed.reshape(*values.shape[:2], -1)) % prime, 1, 2)
-        solved = matrices.resolvents(A[block][:, block].T, inverses[:, block], right, prime)
+        solved = modular.resolvents(A[block][:, block].T, inverses[:, block], right, prime)
         values[:, :, block] = np.swapaxes(solved, 1, 2)
     return values.reshape(-1, len(A))
 
@@ -110,7 +110,7 @@ def _in_balls(a: ExactLFT, null: ExactMatrix) -> ExactMatrix:
     for k, column in enumerate(null.residues[kept].T):
         some = np.flatnonzero(column)
         for _ in some:  # each point adds a row that is independent, at least
-            if matrices.rank(values.residues[:, some], prime) == len(some) - 1:
+            if modular.rank(values.residues[:, some], prime) == len(some) - 1:
                 break
             at = random.integers(_ONE, 2 * _ONE, len(sizes)) * random.choice([-1, 1], len(sizes))
             with suppress(ZeroDivisionError):  # a pole

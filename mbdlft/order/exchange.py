@@ -35,11 +35,11 @@ import flint
 import numpy as np
 
 from mbdlft.base.array import Array
-from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.modular import Residues, reachable_bases
 from mbdlft.exact.numbers import NOTHING, TooFewBitsError, carries_values
 from mbdlft.exact.pencils import eigenvalues, invariant_zeros, null_space, pencil, residues_of_pencil
-from mbdlft.exact.reachable import reachable_bases
 from mbdlft.exact.rounding import channel_scales, or_one
 from mbdlft.lft.lft import Block
 from mbdlft.order.lower_bound import exact_degrees
@@ -333,7 +333,7 @@ def _is_there(opened: _Opened, length: int, residue: int) -> bool:
 def _outside(opened: _Opened) -> Residues:
     """Rows that are zero on R."""
     prime = opened.K.M.prime
-    return matrices.null_space(value_at_random(opened.K, 1).T, prime).T
+    return modular.null_space(value_at_random(opened.K, 1).T, prime).T
 
 
 def _chosen(opened: _Opened, places: Iterable[_Place], longest: int, before: Residues) -> list[_Line]:
@@ -409,13 +409,13 @@ def _with_chain(before: Residues, line: _Line, outside: Residues) -> Residues | 
     """Columns with those of a chain in a direction of chance; None where they depend beside R."""
     size, (n, M) = outside.shape[1], (line.chains.order, line.chains.M)
     system = _of_kernel(line.chains, line.length, size).residues
-    kernel = matrices.null_space(residues_of_pencil(system, n, line.residue, M.prime), M.prime)
+    kernel = modular.null_space(residues_of_pencil(system, n, line.residue, M.prime), M.prime)
     numbers = np.random.default_rng(before.shape[1]).integers(1, M.prime, (kernel.shape[1], 1))
-    numbers = matrices.multiplied(kernel, numbers, M.prime)
-    chain = matrices.multiplied(M.residues[n : n + line.length * size], numbers, M.prime)
+    numbers = modular.multiplied(kernel, numbers, M.prime)
+    chain = modular.multiplied(M.residues[n : n + line.length * size], numbers, M.prime)
     V = np.hstack([before, chain.reshape(line.length, size).T])
-    some = matrices.multiplied(outside, V, M.prime)
-    return V if matrices.rank(some, M.prime) == V.shape[1] else None
+    some = modular.multiplied(outside, V, M.prime)
+    return V if modular.rank(some, M.prime) == V.shape[1] else None
 
 
 def _chain(line: _Line, value: Any, before: Array, nominal: Array) -> ExactMatrix:

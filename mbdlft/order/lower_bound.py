@@ -44,7 +44,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mbdlft.exact.matrices import (
+from mbdlft.exact.modular import (
     Residues,
     entrywise,
     inverses,
@@ -53,11 +53,13 @@ from mbdlft.exact.matrices import (
     pivot_columns,
     powers_of,
     rank,
+    reachable_bases,
+    reduced_residues,
+    reduced_sizes,
     resolvents,
     row_echelon,
     solved,
 )
-from mbdlft.exact.reachable import reachable_bases, reduced_residues, reduced_sizes
 from mbdlft.order.reduction import ExactLFT
 from mbdlft.order.work import Work, exact_elimination, exact_resolvents, exact_solutions
 

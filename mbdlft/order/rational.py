@@ -21,7 +21,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.exact.matrices import Residues, multiplied, null_space, powers_of, rank, row_echelon
+from mbdlft.exact.modular import Residues, multiplied, null_space, powers_of, rank, row_echelon
 from mbdlft.order.work import Work, exact_elimination
 
 Terms = Mapping[tuple[int, ...], Fraction]  # coefficients of a polynomial by exponents

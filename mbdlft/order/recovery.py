@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import flint
 import numpy as np
 
-from mbdlft.exact.matrices import Residues, multiplied, powers_of, solved
+from mbdlft.exact.modular import Residues, multiplied, powers_of, solved
 from mbdlft.order import rational
 from mbdlft.order.rational import image_of
 from mbdlft.order.work import Work

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.reach import in_reach
-from mbdlft.exact import matrices
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.modular import Space
 from mbdlft.exact.pencils import independent
-from mbdlft.exact.reachable import Space, over_rows
+from mbdlft.exact.reachable import over_rows
 from mbdlft.lft.lft import Block, consecutive
 from mbdlft.order.dependent import without_dependent
 from mbdlft.order.lower_bound import exact_degrees, is_affine
@@ -155,7 +156,7 @@ def after(F: ExactLFT, G: ExactLFT) -> ExactLFT:
     return merged(matrices.stacked([[rows[:f]], [inner], [rows[f:]]]), F.blocks, G.blocks)
 
 
-def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -> list[tuple[int, int]]:
+def independent_columns(opened: ExactLFT, size: int, value: modular.Residues) -> list[tuple[int, int]]:
     """(input, power) of columns A^power B_input that span what the block reaches, the simplest first.
 
     They are independent in a `value` of the LFT.
@@ -173,7 +174,7 @@ def independent_columns(opened: ExactLFT, size: int, value: matrices.Residues) -
         taken = space.taken[-1]
         inputs, columns = inputs[taken], columns[:, taken]
         chosen += [(c, power) for c in inputs.tolist()]
-        power, columns = power + 1, matrices.multiplied(A, columns, prime)
+        power, columns = power + 1, modular.multiplied(A, columns, prime)
     return chosen
 
 
@@ -206,25 +207,25 @@ def independent_rows(K: ExactLFT) -> list[int]:
     return independent(K.M[K.order :, K.order :].T)[0]
 
 
-def value_at_random(a: ExactLFT, seed: int, count: int | None = None) -> matrices.Residues:
+def value_at_random(a: ExactLFT, seed: int, count: int | None = None) -> modular.Residues:
     """The value at a random point, in residues; of the first outputs, so many or all."""
     M = a.M.residues if count is None else a.M.residues[: a.order + count]
     return _at_random(M, a.blocks, a.M.prime, seed)
 
 
-def _at_random(M: matrices.Residues, blocks: Sequence[Block], prime: int, seed: int) -> matrices.Residues:
+def _at_random(M: modular.Residues, blocks: Sequence[Block], prime: int, seed: int) -> modular.Residues:
     n, at = sum(b.size for b in blocks), np.random.default_rng(seed).integers(1, prime, len(blocks))
     is_read = np.asarray(M[n:, :n].any(axis=0))
     seen = np.flatnonzero(in_reach((M[:n, :n] != 0).T, is_read))
     deltas = np.repeat(at, [block.size for block in blocks])[seen]
-    inner = matrices.entrywise(M[np.ix_(seen, seen)], deltas, prime)
+    inner = modular.entrywise(M[np.ix_(seen, seen)], deltas, prime)
     loop = (np.eye(len(seen), dtype=np.int64) - inner) % prime
-    left, right = matrices.entrywise(M[n:, seen], deltas, prime), M[seen, n:]
+    left, right = modular.entrywise(M[n:, seen], deltas, prime), M[seen, n:]
     if len(left) < right.shape[1]:  # the fewer equations
-        left = matrices.solved(loop.T, left.T, prime).T
+        left = modular.solved(loop.T, left.T, prime).T
     else:
-        right = matrices.solved(loop, right, prime)
-    return np.asarray((M[n:, n:] + matrices.multiplied(left, right, prime)) % prime)
+        right = modular.solved(loop, right, prime)
+    return np.asarray((M[n:, n:] + modular.multiplied(left, right, prime)) % prime)
 
 
 def krylov(
@@ -291,7 +292,7 @@ def _settled(a: ExactLFT) -> ExactLFT:
     )
 
 
-def _varying(M: matrices.Residues, blocks: Sequence[Block], prime: int) -> NDArray[np.intp]:
+def _varying(M: modular.Residues, blocks: Sequence[Block], prime: int) -> NDArray[np.intp]:
     """The outputs that vary with the deltas: with random inputs their terms of first order are not zero.
 
     Where these are zero, values at a random point tell.
@@ -299,9 +300,9 @@ def _varying(M: matrices.Residues, blocks: Sequence[Block], prime: int) -> NDArr
     n, random = sum(block.size for block in blocks), np.random.default_rng(0)
     column, slopes = np.zeros((len(M), 1), dtype=np.int64), random.integers(1, prime, len(blocks))
     inputs = random.integers(1, prime, (M.shape[1] - n, 1))
-    column[:n] = matrices.multiplied(M[:n, n:], inputs, prime)
+    column[:n] = modular.multiplied(M[:n, n:], inputs, prime)
     moved = np.repeat(slopes, [block.size for block in blocks])[:, None]
-    moved = matrices.multiplied(M[n:, :n], matrices.entrywise(moved, column[:n], prime), prime)
+    moved = modular.multiplied(M[n:, :n], modular.entrywise(moved, column[:n], prime), prime)
     if np.any(M[n:, :n].any(axis=1) & ~moved.any(axis=1)):
         moved = _at_random(np.hstack([M[:, :n], column]), blocks, prime, 1)
     return np.flatnonzero(moved.any(axis=1))

@@ -23,8 +23,7 @@ from scipy.sparse import csr_array
 
 from mbdlft.base.array import Array
 from mbdlft.base.errors import WellPosednessError
-from mbdlft.exact.matrices import MOST_SUMMED, Residues, entrywise, joined, limbs
-from mbdlft.exact.reachable import reduced_sizes
+from mbdlft.exact.modular import MOST_SUMMED, Residues, entrywise, joined, limbs, reduced_sizes
 from mbdlft.lft.sparse import ALWAYS, SparseLFT, factors_of, matrix_at
 
 _MOST_COLUMNS = 128  # that are solved for together, if they are of several deltas

@@ -23,8 +23,9 @@ from typing import Any, NamedTuple
 import flint
 import numpy as np
 
-from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.modular import Residues
 from mbdlft.exact.numbers import (
     NOTHING,
     RESIDUES_ALONE,
@@ -127,7 +128,7 @@ def unobservable(motions: Motions | None, outside: Residues, most: int) -> Unobs
     if motions is None:
         return None
     count, prime = motions.z.shape[1], motions.z.prime
-    room = matrices.rank(matrices.multiplied(outside, motions.z.residues, prime), prime)
+    room = modular.rank(modular.multiplied(outside, motions.z.residues, prime), prime)
     if count <= most and room == count:
         return Unobservable(motions, (), motions.z.residues)
     known = _roots(motions)
@@ -332,8 +333,8 @@ def _kept_at(
         count = more.shape[1]
         if not span.shape[1] < count <= most:
             return False
-        beside = matrices.multiplied(outside, (motions.z @ more).residues, prime)
-        return matrices.rank(beside, prime) == count
+        beside = modular.multiplied(outside, (motions.z @ more).residues, prime)
+        return modular.rank(beside, prime) == count
 
     for residues, value in points:
         before, kernels = span.shape[1], _kernels(motions, residues, value)
@@ -357,7 +358,7 @@ def _kept(motions: Motions, span: ExactMatrix, motion: ExactMatrix) -> ExactMatr
     while new:
         motion = new.pop()
         more = matrices.stacked([[span, motion]])
-        if matrices.rank(more.residues, more.prime) == more.shape[1]:
+        if modular.rank(more.residues, more.prime) == more.shape[1]:
             span, new = more, [*new, motions.s @ motion, motions.A @ motion]
     return span
 

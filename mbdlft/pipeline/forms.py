@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
-from mbdlft.exact.matrices import Residues, multiplied, pivot_columns, solved
+from mbdlft.exact.modular import Residues, multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import (
     BITS,
     LARGEST_ANGLE,

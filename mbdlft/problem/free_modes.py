@@ -20,7 +20,7 @@ import numpy as np
 
 from mbdlft.base.array import Array
 from mbdlft.base.parameter import Parameter, to_internal
-from mbdlft.exact.matrices import Residues, multiplied, null_space, row_echelon
+from mbdlft.exact.modular import Residues, multiplied, null_space, row_echelon
 
 _LARGEST = 4  # power of a parameter in an entry
 _SIZE = 2**44  # numerator times denominator of a number that is found: few residues are such by chance

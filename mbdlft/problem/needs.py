@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from mbdlft.base.array import Array
 from mbdlft.base.unit import Signal
-from mbdlft.exact.matrices import Residues, entrywise, multiplied, solved
+from mbdlft.exact.modular import Residues, entrywise, multiplied, solved
 from mbdlft.problem.equations import rows_of
 from mbdlft.problem.free_modes import FreeModes, free_modes
 from mbdlft.problem.relations import Lifted, LinearModel

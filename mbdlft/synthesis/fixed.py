@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mbdlft.base.array import Array
-from mbdlft.exact.matrices import multiplied, solved
+from mbdlft.exact.modular import multiplied, solved
 from mbdlft.exact.numbers import Field
 from mbdlft.robust.realization import AXIS
 from mbdlft.synthesis.loop import Family

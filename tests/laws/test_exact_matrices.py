@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mbdlft.exact import matrices, rounding
+from mbdlft.exact import matrices, modular, rounding
 from mbdlft.exact import matrices as module
 from mbdlft.exact.interval import Interval
 from mbdlft.exact.numbers import BITS, RESIDUES_ALONE, Constant, Field, TooFewBitsError, precision
@@ -116,19 +116,19 @@ def test_ranks(seed: int, n: int, m: int, most: int) -> None:
     A = fractions(seed, n, m, most)
     a, truth = from_fractions(A, m), in_flint(A, m)
     echelon, count = truth.rref()
-    assert matrices.rank(a.residues, PRIME) == count
-    rows, pivots = matrices.row_echelon(a.residues, PRIME)
+    assert modular.rank(a.residues, PRIME) == count
+    rows, pivots = modular.row_echelon(a.residues, PRIME)
     expected = [
         [int(FIELD.residue(Fraction(int(echelon[i, j].p), int(echelon[i, j].q)))) for j in range(m)]
         for i in range(count)
     ]
     assert rows.tolist() == expected
     assert pivots == [next(j for j in range(m) if echelon[i, j] != 0) for i in range(count)]
-    assert matrices.pivot_columns(a.residues, PRIME) == pivots
-    nothing = matrices.null_space(a.residues, PRIME)
+    assert modular.pivot_columns(a.residues, PRIME) == pivots
+    nothing = modular.null_space(a.residues, PRIME)
     assert nothing.shape == (m, m - count)
-    assert not matrices.multiplied(a.residues, nothing, PRIME).any()
-    assert matrices.rank(nothing, PRIME) == m - count
+    assert not modular.multiplied(a.residues, nothing, PRIME).any()
+    assert modular.rank(nothing, PRIME) == m - count
 
 
 # values --------------------------------------------------------------------------------------------
@@ -192,7 +192,7 @@ def test_zeros_of_irrational_numbers() -> None:
     field = Field([Constant("root", Fraction(2))])
     root = field.of(Constant("root", Fraction(2)))
     a = module.from_rows([{0: field.rational(2), 1: root}, {0: root, 1: field.one}], 2, field.prime)
-    assert matrices.rank(a.residues, field.prime) == 1
+    assert modular.rank(a.residues, field.prime) == 1
     with pytest.raises(ZeroDivisionError):
         a.solve(matrices.identity(2, field.prime))
 
@@ -243,14 +243,14 @@ def test_products_of_residues(shape: tuple[int, int, int]) -> None:
         (middle, np.full((k, m), prime - 1)),
     ):
         expected = (a.astype(object) @ b.astype(object)) % prime
-        exact(matrices.multiplied(a, b, prime), expected.astype(np.int64))
-        twice = matrices.multiplied(np.array([a, 0 * a]), np.array([b, b]), prime)
+        exact(modular.multiplied(a, b, prime), expected.astype(np.int64))
+        twice = modular.multiplied(np.array([a, 0 * a]), np.array([b, b]), prime)
         exact(twice, np.array([expected, 0 * expected]).astype(np.int64))
 
 
 def test_inverses_of_residues() -> None:
     a = np.random.default_rng(0).integers(1, PRIME, 50)
-    exact(matrices.entrywise(matrices.inverses(a, PRIME), a, PRIME), np.ones(50, dtype=np.int64))
+    exact(modular.entrywise(modular.inverses(a, PRIME), a, PRIME), np.ones(50, dtype=np.int64))
 
 
 @pytest.mark.parametrize("most", [1, PRIME - 1])
@@ -259,8 +259,7 @@ def test_products_of_entries(most: int) -> None:
     a, b = PRIME - 1 - np.random.default_rng(most).integers(0, most, (2, 200), dtype=np.int64)
     for x, y in ((a, b), (a[:, None], b[:3])):
         exact(
-            matrices.entrywise(x, y, PRIME),
-            (x.astype(object) * y.astype(object) % PRIME).astype(np.int64),
+            modular.entrywise(x, y, PRIME), (x.astype(object) * y.astype(object) % PRIME).astype(np.int64)
         )
 
 

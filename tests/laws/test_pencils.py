@@ -4,7 +4,7 @@ import flint
 import numpy as np
 import pytest
 
-from mbdlft.exact import matrices, pencils
+from mbdlft.exact import matrices, modular, pencils
 from mbdlft.exact.matrices import ExactMatrix
 from mbdlft.exact.numbers import RESIDUES_ALONE, precision
 from tests.extracted import FIELD
@@ -64,7 +64,7 @@ def test_eigenvalues_are_residues_and_balls() -> None:
         D = np.diag(diagonal)
         D[1, 2] = extra
         a = exact(T @ D @ inverse)
-        a = ExactMatrix(matrices.entrywise(a.residues, np.full(a.shape, half), PRIME), a.balls / 2, PRIME)
+        a = ExactMatrix(modular.entrywise(a.residues, np.full(a.shape, half), PRIME), a.balls / 2, PRIME)
         residues, values, above = pencils.eigenvalues(a)
         assert not above
         assert {2 * x % PRIME for x in residues} == set(diagonal)

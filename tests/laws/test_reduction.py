@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mbdlft.exact import reachable as module
-from mbdlft.exact.matrices import ExactMatrix, rank, rough_values
+from mbdlft.exact.matrices import ExactMatrix, rough_values
+from mbdlft.exact.modular import Space, parts_of, rank, reachable_bases
 from mbdlft.exact.numbers import BITS, precision
-from mbdlft.exact.reachable import Space
 from mbdlft.lft.lft import LFT, Block, consecutive, delta
 from mbdlft.lft.sampling import evaluate, evaluate_at
 from mbdlft.order.reduction import _SHOWN, ExactLFT, in_good_coordinates, reduce_exactly, reduce_order
@@ -284,8 +284,8 @@ def test_bases_are_found_row_by_row(seed: int) -> None:
     """Their balls are those of all Krylov vectors over the pivots; some rows need each other."""
     large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
     M, sizes = large.M, [block.size for block in large.blocks]
-    n, blocks = sum(sizes), module._parts(sizes)
-    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
+    n, blocks = sum(sizes), parts_of(sizes)
+    spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
     found, krylov = module._bases(M, blocks, spaces), module._krylov(M, blocks, spaces)
     for space, basis, vectors in zip(spaces, found, krylov, strict=True):
         expected = module.over_rows(vectors, np.array(space.pivots))
@@ -299,8 +299,8 @@ def test_a_basis_in_doubles_spans_the_same(seed: int) -> None:
     """Its vectors are orthonormal, and rows that are chosen by it carry the others with small factors."""
     large = exactly(padded(coarse(seed), np.random.default_rng(seed), exact=True))
     M, sizes = large.M, [block.size for block in large.blocks]
-    n, blocks = sum(sizes), module._parts(sizes)
-    spaces = module.reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
+    n, blocks = sum(sizes), parts_of(sizes)
+    spaces = reachable_bases(M.residues[:n, :n], M.residues[:n, n:], sizes, PRIME, is_traced=True)
     for space, Q, basis in zip(
         spaces,
         module._orthonormal(rough_values(M)[:n], blocks, spaces),
@@ -364,7 +364,7 @@ def test_rows_are_solved_for_together_where_that_is_less() -> None:
 def test_a_row_that_needs_a_power_of_the_matrix() -> None:
     """(1, 0, 1) and (0, 1, 2) are reached, and no column of the basis has a one only."""
     M = exact_matrix([[-1, -1, 1, 1], [0, -1, 1, 0], [1, 1, 1, 1]])
-    spaces = module.reachable_bases(M.residues[:, :3], M.residues[:, 3:], [3], PRIME, is_traced=True)
+    spaces = reachable_bases(M.residues[:, :3], M.residues[:, 3:], [3], PRIME, is_traced=True)
     (found,) = module._bases(M, [slice(0, 3)], spaces)
     assert np.array_equal(rough_values(found), [[1.0, 0.0], [0.0, 1.0], [1.0, 2.0]])
 

@@ -11,7 +11,9 @@ import mbdlft
 from benchmarks.geared_chain import geared_chain, ratio
 from mbdlft.dae import index
 from mbdlft.exact import matrices as exact_matrices
-from mbdlft.exact.matrices import is_regular, rank
+from mbdlft.exact import modular
+from mbdlft.exact.matrices import is_regular
+from mbdlft.exact.modular import rank
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.modelica import flat_model, operating_point, translate
 from mbdlft.problem import sparse
@@ -58,7 +60,7 @@ def test_geared_chain(springs: bool, monkeypatch: pytest.MonkeyPatch) -> None:
         looked_at(np.linalg, name)
     looked_at(scipy.linalg, "qr")
     looked_at(index, "qr")
-    looked_at(exact_matrices, "_residue_matrix")
+    looked_at(modular, "_residue_matrix")
     looked_at(exact_matrices, "ball_matrix")
     for module, name in ((sparse, "LARGE"), (index, "LARGE"), (exact_matrices, "_LARGE")):
         monkeypatch.setattr(module, name, 24)

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import mbdlft
 from benchmarks.cases.chains import chain
 from mbdlft.base.errors import ArchiveError, StructureError, WellPosednessError
-from mbdlft.exact.matrices import multiplied
+from mbdlft.exact.modular import multiplied
 from mbdlft.exact.numbers import BITS, precision
 from mbdlft.lft.determinant import values_at
 from mbdlft.lft.lft import LFT, Block, eliminate

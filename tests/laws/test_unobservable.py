@@ -12,8 +12,9 @@ import pytest
 import mbdlft
 from benchmarks.cases.orders import CASES
 from mbdlft import to_lft
-from mbdlft.exact import matrices
-from mbdlft.exact.matrices import ExactMatrix, Residues
+from mbdlft.exact import matrices, modular
+from mbdlft.exact.matrices import ExactMatrix
+from mbdlft.exact.modular import Residues
 from mbdlft.exact.numbers import NOTHING, RESIDUES_ALONE, TooFewBitsError, precision
 from mbdlft.exact.pencils import motions_without_outputs
 from mbdlft.exact.rounding import or_one
@@ -62,13 +63,13 @@ def law_kept(found: Unobservable, outside: Residues) -> None:
     """Independent beside R, and kept by both matrices, in residues and in balls."""
     columns = next(found.columns(values, outside) for values in found.values())
     assert columns.shape == (6, found.size)
-    assert matrices.rank(matrices.multiplied(outside, columns.residues, PRIME), PRIME) == found.size
+    assert modular.rank(modular.multiplied(outside, columns.residues, PRIME), PRIME) == found.size
     motions = found.motions
     inside = motions.z.T @ motions.z  # regular: motions are told by z
     span = inside.solve(motions.z.T @ columns)
     for a in (motions.s, motions.A):
         both = matrices.stacked([[span, a @ span]])
-        assert matrices.rank(both.residues, PRIME) == found.size
+        assert modular.rank(both.residues, PRIME) == found.size
         values = matrices.rough_values(both)
         assert (
             np.linalg.matrix_rank(values / or_one(np.linalg.norm(values, axis=0)), tol=1e-9) == found.size

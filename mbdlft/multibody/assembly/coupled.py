@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mbdlft.base.description import Expected, Values
 from mbdlft.base.errors import MbdlftError, SceneError
 from mbdlft.base.unit import Freedom, Signal
-from mbdlft.exact.matrices import null_space, rank
+from mbdlft.exact.modular import null_space, rank
 from mbdlft.multibody.assembly.kinematics import View
 from mbdlft.multibody.assembly.tree import Symbols, degrees
 from mbdlft.multibody.coupling import Coupling
