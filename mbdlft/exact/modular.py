@@ -268,7 +268,7 @@ def reachable_bases(
 
 
 def reduced_residues(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, list[int]]:
-    """As `reduced`, of residues alone."""
+    """As `mbdlft.exact.reachable.reduced`, of residues alone."""
     for _ in range(2):
         M, sizes = _restricted(M, sizes, prime)
     return M, sizes
@@ -291,7 +291,7 @@ def _restricted(M: Residues, sizes: list[int], prime: int) -> tuple[Residues, li
     return np.hstack([*inner, M[:, n:]]).T, [len(space.pivots) for space in spaces]
 
 
-def _times_basis(columns: Residues, space: "Space") -> Residues:
+def _times_basis(columns: Residues, space: Space) -> Residues:
     """Columns (m, n_k) times the basis of a space, most of whose entries are zero."""
     chosen, free = columns[:, space.pivots], space.free
     rest = space.basis[:, free]
