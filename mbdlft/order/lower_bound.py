@@ -98,11 +98,9 @@ def at_random(a: ExactLFT, seed: int = 0) -> Residues:
     """
     random, M, n, prime = np.random.default_rng(seed), a.M.residues, a.order, a.M.prime
     at = random.integers(1, prime, len(a.blocks), dtype=np.int64)
-    values = np.repeat(at, [block.size for block in a.blocks]).astype(object)
-    loop = np.asarray((np.eye(n, dtype=object) - M[:n, :n] * values) % prime, dtype=np.int64)
-    z = solved(loop, M[:n], prime)
-    outside = np.asarray(M[n:, :n] * values % prime, dtype=np.int64)
-    shifted = np.vstack([z, (M[n:] + multiplied(outside, z, prime)) % prime])
+    moved = entrywise(M[:, :n], np.repeat(at, [block.size for block in a.blocks]), prime)
+    z = solved((np.eye(n, dtype=np.int64) - moved[:n]) % prime, M[:n], prime)
+    shifted = np.vstack([z, (M[n:] + multiplied(moved[n:], z, prime)) % prime])
     shifted.setflags(write=False)
     return shifted
 
@@ -449,7 +447,7 @@ def _null_space(equations: Residues, H: _Function, most: int | None = None) -> R
 
 def _observable(A: Residues, C: Residues, prime: int) -> Residues:
     """Rows that span C, C A, C A^2, ..."""
-    return reachable_bases(np.ascontiguousarray(A.T), np.ascontiguousarray(C.T), [len(A)], prime)[0].basis
+    return reachable_bases(A.T, C.T, [len(A)], prime)[0].basis
 
 
 def _inside(E: _Span, prime: int, *moves: Mapping[str, int]) -> int:

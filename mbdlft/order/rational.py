@@ -21,7 +21,7 @@ import flint
 import numpy as np
 from numpy.typing import NDArray
 
-from mbdlft.exact.modular import Residues, multiplied, null_space, powers_of, rank, row_echelon
+from mbdlft.exact.modular import Residues, inverses, multiplied, null_space, powers_of, rank, row_echelon
 from mbdlft.order.work import Work, exact_elimination
 
 Terms = Mapping[tuple[int, ...], Fraction]  # coefficients of a polynomial by exponents
@@ -233,7 +233,7 @@ def _null_rows(f: "Polynomials", monomials: Sequence[tuple[int, ...]]) -> Residu
     points = f.field.points((unknowns + _EXTRA) // q + 1, f.d.ndim)
     values = _at_points(f, np.concatenate([f.N.reshape(p * q, *f.d.shape), f.d[None]]), points)
     N, d = values[:, :-1].reshape(-1, p, q), values[:, -1]
-    inverse = np.array([pow(x, -1, prime) for x in d.tolist()])
+    inverse = inverses(d, prime)
     minus = np.broadcast_to(-np.eye(q, dtype=np.int64) % prime, (len(points), q, q))
     F = np.concatenate([N * inverse[:, None, None] % prime, minus], axis=1).swapaxes(1, 2)
     equations = F[:, :, None] * _values(monomials, points, prime)[:, None, :, None] % prime

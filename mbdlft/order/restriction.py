@@ -170,9 +170,8 @@ def independent_columns(opened: ExactLFT, size: int, value: modular.Residues) ->
     )
     power, columns = 0, value[:size, size + inputs]
     while len(inputs) and len(space.pivots) < size:
-        space.take(columns.T)
-        taken = space.taken[-1]
-        inputs, columns = inputs[taken], columns[:, taken]
+        columns = space.take(columns.T).T
+        inputs = inputs[space.taken[-1]]
         chosen += [(c, power) for c in inputs.tolist()]
         power, columns = power + 1, modular.multiplied(A, columns, prime)
     return chosen

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mbdlft.base.array import Array
 from mbdlft.base.errors import AnalysisError, MbdlftError, StructureError, WellPosednessError, naming
 from mbdlft.base.running import without_collection
-from mbdlft.exact.modular import Residues, multiplied, pivot_columns, solved
+from mbdlft.exact.modular import Residues, entrywise, inverses, multiplied, pivot_columns, solved
 from mbdlft.exact.numbers import (
     BITS,
     LARGEST_ANGLE,
@@ -114,8 +114,7 @@ def accelerations(problem: Problem, candidate: Candidate, lft: LFT) -> dict[str,
     motions = np.zeros((len(position), count), dtype=np.int64)
     free = np.setdiff1d(np.arange(len(position)), pivots)
     motions[free, range(count)], motions[pivots] = 1, -sums[:, position[free]] % prime
-    inverses = np.array([pow(int(value[p, v]), -1, prime) for p, v in pairs.items()], dtype=object)
-    moving = np.asarray(inverses[:, None] * motions % prime, dtype=np.int64)
+    moving = entrywise(inverses(value[position, rates], prime)[:, None], motions, prime)
     seen = multiplied(value[:, rates], moving, prime).any(axis=1)
     seen = (seen | left[:, position[free]].any(axis=1)) & ~np.isin(np.arange(len(value)), position)
     is_moved = np.asarray(left[rates].any(axis=0))

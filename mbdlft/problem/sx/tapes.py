@@ -166,20 +166,14 @@ def evaluate_many(function: ca.Function, points: Array, *others: Array) -> list[
 
 def _called(function: ca.Function, *points: Array) -> list[Array]:
     """Values by one call for all points, each of the dense results (N, rows, columns)."""
-    count, kinds = len(points[0]), range(function.n_out())
-    arguments = [np.ascontiguousarray(columns, dtype=float) for columns in points]
-    results = [np.empty((count, function.nnz_out(k))) for k in kinds]
-    if count:
-        buffer: Any = function.map(count).buffer()
-        memory, call = buffer  # the call does not keep the memory
-        for k, argument in enumerate(arguments):
-            memory.set_arg(k, argument.data)
-        for k, result in enumerate(results):
-            memory.set_res(k, result.data)
-        call()
+    count = len(points[0])
     # CasADi's matrices are by columns, and those of the points beside each other
-    by_columns = [results[k].reshape(count, *function.size_out(k)[::-1]) for k in kinds]
-    return [values.transpose(0, 2, 1) for values in by_columns]
+    shapes = [(count, *function.size_out(k)[::-1]) for k in range(function.n_out())]
+    if not count:
+        return [np.empty(shape).transpose(0, 2, 1) for shape in shapes]
+    results = BufferedCall(function.map(count))(*map(np.ravel, points))
+    pairs = zip(results, shapes, strict=True)
+    return [result.reshape(shape).transpose(0, 2, 1) for result, shape in pairs]
 
 
 class BufferedCall:
