@@ -192,13 +192,17 @@ class Space:
         self.size, self.prime = size, prime
         self.basis: Residues = np.zeros((0, size), dtype=np.int64)
         self.pivots: list[int] = []
-        self.free = np.arange(size)  # the channels that are no pivots
         self.taken: list[list[int]] = []
 
     @property
     def is_full(self) -> bool:
         """Whether it is the whole space."""
         return len(self.pivots) == self.size
+
+    @property
+    def free(self) -> NDArray[np.intp]:
+        """The channels that are no pivots."""
+        return np.delete(np.arange(self.size), self.pivots)
 
     def extend(self, candidates: Residues) -> Residues:
         """Add candidates (count, n); the echelon form of what is new."""
@@ -236,7 +240,6 @@ class Space:
             self.basis[:, free] = (known - inside) % self.prime
         self.basis = np.vstack([self.basis, fresh])
         self.pivots += free[pivots].tolist()
-        self.free = np.delete(free, pivots)
         return fresh
 
 

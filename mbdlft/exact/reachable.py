@@ -132,7 +132,7 @@ def _in_rows(space: Space, rows: NDArray[np.int64]) -> Space:
     basis, pivots = row_echelon(space.basis[:, order], space.prime)
     other = Space(space.size, space.prime)
     other.basis, other.pivots = basis[:, np.argsort(order)], order[pivots].tolist()
-    other.free, other.taken = np.setdiff1d(order, other.pivots), space.taken
+    other.taken = space.taken
     return other
 
 
